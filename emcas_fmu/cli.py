@@ -1,0 +1,151 @@
+"""The `emcas` command. Exit codes: 0 done, 1 a check failed, 2 the request cannot be carried out."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, Optional
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from . import __version__
+from .parameters import ParameterError, ParameterSet, load_parameters
+
+app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="rich",
+                  help="Electromechanical control actuation system as an FMI 2.0 co-simulation FMU.")
+_out = Console()
+_err = Console(stderr=True)
+
+ParametersOption = Annotated[Optional[Path], typer.Option(
+    "--parameters", "-p", help="Parameter file (TOML); overrides any subset of the defaults.", metavar="FILE")]
+
+
+@contextmanager
+def _failures() -> Iterator[None]:
+    """Expected failures as a message and exit code 2, never a traceback."""
+    from .errors import EmcasError
+
+    try:
+        yield
+    except (EmcasError, ParameterError, OSError) as error:
+        _err.print(f"[bold red]error:[/] {error}", highlight=False, soft_wrap=True)
+        raise typer.Exit(2) from error
+
+
+def _progress() -> Progress:
+    return Progress(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+                    console=_err, transient=True)
+
+
+def _version(value: bool) -> None:
+    if value:
+        _out.print(f"emcas {__version__}", highlight=False)
+        raise typer.Exit
+
+
+@app.callback()
+def main(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True,
+                                               help="Print the version and exit.")] = False) -> None:
+    """Electromechanical control actuation system as an FMI 2.0 co-simulation FMU."""
+
+
+BUILD_EPILOG = ("Examples:\n\n  emcas build\n\n  emcas build --parameters my_actuator.toml --output MyActuator.fmu")
+
+
+def build(
+    parameters: ParametersOption = None,
+    backend: Annotated[str, typer.Option(help="How the FMU computes: python.")] = "python",
+    output: Annotated[Path, typer.Option("--output", "-o", help="FMU to write.", metavar="FILE")] = Path("EMCAS.fmu"),
+) -> None:
+    """Build the FMU of a parameter set."""
+    from .errors import EmcasError
+    from .fmi.package import build as build_fmu
+
+    with _failures():
+        if backend != "python":
+            raise EmcasError(f"--backend {backend}: this version builds 'python' only")
+        built = build_fmu(load_parameters(parameters), output)
+    _out.print(f"built {built.path}  {built.size / 1024:.0f} KiB  GUID {built.guid}  ({', '.join(built.platforms)})",
+               highlight=False, soft_wrap=True)
+
+
+app.command(epilog=BUILD_EPILOG)(build)
+
+
+def build_command() -> None:
+    """`emcas build` as a program of its own."""
+    program = typer.Typer(add_completion=False, rich_markup_mode="rich")
+    program.command(epilog=BUILD_EPILOG.replace("emcas build", "python build_fmu.py"))(build)
+    program()
+
+
+@app.command(name="parameters", epilog="Examples:\n\n  emcas parameters\n\n  emcas parameters -p my_actuator.toml --json")
+def show_parameters(
+    parameters: ParametersOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
+) -> None:
+    """Print the parameter set with units and sources, checked."""
+    with _failures():
+        chosen = load_parameters(parameters)
+    if as_json:
+        print(json.dumps(_parameter_records(chosen), indent=1))
+        return
+    table = Table("name", "value", "unit", "source", "note", title="EM-CAS parameters", title_justify="left")
+    table.columns[1].justify = "right"
+    for record in _parameter_records(chosen):
+        value = record["value"]
+        text = f"{value:.6g}" if isinstance(value, float) else str(value).lower()
+        table.add_row(record["name"], text, record["unit"], record["source"], record["note"])
+    _out.print(table)
+
+
+def _parameter_records(chosen: ParameterSet) -> list[dict[str, Any]]:
+    return [{"name": e.variable.name, "value": chosen.values[e.variable.name], "unit": e.variable.unit,
+             "as_written": e.text, "source": e.source, "note": e.note, "file": str(e.file)}
+            for e in chosen.entries]
+
+
+@app.command(epilog="Examples:\n\n  emcas reference --check\n\n  emcas reference --case step_plus1 --directory /tmp/ref")
+def reference(
+    directory: Annotated[Optional[Path], typer.Option(help="Folder of the reference files; models/reference "
+                                                      "unless given.", metavar="DIR")] = None,
+    case: Annotated[Optional[list[str]], typer.Option(help="Only this case (may be given several times).")] = None,
+    check: Annotated[bool, typer.Option("--check", help="Compare with the files there instead of writing.")] = False,
+) -> None:
+    """Regenerate the reference responses by independent integration, or compare with those stored."""
+    from .files import models_directory
+    from .reference import files
+
+    with _failures():
+        folder = directory or models_directory() / "reference"
+        with _progress() as progress:
+            step = _stepper(progress, "reference")
+            if not check:
+                files.regenerate(folder, names=case, progress=step)
+            else:
+                rows = files.compare(folder, names=case, progress=step)
+    if not check:
+        _out.print(f"written to {folder}", highlight=False)
+        return
+    table = Table("case", "variable", "largest difference", "allowed", "")
+    for name, variable, difference, tolerance in rows:
+        table.add_row(name, variable, f"{difference:.3g}", f"{tolerance:.3g}", "ok" if difference <= tolerance else "FAIL")
+    _out.print(table)
+    if any(difference > tolerance for *_, difference, tolerance in rows):
+        raise typer.Exit(1)
+
+
+def _stepper(progress: Progress, label: str) -> Callable[[str, int, int], None]:
+    """A callback(name, done, total) that moves a progress bar."""
+    task = progress.add_task(label, total=None)
+    return lambda name, done, total: progress.update(task, description=f"{label} {name}", completed=done, total=total)
+
+
+if __name__ == "__main__":
+    sys.exit(app())

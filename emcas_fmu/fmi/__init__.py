@@ -1,0 +1,1 @@
+"""Everything FMI-shaped, generated from the variable table."""

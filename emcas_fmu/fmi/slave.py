@@ -1,0 +1,339 @@
+"""The co-simulation slave: FMI calls on one side, :class:`emcas_fmu.kernels.core.Core` on the other.
+
+Standard library and pythonfmu's base class only: it is embedded in the FMU.
+
+The wrapper that loads this class turns any Python exception into fmi2Fatal and then
+releases the instance twice, so nothing raised here may leave it. It can return
+fmi2Discard from fmi2DoStep and nothing but fmi2OK elsewhere. So a call that cannot be
+honoured is logged and remembered, and the next fmi2DoStep is discarded, the state
+unchanged: for good while the cause lasts (a refused parameter, a non-finite input),
+once where it does not (a write to a read-only variable).
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import zlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from math import isfinite, nan
+from typing import Any, ClassVar, NamedTuple
+
+from pythonfmu import Fmi2Slave  # type: ignore[import-untyped]
+from pythonfmu.enums import Fmi2Status  # type: ignore[import-untyped]
+
+from ..consistency import check_consistency, check_ranges
+from ..kernels.core import TOLERANCE, Core, Functions
+
+
+class Table(NamedTuple):
+    """The interface as the slave needs it; a variable's value reference is its index.
+
+    ``rows`` are (name, kind, causality, variability, minimum, maximum), inputs
+    first, then outputs, then parameters; ``start`` the values of all of them.
+    """
+
+    rows: tuple[tuple[str, str, str, str, float, float], ...]
+    start: tuple[Any, ...]
+    guid: str
+
+
+class CorruptState:
+    """What deserialization gives for bytes that are no state of this FMU: the reason."""
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+
+
+class Slave(Fmi2Slave):  # type: ignore[misc]
+    """Base of the generated slave class, which adds the kernel's `make` and the `table`."""
+
+    make: ClassVar[Callable[[Mapping[str, Any]], Functions]]
+    table: ClassVar[Table]
+    # Derived from the table once per class.
+    _kinds: ClassVar[dict[str, frozenset[int]]]
+    _inputs: ClassVar[range]
+    _outputs: ClassVar[range]
+    _parameters: ClassVar[range]
+    _index: ClassVar[dict[str, int]]
+    _motion_slice: ClassVar[slice]  # acceleration, roll and pitch stand together
+    _direct: ClassVar[list[int]]
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        rows = cls.table.rows
+        cls._kinds = {kind: frozenset(i for i, r in enumerate(rows) if r[1] == kind)
+                      for kind in ("Real", "Integer", "Boolean", "String")}
+        counts = [sum(r[2] == causality for r in rows) for causality in ("input", "output", "parameter")]
+        cls._inputs = range(counts[0])
+        cls._outputs = range(counts[0], counts[0] + counts[1])
+        cls._parameters = range(counts[0] + counts[1], len(rows))
+        cls._index = {row[0]: i for i, row in enumerate(rows)}
+        cls._motion_slice = slice(cls._index["acceleration.x"], cls._index["attitude.pitch"] + 1)
+        cls._direct = [cls._index[name] for name in ("fin_command", "aero_torque", "supply_voltage", "enable")]
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self._values: list[Any] = list(self.table.start)
+        self._core: Core | None = None
+        self._bound: tuple[Any, ...] = ()  # parameter values the core was made with
+        self._start = 0.0
+        self._now = 0.0  # seconds since the start
+        self._phase = "instantiated"
+        self._misuse = ""
+        self._refusal = ""
+        self._changed = True  # parameters since the kernel was bound
+        self._current = False  # outputs in _values are those of now
+        self._motion: list[float] = []
+        self._force = (0.0, 0.0)
+
+    # -- FMI life cycle --------------------------------------------------------
+
+    def setup_experiment(self, start_time: float, stop_time: float | None = None,
+                         tolerance: float | None = None) -> None:
+        self._start = start_time
+
+    def enter_initialization_mode(self) -> None:
+        self._phase = "initialization"
+
+    def exit_initialization_mode(self) -> None:
+        self._guard(self._initialize)
+
+    def terminate(self) -> None:
+        self._phase = "terminated"
+
+    def _initialize(self) -> None:
+        self._phase = "running"
+        problems = self._parameter_problems()
+        if not isfinite(self._start):
+            problems.append(f"start time {self._start!r} is not finite")
+        if problems:
+            self._refusal = "; ".join(problems)
+            for problem in problems:
+                self._error(f"initialization refused: {problem}")
+            # A host with logging off would see nothing but discarded steps.
+            print(f"{self.instance_name}: initialization refused: {self._refusal}", file=sys.stderr)
+            return
+        self._bind()
+
+    def do_step(self, current_time: float, step_size: float) -> bool:
+        try:
+            return self._step(current_time, step_size)
+        except BaseException as error:  # noqa: BLE001  KeyboardInterrupt too: see the module's docstring
+            return self._discard(f"step from {current_time!r} s of {step_size!r} s: {type(error).__name__}: {error}")
+
+    def _step(self, current_time: float, step_size: float) -> bool:
+        if self._phase != "running":
+            return self._discard(f"fmi2DoStep called while {self._phase}")
+        if self._refusal:
+            return self._discard(f"initialization was refused: {self._refusal}")
+        if self._misuse:
+            misuse, self._misuse = self._misuse, ""
+            return self._discard(misuse)
+        begin = current_time - self._start
+        end = begin + step_size
+        core = self._core
+        if self._changed or core is None:
+            problems = self._parameter_problems()
+            if problems:
+                return self._discard("; ".join(problems))
+            core = self._bind()
+        slack = TOLERANCE * core.schedule.sample_time
+        if not (step_size > 0.0 and isfinite(end)):
+            return self._discard(f"communication step {step_size!r} s at {current_time!r} s is not positive and finite")
+        if not abs(begin - self._now) <= slack:
+            return self._discard(f"step from {current_time!r} s, but the slave stands at {self._start + self._now!r} s")
+        inputs = self._core_inputs(core)
+        if not isfinite(sum(inputs)):
+            bad = [f"{self.table.rows[i][0]} = {self._values[i]!r}" for i in self._inputs
+                   if not isfinite(self._values[i])]
+            if bad:
+                return self._discard(f"input at {current_time!r} s is not finite: {', '.join(bad)}")
+        core.run(end, inputs)
+        self._now = end
+        self._current = False
+        return True
+
+    def _core_inputs(self, core: Core) -> tuple[Any, ...]:
+        values = self._values
+        motion = values[self._motion_slice]
+        if motion != self._motion:
+            # Not finite: let the caller's check find it, trigonometry would raise.
+            self._force = core.forces(*motion) if isfinite(sum(motion)) else (nan, nan)
+            self._motion = motion
+        command, aero_torque, supply, enable = self._direct
+        return values[command], values[aero_torque], *self._force, values[supply], values[enable]
+
+    def _bind(self) -> Core:
+        """Let the core follow the parameters; before the first step it starts anew."""
+        values = self._parameter_values()
+        functions = type(self).make(values)
+        if self._core is None or self._now == 0.0:
+            self._core = Core(functions, values)
+        else:
+            self._core.bind(functions)
+        self._bound = tuple(values.values())
+        self._changed = self._current = False
+        self._motion = []
+        return self._core
+
+    def _parameter_values(self) -> dict[str, Any]:
+        return {self.table.rows[i][0]: self._values[i] for i in self._parameters}
+
+    def _parameter_problems(self) -> list[str]:
+        values = self._parameter_values()
+        limits = ((r[0], r[4], r[5]) for r in (self.table.rows[i] for i in self._parameters) if r[1] != "Boolean")
+        return check_ranges(values, limits) or check_consistency(values)
+
+    # -- variables -------------------------------------------------------------
+
+    def get_real(self, vrs: Sequence[int]) -> list[float]:
+        return self._get("Real", vrs, nan)
+
+    def get_integer(self, vrs: Sequence[int]) -> list[int]:
+        return self._get("Integer", vrs, 0)
+
+    def get_boolean(self, vrs: Sequence[int]) -> list[bool]:
+        return self._get("Boolean", vrs, False)
+
+    def get_string(self, vrs: Sequence[int]) -> list[str]:
+        return self._get("String", vrs, "")
+
+    def set_real(self, vrs: Sequence[int], values: Sequence[float]) -> None:
+        self._set("Real", vrs, values)
+
+    def set_integer(self, vrs: Sequence[int], values: Sequence[int]) -> None:
+        self._set("Integer", vrs, values)
+
+    def set_boolean(self, vrs: Sequence[int], values: Sequence[bool]) -> None:
+        self._set("Boolean", vrs, values)
+
+    def set_string(self, vrs: Sequence[int], values: Sequence[str]) -> None:
+        self._set("String", vrs, values)
+
+    def _get(self, kind: str, vrs: Sequence[int], missing: Any) -> list[Any]:
+        if not self._current:
+            self._guard(self._refresh)
+        known = self._kinds[kind]
+        values = self._values
+        if known.issuperset(vrs):
+            return [values[vr] for vr in vrs]
+        self._misused(f"no {kind} variable has value reference {', '.join(str(v) for v in vrs if v not in known)}")
+        return [values[vr] if vr in known else missing for vr in vrs]
+
+    def _refresh(self) -> None:
+        """Bring the outputs in `_values` up to now."""
+        outputs: Iterable[Any] = [nan if self.table.rows[i][1] == "Real" else False for i in self._outputs]
+        core = self._core
+        if self._phase in ("instantiated", "initialization"):
+            core = None if self._parameter_problems() else self._bind()
+        if core is not None and not self._refusal:
+            inputs = self._core_inputs(core)
+            if isfinite(sum(inputs)):
+                outputs = core.outputs(inputs)
+        self._values[self._outputs.start:self._outputs.stop] = outputs
+        self._current = True
+
+    def _set(self, kind: str, vrs: Sequence[int], values: Sequence[Any]) -> None:
+        known = self._kinds[kind]
+        for vr, value in zip(vrs, values, strict=False):
+            if vr not in known:
+                self._misused(f"no {kind} variable has value reference {vr}")
+            elif vr in self._inputs:
+                self._values[vr] = value
+            elif vr in self._outputs:
+                self._misused(f"{self.table.rows[vr][0]} is an output and cannot be set")
+            elif self._phase in ("running", "terminated") and self.table.rows[vr][3] == "fixed":
+                self._misused(f"{self.table.rows[vr][0]} is fixed and cannot be set after initialization")
+            else:
+                self._values[vr] = value
+                self._changed = True
+        self._current = False
+
+    # -- FMU state -------------------------------------------------------------
+
+    def _get_fmu_state(self) -> Any:
+        core = None if self._core is None else self._core.state
+        return (self._start, self._now, self._phase, self._misuse, self._refusal, self._changed,
+                tuple(self._values), self._bound, core)
+
+    def _set_fmu_state(self, state: Any) -> None:
+        if isinstance(state, CorruptState):
+            self._misused(f"FMU state refused: {state.reason}")
+            return
+        self._guard(lambda: self._restore(state))
+
+    def _restore(self, state: Any) -> None:
+        start, now, phase, misuse, refusal, changed, values, bound, core_state = state
+        core = self._core
+        if core_state is None:
+            core = None
+        elif core is None or bound != self._bound:
+            parameters = {self.table.rows[i][0]: v for i, v in zip(self._parameters, bound, strict=True)}
+            core = Core(type(self).make(parameters), parameters)
+        self._start, self._now, self._phase, self._misuse, self._refusal = start, now, phase, misuse, refusal
+        self._changed, self._values, self._bound, self._core = changed, list(values), bound, core
+        if core is not None:
+            core.state = core_state
+        self._motion = []
+        self._current = False
+
+    @classmethod
+    def _fmu_state_to_bytes(cls, state: Any) -> bytes:
+        if isinstance(state, CorruptState):
+            state = None
+        body = json.dumps(state).encode()
+        return f"{cls.table.guid} {zlib.crc32(body):08x} ".encode() + body
+
+    @classmethod
+    def _fmu_state_from_bytes(cls, data: bytes) -> Any:
+        try:
+            guid, check, body = bytes(data).split(b" ", 2)
+            if guid.decode() != cls.table.guid:
+                return CorruptState(f"it is of another FMU, not of {cls.table.guid}")
+            if int(check, 16) != zlib.crc32(body):
+                return CorruptState("its checksum is wrong")
+            state = _tuples(json.loads(body))
+            return CorruptState("it holds no state") if state is None else state
+        except Exception as error:  # noqa: BLE001  see the module's docstring
+            return CorruptState(f"it cannot be read ({type(error).__name__})")
+
+    # -- trouble ---------------------------------------------------------------
+
+    def _guard(self, action: Callable[[], None]) -> None:
+        try:
+            action()
+        except Exception as error:  # noqa: BLE001  see the module's docstring
+            self._misused(f"{type(error).__name__}: {error}")
+
+    def _misused(self, message: str) -> None:
+        self._misuse = message
+        self._error(message)
+
+    def _error(self, message: str) -> None:
+        self._log(message, Fmi2Status.error)
+
+    def _discard(self, message: str) -> bool:
+        self._log(message, Fmi2Status.discard)
+        return False
+
+    def _log(self, message: str, status: Any) -> None:
+        # The wrapper hands the text to the host as a printf format.
+        self.log(message.replace("%", "%%"), status)
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
+
+
+_kept: list[Mapping[str, Any]] = []
+
+
+def keep(namespace: Mapping[str, Any]) -> None:
+    """Hold one more reference to a module's namespace.
+
+    The wrapper executes the entry module at every instantiation and afterwards drops a
+    reference to its namespace that it only borrowed; without this the namespace would
+    be freed under later instances.
+    """
+    _kept.append(namespace)

@@ -1,0 +1,1 @@
+"""Ways to run the actuator: traced Python source, and the schedule that drives it."""

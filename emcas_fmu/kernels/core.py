@@ -1,0 +1,167 @@
+"""Schedule, delay line and stepping of one actuator. Standard library only: it is embedded in the FMU.
+
+Time is a count of ticks. A sample period is cut where the delayed reference
+reaches the drive, and each part into equal ticks no longer than the longest
+allowed, so that whatever the delay, samples and arrivals fall on tick boundaries.
+The state stands at a tick. A communication point inside one is served by a
+tentative step from there, so that the host's step sizes leave the trajectory alone.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Callable, Mapping, Sequence
+from math import ceil, floor, isfinite, sqrt
+from typing import Any
+
+# Communication points this close to a tick, as a share of the sample time, lie on it:
+# hosts add up their steps in floating point.
+TOLERANCE = 1e-4
+# A tick has at most a handful of events; far more means the equations cannot be followed.
+_MOST_EVENTS = 500
+# The drive's integral is taken at mid-tick; this keeps its own oscillation resolved.
+_INTEGRAL_PHASE = 0.1
+
+Functions = tuple[Callable[..., tuple[Any, ...]], ...]
+
+
+class Schedule:
+    """Ticks of a sample period: `offsets` and `lengths` [s], the tick where the delayed sample arrives."""
+
+    def __init__(self, parameters: Mapping[str, Any]) -> None:
+        self.sample_time = period = float(parameters["controller.sample_time"])
+        delay = parameters["drive.transport_delay"] / period
+        self.delay_samples = floor(delay + TOLERANCE)
+        fraction = delay - self.delay_samples
+        fraction = 0.0 if fraction < TOLERANCE else fraction
+        longest = float(parameters["solver.max_tick"])
+        if parameters["drive.ki"] > 0.0:
+            longest = min(longest, _INTEGRAL_PHASE * sqrt(parameters["motor.inductance"] / parameters["drive.ki"]))
+        cuts = [0.0]
+        self.arrival = ceil(fraction * period / longest * (1.0 - 1e-9))
+        rest = ceil((1.0 - fraction) * period / longest * (1.0 - 1e-9))
+        for begin, width, count in ((0.0, fraction, self.arrival), (fraction, 1.0 - fraction, rest)):
+            cuts += [(begin + width * i / count) * period for i in range(1, count + 1)]
+        self.offsets = cuts[:-1]
+        self.lengths = [b - a for a, b in zip(cuts, cuts[1:], strict=False)]
+        self.ticks = len(self.lengths)
+
+    def time(self, tick: int) -> float:
+        """Time [s] from the start to a tick."""
+        return (tick // self.ticks) * self.sample_time + self.offsets[tick % self.ticks]
+
+    def ticks_until(self, time: float) -> int:
+        """Whole ticks in a time [s] from the start."""
+        slack = TOLERANCE * self.sample_time
+        period = floor(time / self.sample_time + TOLERANCE)
+        return period * self.ticks + bisect_right(self.offsets, max(time - period * self.sample_time, 0.0) + slack) - 1
+
+
+class Core:
+    """One actuator: its state and what moves it on.
+
+    `functions` are those of the kernel bound to the parameters. The inputs are
+    ``command, aero_torque, f_x, f_z, supply, enable``.
+    """
+
+    __slots__ = ("_forces", "_initial", "_outputs", "_sample", "_step", "_values", "schedule")
+
+    def __init__(self, functions: Functions, parameters: Mapping[str, Any]) -> None:
+        self.schedule = Schedule(parameters)
+        self.bind(functions)
+        # Length of the delay line: the sample in the drive before and after the arrival, and those on their way.
+        line = (0.0,) * (self.schedule.delay_samples + 2)
+        angle, speed, current, xi, integral, counts, measured = self._initial()
+        plant = (angle, speed, current, xi)
+        #      tick, plant, I, counts, measured, limited, delay line, active, part of the tick done, tentative plant
+        self._values: tuple[Any, ...] = (0, plant, integral, counts, measured, 0.0, line, 0.0, None, plant)
+
+    def bind(self, functions: Functions) -> None:
+        """Take the kernel's functions, anew after a tunable parameter changed."""
+        self._initial, self._sample, self._forces, self._step, self._outputs = functions
+
+    @property
+    def state(self) -> tuple[Any, ...]:
+        """Everything that changes while running, as nested tuples of numbers."""
+        return self._values
+
+    @state.setter
+    def state(self, values: tuple[Any, ...]) -> None:
+        self._values = values
+
+    def forces(self, *arguments: float) -> tuple[float, float]:
+        """Specific force in the fin's frame from acceleration (x, y, z), roll and pitch."""
+        f_x, f_z = self._forces(*arguments)
+        return f_x, f_z
+
+    def outputs(self, inputs: Sequence[Any]) -> tuple[Any, ...]:
+        """Outputs in the order of the variable table."""
+        _, _, _, _, measured, limited, line, active, _, plant = self._values
+        return self._outputs(*plant, active, line[-1], measured, limited, *inputs)
+
+    def run(self, end: float, inputs: Sequence[Any]) -> None:
+        """Move on to `end` [s] from the start with the inputs held; all or nothing.
+
+        Raises ArithmeticError where the equations cannot be followed.
+        """
+        tick, plant, integral, counts, measured, limited, line, active, part, _ = self._values
+        schedule = self.schedule
+        lengths, arrival, ticks = schedule.lengths, schedule.arrival, schedule.ticks
+        target = schedule.ticks_until(end)
+        command, *loads, enable = inputs
+        while True:
+            index = tick % ticks
+            if tick == target:
+                rest = end - schedule.time(tick)
+                if rest <= TOLERANCE * schedule.sample_time:
+                    tentative = plant
+                    break
+            if index == 0 and part is None:
+                reference, integral, counts, measured, limited = self._sample(
+                    plant[0], plant[1], integral, counts, command, enable)
+                line = (*line[1:], reference)
+            active = line[0] if index < arrival else line[1]
+            if tick == target:
+                part = _extended(part, rest, loads, enable)
+                tentative = self._tick(plant, active, *_mean(part), rest)
+                break
+            h = lengths[index]
+            if part is None:
+                plant = self._tick(plant, active, loads, enable, h)
+            else:
+                plant = self._tick(plant, active, *_mean(_extended(part, h, loads, enable)), h)
+                part = None
+            tick += 1
+        if not isfinite(sum(tentative)):
+            raise ArithmeticError("the state is no longer finite")
+        self._values = (tick, plant, integral, counts, measured, limited, line, active, part, tentative)
+
+    def _tick(self, plant: tuple[float, ...], active: float, loads: Sequence[float], enable: bool,
+              h: float) -> tuple[float, ...]:
+        step = self._step
+        left = h
+        for _ in range(_MOST_EVENTS):
+            angle, speed, current, xi, used = step(*plant, active, *loads, enable, left)
+            plant = (angle, speed, current, xi)
+            if used >= left:
+                return plant
+            left -= used
+        raise ArithmeticError(f"more than {_MOST_EVENTS} events in a tick of {h} s")
+
+
+# Inputs that change inside a tick act by their time-weighted mean over it. A part is
+# (time covered, inputs at the tick's start, integral of the difference from them, enable).
+_Part = tuple[float, tuple[float, ...], tuple[float, ...], bool]
+
+
+def _extended(part: _Part | None, until: float, loads: Sequence[float], enable: bool) -> _Part:
+    if part is None:
+        return until, tuple(loads), (0.0,) * len(loads), enable
+    done, base, sums, first_enable = part
+    gained = until - done
+    return until, base, tuple(s + gained * (x - b) for s, x, b in zip(sums, loads, base, strict=True)), first_enable
+
+
+def _mean(part: _Part) -> tuple[tuple[float, ...], bool]:
+    covered, base, sums, enable = part
+    return tuple(b + s / covered for b, s in zip(base, sums, strict=True)), enable

@@ -1,0 +1,48 @@
+"""Operations on CasADi expressions; the only module that imports CasADi (extra `symbols`)."""
+
+from __future__ import annotations
+
+from .base import Thunk, Value
+
+try:
+    import casadi as ca
+except ImportError as error:  # pragma: no cover - depends on the environment
+    raise ImportError("CasADi is not installed: pip install 'emcas-fmu[symbols]'") from error
+
+
+class SymbolOps:
+    """See :class:`emcas_fmu.ops.base.Ops`."""
+
+    sin = staticmethod(ca.sin)
+    cos = staticmethod(ca.cos)
+    tan = staticmethod(ca.tan)
+    atan = staticmethod(ca.atan)
+    exp = staticmethod(ca.exp)
+    log = staticmethod(ca.log)
+    sqrt = staticmethod(ca.sqrt)
+    fabs = staticmethod(ca.fabs)
+    floor = staticmethod(ca.floor)
+    minimum = staticmethod(ca.fmin)
+    maximum = staticmethod(ca.fmax)
+    both = staticmethod(ca.logic_and)
+    either = staticmethod(ca.logic_or)
+    negate = staticmethod(ca.logic_not)
+
+    @staticmethod
+    def equal(a: Value, b: Value) -> Value:
+        return ca.eq(a, b)
+
+    @staticmethod
+    def where(condition: Value, yes: Value, no: Value) -> Value:
+        return ca.if_else(condition, yes, no)
+
+    @staticmethod
+    def clip(x: Value, low: Value, high: Value) -> Value:
+        return ca.fmin(ca.fmax(x, low), high)
+
+    @staticmethod
+    def branch(condition: Value, yes: Thunk, no: Thunk) -> tuple[Value, ...]:
+        return tuple(ca.if_else(condition, a, b) for a, b in zip(yes(), no(), strict=True))
+
+
+SYMBOLS = SymbolOps()

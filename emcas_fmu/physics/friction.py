@@ -1,0 +1,48 @@
+"""Viscous and Coulomb friction at the motor: direction, position, temperature.
+
+Section 3.3 measures both at 24 and -6 degC and fits sixth-order polynomials of
+the fin angle per direction. Between the temperatures the ratio is linear,
+outside them it is held.
+"""
+
+from __future__ import annotations
+
+from math import radians
+from typing import Any
+
+from ..ops.base import Ops, Value
+
+WARM, COLD = 24.0, -6.0  # degC, the temperatures of the measurements
+POLYNOMIAL_SPAN = radians(20.0)  # the polynomials' variable is fin_angle / POLYNOMIAL_SPAN
+
+
+def _temperature_factor(ops: Ops, p: Any, cold_ratio: Value) -> Value:
+    coldness = ops.clip((WARM - p.friction.temperature) / (WARM - COLD), 0.0, 1.0)
+    return 1.0 + (cold_ratio - 1.0) * coldness
+
+
+def coulomb_reference(ops: Ops, coefficients: Any, fin: Value) -> Value:
+    """Coulomb torque [N.m] at 24 degC at a fin angle [rad] for one direction's coefficients."""
+    z = fin / POLYNOMIAL_SPAN
+    value = coefficients[6]
+    for coefficient in reversed(coefficients[:6]):
+        value = value * z + coefficient
+    return ops.maximum(value, 0.0)
+
+
+def coulomb(ops: Ops, p: Any, direction: Value, fin: Value) -> Value:
+    """Coulomb torque magnitude C_m [N.m] at the motor for motion along the sign of `direction`."""
+    factor = _temperature_factor(ops, p, p.friction.cold_coulomb_ratio)
+    polynomials = p.friction.coulomb
+    (value,) = ops.branch(
+        direction > 0.0,
+        lambda: (coulomb_reference(ops, polynomials.positive, fin),),
+        lambda: (coulomb_reference(ops, polynomials.negative, fin),),
+    )
+    return value * factor
+
+
+def viscous(ops: Ops, p: Any, direction: Value) -> Value:
+    """Viscous coefficient b_m [N.m.s/rad] at the motor for motion along the sign of `direction`."""
+    factor = _temperature_factor(ops, p, p.friction.cold_viscous_ratio)
+    return ops.where(direction > 0.0, p.friction.viscous.positive * factor, p.friction.viscous.negative * factor)

@@ -1,0 +1,40 @@
+"""Lever and screw, (2.1)-(2.7): fin angle, nut position and motor angle.
+
+The tangent of the lever angle phi = fin_angle + initial_angle is linear in the
+motor angle, so everything the equation of motion needs follows from it by
+arithmetic alone.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..ops.base import Ops, Value
+
+
+def lever_tangent(ops: Ops, p: Any, motor_angle: Value) -> Value:
+    """tan(phi) at a motor angle [rad]; (2.1)-(2.5) solved for it."""
+    gain = p.screw.lead / p.kinematics.moment_arm
+    return gain * motor_angle + ops.tan(p.kinematics.initial_angle)
+
+
+def fin_angle(ops: Ops, p: Any, tangent: Value) -> Value:
+    """Fin angle [rad] from tan(phi)."""
+    return ops.atan(tangent) - p.kinematics.initial_angle
+
+
+def motor_angle(ops: Ops, p: Any, fin: Value) -> Value:
+    """Motor angle [rad] at a fin angle [rad], (2.5); zero at fin angle zero."""
+    ratio = p.kinematics.moment_arm / p.screw.lead
+    initial = p.kinematics.initial_angle
+    return ratio * (ops.tan(fin + initial) - ops.tan(initial))
+
+
+def reduction_ratio(ops: Ops, p: Any, tangent: Value) -> Value:
+    """R = d(motor angle)/d(fin angle) [-], (2.6), with 1/cos^2 = 1 + tan^2."""
+    return p.kinematics.moment_arm / p.screw.lead * (1.0 + tangent * tangent)
+
+
+def nut_position(ops: Ops, p: Any, motor: Value) -> Value:
+    """Nut displacement [m] at a motor angle [rad], (2.1)."""
+    return p.screw.lead * motor

@@ -1,0 +1,51 @@
+"""Gravity and acceleration loads, (2.27)-(2.45).
+
+Body axes x forward (along the screw), y along the hinge, z down.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..ops.base import Ops, Value
+
+GRAVITY = 9.80665  # m/s2, standard gravity (CGPM 1901)
+
+
+def specific_force(ops: Ops, p: Any, acceleration: tuple[Value, Value, Value],
+                   roll: Value, pitch: Value) -> tuple[Value, Value]:
+    """x and z components [m/s2] of g_b - a_b in the fin's frame, (2.27)-(2.33), (2.36).
+
+    Body acceleration [m/s2], roll and pitch [rad]; yaw turns about the direction of
+    gravity. The fin's frame is the body's turned about x by mounting.azimuth.
+    """
+    a_x, a_y, a_z = acceleration
+    g = ops.where(p.loads.gravity, GRAVITY, 0.0)
+    f_x = -g * ops.sin(pitch) - a_x
+    f_y = g * ops.sin(roll) * ops.cos(pitch) - a_y
+    f_z = g * ops.cos(roll) * ops.cos(pitch) - a_z
+    azimuth = p.mounting.azimuth
+    return f_x, ops.cos(azimuth) * f_z - ops.sin(azimuth) * f_y
+
+
+def hinge_moment(ops: Ops, p: Any, tangent: Value, f_x: Value, f_z: Value) -> Value:
+    """Moment [N.m] of gravity and inertia about the hinge at tan(phi), (2.34), (2.35), (2.40), (2.41).
+
+    A right-handed turn of the centres of mass about +y by the fin angle, and the y
+    component of r x m f.
+    """
+    centers, mass = p.center_of_mass, p.mass
+    s_x = mass.fin * centers.fin.x + mass.shaft * centers.shaft.x + mass.fork * centers.fork.x
+    s_z = mass.fin * centers.fin.z + mass.shaft * centers.shaft.z + mass.fork * centers.fork.z
+    # fin_angle = phi - initial_angle; the turn by -initial_angle depends on parameters only.
+    sin_0, cos_0 = ops.sin(p.kinematics.initial_angle), ops.cos(p.kinematics.initial_angle)
+    u_x, u_z = cos_0 * s_x - sin_0 * s_z, sin_0 * s_x + cos_0 * s_z
+    cos_phi = 1.0 / ops.sqrt(1.0 + tangent * tangent)
+    sin_phi = tangent * cos_phi
+    r_x, r_z = cos_phi * u_x + sin_phi * u_z, cos_phi * u_z - sin_phi * u_x
+    return r_z * f_x - r_x * f_z
+
+
+def nut_force(ops: Ops, p: Any, f_x: Value) -> Value:
+    """Axial body force P_n [N] on the nut along +x, (2.42)-(2.45)."""
+    return p.mass.nut * f_x

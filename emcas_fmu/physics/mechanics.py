@@ -1,0 +1,75 @@
+"""Equation of motion (2.8)-(2.17), written for the motor angle.
+
+With R = dtheta/ddelta and ddelta = w/R - R' w^2/R^3 the hinge equation
+
+    (J_ft + J_t R^2) ddelta = R T_m - R^2 b_m ddelta/dt - J_t R R' (ddelta/dt)^2 - b_f ddelta/dt
+                              + T_f + l R P_n - T_C
+
+divided by R becomes
+
+    (J_t + J_ft/R^2) dw = T_m - b_m w - b_f w/R^2 + T_f/R + l P_n - T_C/R + J_ft R'/R^4 w^2
+
+whose coefficients hardly vary, R' = 2 R tan(phi).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from ..ops.base import Ops, Value
+from . import friction, kinematics, loads
+
+
+class Mechanics(NamedTuple):
+    """Coefficients of the equation of motion at one position, all at the motor.
+
+    ``inertia`` [kg.m2], ``load`` [N.m] (external, positive along positive motor
+    angle), ``centrifugal`` [N.m.s2/rad2] (coefficient of w^2), ``ratio`` R [-],
+    ``fin`` angle [rad].
+    """
+
+    inertia: Value
+    load: Value
+    centrifugal: Value
+    ratio: Value
+    fin: Value
+
+
+def screw_inertia(p: Any) -> Value:
+    """J_t [kg.m2] at the motor: motor, screw (2.8) and nut."""
+    return p.inertia.motor + p.inertia.screw + p.mass.nut * p.screw.lead * p.screw.lead
+
+
+def fin_inertia(p: Any) -> Value:
+    """J_ft [kg.m2] about the hinge, (2.13)."""
+    return p.inertia.fork + p.inertia.shaft + p.inertia.fin
+
+
+def external_moment(ops: Ops, p: Any, tangent: Value, aero_torque: Value, f_x: Value, f_z: Value) -> Value:
+    """T_f [N.m], the total external moment about the hinge."""
+    return aero_torque + loads.hinge_moment(ops, p, tangent, f_x, f_z)
+
+
+def coefficients(ops: Ops, p: Any, motor_angle: Value, aero_torque: Value, f_x: Value, f_z: Value) -> Mechanics:
+    """The equation's coefficients at a motor angle [rad] under loads [N.m, m/s2, m/s2]."""
+    tangent = kinematics.lever_tangent(ops, p, motor_angle)
+    ratio = kinematics.reduction_ratio(ops, p, tangent)
+    reflected = fin_inertia(p) / (ratio * ratio)
+    moment = external_moment(ops, p, tangent, aero_torque, f_x, f_z)
+    return Mechanics(
+        inertia=screw_inertia(p) + reflected,
+        load=moment / ratio + p.screw.lead * loads.nut_force(ops, p, f_x),
+        centrifugal=2.0 * tangent * reflected / ratio,
+        ratio=ratio,
+        fin=kinematics.fin_angle(ops, p, tangent),
+    )
+
+
+def breakaway(ops: Ops, p: Any, m: Mechanics, direction: Value) -> Value:
+    """T_c/R [N.m]: dry friction at the motor for motion along the sign of `direction`."""
+    return friction.coulomb(ops, p, direction, m.fin) + p.friction.fin_coulomb / m.ratio
+
+
+def damping(ops: Ops, p: Any, m: Mechanics, direction: Value) -> Value:
+    """Viscous coefficient [N.m.s/rad] at the motor, that of the hinge included (2.17)."""
+    return friction.viscous(ops, p, direction) + p.friction.fin_viscous / (m.ratio * m.ratio)

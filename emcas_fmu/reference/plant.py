@@ -1,0 +1,297 @@
+"""The actuator between two discrete instants: smooth equations of motion, one set for each mode.
+
+The state is (fin angle [rad], fin rate [rad/s], motor current [A], drive integral xi [V]).  Dry friction, the
+voltage limit and the mechanical stops make the right-hand side discontinuous; a `Mode` names the smooth piece
+in force, and its guards are the functions whose zeros end it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+Value = float | int | bool
+Vector = Sequence[float]
+
+STANDARD_GRAVITY = 9.80665  # m/s2
+POLYNOMIAL_ANGLE = math.radians(20.0)  # rad, the angle that scales the Coulomb polynomials
+# V. Closeness at which the drive is taken to sit on its voltage limit: far above rounding of a 39 V
+# signal (1e-14), far below what moves the fin (1e-9 V is 4e-9 of the resolution of a 0.25 V encoder step).
+EDGE = 1e-9
+
+FREE, ON_LIMIT, OPEN = 0, 2, 9  # drive modes beside +1 and -1, which mean clipped at +V_dc and -V_dc
+
+
+class Mode(NamedTuple):
+    """One smooth piece: `motion` is the direction of sliding, or 0 while friction or a stop holds the fin.
+
+    `drive` is FREE, +1/-1 (voltage clipped), +2/-2 (gliding along the limit) or OPEN (bridge disabled).
+    """
+
+    motion: int
+    drive: int
+
+
+class Surroundings(NamedTuple):
+    """What stays constant between two discrete instants."""
+
+    current_reference: float  # A, after gain, offset and limit
+    supply: float  # V, never negative
+    aero_torque: float  # N.m, positive along +delta
+    force: tuple[float, float, float]  # m/s2, specific force g_b - a_b in the fin's own axes
+    enable: bool
+
+
+class Guard:
+    """A function of the state whose zero, crossed in `direction`, ends the mode (a SciPy event)."""
+
+    terminal = True
+
+    def __init__(self, value: Callable[[Vector], float], direction: int, successor: Callable[[list[float]], Mode]):
+        self.value, self.direction, self.successor = value, float(direction), successor
+
+    def __call__(self, _time: float, state: Vector) -> float:
+        return self.value(state)
+
+
+def _clip(value: float, limit: float) -> float:
+    return max(-limit, min(limit, value))
+
+
+class Plant:
+    """Mechanics, motor and current-mode drive of one actuator."""
+
+    def __init__(self, parameters: Mapping[str, Value]):
+        p = self.parameters = {name: float(value) for name, value in parameters.items()}
+        self.arm, self.lead = p["kinematics.moment_arm"], p["screw.lead"]  # m; m/rad
+        self.assembly = p["kinematics.initial_angle"]
+        self.stop = p["fin.stop_angle"]
+        # J_t = J_mt + m_n l^2 and J_ft: what turns with the motor and what turns with the fin (2.8), (2.13).
+        self.motor_inertia = p["inertia.motor"] + p["inertia.screw"] + p["mass.nut"] * self.lead**2
+        self.fin_inertia = p["inertia.fin"] + p["inertia.shaft"] + p["inertia.fork"]
+        self.masses = [
+            (p[f"mass.{part}"], p[f"center_of_mass.{part}.x"], p[f"center_of_mass.{part}.z"])
+            for part in ("fin", "shaft", "fork")
+        ]
+        self.fin_viscous, self.fin_coulomb = p["friction.fin_viscous"], p["friction.fin_coulomb"]
+        # Measured at 24 and -6 degC: linear between the two, held outside.
+        cold = min(max((24.0 - p["friction.temperature"]) / 30.0, 0.0), 1.0)
+        warm_to_now = 1.0 + (p["friction.cold_viscous_ratio"] - 1.0) * cold
+        self.coulomb_factor = 1.0 + (p["friction.cold_coulomb_ratio"] - 1.0) * cold
+        self.viscous = {s: p[f"friction.viscous.{n}"] * warm_to_now for s, n in _SIGNS.items()}
+        self.polynomial = {
+            s: [p[f"friction.coulomb.{n}[{order}]"] for order in range(7)] for s, n in _SIGNS.items()
+        }
+        self.torque_constant, self.emf_constant = p["motor.torque_constant"], p["motor.back_emf_constant"]
+        self.resistance, self.inductance = p["motor.resistance"], p["motor.inductance"]
+        self.kp, self.ki = p["drive.kp"], p["drive.ki"]
+
+    # Kinematics -------------------------------------------------------------------------------------------
+
+    def motor_angle(self, delta: float) -> float:
+        """Motor angle [rad] at fin angle `delta` [rad] (2.1 - 2.5)."""
+        return self.arm * (math.tan(delta + self.assembly) - math.tan(self.assembly)) / self.lead
+
+    def fin_angle(self, theta: float) -> float:
+        """Fin angle [rad] at motor angle `theta` [rad], the inverse of (2.5)."""
+        return math.atan(self.lead * theta / self.arm + math.tan(self.assembly)) - self.assembly
+
+    def ratio(self, delta: float) -> float:
+        """Reduction ratio R = dtheta_m/ddelta [-] (2.6)."""
+        return self.arm / self.lead * (1.0 + math.tan(delta + self.assembly) ** 2)
+
+    def inertia(self, delta: float) -> float:
+        """M(delta) = J_ft + J_t R^2 [kg.m2] (2.15 - 2.17)."""
+        return self.fin_inertia + self.motor_inertia * self.ratio(delta) ** 2
+
+    # Forces -----------------------------------------------------------------------------------------------
+
+    def motor_coulomb(self, delta: float, direction: int) -> float:
+        """Coulomb torque at the motor [N.m] at 24 degC, polynomial in delta / 20 deg, never negative."""
+        x, total = delta / POLYNOMIAL_ANGLE, 0.0
+        for coefficient in reversed(self.polynomial[direction]):
+            total = total * x + coefficient
+        return max(total, 0.0)
+
+    def coulomb(self, delta: float, direction: int) -> float:
+        """Coulomb moment at the fin T_c = R C_m + C_f [N.m]."""
+        return (
+            self.ratio(delta) * self.motor_coulomb(delta, direction) * self.coulomb_factor + self.fin_coulomb
+        )
+
+    def loads(self, delta: float, around: Surroundings) -> float:
+        """External moment T_f + l R P_n at the fin [N.m] (2.27 - 2.45), positive along +delta."""
+        fx, _, fz = around.force
+        c, s = math.cos(delta), math.sin(delta)
+        moment = around.aero_torque
+        for mass, x, z in self.masses:  # y . (r x m f), r turned right-handed about +y by delta
+            moment += mass * ((-x * s + z * c) * fx - (x * c + z * s) * fz)
+        # l R = d / cos^2 phi is the lever of the screw; P_n = m_n f_x (2.10 - 2.12).
+        return moment + self.lead * self.ratio(delta) * self.parameters["mass.nut"] * fx
+
+    def resting_moment(self, state: Vector, around: Surroundings) -> float:
+        """Moment that friction has to hold when the fin rests [N.m]."""
+        return self.ratio(state[0]) * self.torque_constant * state[2] + self.loads(state[0], around)
+
+    def surroundings(self, row: Mapping[str, float], drive_input: float) -> Surroundings:
+        """Constants of a segment from an input row (names of the interface) and the delayed DAC value [V]."""
+        p = self.parameters
+        gravity = STANDARD_GRAVITY if p["loads.gravity"] else 0.0
+        roll, pitch = row["attitude.roll"], row["attitude.pitch"]  # a yaw turns about g itself
+        x = -gravity * math.sin(pitch) - row["acceleration.x"]
+        y = gravity * math.sin(roll) * math.cos(pitch) - row["acceleration.y"]
+        z = gravity * math.cos(roll) * math.cos(pitch) - row["acceleration.z"]
+        c, s = math.cos(p["mounting.azimuth"]), math.sin(p["mounting.azimuth"])
+        reference = p["drive.current_gain"] * drive_input + p["drive.current_offset"]
+        return Surroundings(
+            current_reference=_clip(reference, p["drive.current_limit"]),
+            supply=max(row["supply_voltage"], 0.0),
+            aero_torque=row["aero_torque"],
+            force=(x, c * y + s * z, -s * y + c * z),
+            enable=bool(row["enable"]),
+        )
+
+    # Drive (2.46, 2.47) -----------------------------------------------------------------------------------
+
+    def demand(self, state: Vector, around: Surroundings) -> float:
+        """Voltage the current controller asks for, before the limit [V]."""
+        return self.kp * (around.current_reference - state[2]) + state[3]
+
+    def voltage(self, state: Vector, around: Surroundings) -> float:
+        """Motor terminal voltage [V]; the back-EMF when the bridge is open."""
+        if not around.enable:
+            return self.emf_constant * self.ratio(state[0]) * state[1]
+        return _clip(self.demand(state, around), around.supply)
+
+    def _current_slope(self, state: Vector, voltage: float) -> float:
+        speed = self.ratio(state[0]) * state[1]
+        return (voltage - self.resistance * state[2] - self.emf_constant * speed) / self.inductance
+
+    # Smooth pieces ----------------------------------------------------------------------------------------
+
+    def slope(self, state: Vector, mode: Mode, around: Surroundings) -> tuple[float, float, float, float]:
+        """Time derivative of the state in `mode`: rad/s, rad/s2, A/s, V/s."""
+        delta, omega, current, _ = state
+        motion, drive = mode
+        current_slope = integral_slope = 0.0
+        if drive == FREE:
+            current_slope = self._current_slope(state, self.demand(state, around))
+            integral_slope = self.ki * (around.current_reference - current)
+        elif drive != OPEN:
+            current_slope = self._current_slope(state, math.copysign(around.supply, drive))
+            if abs(drive) == ON_LIMIT:  # xi keeps the demand exactly on the limit
+                integral_slope = self.kp * current_slope
+        if motion == 0:
+            return 0.0, 0.0, current_slope, integral_slope
+        tangent = math.tan(delta + self.assembly)
+        ratio = self.arm / self.lead * (1.0 + tangent * tangent)
+        ratio_slope = 2.0 * ratio * tangent  # R' (2.7)
+        moment = (  # (2.15 - 2.17)
+            ratio * self.torque_constant * current
+            - (ratio * ratio * self.viscous[motion] + self.fin_viscous) * omega
+            - self.motor_inertia * ratio * ratio_slope * omega * omega
+            + self.loads(delta, around)
+            - motion * self.coulomb(delta, motion)
+        )
+        mass = self.fin_inertia + self.motor_inertia * ratio * ratio
+        return omega, moment / mass, current_slope, integral_slope
+
+    # Modes ------------------------------------------------------------------------------------------------
+
+    def motion_at_rest(self, state: Vector, around: Surroundings) -> int:
+        """Direction in which a resting fin breaks away, or 0: friction or a stop holds it."""
+        moment, delta = self.resting_moment(state, around), state[0]
+        if moment > self.coulomb(delta, 1) and delta < self.stop:
+            return 1
+        if -moment > self.coulomb(delta, -1) and delta > -self.stop:
+            return -1
+        return 0
+
+    def drive_on_limit(self, state: Vector, around: Surroundings, side: int) -> int:
+        """Drive mode that leaves the voltage limit of sign `side`, reached by the demand, consistently.
+
+        Clipped, xi is held and the demand moves with the current alone; free, xi moves too.  When the one
+        takes the demand back inside and the other outside, neither can last: the drive glides on the limit.
+        """
+        held = -side * self.kp * self._current_slope(state, side * around.supply)
+        integrating = held + side * self.ki * (around.current_reference - state[2])
+        if held >= 0.0:
+            return side
+        return FREE if integrating <= 0.0 else side * ON_LIMIT
+
+    def admit(self, state: list[float], mode: Mode, around: Surroundings) -> Mode:
+        """The mode after the surroundings have jumped; clears the current of an opened bridge in place."""
+        if not around.enable:
+            state[2] = state[3] = 0.0
+            drive = OPEN
+        else:
+            demand = self.demand(state, around)
+            side = 1 if demand >= 0.0 else -1
+            if abs(abs(demand) - around.supply) <= EDGE:
+                drive = self.drive_on_limit(state, around, side)
+            else:
+                drive = side if abs(demand) > around.supply else FREE
+        return Mode(mode.motion or self.motion_at_rest(state, around), drive)
+
+    def guards(self, mode: Mode, around: Surroundings) -> list[Guard]:
+        """Events that end `mode`; each successor turns the state at the event into the next mode."""
+        return self._motion_guards(mode, around) + self._drive_guards(mode, around)
+
+    def _motion_guards(self, mode: Mode, around: Surroundings) -> list[Guard]:
+        s, drive = mode
+        if s:
+
+            def halt(state: list[float]) -> Mode:
+                state[1] = 0.0
+                return Mode(self.motion_at_rest(state, around), drive)
+
+            def strike(state: list[float]) -> Mode:
+                state[0] = s * self.stop
+                return halt(state)
+
+            return [
+                Guard(lambda y: s * y[1], -1, halt),
+                Guard(lambda y: s * y[0] - self.stop, 1, strike),
+            ]
+
+        def breakaway(side: int) -> Guard:
+            def excess(state: Vector) -> float:
+                if side * state[0] >= self.stop:  # the stop holds against any moment towards it
+                    return -1.0
+                return side * self.resting_moment(state, around) - self.coulomb(state[0], side)
+
+            return Guard(excess, 1, lambda state: Mode(side, drive))
+
+        return [breakaway(1), breakaway(-1)]
+
+    def _drive_guards(self, mode: Mode, around: Surroundings) -> list[Guard]:
+        motion, drive = mode
+        if drive == OPEN:
+            return []
+
+        def reached(side: int) -> Callable[[list[float]], Mode]:
+            return lambda state: Mode(motion, self.drive_on_limit(state, around, side))
+
+        def excess(side: int) -> Callable[[Vector], float]:
+            return lambda state: side * self.demand(state, around) - around.supply
+
+        if drive == FREE:
+            return [Guard(excess(side), 1, reached(side)) for side in (1, -1)]
+        side = 1 if drive > 0 else -1
+        if abs(drive) != ON_LIMIT:
+            return [Guard(excess(side), -1, reached(side))]
+
+        def held(state: Vector) -> float:
+            return -side * self.kp * self._current_slope(state, side * around.supply)
+
+        def integrating(state: Vector) -> float:
+            return held(state) + side * self.ki * (around.current_reference - state[2])
+
+        return [
+            Guard(held, 1, lambda state: Mode(motion, side)),
+            Guard(integrating, -1, lambda state: Mode(motion, FREE)),
+        ]
+
+
+_SIGNS = {1: "positive", -1: "negative"}

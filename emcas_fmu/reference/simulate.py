@@ -1,0 +1,177 @@
+"""The whole actuator in time: sampled controllers, delayed DAC and zero-order-held inputs around the plant.
+
+Between two discrete instants (a sample, the arrival of a delayed DAC value, an input row, an output time) the
+plant is integrated by SciPy's DOP853 with terminal events; at each instant the discrete parts act.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
+
+from emcas_fmu.reference.plant import Mode, Plant, Surroundings, Value
+
+Array = NDArray[np.float64]
+
+INPUTS = {  # interface inputs and their start values, SI
+    "fin_command": 0.0,
+    "aero_torque": 0.0,
+    "acceleration.x": 0.0,
+    "acceleration.y": 0.0,
+    "acceleration.z": 0.0,
+    "attitude.roll": 0.0,
+    "attitude.pitch": 0.0,
+    "attitude.yaw": 0.0,
+    "supply_voltage": 39.0,
+    "enable": 1.0,
+}
+OUTPUTS = ("fin_angle", "fin_rate", "motor_current", "motor_voltage", "drive_reference")
+RTOL = 1e-11
+# Absolute tolerance = rtol * scale: a hundredth of a radian, and one rad/s, one ampere, one volt.
+SCALES = np.array([1e-2, 1.0, 1.0, 1.0])
+# Events are looked for at the ends of a step, so a step must be too short to hide two zeros of a guard:
+# it stays below the time constant of the current loop, L/(R + Kp) = 0.11 ms, the fastest thing there is.
+MAX_STEP = 1e-4  # s
+DIGITS = 12  # decimals of a second to which instants are rounded so that coinciding ones are one
+
+
+class Controllers:
+    """Encoder, position PI and velocity P with friction compensation (section 4.2)."""
+
+    def __init__(self, plant: Plant, delta: float):
+        self.plant, self.p = plant, plant.parameters
+        self.period = self.p["controller.sample_time"]
+        self.count_size = 2.0 * math.pi / (self.p["encoder.pulses"] * self.p["encoder.multiplier"])
+        self.on_fin = bool(self.p["encoder.on_fin"])
+        self.integral = 0.0  # rad/s
+        self.counts = self._count(delta)
+
+    def _count(self, delta: float) -> int:
+        angle = delta if self.on_fin else self.plant.motor_angle(delta)
+        return math.floor(angle / self.count_size)
+
+    def _measure(self, delta: float, omega: float) -> tuple[float, float, float]:
+        """Measured fin angle [rad], motor angle [rad] and motor speed [rad/s]."""
+        previous, self.counts = self.counts, self._count(delta)
+        if not self.p["encoder.enabled"]:
+            return delta, self.plant.motor_angle(delta), self.plant.ratio(delta) * omega
+        angle = self.counts * self.count_size
+        speed = (self.counts - previous) * self.count_size / self.period
+        if self.on_fin:
+            return angle, self.plant.motor_angle(angle), self.plant.ratio(angle) * speed
+        return self.plant.fin_angle(angle), angle, speed
+
+    def sample(self, delta: float, omega: float, command: float, enable: bool) -> float:
+        """One sample: the DAC value u_k [V] from the true state and the command [rad]."""
+        p, clip = self.p, lambda value, limit: max(-limit, min(limit, value))
+        fin, motor, speed = self._measure(delta, omega)
+        if not enable:
+            self.integral = 0.0
+            return 0.0
+        error = self.plant.motor_angle(clip(command, p["command.limit"])) - motor
+        raw = p["controller.position.kp"] * error + self.integral
+        reference = clip(raw, p["controller.speed_limit"])
+        self.integral += self.period * (
+            p["controller.position.ki"] * error + p["controller.antiwindup"] * (reference - raw)
+        )
+        friction = self.plant.motor_coulomb(fin, 1 if reference > 0.0 else -1)
+        compensation = p["compensation.gain"] * friction * clip(reference / p["compensation.speed_band"], 1.0)
+        compensation /= p["motor.torque_constant"] * p["drive.current_gain"]
+        u = p["controller.velocity.kp"] * (reference - speed) + compensation
+        return float(clip(u, p["drive.reference_limit"]))
+
+
+def advance(
+    plant: Plant, state: list[float], mode: Mode, around: Surroundings, start: float, end: float, rtol: float
+) -> tuple[list[float], Mode]:
+    """Integrate from `start` to `end` [s] through every change of mode; the state and mode at `end`."""
+    time, events_without_progress = start, 0
+    while time < end:
+        guards = plant.guards(mode, around)
+        run = solve_ivp(
+            lambda _t, y, mode=mode: plant.slope(y.tolist(), mode, around),
+            (time, end),
+            state,
+            method="DOP853",
+            events=guards,
+            rtol=rtol,
+            atol=rtol * SCALES,
+            max_step=MAX_STEP,
+        )
+        if run.status < 0:
+            raise ArithmeticError(f"integration failed after {time} s in {mode}: {run.message}")
+        state = [float(x) for x in run.y[:, -1]]
+        reached = float(run.t[-1])
+        if run.status == 1:  # all guards are terminal, so exactly one has fired: the first
+            fired = next(guard for guard, times in zip(guards, run.t_events, strict=True) if times.size)
+            mode = fired.successor(state)
+        events_without_progress = 0 if reached > time else events_without_progress + 1
+        if events_without_progress > 10:
+            raise ArithmeticError(f"modes chatter at {time} s in {mode}")
+        time = reached
+    return state, mode
+
+
+def simulate(
+    parameters: Mapping[str, Value],
+    inputs: Mapping[str, Array],
+    *,
+    rtol: float = RTOL,
+    output_times: Array | None = None,
+) -> dict[str, Array]:
+    """Simulate one actuator from rest and return `time` and the `OUTPUTS`, SI units.
+
+    `inputs` holds the uniform row times `time` [s], from zero, and the columns that are used, named as in the
+    interface; a row holds until the next.  Outputs are left limits at `output_times` (default: the rows), so
+    a sample that falls on an output time shows after it.  `rtol` is DOP853's relative tolerance per step.
+    """
+    rows = _instants(inputs["time"])
+    unknown = set(inputs) - set(INPUTS) - {"time"}
+    if unknown or rows[0] != 0.0:
+        raise ValueError(f"unknown inputs {sorted(unknown)}" if unknown else "row times must start at 0")
+    outputs = rows if output_times is None else _instants(output_times)
+    columns = {n: np.broadcast_to(inputs.get(n, start), rows.shape).tolist() for n, start in INPUTS.items()}
+
+    plant = Plant(parameters)
+    p, end = plant.parameters, float(outputs[-1])
+    period, delay = p["controller.sample_time"], p["drive.transport_delay"]
+    samples = _instants(np.arange(math.floor(end / period) + 1) * period)
+    arrivals = _instants(np.arange(len(samples)) * period + delay)
+    row_at = {t: k for k, t in enumerate(rows.tolist())}
+    sample_at = set(samples.tolist())
+    arrival_at = {t: k for k, t in enumerate(arrivals.tolist())}
+    output_at = set(outputs.tolist())
+    instants = np.unique(np.concatenate([rows, samples, arrivals, outputs]))
+    instants = instants[instants <= end].tolist()
+
+    state = [p["fin.start_angle"], 0.0, 0.0, 0.0]
+    controllers = Controllers(plant, state[0])
+    row = {name: column[0] for name, column in columns.items()}
+    dac: list[float] = []
+    active = 0.0  # V, the DAC value that has reached the drive
+    around, mode = plant.surroundings(row, active), Mode(0, 0)
+    records = []
+    for t, following in zip(instants, [*instants[1:], None], strict=True):
+        if t in output_at:
+            voltage, latest = plant.voltage(state, around), dac[-1] if dac else 0.0
+            records.append((t, *state[:3], voltage, latest))
+        if following is None:
+            break
+        if t in row_at:
+            row = {name: column[row_at[t]] for name, column in columns.items()}
+        if t in sample_at:
+            dac.append(controllers.sample(state[0], state[1], row["fin_command"], bool(row["enable"])))
+        if t in arrival_at:
+            active = dac[arrival_at[t]]
+        around = plant.surroundings(row, active)
+        mode = plant.admit(state, mode, around)
+        state, mode = advance(plant, state, mode, around, t, following, rtol)
+    return dict(zip(("time", *OUTPUTS), np.array(records).T, strict=True))
+
+
+def _instants(times: Array) -> Array:
+    return np.round(np.asarray(times, dtype=float), DIGITS)

@@ -1,0 +1,24 @@
+"""Fixtures shared by all tests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from emcas_fmu.fmi.package import build
+from emcas_fmu.parameters import load_parameters
+
+
+@pytest.fixture(scope="session")
+def values() -> Mapping[str, Any]:
+    """The shipped parameters, flat, in the table's units."""
+    return load_parameters().values
+
+
+@pytest.fixture(scope="session")
+def fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """EMCAS.fmu of the shipped parameters."""
+    return build(load_parameters(), tmp_path_factory.mktemp("fmu") / "EMCAS.fmu").path

@@ -1,0 +1,168 @@
+"""Every physics function over every operations namespace gives the same numbers."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from types import ModuleType
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from emcas_fmu import actuator, control, integrate, sensors
+from emcas_fmu.kernels import program
+from emcas_fmu.ops import FLOATS
+from emcas_fmu.ops.arrays import ARRAYS
+from emcas_fmu.ops.symbols import SYMBOLS
+from emcas_fmu.ops.trace import Tracer
+from emcas_fmu.physics import drive, friction, kinematics, loads, mechanics
+from emcas_fmu.tree import tree
+
+Function = Callable[..., Any]
+LANES = 40
+# NumPy's vectorised and the C library's scalar functions may differ in the last bits; a step
+# amplifies that by cancellation (angle differences of 1e-3 in values of 1e1).
+RELATIVE, ABSOLUTE = 1e-10, 1e-11
+
+# Plausible ranges by argument name; anything else is refused below, so no argument goes untested.
+RANGES: dict[str, tuple[float, float]] = {
+    "angle": (-25.0, 25.0), "motor_angle": (-25.0, 25.0), "motor": (-25.0, 25.0), "speed": (-300.0, 300.0),
+    "motor_speed": (-300.0, 300.0), "speed_reference": (-3.0, 3.0), "tangent": (-0.4, 0.6), "fin": (-0.4, 0.4),
+    "fin_measured": (-0.4, 0.4), "direction": (-1.0, 1.0), "current": (-40.0, 40.0), "integral": (-1.0, 1.0),
+    "reference": (-10.0, 10.0), "active": (-10.0, 10.0), "measured": (-0.4, 0.4), "limited": (-1.0, 1.0),
+    "command": (-0.5, 0.5), "aero_torque": (-100.0, 100.0), "f_x": (-50.0, 50.0), "f_z": (-50.0, 50.0),
+    "supply": (0.0, 45.0), "h": (1e-5, 3e-4), "a_x": (-50.0, 50.0), "a_y": (-50.0, 50.0), "a_z": (-50.0, 50.0),
+    "roll": (-3.0, 3.0), "pitch": (-1.5, 1.5), "counts": (-1e4, 1e4), "previous_counts": (-1e4, 1e4),
+    "i_ref": (-60.0, 60.0), "cold_ratio": (1.0, 2.0),
+}
+FLAGS = {"enable"}
+
+
+def _public(module: ModuleType) -> list[Function]:
+    return [f for name, f in vars(module).items()
+            if inspect.isfunction(f) and f.__module__ == module.__name__ and not name.startswith("_")]
+
+
+# Functions whose arguments are plain values; the others are reached through these.
+STRUCTURED = {loads.specific_force, mechanics.breakaway, mechanics.damping, integrate.advance, control.output,
+              control.update, friction.coulomb_reference}
+PLAIN = [f for module in (kinematics, friction, loads, mechanics, drive, sensors, control, integrate, actuator)
+         for f in _public(module) if f not in STRUCTURED]
+
+
+def _flat(result: Any) -> list[Any]:
+    return [x for r in result for x in _flat(r)] if isinstance(result, tuple) else [result]
+
+
+def _call(function: Function, ops: Any, p: Any, arguments: list[Any]) -> list[Any]:
+    names = list(inspect.signature(function).parameters)
+    head = {"ops": ops, "p": p}
+    return _flat(function(*(head[n] for n in names if n in head), *arguments))
+
+
+def _samples(function: Function, seed: int = 1) -> list[np.ndarray]:
+    random = np.random.default_rng(seed)
+    columns = []
+    for name in inspect.signature(function).parameters:
+        if name in FLAGS:
+            columns.append(random.random(LANES) < 0.8)
+        elif name not in ("ops", "p"):
+            column = random.uniform(*RANGES[name], LANES)
+            if name in ("speed", "motor_speed"):
+                column[:10] = 0.0  # stuck lanes
+            columns.append(column)
+    return columns
+
+
+@pytest.mark.parametrize("function", PLAIN, ids=lambda f: f"{f.__module__.rsplit('.', 1)[1]}.{f.__name__}")
+@pytest.mark.parametrize("namespace", ["arrays", "symbols", "traced"])
+def test_every_function_over_every_namespace(function: Function, namespace: str, values: Mapping[str, Any]) -> None:
+    columns = _samples(function)
+    p = tree(values)
+    expected = np.array([_call(function, FLOATS, p, [c[i].item() for c in columns]) for i in range(LANES)], float)
+    with np.errstate(over="ignore"):
+        actual = {"arrays": _arrays, "symbols": _symbols, "traced": _traced}[namespace](function, columns, values)
+    if namespace == "traced":
+        np.testing.assert_array_equal(actual, expected)  # the same operations in the same order: the same bits
+    else:
+        scale = np.abs(expected).max(axis=0, keepdims=True)
+        assert np.all(np.abs(actual - expected) <= ABSOLUTE + RELATIVE * scale)
+
+
+def _arrays(function: Function, columns: list[np.ndarray], values: Mapping[str, Any]) -> np.ndarray:
+    results = _call(function, ARRAYS, tree(values), columns)
+    return np.array([np.broadcast_to(r, LANES) for r in results], float).T
+
+
+def _symbols(function: Function, columns: list[np.ndarray], values: Mapping[str, Any]) -> np.ndarray:
+    symbols = [ca.SX.sym(f"x{i}") for i in range(len(columns))]
+    parameters = {name: ca.SX.sym(name) for name in values}
+    results = _call(function, SYMBOLS, tree(parameters), list(symbols))
+    evaluate = ca.Function("f", [ca.vertcat(*symbols), ca.vertcat(*parameters.values())],
+                           [ca.vertcat(*results)])
+    numbers = ca.DM([float(v) for v in values.values()])
+    return np.array([np.array(evaluate(ca.DM([float(c[i]) for c in columns]), numbers)).ravel()
+                     for i in range(LANES)])
+
+
+def _traced(function: Function, columns: list[np.ndarray], values: Mapping[str, Any]) -> np.ndarray:
+    tracer = Tracer()
+    p = tree({name: tracer.parameter(name) for name in values})
+    names = [f"x{i}" for i in range(len(columns))]
+    tracer.function("f", names, lambda *arguments: _call(function, tracer, p, list(arguments)))
+    space: dict[str, Any] = {}
+    exec(tracer.source("test"), space)
+    (run,) = space["make"](values)
+    return np.array([run(*(c[i].item() for c in columns)) for i in range(LANES)], float)
+
+
+def test_the_kernel_is_the_traced_actuator(values: Mapping[str, Any]) -> None:
+    kernel = program.make()(values)
+    p = tree(values)
+    for function, compiled in zip(program.FUNCTIONS, kernel, strict=True):
+        columns = _samples(function, seed=2)
+        for i in range(LANES if columns else 1):
+            arguments = [c[i].item() for c in columns]
+            assert tuple(compiled(*arguments)) == tuple(_call(function, FLOATS, p, arguments))
+
+
+def test_floats_refuse_symbols() -> None:
+    with pytest.raises(TypeError, match="SX"):
+        FLOATS.sin(ca.SX.sym("x"))
+    with pytest.raises(TypeError, match="SX"):
+        FLOATS.where(ca.SX.sym("x") > 0, 1.0, 2.0)
+
+
+def test_a_traced_value_has_no_truth() -> None:
+    tracer = Tracer()
+    with pytest.raises(TypeError, match=r"ops\.where"):
+        bool(tracer.parameter("a") > 1.0)
+
+
+def test_tracing_hoists_parameters_and_drops_what_nobody_reads() -> None:
+    tracer = Tracer()
+    a = tracer.parameter("a")
+
+    def body(x: Any) -> tuple[Any, ...]:
+        tracer.exp(x)  # unused
+        return (tracer.sin(a) * x + tracer.sin(a) * x,)
+
+    tracer.function("f", ["x"], body)
+    text = tracer.source("test")
+    prologue, function = text.split("def f")
+    assert "sin(p0)" in prologue
+    assert "sin" not in function
+    assert "exp(" not in function
+    assert function.count("*") == 1  # the common product once
+
+
+def test_a_branch_is_evaluated_only_where_it_is_taken() -> None:
+    tracer = Tracer()
+    tracer.function("f", ["x"], lambda x: tracer.branch(x > 0.0, lambda: (tracer.log(x),), lambda: (0.0,)))
+    space: dict[str, Any] = {}
+    exec(tracer.source("test"), space)
+    (f,) = space["make"]({})
+    assert f(-1.0) == (0.0,)  # log(-1) would raise
+    assert f(1.0) == (0.0,)
