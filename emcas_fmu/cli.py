@@ -96,13 +96,19 @@ def show_parameters(
     if as_json:
         print(json.dumps(_parameter_records(chosen), indent=1))
         return
-    table = Table("name", "value", "unit", "source", "note", title="EM-CAS parameters", title_justify="left")
+    notes = _out.width >= 130
+    table = Table("name", "value", "unit", "as written", "source", *(["note"] if notes else []),
+                  title="EM-CAS parameters", title_justify="left")
+    table.columns[0].no_wrap = True
     table.columns[1].justify = "right"
     for record in _parameter_records(chosen):
         value = record["value"]
         text = f"{value:.6g}" if isinstance(value, float) else str(value).lower()
-        table.add_row(record["name"], text, record["unit"], record["source"], record["note"])
+        table.add_row(record["name"], text, record["unit"], record["as_written"], record["source"],
+                      *([record["note"]] if notes else []))
     _out.print(table)
+    if not notes:
+        _out.print("A wider terminal, or --json, shows what each value rests on.")
 
 
 def _parameter_records(chosen: ParameterSet) -> list[dict[str, Any]]:

@@ -1,0 +1,82 @@
+"""One look for every picture, and figures as inline SVG: the same figure gives the same bytes.
+
+Figures are made without pyplot, so that nothing global is touched. In a `style()`
+figure, lines of the frame and text take the colour of the page they are put into,
+so that one picture serves light and dark pages and print.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from io import StringIO
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+# Okabe & Ito (2008), "Color universal design": told apart with every common colour blindness. Black and
+# yellow are left out, they vanish on a dark or a light page.
+BLUE, VERMILLION, GREEN, SKY, ORANGE, PURPLE = "#0072b2", "#d55e00", "#009e73", "#56b4e9", "#e69f00", "#cc79a7"
+COLORS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
+GRAY = "#8a8f98"
+# Written by matplotlib, then replaced by the page's own text colour.
+INK = "#010203"
+
+_STYLE: Mapping[str, Any] = {
+    "font.size": 9.0, "axes.titlesize": 9.5, "axes.labelsize": 9.0, "legend.fontsize": 8.0, "axes.titlelocation": "left",
+    "axes.edgecolor": INK, "axes.labelcolor": INK, "axes.titlecolor": INK, "text.color": INK,
+    "xtick.color": INK, "ytick.color": INK, "axes.linewidth": 0.7, "lines.linewidth": 1.3,
+    "axes.facecolor": "none", "figure.facecolor": "none", "savefig.facecolor": "none",
+    "axes.grid": True, "grid.color": GRAY, "grid.alpha": 0.3, "grid.linewidth": 0.5,
+    "legend.frameon": False, "legend.labelcolor": INK, "axes.spines.top": False, "axes.spines.right": False,
+    "axes.formatter.useoffset": False,
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Figures made inside have the house style. matplotlib's settings are restored at the end."""
+    with mpl.rc_context(), mpl.style.context(["default", {**_STYLE, "axes.prop_cycle": mpl.cycler(color=COLORS)}]):
+        yield
+
+
+def figure(rows: int, columns: int = 1, *, width: float = 9.0, height: float = 2.2, **more: Any) -> tuple[Figure, Any]:
+    """A figure and its grid of axes as a (rows, columns) array; `width` and `height` of a row in inches.
+
+    Takes effect inside `style()`.
+    """
+    made = Figure(figsize=(width, height * rows), layout="constrained")
+    return made, made.subplots(rows, columns, squeeze=False, **more)
+
+
+def svg(drawn: Figure, label: str = "") -> str:
+    """An <svg> element to put into an HTML page; `label` is its text for those who cannot see it."""
+    text = StringIO()
+    with mpl.rc_context({"svg.hashsalt": "emcas", "svg.fonttype": "path"}):
+        drawn.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    body = text.getvalue()
+    body = body[body.index("<svg"):]
+    body = re.sub(r"\s*<metadata>.*?</metadata>|<!--.*?-->", "", body, flags=re.DOTALL)
+    # A hundredth of a point is less than a printer can show, and glyphs have 1/64 of that unit.
+    body = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path.group()), body)
+    body = _own_ids(body).replace(INK, "currentColor")
+    escaped = label.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
+    return body.replace("<svg", f'<svg role="img" aria-label="{escaped}"', 1).rstrip()
+
+
+def shade(axes: Axes, time: Any, active: Any, **more: Any) -> None:
+    """Shade the times at which `active` holds; both have the same length."""
+    options = {"color": GRAY, "alpha": 0.22, "linewidth": 0.0, **more}
+    axes.fill_between(time, 0, 1, where=active, step="post", transform=axes.get_xaxis_transform(), **options)
+
+
+def _own_ids(body: str) -> str:
+    """Ids of no use removed, the others made unique to the figure: a page holds several."""
+    used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', body))
+    mark = hashlib.sha256(body.encode()).hexdigest()[:8]
+    body = re.sub(r' id="([^"]+)"', lambda m: f' id="{mark}-{m[1]}"' if m[1] in used else "", body)
+    return re.sub(r'(href="#|url\(#)', rf"\g<1>{mark}-", body)

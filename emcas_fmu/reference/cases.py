@@ -1,0 +1,172 @@
+"""The excitations the actuator is judged by: steps, a square wave, sweeps, loads, cold and a voltage sag.
+
+Every case starts with 50 ms at rest.  Inputs are rows 1 ms apart, each held until the next, and are rounded
+to the digits a file stores, so that the simulated input and the stored one are the same numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from emcas_fmu.reference.plant import Value
+from emcas_fmu.reference.simulate import Array
+
+STEP = 1e-3  # s
+SIGNIFICANT_DIGITS = 9
+LEAD_IN = 0.05  # s
+EDGE_RATE = 400.0  # deg/s, faster than the fin can go, so that the edges still saturate the drive
+LOAD = 100.0  # N.m, the load of the thesis's Table 2
+LOAD_RISE = 0.02  # s, so that it is a load and not a hammer
+SWEEP = 0.5, 30.0  # Hz, first and last frequency
+
+Columns = dict[str, Array]
+
+
+def stored(values: Array) -> Array:
+    """`values` as a reference file holds them."""
+    return np.array([float(f"{value:.{SIGNIFICANT_DIGITS}g}") for value in values])
+
+
+@dataclass(frozen=True)
+class Case:
+    """One excitation; angles in rad, loads in N.m, voltages in V."""
+
+    name: str
+    title: str
+    kind: str
+    """`step`, `square`, `chirp`, `load`, `cold` or `sag`: what to look at in the response."""
+    stop_time: float
+    """s"""
+    amplitude: float
+    """Largest commanded angle [rad]."""
+    build: Callable[[Array], Columns]
+    """Input columns at the row times [s]."""
+    overrides: Mapping[str, Value] = field(default_factory=dict)
+    """Parameters that differ from the defaults, SI."""
+    step: float = STEP
+    """Distance of the rows [s]."""
+
+    def inputs(self) -> Columns:
+        """`time` and the input columns the case uses."""
+        time = stored(np.arange(round(self.stop_time / self.step) + 1) * self.step)
+        return {"time": time} | {name: stored(column) for name, column in self.build(time).items()}
+
+
+def _levels(*points: tuple[float, float]) -> Callable[[Array], Columns]:
+    """A command [deg] that jumps to each level at its time [s], 0 before the first."""
+    return lambda time: {"fin_command": _held(time, 0.0, *((at, math.radians(deg)) for at, deg in points))}
+
+
+def _held(time: Array, value: float, *points: tuple[float, float]) -> Array:
+    held = np.full_like(time, value)
+    for at, level in points:
+        held[time > at - STEP / 2] = level
+    return held
+
+
+def _square(time: Array) -> Columns:
+    """Levels 0, +A, 0, -A of growing amplitude, 150 ms each, joined by rate-limited edges (5.4.1.2)."""
+    target = np.zeros_like(time)
+    for number, amplitude in enumerate((5.0, 10.0, 15.0, 20.0)):
+        for quarter, sign in enumerate((1.0, 0.0, -1.0, 0.0)):
+            begin = LEAD_IN + 0.15 * (4 * number + quarter)
+            target[time > begin - STEP / 2] = sign * amplitude
+    command = np.zeros_like(time)
+    for k in range(1, len(time)):
+        change = EDGE_RATE * STEP
+        command[k] = command[k - 1] + min(max(target[k] - command[k - 1], -change), change)
+    return {"fin_command": np.radians(command)}
+
+
+def _chirp(amplitude: float, stop_time: float) -> Callable[[Array], Columns]:
+    """Logarithmic sine sweep of `amplitude` [deg] over the time after the lead-in."""
+    first, last = SWEEP
+    duration = stop_time - LEAD_IN
+    growth = math.log(last / first) / duration
+
+    def build(time: Array) -> Columns:
+        since = np.maximum(time - LEAD_IN, 0.0)
+        phase = 2.0 * math.pi * first * np.expm1(growth * since) / growth
+        return {"fin_command": math.radians(amplitude) * np.sin(phase)}
+
+    return build
+
+
+def _loaded(moment: float) -> Callable[[Array], Columns]:
+    """Settle at -20 deg unloaded, then slew to +20 deg while `moment` [N.m] comes on, and stay there."""
+    slew = 0.35
+
+    def build(time: Array) -> Columns:
+        load = moment * np.clip((time - slew) / LOAD_RISE, 0.0, 1.0)
+        return _levels((LEAD_IN, -20.0), (slew, 20.0))(time) | {"aero_torque": load}
+
+    return build
+
+
+def _sag(time: Array) -> Columns:
+    """28 V is below the back-EMF of a fast slew, so the sag also makes the motor regenerate."""
+    command = _levels((LEAD_IN, 20.0), (0.35, -20.0), (0.7, 0.0))(time)
+    return command | {"supply_voltage": _held(time, 39.0, (0.4, 28.0), (0.47, 39.0))}
+
+
+def _single_step(degrees: int) -> Case:
+    sign = "plus" if degrees > 0 else "minus"
+    return Case(
+        name=f"step_{sign}{abs(degrees)}",
+        title=f"Step to {degrees:+d} deg",
+        kind="step",
+        stop_time=0.5,
+        amplitude=abs(math.radians(degrees)),
+        build=_levels((LEAD_IN, degrees)),
+    )
+
+
+_LARGE = math.radians(20.0)
+_CHIRP_TIME = 12.0  # s
+
+CASES = [
+    Case(
+        "step",
+        "Steps to +10, 0, -10 and 0 deg",
+        "step",
+        1.0,
+        math.radians(10.0),
+        _levels((LEAD_IN, 10.0), (0.3, 0.0), (0.55, -10.0), (0.8, 0.0)),
+    ),
+    *(_single_step(sign * size) for size in (1, 5, 10, 20) for sign in (1, -1)),
+    Case("square", "Modified square wave, 5 to 20 deg, edges at 400 deg/s", "square", 2.5, _LARGE, _square),
+    *(
+        Case(
+            f"chirp_{label}deg",
+            f"Logarithmic sine sweep 0.5 to 30 Hz, {degrees:g} deg",
+            "chirp",
+            _CHIRP_TIME,
+            math.radians(degrees),
+            _chirp(degrees, _CHIRP_TIME),
+        )
+        for label, degrees in (("1", 1.0), ("3p5", 3.5))
+    ),
+    Case(
+        "load_opposing",
+        "Slew from -20 to +20 deg against 100 N.m",
+        "load",
+        0.85,
+        _LARGE,
+        _loaded(-LOAD),
+    ),
+    Case("load_aiding", "Slew from -20 to +20 deg with 100 N.m", "load", 0.85, _LARGE, _loaded(LOAD)),
+    Case(
+        "cold",
+        "Steps to +5, +20, +5 and 0 deg at -6 degC",
+        "cold",
+        1.0,
+        _LARGE,
+        _levels((LEAD_IN, 5.0), (0.3, 20.0), (0.55, 5.0), (0.8, 0.0)),
+        {"friction.temperature": -6.0},
+    ),
+    Case("sag", "Supply sags from 39 to 28 V during a 40 deg slew and recovers", "sag", 1.0, _LARGE, _sag),
+]

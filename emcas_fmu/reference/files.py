@@ -1,0 +1,181 @@
+"""The reference files: inputs, responses and options of every case, as the FMI cross-check lays them out.
+
+    EMCAS_<case>_in.csv    input columns, one row per communication point
+    EMCAS_<case>_ref.csv   the response at the same times
+    EMCAS_<case>_ref.opt   start, stop, step size and relative tolerance
+    provenance.toml        how each was made, and hashes that tell whether it still is what was made
+
+Layout: https://github.com/modelica/fmi-cross-check/blob/master/FMI-CROSS-CHECK-RULES.md
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy  # type: ignore[import-untyped]
+
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.reference.cases import CASES, SIGNIFICANT_DIGITS, Case
+from emcas_fmu.reference.plant import Value
+from emcas_fmu.reference.simulate import MAX_STEP, OUTPUTS, RTOL, SCALES, Array, simulate
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+PREFIX = "EMCAS"
+PROVENANCE = "provenance.toml"
+COMMAND = "emcas reference"
+
+Progress = Callable[[str, int, int], None]
+"""Called with a case's name, the number of cases done and that of all, before and after each case."""
+
+# How far a recomputed response may lie from the stored one.  Both carry the integration error: tightening
+# rtol tenfold moves no case by more than 1e-10 of a variable's range.  Storing nine digits adds half a unit in
+# the ninth, at most 5e-9 of the range.  What is left is room for another libm; a hundred times less than what
+# a single encoder count taken the other way does (1e-5 rad, 0.3 A), so that a flipped count is seen.
+TOLERANCES = {
+    "fin_angle": 1e-8,  # rad, of 0.4
+    "fin_rate": 1e-6,  # rad/s, of 5
+    "motor_current": 1e-5,  # A, of 60
+    "motor_voltage": 1e-5,  # V, of 39
+    "drive_reference": 1e-6,  # V, of 10
+}
+
+
+class Difference(NamedTuple):
+    """Largest distance of a recomputed column from the stored one."""
+
+    case: str
+    variable: str
+    maximum: float
+    tolerance: float
+
+
+def path_of(directory: Path, case: str, suffix: str) -> Path:
+    """Path of one file of the triple; `suffix` is `in.csv`, `ref.csv` or `ref.opt`."""
+    return directory / f"{PREFIX}_{case}_{suffix}"
+
+
+def write_csv(path: Path, columns: Mapping[str, Array]) -> None:
+    """Write a header of names and one row per time, nine significant digits, line ends the same everywhere."""
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    # Adding zero turns -0.0 into 0.0: the sign of nothing is not part of a reference.
+    lines = [",".join(f"{value + 0.0:.{SIGNIFICANT_DIGITS}g}" for value in row) for row in rows]
+    path.write_text("\n".join([",".join(columns), *lines, ""]), encoding="utf-8", newline="\n")
+
+
+def read_csv(path: Path) -> dict[str, Array]:
+    """Columns of a file `write_csv` has written."""
+    header, *lines = path.read_text(encoding="utf-8").splitlines()
+    table = np.array([[float(cell) for cell in line.split(",")] for line in lines])
+    return dict(zip(header.split(","), table.T, strict=True))
+
+
+def read_provenance(directory: Path) -> dict[str, Any]:
+    """The parsed `provenance.toml`; empty when there is none."""
+    path = directory / PROVENANCE
+    return tomllib.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+
+
+def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Progress | None = None) -> None:
+    """Compute the named cases (default all) and write their files and provenance into `directory`."""
+    directory.mkdir(parents=True, exist_ok=True)
+    provenance = read_provenance(directory)
+    for case in _chosen(names, progress):
+        values = _values(case)
+        inputs = case.inputs()
+        write_csv(path_of(directory, case.name, "in.csv"), inputs)
+        write_csv(path_of(directory, case.name, "ref.csv"), simulate(values, inputs))
+        options = {"StartTime": 0.0, "StopTime": case.stop_time, "StepSize": case.step, "RelTol": RTOL}
+        text = "".join(f"{name}, {value:g}\n" for name, value in options.items())
+        path_of(directory, case.name, "ref.opt").write_text(text, encoding="utf-8", newline="\n")
+        provenance[case.name] = _provenance(case, directory, values)
+        # After every case, so that an interrupted run leaves a record of what it wrote.
+        order = [known.name for known in CASES if known.name in provenance]
+        text = "\n".join(_table(name, provenance[name]) for name in order)
+        (directory / PROVENANCE).write_text(text, encoding="utf-8", newline="\n")
+
+
+def compare(
+    directory: Path, names: Sequence[str] | None = None, progress: Progress | None = None
+) -> list[Difference]:
+    """Recompute the named cases (default all) and measure them against the files in `directory`.
+
+    A column that is missing, or whose rows differ in number or time, counts as infinitely far.
+    """
+    differences = []
+    for case in _chosen(names, progress):
+        inputs = case.inputs()
+        result = simulate(_values(case), inputs)
+        for columns, suffix, tolerances in ((inputs, "in.csv", {}), (result, "ref.csv", TOLERANCES)):
+            stored = read_csv(path_of(directory, case.name, suffix))
+            # Inputs are rounded before they are used and have to be the same numbers.
+            for name, column in columns.items():
+                maximum = _distance(column, stored.get(name))
+                differences.append(Difference(case.name, name, maximum, tolerances.get(name, 0.0)))
+    return differences
+
+
+def _distance(column: Array, stored: Array | None) -> float:
+    if stored is None or stored.shape != column.shape:
+        return float("inf")
+    return float(np.max(np.abs(column - stored)))
+
+
+def _chosen(names: Sequence[str] | None, progress: Progress | None) -> Iterator[Case]:
+    unknown = set(names or ()) - {case.name for case in CASES}
+    if unknown:
+        raise ValueError(f"no such reference case: {', '.join(sorted(unknown))}")
+    chosen = [case for case in CASES if not names or case.name in names]
+    for done, case in enumerate(chosen):
+        if progress:
+            progress(case.name, done, len(chosen))
+        yield case
+        if progress:
+            progress(case.name, done + 1, len(chosen))
+
+
+def _values(case: Case) -> dict[str, Value]:
+    return {**load_parameters().values, **case.overrides}
+
+
+def _provenance(case: Case, directory: Path, values: Mapping[str, Value]) -> dict[str, Any]:
+    def sha256(data: bytes) -> str:
+        return hashlib.sha256(data).hexdigest()
+
+    canonical = json.dumps({name: float(value) for name, value in values.items()}, sort_keys=True)
+    return {
+        "title": case.title,
+        "kind": case.kind,
+        "amplitude": case.amplitude,
+        "stop_time": case.stop_time,
+        "step": case.step,
+        "command": COMMAND,
+        "method": "scipy.integrate.solve_ivp, DOP853 with terminal events",
+        "relative_tolerance": RTOL,
+        "absolute_tolerances": (RTOL * SCALES).tolist(),
+        "maximum_step": MAX_STEP,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "sha256_in": sha256(path_of(directory, case.name, "in.csv").read_bytes()),
+        "sha256_ref": sha256(path_of(directory, case.name, "ref.csv").read_bytes()),
+        "sha256_parameters": sha256(canonical.encode()),
+        "start_values": dict(case.overrides),
+    }
+
+
+def _table(name: str, entry: Mapping[str, Any]) -> str:
+    """One TOML table; JSON writes strings, numbers and arrays of them as TOML does."""
+    plain = [f"{key} = {json.dumps(value)}" for key, value in entry.items() if key != "start_values"]
+    start = [f"{json.dumps(key)} = {json.dumps(value)}" for key, value in entry["start_values"].items()]
+    return "\n".join([f"[{name}]", *plain, f"\n[{name}.start_values]", *start, ""])

@@ -1,0 +1,146 @@
+"""Units of parameter files: any of a known set is converted to the variable table's unit.
+
+An angle is a dimension of its own here. The SI counts radians as pure numbers,
+which would let revolutions per minute pass for 1/s and mm per turn for mm.
+Arithmetic is decimal, so that 3.7 ms is exactly 0.0037 s.
+"""
+
+from __future__ import annotations
+
+import re
+from decimal import Context, Decimal, localcontext
+from difflib import get_close_matches
+from functools import lru_cache
+from math import isfinite
+
+from pint import Unit, UnitRegistry
+
+# In pint's notation: "name = definition = symbol = alias = ...".
+_DEFINITIONS = """
+nano- = 1e-9 = n-
+micro- = 1e-6 = µ- = μ- = u-
+milli- = 1e-3 = m-
+centi- = 1e-2 = c-
+kilo- = 1e3 = k-
+mega- = 1e6 = M-
+meter = [length] = m = metre
+second = [time] = s = sec
+gram = [mass] = g
+ampere = [current] = A = amp
+kelvin = [temperature]; offset: 0 = K
+radian = [angle] = rad
+turn = 6.283185307179586476925286766559005768 * radian = _ = revolution = rev
+degree = turn / 360 = deg
+arcminute = degree / 60 = arcmin
+arcsecond = arcminute / 60 = arcsec
+minute = 60 * second = min
+hour = 60 * minute = h
+hertz = 1 / second = Hz
+rpm = turn / minute
+inch = 0.0254 * meter = in
+foot = 12 * inch = ft = feet
+pound = 0.45359237 * kilogram = lb
+ounce = pound / 16 = oz
+slug = pound_force * second ** 2 / foot
+standard_gravity = 9.80665 * meter / second ** 2
+newton = kilogram * meter / second ** 2 = N
+kilogram_force = kilogram * standard_gravity = kgf
+pound_force = pound * standard_gravity = lbf
+ounce_force = ounce * standard_gravity = ozf
+newton_meter = newton * meter = Nm
+joule = newton * meter = J
+watt = joule / second = W
+volt = watt / ampere = V
+ohm = volt / ampere = Ω = Ohm
+henry = ohm * second = H
+weber = volt * second = Wb
+percent = 0.01 = _
+degree_Celsius = kelvin; offset: 273.15 = degC = celsius
+degree_Fahrenheit = 5 / 9 * kelvin; offset: 255.372222222222222222222222222222 = degF = fahrenheit
+"""
+_CHARACTERS = re.compile(r"[\w\s°·⋅.*/^()²³⁻¹%-]*")
+_QUANTITY = re.compile(r"\s*([+-]?(?:\d[\d_]*\.?[\d_]*|\.\d[\d_]*)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf)\b)"
+                       r"\s*(.*?)\s*", re.DOTALL)
+_REWRITES = (
+    (re.compile("°([CF])"), r"deg\1"),
+    (re.compile("°"), "deg"),
+    (re.compile("%"), "percent"),
+    (re.compile("⁻¹"), "^-1"),
+    (re.compile("⁻²"), "^-2"),
+    (re.compile(r"[·⋅]|\.(?=[A-Za-z(°])"), "*"),  # N.m
+    (re.compile(r"(?<=[A-Za-z])(-?\d)(?![A-Za-z])"), r"^\1"),  # kg.m2, s-1
+    (re.compile("^ */"), "1/"),  # /s
+)
+
+
+class UnitError(ValueError):
+    """Text that is no number with a known unit, or whose unit does not measure the quantity expected."""
+
+
+def quantity(written: str, written_unit: str, unit: str) -> float:
+    """A number in `unit`, from text like ``50 mm`` or from ``50`` and a `written_unit` beside it.
+
+    Raises UnitError, saying what was expected.
+    """
+    match = _QUANTITY.fullmatch(written)
+    if not match:
+        raise UnitError(f"is not a number; expected {describe(unit)}")
+    number, own_unit = match.groups()
+    if own_unit and written_unit:
+        raise UnitError(f"has two units, {own_unit} and {written_unit}")
+    if not isfinite(float(number)):
+        raise UnitError(f"is not a finite number; expected {describe(unit)}")
+    if not (own_unit or written_unit) and unit != "1":
+        raise UnitError(f"has no unit; expected {describe(unit)}")
+    # A number that vanishes as a float may have an exponent no decimal can have.
+    return convert(Decimal(number if float(number) else 0), own_unit or written_unit, unit)
+
+
+def convert(amount: Decimal, written: str, unit: str) -> float:
+    """`amount` in the unit `written`, expressed in `unit`; degC and degF are absolute temperatures.
+
+    Raises UnitError, saying what is wrong with `written`.
+    """
+    with localcontext(Context(prec=34)):
+        found, target = _parse(written), _parse(unit)
+        if found.dimensionality != target.dimensionality:
+            raise UnitError(f"{f'the unit {written}' if written else 'a pure number'} does not measure this "
+                            f"quantity; expected {describe(unit)}")
+        try:
+            if found != target:
+                amount = _registry().Quantity(amount, found).to(target).magnitude
+            return float(amount)
+        except Exception as error:  # pint and decimal: offset units in a product, overflow
+            raise UnitError(f"the unit {written} cannot be converted to {unit}: {error}") from error
+
+
+def describe(unit: str) -> str:
+    """What to write for a quantity in this unit."""
+    return "a pure number" if unit == "1" else f"a number with a unit such as {unit}"
+
+
+@lru_cache(maxsize=1)
+def _registry() -> UnitRegistry[Decimal]:
+    registry: UnitRegistry[Decimal] = UnitRegistry(None, non_int_type=Decimal)
+    registry.load_definitions(_DEFINITIONS.strip().splitlines())
+    return registry
+
+
+def _names() -> list[str]:
+    return [name for name in _registry() if not name.startswith("delta_")]
+
+
+@lru_cache(maxsize=256)
+def _parse(written: str) -> Unit:
+    text = written
+    for pattern, replacement in _REWRITES:
+        text = pattern.sub(replacement, text)
+    try:
+        if not _CHARACTERS.fullmatch(written):
+            raise UnitError("it holds a character no unit has")
+        return _registry().parse_units(text)
+    except Exception as error:  # pint's parser fails in many ways, assertions among them
+        unknown = [word for word in re.findall(r"[^\W\d]\w*", text) if word not in _registry()]
+        known = [close for word in unknown for close in get_close_matches(word, _names(), 1)]
+        hint = f"; did you mean {known[0]}?" if known else ""
+        raise UnitError(f"unknown unit {written!r}{hint}") from error

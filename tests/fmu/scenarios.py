@@ -1,0 +1,275 @@
+"""What a host may do to the FMU, each scenario in a process of its own: `python scenarios.py NAME FOLDER`.
+
+Standard library only. A scenario gives JSON-able findings, judged by the test that ran it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import resource
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from host import DISCARD, ERROR, OK, Fmu, Instance  # type: ignore[import-not-found]
+
+COMMAND = {"fin_command": 0.2, "aero_torque": -20.0}
+BEGUN = 0.02
+
+
+def started(fmu: Fmu, **values: Any) -> Instance:
+    """An instance that has run a while, all calls well."""
+    instance = Instance(fmu)
+    assert instance.initialize(**values) == [OK] * (3 + len(values)), instance.log
+    assert instance.run(0.0, BEGUN, 1e-3, **COMMAND) == OK, instance.log
+    return instance
+
+
+def plain_run(fmu: Fmu) -> Any:
+    instance = started(fmu)
+    status = instance.run(BEGUN, 0.3, 1e-3)
+    return {"status": status, "outputs": instance.outputs(), "log": instance.log,
+            "modules": sorted({name.split(".")[0] for name in sys.modules})}
+
+
+def hostile_step(fmu: Fmu) -> Any:
+    """Bad steps and inputs: discarded with a reason, state unchanged, the run goes on as if never asked."""
+    clean, instance = started(fmu), started(fmu)
+    bystander = started(fmu)
+    findings = {}
+
+    def attempt(name: str, action: Callable[[], int]) -> None:
+        instance.log.clear()
+        before = instance.outputs()
+        status = action()
+        findings[name] = {"status": status, "log": instance.messages(DISCARD) + instance.messages(ERROR),
+                          "unchanged": instance.outputs() == before}
+
+    attempt("negative size", lambda: instance.step(BEGUN, -1e-3))
+    attempt("zero size", lambda: instance.step(BEGUN, 0.0))
+    attempt("nan size", lambda: instance.step(BEGUN, math.nan))
+    attempt("infinite size", lambda: instance.step(BEGUN, math.inf))
+    attempt("nan time", lambda: instance.step(math.nan, 1e-3))
+    attempt("backwards", lambda: instance.step(BEGUN - 5e-3, 1e-3))
+    attempt("leap", lambda: instance.step(BEGUN + 5e-3, 1e-3))
+    for name in ("fin_command", "aero_torque", "acceleration.x", "attitude.pitch", "supply_voltage"):
+        for bad in (math.nan, math.inf, -math.inf):
+            good = instance.get(name)
+            instance.set(name, bad)
+            instance.log.clear()
+            findings[f"{name} {bad}"] = {
+                "status": instance.step(BEGUN, 1e-3), "log": instance.messages(DISCARD), "unchanged": True}
+            instance.set(name, good)
+    # Finite but absurd: followed to the stop or refused, never a non-finite output.
+    absurd = started(fmu)
+    absurd.set("fin_command", 1e300)
+    absurd.set("aero_torque", 1e300)
+    overflow = absurd.step(BEGUN, 1e-3)
+    finite = all(math.isfinite(x) for x in absurd.outputs().values())
+    for each in (clean, instance, bystander):
+        each.run(BEGUN, 0.1, 1e-3)
+    return {"findings": findings, "same": clean.outputs() == instance.outputs() == bystander.outputs(),
+            "absurd": [overflow, finite]}
+
+
+def misuse(fmu: Fmu) -> Any:
+    """Unknown references, wrong types, writes to outputs and fixed parameters: the next step is discarded, once."""
+    findings = {}
+    actions: dict[str, Callable[[Instance], int]] = {
+        "set unknown": lambda i: i.set_vr("Real", 100_000, 1.0),
+        "set negative": lambda i: i.set_vr("Real", 2**32 - 1, 1.0),
+        "set wrong type": lambda i: i.set_vr("Integer", fmu.references["fin_command"], 1),
+        "set output": lambda i: i.set("fin_angle", 1.0),
+        "set fixed": lambda i: i.set("motor.resistance", 1.0),
+        "get unknown": lambda i: i.get_vr("Real", [100_000])[0],
+        "get wrong type": lambda i: i.get_vr("Boolean", [fmu.references["fin_angle"]])[0],
+    }
+    for name, action in actions.items():
+        instance, clean = started(fmu), started(fmu)
+        instance.log.clear()
+        status = action(instance)
+        log = instance.messages(ERROR)
+        first, second = instance.step(BEGUN, 1e-3), instance.step(BEGUN, 1e-3)
+        clean.step(BEGUN, 1e-3)
+        findings[name] = {"status": status, "log": log, "first": first, "second": second,
+                          "same": clean.outputs() == instance.outputs()}
+    early = Instance(fmu)
+    early_status = early.step(0.0, 1e-3)
+    late = started(fmu)
+    late.call("fmi2Terminate")
+    findings_order = {"early": [early_status, early.messages(DISCARD)],
+                      "late": [late.step(BEGUN, 1e-3), late.messages(DISCARD)]}
+    return {"findings": findings, "order": findings_order}
+
+
+def refused_parameters(fmu: Fmu) -> Any:
+    """Parameters out of range or without physical sense are refused with name, value and limit."""
+    cases: dict[str, dict[str, Any]] = {
+        "negative": {"motor__resistance": -1.0},
+        "nan": {"kinematics__moment_arm": math.nan},
+        "infinite": {"drive__kp": math.inf},
+        "stop inside command": {"fin__stop_angle": 0.1},
+        "delay": {"drive__transport_delay": 0.1},
+        "multiplier": {"encoder__multiplier": 3},
+        "lever": {"kinematics__initial_angle": 1.04, "fin__stop_angle": 0.6},
+        "percent": {"friction__temperature": 1e9},
+    }
+    findings = {}
+    for name, values in cases.items():
+        instance = Instance(fmu)
+        statuses = instance.initialize(**values)
+        findings[name] = {"init": max(statuses), "log": instance.messages(ERROR),
+                          "steps": [instance.step(0.0, 1e-3), instance.step(0.0, 1e-3)]}
+        assert instance.call("fmi2Reset") == OK
+        findings[name]["after reset"] = max(*instance.initialize(), instance.step(0.0, 1e-3))
+        instance.free()
+    tunable = started(fmu)
+    tunable.set("controller.position.kp", -1.0)
+    refused = tunable.step(BEGUN, 1e-3)
+    tunable.set("controller.position.kp", 50.0)
+    return {"findings": findings, "tunable": [refused, tunable.step(BEGUN, 1e-3), tunable.messages(DISCARD)]}
+
+
+def state(fmu: Fmu) -> Any:
+    """Saved, serialized and restored runs continue bit for bit, in this instance and in another."""
+    instance = started(fmu, friction__temperature=10.0)
+    saved = instance.save()
+    data = instance.serialize(saved)
+
+    def rest(i: Instance) -> list[Any]:
+        rows = [i.outputs()]
+        i.set("controller.position.ki", 20.0)
+        for k in range(100):
+            i.set("fin_command", 0.2 if k < 50 else -0.3)
+            assert i.step(BEGUN + k * 0.7e-3, 0.7e-3) == OK, i.log
+            rows.append(i.outputs())
+        return rows
+
+    straight = rest(instance)
+    assert instance.call("fmi2SetFMUstate", saved) == OK
+    restored = rest(instance)
+    other = started(fmu)
+    assert other.call("fmi2SetFMUstate", other.deserialize(data)) == OK
+    transplanted = rest(other)
+    fresh = Instance(fmu)
+    assert fresh.call("fmi2SetFMUstate", fresh.deserialize(data)) == OK
+    into_fresh = rest(fresh)
+    middle = instance.save()
+    tail = [instance.step(BEGUN + 0.07, 0.33e-3), instance.outputs()]
+    instance.call("fmi2SetFMUstate", middle)
+    inside_tick = tail == [instance.step(BEGUN + 0.07, 0.33e-3), instance.outputs()]
+    return {"restored": restored == straight, "transplanted": transplanted == straight,
+            "fresh": into_fresh == straight, "inside tick": inside_tick, "moved": straight[-1] != straight[0]}
+
+
+def corrupt_state(fmu: Fmu) -> Any:
+    """Serialized bytes damaged anywhere, or of another FMU, are refused; the instance runs on."""
+    instance, clean = started(fmu), started(fmu)
+    data = instance.serialize(instance.save())
+    damaged = [data[:i] + bytes([data[i] ^ 0x15]) + data[i + 1:] for i in range(0, len(data), 7)]
+    damaged += [b"", b"x", data[:-1], data + b" ", b"\0" * 100, data.replace(b"-", b"_")]
+    refused = 0
+    for bytes_ in damaged:
+        instance.log.clear()
+        instance.call("fmi2SetFMUstate", instance.deserialize(bytes_))
+        refused += "FMU state refused" in instance.messages(ERROR) and instance.step(BEGUN, 1e-3) == DISCARD
+    instance.run(BEGUN, 0.1, 1e-3)
+    clean.run(BEGUN, 0.1, 1e-3)
+    return {"damaged": len(damaged), "refused": refused, "same": instance.outputs() == clean.outputs()}
+
+
+def reset(fmu: Fmu) -> Any:
+    """Reset brings back the instance as instantiated."""
+    instance = Instance(fmu)
+    instance.initialize(friction__temperature=-6.0)
+    instance.run(0.0, 0.1, 1e-3, **COMMAND)
+    first = instance.outputs()
+    instance.call("fmi2Reset")
+    instance.initialize()
+    instance.run(0.0, 0.1, 1e-3, **COMMAND)
+    fresh = Instance(fmu)
+    fresh.initialize()
+    fresh.run(0.0, 0.1, 1e-3, **COMMAND)
+    return {"same": instance.outputs() == fresh.outputs(), "cold differs": first != fresh.outputs()}
+
+
+def slicing(fmu: Fmu) -> Any:
+    """Fin angle at common times on several host grids, inputs held; also with a start time."""
+    def angles(size: float, start: float) -> list[float]:
+        instance = Instance(fmu)
+        instance.initialize(start)
+        instance.set("fin_command", 0.25)
+        instance.set("aero_torque", -40.0)
+        common, found, time, k = 37e-3, [], 0.0, 0
+        for mark in range(1, 9):
+            while time < mark * common - 1e-9:
+                k += 1
+                following = min(k * size, mark * common) if size > 1e-3 else k * size
+                assert instance.step(start + time, following - time) == OK, instance.log
+                time = following
+            found.append(instance.get("fin_angle"))
+        return found
+
+    reference = angles(1e-3, 0.0)
+    return {f"{size} from {start}": max(abs(a - b) for a, b in zip(angles(size, start), reference))
+            for size in (10e-3, 1e-3, 0.37e-3) for start in (0.0, 1234.5)}
+
+
+def threads(fmu: Fmu) -> Any:
+    """Instances stepped at once from several threads agree with one stepped alone."""
+    def run(instance: Instance, k: int) -> None:
+        instance.run(BEGUN, 0.2, 1e-3, fin_command=0.05 * (k + 1))
+
+    alone = [started(fmu) for _ in range(4)]
+    for k, instance in enumerate(alone):
+        run(instance, k)
+    together = [started(fmu) for _ in range(4)]
+    workers = [threading.Thread(target=run, args=(i, k)) for k, i in enumerate(together)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    angles = [i.get("fin_angle") for i in alone]
+    return {"same": [i.outputs() for i in together] == [i.outputs() for i in alone], "distinct": len(set(angles)) == 4}
+
+
+def many(fmu: Fmu) -> Any:
+    """Memory per further instance [KiB], and instances made and freed over and over."""
+    def stepped() -> Instance:
+        instance = Instance(fmu)
+        instance.initialize()
+        instance.run(0.0, 5e-3, 1e-3, **COMMAND)
+        return instance
+
+    def resident() -> int:
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+    first = [stepped() for _ in range(20)]
+    before = resident()
+    more = [stepped() for _ in range(200)]
+    each = (resident() - before) / len(more)
+    ok = all(i.get("fin_angle") == first[0].get("fin_angle") for i in more)
+    for instance in [*first, *more]:
+        instance.free()
+    for _ in range(300):
+        stepped().free()
+    return {"KiB each": each, "ok": ok, "alive": math.isfinite(stepped().get("fin_angle"))}
+
+
+def dry_instance(fmu: Fmu) -> Any:
+    """Outputs before and during initialization follow the start values."""
+    instance = Instance(fmu)
+    before = instance.outputs()
+    instance.setup()
+    instance.call("fmi2EnterInitializationMode")
+    instance.set("fin.start_angle", 0.1)
+    instance.set("fin_command", 0.3)
+    during = instance.outputs()
+    instance.call("fmi2ExitInitializationMode")
+    return {"before": before, "during": during, "after": instance.outputs()}
+
+
+if __name__ == "__main__":
+    print(json.dumps(globals()[sys.argv[1]](Fmu(sys.argv[2]))))

@@ -1,0 +1,181 @@
+"""The archive: valid, complete, reproducible, and a good neighbour."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import textwrap
+import zipfile
+from pathlib import Path
+from xml.etree.ElementTree import Element, fromstring
+
+import pytest
+from fmpy import read_model_description
+from fmpy.validation import validate_fmu
+
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.package import build
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.variables import INPUTS, OUTPUTS, PARAMETERS, VARIABLES
+
+pytestmark = pytest.mark.fmu
+
+
+@pytest.fixture(scope="module")
+def description(fmu: Path) -> Element:
+    with zipfile.ZipFile(fmu) as archive:
+        return fromstring(archive.read("modelDescription.xml"))
+
+
+def test_fmpy_finds_nothing(fmu: Path) -> None:
+    assert validate_fmu(str(fmu)) == []
+
+
+def test_every_variable_is_described(description: Element) -> None:
+    units = {u.attrib["name"] for u in description.findall("UnitDefinitions/Unit")}
+    scalars = description.findall("ModelVariables/ScalarVariable")
+    assert [s.attrib["name"] for s in scalars] == [v.name for v in VARIABLES]
+    for scalar in scalars:
+        assert scalar.attrib["description"]
+        if scalar[0].tag == "Real":
+            assert scalar[0].attrib["unit"] in units
+    unknowns = description.findall("ModelStructure/InitialUnknowns/Unknown")
+    assert len(unknowns) == len(description.findall("ModelStructure/Outputs/Unknown")) == len(OUTPUTS)
+
+
+def test_capabilities(description: Element) -> None:
+    options = description.find("CoSimulation")
+    assert options is not None
+    assert options.attrib["canGetAndSetFMUstate"] == options.attrib["canSerializeFMUstate"] == "true"
+    assert options.attrib["canHandleVariableCommunicationStepSize"] == "true"
+    assert options.attrib["canInterpolateInputs"] == "false"  # pythonfmu's wrapper cannot
+    assert options.attrib["needsExecutionTool"] == "true"
+
+
+def test_start_values_are_exact(fmu: Path) -> None:
+    values = load_parameters().values
+    described = {v.name: v for v in read_model_description(str(fmu)).modelVariables}
+    for v in PARAMETERS:
+        start = described[v.name].start
+        assert (start == "true") == values[v.name] if v.kind == "Boolean" else float(start) == values[v.name]
+    assert float(described["supply_voltage"].start) == values["drive.supply_voltage"]
+    assert {v.name for v in INPUTS} == {n for n, v in described.items() if v.causality == "input"}
+
+
+def test_dependencies_are_complete(fmu: Path, description: Element) -> None:
+    """An output that reacts to an input at once must say so, one that does not must not."""
+    from fmpy import extract, instantiate_fmu
+
+    folder = extract(str(fmu))
+    model = read_model_description(folder)
+    slave = instantiate_fmu(folder, model, "CoSimulation")
+    slave.setupExperiment(startTime=0.0)
+    slave.enterInitializationMode()
+    reference = {v.name: v.valueReference for v in model.modelVariables}
+    slave.setBoolean([reference["loads.gravity"]], [True])
+    slave.exitInitializationMode()
+    slave.setReal([reference["fin_command"], reference["aero_torque"], reference["attitude.roll"],
+                   reference["attitude.pitch"]], [0.2, -30.0, 0.3, 0.2])
+
+    def read() -> dict[str, float]:
+        return {v.name: (slave.getReal if v.kind == "Real" else slave.getBoolean)([reference[v.name]])[0]
+                for v in OUTPUTS}
+
+    names = [v.name for v in VARIABLES]
+    declared = {names[int(u.attrib["index"]) - 1]: {names[int(i) - 1] for i in u.attrib["dependencies"].split()}
+                for u in description.findall("ModelStructure/Outputs/Unknown")}
+    reacts: dict[str, set[str]] = {v.name: set() for v in OUTPUTS}
+    # Looked at again and again through a slew, so that everything that can react does.
+    for k in range(100):
+        slave.doStep(k * 1e-3, 1e-3)
+        before = read()
+        for v in INPUTS:
+            get, put = (slave.getReal, slave.setReal) if v.kind == "Real" else (slave.getBoolean, slave.setBoolean)
+            value = get([reference[v.name]])[0]
+            put([reference[v.name]], [not value] if v.kind == "Boolean" else [value * 0.5 + 0.01])
+            after = read()
+            put([reference[v.name]], [value])
+            for name in before:
+                if after[name] != before[name]:
+                    reacts[name].add(v.name)
+    slave.terminate()
+    slave.freeInstance()
+    for name, inputs in reacts.items():
+        assert inputs <= declared[name], name
+    assert {n for n, inputs in declared.items() if inputs} == {n for n, inputs in reacts.items() if inputs}
+
+
+def test_built_twice_the_same_bytes(tmp_path: Path) -> None:
+    first = build(load_parameters(), tmp_path / "a.fmu")
+    second = build(load_parameters(), tmp_path / "b.fmu")
+    assert first.path.read_bytes() == second.path.read_bytes()
+
+
+def test_built_in_another_process_the_same_bytes(fmu: Path, tmp_path: Path) -> None:
+    """Not even with another hash seed and time zone."""
+    code = ("from pathlib import Path; from emcas_fmu.fmi.package import build;"
+            "from emcas_fmu.parameters import load_parameters; build(load_parameters(), Path('c.fmu'))")
+    import os
+
+    environment = {**os.environ, "PYTHONHASHSEED": "7", "TZ": "Asia/Tokyo",
+                   "PYTHONPATH": str(Path(__file__).resolve().parents[2])}
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path, env=environment)
+    assert (tmp_path / "c.fmu").read_bytes() == fmu.read_bytes()
+
+
+def test_guid_follows_the_interface(fmu: Path, tmp_path: Path) -> None:
+    same = build(load_parameters(), tmp_path / "same.fmu")
+    other = build(load_parameters().replace({"controller.position.kp": 50.0}), tmp_path / "other.fmu")
+    assert read_model_description(str(fmu)).guid == same.guid != other.guid
+
+
+@pytest.mark.parametrize(("name", "said"), [("EMCAS.zip", "must end in .fmu"), ("missing/EMCAS.fmu", "no folder")])
+def test_bad_outputs_are_refused(tmp_path: Path, name: str, said: str) -> None:
+    with pytest.raises(EmcasError, match=said):
+        build(load_parameters(), tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_contents(fmu: Path) -> None:
+    with zipfile.ZipFile(fmu) as archive:
+        assert archive.testzip() is None
+        names = set(archive.namelist())
+    assert {"modelDescription.xml", "model.png", "documentation/index.html", "documentation/licenses/LICENSE.txt",
+            "documentation/externalDependencies.txt", "terminalsAndIcons/terminalsAndIcons.xml",
+            "binaries/linux64/EMCAS.so", "binaries/win64/EMCAS.dll"} <= names
+    assert any(n.startswith("extra/") and n.endswith("_ref.csv") for n in names)
+    assert not any("__pycache__" in n for n in names)
+
+
+def test_other_pythonfmu_units_in_the_same_process(fmu: Path, tmp_path: Path) -> None:
+    """A foreign unit and one of ours with other parameters, loaded before and after, keep their own code."""
+    (tmp_path / "other_slave.py").write_text(textwrap.dedent("""
+        from pythonfmu import Fmi2Slave, Fmi2Causality, Real
+        class Other(Fmi2Slave):
+            def __init__(self, **kwargs):
+                super().__init__(**kwargs)
+                self.y = 0.0
+                self.register_variable(Real("y", causality=Fmi2Causality.output))
+            def do_step(self, current_time, step_size):
+                self.y += step_size
+                return True
+    """))
+    subprocess.run([sys.executable, "-m", "pythonfmu", "build", "-f", "other_slave.py"], cwd=tmp_path, check=True,
+                   capture_output=True)
+    slow = build(load_parameters().replace({"controller.position.kp": 20.0}), tmp_path / "Slow.fmu").path
+    code = textwrap.dedent(f"""
+        import json, warnings
+        from fmpy import simulate_fmu
+        def run(path, **more):
+            return simulate_fmu(path, stop_time=0.1, output_interval=1e-3, **more)
+        ours = lambda p: float(run(p, start_values={{"fin_command": 0.1}}, output=["fin_angle"])["fin_angle"][-1])
+        first, slow = ours({str(fmu)!r}), ours({str(slow)!r})
+        other = float(run("Other.fmu")["y"][-1])
+        print(json.dumps([first, slow, other, ours({str(fmu)!r}), ours({str(slow)!r})]))
+    """)
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    first, slow_angle, other, again, slow_again = json.loads(done.stdout.splitlines()[-1])
+    assert other == pytest.approx(0.1)
+    assert first == again != slow_angle == slow_again
+    assert abs(first - 0.1) < abs(slow_angle - 0.1)

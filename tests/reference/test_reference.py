@@ -1,0 +1,316 @@
+"""The reference simulation against closed forms, conservation laws and itself at tighter tolerance."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.linalg import expm  # type: ignore[import-untyped]
+
+from emcas_fmu.reference import files, simulate as engine
+from emcas_fmu.reference.cases import CASES, Case
+from emcas_fmu.reference.plant import Plant
+from emcas_fmu.reference.simulate import INPUTS, OUTPUTS, simulate
+
+Array = NDArray[np.float64]
+Values = Mapping[str, Any]
+
+LOCKED = {"friction.fin_coulomb": 1e6}
+COULOMB = [f"friction.coulomb.{side}[{order}]" for side in ("positive", "negative") for order in range(7)]
+VISCOUS = ["friction.viscous.positive", "friction.viscous.negative"]
+FRICTIONLESS = dict.fromkeys(COULOMB + VISCOUS, 0.0)
+
+
+def rows(duration: float, **columns: float | Array) -> dict[str, Array]:
+    """Rows 1 ms apart; a number stands for a constant column."""
+    time = np.arange(round(duration * 1e3) + 1) * 1e-3
+    return {"time": time} | {name: np.broadcast_to(value, time.shape) for name, value in columns.items()}
+
+
+def step_to(degrees: float, duration: float, at: float = 0.01) -> dict[str, Array]:
+    inputs = rows(duration)
+    return inputs | {"fin_command": np.where(inputs["time"] > at - 5e-4, math.radians(degrees), 0.0)}
+
+
+# Motor and drive ------------------------------------------------------------------------------------------
+
+
+def test_clipped_drive_charges_the_winding_exponentially(values: Values) -> None:
+    given = {**values, **LOCKED, "drive.current_offset": 50.0}
+    result = simulate(given, rows(0.02, supply_voltage=10.0))
+    resistance, inductance = values["motor.resistance"], values["motor.inductance"]
+    # 50 A asked, 10 V given: clipped until Kp (50 A - i) falls to 10 V at 48 A, which 10 V / 0.25 ohm never reach.
+    expected = 10.0 / resistance * -np.expm1(-result["time"] * resistance / inductance)
+    # 20 ms are 200 steps of relative error 1e-11 each on 40 A, damped: 1e-9 A is ample.
+    np.testing.assert_allclose(result["motor_current"], expected, rtol=0, atol=1e-9)
+    assert set(result["motor_voltage"]) == {10.0}
+
+
+def test_free_drive_follows_the_linear_current_loop(values: Values) -> None:
+    # A tenth of the offset's slow integral shows within 50 ms once Ki is large.
+    given = {**values, **LOCKED, "drive.current_offset": 2.0, "drive.ki": 200.0}
+    result = simulate(given, rows(0.05))
+    kp, ki, inductance = values["drive.kp"], 200.0, values["motor.inductance"]
+    matrix = np.array(
+        [
+            [-(values["motor.resistance"] + kp) / inductance, 1 / inductance, kp / inductance * 2.0],
+            [-ki, 0.0, ki * 2.0],
+            [0.0, 0.0, 0.0],
+        ]
+    )
+    expected = [(expm(matrix * t) @ [0.0, 0.0, 1.0])[0] for t in result["time"]]
+    # expm of entries 1e4 * 0.05 s loses about 1e-13; the integration's 1e-11 per step dominates.
+    np.testing.assert_allclose(result["motor_current"], expected, rtol=0, atol=1e-9)
+
+
+def test_integral_is_held_while_the_voltage_is_clipped(values: Values) -> None:
+    # At 10 V of 50 A * 5 V/A the drive is clipped for 20 ms, with an error of more than 10 A on a gain of
+    # 1000 V/(A s): 200 V of integral if it were not held.  Then the bus recovers and the loop settles.
+    given = {**values, **LOCKED, "drive.current_offset": 50.0, "drive.ki": 1000.0}
+    inputs = rows(0.03)
+    inputs["supply_voltage"] = np.where(inputs["time"] < 0.0195, 10.0, 400.0)
+    result = simulate(given, inputs)
+    # Held, xi starts from 0 at recovery: a critically slow integral adds nothing above the reference.
+    assert result["motor_current"].max() < 50.0
+    assert result["motor_current"][-1] > 49.0
+
+
+def test_disabled_bridge_is_open(values: Values) -> None:
+    inputs = rows(0.08, fin_command=math.radians(10.0))
+    inputs["enable"] = (np.abs(inputs["time"] - 0.04) > 0.0105).astype(float)  # off from 30 to 50 ms
+    result = simulate({**values, "encoder.enabled": False}, inputs)
+    off = slice(31, 51)  # left limits: the row at 30 ms is still driven, the one at 50 ms still open
+    assert np.all(result["motor_current"][off] == 0.0)
+    assert np.all(result["drive_reference"][off] == 0.0)
+    plant = Plant(values)
+    emf = [
+        plant.emf_constant * plant.ratio(angle) * rate
+        for angle, rate in zip(result["fin_angle"], result["fin_rate"])
+    ]
+    np.testing.assert_array_equal(result["motor_voltage"][off], np.array(emf)[off])
+    assert abs(result["motor_current"][30]) > 1.0
+    assert abs(result["motor_current"][55]) > 1.0
+
+
+# Mechanics ------------------------------------------------------------------------------------------------
+
+
+def test_resting_fin_does_not_creep(values: Values) -> None:
+    plant = Plant(values)
+    # 1 % under the breakaway moment: held to the last bit.  1 % above, and it goes.
+    held = 0.99 * plant.coulomb(0.0, 1)
+    result = simulate(values, rows(0.05, aero_torque=held, enable=0.0))
+    assert np.all(result["fin_angle"] == 0.0)
+    assert np.all(result["fin_rate"] == 0.0)
+    moved = simulate(values, rows(0.05, aero_torque=1.01 / 0.99 * held, enable=0.0))
+    assert moved["fin_angle"][-1] > 0.0
+
+
+@pytest.mark.parametrize("moment", [40.0, -40.0])
+def test_work_of_the_load_becomes_kinetic_energy_and_friction_heat(values: Values, moment: float) -> None:
+    # Coulomb friction constant at the motor, so its heat is C_m |theta_m| whatever the path.
+    given = {**values, **FRICTIONLESS, "friction.fin_coulomb": 3.0}
+    given |= {"friction.coulomb.positive[0]": 0.2, "friction.coulomb.negative[0]": 0.2}
+    result = simulate(given, rows(0.14, aero_torque=moment, enable=0.0))
+    plant = Plant(given)
+    angle, rate = result["fin_angle"], result["fin_rate"]
+    kinetic = [0.5 * plant.inertia(d) * w * w for d, w in zip(angle, rate)]
+    heat = [0.2 * abs(plant.motor_angle(d)) + 3.0 * abs(d) for d in angle]
+    assert 0.1 < abs(angle[-1]) < plant.stop
+    # The balance holds only if M' = 2 J_t R R'.  1e-11 a step on some 10 J.
+    np.testing.assert_allclose(np.add(kinetic, heat), moment * angle, rtol=0, atol=1e-9)
+
+
+def test_stop_is_inelastic_and_lets_go_when_pulled_away(values: Values) -> None:
+    inputs = rows(0.6, enable=0.0)
+    inputs["aero_torque"] = np.select([inputs["time"] < 0.3, inputs["time"] < 0.4], [60.0, -5.0], -60.0)
+    result = simulate(values, inputs)
+    at_stop = result["fin_angle"] == values["fin.stop_angle"]
+    # Reached under 60 N.m, then held by 5 N.m away from it, less than the 12 N.m of friction.
+    assert at_stop[290:401].all()
+    assert result["fin_angle"].max() == values["fin.stop_angle"]
+    assert np.all(result["fin_rate"][at_stop] == 0.0)
+    assert not at_stop[410:].any()
+
+
+def test_moment_of_gravity_and_acceleration_is_the_slope_of_a_potential(values: Values) -> None:
+    given = {**values, "loads.gravity": True, "mounting.azimuth": 0.7}
+    plant = Plant(given)
+    row = {name: float(start) for name, start in INPUTS.items()}
+    row |= {"acceleration.x": 30.0, "acceleration.z": -12.0, "attitude.roll": 0.4, "attitude.pitch": -0.3}
+    around = plant.surroundings(row, 0.0)
+    # Specific force at the body, written out: g_b - a_b, then turned about x by the azimuth.
+    g = 9.80665
+    body = np.array([-g * math.sin(-0.3), g * math.sin(0.4) * math.cos(0.3), g * math.cos(0.4) * math.cos(0.3)])
+    body -= [30.0, 0.0, -12.0]
+    c, s = math.cos(0.7), math.sin(0.7)
+    force = np.array([[1, 0, 0], [0, c, s], [0, -s, c]]) @ body
+
+    def work(delta: float) -> float:
+        turn = np.array([[math.cos(delta), math.sin(delta)], [-math.sin(delta), math.cos(delta)]])
+        total = values["mass.nut"] * values["screw.lead"] * plant.motor_angle(delta) * force[0]
+        for part in ("fin", "shaft", "fork"):
+            centre = [values[f"center_of_mass.{part}.{axis}"] for axis in "xz"]
+            total += values[f"mass.{part}"] * float(force[[0, 2]] @ (turn @ centre))
+        return float(total)
+
+    for delta in (-0.3, 0.0, 0.2):
+        slope = (work(delta + 1e-5) - work(delta - 1e-5)) / 2e-5
+        # Central difference: 1e-10 of truncation times the third derivative (some N.m), 1e-11 of rounding.
+        assert plant.loads(delta, around) == pytest.approx(slope, abs=1e-8)
+
+
+# The closed loop ------------------------------------------------------------------------------------------
+
+
+def test_small_signals_follow_the_sampled_linear_model(values: Values) -> None:
+    given = {**values, **FRICTIONLESS, "kinematics.initial_angle": 0.0, "drive.current_offset": 0.0}
+    given |= {"encoder.enabled": False, "compensation.gain": 0.0, "friction.viscous.positive": 5e-4}
+    given |= {"friction.viscous.negative": 5e-4}
+    command = 1e-4
+    result = simulate(given, rows(0.1, fin_command=command))
+    expected = linear_response(given, command, len(result["time"]))
+    # cos^-2 differs from 1 by delta^2 = 1e-8, so the models differ by about 1e-12 rad.
+    np.testing.assert_allclose(result["fin_angle"], expected, rtol=0, atol=1e-11)
+    assert expected[-1] == pytest.approx(command, rel=0.05)
+
+
+def linear_response(p: Values, command: float, count: int) -> list[float]:
+    """Fin angle of (2.18 - 2.26) under the sampled controllers, exact between discrete instants."""
+    n = p["kinematics.moment_arm"] / p["screw.lead"]
+    fin = p["inertia.fin"] + p["inertia.shaft"] + p["inertia.fork"]
+    inertia = p["inertia.motor"] + p["inertia.screw"] + p["mass.nut"] * p["screw.lead"] ** 2 + fin / n**2
+    viscous, inductance = p["friction.viscous.positive"], p["motor.inductance"]
+    kp, ki, gain = p["drive.kp"], p["drive.ki"], p["drive.current_gain"]
+    # States: motor angle, motor speed, current, drive integral, DAC value that has reached the drive.
+    a = np.zeros((5, 5))
+    a[0, 1] = 1.0
+    a[1, 1:3] = -viscous / inertia, p["motor.torque_constant"] / inertia
+    a[2, 1:] = -p["motor.back_emf_constant"], -p["motor.resistance"] - kp, 1.0, kp * gain
+    a[2] /= inductance
+    a[3, 2], a[3, 4] = -ki, ki * gain
+    period = p["controller.sample_time"]
+    late, remainder = divmod(p["drive.transport_delay"], period)
+    before, after = expm(a * remainder), expm(a * (period - remainder))
+    state, integral, values, angles = np.zeros(5), 0.0, [0.0] * int(late), []
+    for _ in range(count):
+        angles.append(state[0] / n)
+        error = command * n - state[0]
+        speed = p["controller.position.kp"] * error + integral
+        integral += period * p["controller.position.ki"] * error
+        values.append(p["controller.velocity.kp"] * (speed - state[1]))
+        state = before @ state
+        state[4] = values.pop(0)
+        state = after @ state
+    return angles
+
+
+def test_tighter_tolerance_changes_nothing_that_matters(
+    values: Values, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given, inputs = {**values, "encoder.enabled": False}, step_to(20.0, 0.15)
+    usual = simulate(given, inputs)
+    monkeypatch.setattr(engine, "MAX_STEP", engine.MAX_STEP / 3)
+    tight = simulate(given, inputs, rtol=engine.RTOL / 10)
+    # 1e-8 rad is what the reference has to be good for; a tenth of the product's own tolerance of 1e-9 is kept.
+    assert np.max(np.abs(usual["fin_angle"] - tight["fin_angle"])) < 1e-10
+    # The run must have slipped, stuck and clipped for this to mean anything.
+    assert usual["motor_voltage"].max() == 39.0
+    assert np.degrees(usual["fin_rate"].max()) > 220.0
+
+
+def test_output_grid_does_not_touch_the_trajectory(values: Values) -> None:
+    inputs = step_to(5.0, 0.06)
+    coarse = simulate(values, inputs)
+    fine = simulate(values, inputs, output_times=np.arange(0, 0.06 + 1e-9, 0.37e-3))
+    times, at_fine, at_coarse = np.intersect1d(np.round(fine["time"], 9), np.round(coarse["time"], 9), return_indices=True)
+    assert len(times) >= 2  # 0 and 37 ms
+    # Other breakpoints, other steps: the difference is integration error, as in the tolerance test.
+    np.testing.assert_allclose(
+        fine["fin_angle"][at_fine], coarse["fin_angle"][at_coarse], rtol=0, atol=1e-10
+    )
+
+
+@pytest.mark.parametrize("on_fin", [False, True])
+def test_encoder_leaves_the_fin_within_its_resolution(values: Values, on_fin: bool) -> None:
+    # With unbounded resolution an encoder is the true angle and, but for the mean over a sample, the true rate.
+    given = {**values, "encoder.on_fin": on_fin, "encoder.pulses": 10**8}
+    coarse = simulate({**values, "encoder.on_fin": on_fin}, step_to(5.0, 0.1))["fin_angle"]
+    fine = simulate(given, step_to(5.0, 0.1))["fin_angle"]
+    # A count is 7.7e-4 rad of motor, or of fin when the encoder sits there: the fin follows within a few.
+    count = 2 * math.pi / 8192 / (1 if on_fin else Plant(values).ratio(0.0))
+    assert 0.0 < np.max(np.abs(coarse - fine)) < 30 * count
+    assert fine[-1] == pytest.approx(math.radians(5.0), rel=0.05)
+
+
+# Cases and files ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_case_starts_at_rest_and_uses_interface_inputs(case: Case) -> None:
+    inputs = case.inputs()
+    assert inputs["time"][-1] == case.stop_time
+    assert set(inputs) - {"time"} <= set(INPUTS)
+    lead_in = inputs["time"] < 0.0495
+    assert lead_in.sum() == 50
+    assert not inputs["fin_command"][lead_in].any()
+    # Nine digits are stored: half a unit of the ninth digit of 0.35 rad.
+    assert np.max(np.abs(inputs["fin_command"])) == pytest.approx(case.amplitude, abs=1e-9, rel=1e-4)
+
+
+def test_names_of_cases_are_unique() -> None:
+    assert len({case.name for case in CASES}) == len(CASES)
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> Case:
+    """A case of 80 ms in place of the others, with an override."""
+    case = Case("short", "A short step", "step", 0.08, math.radians(5.0), lambda t: {"fin_command": np.where(t > 0.0495, math.radians(5.0), 0.0)}, {"friction.temperature": -6.0})
+    monkeypatch.setattr(files, "CASES", [case])
+    return case
+
+
+def test_files_round_trip(short: Case, tmp_path: Path) -> None:
+    seen: list[tuple[str, int, int]] = []
+    files.regenerate(tmp_path, progress=lambda *state: seen.append(state))
+    assert seen == [("short", 0, 1), ("short", 1, 1)]
+    names = {"EMCAS_short_in.csv", "EMCAS_short_ref.csv", "EMCAS_short_ref.opt", "provenance.toml"}
+    assert {path.name for path in tmp_path.iterdir()} == names
+
+    text = (tmp_path / "EMCAS_short_ref.csv").read_text()
+    assert text.splitlines()[0] == ",".join(("time", *OUTPUTS))
+    assert len(text.splitlines()) == 1 + 81
+    read = files.read_csv(tmp_path / "EMCAS_short_in.csv")
+    for name, column in short.inputs().items():
+        np.testing.assert_array_equal(read[name], column)
+
+    options = dict(line.split(", ") for line in (tmp_path / "EMCAS_short_ref.opt").read_text().splitlines())
+    assert options == {"StartTime": "0", "StopTime": "0.08", "StepSize": "0.001", "RelTol": "1e-11"}
+
+    entry = files.read_provenance(tmp_path)["short"]
+    assert entry["start_values"] == {"friction.temperature": -6.0}
+    assert entry["command"] == "emcas reference"
+    assert entry["sha256_ref"] == hashlib.sha256(text.encode()).hexdigest()
+
+
+def test_comparison_sees_a_changed_response(short: Case, tmp_path: Path) -> None:
+    files.regenerate(tmp_path)
+    assert all(maximum <= tolerance for *_, maximum, tolerance in files.compare(tmp_path, ["short"]))
+    path = tmp_path / "EMCAS_short_ref.csv"
+    stored = files.read_csv(path)
+    stored["fin_angle"][-1] += 1e-7
+    files.write_csv(path, stored)
+    (bad,) = [d for d in files.compare(tmp_path) if d.maximum > d.tolerance]
+    assert (bad.case, bad.variable) == ("short", "fin_angle")
+    assert bad.maximum == pytest.approx(1e-7, rel=0.05)  # a change of 1e-7 stored with 1e-9 digits
+
+
+def test_unknown_case_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="nonsense"):
+        files.compare(tmp_path, ["nonsense"])

@@ -1,0 +1,141 @@
+"""The equations against independent derivations at random states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import cos, degrees, radians, sin, tan
+from typing import Any
+
+import numpy as np
+import pytest
+
+from emcas_fmu.ops import FLOATS
+from emcas_fmu.physics import drive, friction, kinematics, loads, mechanics
+from emcas_fmu.tree import tree
+
+from ..simulation import simulate
+
+RANDOM = np.random.default_rng(20)
+
+
+def _rotation(axis: str, angle: float) -> np.ndarray:
+    """Turns coordinates into a frame turned by `angle` about `axis`."""
+    c, s = cos(angle), sin(angle)
+    return {"x": np.array([[1, 0, 0], [0, c, s], [0, -s, c]]), "y": np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]),
+            "z": np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])}[axis]
+
+
+@pytest.mark.parametrize("seed", range(100))
+def test_equation_of_motion_in_the_fin_coordinate(values: Mapping[str, Any], seed: int) -> None:
+    """The fin's acceleration from (2.15)-(2.17) as they stand, against the motor-coordinate form."""
+    random = np.random.default_rng(seed)
+    case = {**values, "friction.fin_viscous": random.uniform(0, 2), "friction.fin_coulomb": random.uniform(0, 20),
+            "kinematics.initial_angle": random.uniform(-0.3, 0.3)}
+    p = tree(case)
+    fin, rate, current = random.uniform(-0.4, 0.4), random.uniform(-6, 6), random.uniform(-60, 60)
+    aero, f_x = random.uniform(-150, 150), random.uniform(-100, 100)
+    d, lead = case["kinematics.moment_arm"], case["screw.lead"]
+    phi = fin + case["kinematics.initial_angle"]
+    ratio = d / lead / cos(phi) ** 2
+    slope = 2 * ratio * tan(phi)
+    j_t = case["inertia.motor"] + case["inertia.screw"] + case["mass.nut"] * lead**2
+    j_ft = case["inertia.fin"] + case["inertia.shaft"] + case["inertia.fork"]
+    side = "positive" if rate > 0 else "negative"
+    coulomb = sum(case[f"friction.coulomb.{side}[{k}]"] * (degrees(fin) / 20) ** k for k in range(7))
+    viscous = case[f"friction.viscous.{side}"]
+    moment = (ratio * case["motor.torque_constant"] * current - ratio**2 * viscous * rate
+              - j_t * ratio * slope * rate**2 - case["friction.fin_viscous"] * rate + aero
+              + lead * ratio * case["mass.nut"] * f_x
+              - np.sign(rate) * (ratio * coulomb + case["friction.fin_coulomb"]))
+    no_masses = {**case, **{f"mass.{part}": 0.0 for part in ("fin", "shaft", "fork")}}
+    expected = moment / (j_ft + j_t * ratio**2)
+
+    p = tree(no_masses)
+    motor, speed = kinematics.motor_angle(FLOATS, p, fin), ratio * rate
+    m = mechanics.coefficients(FLOATS, p, motor, aero, f_x, 0.0)
+    torque = (drive.torque(p, current) + m.load - np.sign(rate) * mechanics.breakaway(FLOATS, p, m, speed)
+              - mechanics.damping(FLOATS, p, m, speed) * speed + m.centrifugal * speed**2)
+    acceleration = torque / m.inertia
+    actual = (acceleration - slope * rate**2) / ratio
+    # Terms of 1e4 rad/s2 cancel to the sum: rounding 1e-16 * 1e4 * a few operations.
+    assert actual == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_loads_against_rotation_matrices(values: Mapping[str, Any], seed: int) -> None:
+    """(2.27)-(2.45) with whole matrices and cross products."""
+    random = np.random.default_rng(seed)
+    case = {**values, "loads.gravity": True, "mounting.azimuth": random.uniform(-3, 3)}
+    centers = {part: random.uniform(-0.1, 0.1, 3) for part in ("fin", "shaft", "fork")}
+    for part, center in centers.items():
+        case[f"center_of_mass.{part}.x"], case[f"center_of_mass.{part}.z"] = center[0], center[2]
+    p = tree(case)
+    roll, pitch, yaw, fin = random.uniform(-1.5, 1.5, 4) * np.array([2, 1, 2, 0.25])
+    acceleration = random.uniform(-100, 100, 3)
+    gravity = _rotation("x", roll) @ _rotation("y", pitch) @ _rotation("z", yaw) @ np.array([0, 0, 9.80665])
+    force = _rotation("x", case["mounting.azimuth"]) @ (gravity - acceleration)
+    turn = _rotation("y", fin).T  # a right-handed turn of the body, not of the frame
+    moment = sum(np.cross(turn @ c, case[f"mass.{part}"] * force)[1] for part, c in centers.items())
+    f_x, f_z = loads.specific_force(FLOATS, p, tuple(acceleration), roll, pitch)
+    tangent = kinematics.lever_tangent(FLOATS, p, kinematics.motor_angle(FLOATS, p, fin))
+    # Sums of a few terms of order 100: rounding.
+    assert f_x == pytest.approx(force[0], abs=1e-12 * 100)
+    assert loads.hinge_moment(FLOATS, p, tangent, f_x, f_z) == pytest.approx(moment, abs=1e-12 * 100)
+    assert loads.nut_force(FLOATS, p, f_x) == pytest.approx(case["mass.nut"] * force[0], abs=1e-12 * 100)
+
+
+def test_gravity_signs(values: Mapping[str, Any]) -> None:
+    """Nose up pulls the nut back; a centre of mass ahead of the hinge sinks: a turn about -y."""
+    p = tree({**values, "loads.gravity": True, "kinematics.initial_angle": 0.0, "center_of_mass.fin.x": 0.1,
+              "center_of_mass.fork.z": 0.0})
+    f_x, f_z = loads.specific_force(FLOATS, p, (0.0, 0.0, 0.0), 0.0, radians(30))
+    assert f_x < 0 < f_z
+    level = loads.specific_force(FLOATS, p, (0.0, 0.0, 0.0), 0.0, 0.0)
+    assert loads.hinge_moment(FLOATS, p, 0.0, *level) == pytest.approx(-0.1 * values["mass.fin"] * 9.80665)
+    thrust = loads.specific_force(FLOATS, p, (50.0, 0.0, 0.0), 0.0, 0.0)
+    assert loads.nut_force(FLOATS, p, thrust[0]) == pytest.approx(-50.0 * values["mass.nut"])
+
+
+@pytest.mark.parametrize(("temperature", "share"), [(24.0, 0.0), (-6.0, 1.0), (9.0, 0.5), (60.0, 0.0), (-40.0, 1.0)])
+def test_friction_follows_temperature(values: Mapping[str, Any], temperature: float, share: float) -> None:
+    warm, p = tree(values), tree({**values, "friction.temperature": temperature})
+    for direction in (1.0, -1.0):
+        ratio = friction.coulomb(FLOATS, p, direction, 0.1) / friction.coulomb(FLOATS, warm, direction, 0.1)
+        assert ratio == pytest.approx(1 + 0.25 * share)
+        ratio = friction.viscous(FLOATS, p, direction) / friction.viscous(FLOATS, warm, direction)
+        assert ratio == pytest.approx(1 + 0.6 * share)
+
+
+def test_current_rises_as_an_rl_circuit(values: Mapping[str, Any]) -> None:
+    """Stuck rotor under full voltage: i = V/R (1 - exp(-t R/L)) while clipped, exactly."""
+    case = {**values, "friction.fin_coulomb": 1e4, "drive.transport_delay": 0.0, "drive.current_offset": 0.0,
+            "encoder.enabled": False}
+    result = simulate(case, 0.7e-3, step=0.1e-3, fin_command=radians(20))
+    tau = case["motor.inductance"] / case["motor.resistance"]
+    expected = 39.0 / case["motor.resistance"] * (1 - np.exp(-result["time"] / tau))
+    assert result["motor_voltage"][-1] == 39.0
+    # A closed form on both sides: rounding.
+    np.testing.assert_allclose(result["motor_current"], expected, rtol=1e-12)
+    assert set(result["fin_angle"]) == {0.0}
+
+
+def test_coasting_speed_decays_as_viscous_friction_says(values: Mapping[str, Any]) -> None:
+    """Held by the bus at no command, driven by a constant hinge moment: steady speed = moment balance."""
+    case = {**values, "friction.fin_viscous": 50.0, "fin.stop_angle": radians(60), "fin.start_angle": radians(-40),
+            "kinematics.initial_angle": 0.0, **{f"friction.coulomb.positive[{k}]": 0.0 for k in range(7)}}
+    result = simulate(case, 0.4, aero_torque=30.0, enable=False)
+    p = tree(case)
+    late = -1
+    ratio = kinematics.reduction_ratio(FLOATS, p, tan(result["fin_angle"][late]))
+    damping = 50.0 + ratio**2 * case["friction.viscous.positive"]
+    # Quasi-steady: the ratio changes by 1 % in the time constant M/b = 25 ms, so does the balance.
+    assert result["fin_rate"][late] == pytest.approx(30.0 / damping, rel=0.03)
+
+
+def test_disabled_drive_is_open(values: Mapping[str, Any]) -> None:
+    result = simulate(values, 0.2, fin_command=0.3, aero_torque=40.0, enable=lambda t: t < 0.05)
+    off = result["time"] > 0.0505
+    assert np.all(result["motor_current"][off] == 0.0)
+    assert np.all(result["supply_power"][off] == 0.0)
+    assert np.any(result["motor_current"][~off] != 0.0)
+    np.testing.assert_allclose(result["motor_voltage"][off], 0.11 * result["motor_speed"][off], rtol=1e-12)
