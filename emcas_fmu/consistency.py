@@ -1,9 +1,11 @@
-"""What a set of parameter values must fulfil. Imports `math` and `typing` only: it is embedded in the FMU."""
+"""What a set of parameter values must fulfil. Standard library only: it is embedded in the FMU."""
 
 from __future__ import annotations
 
 from math import degrees, isfinite, radians
 from typing import TYPE_CHECKING
+
+from .physics.friction import coulomb_polynomial
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -12,7 +14,6 @@ if TYPE_CHECKING:
 LARGEST_LEVER_ANGLE = radians(85.0)
 # Of the drive's transport delay, in sample times.
 LONGEST_DELAY = 64
-_POLYNOMIAL_ANGLE = radians(20.0)
 _POWERS = range(7)
 _SCAN = 100  # points on each side of zero
 # Relative. Equal limits may differ in the last digit when they were given in different units.
@@ -54,7 +55,7 @@ def check_consistency(values: Mapping[str, float]) -> list[str]:
         problems.append(f"fin.start_angle = {_angle(start)} must lie within "
                         f"+-fin.stop_angle = {_angle(stop)}")
     initial = values["kinematics.initial_angle"]
-    if abs(initial) + stop >= LARGEST_LEVER_ANGLE:
+    if abs(initial) + stop >= LARGEST_LEVER_ANGLE * (1.0 - _SLACK):
         problems.append(f"|kinematics.initial_angle| = {_angle(abs(initial))} and "
                         f"fin.stop_angle = {_angle(stop)} add up to {_angle(abs(initial) + stop)}; "
                         f"the sum must be below {_angle(LARGEST_LEVER_ANGLE)}")
@@ -76,9 +77,9 @@ def _negative_friction(values: Mapping[str, float], direction: str, stop: float)
     """The message if the Coulomb polynomial of a direction is negative anywhere within the stops, or ''."""
     name = f"friction.coulomb.{direction}"
     coefficients = [values[f"{name}[{power}]"] for power in _POWERS]
-    lowest, where = min((sum(c * (angle / _POLYNOMIAL_ANGLE) ** p for p, c in enumerate(coefficients)), angle)
+    lowest, where = min((coulomb_polynomial(coefficients, angle), angle)
                         for angle in (stop * i / _SCAN for i in range(-_SCAN, _SCAN + 1)))
-    largest = sum(abs(c) * (stop / _POLYNOMIAL_ANGLE) ** p for p, c in enumerate(coefficients))
+    largest = coulomb_polynomial([abs(c) for c in coefficients], stop)
     if lowest >= -_SLACK * largest:
         return ""
     written = ", ".join(f"{c:.6g}" for c in coefficients)

@@ -240,7 +240,8 @@ def _motion_event(ops: Ops, p: Any, s: Plant, end: Plant, motion: _Motion, c: _C
         stopped = ops.where(ops.either(reversing, hits), 1.0, 0.0)
         return ops.minimum(zero_time, stop_time), stopped, ops.where(hits, stop, s.angle)
 
-    return ops.branch(ops.equal(motion.direction, 0.0), stuck, sliding)  # type: ignore[return-value]
+    time, stopped, angle = ops.branch(ops.equal(motion.direction, 0.0), stuck, sliding)
+    return time, stopped, angle
 
 
 def advance(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value) -> tuple[Plant, Value]:

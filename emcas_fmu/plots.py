@@ -15,6 +15,8 @@ from io import StringIO
 from typing import Any
 
 import matplotlib as mpl
+import matplotlib.style
+from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -40,7 +42,7 @@ _STYLE: Mapping[str, Any] = {
 @contextmanager
 def style() -> Iterator[None]:
     """Figures made inside have the house style. matplotlib's settings are restored at the end."""
-    with mpl.rc_context(), mpl.style.context(["default", {**_STYLE, "axes.prop_cycle": mpl.cycler(color=COLORS)}]):
+    with mpl.rc_context(), mpl.style.context(["default", {**_STYLE, "axes.prop_cycle": cycler(color=COLORS)}]):
         yield
 
 

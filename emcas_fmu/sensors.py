@@ -1,4 +1,8 @@
-"""Incremental encoders, section 3.2.4: whole counts, speed from the difference of two samples."""
+"""Incremental encoders, section 3.2.4: whole counts, speed from the difference of two samples.
+
+    n_k = floor(angle/q)    measured angle = n_k q    measured speed = (n_k - n_k-1) q/T_s
+    q = 2 pi/(pulses multiplier)
+"""
 
 from __future__ import annotations
 

@@ -58,7 +58,8 @@ percent = 0.01 = _
 degree_Celsius = kelvin; offset: 273.15 = degC = celsius
 degree_Fahrenheit = 5 / 9 * kelvin; offset: 255.372222222222222222222222222222 = degF = fahrenheit
 """
-_CHARACTERS = re.compile(r"[\w\s°·⋅.*/^()²³⁻¹%-]*")
+_WORD = re.compile("[A-Za-z_µμΩ]+")
+_CHARACTERS = re.compile(r"[A-Za-z_µμΩ0-9 °·⋅.*/^()²³⁻¹%-]*")
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d[\d_]*\.?[\d_]*|\.\d[\d_]*)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf)\b)"
                        r"\s*(.*?)\s*", re.DOTALL)
 _REWRITES = (
@@ -140,7 +141,7 @@ def _parse(written: str) -> Unit:
             raise UnitError("it holds a character no unit has")
         return _registry().parse_units(text)
     except Exception as error:  # pint's parser fails in many ways, assertions among them
-        unknown = [word for word in re.findall(r"[^\W\d]\w*", text) if word not in _registry()]
+        unknown = [word for word in _WORD.findall(text) if not _registry().parse_unit_name(word)]
         known = [close for word in unknown for close in get_close_matches(word, _names(), 1)]
         hint = f"; did you mean {known[0]}?" if known else ""
         raise UnitError(f"unknown unit {written!r}{hint}") from error

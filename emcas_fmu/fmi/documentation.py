@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -68,9 +69,9 @@ def _licenses() -> dict[str, bytes]:
         except PackageNotFoundError:
             continue
         for file in files:
-            path = file.locate()
-            if file.name.startswith("LICENSE") and path.is_file():  # type: ignore[union-attr]
-                found[target] = path.read_bytes()  # type: ignore[union-attr]
+            path = Path(file.locate())
+            if file.name.startswith("LICENSE") and path.is_file():
+                found[target] = path.read_bytes()
                 break
     return {f"documentation/licenses/{target}": content for target, content in found.items()}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from io import BytesIO
 from math import radians
 
@@ -11,7 +12,7 @@ from matplotlib.patches import Circle, FancyBboxPatch, Polygon, Rectangle
 
 from ..files import models_directory
 from ..parameters import ParameterSet, load_parameters
-from ..plots import svg
+from ..plots import INK, figure, style, svg
 from ..simulation import simulate
 from .model_description import MODEL
 
@@ -19,13 +20,16 @@ _AMPLITUDES = (1.0, 5.0, 10.0, 20.0)  # deg
 _START, _STOP = 0.05, 0.4  # s
 
 
+def _step_to(level: float) -> Callable[[float], float]:
+    return lambda t: level if t > _START - 1e-9 else 0.0
+
+
 def _steps(parameters: ParameterSet) -> Figure:
     shipped = dict(parameters.values) == dict(load_parameters().values)
-    figure = Figure(figsize=(8, 4.2), layout="constrained")
-    axes = figure.add_subplot(xlabel="time / ms", ylabel="fin angle / deg")
+    drawn, ((axes,),) = figure(1, height=4.0, width=8.0)
+    axes.set(xlabel="time / ms", ylabel="fin angle / deg")
     for amplitude, side, color in [(a, s, f"C{i}") for i, a in enumerate(_AMPLITUDES) for s in (1, -1)]:
-        result = simulate(parameters.values, _STOP,
-                          fin_command=lambda t, a=amplitude * side: radians(a) if t > _START - 1e-9 else 0.0)
+        result = simulate(parameters.values, _STOP, fin_command=_step_to(radians(amplitude * side)))
         axes.plot(result["time"] * 1e3, np.degrees(result["fin_angle"]), color=color,
                   label=f"±{amplitude:g}°" if side > 0 else None)
         sign = "plus" if side > 0 else "minus"
@@ -33,41 +37,40 @@ def _steps(parameters: ParameterSet) -> Figure:
         if shipped and path.is_file():
             reference = np.genfromtxt(path, delimiter=",", names=True)
             early = reference["time"] <= _STOP
-            axes.plot(reference["time"][early][::8] * 1e3, np.degrees(reference["fin_angle"][early][::8]), "k.",
+            axes.plot(reference["time"][early][::8] * 1e3, np.degrees(reference["fin_angle"][early][::8]), ".", color=INK,
                       markersize=2.5, label="independent reference" if (amplitude, side) == (20.0, 1) else None)
-    axes.legend(loc="center right")
-    axes.grid(alpha=0.3)
-    return figure
+    axes.legend(loc="upper left")
+    return drawn
 
 
 def _slew(parameters: ParameterSet) -> Figure:
     """The largest step: where voltage, current and rate limits shape the response."""
     limit = float(parameters.values["command.limit"])
     result = simulate(parameters.values, 0.25, step=0.5e-3, fin_command=lambda t: limit if t > 0.01 else 0.0)
-    figure = Figure(figsize=(8, 4.2), layout="constrained")
-    panels = figure.subplots(2, 2, sharex=True)
+    drawn, panels = figure(2, 2, width=8.0, sharex=True)
     for axes, name, label, scale in zip(
             panels.flat, ("fin_angle", "fin_rate", "motor_current", "motor_voltage"),
             ("fin angle / deg", "fin rate / deg/s", "current / A", "voltage / V"),
             (180.0 / np.pi, 180.0 / np.pi, 1.0, 1.0), strict=True):
         axes.plot(result["time"] * 1e3, result[name] * scale)
         axes.set_ylabel(label)
-        axes.grid(alpha=0.3)
     for axes in panels[1]:
         axes.set_xlabel("time / ms")
-    return figure
+    return drawn
 
 
 def response_figures(parameters: ParameterSet) -> list[tuple[str, str]]:
     """(caption, inline SVG) of responses computed with this parameter set."""
-    return [("Step responses; dots, where shown, are the stored independent reference.", svg(_steps(parameters))),
-            ("A step to the command limit.", svg(_slew(parameters)))]
+    captions = {"Step responses; dots, where shown, are the stored independent reference.": _steps,
+                "A step to the command limit.": _slew}
+    with style():
+        return [(caption, svg(draw(parameters), caption)) for caption, draw in captions.items()]
 
 
 def icon() -> bytes:
     """PNG of the unit: motor, screw and nut, lever and fin."""
-    figure = Figure(figsize=(2, 2), dpi=100)
-    axes = figure.add_axes((0, 0, 1, 1))
+    drawn = Figure(figsize=(2, 2), dpi=100)
+    axes = drawn.add_axes((0, 0, 1, 1))
     axes.set(xlim=(0, 100), ylim=(0, 100), aspect="equal")
     axes.axis("off")
     dark, steel, fin = "#1f3a5f", "#8fa3b8", "#d9822b"
@@ -82,5 +85,5 @@ def icon() -> bytes:
     axes.text(19, 30, "M", color="white", fontsize=15, fontweight="bold", ha="center", va="center")
     axes.text(8, 88, "EM-CAS", color=dark, fontsize=11, fontweight="bold", va="center")
     data = BytesIO()
-    figure.savefig(data, format="png", metadata={"Software": None})
+    drawn.savefig(data, format="png", metadata={"Software": None})
     return data.getvalue()

@@ -7,7 +7,7 @@ from math import isfinite
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from pythonfmu import Fmi2Slave  # type: ignore[import-untyped]
+from pythonfmu import Fmi2Slave
 
 from .. import __version__
 from ..variables import INPUTS, OUTPUTS, VARIABLES, Variable

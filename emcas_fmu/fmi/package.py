@@ -16,8 +16,8 @@ from typing import Any
 from uuid import UUID
 from xml.etree.ElementTree import fromstring
 
-import pythonfmu  # type: ignore[import-untyped]
-from pythonfmu.builder import FmuBuilder  # type: ignore[import-untyped]
+import pythonfmu
+from pythonfmu.builder import FmuBuilder
 
 from .. import __version__
 from ..errors import EmcasError
@@ -28,7 +28,8 @@ from .documentation import documents
 from .model_description import MODEL, model_description, start_values, terminals_and_icons, to_bytes
 
 # What the slave needs of this package, under a name of its own in the FMU.
-_EMBEDDED = ("consistency.py", "kernels/__init__.py", "kernels/core.py", "fmi/__init__.py", "fmi/slave.py")
+_EMBEDDED = ("consistency.py", "fmi/__init__.py", "fmi/slave.py", "kernels/__init__.py", "kernels/core.py",
+             "ops/__init__.py", "ops/base.py", "ops/floats.py", "physics/__init__.py", "physics/friction.py")
 _PACKAGE = Path(__file__).resolve().parent.parent
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date a ZIP archive can hold
 _OPTIONS = {"needsExecutionTool": True, "canHandleVariableCommunicationStepSize": True, "canInterpolateInputs": False,

@@ -19,8 +19,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import isfinite, nan
 from typing import Any, ClassVar, NamedTuple
 
-from pythonfmu import Fmi2Slave  # type: ignore[import-untyped]
-from pythonfmu.enums import Fmi2Status  # type: ignore[import-untyped]
+from pythonfmu import Fmi2Slave
+from pythonfmu.enums import Fmi2Status
 
 from ..consistency import check_consistency, check_ranges
 from ..kernels.core import TOLERANCE, Core, Functions

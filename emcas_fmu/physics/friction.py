@@ -1,6 +1,10 @@
 """Viscous and Coulomb friction at the motor: direction, position, temperature.
 
-Section 3.3 measures both at 24 and -6 degC and fits sixth-order polynomials of
+    C_m = k_C(T) max(sum_n c_n (fin_angle/20 deg)^n, 0)        b_m = k_b(T) b
+    k(T) = 1 + (cold ratio - 1) clip((24 degC - T)/30 K, 0, 1)
+
+with coefficients c_n and b of the direction of motion. At rest friction is whatever
+holds the motor there, up to C_m: it sticks exactly. Section 3.3 measures both at 24 and -6 degC and fits sixth-order polynomials of
 the fin angle per direction. Between the temperatures the ratio is linear,
 outside them it is held.
 """
@@ -21,13 +25,18 @@ def _temperature_factor(ops: Ops, p: Any, cold_ratio: Value) -> Value:
     return 1.0 + (cold_ratio - 1.0) * coldness
 
 
-def coulomb_reference(ops: Ops, coefficients: Any, fin: Value) -> Value:
-    """Coulomb torque [N.m] at 24 degC at a fin angle [rad] for one direction's coefficients."""
+def coulomb_polynomial(coefficients: Any, fin: Value) -> Value:
+    """The polynomial [N.m] of one direction at a fin angle [rad], as fitted: it may leave the positive."""
     z = fin / POLYNOMIAL_SPAN
     value = coefficients[6]
     for coefficient in reversed(coefficients[:6]):
         value = value * z + coefficient
-    return ops.maximum(value, 0.0)
+    return value
+
+
+def coulomb_reference(ops: Ops, coefficients: Any, fin: Value) -> Value:
+    """Coulomb torque [N.m] at 24 degC at a fin angle [rad] for one direction's coefficients."""
+    return ops.maximum(coulomb_polynomial(coefficients, fin), 0.0)
 
 
 def coulomb(ops: Ops, p: Any, direction: Value, fin: Value) -> Value:

@@ -1,6 +1,10 @@
 """Lever and screw, (2.1)-(2.7): fin angle, nut position and motor angle.
 
-The tangent of the lever angle phi = fin_angle + initial_angle is linear in the
+    x = d (tan phi - tan phi_0)         nut position; phi = fin_angle + phi_0, phi_0 = initial_angle
+    theta = x / l                       motor angle; l = screw lead per radian
+    R = d theta/d fin_angle = (d/l) / cos^2 phi
+
+The tangent of the lever angle is linear in the
 motor angle, so everything the equation of motion needs follows from it by
 arithmetic alone.
 """

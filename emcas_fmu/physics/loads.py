@@ -1,5 +1,9 @@
 """Gravity and acceleration loads, (2.27)-(2.45).
 
+    g_b = g (-sin pitch, sin roll cos pitch, cos roll cos pitch)
+    f = R_x(azimuth) (g_b - a_b)                               specific force in the fin's frame
+    T_inertial = y . sum r_i x m_i f        P_n = m_nut f_x    r_i turned by fin_angle about +y
+
 Body axes x forward (along the screw), y along the hinge, z down.
 """
 

@@ -8,6 +8,7 @@ in force, and its guards are the functions whose zeros end it.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -52,7 +53,9 @@ class Guard:
         self.value, self.direction, self.successor = value, float(direction), successor
 
     def __call__(self, _time: float, state: Vector) -> float:
-        return self.value(state)
+        # SciPy counts a value that stays exactly zero as crossing; here a zero is not yet crossed, so that a
+        # frictionless fin can rest without load.
+        return self.value(state) or -self.direction * sys.float_info.min
 
 
 def _clip(value: float, limit: float) -> float:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
+_CTYPES: dict[str, Any] = {"Real": ct.c_double, "Integer": ct.c_int, "Boolean": ct.c_int}
 _LOGGER = ct.CFUNCTYPE(None, ct.c_void_p, ct.c_char_p, ct.c_int, ct.c_char_p, ct.c_char_p)
 
 
@@ -70,7 +71,7 @@ class Instance:
         return worst
 
     def set_vr(self, kind: str, reference: int, value: Any) -> int:
-        ctype = {"Real": ct.c_double, "Integer": ct.c_int, "Boolean": ct.c_int}[kind]
+        ctype = _CTYPES[kind]
         return self.call(f"fmi2Set{kind}", (ct.c_uint * 1)(reference), ct.c_size_t(1), (ctype * 1)(value))
 
     def set(self, name: str, value: Any) -> int:
@@ -78,7 +79,7 @@ class Instance:
         return self.set_vr(self.fmu.kinds[name], self.fmu.references[name], value)
 
     def get_vr(self, kind: str, references: Sequence[int]) -> tuple[int, list[Any]]:
-        ctype: Any = {"Real": ct.c_double, "Integer": ct.c_int, "Boolean": ct.c_int}[kind]
+        ctype = _CTYPES[kind]
         values = (ctype * len(references))()
         status = self.call(f"fmi2Get{kind}", (ct.c_uint * len(references))(*references),
                            ct.c_size_t(len(references)), values)
@@ -106,7 +107,7 @@ class Instance:
 
     def deserialize(self, data: bytes) -> ct.c_void_p:
         state = ct.c_void_p()
-        buffer = (ct.c_char * len(data))(*data)
+        buffer = (ct.c_char * len(data)).from_buffer_copy(data)
         assert self.call("fmi2DeSerializeFMUstate", buffer, ct.c_size_t(len(data)), ct.byref(state)) == OK
         return state
 

@@ -62,9 +62,9 @@ def _call(function: Function, ops: Any, p: Any, arguments: list[Any]) -> list[An
     return _flat(function(*(head[n] for n in names if n in head), *arguments))
 
 
-def _samples(function: Function, seed: int = 1) -> list[np.ndarray]:
+def _samples(function: Function, seed: int = 1) -> list[Any]:
     random = np.random.default_rng(seed)
-    columns = []
+    columns: list[Any] = []
     for name in inspect.signature(function).parameters:
         if name in FLAGS:
             columns.append(random.random(LANES) < 0.8)
@@ -93,7 +93,7 @@ def test_every_function_over_every_namespace(function: Function, namespace: str,
 
 def _arrays(function: Function, columns: list[np.ndarray], values: Mapping[str, Any]) -> np.ndarray:
     results = _call(function, ARRAYS, tree(values), columns)
-    return np.array([np.broadcast_to(r, LANES) for r in results], float).T
+    return np.stack([np.broadcast_to(r, LANES) for r in results], axis=1).astype(float)
 
 
 def _symbols(function: Function, columns: list[np.ndarray], values: Mapping[str, Any]) -> np.ndarray:
@@ -121,7 +121,8 @@ def _traced(function: Function, columns: list[np.ndarray], values: Mapping[str, 
 def test_the_kernel_is_the_traced_actuator(values: Mapping[str, Any]) -> None:
     kernel = program.make()(values)
     p = tree(values)
-    for function, compiled in zip(program.FUNCTIONS, kernel, strict=True):
+    functions: tuple[Function, ...] = program.FUNCTIONS
+    for function, compiled in zip(functions, kernel, strict=True):
         columns = _samples(function, seed=2)
         for i in range(LANES if columns else 1):
             arguments = [c[i].item() for c in columns]
