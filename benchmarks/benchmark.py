@@ -11,6 +11,8 @@ the same inputs and outputs (the wrapper's own cost), SciPy's LSODA on the same 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import io
 import json
 import statistics
 import subprocess
@@ -80,8 +82,9 @@ def _under_fmpy(path: Path) -> Callable[[], None]:
     signals = _signals()
 
     def run() -> None:
-        result = simulate_fmu(folder, model_description=description, fmu_instance=instance, input=signals,
-                              output=list(OUTPUTS), stop_time=STOP, output_interval=STEP, terminate=False)
+        with contextlib.redirect_stdout(io.StringIO()):  # fmpy lists the inputs that are not given
+            result = simulate_fmu(folder, model_description=description, fmu_instance=instance, input=signals,
+                                  output=list(OUTPUTS), stop_time=STOP, output_interval=STEP, terminate=False)
         if not np.isclose(result["time"][-1], STOP):
             raise RuntimeError(f"{path} stopped at {result['time'][-1]} s")
         instance.reset()

@@ -69,6 +69,7 @@ class _Drive(NamedTuple):
 
     side: Value
     loop: Value
+    tau: Value
     source: Value
     integral_gain: Value
     limit: Value
@@ -77,13 +78,17 @@ class _Drive(NamedTuple):
 
 
 class _Current(NamedTuple):
-    """i(t) = final + (start - final) exp(-t/tau); ``mean`` over the step, ``end`` at its end."""
+    """i(t) = final + (start - final) exp(-t/tau); ``mean`` over the step, ``end`` at its end.
+
+    ``speed`` is the mean speed of a sliding motor under that current.
+    """
 
     start: Value
     final: Value
     tau: Value
     mean: Value
     end: Value
+    speed: Value
 
 
 def stops(ops: Ops, p: Any) -> tuple[Value, Value]:
@@ -129,37 +134,41 @@ def _drive(ops: Ops, p: Any, s: Plant, b: Boundary) -> _Drive:
     demand = drive.voltage_demand(p, i_ref, s.current, s.integral)
     limit = ops.maximum(b.supply, 0.0)
     side = ops.where(demand > limit * _OVER, 1.0, ops.where(demand < -limit * _OVER, -1.0, 0.0))
-    loop, source, gain = ops.branch(
+    closed, opened = p.motor.resistance + p.drive.kp, p.motor.resistance
+    loop, tau, source, gain = ops.branch(
         ops.equal(side, 0.0),
-        lambda: (p.motor.resistance + p.drive.kp, p.drive.kp * i_ref + s.integral, p.drive.ki),
-        lambda: (p.motor.resistance, side * limit, 0.0),
+        lambda: (closed, p.motor.inductance / closed, p.drive.kp * i_ref + s.integral, p.drive.ki),
+        lambda: (opened, p.motor.inductance / opened, side * limit, 0.0),
     )
-    return _Drive(side, loop, source, gain, limit, i_ref, b.enabled)
+    return _Drive(side, loop, tau, source, gain, limit, i_ref, b.enabled)
 
 
 def _current(ops: Ops, p: Any, s: Plant, motion: _Motion, d: _Drive, h: Value) -> _Current:
-    """Mean and final current with back-EMF and integral at their mid-step values.
+    """The current's course for the back-EMF of the step's mean speed, and that speed.
 
-    Both are linear in the mean current, which is therefore found without iteration.
-    A disabled drive's bridge is open: no current.
+    Mean speed and mean integral are linear in the final current, which is therefore
+    found without iteration. A disabled drive's bridge is open: no current.
     """
-    tau = p.motor.inductance / d.loop
+    half_step = 0.5 * h
+    drift = s.speed + half_step * motion.torque / motion.inertia  # mean speed if there were no current
 
     def flowing() -> tuple[Value, ...]:
-        moves = ops.fabs(motion.direction)
-        emf_at_rest = drive.back_emf(p, s.speed + 0.5 * h * moves * motion.torque / motion.inertia)
-        emf_slope = drive.back_emf(p, 0.5 * h * moves * p.motor.torque_constant / motion.inertia)
-        half = 0.5 * h * d.integral_gain
-        decay = ops.exp(-h / tau)
-        kept = tau / h * (1.0 - decay)
-        final_at_zero = (d.source + half * d.i_ref - emf_at_rest) / d.loop
-        slope = (half + emf_slope) / d.loop
-        mean = (final_at_zero * (1.0 - kept) + s.current * kept) / (1.0 + slope * (1.0 - kept))
-        final = final_at_zero - slope * mean
-        return final, mean, final + (s.current - final) * decay
+        decay = ops.exp(-h / d.tau)
+        kept = d.tau / h * (1.0 - decay)  # share of the starting current in the mean
+        gone = 1.0 - kept
+        lag = d.tau * gone  # its share in the mean speed, times its torque over the inertia
+        half = half_step * d.integral_gain
+        gain = ops.where(ops.equal(motion.direction, 0.0), 0.0, p.motor.torque_constant / motion.inertia)
+        speed_at_zero = drift + gain * lag * s.current
+        speed_slope = gain * (half_step - lag)
+        at_rest = d.source + half * (d.i_ref - kept * s.current) - drive.back_emf(
+            p, ops.where(ops.equal(motion.direction, 0.0), 0.0, speed_at_zero))
+        final = at_rest / (d.loop + half * gone + drive.back_emf(p, speed_slope))
+        mean = final * gone + s.current * kept
+        return final, mean, final + (s.current - final) * decay, speed_at_zero + speed_slope * final
 
-    final, mean, end = ops.branch(d.enabled, flowing, lambda: (0.0, 0.0, 0.0))
-    return _Current(s.current, final, tau, mean, end)
+    final, mean, end, speed = ops.branch(d.enabled, flowing, lambda: (0.0, 0.0, 0.0, drift))
+    return _Current(s.current, final, d.tau, mean, end, speed)
 
 
 def _time_to(ops: Ops, c: _Current, value: Value) -> Value:
@@ -180,7 +189,7 @@ def _step(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value) -> tuple[Plant, _Mo
         speed = s.speed + h * acceleration
         # A start from rest that leads nowhere is none.
         starts = ops.either(ops.fabs(s.speed) > 0.0, speed * motion.direction > 0.0)
-        return (ops.where(starts, s.angle + h * (s.speed + 0.5 * h * acceleration), s.angle),
+        return (ops.where(starts, s.angle + h * c.speed, s.angle),
                 ops.where(starts, speed, 0.0))
 
     angle, speed = ops.branch(ops.equal(motion.direction, 0.0), lambda: (s.angle, 0.0), sliding)

@@ -207,7 +207,7 @@ def _boolean(fields: Mapping[str, Any]) -> bool:
 
 def _number(variable: Variable, written: Any, written_unit: str) -> float | int:
     # TOML floats are text here, see _document.
-    if isinstance(written, bool) or not isinstance(written, (int, str)):
+    if not isinstance(written, (int, str)):
         raise ValueError(f"expected {describe(variable.unit)}")
     value = quantity(str(written), written_unit, variable.unit)
     limits = (variable.minimum, variable.maximum)

@@ -29,7 +29,8 @@ GRAY = "#8a8f98"
 INK = "#010203"
 
 _STYLE: Mapping[str, Any] = {
-    "font.size": 9.0, "axes.titlesize": 9.5, "axes.labelsize": 9.0, "legend.fontsize": 8.0, "axes.titlelocation": "left",
+    "font.size": 9.0, "axes.titlesize": 9.5, "axes.labelsize": 9.0, "legend.fontsize": 8.0,
+    "axes.titlelocation": "left",
     "axes.edgecolor": INK, "axes.labelcolor": INK, "axes.titlecolor": INK, "text.color": INK,
     "xtick.color": INK, "ytick.color": INK, "axes.linewidth": 0.7, "lines.linewidth": 1.3,
     "axes.facecolor": "none", "figure.facecolor": "none", "savefig.facecolor": "none",

@@ -58,6 +58,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     _index: ClassVar[dict[str, int]]
     _motion_slice: ClassVar[slice]  # acceleration, roll and pitch stand together
     _direct: ClassVar[list[int]]
+    _output_slice: ClassVar[slice]
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -68,6 +69,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         cls._inputs = range(counts[0])
         cls._outputs = range(counts[0], counts[0] + counts[1])
         cls._parameters = range(counts[0] + counts[1], len(rows))
+        cls._output_slice = slice(cls._outputs.start, cls._outputs.stop)
         cls._index = {row[0]: i for i, row in enumerate(rows)}
         cls._motion_slice = slice(cls._index["acceleration.x"], cls._index["attitude.pitch"] + 1)
         cls._direct = [cls._index[name] for name in ("fin_command", "aero_torque", "supply_voltage", "enable")]
@@ -85,6 +87,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._changed = True  # parameters since the kernel was bound
         self._current = False  # outputs in _values are those of now
         self._motion: list[float] = []
+        self._held: tuple[Any, ...] | None = None
         self._force = (0.0, 0.0)
 
     # -- FMI life cycle --------------------------------------------------------
@@ -155,14 +158,17 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         return True
 
     def _core_inputs(self, core: Core) -> tuple[Any, ...]:
-        values = self._values
-        motion = values[self._motion_slice]
-        if motion != self._motion:
-            # Not finite: let the caller's check find it, trigonometry would raise.
-            self._force = core.forces(*motion) if isfinite(sum(motion)) else (nan, nan)
-            self._motion = motion
-        command, aero_torque, supply, enable = self._direct
-        return values[command], values[aero_torque], *self._force, values[supply], values[enable]
+        """What the core takes; kept until a variable is set."""
+        if self._held is None:
+            values = self._values
+            motion = values[self._motion_slice]
+            if motion != self._motion:
+                # Not finite: let the caller's check find it, trigonometry would raise.
+                self._force = core.forces(*motion) if isfinite(sum(motion)) else (nan, nan)
+                self._motion = motion
+            command, aero_torque, supply, enable = self._direct
+            self._held = (values[command], values[aero_torque], *self._force, values[supply], values[enable])
+        return self._held
 
     def _bind(self) -> Core:
         """Let the core follow the parameters; before the first step it starts anew."""
@@ -175,6 +181,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._bound = tuple(values.values())
         self._changed = self._current = False
         self._motion = []
+        self._held = None
         return self._core
 
     def _parameter_values(self) -> dict[str, Any]:
@@ -222,16 +229,18 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         return [values[vr] if vr in known else missing for vr in vrs]
 
     def _refresh(self) -> None:
-        """Bring the outputs in `_values` up to now."""
-        outputs: Iterable[Any] = [nan if self.table.rows[i][1] == "Real" else False for i in self._outputs]
+        """Bring the outputs in `_values` up to now; NaN and false where there are none."""
         core = self._core
         if self._phase in ("instantiated", "initialization"):
             core = None if self._parameter_problems() else self._bind()
+        outputs: Iterable[Any] | None = None
         if core is not None and not self._refusal:
             inputs = self._core_inputs(core)
             if isfinite(sum(inputs)):
                 outputs = core.outputs(inputs)
-        self._values[self._outputs.start:self._outputs.stop] = outputs
+        if outputs is None:
+            outputs = (nan if self.table.rows[i][1] == "Real" else False for i in self._outputs)
+        self._values[self._output_slice] = outputs
         self._current = True
 
     def _set(self, kind: str, vrs: Sequence[int], values: Sequence[Any]) -> None:
@@ -248,6 +257,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             else:
                 self._values[vr] = value
                 self._changed = True
+        self._held = None
         self._current = False
 
     # -- FMU state -------------------------------------------------------------
@@ -276,6 +286,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         if core is not None:
             core.state = core_state
         self._motion = []
+        self._held = None
         self._current = False
 
     @classmethod

@@ -46,15 +46,16 @@ class Schedule:
         self.lengths = [b - a for a, b in zip(cuts, cuts[1:], strict=False)]
         self.ticks = len(self.lengths)
 
-    def time(self, tick: int) -> float:
-        """Time [s] from the start to a tick."""
-        return (tick // self.ticks) * self.sample_time + self.offsets[tick % self.ticks]
-
-    def ticks_until(self, time: float) -> int:
-        """Whole ticks in a time [s] from the start."""
-        slack = TOLERANCE * self.sample_time
+    def locate(self, time: float) -> tuple[int, float]:
+        """Whole ticks in a time [s] from the start, and what is left of it [s]; 0 within the tolerance."""
         period = floor(time / self.sample_time + TOLERANCE)
-        return period * self.ticks + bisect_right(self.offsets, max(time - period * self.sample_time, 0.0) + slack) - 1
+        within = time - period * self.sample_time
+        slack = TOLERANCE * self.sample_time
+        if within <= slack:
+            return period * self.ticks, 0.0
+        index = bisect_right(self.offsets, within + slack) - 1
+        rest = within - self.offsets[index]
+        return period * self.ticks + index, rest if rest > slack else 0.0
 
 
 class Core:
@@ -107,15 +108,10 @@ class Core:
         tick, plant, integral, counts, measured, limited, line, active, part, _ = self._values
         schedule = self.schedule
         lengths, arrival, ticks = schedule.lengths, schedule.arrival, schedule.ticks
-        target = schedule.ticks_until(end)
+        target, rest = schedule.locate(end)
         command, *loads, enable = inputs
-        while True:
+        while tick < target or rest:
             index = tick % ticks
-            if tick == target:
-                rest = end - schedule.time(tick)
-                if rest <= TOLERANCE * schedule.sample_time:
-                    tentative = plant
-                    break
             if index == 0 and part is None:
                 reference, integral, counts, measured, limited = self._sample(
                     plant[0], plant[1], integral, counts, command, enable)
@@ -132,6 +128,8 @@ class Core:
                 plant = self._tick(plant, active, *_mean(_extended(part, h, loads, enable)), h)
                 part = None
             tick += 1
+        else:
+            tentative = plant
         if not isfinite(sum(tentative)):
             raise ArithmeticError("the state is no longer finite")
         self._values = (tick, plant, integral, counts, measured, limited, line, active, part, tentative)
@@ -139,13 +137,15 @@ class Core:
     def _tick(self, plant: tuple[float, ...], active: float, loads: Sequence[float], enable: bool,
               h: float) -> tuple[float, ...]:
         step = self._step
+        aero_torque, f_x, f_z, supply = loads
         left = h
         for _ in range(_MOST_EVENTS):
-            angle, speed, current, xi, used = step(*plant, active, *loads, enable, left)
-            plant = (angle, speed, current, xi)
-            if used >= left:
+            angle, speed, current, xi = plant
+            after = step(angle, speed, current, xi, active, aero_torque, f_x, f_z, supply, enable, left)
+            plant = after[:4]
+            if after[4] >= left:
                 return plant
-            left -= used
+            left -= after[4]
         raise ArithmeticError(f"more than {_MOST_EVENTS} events in a tick of {h} s")
 
 

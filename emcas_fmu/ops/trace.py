@@ -8,6 +8,7 @@ that runs once; a branch's operations stay inside the branch.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Union
@@ -15,6 +16,7 @@ from typing import Any, Union
 from .base import Thunk, Value
 
 Operand = Union["Expr", float, bool]
+_TEMPORARY = re.compile(r"\bt\d+\b")
 
 
 class Expr:
@@ -220,8 +222,8 @@ class Tracer:
                          [value for *_, results in self._functions for value in results])
         body: list[str] = []
         for name, arguments, block, results in self._functions:
-            body += [f"    def {name}({', '.join(arguments)}):", *writer.block(block, 2),
-                     f"        return {writer.tuple_text(results)}", ""]
+            lines = [*writer.block(block, 2), f"        return {writer.tuple_text(results)}"]
+            body += [f"    def {name}({', '.join(arguments)}):", *_registers(lines), ""]
         prologue = [f"    {name} = parameters[{key!r}]" for name, key in self._parameters if writer.uses.get(name)]
         prologue += writer.block(self._prologue, 1)
         functions = ", ".join(name for name, *_ in self._functions)
@@ -296,6 +298,31 @@ class _Writer:
                     lines += self.block(inner, depth + 1)
                     lines.append(f"{indent}    {targets} = {', '.join(self.operand(values[i]) for i in live)}")
         return lines
+
+
+def _registers(lines: Sequence[str]) -> list[str]:
+    """Give temporaries whose lives do not overlap one name.
+
+    A call's frame holds every local of the function; with hundreds of them it would
+    not fit the interpreter's stack chunk, which is then mapped and unmapped call by call.
+    A life lasts from the first line that names the temporary to the last, which also
+    spans the other branch of a condition that sets it in both.
+    """
+    last = {name: number for number, line in enumerate(lines) for name in _TEMPORARY.findall(line)}
+    names: dict[str, str] = {}
+    free: list[str] = []
+    result = []
+    for number, line in enumerate(lines):
+        found = dict.fromkeys(_TEMPORARY.findall(line))
+        ending = [name for name in found if last[name] == number]
+        starting = [name for name in found if name not in names]
+        # What is read for the last time here is read before anything here is set.
+        free += sorted(names[name] for name in ending if name in names)
+        for name in starting:
+            names[name] = free.pop() if free else f"r{len(set(names.values()))}"
+        free += sorted(names[name] for name in ending if name in starting)
+        result.append(_TEMPORARY.sub(lambda match: names[match.group()], line))
+    return result
 
 
 def _occurrences(template: str, index: int) -> int:

@@ -38,6 +38,11 @@ def hinge_moment(ops: Ops, p: Any, tangent: Value, f_x: Value, f_z: Value) -> Va
     A right-handed turn of the centres of mass about +y by the fin angle, and the y
     component of r x m f.
     """
+    return ops.branch(ops.both(ops.equal(f_x, 0.0), ops.equal(f_z, 0.0)),  # most hosts leave both alone
+                      lambda: (0.0 * tangent,), lambda: (_moment(ops, p, tangent, f_x, f_z),))[0]
+
+
+def _moment(ops: Ops, p: Any, tangent: Value, f_x: Value, f_z: Value) -> Value:
     centers, mass = p.center_of_mass, p.mass
     s_x = mass.fin * centers.fin.x + mass.shaft * centers.shaft.x + mass.fork * centers.fork.x
     s_z = mass.fin * centers.fin.z + mass.shaft * centers.shaft.z + mass.fork * centers.fork.z

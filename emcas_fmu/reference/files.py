@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy  # type: ignore[import-untyped]
+import scipy
 
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES, SIGNIFICANT_DIGITS, Case
 from emcas_fmu.reference.plant import Value
-from emcas_fmu.reference.simulate import MAX_STEP, OUTPUTS, RTOL, SCALES, Array, simulate
+from emcas_fmu.reference.simulate import MAX_STEP, RTOL, SCALES, Array, simulate
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -39,9 +39,9 @@ Progress = Callable[[str, int, int], None]
 """Called with a case's name, the number of cases done and that of all, before and after each case."""
 
 # How far a recomputed response may lie from the stored one.  Both carry the integration error: tightening
-# rtol tenfold moves no case by more than 1e-10 of a variable's range.  Storing nine digits adds half a unit in
-# the ninth, at most 5e-9 of the range.  What is left is room for another libm; a hundred times less than what
-# a single encoder count taken the other way does (1e-5 rad, 0.3 A), so that a flipped count is seen.
+# rtol tenfold moves no case by more than 1e-10 of a variable's range.  Storing nine digits adds half a unit
+# in the ninth, at most 5e-9 of the range.  What is left is room for another libm, yet a hundred times less
+# than what one encoder count taken the other way does (1e-6 rad, 0.3 A), so that a flipped count is seen.
 TOLERANCES = {
     "fin_angle": 1e-8,  # rad, of 0.4
     "fin_rate": 1e-6,  # rad/s, of 5
@@ -66,7 +66,7 @@ def path_of(directory: Path, case: str, suffix: str) -> Path:
 
 
 def write_csv(path: Path, columns: Mapping[str, Array]) -> None:
-    """Write a header of names and one row per time, nine significant digits, line ends the same everywhere."""
+    """Write a header of names and one row per time: nine significant digits, LF everywhere."""
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     # Adding zero turns -0.0 into 0.0: the sign of nothing is not part of a reference.
     lines = [",".join(f"{value + 0.0:.{SIGNIFICANT_DIGITS}g}" for value in row) for row in rows]
@@ -152,7 +152,9 @@ def _provenance(case: Case, directory: Path, values: Mapping[str, Value]) -> dic
     def sha256(data: bytes) -> str:
         return hashlib.sha256(data).hexdigest()
 
-    canonical = json.dumps({name: float(value) for name, value in values.items()}, sort_keys=True)
+    # Settings of the product's own stepping are no part of what the reference is made from.
+    used = {name: float(value) for name, value in values.items() if not name.startswith("solver.")}
+    canonical = json.dumps(used, sort_keys=True)
     return {
         "title": case.title,
         "kind": case.kind,

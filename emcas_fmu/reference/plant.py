@@ -49,7 +49,9 @@ class Guard:
 
     terminal = True
 
-    def __init__(self, value: Callable[[Vector], float], direction: int, successor: Callable[[list[float]], Mode]):
+    def __init__(
+        self, value: Callable[[Vector], float], direction: int, successor: Callable[[list[float]], Mode]
+    ):
         self.value, self.direction, self.successor = value, float(direction), successor
 
     def __call__(self, _time: float, state: Vector) -> float:
@@ -58,7 +60,8 @@ class Guard:
         return self.value(state) or -self.direction * sys.float_info.min
 
 
-def _clip(value: float, limit: float) -> float:
+def clip(value: float, limit: float) -> float:
+    """`value` limited to the range -limit to limit, in any unit."""
     return max(-limit, min(limit, value))
 
 
@@ -148,7 +151,7 @@ class Plant:
         c, s = math.cos(p["mounting.azimuth"]), math.sin(p["mounting.azimuth"])
         reference = p["drive.current_gain"] * drive_input + p["drive.current_offset"]
         return Surroundings(
-            current_reference=_clip(reference, p["drive.current_limit"]),
+            current_reference=clip(reference, p["drive.current_limit"]),
             supply=max(row["supply_voltage"], 0.0),
             aero_torque=row["aero_torque"],
             force=(x, c * y + s * z, -s * y + c * z),
@@ -165,7 +168,7 @@ class Plant:
         """Motor terminal voltage [V]; the back-EMF when the bridge is open."""
         if not around.enable:
             return self.emf_constant * self.ratio(state[0]) * state[1]
-        return _clip(self.demand(state, around), around.supply)
+        return clip(self.demand(state, around), around.supply)
 
     def _current_slope(self, state: Vector, voltage: float) -> float:
         speed = self.ratio(state[0]) * state[1]

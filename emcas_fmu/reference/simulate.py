@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp  # type: ignore[import-untyped]
+from scipy.integrate import solve_ivp
 
-from emcas_fmu.reference.plant import Mode, Plant, Surroundings, Value
+from emcas_fmu.reference.plant import Mode, Plant, Surroundings, Value, clip
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
-INPUTS = {  # interface inputs and their start values, SI
+# Interface inputs and their start values, SI; a parameter drive.supply_voltage replaces that of the supply.
+INPUTS = {
     "fin_command": 0.0,
     "aero_torque": 0.0,
     "acceleration.x": 0.0,
@@ -67,7 +69,7 @@ class Controllers:
 
     def sample(self, delta: float, omega: float, command: float, enable: bool) -> float:
         """One sample: the DAC value u_k [V] from the true state and the command [rad]."""
-        p, clip = self.p, lambda value, limit: max(-limit, min(limit, value))
+        p = self.p
         fin, motor, speed = self._measure(delta, omega)
         if not enable:
             self.integral = 0.0
@@ -82,7 +84,7 @@ class Controllers:
         compensation = p["compensation.gain"] * friction * clip(reference / p["compensation.speed_band"], 1.0)
         compensation /= p["motor.torque_constant"] * p["drive.current_gain"]
         u = p["controller.velocity.kp"] * (reference - speed) + compensation
-        return float(clip(u, p["drive.reference_limit"]))
+        return clip(u, p["drive.reference_limit"])
 
 
 def advance(
@@ -134,7 +136,8 @@ def simulate(
     if unknown or rows[0] != 0.0:
         raise ValueError(f"unknown inputs {sorted(unknown)}" if unknown else "row times must start at 0")
     outputs = rows if output_times is None else _instants(output_times)
-    columns = {n: np.broadcast_to(inputs.get(n, start), rows.shape).tolist() for n, start in INPUTS.items()}
+    starts = INPUTS | {"supply_voltage": float(parameters.get("drive.supply_voltage", 39.0))}
+    columns = {n: np.broadcast_to(inputs.get(n, start), rows.shape).tolist() for n, start in starts.items()}
 
     plant = Plant(parameters)
     p, end = plant.parameters, float(outputs[-1])

@@ -11,14 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.linalg import expm  # type: ignore[import-untyped]
+from scipy.linalg import expm
 
-from emcas_fmu.reference import files, simulate as engine
+from emcas_fmu.reference import files
+from emcas_fmu.reference import simulate as engine
 from emcas_fmu.reference.cases import CASES, Case
 from emcas_fmu.reference.plant import Plant
-from emcas_fmu.reference.simulate import INPUTS, OUTPUTS, simulate
+from emcas_fmu.reference.simulate import INPUTS, OUTPUTS, Controllers, simulate
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 Values = Mapping[str, Any]
 
 LOCKED = {"friction.fin_coulomb": 1e6}
@@ -45,28 +46,43 @@ def test_clipped_drive_charges_the_winding_exponentially(values: Values) -> None
     given = {**values, **LOCKED, "drive.current_offset": 50.0}
     result = simulate(given, rows(0.02, supply_voltage=10.0))
     resistance, inductance = values["motor.resistance"], values["motor.inductance"]
-    # 50 A asked, 10 V given: clipped until Kp (50 A - i) falls to 10 V at 48 A, which 10 V / 0.25 ohm never reach.
+    # 50 A asked, 10 V given: clipped until Kp (50 A - i) = 10 V, at 48 A, which 10 V / 0.25 ohm never reach.
     expected = 10.0 / resistance * -np.expm1(-result["time"] * resistance / inductance)
     # 20 ms are 200 steps of relative error 1e-11 each on 40 A, damped: 1e-9 A is ample.
     np.testing.assert_allclose(result["motor_current"], expected, rtol=0, atol=1e-9)
     assert set(result["motor_voltage"]) == {10.0}
 
 
+def current_loop(values: Values, reference: float) -> Array:
+    """Matrix of the unclipped loop on (current, xi, 1) with the motor locked."""
+    kp, ki, inductance = values["drive.kp"], values["drive.ki"], values["motor.inductance"]
+    slope = [-(values["motor.resistance"] + kp) / inductance, 1 / inductance, kp * reference / inductance]
+    return np.array([slope, [-ki, 0.0, ki * reference], [0.0, 0.0, 0.0]])
+
+
 def test_free_drive_follows_the_linear_current_loop(values: Values) -> None:
-    # A tenth of the offset's slow integral shows within 50 ms once Ki is large.
+    # Ki far above its default, so that the integral shows within the 50 ms.
     given = {**values, **LOCKED, "drive.current_offset": 2.0, "drive.ki": 200.0}
     result = simulate(given, rows(0.05))
-    kp, ki, inductance = values["drive.kp"], 200.0, values["motor.inductance"]
-    matrix = np.array(
-        [
-            [-(values["motor.resistance"] + kp) / inductance, 1 / inductance, kp / inductance * 2.0],
-            [-ki, 0.0, ki * 2.0],
-            [0.0, 0.0, 0.0],
-        ]
-    )
-    expected = [(expm(matrix * t) @ [0.0, 0.0, 1.0])[0] for t in result["time"]]
+    expected = [(expm(current_loop(given, 2.0) * t) @ [0.0, 0.0, 1.0])[0] for t in result["time"]]
     # expm of entries 1e4 * 0.05 s loses about 1e-13; the integration's 1e-11 per step dominates.
     np.testing.assert_allclose(result["motor_current"], expected, rtol=0, atol=1e-9)
+
+
+def test_drive_glides_on_the_limit_where_neither_clipped_nor_free_can_last(values: Values) -> None:
+    # 1.9 A through 6 ohm need 11.4 V.  The integral takes the demand to the 10 V there are while the current
+    # still rises: held, the demand would fall back; free, it would leave.  So 5 (1.9 - i) + xi stays 10.
+    given = {**values, **LOCKED, "drive.current_offset": 1.9, "drive.ki": 2000.0, "motor.resistance": 6.0}
+    inputs = rows(0.02)
+    inputs["supply_voltage"] = np.where(inputs["time"] < 0.0095, 10.0, 20.0)
+    result = simulate(given, inputs)
+    start = [10.0 / 6.0, 10.0 - 5.0 * (1.9 - 10.0 / 6.0), 1.0]
+    # The demand itself is integrated here; 90 steps of rounding on 10 V.
+    assert result["motor_voltage"][10] == pytest.approx(10.0, abs=1e-12)
+    matrix = current_loop(given, 1.9)
+    expected = [(expm(matrix * (t - 0.01)) @ start)[0] for t in result["time"][10:]]
+    # As above; 10 V / 6 ohm is reached to exp(-90), nine tenths of 10 ms in units of L/R = 0.1 ms.
+    np.testing.assert_allclose(result["motor_current"][10:], expected, rtol=0, atol=1e-9)
 
 
 def test_integral_is_held_while_the_voltage_is_clipped(values: Values) -> None:
@@ -147,7 +163,9 @@ def test_moment_of_gravity_and_acceleration_is_the_slope_of_a_potential(values: 
     around = plant.surroundings(row, 0.0)
     # Specific force at the body, written out: g_b - a_b, then turned about x by the azimuth.
     g = 9.80665
-    body = np.array([-g * math.sin(-0.3), g * math.sin(0.4) * math.cos(0.3), g * math.cos(0.4) * math.cos(0.3)])
+    body = np.array(
+        [-g * math.sin(-0.3), g * math.sin(0.4) * math.cos(0.3), g * math.cos(0.4) * math.cos(0.3)]
+    )
     body -= [30.0, 0.0, -12.0]
     c, s = math.cos(0.7), math.sin(0.7)
     force = np.array([[1, 0, 0], [0, c, s], [0, -s, c]]) @ body
@@ -164,6 +182,59 @@ def test_moment_of_gravity_and_acceleration_is_the_slope_of_a_potential(values: 
         slope = (work(delta + 1e-5) - work(delta - 1e-5)) / 2e-5
         # Central difference: 1e-10 of truncation times the third derivative (some N.m), 1e-11 of rounding.
         assert plant.loads(delta, around) == pytest.approx(slope, abs=1e-8)
+
+
+# Sampled controllers --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("on_fin", [False, True])
+def test_encoder_speed_is_the_difference_of_floored_counts(values: Values, on_fin: bool) -> None:
+    # Without position gain the reference speed is 0, and u = -Kp_vel * measured speed.
+    given = {**values, "encoder.on_fin": on_fin, "controller.position.kp": 0.0, "controller.position.ki": 0.0}
+    plant, count = Plant(given), 2 * math.pi / (2048 * 4)
+    path = [0.0, -1e-4, 2e-3, 0.0105, 0.0104]
+    controllers = Controllers(plant, path[0])
+    before = 0
+    for delta in path:
+        counts = math.floor((delta if on_fin else plant.motor_angle(delta)) / count)
+        speed = (counts - before) * count / given["controller.sample_time"]
+        before = counts
+        expected = -given["controller.velocity.kp"] * speed * (plant.ratio(counts * count) if on_fin else 1.0)
+        # The true rate, here absurd, must not matter.  Rounding of 10 V.
+        u = controllers.sample(delta, 1e3, 0.0, True)
+        assert u == pytest.approx(max(-10.0, min(10.0, expected)), abs=1e-12)
+
+
+@pytest.mark.parametrize(("command", "band"), [(0.1, 1.0), (-0.1, -1.0), (2e-4, None), (-2e-4, None)])
+def test_compensation_is_the_friction_voltage_within_the_speed_band(
+    values: Values, command: float, band: float | None
+) -> None:
+    # Without velocity gain u is the compensation alone; -6 degC must not change it.
+    given = {**values, "controller.velocity.kp": 0.0, "encoder.enabled": False, "friction.temperature": -6.0}
+    plant = Plant(given)
+    if band is None:  # inside the band: proportional to the reference speed Kp_pos theta_m(command)
+        reference = given["controller.position.kp"] * plant.motor_angle(command)
+        band = reference / given["compensation.speed_band"]
+        assert abs(band) < 1.0
+    side = "positive" if command > 0 else "negative"
+    friction = given[f"friction.coulomb.{side}[0]"]  # the polynomial at delta = 0
+    expected = friction / given["motor.torque_constant"] / given["drive.current_gain"] * band
+    # Some ten roundings of 0.2 V.
+    u = Controllers(plant, 0.0).sample(0.0, 0.0, command, True)
+    assert u == pytest.approx(expected, abs=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("celsius", "cold"), [(60.0, 0.0), (24.0, 0.0), (9.0, 0.5), (-6.0, 1.0), (-40.0, 1.0)]
+)
+def test_friction_grows_linearly_between_24_and_minus_6_degrees(
+    values: Values, celsius: float, cold: float
+) -> None:
+    warm, now = Plant(values), Plant({**values, "friction.temperature": celsius})
+    for side in (1, -1):
+        # Ratios 1.25 and 1.6 of the model; rounding of numbers near 1.
+        assert now.coulomb(0.2, side) / warm.coulomb(0.2, side) == pytest.approx(1 + 0.25 * cold, abs=1e-14)
+        assert now.viscous[side] / warm.viscous[side] == pytest.approx(1 + 0.6 * cold, abs=1e-14)
 
 
 # The closed loop ------------------------------------------------------------------------------------------
@@ -218,7 +289,7 @@ def test_tighter_tolerance_changes_nothing_that_matters(
     usual = simulate(given, inputs)
     monkeypatch.setattr(engine, "MAX_STEP", engine.MAX_STEP / 3)
     tight = simulate(given, inputs, rtol=engine.RTOL / 10)
-    # 1e-8 rad is what the reference has to be good for; a tenth of the product's own tolerance of 1e-9 is kept.
+    # The reference has to be good for 1e-8 rad; a tenth of the 1e-9 rad the product promises is kept.
     assert np.max(np.abs(usual["fin_angle"] - tight["fin_angle"])) < 1e-10
     # The run must have slipped, stuck and clipped for this to mean anything.
     assert usual["motor_voltage"].max() == 39.0
@@ -229,17 +300,17 @@ def test_output_grid_does_not_touch_the_trajectory(values: Values) -> None:
     inputs = step_to(5.0, 0.06)
     coarse = simulate(values, inputs)
     fine = simulate(values, inputs, output_times=np.arange(0, 0.06 + 1e-9, 0.37e-3))
-    times, at_fine, at_coarse = np.intersect1d(np.round(fine["time"], 9), np.round(coarse["time"], 9), return_indices=True)
+    times, at_fine, at_coarse = np.intersect1d(
+        np.round(fine["time"], 9), np.round(coarse["time"], 9), return_indices=True
+    )
     assert len(times) >= 2  # 0 and 37 ms
     # Other breakpoints, other steps: the difference is integration error, as in the tolerance test.
-    np.testing.assert_allclose(
-        fine["fin_angle"][at_fine], coarse["fin_angle"][at_coarse], rtol=0, atol=1e-10
-    )
+    np.testing.assert_allclose(fine["fin_angle"][at_fine], coarse["fin_angle"][at_coarse], rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize("on_fin", [False, True])
 def test_encoder_leaves_the_fin_within_its_resolution(values: Values, on_fin: bool) -> None:
-    # With unbounded resolution an encoder is the true angle and, but for the mean over a sample, the true rate.
+    # With unbounded resolution an encoder gives the true angle and the true rate, averaged over a sample.
     given = {**values, "encoder.on_fin": on_fin, "encoder.pulses": 10**8}
     coarse = simulate({**values, "encoder.on_fin": on_fin}, step_to(5.0, 0.1))["fin_angle"]
     fine = simulate(given, step_to(5.0, 0.1))["fin_angle"]
@@ -271,7 +342,15 @@ def test_names_of_cases_are_unique() -> None:
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> Case:
     """A case of 80 ms in place of the others, with an override."""
-    case = Case("short", "A short step", "step", 0.08, math.radians(5.0), lambda t: {"fin_command": np.where(t > 0.0495, math.radians(5.0), 0.0)}, {"friction.temperature": -6.0})
+    case = Case(
+        "short",
+        "A short step",
+        "step",
+        0.08,
+        math.radians(5.0),
+        lambda t: {"fin_command": np.where(t > 0.0495, math.radians(5.0), 0.0)},
+        {"friction.temperature": -6.0},
+    )
     monkeypatch.setattr(files, "CASES", [case])
     return case
 

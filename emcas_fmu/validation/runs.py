@@ -1,0 +1,144 @@
+"""Running an FMU through fmpy on stored inputs: time series, whatever the FMU does."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import fmpy
+import numpy as np
+from fmpy.fmi1 import FMICallException
+from fmpy.model_description import read_model_description
+from fmpy.simulation import instantiate_fmu
+from numpy.typing import NDArray
+
+from ..errors import EmcasError
+
+Array = NDArray[np.float64]
+Columns = Mapping[str, Array]
+
+_MOST_MESSAGES = 20
+_STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
+
+
+@dataclass(frozen=True)
+class Run:
+    """Response to one input: `columns` by name, `time` [s] first.
+
+    ``stopped`` is the time [s] the FMU went no further than, None where it ran to the end;
+    ``messages`` what it logged; ``wall_time`` [s].
+    """
+
+    columns: Columns
+    stopped: float | None
+    messages: tuple[str, ...]
+    wall_time: float
+
+
+@dataclass(frozen=True)
+class Unit:
+    """An FMU unpacked and understood; `starts` are the start values of inputs and parameters."""
+
+    path: Path
+    folder: Path
+    description: Any
+    starts: Mapping[str, Any]
+    sha256: str
+
+    def run(self, inputs: Columns, step: float, start_values: Mapping[str, Any], outputs: Sequence[str]) -> Run:
+        """Simulate over the input rows with a communication step [s]. Never raises for what the FMU does."""
+        messages: list[str] = []
+        begin = perf_counter()
+        recorder: list[Any] = []
+        reached = [float(inputs["time"][0])]
+
+        def log(_component: Any, _instance: bytes, status: int, _category: bytes, message: bytes) -> None:
+            if len(messages) < _MOST_MESSAGES:
+                label = _STATUS[status] if 0 <= status < len(_STATUS) else str(status)
+                messages.append(f"{label}: {message.decode(errors='replace').strip()}")
+
+        def finished(time: float, of: Any) -> bool:
+            recorder[:] = [of]
+            # fmpy repeats a discarded step for ever unless the FMU asks to be terminated.
+            advanced = time > reached[0]
+            reached[0] = time
+            return advanced
+
+        stop = float(inputs["time"][-1])
+        try:
+            table = self._simulate(inputs, stop, step, start_values, outputs, log, finished)
+        except FMICallException as error:
+            messages.append(str(error))
+            table = recorder[0].result() if recorder else None
+        columns = {name: np.array([] if table is None else table[name], dtype=float) for name in ("time", *outputs)}
+        last = float(columns["time"][-1]) if len(columns["time"]) else reached[0]
+        stopped = None if last > stop - step / 2 else last
+        return Run(columns, stopped, tuple(messages), perf_counter() - begin)
+
+    def _simulate(self, inputs: Columns, stop: float, step: float, start_values: Mapping[str, Any],
+                  outputs: Sequence[str], log: Callable[..., None], finished: Callable[[float, Any], bool]) -> Any:
+        instance = instantiate_fmu(str(self.folder), self.description, "CoSimulation", logger=log)
+        try:
+            return fmpy.simulate_fmu(
+                str(self.folder), model_description=self.description, fmu_instance=instance,
+                start_time=inputs["time"][0], stop_time=stop, output_interval=step,
+                start_values=dict(start_values), input=self._signals(inputs),
+                output=list(outputs), step_finished=finished)
+        finally:
+            instance.freeInstance()
+
+    def _signals(self, inputs: Columns) -> Any:
+        # Every input is given, at its start value where the case has none: fmpy prints a line for each it misses.
+        variables = [v for v in self.description.modelVariables if v.causality == "input"]
+        types = [("time", float), *((v.name, bool if v.type == "Boolean" else float) for v in variables)]
+        signals = np.zeros(len(inputs["time"]), dtype=types)
+        signals["time"] = inputs["time"]
+        for v in variables:
+            signals[v.name] = inputs.get(v.name, self.starts[v.name])
+        return signals
+
+    def require(self, names: Sequence[str], causality: str) -> None:
+        """Raise EmcasError where the FMU lacks variables of that causality."""
+        present = {v.name for v in self.description.modelVariables if v.causality == causality}
+        if missing := [name for name in names if name not in present]:
+            raise EmcasError(f"{self.path}: has no {causality} named {', '.join(missing)}; "
+                             "an EM-CAS FMU of one fin is needed, such as `emcas build` makes")
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Unit]:
+    """The FMU at `path`, unpacked for as long as the context lasts; EmcasError where it cannot run here."""
+    if not path.is_file():
+        raise EmcasError(f"{path}: there is no such file; build one with `emcas build --output {path}`")
+    try:
+        description = read_model_description(str(path))
+    # fmpy reports an unsound model description as a bare Exception.
+    except Exception as error:
+        reason = "not a ZIP archive" if not zipfile.is_zipfile(path) else " ".join(str(error).split())
+        raise EmcasError(f"{path}: is not an FMU that can be read ({reason})") from error
+    if description.coSimulation is None or description.fmiVersion != "2.0":
+        raise EmcasError(f"{path}: is not an FMI 2.0 co-simulation FMU (FMI {description.fmiVersion})")
+    platforms = fmpy.supported_platforms(str(path))
+    if fmpy.platform not in platforms:
+        raise EmcasError(f"{path}: has no binary for this platform, {fmpy.platform} (it has: "
+                         f"{', '.join(p for p in platforms if p != 'c-code') or 'none'}); build the FMU for it")
+    starts = {v.name: _start(v) for v in description.modelVariables if v.causality in ("input", "parameter")}
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    with tempfile.TemporaryDirectory(prefix="emcas_validate_", ignore_cleanup_errors=True) as folder:
+        fmpy.extract(str(path), unzipdir=folder)
+        yield Unit(path, Path(folder), description, starts, digest)
+
+
+def _start(variable: Any) -> Any:
+    if variable.type == "Boolean":
+        return variable.start in ("true", "1", True)
+    if variable.type == "String":
+        return variable.start
+    return int(variable.start or 0) if variable.type == "Integer" else float(variable.start or 0.0)

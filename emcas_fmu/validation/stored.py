@@ -1,0 +1,72 @@
+"""The stored reference cases, checked against the hashes of their provenance."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import EmcasError
+from ..reference import files
+from .runs import Columns
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A reference case as its folder holds it, checked against its hashes."""
+
+    name: str
+    title: str
+    kind: str
+    step: float
+    stop_time: float
+    start_values: Mapping[str, Any]
+    inputs: Columns
+    reference: Columns
+    parameters_hash: str
+
+
+def load(folder: Path, names: Sequence[str] | None) -> list[Stored]:
+    """The named cases of a folder (default all); EmcasError where it is not what its provenance says."""
+    remedy = f"make the reference files with `emcas reference --directory {folder}`"
+    if not folder.is_dir():
+        raise EmcasError(f"{folder}: there is no such folder of reference files; {remedy}")
+    try:
+        provenance = files.read_provenance(folder)
+    except ValueError as error:
+        raise EmcasError(f"{folder / files.PROVENANCE}: cannot be read ({error}); {remedy}") from error
+    if not provenance:
+        raise EmcasError(f"{folder / files.PROVENANCE}: is missing or empty; {remedy}")
+    if unknown := sorted(set(names or ()) - set(provenance)):
+        raise EmcasError(f"{folder}: has no case {', '.join(unknown)}; it has {', '.join(provenance)}")
+    return [_case(folder, name, entry, remedy) for name, entry in provenance.items() if not names or name in names]
+
+
+def _case(folder: Path, name: str, entry: Mapping[str, Any], remedy: str) -> Stored:
+    for suffix, key in (("in.csv", "sha256_in"), ("ref.csv", "sha256_ref")):
+        path = files.path_of(folder, name, suffix)
+        if not path.is_file():
+            raise EmcasError(f"{path}: is missing; {remedy}")
+        if hashlib.sha256(path.read_bytes()).hexdigest() != entry.get(key):
+            raise EmcasError(f"{path}: is not the file {files.PROVENANCE} was written for (its {key} differs); "
+                             f"restore it, or {remedy}")
+    try:
+        return Stored(name, entry["title"], entry["kind"], entry["step"], entry["stop_time"], entry["start_values"],
+                      _columns(folder, name, "in.csv"), _columns(folder, name, "ref.csv"), entry["sha256_parameters"])
+    except KeyError as error:
+        raise EmcasError(f"{folder / files.PROVENANCE}: {name} has no entry {error}; {remedy}") from error
+
+
+def _columns(folder: Path, name: str, suffix: str) -> Columns:
+    return {k: np.asarray(c, dtype=np.float64) for k, c in files.read_csv(files.path_of(folder, name, suffix)).items()}
+
+
+def parameters_hash(values: Mapping[str, Any]) -> str:
+    """The hash by which a provenance names the parameters of its run."""
+    canonical = json.dumps({name: float(value) for name, value in values.items()}, sort_keys=True)
+    return hashlib.sha256(canonical.encode()).hexdigest()
