@@ -147,6 +147,43 @@ def reference(
         raise typer.Exit(1)
 
 
+VALIDATE_EPILOG = ("Examples:\n\n  emcas validate EMCAS.fmu\n\n  emcas validate EMCAS.fmu --report report.html "
+                   "--junit junit.xml\n\n  emcas validate EMCAS.fmu --case step_plus20 --case load_opposing")
+
+
+@app.command(epilog=VALIDATE_EPILOG)
+def validate(
+    fmu: Annotated[Path, typer.Argument(help="FMU to judge.", metavar="FMU")],
+    case: Annotated[Optional[list[str]], typer.Option(help="Only this case (may be given several times).")] = None,
+    as_json: Annotated[Optional[Path], typer.Option("--json", help="Write all figures to this file.",
+                                                    metavar="FILE")] = None,
+    junit: Annotated[Optional[Path], typer.Option(help="Write JUnit XML to this file.", metavar="FILE")] = None,
+    report: Annotated[Optional[Path], typer.Option(help="Write a page with pictures to this file.",
+                                                   metavar="FILE.html")] = None,
+    directory: Annotated[Optional[Path], typer.Option(help="Folder of the reference files; models/reference "
+                                                      "unless given.", metavar="DIR")] = None,
+) -> None:
+    """Run an FMU on every reference case and judge it by the reference and by the thesis's Table 2."""
+    from .validation.results import write_json, write_junit
+    from .validation.summary import summary
+    from .validation.validate import validate as run
+
+    with _failures():
+        with _progress() as progress:
+            result = run(fmu, case, directory, _stepper(progress, "validate"))
+        for part in summary(result):
+            _out.print(part, highlight=False)
+        for path, write in ((as_json, write_json), (junit, write_junit)):
+            if path:
+                write(result, path)
+        if report:
+            from .validation.report import write_report
+
+            write_report(result, report)
+    if not result.passed:
+        raise typer.Exit(1)
+
+
 def _stepper(progress: Progress, label: str) -> Callable[[str, int, int], None]:
     """A callback(name, done, total) that moves a progress bar."""
     task = progress.add_task(label, total=None)

@@ -16,7 +16,7 @@ import json
 import sys
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from math import isfinite, nan
+from math import inf, isfinite, nan
 from typing import Any, ClassVar, NamedTuple
 
 from pythonfmu import Fmi2Slave
@@ -43,6 +43,10 @@ class CorruptState:
 
     def __init__(self, reason: str) -> None:
         self.reason = reason
+
+
+class _RefusedError(Exception):
+    """A step that is discarded; the message says why."""
 
 
 class Slave(Fmi2Slave):  # type: ignore[misc]
@@ -87,7 +91,9 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._changed = True  # parameters since the kernel was bound
         self._current = False  # outputs in _values are those of now
         self._motion: list[float] = []
-        self._held: tuple[Any, ...] | None = None
+        self._held: tuple[Any, ...] | None = None  # the core's inputs, until a variable is set
+        self._ready = False  # nothing stands against a step
+        self._slack = 0.0
         self._force = (0.0, 0.0)
 
     # -- FMI life cycle --------------------------------------------------------
@@ -104,6 +110,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def terminate(self) -> None:
         self._phase = "terminated"
+        self._ready = False
 
     def _initialize(self) -> None:
         self._phase = "running"
@@ -121,54 +128,60 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def do_step(self, current_time: float, step_size: float) -> bool:
         try:
+            begin = current_time - self._start
+            # All is well: the way every step but a few takes. A comparison with NaN is false.
+            if self._ready and abs(begin - self._now) <= self._slack and 0.0 < step_size < inf:
+                end = begin + step_size
+                self._core.run(end, self._held or self._checked_inputs(current_time))  # type: ignore[union-attr]
+                self._now = end
+                self._current = False
+                return True
             return self._step(current_time, step_size)
+        except _RefusedError as error:
+            return self._discard(str(error))
         except BaseException as error:  # noqa: BLE001  KeyboardInterrupt too: see the module's docstring
             return self._discard(f"step from {current_time!r} s of {step_size!r} s: {type(error).__name__}: {error}")
 
     def _step(self, current_time: float, step_size: float) -> bool:
+        """A step that needs a closer look first."""
         if self._phase != "running":
-            return self._discard(f"fmi2DoStep called while {self._phase}")
+            raise _RefusedError(f"fmi2DoStep called while {self._phase}")
         if self._refusal:
-            return self._discard(f"initialization was refused: {self._refusal}")
+            raise _RefusedError(f"initialization was refused: {self._refusal}")
         if self._misuse:
             misuse, self._misuse = self._misuse, ""
-            return self._discard(misuse)
-        begin = current_time - self._start
-        end = begin + step_size
-        core = self._core
-        if self._changed or core is None:
+            self._ready = not self._changed
+            raise _RefusedError(misuse)
+        if self._changed or self._core is None:
             problems = self._parameter_problems()
             if problems:
-                return self._discard("; ".join(problems))
-            core = self._bind()
-        slack = TOLERANCE * core.schedule.sample_time
-        if not (step_size > 0.0 and isfinite(end)):
-            return self._discard(f"communication step {step_size!r} s at {current_time!r} s is not positive and finite")
-        if not abs(begin - self._now) <= slack:
-            return self._discard(f"step from {current_time!r} s, but the slave stands at {self._start + self._now!r} s")
-        inputs = self._core_inputs(core)
-        if not isfinite(sum(inputs)):
-            bad = [f"{self.table.rows[i][0]} = {self._values[i]!r}" for i in self._inputs
-                   if not isfinite(self._values[i])]
-            if bad:
-                return self._discard(f"input at {current_time!r} s is not finite: {', '.join(bad)}")
-        core.run(end, inputs)
-        self._now = end
-        self._current = False
-        return True
+                raise _RefusedError("; ".join(problems))
+            self._bind()
+        self._ready = True
+        begin = current_time - self._start
+        if not 0.0 < step_size < inf:
+            raise _RefusedError(f"communication step {step_size!r} s at {current_time!r} s is not positive and finite")
+        if not abs(begin - self._now) <= self._slack:
+            raise _RefusedError(f"step from {current_time!r} s, but the slave stands at {self._start + self._now!r} s")
+        return self.do_step(current_time, step_size)
+
+    def _checked_inputs(self, current_time: float) -> tuple[Any, ...]:
+        inputs = self._core_inputs(self._core)
+        if isfinite(sum(inputs)):
+            self._held = inputs
+            return inputs
+        bad = [f"{self.table.rows[i][0]} = {self._values[i]!r}" for i in self._inputs if not isfinite(self._values[i])]
+        raise _RefusedError(f"input at {current_time!r} s is not finite: {', '.join(bad)}")
 
     def _core_inputs(self, core: Core) -> tuple[Any, ...]:
-        """What the core takes; kept until a variable is set."""
-        if self._held is None:
-            values = self._values
-            motion = values[self._motion_slice]
-            if motion != self._motion:
-                # Not finite: let the caller's check find it, trigonometry would raise.
-                self._force = core.forces(*motion) if isfinite(sum(motion)) else (nan, nan)
-                self._motion = motion
-            command, aero_torque, supply, enable = self._direct
-            self._held = (values[command], values[aero_torque], *self._force, values[supply], values[enable])
-        return self._held
+        values = self._values
+        motion = values[self._motion_slice]
+        if motion != self._motion:
+            # Not finite: let the caller's check find it, trigonometry would raise.
+            self._force = core.forces(*motion) if isfinite(sum(motion)) else (nan, nan)
+            self._motion = motion
+        command, aero_torque, supply, enable = self._direct
+        return values[command], values[aero_torque], *self._force, values[supply], values[enable]
 
     def _bind(self) -> Core:
         """Let the core follow the parameters; before the first step it starts anew."""
@@ -179,6 +192,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         else:
             self._core.bind(functions)
         self._bound = tuple(values.values())
+        self._slack = TOLERANCE * self._core.schedule.sample_time
         self._changed = self._current = False
         self._motion = []
         self._held = None
@@ -221,10 +235,10 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     def _get(self, kind: str, vrs: Sequence[int], missing: Any) -> list[Any]:
         if not self._current:
             self._guard(self._refresh)
-        known = self._kinds[kind]
         values = self._values
+        known = self._kinds[kind]
         if known.issuperset(vrs):
-            return [values[vr] for vr in vrs]
+            return list(map(values.__getitem__, vrs))
         self._misused(f"no {kind} variable has value reference {', '.join(str(v) for v in vrs if v not in known)}")
         return [values[vr] if vr in known else missing for vr in vrs]
 
@@ -235,7 +249,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             core = None if self._parameter_problems() else self._bind()
         outputs: Iterable[Any] | None = None
         if core is not None and not self._refusal:
-            inputs = self._core_inputs(core)
+            inputs = self._held or self._core_inputs(core)
             if isfinite(sum(inputs)):
                 outputs = core.outputs(inputs)
         if outputs is None:
@@ -257,6 +271,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             else:
                 self._values[vr] = value
                 self._changed = True
+                self._ready = False
         self._held = None
         self._current = False
 
@@ -285,6 +300,8 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._changed, self._values, self._bound, self._core = changed, list(values), bound, core
         if core is not None:
             core.state = core_state
+            self._slack = TOLERANCE * core.schedule.sample_time
+        self._ready = False
         self._motion = []
         self._held = None
         self._current = False
@@ -319,6 +336,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def _misused(self, message: str) -> None:
         self._misuse = message
+        self._ready = False
         self._error(message)
 
     def _error(self, message: str) -> None:

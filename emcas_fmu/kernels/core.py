@@ -95,73 +95,83 @@ class Core:
         f_x, f_z = self._forces(*arguments)
         return f_x, f_z
 
-    def outputs(self, inputs: Sequence[Any]) -> tuple[Any, ...]:
+    def outputs(self, inputs: tuple[Any, ...]) -> tuple[Any, ...]:
         """Outputs in the order of the variable table."""
         _, _, _, _, measured, limited, line, active, _, plant = self._values
         return self._outputs(*plant, active, line[-1], measured, limited, *inputs)
 
-    def run(self, end: float, inputs: Sequence[Any]) -> None:
+    def run(self, end: float, inputs: tuple[Any, ...]) -> None:
         """Move on to `end` [s] from the start with the inputs held; all or nothing.
 
         Raises ArithmeticError where the equations cannot be followed.
         """
         tick, plant, integral, counts, measured, limited, line, active, part, _ = self._values
-        schedule = self.schedule
+        schedule, step = self.schedule, self._step
         lengths, arrival, ticks = schedule.lengths, schedule.arrival, schedule.ticks
         target, rest = schedule.locate(end)
-        command, *loads, enable = inputs
-        while tick < target or rest:
+        while tick < target:
+            index = tick % ticks
+            if part is None:
+                if index == 0:
+                    line, integral, counts, measured, limited = self._sampled(plant, line, integral, counts, inputs)
+                acting = inputs
+            else:
+                acting = _mean(_extended(part, lengths[index], inputs))
+                part = None
+            active = line[0] if index < arrival else line[1]
+            h = lengths[index]
+            _, aero_torque, f_x, f_z, supply, enable = acting
+            angle, speed, current, xi = plant
+            *plant, used = step(angle, speed, current, xi, active, aero_torque, f_x, f_z, supply, enable, h)
+            if used < h:
+                plant = self._finish(plant, active, acting, h - used)
+            tick += 1
+        tentative = plant
+        if rest:
             index = tick % ticks
             if index == 0 and part is None:
-                reference, integral, counts, measured, limited = self._sample(
-                    plant[0], plant[1], integral, counts, command, enable)
-                line = (*line[1:], reference)
+                line, integral, counts, measured, limited = self._sampled(plant, line, integral, counts, inputs)
             active = line[0] if index < arrival else line[1]
-            if tick == target:
-                part = _extended(part, rest, loads, enable)
-                tentative = self._tick(plant, active, *_mean(part), rest)
-                break
-            h = lengths[index]
-            if part is None:
-                plant = self._tick(plant, active, loads, enable, h)
-            else:
-                plant = self._tick(plant, active, *_mean(_extended(part, h, loads, enable)), h)
-                part = None
-            tick += 1
-        else:
-            tentative = plant
+            part = _extended(part, rest, inputs)
+            tentative = self._finish(plant, active, _mean(part), rest)
         if not isfinite(sum(tentative)):
             raise ArithmeticError("the state is no longer finite")
-        self._values = (tick, plant, integral, counts, measured, limited, line, active, part, tentative)
+        self._values = (tick, tuple(plant), integral, counts, measured, limited, line, active, part, tuple(tentative))
 
-    def _tick(self, plant: tuple[float, ...], active: float, loads: Sequence[float], enable: bool,
-              h: float) -> tuple[float, ...]:
-        step = self._step
-        aero_torque, f_x, f_z, supply = loads
-        left = h
+    def _sampled(self, plant: Sequence[float], line: tuple[float, ...], integral: float, counts: float,
+                 inputs: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Delay line, I, counts, measured angle and limit flag after a sample of the controllers."""
+        reference, *rest = self._sample(plant[0], plant[1], integral, counts, inputs[0], inputs[5])
+        return (*line[1:], reference), *rest
+
+    def _finish(self, plant: Sequence[float], active: float, inputs: tuple[Any, ...], left: float) -> Sequence[float]:
+        """Step over what is left of a tick [s], from event to event."""
+        _, *acting = inputs
+        whole = left
         for _ in range(_MOST_EVENTS):
-            angle, speed, current, xi = plant
-            after = step(angle, speed, current, xi, active, aero_torque, f_x, f_z, supply, enable, left)
-            plant = after[:4]
-            if after[4] >= left:
+            *plant, used = self._step(*plant, active, *acting, left)
+            if used >= left:
                 return plant
-            left -= after[4]
-        raise ArithmeticError(f"more than {_MOST_EVENTS} events in a tick of {h} s")
+            left -= used
+        raise ArithmeticError(f"more than {_MOST_EVENTS} events in {whole} s")
 
 
 # Inputs that change inside a tick act by their time-weighted mean over it. A part is
-# (time covered, inputs at the tick's start, integral of the difference from them, enable).
-_Part = tuple[float, tuple[float, ...], tuple[float, ...], bool]
+# (time covered, inputs at the tick's start, integrals of the loads' differences from them).
+_Part = tuple[float, tuple[Any, ...], tuple[float, ...]]
+_LOADS = slice(1, 5)  # of the inputs: what has a mean
 
 
-def _extended(part: _Part | None, until: float, loads: Sequence[float], enable: bool) -> _Part:
+def _extended(part: _Part | None, until: float, inputs: tuple[Any, ...]) -> _Part:
     if part is None:
-        return until, tuple(loads), (0.0,) * len(loads), enable
-    done, base, sums, first_enable = part
+        return until, inputs, (0.0, 0.0, 0.0, 0.0)
+    done, base, sums = part
     gained = until - done
-    return until, base, tuple(s + gained * (x - b) for s, x, b in zip(sums, loads, base, strict=True)), first_enable
+    changes = zip(sums, inputs[_LOADS], base[_LOADS], strict=True)
+    return until, base, tuple(s + gained * (x - b) for s, x, b in changes)
 
 
-def _mean(part: _Part) -> tuple[tuple[float, ...], bool]:
-    covered, base, sums, enable = part
-    return tuple(b + s / covered for b, s in zip(base, sums, strict=True)), enable
+def _mean(part: _Part) -> tuple[Any, ...]:
+    covered, base, sums = part
+    loads = (b + s / covered for b, s in zip(base[_LOADS], sums, strict=True))
+    return (base[0], *loads, base[5])

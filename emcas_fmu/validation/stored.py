@@ -67,6 +67,6 @@ def _columns(folder: Path, name: str, suffix: str) -> Columns:
 
 
 def parameters_hash(values: Mapping[str, Any]) -> str:
-    """The hash by which a provenance names the parameters of its run."""
-    canonical = json.dumps({name: float(value) for name, value in values.items()}, sort_keys=True)
-    return hashlib.sha256(canonical.encode()).hexdigest()
+    """The hash by which a provenance names the parameters of its run, see :mod:`emcas_fmu.reference.files`."""
+    used = {name: float(value) for name, value in values.items() if not name.startswith("solver.")}
+    return hashlib.sha256(json.dumps(used, sort_keys=True).encode()).hexdigest()
