@@ -101,10 +101,15 @@ def _sign(ops: Ops, x: Value) -> Value:
     return ops.where(x > 0.0, 1.0, ops.where(x < 0.0, -1.0, 0.0))
 
 
-def _motion(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value) -> _Motion:
+def _motion(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float) -> _Motion:
+    """Mechanics of a motor that turns one way (heading 1 or -1), or of one at rest (0)."""
     m = mechanics.coefficients(ops, p, s.angle + 0.5 * h * s.speed, b.aero_torque, b.f_x, b.f_z)
-
-    def stuck_or_starting() -> tuple[Value, ...]:
+    if heading:
+        direction: Value = heading
+        friction = heading * mechanics.breakaway(ops, p, m, heading)
+        high: Value = 0.0
+        low: Value = 0.0
+    else:
         low_stop, high_stop = stops(ops, p)
         high = ops.where(s.angle >= high_stop, _WALL, mechanics.breakaway(ops, p, m, 1.0))
         low = -ops.where(s.angle <= low_stop, _WALL, mechanics.breakaway(ops, p, m, -1.0))
@@ -114,13 +119,6 @@ def _motion(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value) -> _Motion:
         down = ops.both(applied <= low * _EDGE, applied < 0.0)
         direction = ops.where(up, 1.0, ops.where(down, -1.0, 0.0))
         friction = ops.where(up, high, ops.where(down, low, 0.0))
-        return direction, friction, high, low
-
-    def moving() -> tuple[Value, ...]:
-        direction = _sign(ops, s.speed)
-        return direction, direction * mechanics.breakaway(ops, p, m, direction), 0.0, 0.0
-
-    direction, friction, high, low = ops.branch(ops.equal(s.speed, 0.0), stuck_or_starting, moving)
     w = s.speed
     damping = mechanics.damping(ops, p, m, direction)
     # Midpoint speed w + h dw/2 in the viscous and (linearised) the centrifugal term.
@@ -178,79 +176,117 @@ def _time_to(ops: Ops, c: _Current, value: Value) -> Value:
     return c.tau * ops.log(ops.maximum(ratio, 1.0))
 
 
-def _step(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value) -> tuple[Plant, _Motion, _Drive, _Current]:
-    """The state after h [s] if nothing but what holds at its start happens."""
-    motion = _motion(ops, p, s, b, h)
+class _Step(NamedTuple):
+    """Where a step leads if nothing but what holds at its start happens, and what it was made of."""
+
+    end: Plant
+    motion: _Motion
+    drive: _Drive
+    current: _Current
+
+
+def _step(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float) -> _Step:
+    motion = _motion(ops, p, s, b, h, heading)
     d = _drive(ops, p, s, b)
     c = _current(ops, p, s, motion, d, h)
 
     def sliding() -> tuple[Value, ...]:
-        acceleration = (drive.torque(p, c.mean) + motion.torque) / motion.inertia
-        speed = s.speed + h * acceleration
+        speed = s.speed + h * (drive.torque(p, c.mean) + motion.torque) / motion.inertia
+        angle = s.angle + h * c.speed
+        if heading:
+            return angle, speed
         # A start from rest that leads nowhere is none.
-        starts = ops.either(ops.fabs(s.speed) > 0.0, speed * motion.direction > 0.0)
-        return (ops.where(starts, s.angle + h * c.speed, s.angle),
-                ops.where(starts, speed, 0.0))
+        starts = speed * motion.direction > 0.0
+        return ops.where(starts, angle, s.angle), ops.where(starts, speed, 0.0)
 
     angle, speed = ops.branch(ops.equal(motion.direction, 0.0), lambda: (s.angle, 0.0), sliding)
-    (integral,) = ops.branch(
-        b.enabled, lambda: (s.integral + h * d.integral_gain * (d.i_ref - c.mean),), lambda: (0.0,))
-    return Plant(angle, speed, c.end, integral), motion, d, c
+    integral = s.integral + ops.where(d.enabled, h * d.integral_gain * (d.i_ref - c.mean), 0.0)
+    return _Step(Plant(angle, speed, c.end, integral), motion, d, c)
 
 
-def _voltage_event(ops: Ops, p: Any, s: Plant, end: Plant, d: _Drive, c: _Current, h: Value) -> Value:
-    """When the demanded voltage crosses the limit, `h` if it does not."""
+class _Events(NamedTuple):
+    """What happens in a step: the voltage meets (``entering``) or leaves its limit, a motor
+    at rest breaks away (``up``, ``down``), one that turns comes to rest or gets to a stop."""
+
+    entering: Value
+    leaving: Value
+    up: Value
+    down: Value
+    reversing: Value
+    stopping: Value
+
+
+def _events(ops: Ops, p: Any, s: Plant, step: _Step, heading: float) -> _Events:
+    end, motion, d, _ = step
     demand = drive.voltage_demand(p, d.i_ref, end.current, end.integral)
-    entering = ops.both(ops.equal(d.side, 0.0), ops.fabs(demand) > d.limit * _OVER)
-    leaving = ops.both(ops.fabs(d.side) > 0.0, demand * d.side < d.limit)
-    side = ops.where(entering, _sign(ops, demand), d.side)
-
-    def crossing() -> tuple[Value, ...]:
-        # With the integral of the step's start, as the mode is told; it hardly moves.
-        boundary = d.i_ref - (side * d.limit - s.integral) / p.drive.kp
-        return (ops.minimum(_time_to(ops, c, boundary), h),)
-
-    crosses = ops.both(d.enabled, ops.either(entering, leaving))
-    (time,) = ops.branch(crosses, crossing, lambda: (h,))
-    return time
-
-
-def _motion_event(ops: Ops, p: Any, s: Plant, end: Plant, motion: _Motion, c: _Current,
-                  h: Value) -> tuple[Value, Value, Value]:
-    """When the motion changes its character (`h` if it does not), whether it stops, and the angle it stops at."""
+    free = ops.equal(d.side, 0.0)
+    entering = ops.both(d.enabled, ops.both(free, ops.fabs(demand) > d.limit * _OVER))
+    leaving = ops.both(d.enabled, ops.both(ops.negate(free), demand * d.side < d.limit))
     low_stop, high_stop = stops(ops, p)
+    stop = ops.where(motion.direction > 0.0, high_stop, low_stop)
+    stopping = (end.angle - stop) * motion.direction >= 0.0
+    if heading:
+        return _Events(entering, leaving, False, False, end.speed * heading <= 0.0, stopping)
+    stuck = ops.equal(motion.direction, 0.0)
+    applied = drive.torque(p, end.current) + motion.load
+    return _Events(entering, leaving, ops.both(stuck, applied > motion.high), ops.both(stuck, applied < motion.low),
+                   False, ops.both(ops.negate(stuck), stopping))
 
-    def stuck() -> tuple[Value, ...]:
-        constant = p.motor.torque_constant
-        up = constant * end.current + motion.load > motion.high
-        down = constant * end.current + motion.load < motion.low
-        edge = ops.where(up, motion.high, motion.low)
-        (time,) = ops.branch(ops.either(up, down),
-                             lambda: (_time_to(ops, c, (edge - motion.load) / constant),), lambda: (h,))
-        return time, 0.0, s.angle
 
-    def sliding() -> tuple[Value, ...]:
-        reversing = ops.both(end.speed * motion.direction <= 0.0, ops.fabs(s.speed) > 0.0)
-        stop = ops.where(motion.direction > 0.0, high_stop, low_stop)
-        # With the speed nearly linear in time, zero speed is where the line crosses.
-        zero_time = ops.where(reversing, h * s.speed / ops.where(reversing, s.speed - end.speed + _TINY, 1.0), h)
-        travel = stop - s.angle
-        beyond = (end.angle - stop) * motion.direction >= 0.0
+def _voltage_time(ops: Ops, p: Any, s: Plant, step: _Step, e: _Events, h: Value) -> Value:
+    """When the demanded voltage crosses the limit, `h` if it does not."""
+    _, _, d, c = step
+    demand = drive.voltage_demand(p, d.i_ref, step.end.current, step.end.integral)
+    side = ops.where(e.entering, _sign(ops, demand), d.side)
+    # With the integral of the step's start, as the mode is told; it hardly moves.
+    boundary = d.i_ref - (side * d.limit - s.integral) / p.drive.kp
+    return ops.where(ops.either(e.entering, e.leaving), ops.minimum(_time_to(ops, c, boundary), h), h)
 
-        def contact() -> tuple[Value, ...]:
-            acceleration = (end.speed - s.speed) / h
-            root = ops.sqrt(ops.maximum(s.speed * s.speed + 2.0 * acceleration * travel, 0.0))
-            denominator = s.speed + motion.direction * root
-            time = 2.0 * travel / ops.where(ops.fabs(denominator) > _TINY, denominator, _TINY)
-            return (ops.clip(time, 0.0, h),)
 
-        (stop_time,) = ops.branch(beyond, contact, lambda: (h,))
-        hits = ops.both(beyond, stop_time <= zero_time)
-        stopped = ops.where(ops.either(reversing, hits), 1.0, 0.0)
-        return ops.minimum(zero_time, stop_time), stopped, ops.where(hits, stop, s.angle)
+def _breakaway_time(ops: Ops, p: Any, step: _Step, e: _Events, h: Value) -> Value:
+    """When the torque on a motor at rest exceeds its friction, `h` if it does not."""
+    edge = ops.where(e.up, step.motion.high, step.motion.low)
+    time = _time_to(ops, step.current, (edge - step.motion.load) / p.motor.torque_constant)
+    return ops.where(ops.either(e.up, e.down), time, h)
 
-    time, stopped, angle = ops.branch(ops.equal(motion.direction, 0.0), stuck, sliding)
-    return time, stopped, angle
+
+def _stop_time(ops: Ops, s: Plant, step: _Step, e: _Events, stop: Value, h: Value) -> Value:
+    """When the motor gets to the angle `stop`, `h` if it does not; constant acceleration."""
+    travel = stop - s.angle
+    acceleration = (step.end.speed - s.speed) / h
+    root = ops.sqrt(ops.maximum(s.speed * s.speed + 2.0 * acceleration * travel, 0.0))
+    divisor = s.speed + step.motion.direction * root
+    time = 2.0 * travel / ops.where(ops.fabs(divisor) > _TINY, divisor, _TINY)
+    return ops.where(e.stopping, ops.clip(time, 0.0, h), h)
+
+
+def _to_first_event(ops: Ops, p: Any, s: Plant, b: Boundary, step: _Step, e: _Events, h: Value,
+                    heading: float) -> tuple[Value, ...]:
+    """State at the first event and the time it took."""
+    low_stop, high_stop = stops(ops, p)
+    stop = ops.where(step.motion.direction > 0.0, high_stop, low_stop)
+    voltage = _voltage_time(ops, p, s, step, e, h)
+    stopping = _stop_time(ops, s, step, e, stop, h)
+    if heading:
+        # With the speed nearly linear in time, it is zero where the line crosses.
+        slowing = ops.where(e.reversing, s.speed - step.end.speed, 1.0)
+        other = ops.where(e.reversing, h * s.speed / slowing, h)
+    else:
+        other = _breakaway_time(ops, p, step, e, h)
+    first = ops.minimum(ops.minimum(voltage, other), stopping)
+    used = ops.maximum(first, _PROGRESS * h)
+    part = _step(ops, p, s, b, used, heading).end
+    hits = ops.both(e.stopping, stopping <= first)
+    rests = ops.either(hits, ops.both(e.reversing, other <= first))
+    return (ops.where(hits, stop, part.angle), ops.where(rests, 0.0, part.speed), part.current, part.integral, used)
+
+
+def _follow(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float) -> tuple[Value, ...]:
+    step = _step(ops, p, s, b, h, heading)
+    e = _events(ops, p, s, step, heading)
+    any_motion = ops.either(ops.either(e.up, e.down), ops.either(e.reversing, e.stopping))
+    return ops.branch(ops.either(ops.either(e.entering, e.leaving), any_motion),
+                      lambda: _to_first_event(ops, p, s, b, step, e, h, heading), lambda: (*step.end, h))
 
 
 def advance(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value) -> tuple[Plant, Value]:
@@ -259,19 +295,10 @@ def advance(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value) -> tuple[Plant, V
     While the drive is disabled its bridge is open: no current, the integral at zero.
     """
     s = Plant(s.angle, s.speed, *ops.branch(b.enabled, lambda: (s.current, s.integral), lambda: (0.0, 0.0)))
-    end, motion, d, c = _step(ops, p, s, b, h)
-    voltage_time = _voltage_event(ops, p, s, end, d, c, h)
-    motion_time, stopped, stop_angle = _motion_event(ops, p, s, end, motion, c, h)
-    first = ops.minimum(voltage_time, motion_time)
-
-    def at_event() -> tuple[Value, ...]:
-        used = ops.maximum(first, _PROGRESS * h)
-        part, *_ = _step(ops, p, s, b, used)
-        stops_here = ops.both(stopped > 0.0, motion_time <= voltage_time)
-        hits = ops.both(stops_here, ops.negate(ops.equal(stop_angle, s.angle)))
-        return (ops.where(hits, stop_angle, part.angle), ops.where(stops_here, 0.0, part.speed),
-                part.current, part.integral, used)
-
-    angle, speed, current, integral, used = ops.branch(
-        first < h, at_event, lambda: (end.angle, end.speed, end.current, end.integral, h))
-    return Plant(angle, speed, current, integral), used
+    *plant, used = ops.branch(
+        s.speed > 0.0,
+        lambda: _follow(ops, p, s, b, h, 1.0),
+        lambda: ops.branch(s.speed < 0.0, lambda: _follow(ops, p, s, b, h, -1.0),
+                           lambda: _follow(ops, p, s, b, h, 0.0)),
+    )
+    return Plant(*plant), used

@@ -131,10 +131,12 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             begin = current_time - self._start
             # All is well: the way every step but a few takes. A comparison with NaN is false.
             if self._ready and abs(begin - self._now) <= self._slack and 0.0 < step_size < inf:
-                end = begin + step_size
-                self._core.run(end, self._held or self._checked_inputs(current_time))  # type: ignore[union-attr]
+                end, core = begin + step_size, self._core
+                inputs = self._held or self._checked_inputs(current_time)
+                core.run(end, inputs)  # type: ignore[union-attr]
                 self._now = end
-                self._current = False
+                self._values[self._output_slice] = core.outputs(inputs)  # type: ignore[union-attr]
+                self._current = True
                 return True
             return self._step(current_time, step_size)
         except _RefusedError as error:

@@ -10,7 +10,7 @@ tentative step from there, so that the host's step sizes leave the trajectory al
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from math import ceil, floor, isfinite, sqrt
 from typing import Any
 
@@ -97,8 +97,8 @@ class Core:
 
     def outputs(self, inputs: tuple[Any, ...]) -> tuple[Any, ...]:
         """Outputs in the order of the variable table."""
-        _, _, _, _, measured, limited, line, active, _, plant = self._values
-        return self._outputs(*plant, active, line[-1], measured, limited, *inputs)
+        values = self._values
+        return self._outputs(*values[9], values[7], values[6][-1], values[4], values[5], *inputs)
 
     def run(self, end: float, inputs: tuple[Any, ...]) -> None:
         """Move on to `end` [s] from the start with the inputs held; all or nothing.
@@ -106,50 +106,50 @@ class Core:
         Raises ArithmeticError where the equations cannot be followed.
         """
         tick, plant, integral, counts, measured, limited, line, active, part, _ = self._values
+        angle, speed, current, xi = plant
         schedule, step = self.schedule, self._step
         lengths, arrival, ticks = schedule.lengths, schedule.arrival, schedule.ticks
         target, rest = schedule.locate(end)
         while tick < target:
             index = tick % ticks
-            if part is None:
-                if index == 0:
-                    line, integral, counts, measured, limited = self._sampled(plant, line, integral, counts, inputs)
-                acting = inputs
-            else:
+            acting = inputs
+            if part is not None:
                 acting = _mean(_extended(part, lengths[index], inputs))
                 part = None
+            elif index == 0:
+                reference, integral, counts, measured, limited = self._sample(
+                    angle, speed, integral, counts, inputs[0], inputs[5])
+                line = (*line[1:], reference)
             active = line[0] if index < arrival else line[1]
             h = lengths[index]
             _, aero_torque, f_x, f_z, supply, enable = acting
-            angle, speed, current, xi = plant
-            *plant, used = step(angle, speed, current, xi, active, aero_torque, f_x, f_z, supply, enable, h)
+            angle, speed, current, xi, used = step(
+                angle, speed, current, xi, active, aero_torque, f_x, f_z, supply, enable, h)
             if used < h:
-                plant = self._finish(plant, active, acting, h - used)
+                angle, speed, current, xi = self._finish((angle, speed, current, xi), active, acting, h - used)
             tick += 1
-        tentative = plant
+        plant = tentative = (angle, speed, current, xi)
         if rest:
             index = tick % ticks
             if index == 0 and part is None:
-                line, integral, counts, measured, limited = self._sampled(plant, line, integral, counts, inputs)
+                reference, integral, counts, measured, limited = self._sample(
+                    angle, speed, integral, counts, inputs[0], inputs[5])
+                line = (*line[1:], reference)
             active = line[0] if index < arrival else line[1]
             part = _extended(part, rest, inputs)
             tentative = self._finish(plant, active, _mean(part), rest)
         if not isfinite(sum(tentative)):
             raise ArithmeticError("the state is no longer finite")
-        self._values = (tick, tuple(plant), integral, counts, measured, limited, line, active, part, tuple(tentative))
+        self._values = (tick, plant, integral, counts, measured, limited, line, active, part, tentative)
 
-    def _sampled(self, plant: Sequence[float], line: tuple[float, ...], integral: float, counts: float,
-                 inputs: tuple[Any, ...]) -> tuple[Any, ...]:
-        """Delay line, I, counts, measured angle and limit flag after a sample of the controllers."""
-        reference, *rest = self._sample(plant[0], plant[1], integral, counts, inputs[0], inputs[5])
-        return (*line[1:], reference), *rest
-
-    def _finish(self, plant: Sequence[float], active: float, inputs: tuple[Any, ...], left: float) -> Sequence[float]:
+    def _finish(self, plant: tuple[float, ...], active: float, inputs: tuple[Any, ...],
+                left: float) -> tuple[float, ...]:
         """Step over what is left of a tick [s], from event to event."""
         _, *acting = inputs
         whole = left
         for _ in range(_MOST_EVENTS):
-            *plant, used = self._step(*plant, active, *acting, left)
+            *after, used = self._step(*plant, active, *acting, left)
+            plant = tuple(after)
             if used >= left:
                 return plant
             left -= used

@@ -45,10 +45,13 @@ class Expr:
         return self.tracer.emit("{} - {}", other, self)
 
     def __mul__(self, other: Value) -> Value:
+        # Exact for every number, so that folding changes no bit.
+        if not isinstance(other, Expr) and abs(other) == 1.0:
+            return self if other > 0.0 else -self
         return self.tracer.emit("{} * {}", self, other)
 
     def __rmul__(self, other: Value) -> Value:
-        return self.tracer.emit("{} * {}", other, self)
+        return self * other
 
     def __truediv__(self, other: Value) -> Value:
         return self.tracer.emit("{} / {}", self, other)
@@ -169,7 +172,7 @@ class Tracer:
         return self.emit("sqrt({})", x)
 
     def fabs(self, x: Value) -> Value:
-        return self.emit("fabs({})", x)
+        return self.emit("fabs({})", x) if _traced(x) else abs(x)
 
     def floor(self, x: Value) -> Value:
         return self.emit("float(floor({}))", x)
@@ -184,18 +187,26 @@ class Tracer:
         return self.emit("{1} if {0} < {1} else {2} if {0} > {2} else {0}", x, low, high)
 
     def equal(self, a: Value, b: Value) -> Value:
-        return self.emit("{} == {}", a, b)
+        return self.emit("{} == {}", a, b) if _traced(a, b) else a == b
 
     def both(self, a: Value, b: Value) -> Value:
-        return self.emit("{} and {}", a, b)
+        if _traced(a) and _traced(b):
+            return self.emit("{} and {}", a, b)
+        known, other = (b, a) if _traced(a) else (a, b)
+        return other if known else False
 
     def either(self, a: Value, b: Value) -> Value:
-        return self.emit("{} or {}", a, b)
+        if _traced(a) and _traced(b):
+            return self.emit("{} or {}", a, b)
+        known, other = (b, a) if _traced(a) else (a, b)
+        return True if known else other
 
     def negate(self, a: Value) -> Value:
-        return self.emit("not {}", a)
+        return self.emit("not {}", a) if _traced(a) else not a
 
     def where(self, condition: Value, yes: Value, no: Value) -> Value:
+        if not _traced(condition):
+            return yes if condition else no
         return self.emit("{1} if {0} else {2}", condition, yes, no)
 
     def branch(self, condition: Value, yes: Thunk, no: Thunk) -> tuple[Value, ...]:
@@ -323,6 +334,10 @@ def _registers(lines: Sequence[str]) -> list[str]:
         free += sorted(names[name] for name in ending if name in starting)
         result.append(_TEMPORARY.sub(lambda match: names[match.group()], line))
     return result
+
+
+def _traced(*values: Value) -> bool:
+    return any(isinstance(value, Expr) for value in values)
 
 
 def _occurrences(template: str, index: int) -> int:

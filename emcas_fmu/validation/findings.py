@@ -37,7 +37,8 @@ def claims(comparisons: Sequence[Comparison]) -> list[Finding]:
     large = [c for c in comparisons if c.amplitude > ALIKE_BELOW]
     found = []
     if small:
-        told = ", ".join(f"{c.largest_difference:.1f} % at {c.amplitude:g} deg" for c in (*small, *at))
+        told = ", ".join(f"{c.largest_difference:.1f} % at {c.amplitude:g} deg" for c in small)
+        told += "".join(f"; at {c.amplitude:g} deg itself it is {c.largest_difference:.1f} %" for c in at)
         found.append(Finding("linear_alike_below_3deg",
                              f"Below {ALIKE_BELOW:g} deg, FMU and linear model differ by at most {ALIKE:g} % of the "
                              f"step: {told}", all(c.largest_difference <= ALIKE for c in small)))

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 
 class LinearModel:

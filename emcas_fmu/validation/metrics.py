@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf, nan
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 
 # Hann segments of the frequency response. A second is thirty times the actuator's memory, so that cutting a
 # response off at a segment's end matters little, and short enough that a sweep's harmonics, which come at

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import tempfile
 import zipfile
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,10 +22,10 @@ from numpy.typing import NDArray
 
 from ..errors import EmcasError
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating[Any]]
 Columns = Mapping[str, Array]
 
-_MOST_MESSAGES = 20
+_LAST_MESSAGES = 20  # kept of a run's log
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 
 
@@ -53,15 +54,18 @@ class Unit:
     sha256: str
 
     def run(self, inputs: Columns, step: float, start_values: Mapping[str, Any], outputs: Sequence[str]) -> Run:
-        """Simulate over the input rows with a communication step [s]. Never raises for what the FMU does."""
-        messages: list[str] = []
+        """Simulate over the input rows with a communication step [s].
+
+        Raises EmcasError where the FMU does not start at all; what it does later is in the result.
+        """
+        messages: deque[str] = deque(maxlen=_LAST_MESSAGES)
         begin = perf_counter()
         recorder: list[Any] = []
         reached = [float(inputs["time"][0])]
 
         def log(_component: Any, _instance: bytes, status: int, _category: bytes, message: bytes) -> None:
-            if len(messages) < _MOST_MESSAGES:
-                label = _STATUS[status] if 0 <= status < len(_STATUS) else str(status)
+            label = _STATUS[status] if 0 <= status < len(_STATUS) else str(status)
+            if label != "ok":
                 messages.append(f"{label}: {message.decode(errors='replace').strip()}")
 
         def finished(time: float, of: Any) -> bool:
@@ -78,13 +82,23 @@ class Unit:
             messages.append(str(error))
             table = recorder[0].result() if recorder else None
         columns = {name: np.array([] if table is None else table[name], dtype=float) for name in ("time", *outputs)}
+        # A discarded step leaves the time before it twice.
+        new = np.diff(columns["time"], prepend=-np.inf) > 0.0
+        columns = {name: column[new] for name, column in columns.items()}
         last = float(columns["time"][-1]) if len(columns["time"]) else reached[0]
         stopped = None if last > stop - step / 2 else last
         return Run(columns, stopped, tuple(messages), perf_counter() - begin)
 
     def _simulate(self, inputs: Columns, stop: float, step: float, start_values: Mapping[str, Any],
                   outputs: Sequence[str], log: Callable[..., None], finished: Callable[[float, Any], bool]) -> Any:
-        instance = instantiate_fmu(str(self.folder), self.description, "CoSimulation", logger=log)
+        try:
+            # Without debug logging on, pythonfmu's wrapper passes no message on.
+            instance = instantiate_fmu(str(self.folder), self.description, "CoSimulation", debug_logging=True,
+                                       logger=log)
+        # fmpy reports a failed load or instantiation as OSError or as a bare Exception.
+        except Exception as error:
+            raise EmcasError(f"{self.path}: its binary for {fmpy.platform} does not start ({error}); see the FMU's "
+                             "documentation/externalDependencies.txt for what it needs") from error
         try:
             return fmpy.simulate_fmu(
                 str(self.folder), model_description=self.description, fmu_instance=instance,

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..errors import EmcasError
 from ..reference import files
 from .runs import Columns
@@ -57,13 +55,10 @@ def _case(folder: Path, name: str, entry: Mapping[str, Any], remedy: str) -> Sto
                              f"restore it, or {remedy}")
     try:
         return Stored(name, entry["title"], entry["kind"], entry["step"], entry["stop_time"], entry["start_values"],
-                      _columns(folder, name, "in.csv"), _columns(folder, name, "ref.csv"), entry["sha256_parameters"])
+                      files.read_csv(files.path_of(folder, name, "in.csv")),
+                      files.read_csv(files.path_of(folder, name, "ref.csv")), entry["sha256_parameters"])
     except KeyError as error:
         raise EmcasError(f"{folder / files.PROVENANCE}: {name} has no entry {error}; {remedy}") from error
-
-
-def _columns(folder: Path, name: str, suffix: str) -> Columns:
-    return {k: np.asarray(c, dtype=np.float64) for k, c in files.read_csv(files.path_of(folder, name, suffix)).items()}
 
 
 def parameters_hash(values: Mapping[str, Any]) -> str:

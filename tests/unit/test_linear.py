@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from math import pi, radians
 from typing import Any
 
@@ -11,13 +12,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from emcas_fmu.simulation import simulate
-from emcas_fmu.validation.linear import LinearModel
+from emcas_fmu.validation.linear import Array, LinearModel
 
 Values = Mapping[str, Any]
 COMMAND = np.where(np.arange(301) >= 20, radians(1.0), 0.0)
 
 
-def integrated(p: Values, command: np.ndarray) -> np.ndarray:
+def integrated(p: Values, command: Array) -> Array:
     """The same equations, written with the fin's angle as the coordinate and integrated from event to event."""
     n = p["kinematics.moment_arm"] / p["screw.lead"]
     fin = p["inertia.fin"] + p["inertia.shaft"] + p["inertia.fork"]
@@ -25,7 +26,7 @@ def integrated(p: Values, command: np.ndarray) -> np.ndarray:
     viscous = n**2 * (p["friction.viscous.positive"] + p["friction.viscous.negative"]) / 2 + p["friction.fin_viscous"]
     period, delay = p["controller.sample_time"], p["drive.transport_delay"]
 
-    def slope(_time: float, x: np.ndarray, active: float) -> list[float]:
+    def slope(_time: float, x: Array, active: float) -> list[float]:
         angle_rate, current, xi = x[1:]
         wanted = p["drive.current_gain"] * active
         voltage = p["drive.kp"] * (wanted - current) + xi
@@ -44,7 +45,7 @@ def integrated(p: Values, command: np.ndarray) -> np.ndarray:
         now = k * period
         arrivals = [(j, j * period + delay) for j in range(len(written))]
         cuts = [now, *(t for _, t in arrivals if now + 1e-9 < t < now + period - 1e-9), now + period]
-        for begin, end in zip(cuts, cuts[1:], strict=False):
+        for begin, end in pairwise(cuts):
             arrived = [j for j, t in arrivals if t <= begin + 1e-9]
             active = written[arrived[-1]] if arrived else 0.0
             state = solve_ivp(slope, (begin, end), state, "Radau", args=(active,), rtol=1e-9, atol=1e-12).y[:, -1]

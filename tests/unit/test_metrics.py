@@ -10,17 +10,18 @@ from scipy import signal
 
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.validation import metrics
+from emcas_fmu.validation.metrics import Array
 
 SWEEP = next(case for case in CASES if case.name == "chirp_1deg").inputs()
 STEP = 1e-3  # s
 
 
-def second_order(time: np.ndarray, natural: float, damping: float) -> np.ndarray:
+def second_order(time: Array, natural: float, damping: float) -> Array:
     """Unit step response of w^2/(s^2 + 2 z w s + w^2) at times [s] after the step (Ogata, 5-3)."""
     damped = natural * math.sqrt(1.0 - damping**2)
     angle = damped * np.maximum(time, 0.0)
     decay = np.exp(-damping * natural * np.maximum(time, 0.0))
-    return 1.0 - decay * (np.cos(angle) + damping / math.sqrt(1.0 - damping**2) * np.sin(angle))
+    return np.asarray(1.0 - decay * (np.cos(angle) + damping / math.sqrt(1.0 - damping**2) * np.sin(angle)))
 
 
 def test_errors() -> None:
@@ -34,7 +35,8 @@ def test_errors() -> None:
 def test_step_metrics_of_a_second_order_system(scale: float, damping: float) -> None:
     natural, start, before = 60.0, 0.1, 5.0
     time = np.arange(1001) * STEP
-    found = metrics.step_metrics(time, before + scale * second_order(time - start, natural, damping), start, before + scale)
+    response = before + scale * second_order(time - start, natural, damping)
+    found = metrics.step_metrics(time, response, start, before + scale)
 
     fine = np.arange(900_001) * 1e-6
     unit = second_order(fine, natural, damping)
@@ -82,7 +84,7 @@ def test_slew_of_a_trapezoid(sign: float) -> None:
     assert metrics.slew(time, angle, spike, 0.0, 60.0).sustained == pytest.approx(200.0, rel=1e-9)
 
 
-def respond(command: np.ndarray, hertz: float, damping: float, delay: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def respond(command: Array, hertz: float, damping: float, delay: int) -> tuple[Array, Array, Array]:
     """Response of a delayed second-order system to held samples, and its discrete coefficients."""
     natural = 2.0 * math.pi * hertz
     b, a, _ = signal.cont2discrete(([natural**2], [1.0, 2.0 * damping * natural, natural**2]), STEP)
@@ -95,7 +97,7 @@ def test_frequency_response_of_a_second_order_system_with_delay(hertz: float, da
     response, b, a = respond(SWEEP["fin_command"], hertz, damping, delay=4)
     found = metrics.frequency_response(SWEEP["time"], SWEEP["fin_command"], response, 0.5, 24.0)
 
-    def exact(frequency: np.ndarray) -> np.ndarray:
+    def exact(frequency: Array) -> Array:
         return np.asarray(signal.freqz(b, a, 2.0 * math.pi * frequency * STEP)[1])
 
     ratio = found.gain * np.exp(1j * found.phase) / exact(found.frequency)

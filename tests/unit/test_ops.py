@@ -47,7 +47,7 @@ def _public(module: ModuleType) -> list[Function]:
 
 # Functions whose arguments are plain values; the others are reached through these.
 STRUCTURED = {loads.specific_force, mechanics.breakaway, mechanics.damping, integrate.advance, control.output,
-              control.update, friction.coulomb_reference}
+              control.update, friction.coulomb_reference, friction.coulomb_polynomial}
 PLAIN = [f for module in (kinematics, friction, loads, mechanics, drive, sensors, control, integrate, actuator)
          for f in _public(module) if f not in STRUCTURED]
 

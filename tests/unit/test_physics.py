@@ -76,8 +76,8 @@ def test_loads_against_rotation_matrices(values: Mapping[str, Any], seed: int) -
     force = _rotation("x", case["mounting.azimuth"]) @ (gravity - acceleration)
     turn = _rotation("y", fin).T  # a right-handed turn of the body, not of the frame
     moment = sum(np.cross(turn @ c, case[f"mass.{part}"] * force)[1] for part, c in centers.items())
-    f_x, f_z = loads.specific_force(FLOATS, p, tuple(acceleration), roll, pitch)
-    tangent = kinematics.lever_tangent(FLOATS, p, kinematics.motor_angle(FLOATS, p, fin))
+    f_x, f_z = loads.specific_force(FLOATS, p, tuple(acceleration.tolist()), float(roll), float(pitch))
+    tangent = kinematics.lever_tangent(FLOATS, p, kinematics.motor_angle(FLOATS, p, float(fin)))
     # Sums of a few terms of order 100: rounding.
     assert f_x == pytest.approx(force[0], abs=1e-12 * 100)
     assert loads.hinge_moment(FLOATS, p, tangent, f_x, f_z) == pytest.approx(moment, abs=1e-12 * 100)
