@@ -23,6 +23,11 @@ LOAD = 100.0  # N.m, the load of the thesis's Table 2
 LOAD_RISE = 0.02  # s, so that it is a load and not a hammer
 SWEEP = 0.5, 30.0  # Hz, first and last frequency
 
+# A quantised encoder and exact stiction together amplify any difference, down to rounding: two converged
+# integrations of the same case part by up to 0.006 deg (see docs/numerics.md), which says nothing of either.
+# Trajectories are therefore compared with true angle and speed fed back, but for the first case.
+EXACT: Mapping[str, Value] = {"encoder.enabled": False}
+
 Columns = dict[str, Array]
 
 
@@ -45,7 +50,7 @@ class Case:
     """Largest commanded angle [rad]."""
     build: Callable[[Array], Columns]
     """Input columns at the row times [s]."""
-    overrides: Mapping[str, Value] = field(default_factory=dict)
+    overrides: Mapping[str, Value] = field(default_factory=lambda: EXACT)
     """Parameters that differ from the defaults, SI."""
     step: float = STEP
     """Distance of the rows [s]."""
@@ -136,6 +141,7 @@ CASES = [
         1.0,
         math.radians(10.0),
         _levels((LEAD_IN, 10.0), (0.3, 0.0), (0.55, -10.0), (0.8, 0.0)),
+        {},
     ),
     *(_single_step(sign * size) for size in (1, 5, 10, 20) for sign in (1, -1)),
     Case("square", "Modified square wave, 5 to 20 deg, edges at 400 deg/s", "square", 2.5, _LARGE, _square),
@@ -166,7 +172,7 @@ CASES = [
         1.0,
         _LARGE,
         _levels((LEAD_IN, 5.0), (0.3, 20.0), (0.55, 5.0), (0.8, 0.0)),
-        {"friction.temperature": -6.0},
+        {**EXACT, "friction.temperature": -6.0},
     ),
     Case("sag", "Supply sags from 39 to 28 V during a 40 deg slew and recovers", "sag", 1.0, _LARGE, _sag),
 ]
