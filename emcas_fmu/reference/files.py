@@ -148,13 +148,18 @@ def _values(case: Case) -> dict[str, Value]:
     return {**load_parameters().values, **case.overrides}
 
 
-def _provenance(case: Case, directory: Path, values: Mapping[str, Value]) -> dict[str, Any]:
-    def sha256(data: bytes) -> str:
-        return hashlib.sha256(data).hexdigest()
-
+def parameters_hash(values: Mapping[str, Value]) -> str:
+    """The hash by which a provenance names the parameters of its run."""
     # Settings of the product's own stepping are no part of what the reference is made from.
     used = {name: float(value) for name, value in values.items() if not name.startswith("solver.")}
-    canonical = json.dumps(used, sort_keys=True)
+    return _sha256(json.dumps(used, sort_keys=True).encode())
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def _provenance(case: Case, directory: Path, values: Mapping[str, Value]) -> dict[str, Any]:
     return {
         "title": case.title,
         "kind": case.kind,
@@ -169,9 +174,9 @@ def _provenance(case: Case, directory: Path, values: Mapping[str, Value]) -> dic
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,
-        "sha256_in": sha256(path_of(directory, case.name, "in.csv").read_bytes()),
-        "sha256_ref": sha256(path_of(directory, case.name, "ref.csv").read_bytes()),
-        "sha256_parameters": sha256(canonical.encode()),
+        "sha256_in": _sha256(path_of(directory, case.name, "in.csv").read_bytes()),
+        "sha256_ref": _sha256(path_of(directory, case.name, "ref.csv").read_bytes()),
+        "sha256_parameters": parameters_hash(values),
         "start_values": dict(case.overrides),
     }
 

@@ -69,9 +69,10 @@ def _command(axes: Axes, series: Series, begin: float = 0.0, end: float = np.inf
 
 def _error(series: Series) -> tuple[Any, Any]:
     """Time [ms] and fin angle minus reference [mdeg]."""
-    rows = min(len(series.run.columns["time"]), len(series.reference["time"]))
-    difference = (series.run.columns["fin_angle"][:rows] - series.reference["fin_angle"][:rows]) * _DEG * 1e3
-    return series.run.columns["time"][:rows] * 1e3, difference
+    run = series.exact.columns
+    rows = min(len(run["time"]), len(series.reference["time"]))
+    difference = (run["fin_angle"][:rows] - series.reference["fin_angle"][:rows]) * _DEG * 1e3
+    return run["time"][:rows] * 1e3, difference
 
 
 def _error_panel(axes: Axes, limit: bool = True) -> None:

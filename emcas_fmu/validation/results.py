@@ -128,11 +128,16 @@ class FmuInfo:
 
 @dataclass(frozen=True)
 class Series:
-    """Time series of a run and of its reference (empty where it has none), SI, for the report."""
+    """Time series of a run and of its reference (empty where it has none), SI, for the report.
+
+    `run` is of the FMU as it was built, from which performance is judged; `exact` is the one to
+    compare with the reference, with the start values of the case, true angle and speed fed back.
+    """
 
     inputs: Mapping[str, Any]
     run: Run
     reference: Mapping[str, Any]
+    exact: Run
 
 
 @dataclass(frozen=True)

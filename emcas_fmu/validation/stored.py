@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,9 +58,3 @@ def _case(folder: Path, name: str, entry: Mapping[str, Any], remedy: str) -> Sto
                       files.read_csv(files.path_of(folder, name, "ref.csv")), entry["sha256_parameters"])
     except KeyError as error:
         raise EmcasError(f"{folder / files.PROVENANCE}: {name} has no entry {error}; {remedy}") from error
-
-
-def parameters_hash(values: Mapping[str, Any]) -> str:
-    """The hash by which a provenance names the parameters of its run, see :mod:`emcas_fmu.reference.files`."""
-    used = {name: float(value) for name, value in values.items() if not name.startswith("solver.")}
-    return hashlib.sha256(json.dumps(used, sort_keys=True).encode()).hexdigest()

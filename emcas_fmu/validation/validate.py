@@ -11,6 +11,7 @@ import numpy as np
 
 from ..files import models_directory
 from ..parameters import load_parameters
+from ..reference import files
 from ..reference.simulate import OUTPUTS
 from ..variables import INPUTS, PARAMETERS
 from . import findings, metrics, requirements, stored
@@ -66,12 +67,16 @@ def validate(fmu: Path, names: Sequence[str] | None = None, directory: Path | No
         runs: dict[str, Series] = {}
         for case in cases:
             tell(case.name)
-            run = unit.run(case.inputs, case.step, case.start_values, RECORDED)
-            runs[case.name] = Series(case.inputs, run, case.reference)
+            exact = unit.run(case.inputs, case.step, case.start_values, RECORDED)
+            # The encoder's chatter hides small errors, so references do without; performance does not.
+            shipped = {name: value for name, value in case.start_values.items() if not name.startswith("encoder.")}
+            run = exact if shipped == case.start_values else unit.run(case.inputs, case.step, shipped, RECORDED)
+            runs[case.name] = Series(case.inputs, run, case.reference, exact)
             done += 1
         for name, inputs in extra.items():
             tell(name)
-            runs[name] = Series(inputs, unit.run(inputs, STEP, {}, RECORDED), {})
+            run = unit.run(inputs, STEP, {}, RECORDED)
+            runs[name] = Series(inputs, run, {}, run)
             done += 1
         tell("done")
         info = _info(unit)
@@ -111,7 +116,7 @@ def _linear_steps() -> dict[str, Columns]:
 
 
 def _case_result(case: stored.Stored, series: Series) -> CaseResult:
-    run = series.run
+    run = series.exact
     rows = min(len(run.columns["time"]), len(series.reference["time"]))
     found = {}
     for name, (scale, unit) in _DISPLAY.items():
@@ -141,7 +146,7 @@ def _notes(info: FmuInfo, cases: Sequence[stored.Stored], runs: Mapping[str, Ser
         notes.append(f"The FMU's parameters differ from the defaults the references were made with: {names}")
     defaults = load_parameters().values
     stale = [case.name for case in cases
-             if stored.parameters_hash({**defaults, **case.start_values}) != case.parameters_hash]
+             if files.parameters_hash({**defaults, **case.start_values}) != case.parameters_hash]
     if stale:
         notes.append(f"The references of {', '.join(stale)} were made with other defaults than those of today; "
                      "renew them with `emcas reference`")
