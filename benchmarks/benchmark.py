@@ -146,7 +146,8 @@ def _lsoda(values: Any) -> Callable[[], None]:
 
 def _motulator() -> Callable[[], None] | None:
     try:
-        from motulator.drive import control as drive_control, model  # type: ignore[import-not-found]
+        from motulator.drive import control as drive_control  # type: ignore[import-not-found]
+        from motulator.drive import model
     except ImportError:
         return None
 

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Optional
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -22,7 +22,7 @@ app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="
 _out = Console()
 _err = Console(stderr=True)
 
-ParametersOption = Annotated[Optional[Path], typer.Option(
+ParametersOption = Annotated[Path | None, typer.Option(
     "--parameters", "-p", help="Parameter file (TOML); overrides any subset of the defaults.", metavar="FILE")]
 
 
@@ -85,7 +85,8 @@ def build_command() -> None:
     program()
 
 
-@app.command(name="parameters", epilog="Examples:\n\n  emcas parameters\n\n  emcas parameters -p my_actuator.toml --json")
+@app.command(name="parameters",
+             epilog="Examples:\n\n  emcas parameters\n\n  emcas parameters -p my_actuator.toml --json")
 def show_parameters(
     parameters: ParametersOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
@@ -117,11 +118,12 @@ def _parameter_records(chosen: ParameterSet) -> list[dict[str, Any]]:
             for e in chosen.entries]
 
 
-@app.command(epilog="Examples:\n\n  emcas reference --check\n\n  emcas reference --case step_plus1 --directory /tmp/ref")
+@app.command(
+    epilog="Examples:\n\n  emcas reference --check\n\n  emcas reference --case step_plus1 --directory ref")
 def reference(
-    directory: Annotated[Optional[Path], typer.Option(help="Folder of the reference files; models/reference "
+    directory: Annotated[Path | None, typer.Option(help="Folder of the reference files; models/reference "
                                                       "unless given.", metavar="DIR")] = None,
-    case: Annotated[Optional[list[str]], typer.Option(help="Only this case (may be given several times).")] = None,
+    case: Annotated[list[str] | None, typer.Option(help="Only this case (may be given several times).")] = None,
     check: Annotated[bool, typer.Option("--check", help="Compare with the files there instead of writing.")] = False,
 ) -> None:
     """Regenerate the reference responses by independent integration, or compare with those stored."""
@@ -141,7 +143,8 @@ def reference(
         return
     table = Table("case", "variable", "largest difference", "allowed", "")
     for name, variable, difference, tolerance in rows:
-        table.add_row(name, variable, f"{difference:.3g}", f"{tolerance:.3g}", "ok" if difference <= tolerance else "FAIL")
+        verdict = "ok" if difference <= tolerance else "FAIL"
+        table.add_row(name, variable, f"{difference:.3g}", f"{tolerance:.3g}", verdict)
     _out.print(table)
     if any(difference > tolerance for *_, difference, tolerance in rows):
         raise typer.Exit(1)
@@ -154,13 +157,13 @@ VALIDATE_EPILOG = ("Examples:\n\n  emcas validate EMCAS.fmu\n\n  emcas validate 
 @app.command(epilog=VALIDATE_EPILOG)
 def validate(
     fmu: Annotated[Path, typer.Argument(help="FMU to judge.", metavar="FMU")],
-    case: Annotated[Optional[list[str]], typer.Option(help="Only this case (may be given several times).")] = None,
-    as_json: Annotated[Optional[Path], typer.Option("--json", help="Write all figures to this file.",
+    case: Annotated[list[str] | None, typer.Option(help="Only this case (may be given several times).")] = None,
+    as_json: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.",
                                                     metavar="FILE")] = None,
-    junit: Annotated[Optional[Path], typer.Option(help="Write JUnit XML to this file.", metavar="FILE")] = None,
-    report: Annotated[Optional[Path], typer.Option(help="Write a page with pictures to this file.",
+    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.", metavar="FILE")] = None,
+    report: Annotated[Path | None, typer.Option(help="Write a page with pictures to this file.",
                                                    metavar="FILE.html")] = None,
-    directory: Annotated[Optional[Path], typer.Option(help="Folder of the reference files; models/reference "
+    directory: Annotated[Path | None, typer.Option(help="Folder of the reference files; models/reference "
                                                       "unless given.", metavar="DIR")] = None,
 ) -> None:
     """Run an FMU on every reference case and judge it by the reference and by the thesis's Table 2."""

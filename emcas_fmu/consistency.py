@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import degrees, isfinite, radians
 from typing import TYPE_CHECKING
 
+from .kernels.core import longest_tick
 from .physics.friction import coulomb_polynomial
 
 if TYPE_CHECKING:
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
 LARGEST_LEVER_ANGLE = radians(85.0)
 # Of the drive's transport delay, in sample times.
 LONGEST_DELAY = 64
+# Beyond it a sample time would cost seconds and the schedule megabytes.
+MOST_TICKS = 20_000
 _POWERS = range(7)
 _SCAN = 100  # points on each side of zero
 # Relative. Equal limits may differ in the last digit when they were given in different units.
@@ -65,6 +68,10 @@ def check_consistency(values: Mapping[str, float]) -> list[str]:
     if delay > LONGEST_DELAY * sample_time * (1.0 + _SLACK):
         problems.append(f"drive.transport_delay = {delay:.6g} s must be at most {LONGEST_DELAY} times "
                         f"controller.sample_time = {sample_time:.6g} s")
+    tick = longest_tick(values)
+    if sample_time > MOST_TICKS * tick:
+        problems.append(f"controller.sample_time = {sample_time:.6g} s needs over {MOST_TICKS} ticks of {tick:.6g} s; "
+                        "raise solver.max_tick or motor.inductance, or lower drive.ki or controller.sample_time")
     if values["encoder.multiplier"] not in (1, 2, 4):
         problems.append(f"encoder.multiplier = {values['encoder.multiplier']} must be 1, 2 or 4")
     if sum(values[name] for name in _INERTIAS) <= 0.0:

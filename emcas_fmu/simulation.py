@@ -30,10 +30,10 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, **input
         signals[name.replace("__", ".")] = signal
     core = Core(program.make()(values), values)
 
-    def at(time: float) -> list[Any]:
+    def at(time: float) -> tuple[Any, ...]:
         now = {name: s(time) if callable(s) else s for name, s in signals.items()}
         motion = [now[f"acceleration.{axis}"] for axis in "xyz"] + [now["attitude.roll"], now["attitude.pitch"]]
-        return [now["fin_command"], now["aero_torque"], *core.forces(*motion), now["supply_voltage"], now["enable"]]
+        return now["fin_command"], now["aero_torque"], *core.forces(*motion), now["supply_voltage"], now["enable"]
 
     now = at(0.0)
     rows = [(0.0, *core.outputs(now))]

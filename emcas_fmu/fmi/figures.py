@@ -36,9 +36,9 @@ def _steps(parameters: ParameterSet) -> Figure:
         path = models_directory() / "reference" / f"{MODEL}_step_{sign}{amplitude:g}_ref.csv"
         if shipped and path.is_file():
             reference = np.genfromtxt(path, delimiter=",", names=True)
-            early = reference["time"] <= _STOP
-            axes.plot(reference["time"][early][::8] * 1e3, np.degrees(reference["fin_angle"][early][::8]), ".", color=INK,
-                      markersize=2.5, label="independent reference" if (amplitude, side) == (20.0, 1) else None)
+            dots = reference[reference["time"] <= _STOP][::8]
+            axes.plot(dots["time"] * 1e3, np.degrees(dots["fin_angle"]), ".", color=INK, markersize=2.5,
+                      label="independent reference" if (amplitude, side) == (20.0, 1) else None)
     axes.legend(loc="upper left")
     return drawn
 

@@ -109,7 +109,8 @@ def _exported(files: Mapping[str, str], folder: Path) -> dict[str, bytes]:
     script = folder / f"emcas_slave_{digest}.py"
     script.write_text(_entry(package), encoding="utf-8", newline="\n")
     with _clean_imports("emcas_"):
-        archive = FmuBuilder.build_FMU(script, dest=folder / f"{MODEL}.fmu", project_files={folder / package}, **_OPTIONS)
+        archive = FmuBuilder.build_FMU(
+            script, dest=folder / f"{MODEL}.fmu", project_files={folder / package}, **_OPTIONS)
     with zipfile.ZipFile(archive) as built:
         return {name: built.read(name) for name in built.namelist() if not name.endswith("/")}
 
@@ -155,7 +156,7 @@ def build(parameters: ParameterSet, output: Path) -> Built:
     partial = output.with_name(f".{output.name}.{os.getpid()}.part")
     try:
         _archive(contents, partial)
-        os.replace(partial, output)
+        partial.replace(output)
     except OSError as error:
         raise BuildError(f"{output}: cannot be written ({error.strerror or error})") from error
     finally:

@@ -17,7 +17,7 @@ import sys
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import inf, isfinite, nan
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, cast
 
 from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
@@ -131,11 +131,11 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             begin = current_time - self._start
             # All is well: the way every step but a few takes. A comparison with NaN is false.
             if self._ready and abs(begin - self._now) <= self._slack and 0.0 < step_size < inf:
-                end, core = begin + step_size, self._core
-                inputs = self._held or self._checked_inputs(current_time)
-                core.run(end, inputs)  # type: ignore[union-attr]
+                end, core = begin + step_size, cast(Core, self._core)
+                inputs = self._held or self._checked_inputs(core, current_time)
+                core.run(end, inputs)
                 self._now = end
-                self._values[self._output_slice] = core.outputs(inputs)  # type: ignore[union-attr]
+                self._values[self._output_slice] = core.outputs(inputs)
                 self._current = True
                 return True
             return self._step(current_time, step_size)
@@ -167,8 +167,8 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             raise _RefusedError(f"step from {current_time!r} s, but the slave stands at {self._start + self._now!r} s")
         return self.do_step(current_time, step_size)
 
-    def _checked_inputs(self, current_time: float) -> tuple[Any, ...]:
-        inputs = self._core_inputs(self._core)
+    def _checked_inputs(self, core: Core, current_time: float) -> tuple[Any, ...]:
+        inputs = self._core_inputs(core)
         if isfinite(sum(inputs)):
             self._held = inputs
             return inputs

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Mapping
+from itertools import pairwise
 from math import ceil, floor, isfinite, sqrt
 from typing import Any
 
@@ -25,6 +26,12 @@ _INTEGRAL_PHASE = 0.1
 Functions = tuple[Callable[..., tuple[Any, ...]], ...]
 
 
+def longest_tick(parameters: Mapping[str, Any]) -> float:
+    """Upper bound [s] of a tick."""
+    longest, gain = float(parameters["solver.max_tick"]), parameters["drive.ki"]
+    return min(longest, _INTEGRAL_PHASE * sqrt(parameters["motor.inductance"] / gain)) if gain > 0.0 else longest
+
+
 class Schedule:
     """Ticks of a sample period: `offsets` and `lengths` [s], the tick where the delayed sample arrives."""
 
@@ -34,16 +41,14 @@ class Schedule:
         self.delay_samples = floor(delay + TOLERANCE)
         fraction = delay - self.delay_samples
         fraction = 0.0 if fraction < TOLERANCE else fraction
-        longest = float(parameters["solver.max_tick"])
-        if parameters["drive.ki"] > 0.0:
-            longest = min(longest, _INTEGRAL_PHASE * sqrt(parameters["motor.inductance"] / parameters["drive.ki"]))
+        longest = longest_tick(parameters)
         cuts = [0.0]
         self.arrival = ceil(fraction * period / longest * (1.0 - 1e-9))
         rest = ceil((1.0 - fraction) * period / longest * (1.0 - 1e-9))
         for begin, width, count in ((0.0, fraction, self.arrival), (fraction, 1.0 - fraction, rest)):
             cuts += [(begin + width * i / count) * period for i in range(1, count + 1)]
         self.offsets = cuts[:-1]
-        self.lengths = [b - a for a, b in zip(cuts, cuts[1:], strict=False)]
+        self.lengths = [b - a for a, b in pairwise(cuts)]
         self.ticks = len(self.lengths)
 
     def locate(self, time: float) -> tuple[int, float]:
@@ -128,7 +133,8 @@ class Core:
             if used < h:
                 angle, speed, current, xi = self._finish((angle, speed, current, xi), active, acting, h - used)
             tick += 1
-        plant = tentative = (angle, speed, current, xi)
+        plant = (angle, speed, current, xi)
+        tentative: tuple[float, ...] = plant
         if rest:
             index = tick % ticks
             if index == 0 and part is None:

@@ -341,4 +341,4 @@ def _traced(*values: Value) -> bool:
 
 
 def _occurrences(template: str, index: int) -> int:
-    return template.count("{%d}" % index) or 1
+    return template.count(f"{{{index}}}") or 1

@@ -4,9 +4,9 @@
     k(T) = 1 + (cold ratio - 1) clip((24 degC - T)/30 K, 0, 1)
 
 with coefficients c_n and b of the direction of motion. At rest friction is whatever
-holds the motor there, up to C_m: it sticks exactly. Section 3.3 measures both at 24 and -6 degC and fits sixth-order polynomials of
-the fin angle per direction. Between the temperatures the ratio is linear,
-outside them it is held.
+holds the motor there, up to C_m: it sticks exactly. Section 3.3 measures both at 24
+and -6 degC and fits sixth-order polynomials of the fin angle per direction. Between
+the temperatures the ratio is linear, outside them it is held.
 """
 
 from __future__ import annotations

@@ -17,8 +17,8 @@ Vector = Sequence[float]
 
 STANDARD_GRAVITY = 9.80665  # m/s2
 POLYNOMIAL_ANGLE = math.radians(20.0)  # rad, the angle that scales the Coulomb polynomials
-# V. Closeness at which the drive is taken to sit on its voltage limit: far above rounding of a 39 V
-# signal (1e-14), far below what moves the fin (1e-9 V is 4e-9 of the resolution of a 0.25 V encoder step).
+# V. Closeness at which the drive is taken to sit on its voltage limit: far above rounding of a 39 V signal
+# (1e-14), and a voltage wrong by this much for a millisecond moves the current by less than 2e-9 A.
 EDGE = 1e-9
 
 FREE, ON_LIMIT, OPEN = 0, 2, 9  # drive modes beside +1 and -1, which mean clipped at +V_dc and -V_dc

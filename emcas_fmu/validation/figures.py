@@ -13,6 +13,7 @@ from .. import plots
 from . import metrics, requirements
 from .linear import LinearModel
 from .results import Result, Series
+from .runs import Columns
 
 _DEG = 180.0 / np.pi
 _DOTS: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 2.6, "markerfacecolor": "none",
@@ -44,16 +45,16 @@ def _have(result: Result, *names: str) -> bool:
     return all(name in result.series and len(result.series[name].run.columns["time"]) for name in names)
 
 
-def _window(series: Series, begin: float, end: float) -> Any:
-    time = series.run.columns["time"]
+def _window(columns: Columns, begin: float, end: float) -> Any:
+    time = columns["time"]
     return (time >= begin - 1e-9) & (time <= end + 1e-9)
 
 
 def _line(axes: Axes, series: Series, name: str, scale: float, *, begin: float = 0.0, end: float = np.inf,
           dots: int = 0, **more: Any) -> None:
-    """One variable over time [ms]; every `dots`-th point of the reference on it."""
-    columns = series.run.columns
-    at = _window(series, begin, end)
+    """One variable over time [ms]; every `dots`-th point of the reference on it, and then the run it is of."""
+    columns = (series.exact if dots else series.run).columns
+    at = _window(columns, begin, end)
     axes.plot(columns["time"][at] * 1e3, columns[name][at] * scale, **more)
     if dots and len(series.reference):
         time = series.reference["time"]
@@ -133,7 +134,7 @@ def chirp_time(result: Result) -> Drawing | None:
         series = result.series[name]
         for axes, (begin, end) in zip(row, ((0.0, 12.0), (4.0, 5.2), (9.0, 9.4)), strict=True):
             close = end < 12.0
-            at = _window(series, begin, end)
+            at = _window(series.run.columns, begin, end)
             time = series.run.columns["time"][at]
             _, command = series.inputs["time"][at], series.inputs["fin_command"][at] * _DEG
             axes.plot(time, command, **{**_COMMAND, "linewidth": 1.0 if close else 0.5, "linestyle": "-"})
@@ -190,8 +191,8 @@ def bode(result: Result) -> Drawing | None:
 def _column_of_panels(result: Result, grid: Any, series: Series, color: str, end: float, begin: float = 0.0,
                       panels: Sequence[tuple[str, float, str]] = _PANELS, dots: int = 0) -> None:
     """A run's variables under each other, with their limits, shaded where one is active."""
-    values, columns = result.fmu.parameters, series.run.columns
-    at = _window(series, begin, end)
+    values, columns = result.fmu.parameters, (series.exact if dots else series.run).columns
+    at = _window(columns, begin, end)
     supply = series.inputs.get("supply_voltage", np.full(len(series.inputs["time"]), values["drive.supply_voltage"]))
     for axes, (name, scale, label) in zip(grid, panels, strict=True):
         plots.shade(axes, columns["time"][at] * 1e3, columns["saturated"][at] > 0.5)

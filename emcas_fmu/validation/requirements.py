@@ -153,9 +153,10 @@ def trajectory(name: str, title: str, series: Series, maximum: float) -> Criteri
     """The fin angle's largest error [deg] to the reference."""
     note = ""
     measured: float | None = maximum
-    if series.run.stopped is not None:
-        last = series.run.messages[-1] if series.run.messages else "it gave no reason"
-        measured, note = None, f"the FMU went no further than {series.run.stopped:.6g} s: {last}"
+    run = series.exact
+    if run.stopped is not None:
+        last = run.messages[-1] if run.messages else "it gave no reason"
+        measured, note = None, f"the FMU went no further than {run.stopped:.6g} s: {last}"
     return Criterion("trajectory", name, title, measured, "<=", TRAJECTORY_LIMIT, "deg",
                      f"1 % of the accuracy of {TABLE_2}", note)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import tempfile
 import zipfile
 from collections import deque
@@ -145,9 +146,13 @@ def opened(path: Path) -> Iterator[Unit]:
                          f"{', '.join(p for p in platforms if p != 'c-code') or 'none'}); build the FMU for it")
     starts = {v.name: _start(v) for v in description.modelVariables if v.causality in ("input", "parameter")}
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    here = Path.cwd()
     with tempfile.TemporaryDirectory(prefix="emcas_validate_", ignore_cleanup_errors=True) as folder:
         fmpy.extract(str(path), unzipdir=folder)
-        yield Unit(path, Path(folder), description, starts, digest)
+        try:
+            yield Unit(path, Path(folder), description, starts, digest)
+        finally:
+            os.chdir(here)  # fmpy stays in the FMU's folder where a library does not load
 
 
 def _start(variable: Any) -> Any:

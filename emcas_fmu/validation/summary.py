@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import isfinite
 
+from rich.box import SIMPLE_HEAD
 from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Table
@@ -22,6 +23,26 @@ def _verdict(criterion: Criterion) -> str:
     return "[green]ok[/]" if criterion.passed else "[bold red]FAIL[/]"
 
 
+def _cases(result: Result) -> Table:
+    """Errors and performance figures of the cases."""
+    units = {"max": "mdeg", "rms": "mdeg", "rise": "ms", "settle": "ms", "over": "%", "end": "deg", "rate": "deg/s",
+             "-3dB": "Hz", "-90°": "Hz"}
+    table = Table("case", *units, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, title_justify="left",
+                  title="error to the reference; rise, settling, overshoot, error at the end, peak rate; bandwidth")
+    table.add_row("", *units.values(), style="dim")
+    for column in table.columns:
+        column.no_wrap = True
+        column.justify = "left" if column is table.columns[0] else "right"
+    keys = (("rise_time_s", 1e3), ("settling_time_s", 1e3), ("overshoot_percent", 1.0), ("end_error_deg", 1.0),
+            ("peak_rate_deg_per_s", 1.0), ("bandwidth_hz", 1.0), ("phase_bandwidth_hz", 1.0))
+    for case in result.cases:
+        error = case.errors["fin_angle"]
+        figures = [f"{case.figures[key] * scale:#.3g}".rstrip(".") if key in case.figures else ""
+                   for key, scale in keys]
+        table.add_row(case.name, f"{error.maximum * 1e3:.3f}", f"{error.rms * 1e3:.3f}", *figures)
+    return table
+
+
 def summary(result: Result) -> Iterator[RenderableType]:
     """Criteria as a table, then findings, notes and the verdict."""
     yield escape(f"{result.fmu.name} {result.fmu.version}  GUID {result.fmu.guid}")
@@ -33,6 +54,7 @@ def summary(result: Result) -> Iterator[RenderableType]:
         table.add_row(c.name, _number(c.measured), f"{c.sense} {c.limit:g}", _number(c.margin), c.unit, _verdict(c),
                       end_section=c is result.criteria[len(result.cases) - 1])
     yield table
+    yield _cases(result)
     for finding in result.findings:
         held = {True: " So it is.", False: " It is not so.", None: ""}[finding.holds]
         yield escape(f"{finding.text}.{held}")

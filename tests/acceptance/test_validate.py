@@ -228,7 +228,7 @@ def test_early_end_fails_the_criterion() -> None:
     run = runs.Run({"time": np.array([0.0, 0.1])}, 0.1, ("error: too much",), 0.0)
     from emcas_fmu.validation.results import Series
 
-    criterion = requirements.trajectory("step", "Step", Series({}, run, {}), 0.0)
+    criterion = requirements.trajectory("step", "Step", Series({}, run, {}, run), 0.0)
     assert not criterion.passed
     assert "0.1 s" in criterion.note
     assert "too much" in criterion.note

@@ -63,6 +63,7 @@ def test_friction_never_creates_energy(values: Mapping[str, Any], speed: float, 
 
     def energy() -> float:
         angle, w, *_ = core.state[1]
+        w = float(w)
         return 0.5 * float(mechanics.coefficients(FLOATS, p, angle, 0.0, 0.0, 0.0).inertia) * w * w
 
     before = first = energy()
