@@ -85,7 +85,7 @@ def _entry(package: str) -> str:
 
 
 @contextmanager
-def _clean_imports(prefix: str) -> Iterator[None]:
+def _clean_imports(*packages: str) -> Iterator[None]:
     """Undo what the exporter leaves behind: its search path and the modules it imported."""
     path = list(sys.path)
     bytecode, sys.dont_write_bytecode = sys.dont_write_bytecode, True
@@ -94,7 +94,7 @@ def _clean_imports(prefix: str) -> Iterator[None]:
     finally:
         sys.path[:] = path
         sys.dont_write_bytecode = bytecode
-        for name in [n for n in sys.modules if n.startswith(prefix)]:
+        for name in [n for n in sys.modules if n.partition(".")[0] in packages]:
             del sys.modules[name]
 
 
@@ -108,7 +108,7 @@ def _exported(files: Mapping[str, str], folder: Path) -> dict[str, bytes]:
         target.write_text(text, encoding="utf-8", newline="\n")
     script = folder / f"emcas_slave_{digest}.py"
     script.write_text(_entry(package), encoding="utf-8", newline="\n")
-    with _clean_imports("emcas_"):
+    with _clean_imports(package, script.stem):
         archive = FmuBuilder.build_FMU(
             script, dest=folder / f"{MODEL}.fmu", project_files={folder / package}, **_OPTIONS)
     with zipfile.ZipFile(archive) as built:

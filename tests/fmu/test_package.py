@@ -179,3 +179,11 @@ def test_other_pythonfmu_units_in_the_same_process(fmu: Path, tmp_path: Path) ->
     assert other == pytest.approx(0.1)
     assert first == again != slow_angle == slow_again
     assert abs(first - 0.1) < abs(slow_angle - 0.1)
+
+
+def test_building_leaves_the_interpreter_as_it_was(tmp_path: Path) -> None:
+    before, path = dict(sys.modules), list(sys.path)
+    build(load_parameters(), tmp_path / "EMCAS.fmu")
+    assert sys.path == path
+    assert {name for name in set(sys.modules) - set(before) if name.startswith("emcas")} == set()
+    assert all(sys.modules.get(name) is module for name, module in before.items())

@@ -85,7 +85,7 @@ def test_default_has_source_note_type_and_lies_within_limits(entry: parameters.E
     ("encoder.multiplier", 4, "seed"),
     ("encoder.enabled", True, "estimate"),
     ("loads.gravity", False, "estimate"),
-    ("solver.max_tick", 0.00035, "estimate"),
+    ("solver.max_tick", 0.0007, "derived"),
 ])
 def test_default_number(name: str, expected: float, source: str) -> None:
     entry = next(e for e in DEFAULTS.entries if e.variable.name == name)
