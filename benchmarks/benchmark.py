@@ -14,6 +14,7 @@ import argparse
 import contextlib
 import io
 import json
+import resource
 import statistics
 import subprocess
 import sys
@@ -129,10 +130,11 @@ def _lsoda(values: Any) -> Callable[[], None]:
     right_hand_side, sample, _ = _equations(values)
     signals = _signals()
     period, delay = values["controller.sample_time"], values["drive.transport_delay"]
-    late, fraction = divmod(delay, period)
+    late = int(delay / period)
+    fraction = delay - late * period
 
     def run() -> None:
-        state, integral, counts, line = [0.0] * 4, 0.0, 0.0, [0.0] * (int(late) + 2)
+        state, integral, counts, line = [0.0] * 4, 0.0, 0.0, [0.0] * (late + 2)
         for _, command, load in signals[:-1].tolist():
             reference, integral, counts = sample(state[0], state[1], integral, counts, command)
             line = [*line[1:], reference]
@@ -145,27 +147,53 @@ def _lsoda(values: Any) -> Callable[[], None]:
 
 
 def _motulator() -> Callable[[], None] | None:
+    """motulator's current-controlled PMSM drive, speed loop closed, on a stiff shaft of the same inertia."""
     try:
-        from motulator.drive import control as drive_control  # type: ignore[import-not-found]
+        import motulator.drive.control.sm as control_of
         from motulator.drive import model
+        from motulator.drive.utils import SynchronousMachinePars
     except ImportError:
         return None
 
     def run() -> None:
-        parameters = model.SynchronousMachinePars(n_p=4, R_s=0.25, L_d=0.6e-3, L_q=0.6e-3, psi_f=0.0183)
-        machine = model.SynchronousMachine(parameters)
-        mechanics_model = model.MechanicalSystem(J=3e-4)
-        converter = model.VoltageSourceConverter(u_dc=39.0)
-        system = model.Drive(converter, machine, mechanics_model)
-        import motulator.drive.control.sm as sm  # type: ignore[import-not-found]
-
-        reference = sm.CurrentReferenceCfg(parameters, max_i_s=60.0)
-        controller = sm.CurrentVectorControl(parameters, reference, J=3e-4, T_s=1e-4, sensorless=False)
+        machine = SynchronousMachinePars(n_p=4, R_s=0.25, L_d=0.6e-3, L_q=0.6e-3, psi_f=0.11 / 6.0)
+        system = model.Drive(model.VoltageSourceConverter(u_dc=80.0), model.SynchronousMachine(machine),
+                             model.StiffMechanicalSystem(J=3e-4))
+        limits = control_of.CurrentReferenceCfg(machine, max_i_s=60.0, nom_w_m=4 * 300.0)
+        controller = control_of.CurrentVectorControl(machine, limits, T_s=1e-3 / 4, J=3e-4, sensorless=False)
         controller.ref.w_m = lambda t: 300.0 * np.sin(4.0 * np.pi * t)
         model.Simulation(system, controller).simulate(t_stop=STOP)
 
-    _ = drive_control
     return run
+
+
+def _memory(path: Path, count: int = 200) -> float:
+    """Resident memory [KiB] of a further instance that has stepped."""
+    description = read_model_description(str(path))
+    folder = extract(str(path))
+
+    def stepped() -> Any:
+        instance = instantiate_fmu(folder, description, "CoSimulation")
+        instance.setupExperiment(startTime=0.0)
+        instance.enterInitializationMode()
+        instance.exitInitializationMode()
+        instance.doStep(0.0, STEP)
+        return instance
+
+    kept = [stepped() for _ in range(20)]
+    before = _resident()
+    kept += [stepped() for _ in range(count)]
+    grown = _resident() - before
+    for instance in kept:
+        instance.terminate()
+        instance.freeInstance()
+    return grown / count
+
+
+def _resident() -> float:
+    """KiB of this process in memory; Linux."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * resource.getpagesize() / 1024.0
 
 
 def _cpu(action: Callable[[], None]) -> float:
@@ -190,6 +218,7 @@ def main() -> int:
         if drive_model is not None:
             contestants["motulator PMSM drive"] = drive_model
         times: dict[str, list[float]] = {name: [] for name in contestants}
+        memory = _memory(fmu)
         for action in contestants.values():
             action()
         for _ in range(arguments.repeat):
@@ -203,9 +232,11 @@ def main() -> int:
     wrapper, lsoda = 1.0 / ratios["trivial pythonfmu FMU"], ratios["SciPy LSODA"]
     print(f"EMCAS.fmu is {wrapper:.2f} x the trivial FMU (target: at most 2), "
           f"{lsoda:.1f} x faster than LSODA (target: at least 8)")
+    print(f"a further instance takes {memory:.0f} KiB (target: at most 200)")
     if arguments.json:
-        arguments.json.write_text(json.dumps({"cpu_s_per_s": times, "ratios": ratios}, indent=1), encoding="utf-8")
-    return 0 if wrapper <= 2.0 and lsoda >= 8.0 else 1
+        figures = {"cpu_s_per_s": times, "ratios": ratios, "instance_kib": memory}
+        arguments.json.write_text(json.dumps(figures, indent=1), encoding="utf-8")
+    return 0 if wrapper <= 2.0 and lsoda >= 8.0 and memory <= 200.0 else 1
 
 
 if __name__ == "__main__":
