@@ -30,8 +30,9 @@ def main(fmu: str) -> None:
                                   output_interval=1e-3, output=["fin_angle"])
             time, response = result["time"] * 1e3, np.degrees(result["fin_angle"])
             angle.plot(time, response, color=color, label=f"{np.degrees(inputs['fin_command'].max()):.0f}°")
+            label = "independent reference" if name == "step_plus1" else None
             angle.plot(reference["time"][::12] * 1e3, np.degrees(reference["fin_angle"][::12]), "o", color="#444444",
-                       markersize=2.5, fillstyle="none", label="independent reference" if name == "step_plus1" else None)
+                       markersize=2.5, fillstyle="none", label=label)
             error.plot(time, (response - np.degrees(reference["fin_angle"])) * 1e3, color=color)
         angle.set(ylabel="fin angle / deg", title="Step responses of EMCAS.fmu under fmpy")
         error.set(ylabel="error / mdeg", xlabel="time / ms", ylim=(-1.0, 1.0), xlim=(0, 400))
