@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
+from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES, SIGNIFICANT_DIGITS, Case
 from emcas_fmu.reference.plant import Value
@@ -134,7 +135,8 @@ def _distance(column: Array, stored: Array | None) -> float:
 def _chosen(names: Sequence[str] | None, progress: Progress | None) -> Iterator[Case]:
     unknown = set(names or ()) - {case.name for case in CASES}
     if unknown:
-        raise ValueError(f"no such reference case: {', '.join(sorted(unknown))}")
+        raise EmcasError(f"no such reference case: {', '.join(sorted(unknown))}; "
+                         f"there are {', '.join(case.name for case in CASES)}")
     chosen = [case for case in CASES if not names or case.name in names]
     for done, case in enumerate(chosen):
         if progress:

@@ -13,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from emcas_fmu.errors import EmcasError
 from emcas_fmu.reference import files
 from emcas_fmu.reference import simulate as engine
 from emcas_fmu.reference.cases import CASES, Case
@@ -391,5 +392,5 @@ def test_comparison_sees_a_changed_response(short: Case, tmp_path: Path) -> None
 
 
 def test_unknown_case_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="nonsense"):
+    with pytest.raises(EmcasError, match="nonsense"):
         files.compare(tmp_path, ["nonsense"])

@@ -1,0 +1,81 @@
+"""The slave class in this process: what a host in a fresh process cannot provoke."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+from emcas_fmu.fmi.model_description import start_values
+from emcas_fmu.fmi.slave import CorruptState, Slave, Table
+from emcas_fmu.kernels import program
+from emcas_fmu.variables import VARIABLES
+
+INDEX = {v.name: i for i, v in enumerate(VARIABLES)}
+
+
+@pytest.fixture
+def slave(values: Mapping[str, Any]) -> Any:
+    rows = tuple((v.name, v.kind, v.causality, v.variability, v.minimum, v.maximum) for v in VARIABLES)
+
+    class Local(Slave):
+        make = staticmethod(program.make())  # type: ignore[assignment]
+        table = Table(rows, start_values(values), "{guid}")
+
+    made = Local(instance_name="fin")
+    made.setup_experiment(0.0)
+    made.enter_initialization_mode()
+    made.exit_initialization_mode()
+    return made
+
+
+def _angle(slave: Any) -> float:
+    angle, = slave.get_real([INDEX["fin_angle"]])
+    return float(angle)
+
+
+def test_an_interrupt_discards_the_step_and_nothing_else(slave: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    slave.set_real([INDEX["fin_command"]], [0.1])
+    assert all(slave.do_step(k * 1e-3, 1e-3) for k in range(20))
+    before = slave._get_fmu_state()
+
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(type(slave._core), "run", interrupted)
+        assert not slave.do_step(0.02, 1e-3)
+    assert slave._get_fmu_state() == before
+    assert slave.do_step(0.02, 1e-3)
+
+
+def test_log_texts_are_no_printf_formats(slave: Any) -> None:
+    slave._misused("50 % of %s")
+    assert slave.log_queue[-1].msg == "50 %% of %%s"
+
+
+def test_state_survives_bytes_and_a_changed_parameter(slave: Any) -> None:
+    slave.set_real([INDEX["fin_command"]], [0.1])
+    assert slave.do_step(0.0, 0.01)
+    slave.set_real([INDEX["friction.temperature"]], [-6.0])
+    state = type(slave)._fmu_state_from_bytes(type(slave)._fmu_state_to_bytes(slave._get_fmu_state()))
+    assert slave.do_step(0.01, 0.05)
+    cold = _angle(slave)
+    slave.set_real([INDEX["friction.temperature"]], [24.0])
+    slave._set_fmu_state(state)
+    assert slave.get_real([INDEX["friction.temperature"]]) == [-6.0]
+    assert slave.do_step(0.01, 0.05)
+    assert _angle(slave) == cold
+
+
+def test_a_state_of_another_shape_changes_nothing(slave: Any) -> None:
+    assert slave.do_step(0.0, 0.01)
+    before = slave._get_fmu_state()
+    for bad in ((1, 2, 3), None, CorruptState("it is nonsense")):
+        slave._set_fmu_state(bad)
+        assert not slave.do_step(0.01, 0.01)
+        assert slave.log_queue[-1].msg
+    assert slave.do_step(0.01, 0.01)
+    slave._set_fmu_state(before)
+    assert slave._get_fmu_state() == before
