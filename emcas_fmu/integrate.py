@@ -21,8 +21,8 @@ from .physics import drive, kinematics, mechanics
 # Dry friction counts as overcome this close to its limit, so that a step that ended at
 # breakaway does not find itself stuck by a rounding error.
 _EDGE = 1.0 - 1e-9
-# The drive counts as saturated this far beyond its limit, for the same reason.
-_OVER = 1.0 + 1e-9
+# The demanded voltage counts as at its limit this close to it, for the same reason.
+_BAND = 1e-6
 # The least share of a step that is taken, so that every call moves on.
 _PROGRESS = 1e-6
 _WALL = 1e30  # N.m, a mechanical stop seen as friction that nothing overcomes
@@ -75,6 +75,8 @@ class _Drive(NamedTuple):
     limit: Value
     i_ref: Value
     enabled: Value
+    stays: Value  # 1 where the demand stays at the limit, its integral following
+    at_limit: Value  # 1 where the step starts at the limit
 
 
 class _Current(NamedTuple):
@@ -128,17 +130,37 @@ def _motion(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float) -
 
 
 def _drive(ops: Ops, p: Any, s: Plant, b: Boundary) -> _Drive:
+    """The electrical mode a step starts in.
+
+    A demand at the limit may be driven out while it is free and back while it is
+    clipped (its integral held): then it stays there, the integral following the
+    current (Filippov's sliding solution).
+    """
     i_ref = drive.current_reference(ops, p, b.reference)
     demand = drive.voltage_demand(p, i_ref, s.current, s.integral)
     limit = ops.maximum(b.supply, 0.0)
-    side = ops.where(demand > limit * _OVER, 1.0, ops.where(demand < -limit * _OVER, -1.0, 0.0))
-    closed, opened = p.motor.resistance + p.drive.kp, p.motor.resistance
-    loop, tau, source, gain = ops.branch(
-        ops.equal(side, 0.0),
-        lambda: (closed, p.motor.inductance / closed, p.drive.kp * i_ref + s.integral, p.drive.ki),
-        lambda: (opened, p.motor.inductance / opened, side * limit, 0.0),
-    )
-    return _Drive(side, loop, tau, source, gain, limit, i_ref, b.enabled)
+    inside = ops.fabs(demand) < limit * (1.0 - _BAND)
+    resistance, inductance = p.motor.resistance, p.motor.inductance
+
+    def free() -> tuple[Value, ...]:
+        loop = resistance + p.drive.kp
+        return 0.0, loop, inductance / loop, p.drive.kp * i_ref + s.integral, p.drive.ki, 0.0, 0.0
+
+    def beyond() -> tuple[Value, ...]:
+        side = _sign(ops, demand)
+        at_limit = ops.fabs(demand) <= limit * (1.0 + _BAND)
+        rise = side * (side * limit - resistance * s.current - drive.back_emf(p, s.speed)) / inductance
+        drawn_out = side * p.drive.ki * (i_ref - s.current) > p.drive.kp * rise
+        stays = ops.both(at_limit, ops.both(rise > 0.0, drawn_out))
+        clipped = ops.either(ops.negate(at_limit), ops.either(rise <= 0.0, stays))
+        own = ops.where(clipped, side, 0.0)
+        loop = ops.where(clipped, resistance, resistance + p.drive.kp)
+        source = ops.where(clipped, side * limit, p.drive.kp * i_ref + s.integral)
+        gain = ops.where(clipped, 0.0, p.drive.ki)
+        return (own, loop, inductance / loop, source, gain, ops.where(stays, 1.0, 0.0), ops.where(at_limit, 1.0, 0.0))
+
+    side, loop, tau, source, gain, stays, at_limit = ops.branch(inside, free, beyond)
+    return _Drive(side, loop, tau, source, gain, limit, i_ref, b.enabled, stays, at_limit)
 
 
 def _current(ops: Ops, p: Any, s: Plant, motion: _Motion, d: _Drive, h: Value) -> _Current:
@@ -200,7 +222,9 @@ def _step(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float) -> 
         return ops.where(starts, angle, s.angle), ops.where(starts, speed, 0.0)
 
     angle, speed = ops.branch(ops.equal(motion.direction, 0.0), lambda: (s.angle, 0.0), sliding)
-    integral = s.integral + ops.where(d.enabled, h * d.integral_gain * (d.i_ref - c.mean), 0.0)
+    followed = d.side * d.limit - p.drive.kp * (d.i_ref - c.end)
+    moved = s.integral + h * d.integral_gain * (d.i_ref - c.mean)
+    integral = ops.where(d.enabled, ops.where(d.stays > 0.0, followed, moved), 0.0)
     return _Step(Plant(angle, speed, c.end, integral), motion, d, c)
 
 
@@ -220,8 +244,10 @@ def _events(ops: Ops, p: Any, s: Plant, step: _Step, heading: float) -> _Events:
     end, motion, d, _ = step
     demand = drive.voltage_demand(p, d.i_ref, end.current, end.integral)
     free = ops.equal(d.side, 0.0)
-    entering = ops.both(d.enabled, ops.both(free, ops.fabs(demand) > d.limit * _OVER))
-    leaving = ops.both(d.enabled, ops.both(ops.negate(free), demand * d.side < d.limit))
+    # From the limit itself the mode told at the start holds through the step.
+    crossing = ops.both(d.enabled, ops.equal(d.at_limit, 0.0))
+    entering = ops.both(crossing, ops.both(free, ops.fabs(demand) > d.limit))
+    leaving = ops.both(crossing, ops.both(ops.negate(free), demand * d.side < d.limit))
     low_stop, high_stop = stops(ops, p)
     stop = ops.where(motion.direction > 0.0, high_stop, low_stop)
     stopping = (end.angle - stop) * motion.direction >= 0.0
@@ -236,11 +262,17 @@ def _events(ops: Ops, p: Any, s: Plant, step: _Step, heading: float) -> _Events:
 def _voltage_time(ops: Ops, p: Any, s: Plant, step: _Step, e: _Events, h: Value) -> Value:
     """When the demanded voltage crosses the limit, `h` if it does not."""
     _, _, d, c = step
-    demand = drive.voltage_demand(p, d.i_ref, step.end.current, step.end.integral)
-    side = ops.where(e.entering, _sign(ops, demand), d.side)
-    # With the integral of the step's start, as the mode is told; it hardly moves.
+    before = drive.voltage_demand(p, d.i_ref, s.current, s.integral)
+    after = drive.voltage_demand(p, d.i_ref, step.end.current, step.end.integral)
+    side = ops.where(e.entering, _sign(ops, after), d.side)
+    # By the current's course, with the integral of the step's start; where the integral
+    # rather than the current drives the demand, by the line between its ends.
     boundary = d.i_ref - (side * d.limit - s.integral) / p.drive.kp
-    return ops.where(ops.either(e.entering, e.leaving), ops.minimum(_time_to(ops, c, boundary), h), h)
+    on_course = (boundary - s.current) * (step.end.current - boundary) >= 0.0
+    change = ops.where(ops.equal(after, before), 1.0, after - before)
+    line = h * ops.clip((side * d.limit - before) / change, 0.0, 1.0)
+    time = ops.where(on_course, ops.minimum(_time_to(ops, c, boundary), h), line)
+    return ops.where(ops.either(e.entering, e.leaving), time, h)
 
 
 def _breakaway_time(ops: Ops, p: Any, step: _Step, e: _Events, h: Value) -> Value:
@@ -268,9 +300,10 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, b: Boundary, step: _Step, e: _Ev
     voltage = _voltage_time(ops, p, s, step, e, h)
     stopping = _stop_time(ops, s, step, e, stop, h)
     if heading:
-        # With the speed nearly linear in time, it is zero where the line crosses.
+        # First where the line between the speeds is zero, then on the line to that point.
         slowing = ops.where(e.reversing, s.speed - step.end.speed, 1.0)
-        other = ops.where(e.reversing, h * s.speed / slowing, h)
+        guess = ops.where(e.reversing, h * s.speed / slowing, h)
+        (other,) = ops.branch(e.reversing, lambda: (_refined(ops, p, s, b, step, guess, h, heading),), lambda: (h,))
     else:
         other = _breakaway_time(ops, p, step, e, h)
     first = ops.minimum(ops.minimum(voltage, other), stopping)
@@ -279,6 +312,15 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, b: Boundary, step: _Step, e: _Ev
     hits = ops.both(e.stopping, stopping <= first)
     rests = ops.either(hits, ops.both(e.reversing, other <= first))
     return (ops.where(hits, stop, part.angle), ops.where(rests, 0.0, part.speed), part.current, part.integral, used)
+
+
+def _refined(ops: Ops, p: Any, s: Plant, b: Boundary, step: _Step, guess: Value, h: Value, heading: float) -> Value:
+    """A better time of zero speed than `guess`, by the secant to the side where it lies."""
+    speed = _step(ops, p, s, b, ops.maximum(guess, _PROGRESS * h), heading).end.speed
+    late = speed * heading <= 0.0
+    other_time, other_speed = ops.where(late, 0.0, h), ops.where(late, s.speed, step.end.speed)
+    change = ops.where(ops.equal(speed, other_speed), 1.0, speed - other_speed)
+    return ops.clip(guess - speed * (guess - other_time) / change, 0.0, h)
 
 
 def _follow(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float) -> tuple[Value, ...]:
