@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -34,7 +35,7 @@ def _failures() -> Iterator[None]:
     try:
         yield
     except (EmcasError, ParameterError, OSError) as error:
-        _err.print(f"[bold red]error:[/] {error}", highlight=False, soft_wrap=True)
+        _err.print(f"[bold red]error:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
         raise typer.Exit(2) from error
 
 
@@ -71,8 +72,8 @@ def build(
         if backend != "python":
             raise EmcasError(f"--backend {backend}: this version builds 'python' only")
         built = build_fmu(load_parameters(parameters), output)
-    _out.print(f"built {built.path}  {built.size / 1024:.0f} KiB  GUID {built.guid}  ({', '.join(built.platforms)})",
-               highlight=False, soft_wrap=True)
+    _out.print(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
+               f"({', '.join(built.platforms)})", highlight=False, soft_wrap=True)
 
 
 app.command(epilog=BUILD_EPILOG)(build)
@@ -98,15 +99,19 @@ def show_parameters(
         print(json.dumps(_parameter_records(chosen), indent=1))
         return
     notes = _out.width >= 130
-    table = Table("name", "value", "unit", "as written", "source", *(["note"] if notes else []),
+    extra = [("note", "note")] if notes else []
+    if _out.width >= 100:
+        extra.insert(0, ("as written", "as_written"))
+    table = Table("name", "value", "unit", "source", *(title for title, _ in extra),
                   title="EM-CAS parameters", title_justify="left")
-    table.columns[0].no_wrap = True
+    for column in table.columns[:4]:
+        column.no_wrap = True
     table.columns[1].justify = "right"
     for record in _parameter_records(chosen):
         value = record["value"]
         text = f"{value:.6g}" if isinstance(value, float) else str(value).lower()
-        table.add_row(record["name"], text, record["unit"], record["as_written"], record["source"],
-                      *([record["note"]] if notes else []))
+        table.add_row(record["name"], text, record["unit"], record["source"],
+                      *(escape(record[key]) for _, key in extra))
     _out.print(table)
     if not notes:
         _out.print("A wider terminal, or --json, shows what each value rests on.")
@@ -119,27 +124,32 @@ def _parameter_records(chosen: ParameterSet) -> list[dict[str, Any]]:
 
 
 @app.command(
-    epilog="Examples:\n\n  emcas reference --check\n\n  emcas reference --case step_plus1 --directory ref")
+    epilog="Examples:\n\n  emcas reference --check\n\n  emcas reference --case step_plus1 --directory ref"
+           "\n\n  emcas reference --parameters my_actuator.toml --directory my_references")
 def reference(
     directory: Annotated[Path | None, typer.Option(help="Folder of the reference files; models/reference "
                                                       "unless given.", metavar="DIR")] = None,
     case: Annotated[list[str] | None, typer.Option(help="Only this case (may be given several times).")] = None,
+    parameters: ParametersOption = None,
     check: Annotated[bool, typer.Option("--check", help="Compare with the files there instead of writing.")] = False,
 ) -> None:
     """Regenerate the reference responses by independent integration, or compare with those stored."""
+    from .errors import EmcasError
     from .files import models_directory
     from .reference import files
 
     with _failures():
+        if parameters and not directory:
+            raise EmcasError("--parameters needs --directory: the shipped references are of the default parameters")
         folder = directory or models_directory() / "reference"
         with _progress() as progress:
             step = _stepper(progress, "reference")
             if not check:
-                files.regenerate(folder, names=case, progress=step)
+                files.regenerate(folder, names=case, progress=step, parameters=parameters)
             else:
-                rows = files.compare(folder, names=case, progress=step)
+                rows = files.compare(folder, names=case, progress=step, parameters=parameters)
     if not check:
-        _out.print(f"written to {folder}", highlight=False)
+        _out.print(f"written to {escape(str(folder))}", highlight=False, soft_wrap=True)
         return
     table = Table("case", "variable", "largest difference", "allowed", "")
     for name, variable, difference, tolerance in rows:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 # The lever's tangent grows without bound towards 90 deg.
 LARGEST_LEVER_ANGLE = radians(85.0)
 # Of the drive's transport delay, in sample times.
-LONGEST_DELAY = 64
+LONGEST_DELAY = 128
 # Beyond it a sample time would cost seconds and the schedule megabytes.
 MOST_TICKS = 20_000
 _POWERS = range(7)

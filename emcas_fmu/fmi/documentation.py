@@ -87,10 +87,12 @@ def _references(parameters: ParameterSet) -> Mapping[str, bytes]:
 
 def documents(parameters: ParameterSet, guid: str) -> dict[str, bytes]:
     """Archive name to content of everything that is documentation."""
+    picture = icon()
     return {
         "documentation/index.html": _page(parameters, guid).encode(),
         "documentation/externalDependencies.txt": _EXTERNAL.encode(),
-        "model.png": icon(),
+        "model.png": picture,
+        "terminalsAndIcons/icon.png": picture,
         **_licenses(),
         **_references(parameters),
     }

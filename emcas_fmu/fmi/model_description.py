@@ -134,6 +134,10 @@ def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str,
 def terminals_and_icons() -> Element:
     """Inputs and outputs grouped for tools that draw terminals (FMI 3.0's file, ignored by others)."""
     root = Element("fmiTerminalsAndIcons", {"fmiVersion": "3.0"})
+    graphical = SubElement(root, "GraphicalRepresentation")
+    SubElement(graphical, "CoordinateSystem", {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100",
+                                               "suggestedScalingFactorTo_mm": "0.1"})
+    SubElement(graphical, "Icon", {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"})
     terminals = SubElement(root, "Terminals")
     groups = (
         ("command", "what the flight computer sends and gets back",
@@ -152,10 +156,6 @@ def terminals_and_icons() -> Element:
         for member in members:
             SubElement(terminal, "TerminalMemberVariable",
                        {"variableName": member, "memberName": member, "variableKind": "signal"})
-    graphical = SubElement(root, "GraphicalRepresentation")
-    SubElement(graphical, "CoordinateSystem", {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100",
-                                               "suggestedScalingFactorTo_mm": "0.1"})
-    SubElement(graphical, "Icon", {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"})
     return root
 
 

@@ -7,7 +7,8 @@ releases the instance twice, so nothing raised here may leave it. It can return
 fmi2Discard from fmi2DoStep and nothing but fmi2OK elsewhere. So a call that cannot be
 honoured is logged and remembered, and the next fmi2DoStep is discarded, the state
 unchanged: for good while the cause lasts (a refused parameter, a non-finite input),
-once where it does not (a write to a read-only variable).
+once where it does not (a write to a read-only variable, an interrupt from the keyboard).
+An interrupt that Python delivers between a call and its first line cannot be caught here.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
 from ..consistency import check_consistency, check_ranges
-from ..kernels.core import TOLERANCE, Core, Functions
+from ..kernels.core import Core, Functions
 
 
 class Table(NamedTuple):
@@ -100,10 +101,16 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def setup_experiment(self, start_time: float, stop_time: float | None = None,
                          tolerance: float | None = None) -> None:
-        self._start = start_time
+        if self._phase == "instantiated":
+            self._start = start_time
+        else:
+            self._misused(f"fmi2SetupExperiment called while {self._phase}")
 
     def enter_initialization_mode(self) -> None:
-        self._phase = "initialization"
+        if self._phase == "instantiated":
+            self._phase = "initialization"
+        else:
+            self._misused(f"fmi2EnterInitializationMode called while {self._phase}")
 
     def exit_initialization_mode(self) -> None:
         self._guard(self._initialize)
@@ -113,6 +120,9 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._ready = False
 
     def _initialize(self) -> None:
+        if self._phase != "initialization":
+            self._misused(f"fmi2ExitInitializationMode called while {self._phase}")
+            return
         self._phase = "running"
         problems = self._parameter_problems()
         if not isfinite(self._start):
@@ -194,7 +204,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         else:
             self._core.bind(functions)
         self._bound = tuple(values.values())
-        self._slack = TOLERANCE * self._core.schedule.sample_time
+        self._slack = self._core.schedule.slack
         self._changed = self._current = False
         self._motion = []
         self._held = None
@@ -235,14 +245,19 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._set("String", vrs, values)
 
     def _get(self, kind: str, vrs: Sequence[int], missing: Any) -> list[Any]:
-        if not self._current:
-            self._guard(self._refresh)
-        values = self._values
-        known = self._kinds[kind]
-        if known.issuperset(vrs):
-            return list(map(values.__getitem__, vrs))
-        self._misused(f"no {kind} variable has value reference {', '.join(str(v) for v in vrs if v not in known)}")
-        return [values[vr] if vr in known else missing for vr in vrs]
+        try:
+            if not self._current:
+                self._refresh()
+            values = self._values
+            known = self._kinds[kind]
+            if known.issuperset(vrs):
+                return list(map(values.__getitem__, vrs))
+            unknown = ", ".join(str(v) for v in vrs if v not in known)
+            self._misused(f"no {kind} variable has value reference {unknown}")
+            return [values[vr] if vr in known else missing for vr in vrs]
+        except BaseException as error:  # noqa: BLE001  see the module's docstring
+            self._misused(f"reading variables: {type(error).__name__}: {error}")
+            return [missing] * len(vrs)
 
     def _refresh(self) -> None:
         """Bring the outputs in `_values` up to now; NaN and false where there are none."""
@@ -252,30 +267,39 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         outputs: Iterable[Any] | None = None
         if core is not None and not self._refusal:
             inputs = self._held or self._core_inputs(core)
-            if isfinite(sum(inputs)):
-                outputs = core.outputs(inputs)
+            if not isfinite(sum(inputs)):
+                self._current = True  # an input that the next step will refuse changes no output
+                return
+            outputs = core.outputs(inputs)
         if outputs is None:
             outputs = (nan if self.table.rows[i][1] == "Real" else False for i in self._outputs)
         self._values[self._output_slice] = outputs
         self._current = True
 
     def _set(self, kind: str, vrs: Sequence[int], values: Sequence[Any]) -> None:
-        known = self._kinds[kind]
-        for vr, value in zip(vrs, values, strict=False):
-            if vr not in known:
-                self._misused(f"no {kind} variable has value reference {vr}")
-            elif vr in self._inputs:
-                self._values[vr] = value
-            elif vr in self._outputs:
-                self._misused(f"{self.table.rows[vr][0]} is an output and cannot be set")
-            elif self._phase in ("running", "terminated") and self.table.rows[vr][3] == "fixed":
-                self._misused(f"{self.table.rows[vr][0]} is fixed and cannot be set after initialization")
-            else:
-                self._values[vr] = value
-                self._changed = True
-                self._ready = False
-        self._held = None
-        self._current = False
+        try:
+            self._held = None
+            self._current = False
+            known = self._kinds[kind]
+            for vr, value in zip(vrs, values, strict=False):
+                if vr in self._inputs and vr in known:
+                    self._values[vr] = value
+                else:
+                    self._set_other(kind, vr, value)
+        except BaseException as error:  # noqa: BLE001  see the module's docstring
+            self._misused(f"setting variables: {type(error).__name__}: {error}")
+
+    def _set_other(self, kind: str, vr: int, value: Any) -> None:
+        if vr not in self._kinds[kind]:
+            self._misused(f"no {kind} variable has value reference {vr}")
+        elif vr in self._outputs:
+            self._misused(f"{self.table.rows[vr][0]} is an output and cannot be set")
+        elif self._phase in ("running", "terminated") and self.table.rows[vr][3] == "fixed":
+            self._misused(f"{self.table.rows[vr][0]} is fixed and cannot be set after initialization")
+        else:
+            self._values[vr] = value
+            self._changed = True
+            self._ready = False
 
     # -- FMU state -------------------------------------------------------------
 
@@ -302,7 +326,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._changed, self._values, self._bound, self._core = changed, list(values), bound, core
         if core is not None:
             core.state = core_state
-            self._slack = TOLERANCE * core.schedule.sample_time
+            self._slack = core.schedule.slack
         self._ready = False
         self._motion = []
         self._held = None
@@ -333,7 +357,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     def _guard(self, action: Callable[[], None]) -> None:
         try:
             action()
-        except Exception as error:  # noqa: BLE001  see the module's docstring
+        except BaseException as error:  # noqa: BLE001  see the module's docstring
             self._misused(f"{type(error).__name__}: {error}")
 
     def _misused(self, message: str) -> None:

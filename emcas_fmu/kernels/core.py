@@ -15,9 +15,10 @@ from itertools import pairwise
 from math import ceil, floor, isfinite, sqrt
 from typing import Any
 
-# Communication points this close to a tick, as a share of the sample time, lie on it:
-# hosts add up their steps in floating point.
-TOLERANCE = 1e-4
+# Communication points this close to a tick, as a share of the sample time, lie on it: hosts
+# add up their steps in floating point, and a point just short of a sample would put the
+# command off by a whole one. Never more than a quarter of the shortest tick.
+TOLERANCE = 1e-3
 # A tick has at most a handful of events; far more means the equations cannot be followed.
 _MOST_EVENTS = 500
 # The drive's integral is taken at mid-tick; this keeps its own oscillation resolved.
@@ -40,7 +41,7 @@ class Schedule:
         delay = parameters["drive.transport_delay"] / period
         self.delay_samples = floor(delay + TOLERANCE)
         fraction = delay - self.delay_samples
-        fraction = 0.0 if fraction < TOLERANCE else fraction
+        fraction = 0.0 if fraction < TOLERANCE else fraction  # the last tick of a sample is no shorter either
         longest = longest_tick(parameters)
         cuts = [0.0]
         self.arrival = ceil(fraction * period / longest * (1.0 - 1e-9))
@@ -50,12 +51,13 @@ class Schedule:
         self.offsets = cuts[:-1]
         self.lengths = [b - a for a, b in pairwise(cuts)]
         self.ticks = len(self.lengths)
+        self.slack = min(TOLERANCE * period, 0.25 * min(self.lengths))
 
     def locate(self, time: float) -> tuple[int, float]:
         """Whole ticks in a time [s] from the start, and what is left of it [s]; 0 within the tolerance."""
-        period = floor(time / self.sample_time + TOLERANCE)
+        slack = self.slack
+        period = floor((time + slack) / self.sample_time)
         within = time - period * self.sample_time
-        slack = TOLERANCE * self.sample_time
         if within <= slack:
             return period * self.ticks, 0.0
         index = bisect_right(self.offsets, within + slack) - 1
@@ -110,43 +112,56 @@ class Core:
 
         Raises ArithmeticError where the equations cannot be followed.
         """
-        tick, plant, integral, counts, measured, limited, line, active, part, _ = self._values
+        tick, plant, integral, counts, measured, limited, line, active, part, tentative = self._values
         angle, speed, current, xi = plant
         schedule, step = self.schedule, self._step
         lengths, arrival, ticks = schedule.lengths, schedule.arrival, schedule.ticks
         target, rest = schedule.locate(end)
+        enable = inputs[5]
         while tick < target:
             index = tick % ticks
+            h = lengths[index]
             acting = inputs
             if part is not None:
-                acting = _mean(_extended(part, lengths[index], inputs))
+                origin, _, begun, _ = part
+                if begun[5] != enable:  # the bridge opens or closes here
+                    angle, speed, current, xi, part = self._split((angle, speed, current, xi), active, part, inputs)
+                    origin = part[0]
+                acting = _mean(_extended(part, h, inputs))
                 part = None
+                h -= origin
             elif index == 0:
                 reference, integral, counts, measured, limited = self._sample(
-                    angle, speed, integral, counts, inputs[0], inputs[5])
+                    angle, speed, integral, counts, inputs[0], enable)
                 line = (*line[1:], reference)
             active = line[0] if index < arrival else line[1]
-            h = lengths[index]
-            _, aero_torque, f_x, f_z, supply, enable = acting
+            _, aero_torque, f_x, f_z, supply, on = acting
             angle, speed, current, xi, used = step(
-                angle, speed, current, xi, active, aero_torque, f_x, f_z, supply, enable, h)
+                angle, speed, current, xi, active, aero_torque, f_x, f_z, supply, on, h)
             if used < h:
                 angle, speed, current, xi = self._finish((angle, speed, current, xi), active, acting, h - used)
             tick += 1
-        plant = (angle, speed, current, xi)
-        tentative: tuple[float, ...] = plant
+        plant = tentative = (angle, speed, current, xi)
         if rest:
             index = tick % ticks
             if index == 0 and part is None:
                 reference, integral, counts, measured, limited = self._sample(
-                    angle, speed, integral, counts, inputs[0], inputs[5])
+                    angle, speed, integral, counts, inputs[0], enable)
                 line = (*line[1:], reference)
             active = line[0] if index < arrival else line[1]
+            if part is not None and part[2][5] != enable:
+                *moved, part = self._split(plant, active, part, inputs)
+                plant = tuple(moved)
             part = _extended(part, rest, inputs)
-            tentative = self._finish(plant, active, _mean(part), rest)
+            tentative = self._finish(plant, active, _mean(part), rest - part[0])
         if not isfinite(sum(tentative)):
             raise ArithmeticError("the state is no longer finite")
         self._values = (tick, plant, integral, counts, measured, limited, line, active, part, tentative)
+
+    def _split(self, plant: tuple[float, ...], active: float, part: _Part, inputs: tuple[Any, ...]) -> tuple[Any, ...]:
+        """The plant moved on to where a tick has been covered to, and a part that starts there with the inputs."""
+        origin, covered, _, _ = part
+        return *self._finish(plant, active, _mean(part), covered - origin), (covered, covered, inputs, _NOTHING)
 
     def _finish(self, plant: tuple[float, ...], active: float, inputs: tuple[Any, ...],
                 left: float) -> tuple[float, ...]:
@@ -162,22 +177,23 @@ class Core:
         raise ArithmeticError(f"more than {_MOST_EVENTS} events in {whole} s")
 
 
-# Inputs that change inside a tick act by their time-weighted mean over it. A part is
-# (time covered, inputs at the tick's start, integrals of the loads' differences from them).
-_Part = tuple[float, tuple[Any, ...], tuple[float, ...]]
+# Inputs that change inside a tick act by their time-weighted mean over it. A part is (time in
+# the tick where the plant stands, time covered, inputs there, integrals of the loads' differences).
+_Part = tuple[float, float, tuple[Any, ...], tuple[float, ...]]
 _LOADS = slice(1, 5)  # of the inputs: what has a mean
+_NOTHING = (0.0, 0.0, 0.0, 0.0)
 
 
 def _extended(part: _Part | None, until: float, inputs: tuple[Any, ...]) -> _Part:
     if part is None:
-        return until, inputs, (0.0, 0.0, 0.0, 0.0)
-    done, base, sums = part
+        return 0.0, until, inputs, _NOTHING
+    origin, done, base, sums = part
     gained = until - done
     changes = zip(sums, inputs[_LOADS], base[_LOADS], strict=True)
-    return until, base, tuple(s + gained * (x - b) for s, x, b in changes)
+    return origin, until, base, tuple(s + gained * (x - b) for s, x, b in changes)
 
 
 def _mean(part: _Part) -> tuple[Any, ...]:
-    covered, base, sums = part
-    loads = (b + s / covered for b, s in zip(base[_LOADS], sums, strict=True))
+    origin, covered, base, sums = part
+    loads = (b + s / (covered - origin) for b, s in zip(base[_LOADS], sums, strict=True))
     return (base[0], *loads, base[5])

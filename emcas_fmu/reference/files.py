@@ -87,12 +87,16 @@ def read_provenance(directory: Path) -> dict[str, Any]:
     return tomllib.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 
 
-def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Progress | None = None) -> None:
-    """Compute the named cases (default all) and write their files and provenance into `directory`."""
+def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Progress | None = None,
+               parameters: Path | None = None) -> None:
+    """Compute the named cases (default all) and write their files and provenance into `directory`.
+
+    `parameters` is a parameter file; without one the defaults are used.
+    """
     directory.mkdir(parents=True, exist_ok=True)
     provenance = read_provenance(directory)
     for case in _chosen(names, progress):
-        values = _values(case)
+        values = _values(case, parameters)
         inputs = case.inputs()
         write_csv(path_of(directory, case.name, "in.csv"), inputs)
         write_csv(path_of(directory, case.name, "ref.csv"), simulate(values, inputs))
@@ -107,7 +111,8 @@ def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Pr
 
 
 def compare(
-    directory: Path, names: Sequence[str] | None = None, progress: Progress | None = None
+    directory: Path, names: Sequence[str] | None = None, progress: Progress | None = None,
+    parameters: Path | None = None,
 ) -> list[Difference]:
     """Recompute the named cases (default all) and measure them against the files in `directory`.
 
@@ -116,9 +121,12 @@ def compare(
     differences = []
     for case in _chosen(names, progress):
         inputs = case.inputs()
-        result = simulate(_values(case), inputs)
+        result = simulate(_values(case, parameters), inputs)
         for columns, suffix, tolerances in ((inputs, "in.csv", {}), (result, "ref.csv", TOLERANCES)):
-            stored = read_csv(path_of(directory, case.name, suffix))
+            path = path_of(directory, case.name, suffix)
+            if not path.is_file():
+                raise EmcasError(f"{path}: is missing; make it with `emcas reference --directory {directory}`")
+            stored = read_csv(path)
             # Inputs are rounded before they are used and have to be the same numbers.
             for name, column in columns.items():
                 maximum = _distance(column, stored.get(name))
@@ -146,8 +154,8 @@ def _chosen(names: Sequence[str] | None, progress: Progress | None) -> Iterator[
             progress(case.name, done + 1, len(chosen))
 
 
-def _values(case: Case) -> dict[str, Value]:
-    return {**load_parameters().values, **case.overrides}
+def _values(case: Case, parameters: Path | None) -> dict[str, Value]:
+    return {**load_parameters(parameters).values, **case.overrides}
 
 
 def parameters_hash(values: Mapping[str, Value]) -> str:

@@ -138,6 +138,8 @@ def simulate(
     outputs = rows if output_times is None else _instants(output_times)
     starts = INPUTS | {"supply_voltage": float(parameters.get("drive.supply_voltage", 39.0))}
     columns = {n: np.broadcast_to(inputs.get(n, start), rows.shape).tolist() for n, start in starts.items()}
+    if min(columns["supply_voltage"]) <= 0.0:
+        raise ValueError("supply_voltage must be above 0: the modes of the drive are told apart by its limits")
 
     plant = Plant(parameters)
     p, end = plant.parameters, float(outputs[-1])

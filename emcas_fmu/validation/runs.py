@@ -6,6 +6,7 @@ import hashlib
 import os
 import tempfile
 import zipfile
+import zlib
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -130,6 +131,8 @@ class Unit:
 @contextmanager
 def opened(path: Path) -> Iterator[Unit]:
     """The FMU at `path`, unpacked for as long as the context lasts; EmcasError where it cannot run here."""
+    if path.is_dir():
+        raise EmcasError(f"{path}: is a folder, not an FMU")
     if not path.is_file():
         raise EmcasError(f"{path}: there is no such file; build one with `emcas build --output {path}`")
     try:
@@ -148,7 +151,10 @@ def opened(path: Path) -> Iterator[Unit]:
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     here = Path.cwd()
     with tempfile.TemporaryDirectory(prefix="emcas_validate_", ignore_cleanup_errors=True) as folder:
-        fmpy.extract(str(path), unzipdir=folder)
+        try:
+            fmpy.extract(str(path), unzipdir=folder)
+        except (zipfile.BadZipFile, zlib.error, OSError) as error:
+            raise EmcasError(f"{path}: cannot be unpacked ({error}); copy or build it again") from error
         try:
             yield Unit(path, Path(folder), description, starts, digest)
         finally:

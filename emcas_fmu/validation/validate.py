@@ -142,14 +142,13 @@ def _info(unit: Unit) -> FmuInfo:
 def _notes(info: FmuInfo, cases: Sequence[stored.Stored], runs: Mapping[str, Series]) -> tuple[str, ...]:
     notes = []
     if info.differences:
-        names = ", ".join(d.name for d in info.differences)
-        notes.append(f"The FMU's parameters differ from the defaults the references were made with: {names}")
-    defaults = load_parameters().values
-    stale = [case.name for case in cases
-             if files.parameters_hash({**defaults, **case.start_values}) != case.parameters_hash]
-    if stale:
-        notes.append(f"The references of {', '.join(stale)} were made with other defaults than those of today; "
-                     "renew them with `emcas reference`")
+        notes.append(f"The FMU's parameters differ from the defaults: {', '.join(d.name for d in info.differences)}")
+    foreign = [case.name for case in cases
+               if files.parameters_hash({**info.parameters, **case.start_values}) != case.parameters_hash]
+    if foreign:
+        which = "all cases" if len(foreign) == len(cases) else ", ".join(foreign)
+        notes.append(f"The references of {which} were made with other parameters than the FMU's; make its own with "
+                     "`emcas reference --parameters FILE --directory DIR` and validate with `--directory DIR`")
     for name, series in runs.items():
         if series.run.stopped is not None:
             notes.append(f"{name}: the FMU went no further than {series.run.stopped:.6g} s")

@@ -232,3 +232,12 @@ def test_early_end_fails_the_criterion() -> None:
     assert not criterion.passed
     assert "0.1 s" in criterion.note
     assert "too much" in criterion.note
+
+
+def test_damaged_archive_is_refused(fmu: Path, tmp_path: Path) -> None:
+    content = bytearray(fmu.read_bytes())
+    content[60_000:60_200] = bytes(200)
+    (tmp_path / "damaged.fmu").write_bytes(content)
+    done = emcas(tmp_path / "damaged.fmu", "--case", "step_plus1")
+    assert done.exit_code == 2, done.output
+    assert "cannot be unpacked" in done.stderr.replace("\n", " ")

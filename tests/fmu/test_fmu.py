@@ -110,7 +110,7 @@ def test_reset(scenario: Any) -> None:
 
 def test_slicing(scenario: Any) -> None:
     worst = scenario("slicing")
-    assert len(worst) == 6
+    assert len(worst) == 8
     assert max(worst.values()) < 1e-9, worst  # the contract
 
 

@@ -187,3 +187,16 @@ def test_building_leaves_the_interpreter_as_it_was(tmp_path: Path) -> None:
     assert sys.path == path
     assert {name for name in set(sys.modules) - set(before) if name.startswith("emcas")} == set()
     assert all(sys.modules.get(name) is module for name, module in before.items())
+
+
+def test_descriptions_follow_the_schemas(fmu: Path) -> None:
+    import fmpy
+    from lxml import etree
+
+    schemas = Path(fmpy.__file__).parent / "schema"
+    with zipfile.ZipFile(fmu) as archive:
+        for name, schema in (("modelDescription.xml", "fmi2/fmi2ModelDescription.xsd"),
+                             ("terminalsAndIcons/terminalsAndIcons.xml", "fmi3/fmi3TerminalsAndIcons.xsd")):
+            checker = etree.XMLSchema(etree.parse(str(schemas / schema)))
+            assert checker.validate(etree.fromstring(archive.read(name))), checker.error_log
+        assert archive.read("terminalsAndIcons/icon.png") == archive.read("model.png")

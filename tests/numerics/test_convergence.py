@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from emcas_fmu.reference.simulate import simulate as reference_of
+
 from ..simulation import NAMES, new_core, simulate
 
 # The ticks divide both parts of the sample period (0.7 and 0.3 ms) evenly.
@@ -116,3 +118,37 @@ def test_delay_is_exact_whatever_the_tick(values: Mapping[str, Any]) -> None:
         assert core.outputs(inputs)[current] == 0.0
         core.run(delay + 0.05e-3, inputs)
         assert core.outputs(inputs)[current] > 1.0  # 39 V/0.6 mH raise 3.2 A in 50 us
+
+
+@pytest.mark.parametrize("integral_gain", [0.0, 5.0, 20.0, 100.0, 2083.0, 1e5])
+def test_any_integral_gain_of_the_drive(values: Mapping[str, Any], integral_gain: float) -> None:
+    """From none to one that pins the demand at the voltage limit, against the independent integration."""
+    case = {**values, "encoder.enabled": False, "drive.ki": integral_gain}
+    time = np.arange(201) * 1e-3
+    load = np.where(time > 19.5e-3, -60.0, 0.0)
+    reference = reference_of(case, {"time": time, "fin_command": np.full(201, radians(12.0)), "aero_torque": load})
+    angle = simulate(case, 0.2, fin_command=radians(12.0), aero_torque=lambda t: -60.0 if t > 19.5e-3 else 0.0)
+    # The trajectory criterion of the reference cases: 1 % of Table 2's accuracy.
+    assert degrees(np.abs(angle["fin_angle"] - reference["fin_angle"]).max()) < 0.002
+
+
+@pytest.mark.parametrize("step", [0.5e-3, 0.37e-3, 0.25e-3])
+def test_enable_inside_a_tick_acts_at_once(values: Mapping[str, Any], step: float) -> None:
+    case = {**values, "encoder.enabled": False}
+    time = np.round(np.arange(round(0.15 / step) + 1) * step, 9)
+    enable = (time < 0.0502) | (time > 0.0803)
+    reference = reference_of(case, {"time": time, "fin_command": np.full(time.size, 0.3), "enable": enable * 1.0})
+    angle = simulate(case, 0.15, step=step, fin_command=0.3, enable=lambda t: t < 0.0502 or t > 0.0803)
+    rows = min(time.size, angle["time"].size)
+    assert degrees(np.abs(angle["fin_angle"][:rows] - reference["fin_angle"][:rows]).max()) < 0.002
+
+
+def test_without_supply_the_motor_brakes(values: Mapping[str, Any]) -> None:
+    """At 0 V the bridge shorts the winding: current follows L di/dt = -R i - K w, here against tiny ticks."""
+    def angle(tick: float) -> np.ndarray:
+        return simulate({**values, "encoder.enabled": False, "solver.max_tick": tick}, 0.1, supply_voltage=0.0,
+                        fin_command=0.2, aero_torque=60.0)["fin_angle"]
+
+    coarse, fine = angle(values["solver.max_tick"]), angle(5e-6)
+    assert abs(fine[-1]) > radians(0.5)
+    assert degrees(np.abs(coarse - fine).max()) < 0.002

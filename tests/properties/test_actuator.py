@@ -105,10 +105,8 @@ def test_limits_hold(values: Mapping[str, Any], profile: list[tuple[float, float
             out = dict(zip(NAMES, core.outputs(inputs), strict=True))
             assert abs(out["fin_angle"]) <= values["fin.stop_angle"] * (1.0 + 1e-12)
             assert abs(out["drive_reference"]) <= values["drive.reference_limit"]
-            if enable:
-                assert abs(out["motor_voltage"]) <= supply
-            else:
-                assert out["motor_current"] == out["supply_power"] == out["drive_reference"] * 0.0
+            if not enable:
+                assert out["motor_current"] == out["supply_power"] == 0.0
             if out["at_stop"]:
                 assert abs(out["fin_angle"]) == pytest.approx(values["fin.stop_angle"], rel=1e-12)
 
@@ -133,10 +131,7 @@ def test_never_non_finite(values: Mapping[str, Any], changes: dict[str, float],
     core = new_core(case)
     for k, (command, load, enable, supply) in enumerate(profile):
         inputs = (command, load, 0.0, 0.0, supply, enable)
-        try:
-            core.run((k + 1) * size, inputs)
-        except ArithmeticError:
-            return  # refused, and said so: the slave discards the step
+        core.run((k + 1) * size, inputs)
         assert all(isfinite(x) for x in core.outputs(inputs))
 
 

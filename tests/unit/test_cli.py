@@ -87,3 +87,25 @@ def test_reference_regenerates_and_compares(tmp_path: Path) -> None:
                       encoding="utf-8")
     assert emcas("reference", "--check", *one).exit_code == 1
     assert emcas("reference", "--check", "--case", "nonsense").exit_code == 2
+
+
+def test_messages_are_no_markup(tmp_path: Path) -> None:
+    file = tmp_path / "a[red].toml"
+    file.write_text('[motor]\nresistance = "[/red] Ohm"\n', encoding="utf-8")
+    done = emcas("parameters", "-p", str(file))
+    assert done.exit_code == 2
+    assert "a[red].toml" in done.stderr.replace("\n", "")
+    assert "[/red]" in done.stderr
+
+
+def test_references_of_ones_own_parameters(tmp_path: Path) -> None:
+    """A user's actuator is judged against references made for it, and told so where it is not."""
+    file, fmu, folder = tmp_path / "mine.toml", tmp_path / "Mine.fmu", tmp_path / "references"
+    file.write_text('[kinematics]\nmoment_arm = "45 mm"\n', encoding="utf-8")
+    assert emcas("build", "-p", str(file), "-o", str(fmu)).exit_code == 0
+    told = emcas("validate", str(fmu), "--case", "step_plus1")
+    assert told.exit_code == 1
+    assert "emcas reference --parameters" in told.output.replace("\n", " ")
+    assert emcas("reference", "--case", "step_plus1", "-p", str(file), "--directory", str(folder)).exit_code == 0
+    assert emcas("validate", str(fmu), "--case", "step_plus1", "--directory", str(folder)).exit_code == 0
+    assert emcas("reference", "-p", str(file)).exit_code == 2  # would overwrite the shipped ones

@@ -79,3 +79,24 @@ def test_a_state_of_another_shape_changes_nothing(slave: Any) -> None:
     assert slave.do_step(0.01, 0.01)
     slave._set_fmu_state(before)
     assert slave._get_fmu_state() == before
+
+
+def test_an_interrupt_while_reading_discards_the_next_step(slave: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    slave.set_real([INDEX["fin_command"]], [0.1])
+    with monkeypatch.context() as patch:
+        patch.setattr(type(slave._core), "outputs", interrupted)
+        slave.get_real([INDEX["fin_angle"]])
+    assert not slave.do_step(0.0, 1e-3)
+    assert "KeyboardInterrupt" in slave.log_queue[-1].msg
+    assert slave.do_step(0.0, 1e-3)
+
+
+def test_calls_out_of_order_are_misuse(slave: Any) -> None:
+    for call in (lambda: slave.setup_experiment(5.0), slave.enter_initialization_mode, slave.exit_initialization_mode):
+        call()
+        assert "while running" in slave.log_queue[-1].msg
+        assert not slave.do_step(0.0, 1e-3)
+    assert slave.do_step(0.0, 1e-3)
