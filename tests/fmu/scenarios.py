@@ -62,7 +62,7 @@ def hostile_step(fmu: Fmu) -> Any:
             def bad_input(name: str = name, bad: float = bad, good: float = good) -> int:
                 instance.set(name, bad)
                 during = instance.outputs()
-                status = instance.step(BEGUN, 1e-3)
+                status: int = instance.step(BEGUN, 1e-3)
                 assert instance.outputs() == during
                 assert all(math.isfinite(x) for x in during.values())
                 instance.set(name, good)
