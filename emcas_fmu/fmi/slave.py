@@ -137,12 +137,15 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._bind()
 
     def do_step(self, current_time: float, step_size: float) -> bool:
+        before, now = None, self._now
         try:
             begin = current_time - self._start
             # All is well: the way every step but a few takes. A comparison with NaN is false.
             if self._ready and abs(begin - self._now) <= self._slack and 0.0 < step_size < inf:
-                end, core = begin + step_size, cast(Core, self._core)
+                # A host's clock may run back within the tolerance, the trajectory does not.
+                end, core = max(begin + step_size, now), cast(Core, self._core)
                 inputs = self._held or self._checked_inputs(core, current_time)
+                before = core.state
                 core.run(end, inputs)
                 self._now = end
                 self._values[self._output_slice] = core.outputs(inputs)
@@ -152,6 +155,8 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         except _RefusedError as error:
             return self._discard(str(error))
         except BaseException as error:  # noqa: BLE001  KeyboardInterrupt too: see the module's docstring
+            if before is not None:
+                cast(Core, self._core).state, self._now, self._current = before, now, False
             return self._discard(f"step from {current_time!r} s of {step_size!r} s: {type(error).__name__}: {error}")
 
     def _step(self, current_time: float, step_size: float) -> bool:

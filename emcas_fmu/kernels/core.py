@@ -22,7 +22,7 @@ TOLERANCE = 1e-3
 # A tick has at most a handful of events; far more means the equations cannot be followed.
 _MOST_EVENTS = 500
 # The drive's integral is taken at mid-tick; this keeps its own oscillation resolved.
-_INTEGRAL_PHASE = 0.1
+_INTEGRAL_PHASE = 0.07
 
 Functions = tuple[Callable[..., tuple[Any, ...]], ...]
 
@@ -116,7 +116,7 @@ class Core:
         angle, speed, current, xi = plant
         schedule, step = self.schedule, self._step
         lengths, arrival, ticks = schedule.lengths, schedule.arrival, schedule.ticks
-        target, rest = schedule.locate(end)
+        target, rest = max(schedule.locate(end), (tick, part[1] if part else 0.0))  # never back
         enable = inputs[5]
         while tick < target:
             index = tick % ticks
@@ -124,7 +124,7 @@ class Core:
             acting = inputs
             if part is not None:
                 origin, _, begun, _ = part
-                if begun[5] != enable:  # the bridge opens or closes here
+                if begun[_SWITCHED] != inputs[_SWITCHED]:
                     angle, speed, current, xi, part = self._split((angle, speed, current, xi), active, part, inputs)
                     origin = part[0]
                 acting = _mean(_extended(part, h, inputs))
@@ -149,7 +149,7 @@ class Core:
                     angle, speed, integral, counts, inputs[0], enable)
                 line = (*line[1:], reference)
             active = line[0] if index < arrival else line[1]
-            if part is not None and part[2][5] != enable:
+            if part is not None and part[2][_SWITCHED] != inputs[_SWITCHED]:
                 *moved, part = self._split(plant, active, part, inputs)
                 plant = tuple(moved)
             part = _extended(part, rest, inputs)
@@ -168,6 +168,8 @@ class Core:
         """Step over what is left of a tick [s], from event to event."""
         _, *acting = inputs
         whole = left
+        if left <= 0.0:
+            return plant
         for _ in range(_MOST_EVENTS):
             *after, used = self._step(*plant, active, *acting, left)
             plant = tuple(after)
@@ -180,8 +182,9 @@ class Core:
 # Inputs that change inside a tick act by their time-weighted mean over it. A part is (time in
 # the tick where the plant stands, time covered, inputs there, integrals of the loads' differences).
 _Part = tuple[float, float, tuple[Any, ...], tuple[float, ...]]
-_LOADS = slice(1, 5)  # of the inputs: what has a mean
-_NOTHING = (0.0, 0.0, 0.0, 0.0)
+_LOADS = slice(1, 4)  # of the inputs: what has a mean
+_SWITCHED = slice(4, 6)  # supply and enable act through limits: where they change, the tick is split
+_NOTHING = (0.0, 0.0, 0.0)
 
 
 def _extended(part: _Part | None, until: float, inputs: tuple[Any, ...]) -> _Part:
@@ -195,5 +198,7 @@ def _extended(part: _Part | None, until: float, inputs: tuple[Any, ...]) -> _Par
 
 def _mean(part: _Part) -> tuple[Any, ...]:
     origin, covered, base, sums = part
+    if covered <= origin:
+        return base
     loads = (b + s / (covered - origin) for b, s in zip(base[_LOADS], sums, strict=True))
-    return (base[0], *loads, base[5])
+    return (base[0], *loads, *base[_SWITCHED])

@@ -143,6 +143,15 @@ def test_enable_inside_a_tick_acts_at_once(values: Mapping[str, Any], step: floa
     assert degrees(np.abs(angle["fin_angle"][:rows] - reference["fin_angle"][:rows]).max()) < 0.002
 
 
+def test_supply_that_changes_inside_a_tick(values: Mapping[str, Any]) -> None:
+    """A jump of the bus off the ticks: against ticks that fall on it."""
+    def angle(tick: float) -> np.ndarray:
+        return simulate({**values, "encoder.enabled": False, "solver.max_tick": tick}, 0.15, step=0.25e-3,
+                        fin_command=radians(20.0), supply_voltage=lambda t: 39.0 if t < 0.0202 else 15.0)["fin_angle"]
+
+    assert degrees(np.abs(angle(values["solver.max_tick"]) - angle(5e-6)).max()) < 0.002
+
+
 def test_without_supply_the_motor_brakes(values: Mapping[str, Any]) -> None:
     """At 0 V the bridge shorts the winding: current follows L di/dt = -R i - K w, here against tiny ticks."""
     def angle(tick: float) -> np.ndarray:

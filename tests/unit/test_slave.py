@@ -35,7 +35,9 @@ def _angle(slave: Any) -> float:
     return float(angle)
 
 
-def test_an_interrupt_discards_the_step_and_nothing_else(slave: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("method", ["run", "outputs"])
+def test_an_interrupt_discards_the_step_and_nothing_else(slave: Any, monkeypatch: pytest.MonkeyPatch,
+                                                         method: str) -> None:
     slave.set_real([INDEX["fin_command"]], [0.1])
     assert all(slave.do_step(k * 1e-3, 1e-3) for k in range(20))
     before = slave._get_fmu_state()
@@ -44,7 +46,7 @@ def test_an_interrupt_discards_the_step_and_nothing_else(slave: Any, monkeypatch
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(type(slave._core), "run", interrupted)
+        patch.setattr(type(slave._core), method, interrupted)
         assert not slave.do_step(0.02, 1e-3)
     assert slave._get_fmu_state() == before
     assert slave.do_step(0.02, 1e-3)
@@ -100,3 +102,16 @@ def test_calls_out_of_order_are_misuse(slave: Any) -> None:
         assert "while running" in slave.log_queue[-1].msg
         assert not slave.do_step(0.0, 1e-3)
     assert slave.do_step(0.0, 1e-3)
+
+
+def test_a_clock_that_runs_back_does_not_move_the_trajectory(slave: Any) -> None:
+    """Within the tolerance of 1 us a step may begin and even end before where the slave stands."""
+    slave.set_real([INDEX["fin_command"]], [0.2])
+    for k in range(20):
+        assert slave.do_step(k * 1e-3, 1e-3)
+    for at in (0.02, 0.02025):
+        before = _angle(slave)
+        assert slave.do_step(at - 0.9e-6, 1e-8)
+        assert _angle(slave) == before
+        slave.set_boolean([INDEX["enable"]], [at == 0.02])
+        assert slave.do_step(at, 0.25e-3)
