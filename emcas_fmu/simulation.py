@@ -39,6 +39,5 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, **input
     rows = [(0.0, *core.outputs(now))]
     for k in range(round(stop / step)):
         now = at(k * step)
-        core.run((k + 1) * step, now)
-        rows.append(((k + 1) * step, *core.outputs(now)))
+        rows.append(((k + 1) * step, *core.run((k + 1) * step, now)))
     return dict(zip(["time", *(v.name for v in OUTPUTS)], np.array(rows, dtype=float).T, strict=True))

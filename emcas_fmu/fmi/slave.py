@@ -18,7 +18,7 @@ import sys
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import inf, isfinite, nan
-from typing import Any, ClassVar, NamedTuple, cast
+from typing import Any, ClassVar, NamedTuple
 
 from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
@@ -142,13 +142,14 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             begin = current_time - self._start
             # All is well: the way every step but a few takes. A comparison with NaN is false.
             if self._ready and abs(begin - self._now) <= self._slack and 0.0 < step_size < inf:
-                # A host's clock may run back within the tolerance, the trajectory does not.
-                end, core = max(begin + step_size, now), cast(Core, self._core)
+                core: Any = self._core
+                end = begin + step_size
+                if end < now:  # a host's clock may run back within the tolerance, the trajectory does not
+                    end = now
                 inputs = self._held or self._checked_inputs(core, current_time)
                 before = core.state
-                core.run(end, inputs)
+                self._values[self._output_slice] = core.run(end, inputs)
                 self._now = end
-                self._values[self._output_slice] = core.outputs(inputs)
                 self._current = True
                 return True
             return self._step(current_time, step_size)
@@ -156,7 +157,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             return self._discard(str(error))
         except BaseException as error:  # noqa: BLE001  KeyboardInterrupt too: see the module's docstring
             if before is not None:
-                cast(Core, self._core).state, self._now, self._current = before, now, False
+                core.state, self._now, self._current = before, now, False
             return self._discard(f"step from {current_time!r} s of {step_size!r} s: {type(error).__name__}: {error}")
 
     def _step(self, current_time: float, step_size: float) -> bool:

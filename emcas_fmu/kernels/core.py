@@ -12,7 +12,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Mapping
 from itertools import pairwise
-from math import ceil, floor, isfinite, sqrt
+from math import ceil, floor, sqrt
 from typing import Any
 
 # Communication points this close to a tick, as a share of the sample time, lie on it: hosts
@@ -69,10 +69,11 @@ class Core:
     """One actuator: its state and what moves it on.
 
     `functions` are those of the kernel bound to the parameters. The inputs are
-    ``command, aero_torque, f_x, f_z, supply, enable``.
+    ``command, aero_torque, f_x, f_z, supply, enable``. `state` is everything that
+    changes while running, as nested tuples of numbers; it may be kept and put back.
     """
 
-    __slots__ = ("_forces", "_initial", "_outputs", "_sample", "_step", "_values", "schedule")
+    __slots__ = ("_forces", "_initial", "_outputs", "_sample", "_step", "schedule", "state")
 
     def __init__(self, functions: Functions, parameters: Mapping[str, Any]) -> None:
         self.schedule = Schedule(parameters)
@@ -82,20 +83,11 @@ class Core:
         angle, speed, current, xi, integral, counts, measured = self._initial()
         plant = (angle, speed, current, xi)
         #      tick, plant, I, counts, measured, limited, delay line, active, part of the tick done, tentative plant
-        self._values: tuple[Any, ...] = (0, plant, integral, counts, measured, 0.0, line, 0.0, None, plant)
+        self.state: tuple[Any, ...] = (0, plant, integral, counts, measured, 0.0, line, 0.0, None, plant)
 
     def bind(self, functions: Functions) -> None:
         """Take the kernel's functions, anew after a tunable parameter changed."""
         self._initial, self._sample, self._forces, self._step, self._outputs = functions
-
-    @property
-    def state(self) -> tuple[Any, ...]:
-        """Everything that changes while running, as nested tuples of numbers."""
-        return self._values
-
-    @state.setter
-    def state(self, values: tuple[Any, ...]) -> None:
-        self._values = values
 
     def forces(self, *arguments: float) -> tuple[float, float]:
         """Specific force in the fin's frame from acceleration (x, y, z), roll and pitch."""
@@ -104,19 +96,21 @@ class Core:
 
     def outputs(self, inputs: tuple[Any, ...]) -> tuple[Any, ...]:
         """Outputs in the order of the variable table."""
-        values = self._values
-        return self._outputs(*values[9], values[7], values[6][-1], values[4], values[5], *inputs)
+        _, _, _, _, measured, limited, line, active, _, plant = self.state
+        return self._outputs(*plant, active, line[-1], measured, limited, *inputs)
 
-    def run(self, end: float, inputs: tuple[Any, ...]) -> None:
-        """Move on to `end` [s] from the start with the inputs held; all or nothing.
+    def run(self, end: float, inputs: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Move on to `end` [s] from the start with the inputs held, all or nothing; gives the outputs there.
 
         Raises ArithmeticError where the equations cannot be followed.
         """
-        tick, plant, integral, counts, measured, limited, line, active, part, tentative = self._values
+        tick, plant, integral, counts, measured, limited, line, active, part, tentative = self.state
         angle, speed, current, xi = plant
         schedule, step = self.schedule, self._step
         lengths, arrival, ticks = schedule.lengths, schedule.arrival, schedule.ticks
-        target, rest = max(schedule.locate(end), (tick, part[1] if part else 0.0))  # never back
+        target, rest = schedule.locate(end)
+        if target <= tick:  # never back
+            target, rest = max((target, rest), (tick, part[1] if part else 0.0))
         enable = inputs[5]
         while tick < target:
             index = tick % ticks
@@ -154,9 +148,12 @@ class Core:
                 plant = tuple(moved)
             part = _extended(part, rest, inputs)
             tentative = self._finish(plant, active, _mean(part), rest - part[0])
-        if not isfinite(sum(tentative)):
+        total = sum(tentative)
+        if total - total != 0.0:  # infinite or not a number
             raise ArithmeticError("the state is no longer finite")
-        self._values = (tick, plant, integral, counts, measured, limited, line, active, part, tentative)
+        outputs = self._outputs(*tentative, active, line[-1], measured, limited, *inputs)
+        self.state = (tick, plant, integral, counts, measured, limited, line, active, part, tentative)
+        return outputs
 
     def _split(self, plant: tuple[float, ...], active: float, part: _Part, inputs: tuple[Any, ...]) -> tuple[Any, ...]:
         """The plant moved on to where a tick has been covered to, and a part that starts there with the inputs."""
