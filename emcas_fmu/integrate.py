@@ -99,6 +99,11 @@ def stops(ops: Ops, p: Any) -> tuple[Value, Value]:
     return kinematics.motor_angle(ops, p, -limit), kinematics.motor_angle(ops, p, limit)
 
 
+def _stop_ahead(ops: Ops, p: Any, direction: Value) -> Value:
+    low_stop, high_stop = stops(ops, p)
+    return ops.where(direction > 0.0, high_stop, low_stop)
+
+
 def _sign(ops: Ops, x: Value) -> Value:
     return ops.where(x > 0.0, 1.0, ops.where(x < 0.0, -1.0, 0.0))
 
@@ -248,9 +253,7 @@ def _events(ops: Ops, p: Any, s: Plant, step: _Step, heading: float) -> _Events:
     crossing = ops.both(d.enabled, ops.equal(d.at_limit, 0.0))
     entering = ops.both(crossing, ops.both(free, ops.fabs(demand) > d.limit))
     leaving = ops.both(crossing, ops.both(ops.negate(free), demand * d.side < d.limit))
-    low_stop, high_stop = stops(ops, p)
-    stop = ops.where(motion.direction > 0.0, high_stop, low_stop)
-    stopping = (end.angle - stop) * motion.direction >= 0.0
+    stopping = (end.angle - _stop_ahead(ops, p, motion.direction)) * motion.direction >= 0.0
     if heading:
         return _Events(entering, leaving, False, False, end.speed * heading <= 0.0, stopping)
     stuck = ops.equal(motion.direction, 0.0)
@@ -295,8 +298,7 @@ def _stop_time(ops: Ops, s: Plant, step: _Step, e: _Events, stop: Value, h: Valu
 def _to_first_event(ops: Ops, p: Any, s: Plant, b: Boundary, step: _Step, e: _Events, h: Value,
                     heading: float) -> tuple[Value, ...]:
     """State at the first event and the time it took."""
-    low_stop, high_stop = stops(ops, p)
-    stop = ops.where(step.motion.direction > 0.0, high_stop, low_stop)
+    stop = _stop_ahead(ops, p, step.motion.direction)
     voltage = _voltage_time(ops, p, s, step, e, h)
     stopping = _stop_time(ops, s, step, e, stop, h)
     if heading:

@@ -107,6 +107,11 @@ def load_parameters(path: Path | str | None = None) -> ParameterSet:
     return _overridden(defaults.entries, _document(Path(path)), str(path), Path(path).name)
 
 
+def are_defaults(parameters: ParameterSet) -> bool:
+    """Whether a set has the default values, wherever they come from."""
+    return dict(parameters.values) == dict(load_parameters().values)
+
+
 def _document(path: Path) -> dict[str, Any]:
     try:
         # Floats stay text: they are converted to the table's unit in decimal arithmetic.

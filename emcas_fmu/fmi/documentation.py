@@ -12,8 +12,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from .. import __version__, control, integrate, sensors
 from ..files import models_directory
-from ..parameters import ParameterSet, load_parameters
+from ..parameters import ParameterSet, are_defaults
 from ..physics import drive, friction, kinematics, loads, mechanics
+from ..reference import files
 from ..variables import INPUTS, OUTPUTS, PARAMETERS, Variable
 from .figures import icon, response_figures
 from .model_description import DESCRIPTION, MODEL
@@ -65,10 +66,10 @@ def _licenses() -> dict[str, bytes]:
     found = {}
     for name, target in (("emcas-fmu", "LICENSE.txt"), ("pythonfmu", "pythonfmu-LICENSE.txt")):
         try:
-            files = distribution(name).files or []
+            shipped = distribution(name).files or []
         except PackageNotFoundError:
             continue
-        for file in files:
+        for file in shipped:
             path = Path(file.locate())
             if file.name.startswith("LICENSE") and path.is_file():
                 found[target] = path.read_bytes()
@@ -78,11 +79,12 @@ def _licenses() -> dict[str, bytes]:
 
 def _references(parameters: ParameterSet) -> Mapping[str, bytes]:
     """The reference response of the case a newcomer plots; it holds for the shipped parameters only."""
-    if dict(parameters.values) != dict(load_parameters().values):
+    if not are_defaults(parameters):
         return {}
     folder = models_directory() / "reference"
-    names = [f"{MODEL}_step_in.csv", f"{MODEL}_step_ref.csv", f"{MODEL}_step_ref.opt", "provenance.toml"]
-    return {f"extra/reference/{name}": (folder / name).read_bytes() for name in names if (folder / name).is_file()}
+    paths = [*(files.path_of(folder, "step", suffix) for suffix in ("in.csv", "ref.csv", "ref.opt")),
+             folder / files.PROVENANCE]
+    return {f"extra/reference/{path.name}": path.read_bytes() for path in paths if path.is_file()}
 
 
 def documents(parameters: ParameterSet, guid: str) -> dict[str, bytes]:

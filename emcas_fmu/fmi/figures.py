@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch, Polygon, Rectangle
 
 from ..files import models_directory
-from ..parameters import ParameterSet, load_parameters
+from ..parameters import ParameterSet, are_defaults
 from ..plots import INK, figure, style, svg
+from ..reference import files
 from ..simulation import simulate
-from .model_description import MODEL
 
 _AMPLITUDES = (1.0, 5.0, 10.0, 20.0)  # deg
 _START, _STOP = 0.05, 0.4  # s
@@ -25,7 +25,7 @@ def _step_to(level: float) -> Callable[[float], float]:
 
 
 def _steps(parameters: ParameterSet) -> Figure:
-    shipped = dict(parameters.values) == dict(load_parameters().values)
+    shipped = are_defaults(parameters)
     drawn, ((axes,),) = figure(1, height=4.0, width=8.0)
     axes.set(xlabel="time / ms", ylabel="fin angle / deg")
     for amplitude, side, color in [(a, s, f"C{i}") for i, a in enumerate(_AMPLITUDES) for s in (1, -1)]:
@@ -33,12 +33,12 @@ def _steps(parameters: ParameterSet) -> Figure:
         axes.plot(result["time"] * 1e3, np.degrees(result["fin_angle"]), color=color,
                   label=f"±{amplitude:g}°" if side > 0 else None)
         sign = "plus" if side > 0 else "minus"
-        path = models_directory() / "reference" / f"{MODEL}_step_{sign}{amplitude:g}_ref.csv"
+        path = files.path_of(models_directory() / "reference", f"step_{sign}{amplitude:g}", "ref.csv")
         if shipped and path.is_file():
-            reference = np.genfromtxt(path, delimiter=",", names=True)
-            dots = reference[reference["time"] <= _STOP][::8]
-            axes.plot(dots["time"] * 1e3, np.degrees(dots["fin_angle"]), ".", color=INK, markersize=2.5,
-                      label="independent reference" if (amplitude, side) == (20.0, 1) else None)
+            reference = files.read_csv(path)
+            dots = np.flatnonzero(reference["time"] <= _STOP)[::8]
+            axes.plot(reference["time"][dots] * 1e3, np.degrees(reference["fin_angle"][dots]), ".", color=INK,
+                      markersize=2.5, label="independent reference" if (amplitude, side) == (20.0, 1) else None)
     axes.legend(loc="upper left")
     return drawn
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import platform
 import sys
 import tempfile
 import zipfile
@@ -163,11 +162,3 @@ def build(parameters: ParameterSet, output: Path) -> Built:
         partial.unlink(missing_ok=True)
     platforms = sorted({name.split("/")[1] for name in contents if name.startswith("binaries/")})
     return Built(output, output.stat().st_size, guid, tuple(platforms))
-
-
-def runs_here() -> bool:
-    """Whether pythonfmu has a binary for this machine."""
-    return bool(FmuBuilder.has_binary()) and platform.machine().lower() in ("x86_64", "amd64")
-
-
-__all__ = ["BuildError", "Built", "build", "runs_here"]
