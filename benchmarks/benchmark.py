@@ -31,6 +31,7 @@ from scipy.integrate import solve_ivp
 
 from emcas_fmu import control, sensors
 from emcas_fmu.fmi.package import build
+from emcas_fmu.ops.python_source import python_source
 from emcas_fmu.ops.trace import Tracer
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import drive, kinematics, mechanics
@@ -122,7 +123,7 @@ def _equations(values: Any) -> Any:
         names = function.__code__.co_varnames[:function.__code__.co_argcount]
         tracer.function(function.__name__, names, function)
     space: dict[str, Any] = {}
-    exec(tracer.source("benchmark"), space)
+    exec(python_source(tracer, "benchmark"), space)
     return space["make"](values)
 
 

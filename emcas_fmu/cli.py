@@ -56,22 +56,29 @@ def main(version: Annotated[bool, typer.Option("--version", callback=_version, i
     """Electromechanical control actuation system as an FMI 2.0 co-simulation FMU."""
 
 
-BUILD_EPILOG = ("Examples:\n\n  emcas build\n\n  emcas build --parameters my_actuator.toml --output MyActuator.fmu")
+BUILD_EPILOG = ("Examples:\n\n  emcas build\n\n  emcas build --parameters my_actuator.toml --output MyActuator.fmu"
+                "\n\n  emcas build --backend native"
+                "\n\n  emcas build --backend native --platform linux64 --platform win64"
+                "\n\n  emcas build --backend native --cc gcc")
 
 
 def build(
     parameters: ParametersOption = None,
-    backend: Annotated[str, typer.Option(help="How the FMU computes: python.")] = "python",
+    backend: Annotated[str, typer.Option(help="How the FMU computes: python (needs Python in the host), or "
+                                              "native (C, needs nothing; built with the extra 'native' or --cc).",
+                                         metavar="python|native")] = "python",
+    platform: Annotated[list[str] | None, typer.Option(
+        help="Only for this platform (may be given several times): linux64, win64, darwin64, aarch64-linux, "
+             "aarch64-darwin; native only.")] = None,
+    cc: Annotated[str | None, typer.Option("--cc", help="System C compiler instead of zig, for this platform; "
+                                                        "native only.", metavar="PROGRAM")] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="FMU to write.", metavar="FILE")] = Path("EMCAS.fmu"),
 ) -> None:
     """Build the FMU of a parameter set."""
-    from .errors import EmcasError
     from .fmi.package import build as build_fmu
 
-    with _failures():
-        if backend != "python":
-            raise EmcasError(f"--backend {backend}: this version builds 'python' only")
-        built = build_fmu(load_parameters(parameters), output)
+    with _failures(), _progress() as progress:
+        built = build_fmu(load_parameters(parameters), output, backend, platform, cc, _stepper(progress, "compile"))
     _out.print(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})", highlight=False, soft_wrap=True)
 

@@ -1,27 +1,124 @@
-"""What a set of parameter values must fulfil. Standard library only: it is embedded in the FMU."""
+"""What a set of parameter values must fulfil. Standard library only: it is embedded in the FMU.
+
+The rules are written over the operations namespace like the physics, so that the native
+FMU's are generated from them. Messages are printf formats of numbers.
+"""
 
 from __future__ import annotations
 
-from math import degrees, isfinite, radians
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Mapping
+from math import degrees, inf, isfinite, pi, radians
+from typing import Any, NamedTuple
 
-from .kernels.core import longest_tick
+from .ops.base import Ops, Value
+from .ops.floats import FLOATS
 from .physics.friction import coulomb_polynomial
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+from .schedule import longest_tick
+from .tree import tree
 
 # The lever's tangent grows without bound towards 90 deg.
 LARGEST_LEVER_ANGLE = radians(85.0)
 # Of the drive's transport delay, in sample times.
-LONGEST_DELAY = 128
-# Beyond it a sample time would cost seconds and the schedule megabytes.
+LONGEST_DELAY = 64
+# Beyond it a sample time would cost seconds.
 MOST_TICKS = 20_000
-_POWERS = range(7)
-_SCAN = 100  # points on each side of zero
+SCAN = 100  # points on each side of zero
 # Relative. Equal limits may differ in the last digit when they were given in different units.
 _SLACK = 1e-12
-_INERTIAS = ("inertia.motor", "inertia.screw", "inertia.fin", "inertia.shaft", "inertia.fork")
+
+NOT_FINITE = "%s = %.9g is not a finite number"
+BELOW = "%s = %.9g is below its minimum %.9g"
+ABOVE = "%s = %.9g is above its maximum %.9g"
+_ANGLE = "%.6g rad (%.6g deg)"
+
+
+class Rule(NamedTuple):
+    """A combination of parameters that must not be.
+
+    `check` gives how far the rule is broken (broken above zero) and the numbers of the
+    `message`. A `scanned` one is asked for every share of the travel from -1 to 1, and
+    the worst is told.
+    """
+
+    check: Callable[[Ops, Any, Value], tuple[Value, ...]]
+    message: str
+    scanned: bool = False
+
+
+def _degrees(angle: Value) -> Value:
+    return angle * (180.0 / pi)
+
+
+def _broken(ops: Ops, condition: Value) -> Value:
+    return ops.where(condition, 1.0, 0.0)
+
+
+def _travel(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    stop, limit = p.fin.stop_angle, p.command.limit
+    return _broken(ops, limit > stop * (1.0 + _SLACK)), stop, _degrees(stop), limit, _degrees(limit)
+
+
+def _start(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    start, stop = p.fin.start_angle, p.fin.stop_angle
+    return (_broken(ops, ops.fabs(start) > stop * (1.0 + _SLACK)), start, _degrees(start), stop, _degrees(stop))
+
+
+def _lever(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    initial, stop = ops.fabs(p.kinematics.initial_angle), p.fin.stop_angle
+    return (_broken(ops, initial + stop >= LARGEST_LEVER_ANGLE * (1.0 - _SLACK)), initial, _degrees(initial),
+            stop, _degrees(stop), initial + stop, _degrees(initial + stop))
+
+
+def _friction(direction: str) -> Rule:
+    def check(ops: Ops, p: Any, share: Value) -> tuple[Value, ...]:
+        coefficients, stop = getattr(p.friction.coulomb, direction), p.fin.stop_angle
+        angle = stop * share
+        value = coulomb_polynomial(coefficients, angle)
+        largest = coulomb_polynomial([ops.fabs(c) for c in coefficients], stop)
+        below = -value - _SLACK * largest
+        return below, *coefficients, value, angle, _degrees(angle), stop, _degrees(stop)
+
+    return Rule(check, f"friction.coulomb.{direction} = [{', '.join(['%.6g'] * 7)}] N.m gives a friction of %.6g N.m "
+                       f"at fin_angle = {_ANGLE}; it must not be below 0 within +-fin.stop_angle = {_ANGLE}", True)
+
+
+def _delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    delay, period = p.drive.transport_delay, p.controller.sample_time
+    return _broken(ops, delay > LONGEST_DELAY * period * (1.0 + _SLACK)), delay, period
+
+
+def _ticks(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    tick, period = longest_tick(ops, p), p.controller.sample_time
+    return _broken(ops, period > MOST_TICKS * tick), period, tick
+
+
+def _multiplier(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    value = p.encoder.multiplier
+    known = ops.either(ops.equal(value, 1.0), ops.either(ops.equal(value, 2.0), ops.equal(value, 4.0)))
+    return _broken(ops, ops.negate(known)), value
+
+
+def _inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    parts = p.inertia
+    total = parts.motor + parts.screw + parts.fin + parts.shaft + parts.fork
+    return _broken(ops, total <= 0.0), total
+
+
+RULES = (
+    Rule(_travel, f"fin.stop_angle = {_ANGLE} must be at least command.limit = {_ANGLE}"),
+    Rule(_start, f"fin.start_angle = {_ANGLE} must lie within +-fin.stop_angle = {_ANGLE}"),
+    Rule(_lever, f"|kinematics.initial_angle| = {_ANGLE} and fin.stop_angle = {_ANGLE} add up to {_ANGLE}; the sum "
+                 f"must be below {LARGEST_LEVER_ANGLE:.6g} rad ({degrees(LARGEST_LEVER_ANGLE):.6g} deg)"),
+    _friction("positive"),
+    _friction("negative"),
+    Rule(_delay, f"drive.transport_delay = %.6g s must be at most {LONGEST_DELAY} times "
+                 "controller.sample_time = %.6g s"),
+    Rule(_ticks, f"controller.sample_time = %.6g s needs over {MOST_TICKS} ticks of %.6g s; "
+                 "raise solver.max_tick or motor.inductance, or lower drive.ki or controller.sample_time"),
+    Rule(_multiplier, "encoder.multiplier = %.6g must be 1, 2 or 4"),
+    Rule(_inertia, "inertia.motor + inertia.screw + inertia.fin + inertia.shaft + inertia.fork = %.6g kg.m2 "
+                   "must be above 0"),
+)
 
 
 def check_ranges(values: Mapping[str, float], table: Iterable[tuple[str, float, float]]) -> list[str]:
@@ -33,11 +130,11 @@ def check_ranges(values: Mapping[str, float], table: Iterable[tuple[str, float, 
     for name, minimum, maximum in table:
         value = values[name]
         if not isfinite(value):
-            problems.append(_not_finite(name, value))
+            problems.append(NOT_FINITE % (name, value))
         elif value < minimum:
-            problems.append(f"{name} = {value!r} is below its minimum {minimum!r}")
+            problems.append(BELOW % (name, value, minimum))
         elif value > maximum:
-            problems.append(f"{name} = {value!r} is above its maximum {maximum!r}")
+            problems.append(ABOVE % (name, value, maximum))
     return problems
 
 
@@ -47,56 +144,16 @@ def check_consistency(values: Mapping[str, float]) -> list[str]:
     `values` are in the variable table's units, within their ranges. Non-finite ones are reported alone,
     since nothing can be said of a combination with them.
     """
-    problems = [_not_finite(name, value) for name, value in values.items() if not isfinite(value)]
+    problems = [NOT_FINITE % (name, value) for name, value in values.items() if not isfinite(value)]
     if problems:
         return problems
-    stop, limit = values["fin.stop_angle"], values["command.limit"]
-    if limit > stop * (1.0 + _SLACK):
-        problems.append(f"fin.stop_angle = {_angle(stop)} must be at least command.limit = {_angle(limit)}")
-    start = values["fin.start_angle"]
-    if abs(start) > stop * (1.0 + _SLACK):
-        problems.append(f"fin.start_angle = {_angle(start)} must lie within "
-                        f"+-fin.stop_angle = {_angle(stop)}")
-    initial = values["kinematics.initial_angle"]
-    if abs(initial) + stop >= LARGEST_LEVER_ANGLE * (1.0 - _SLACK):
-        problems.append(f"|kinematics.initial_angle| = {_angle(abs(initial))} and "
-                        f"fin.stop_angle = {_angle(stop)} add up to {_angle(abs(initial) + stop)}; "
-                        f"the sum must be below {_angle(LARGEST_LEVER_ANGLE)}")
-    problems += [problem for direction in ("positive", "negative")
-                 if (problem := _negative_friction(values, direction, stop))]
-    delay, sample_time = values["drive.transport_delay"], values["controller.sample_time"]
-    if delay > LONGEST_DELAY * sample_time * (1.0 + _SLACK):
-        problems.append(f"drive.transport_delay = {delay:.6g} s must be at most {LONGEST_DELAY} times "
-                        f"controller.sample_time = {sample_time:.6g} s")
-    tick = longest_tick(values)
-    if sample_time > MOST_TICKS * tick:
-        problems.append(f"controller.sample_time = {sample_time:.6g} s needs over {MOST_TICKS} ticks of {tick:.6g} s; "
-                        "raise solver.max_tick or motor.inductance, or lower drive.ki or controller.sample_time")
-    if values["encoder.multiplier"] not in (1, 2, 4):
-        problems.append(f"encoder.multiplier = {values['encoder.multiplier']} must be 1, 2 or 4")
-    if sum(values[name] for name in _INERTIAS) <= 0.0:
-        problems.append(f"{' + '.join(_INERTIAS)} = {sum(values[name] for name in _INERTIAS):.6g} kg.m2 "
-                        "must be above 0")
+    p = tree(values)
+    for rule in RULES:
+        worst, numbers = -inf, ()  # type: float, tuple[float, ...]
+        for share in (i / SCAN for i in range(-SCAN, SCAN + 1)) if rule.scanned else (0.0,):
+            broken, *rest = rule.check(FLOATS, p, share)
+            if broken > worst:
+                worst, numbers = broken, tuple(rest)
+        if worst > 0.0:
+            problems.append(rule.message % numbers)
     return problems
-
-
-def _negative_friction(values: Mapping[str, float], direction: str, stop: float) -> str:
-    """The message if the Coulomb polynomial of a direction is negative anywhere within the stops, or ''."""
-    name = f"friction.coulomb.{direction}"
-    coefficients = [values[f"{name}[{power}]"] for power in _POWERS]
-    lowest, where = min((coulomb_polynomial(coefficients, angle), angle)
-                        for angle in (stop * i / _SCAN for i in range(-_SCAN, _SCAN + 1)))
-    largest = coulomb_polynomial([abs(c) for c in coefficients], stop)
-    if lowest >= -_SLACK * largest:
-        return ""
-    written = ", ".join(f"{c:.6g}" for c in coefficients)
-    return (f"{name} = [{written}] N.m gives a friction of {lowest:.6g} N.m at fin_angle = {_angle(where)}; "
-            f"it must not be below 0 within +-fin.stop_angle = {_angle(stop)}")
-
-
-def _not_finite(name: str, value: float) -> str:
-    return f"{name} = {value} is not a finite number"
-
-
-def _angle(value: float) -> str:
-    return f"{value:.6g} rad ({degrees(value):.6g} deg)"

@@ -28,7 +28,7 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, **input
         if name.replace("__", ".") not in signals:
             raise TypeError(f"there is no input {name!r}; inputs are {', '.join(signals)}")
         signals[name.replace("__", ".")] = signal
-    core = Core(program.make()(values), values)
+    core = Core(program.make()(values))
 
     def at(time: float) -> tuple[Any, ...]:
         now = {name: s(time) if callable(s) else s for name, s in signals.items()}

@@ -10,7 +10,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from .. import __version__, control, integrate, sensors
+from .. import __version__, control, integrate, schedule, sensors
 from ..files import models_directory
 from ..parameters import ParameterSet, are_defaults
 from ..physics import drive, friction, kinematics, loads, mechanics
@@ -19,7 +19,7 @@ from ..variables import INPUTS, OUTPUTS, PARAMETERS, Variable
 from .figures import icon, response_figures
 from .model_description import DESCRIPTION, MODEL
 
-_EQUATIONS = (kinematics, mechanics, friction, loads, drive, sensors, control, integrate)
+_EQUATIONS = (kinematics, mechanics, friction, loads, drive, sensors, control, schedule, integrate)
 _EXTERNAL = """This FMU computes in Python. Its binaries (linux64, win64) load into a process that has Python 3.10 or
 later loaded; they bring no Python of their own. From a Python host (fmpy) nothing is to do. From another host
 on Linux, preload the Python library, for example
@@ -61,10 +61,10 @@ def _page(parameters: ParameterSet, guid: str) -> str:
                 ("Parameters", _rows(PARAMETERS, parameters))])
 
 
-def _licenses() -> dict[str, bytes]:
-    """Our own licence and that of the embedded pythonfmu, as their packages ship them."""
+def _licenses(*packages: tuple[str, str]) -> dict[str, bytes]:
+    """Licences as their packages ship them: of (package, name of the file in the FMU)."""
     found = {}
-    for name, target in (("emcas-fmu", "LICENSE.txt"), ("pythonfmu", "pythonfmu-LICENSE.txt")):
+    for name, target in packages:
         try:
             shipped = distribution(name).files or []
         except PackageNotFoundError:
@@ -87,14 +87,19 @@ def _references(parameters: ParameterSet) -> Mapping[str, bytes]:
     return {f"extra/reference/{path.name}": path.read_bytes() for path in paths if path.is_file()}
 
 
-def documents(parameters: ParameterSet, guid: str) -> dict[str, bytes]:
+def documents(parameters: ParameterSet, guid: str, backend: str) -> dict[str, bytes]:
     """Archive name to content of everything that is documentation."""
     picture = icon()
+    licenses = [("emcas-fmu", "LICENSE.txt")]
+    python = {}
+    if backend == "python":
+        licenses.append(("pythonfmu", "pythonfmu-LICENSE.txt"))
+        python["documentation/externalDependencies.txt"] = _EXTERNAL.encode()
     return {
         "documentation/index.html": _page(parameters, guid).encode(),
-        "documentation/externalDependencies.txt": _EXTERNAL.encode(),
+        **python,
         "model.png": picture,
         "terminalsAndIcons/icon.png": picture,
-        **_licenses(),
+        **_licenses(*licenses),
         **_references(parameters),
     }

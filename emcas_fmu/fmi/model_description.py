@@ -111,13 +111,18 @@ def _structure(root: Element) -> None:
                 "dependenciesKind": " ".join(["dependent"] * len(known))})
 
 
-def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str, str], tool: str) -> Element:
+def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str, str], tool: str,
+                      source_files: Sequence[str] = ()) -> Element:
     """The fmiModelDescription element; `options` are attributes of its CoSimulation element."""
     root = Element("fmiModelDescription", {
         "fmiVersion": "2.0", "modelName": MODEL, "guid": guid, "description": DESCRIPTION,
         "version": __version__, "license": "MIT", "generationTool": tool,
         "variableNamingConvention": "structured"})
-    SubElement(root, "CoSimulation", {"modelIdentifier": MODEL, **options})
+    simulation = SubElement(root, "CoSimulation", {"modelIdentifier": MODEL, **options})
+    if source_files:
+        listed = SubElement(simulation, "SourceFiles")
+        for name in source_files:
+            SubElement(listed, "File", {"name": name})
     _unit_definitions(root)
     categories = SubElement(root, "LogCategories")
     for name, description in Fmi2Slave.log_categories.items():

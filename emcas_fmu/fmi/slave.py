@@ -206,11 +206,11 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         values = self._parameter_values()
         functions = type(self).make(values)
         if self._core is None or self._now == 0.0:
-            self._core = Core(functions, values)
+            self._core = Core(functions)
         else:
             self._core.bind(functions)
         self._bound = tuple(values.values())
-        self._slack = self._core.schedule.slack
+        self._slack = self._core.slack
         self._changed = self._current = False
         self._motion = []
         self._held = None
@@ -327,12 +327,12 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             core = None
         elif core is None or bound != self._bound:
             parameters = {self.table.rows[i][0]: v for i, v in zip(self._parameters, bound, strict=True)}
-            core = Core(type(self).make(parameters), parameters)
+            core = Core(type(self).make(parameters))
         self._start, self._now, self._phase, self._misuse, self._refusal = start, now, phase, misuse, refusal
         self._changed, self._values, self._bound, self._core = changed, list(values), bound, core
         if core is not None:
             core.state = core_state
-            self._slack = core.schedule.slack
+            self._slack = core.slack
         self._ready = False
         self._motion = []
         self._held = None

@@ -1,4 +1,4 @@
-"""The actuator as generated Python: :mod:`emcas_fmu.actuator` traced, compiled, cached."""
+"""The actuator as a program: :mod:`emcas_fmu.actuator` and its schedule traced, printed as Python or C."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from functools import cache
 from inspect import signature
 from typing import Any
 
-from .. import actuator
+from .. import actuator, schedule
+from ..ops.c_source import c_source
+from ..ops.python_source import python_source
 from ..ops.trace import Tracer
 from ..tree import tree
 from ..variables import PARAMETERS
 
-FUNCTIONS = (actuator.initial, actuator.sample, actuator.forces, actuator.step, actuator.outputs)
+FUNCTIONS = (schedule.schedule, schedule.locate,
+             actuator.initial, actuator.sample, actuator.forces, actuator.step, actuator.outputs)
 
 Make = Callable[[Mapping[str, Any]], tuple[Callable[..., tuple[Any, ...]], ...]]
 
@@ -22,18 +25,28 @@ def _bind(function: Callable[..., Any], tracer: Tracer, p: Any) -> Callable[...,
 
 
 @cache
-def source() -> str:
-    """Python source of a module with ``make(parameters)``.
-
-    `make` takes the flat parameter mapping and gives the functions of
-    :mod:`emcas_fmu.actuator`, in the order of `FUNCTIONS`, bound to it.
-    """
+def traced() -> Tracer:
+    """The program's `FUNCTIONS`, of the parameters in table order."""
     tracer = Tracer()
     p = tree({v.name: tracer.parameter(v.name) for v in PARAMETERS})
     for function in FUNCTIONS:
         arguments = list(signature(function).parameters)[2:]
         tracer.function(function.__name__, arguments, _bind(function, tracer, p))
-    return tracer.source("The actuator's equations as straight-line code; generated, do not edit.")
+    return tracer
+
+
+@cache
+def source() -> str:
+    """Python source of a module with ``make(parameters)``.
+
+    `make` takes the flat parameter mapping and gives the `FUNCTIONS` in their order, bound to it.
+    """
+    return python_source(traced(), "The actuator's equations as straight-line code; generated, do not edit.")
+
+
+def c_kernel() -> str:
+    """The `FUNCTIONS` as C (:func:`emcas_fmu.ops.c_source.c_source`), named ``kernel_...``."""
+    return c_source(traced(), "kernel")
 
 
 @cache

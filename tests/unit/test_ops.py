@@ -11,10 +11,11 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from emcas_fmu import actuator, control, integrate, sensors
+from emcas_fmu import actuator, control, integrate, schedule, sensors
 from emcas_fmu.kernels import program
 from emcas_fmu.ops import FLOATS
 from emcas_fmu.ops.arrays import ARRAYS
+from emcas_fmu.ops.python_source import python_source
 from emcas_fmu.ops.symbols import SYMBOLS
 from emcas_fmu.ops.trace import Tracer
 from emcas_fmu.physics import drive, friction, kinematics, loads, mechanics
@@ -35,7 +36,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "command": (-0.5, 0.5), "aero_torque": (-100.0, 100.0), "f_x": (-50.0, 50.0), "f_z": (-50.0, 50.0),
     "supply": (0.0, 45.0), "h": (1e-5, 3e-4), "a_x": (-50.0, 50.0), "a_y": (-50.0, 50.0), "a_z": (-50.0, 50.0),
     "roll": (-3.0, 3.0), "pitch": (-1.5, 1.5), "counts": (-1e4, 1e4), "previous_counts": (-1e4, 1e4),
-    "i_ref": (-60.0, 60.0), "cold_ratio": (1.0, 2.0),
+    "i_ref": (-60.0, 60.0), "cold_ratio": (1.0, 2.0), "time": (0.0, 2.0),
 }
 FLAGS = {"enable"}
 
@@ -48,8 +49,8 @@ def _public(module: ModuleType) -> list[Function]:
 # Functions whose arguments are plain values; the others are reached through these.
 STRUCTURED = {loads.specific_force, mechanics.breakaway, mechanics.damping, integrate.advance, control.output,
               control.update, friction.coulomb_reference, friction.coulomb_polynomial}
-PLAIN = [f for module in (kinematics, friction, loads, mechanics, drive, sensors, control, integrate, actuator)
-         for f in _public(module) if f not in STRUCTURED]
+MODULES = (kinematics, friction, loads, mechanics, drive, sensors, control, integrate, schedule, actuator)
+PLAIN = [f for module in MODULES for f in _public(module) if f not in STRUCTURED]
 
 
 def _flat(result: Any) -> list[Any]:
@@ -113,7 +114,7 @@ def _traced(function: Function, columns: list[np.ndarray], values: Mapping[str, 
     names = [f"x{i}" for i in range(len(columns))]
     tracer.function("f", names, lambda *arguments: _call(function, tracer, p, list(arguments)))
     space: dict[str, Any] = {}
-    exec(tracer.source("test"), space)
+    exec(python_source(tracer, "test"), space)
     (run,) = space["make"](values)
     return np.array([run(*(c[i].item() for c in columns)) for i in range(LANES)], float)
 
@@ -151,7 +152,7 @@ def test_tracing_hoists_parameters_and_drops_what_nobody_reads() -> None:
         return (tracer.sin(a) * x + tracer.sin(a) * x,)
 
     tracer.function("f", ["x"], body)
-    text = tracer.source("test")
+    text = python_source(tracer, "test")
     prologue, function = text.split("def f")
     assert "sin(p0)" in prologue
     assert "sin" not in function
@@ -163,7 +164,7 @@ def test_a_branch_is_evaluated_only_where_it_is_taken() -> None:
     tracer = Tracer()
     tracer.function("f", ["x"], lambda x: tracer.branch(x > 0.0, lambda: (tracer.log(x),), lambda: (0.0,)))
     space: dict[str, Any] = {}
-    exec(tracer.source("test"), space)
+    exec(python_source(tracer, "test"), space)
     (f,) = space["make"]({})
     assert f(-1.0) == (0.0,)  # log(-1) would raise
     assert f(1.0) == (0.0,)

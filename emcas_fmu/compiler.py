@@ -1,0 +1,133 @@
+"""C compilers: ziglang from PyPI for every platform, or a system compiler for this one."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from .errors import EmcasError
+
+# No contraction: a fused multiply-add rounds once where the Python source rounds twice. No speculation
+# of what may raise a floating-point exception: hosts run with traps on.
+FLAGS = ("-std=c11", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2", "-ffp-contract=off", "-ftrapping-math",
+         "-fvisibility=hidden", "-g0")
+_ZIG_FLAGS = ("-fno-sanitize=undefined", "-ffp-exception-behavior=maytrap", "-s")
+
+
+class CompilerError(EmcasError):
+    """There is no compiler, or it refused; the message says what to do."""
+
+
+@dataclass(frozen=True)
+class Platform:
+    """An FMI platform: suffix of its libraries, zig's name for it, and flags to link with."""
+
+    name: str
+    suffix: str
+    target: str
+    link: tuple[str, ...]
+
+
+PLATFORMS = {p.name: p for p in (
+    Platform("linux64", ".so", "x86_64-linux-gnu.2.17", ("-shared", "-fPIC", "-Wl,--build-id=none", "-lm")),
+    Platform("win64", ".dll", "x86_64-windows-gnu", ("-shared",)),
+    Platform("darwin64", ".dylib", "x86_64-macos.11.0", ("-dynamiclib",)),
+    Platform("aarch64-linux", ".so", "aarch64-linux-gnu.2.17", ("-shared", "-fPIC", "-Wl,--build-id=none", "-lm")),
+    Platform("aarch64-darwin", ".dylib", "aarch64-macos.11.0", ("-dynamiclib",)),
+)}
+
+
+def local_platform() -> Platform | None:
+    """The platform of this machine; None if it is none of those known."""
+    machine = "aarch64" if platform.machine().lower() in ("arm64", "aarch64") else platform.machine().lower()
+    names = {("Linux", "x86_64"): "linux64", ("Windows", "amd64"): "win64", ("Darwin", "x86_64"): "darwin64",
+             ("Linux", "aarch64"): "aarch64-linux", ("Darwin", "aarch64"): "aarch64-darwin"}
+    return PLATFORMS.get(names.get((platform.system(), machine), ""))
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """A command that compiles C, and what it calls itself."""
+
+    command: tuple[str, ...]
+    version: str
+    zig: bool
+
+    def library(self, sources: Mapping[str, str], main: str, target: Platform, defines: Sequence[str] = ()) -> bytes:
+        """The shared library of one source file and the headers beside it: file name to text.
+
+        The same sources give the same bytes. Raises CompilerError with what the compiler said.
+        """
+        with TemporaryDirectory(prefix="emcas_cc_") as name:
+            folder = Path(name)
+            for file, text in sources.items():
+                (folder / file).write_text(text, encoding="utf-8", newline="\n")
+            output = f"library{target.suffix}"
+            flags = [*FLAGS, *(("-target", target.target, *_ZIG_FLAGS) if self.zig else ("-s",))]
+            command = [*self.command, *flags, *(f"-D{d}" for d in defines), main, "-o", output, *target.link]
+            # Zig's cache is shared by default and may be on a slow or read-only home.
+            environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(_zig_cache()),
+                           "ZIG_LOCAL_CACHE_DIR": str(folder / "z"), "SOURCE_DATE_EPOCH": "315532800", "ZERO_AR_DATE": "1"}
+            done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+            if done.returncode != 0:
+                raise CompilerError(f"{' '.join(self.command)} cannot compile {main} for {target.name}:\n"
+                                    f"{done.stderr.strip() or done.stdout.strip()}")
+            return (folder / output).read_bytes()
+
+
+def _zig_cache() -> Path:
+    from platformdirs import user_cache_path
+
+    return user_cache_path("emcas") / "zig"
+
+
+@cache
+def zig() -> Compiler | None:
+    """The compiler of the package ziglang, if installed."""
+    if importlib.util.find_spec("ziglang") is None:
+        return None
+    command = (sys.executable, "-m", "ziglang", "cc")
+    done = subprocess.run([*command[:-1], "version"], capture_output=True, text=True, check=False)
+    return Compiler(command, f"zig {done.stdout.strip()}", True) if done.returncode == 0 else None
+
+
+@cache
+def system(name: str) -> Compiler:
+    """A system compiler by name or path. Raises CompilerError if it does not run."""
+    path = shutil.which(name)
+    if path is None:
+        raise CompilerError(f"--cc {name}: there is no such program")
+    done = subprocess.run([path, "--version"], capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise CompilerError(f"--cc {name}: does not answer to --version")
+    return Compiler((path,), done.stdout.splitlines()[0] if done.stdout else name, False)
+
+
+def find(cc: str | None = None) -> Compiler:
+    """The compiler asked for by name; else zig. Raises CompilerError, naming the remedy, if there is none."""
+    if cc is not None:
+        return system(cc)
+    found = zig()
+    if found is None:
+        raise CompilerError("no C compiler for native FMUs: install one with  pip install 'emcas-fmu[native]'  "
+                            "or name a system compiler with --cc (this platform only)")
+    return found
+
+
+def any_local() -> Compiler | None:
+    """A compiler for this machine: $CC, cc, gcc, clang or zig, the first there is; None if there is none."""
+    if local_platform() is None:
+        return None
+    for name in (os.environ.get("CC"), "cc", "gcc", "clang"):
+        if name and shutil.which(name):
+            return system(name)
+    return zig()

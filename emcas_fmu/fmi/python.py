@@ -1,0 +1,94 @@
+"""The Python back end: the slave and what it needs, exported through pythonfmu."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+from xml.etree.ElementTree import fromstring
+
+import pythonfmu
+from pythonfmu.builder import FmuBuilder
+
+from ..errors import BuildError
+from ..kernels import program
+from ..variables import VARIABLES
+from .model_description import MODEL
+
+# What the slave needs of this package, under a name of its own in the FMU.
+_EMBEDDED = ("consistency.py", "fmi/__init__.py", "fmi/slave.py", "kernels/__init__.py", "kernels/core.py",
+             "ops/__init__.py", "ops/base.py", "ops/floats.py", "physics/__init__.py", "physics/friction.py",
+             "schedule.py", "tree.py")
+_PACKAGE = Path(__file__).resolve().parent.parent
+_OPTIONS = {"needsExecutionTool": True, "canHandleVariableCommunicationStepSize": True, "canInterpolateInputs": False,
+            "canBeInstantiatedOnlyOncePerProcess": False, "canGetAndSetFMUstate": True, "canSerializeFMUstate": True}
+TOOL = f"PythonFMU {pythonfmu.__version__}"
+
+
+def _sources(starts: tuple[Any, ...], guid: str) -> dict[str, str]:
+    """The embedded package: file name to text."""
+    rows = [(v.name, v.kind, v.causality, v.variability, v.minimum, v.maximum) for v in VARIABLES]
+    listing = "".join(f"    {row!r},\n" for row in rows).replace("-inf", "-INF").replace(" inf", " INF")
+    files = {name: (_PACKAGE / name).read_text(encoding="utf-8") for name in _EMBEDDED}
+    files["__init__.py"] = f'"""The EM-CAS actuator, as embedded in {MODEL}.fmu; generated, do not edit."""\n'
+    files["kernel.py"] = program.source()
+    files["model.py"] = (
+        f'"""The slave class of {MODEL}.fmu: interface table and kernel; generated, do not edit."""\n\n'
+        "from math import inf as INF\n\nfrom . import kernel\nfrom .fmi.slave import Slave, Table\n\n"
+        f"ROWS = (\n{listing})\n\nSTART = {starts!r}\n\n\n"
+        f"class {MODEL}(Slave):\n    make = staticmethod(kernel.make)\n"
+        f"    table = Table(ROWS, START, {guid!r})\n"
+    )
+    return files
+
+
+def _entry(package: str) -> str:
+    return (f'"""Entry module of {MODEL}.fmu; generated, do not edit."""\n\n'
+            f"from {package}.fmi.slave import keep\nfrom {package}.model import {MODEL}  # noqa: F401\n\n"
+            "keep(globals())\n")
+
+
+@contextmanager
+def _clean_imports(*packages: str) -> Iterator[None]:
+    """Undo what the exporter leaves behind: its search path and the modules it imported."""
+    path = list(sys.path)
+    bytecode, sys.dont_write_bytecode = sys.dont_write_bytecode, True
+    try:
+        yield
+    finally:
+        sys.path[:] = path
+        sys.dont_write_bytecode = bytecode
+        for name in [n for n in sys.modules if n.partition(".")[0] in packages]:
+            del sys.modules[name]
+
+
+def _exported(files: Mapping[str, str], folder: Path) -> dict[str, bytes]:
+    """What pythonfmu makes of the embedded sources: archive name to content."""
+    digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(files.items())).encode()).hexdigest()[:12]
+    package = f"emcas_{digest}"
+    for name, text in files.items():
+        target = folder / package / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_text(text, encoding="utf-8", newline="\n")
+    script = folder / f"emcas_slave_{digest}.py"
+    script.write_text(_entry(package), encoding="utf-8", newline="\n")
+    with _clean_imports(package, script.stem):
+        archive = FmuBuilder.build_FMU(
+            script, dest=folder / f"{MODEL}.fmu", project_files={folder / package}, **_OPTIONS)
+    with zipfile.ZipFile(archive) as built:
+        return {name: built.read(name) for name in built.namelist() if not name.endswith("/")}
+
+
+def exported(starts: tuple[Any, ...], guid: str) -> tuple[dict[str, bytes], dict[str, str]]:
+    """What goes into the archive (name to content), and the attributes of its CoSimulation element."""
+    with TemporaryDirectory(prefix="emcas_build_") as folder:
+        contents = _exported(_sources(starts, guid), Path(folder))
+    simulation = fromstring(contents["modelDescription.xml"]).find("CoSimulation")
+    if simulation is None:
+        raise BuildError("pythonfmu wrote no CoSimulation element: this version of it is not supported")
+    return contents, {k: v for k, v in simulation.attrib.items() if k != "modelIdentifier"}

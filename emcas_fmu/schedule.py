@@ -1,0 +1,80 @@
+"""When samples, arrivals and ticks happen.
+
+Time is a count of ticks. A sample period is cut where the delayed reference reaches
+the drive, and both parts into equal ticks no longer than the longest allowed, so that
+whatever the delay, samples and arrivals fall on tick boundaries.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from .ops.base import Ops, Value
+
+# Communication points this close to a tick, as a share of the sample time, lie on it: hosts
+# add up their steps in floating point, and a point just short of a sample would put the
+# command off by a whole one. Never more than a quarter of the shortest tick.
+TOLERANCE = 1e-3
+# The drive's integral is taken at mid-tick; this keeps its own oscillation resolved.
+_INTEGRAL_PHASE = 0.07
+# A tick may be this much longer than the longest, relative: rounding asks for no further tick.
+_ROUNDING = 1e-9
+
+
+class Schedule(NamedTuple):
+    """A sample period: ``before`` ticks of length ``h_before`` [s], then ``after`` of ``h_after``.
+
+    A sample reaches the drive ``delay_samples`` periods after its own, ``arrival`` [s]
+    into the period: between the two parts. ``slack`` [s] is the tolerance of communication points.
+    """
+
+    sample_time: Value
+    before: Value
+    after: Value
+    arrival: Value
+    h_before: Value
+    h_after: Value
+    delay_samples: Value
+    slack: Value
+
+
+def longest_tick(ops: Ops, p: Any) -> Value:
+    """Upper bound [s] of a tick."""
+    longest = p.solver.max_tick
+    gain = ops.where(p.drive.ki > 0.0, p.drive.ki, 1.0)
+    resolved = _INTEGRAL_PHASE * ops.sqrt(p.motor.inductance / gain)
+    return ops.where(p.drive.ki > 0.0, ops.minimum(resolved, longest), longest)
+
+
+def schedule(ops: Ops, p: Any) -> Schedule:
+    """The sample period of a parameter set."""
+    period = p.controller.sample_time
+    delay = p.drive.transport_delay / period
+    delay_samples = ops.floor(delay + TOLERANCE)
+    late = delay - delay_samples
+    fraction = ops.where(late < TOLERANCE, 0.0, late)  # the last tick of a sample is no shorter either
+    longest = longest_tick(ops, p)
+
+    def ticks(width: Value) -> Value:
+        return -ops.floor(-(width * period / longest * (1.0 - _ROUNDING)))
+
+    before, after = ticks(fraction), ticks(1.0 - fraction)
+    h_after = (1.0 - fraction) * period / after
+    cut = before > 0.0
+    h_before = ops.where(cut, fraction * period / ops.where(cut, before, 1.0), h_after)
+    slack = ops.minimum(TOLERANCE * period, 0.25 * ops.minimum(h_before, h_after))
+    return Schedule(period, before, after, fraction * period, h_before, h_after, delay_samples, slack)
+
+
+def locate(ops: Ops, p: Any, time: Value) -> tuple[Value, ...]:
+    """Whole periods and whole ticks beyond them in a time [s] from the start, and the rest [s]; 0 within the slack."""
+    s = schedule(ops, p)
+    periods = ops.floor((time + s.slack) / s.sample_time)
+    within = time - periods * s.sample_time
+    late = within + s.slack  # not negative but for rounding
+    early = ops.both(s.before > 0.0, late < s.arrival)
+    first = ops.clip(ops.floor(late / s.h_before), 0.0, s.before - 1.0)
+    second = ops.clip(ops.floor((late - s.arrival) / s.h_after), 0.0, s.after - 1.0)
+    index = ops.where(early, first, s.before + second)
+    rest = within - ops.where(early, first * s.h_before, s.arrival + second * s.h_after)
+    return periods, index, ops.where(rest > s.slack, rest, 0.0)
