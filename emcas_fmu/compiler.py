@@ -19,7 +19,7 @@ from .errors import EmcasError
 # No contraction: a fused multiply-add rounds once where the Python source rounds twice. No speculation
 # of what may raise a floating-point exception: hosts run with traps on.
 FLAGS = ("-std=c11", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2", "-ffp-contract=off", "-ftrapping-math",
-         "-fvisibility=hidden", "-g0")
+         "-fno-math-errno", "-fvisibility=hidden", "-g0")
 _ZIG_FLAGS = ("-fno-sanitize=undefined", "-ffp-exception-behavior=maytrap", "-s")
 
 
@@ -76,7 +76,8 @@ class Compiler:
             command = [*self.command, *flags, *(f"-D{d}" for d in defines), main, "-o", output, *target.link]
             # Zig's cache is shared by default and may be on a slow or read-only home.
             environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(_zig_cache()),
-                           "ZIG_LOCAL_CACHE_DIR": str(folder / "z"), "SOURCE_DATE_EPOCH": "315532800", "ZERO_AR_DATE": "1"}
+                           "ZIG_LOCAL_CACHE_DIR": str(folder / "z"),
+                           "SOURCE_DATE_EPOCH": "315532800", "ZERO_AR_DATE": "1"}
             done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
             if done.returncode != 0:
                 raise CompilerError(f"{' '.join(self.command)} cannot compile {main} for {target.name}:\n"

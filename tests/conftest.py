@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from emcas_fmu.compiler import local_platform
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 
@@ -22,3 +23,17 @@ def values() -> Mapping[str, Any]:
 def fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """EMCAS.fmu of the shipped parameters."""
     return build(load_parameters(), tmp_path_factory.mktemp("fmu") / "EMCAS.fmu").path
+
+
+@pytest.fixture(scope="session")
+def native(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """EMCAS.fmu of the shipped parameters, native, for this platform."""
+    local = local_platform()
+    assert local is not None
+    return build(load_parameters(), tmp_path_factory.mktemp("native") / "EMCAS.fmu", "native", [local.name]).path
+
+
+@pytest.fixture(scope="session")
+def units(fmu: Path, native: Path) -> Mapping[str, Path]:
+    """Both FMUs by back end."""
+    return {"python": fmu, "native": native}

@@ -69,7 +69,10 @@ static fmi2Status report(const instance *m, fmi2Status status, const char *forma
         va_start(arguments, format);
         vsnprintf(text, sizeof text, format, arguments);
         va_end(arguments);
-        m->callbacks.logger(m->callbacks.componentEnvironment, m->name, status, CATEGORY[category], "%s", text);
+        /* As a format of its own: hosts in other languages cannot follow variable arguments. */
+        for (char *at = text; *at; ++at)
+            if (*at == '%') *at = '/';
+        m->callbacks.logger(m->callbacks.componentEnvironment, m->name, status, CATEGORY[category], text);
     }
     return status;
 }

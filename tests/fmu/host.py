@@ -39,13 +39,14 @@ class Fmu:
 class Instance:
     """An instance; every call gives its FMI status, `log` collects (status, message)."""
 
-    def __init__(self, fmu: Fmu, name: str = "fin", guid: str | None = None, logging: bool = True) -> None:
+    def __init__(self, fmu: Fmu, name: str = "fin", guid: str | None = None, logging: bool = True,
+                 kind: int = 1) -> None:
         self.fmu = fmu
         self.log: list[tuple[int, str]] = []
         self._logger = _LOGGER(lambda _, __, status, ___, message: self.log.append((status, message.decode())))
         self._callbacks = _Callbacks(self._logger)
         self.component = ct.c_void_p(fmu.library.fmi2Instantiate(
-            name.encode(), 1, (guid or fmu.guid).encode(), (fmu.folder / "resources").as_uri().encode(),
+            name.encode(), kind, (guid or fmu.guid).encode(), (fmu.folder / "resources").as_uri().encode(),
             ct.byref(self._callbacks), 0, int(logging)))
 
     def call(self, function: str, *arguments: Any) -> int:
@@ -90,6 +91,21 @@ class Instance:
         assert status == OK, status
         return value
 
+    def differentiate(self, name: str, order: int, value: float) -> int:
+        """fmi2SetRealInputDerivatives of one variable."""
+        return self.call("fmi2SetRealInputDerivatives", (ct.c_uint * 1)(self.fmu.references[name]), ct.c_size_t(1),
+                         (ct.c_int * 1)(order), (ct.c_double * 1)(value))
+
+    def status(self, kind: str, which: int) -> tuple[int, Any]:
+        """fmi2Get<kind>Status: status of the call and the value."""
+        value = _CTYPES[kind](-1)
+        return self.call(f"fmi2Get{kind}Status", which, ct.byref(value)), value.value
+
+    def debug(self, on: bool, categories: Sequence[str]) -> int:
+        """fmi2SetDebugLogging."""
+        names = (ct.c_char_p * len(categories))(*(c.encode() for c in categories))
+        return self.call("fmi2SetDebugLogging", int(on), ct.c_size_t(len(categories)), names)
+
     def outputs(self) -> dict[str, Any]:
         return {name: self.get(name) for name in self.fmu.outputs}
 
@@ -105,11 +121,15 @@ class Instance:
         assert self.call("fmi2SerializeFMUstate", state, data, size) == OK
         return data.raw
 
-    def deserialize(self, data: bytes) -> ct.c_void_p:
+    def restore(self, data: bytes) -> int:
+        """Deserialize and set; the worst status."""
         state = ct.c_void_p()
         buffer = (ct.c_char * len(data)).from_buffer_copy(data)
-        assert self.call("fmi2DeSerializeFMUstate", buffer, ct.c_size_t(len(data)), ct.byref(state)) == OK
-        return state
+        status = self.call("fmi2DeSerializeFMUstate", buffer, ct.c_size_t(len(data)), ct.byref(state))
+        if status == OK:
+            status = self.call("fmi2SetFMUstate", state)
+            self.call("fmi2FreeFMUstate", ct.byref(state))
+        return status
 
     def free(self) -> None:
         self.fmu.library.fmi2FreeInstance(self.component)
