@@ -23,8 +23,8 @@ SENSITIVE = ("step_minus20", "load_aiding", "sag")
 def _angle(case: Case, **parameters: Any) -> np.ndarray:
     """Fin angle [mdeg] at the rows of a case."""
     inputs = case.inputs()
-    signals = {name: (lambda t, c=column: float(c[round(t / case.step)])) for name, column in inputs.items()
-               if name != "time"}
+    signals: dict[str, Any] = {name: (lambda t, c=column: float(c[round(t / case.step)]))
+                               for name, column in inputs.items() if name != "time"}
     values = {**load_parameters().values, **case.overrides, **parameters}
     result: np.ndarray = np.degrees(simulate(values, case.stop_time, case.step, **signals)["fin_angle"]) * 1e3
     return result

@@ -16,6 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from . import __version__
+from .errors import EmcasError
 from .parameters import ParameterError, ParameterSet, load_parameters
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="rich",
@@ -30,8 +31,6 @@ ParametersOption = Annotated[Path | None, typer.Option(
 @contextmanager
 def _failures() -> Iterator[None]:
     """Expected failures as a message and exit code 2, never a traceback."""
-    from .errors import EmcasError
-
     try:
         yield
     except (EmcasError, ParameterError, OSError) as error:
@@ -141,7 +140,6 @@ def reference(
     check: Annotated[bool, typer.Option("--check", help="Compare with the files there instead of writing.")] = False,
 ) -> None:
     """Regenerate the reference responses by independent integration, or compare with those stored."""
-    from .errors import EmcasError
     from .files import models_directory
     from .reference import files
 
@@ -165,6 +163,72 @@ def reference(
     _out.print(table)
     if any(difference > tolerance for *_, difference, tolerance in rows):
         raise typer.Exit(1)
+
+
+SIMULATE_EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.html"
+                   "\n\n  emcas simulate --case chirp_3p5deg --plot chirp.png --output chirp.csv"
+                   "\n\n  emcas simulate --input flight.csv -p my_actuator.toml --json figures.json")
+
+
+@app.command(epilog=SIMULATE_EPILOG)
+def simulate(
+    case: Annotated[str | None, typer.Option(help="Reference case to run, such as step_plus10.")] = None,
+    input_file: Annotated[Path | None, typer.Option("--input", "-i", help="CSV of time [s] and inputs in SI, as fmpy "
+                                                    "reads it.", metavar="FILE")] = None,
+    step: Annotated[float | None, typer.Option(help="Step of the fin command, in degrees, at 50 ms.",
+                                               metavar="DEG")] = None,
+    torque: Annotated[float, typer.Option(help="Constant hinge moment with --step, in N.m.")] = 0.0,
+    parameters: ParametersOption = None,
+    stop: Annotated[float | None, typer.Option(help="End in seconds; 0.5 with --step, else that of the input.")] = None,
+    interval: Annotated[float | None, typer.Option(help="Communication step in seconds; 0.001, or the case's "
+                                                        "own.")] = None,
+    kernel: Annotated[str, typer.Option(help="compiled, python, or auto: compiled if there is a C compiler. The "
+                                             "numbers are the same.")] = "auto",
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write every signal to this CSV file.",
+                                                metavar="FILE")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw the response: .html, .svg, .png or .pdf.",
+                                              metavar="FILE")] = None,
+    as_json: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.",
+                                                 metavar="FILE")] = None,
+) -> None:
+    """Run the actuator on a case, a file of inputs or a step, without an FMU."""
+    from . import excitation, response
+    from .simulation import simulate as run
+
+    with _failures():
+        if [case, input_file, step].count(None) != 2:
+            raise EmcasError("give one of --case, --input and --step")
+        if plot and plot.suffix not in response.PICTURES:
+            raise EmcasError(f"{plot}: a plot ends in {', '.join(response.PICTURES)}")
+        for name, value in (("--stop", stop), ("--interval", interval)):
+            if value is not None and not 0.0 < value < float("inf"):
+                raise EmcasError(f"{name} {value}: must be above 0")
+        if case and (stop or interval):
+            raise EmcasError("--stop and --interval go with --step and --input: a case has its own")
+        size = interval or 1e-3
+        chosen = (excitation.from_case(case) if case else excitation.from_file(input_file, size, stop) if input_file
+                  else excitation.from_step(step or 0.0, torque, size, stop or 0.5))
+        values = load_parameters(parameters).replace(chosen.overrides).values
+        try:
+            result = run(values, chosen.stop, chosen.step, kernel,
+                         **{name.replace(".", "__"): column for name, column in chosen.columns.items()})
+        except (ArithmeticError, ValueError) as error:
+            raise EmcasError(f"the response cannot be computed: {error}") from error
+        figures = response.figures_of_merit(result)
+        if output:
+            response.write_csv(output, chosen, result)
+        if plot:
+            response.write_picture(plot, chosen, result)
+        if as_json:
+            as_json.write_text(json.dumps({"title": chosen.title, **figures}, indent=1), encoding="utf-8")
+    table = Table("figure", "value", title=f"{chosen.title}, {chosen.stop:g} s", title_justify="left")
+    table.columns[1].justify = "right"
+    for name, value in figures.items():
+        table.add_row(name, f"{value:.5g}")
+    _out.print(table)
+    for path in (output, plot, as_json):
+        if path:
+            _out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
 
 
 VALIDATE_EPILOG = ("Examples:\n\n  emcas validate EMCAS.fmu\n\n  emcas validate EMCAS.fmu --report report.html "

@@ -8,36 +8,77 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernels import program
+from .errors import EmcasError
+from .kernels import compiled, program
 from .kernels.core import Core
 from .variables import INPUTS, OUTPUTS
 
-Signal = float | bool | Callable[[float], float | bool]
+Array = NDArray[Any]
+Signal = float | bool | Array | Callable[[float], float | bool]
+KERNELS = ("auto", "compiled", "python")
+_INDEX = {v.name: i for i, v in enumerate(INPUTS)}
 
 
-def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, **inputs: Signal) -> dict[str, NDArray[Any]]:
+def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel: str = "auto",
+             **inputs: Signal) -> dict[str, Array]:
     """Outputs of the actuator at its communication points, from 0 to `stop` [s] every `step` [s].
 
     `values` are the flat parameters in SI. Inputs are given by name with ``__`` for the
-    dot (``attitude__roll``), as a constant or a function of time [s], held over a step.
-    Gives an array per output and ``time``. Raises TypeError for an unknown input and
-    ArithmeticError where the equations cannot be followed.
+    dot (``attitude__roll``), as a constant, a function of time [s] or an array of values at
+    the communication points, held over a step. `kernel` is ``compiled``, ``python``, or
+    ``auto``: compiled if there is a C compiler; both give the same numbers.
+    Gives an array per output and ``time``. Raises TypeError for an unknown input, ValueError for
+    one that is not finite, ArithmeticError where the equations cannot be followed.
     """
-    signals: dict[str, Signal] = {v.name: values[v.key] if v.key else v.start or 0.0 for v in INPUTS}
+    times: Array = np.arange(round(stop / step) + 1) * step
+    table = np.empty((len(times), len(INPUTS)))
+    for v, column in zip(INPUTS, table.T, strict=True):
+        column[:] = values[v.key] if v.key else v.start or 0.0
     for name, signal in inputs.items():
-        if name.replace("__", ".") not in signals:
-            raise TypeError(f"there is no input {name!r}; inputs are {', '.join(signals)}")
-        signals[name.replace("__", ".")] = signal
+        known = name.replace("__", ".")
+        if known not in _INDEX:
+            raise TypeError(f"there is no input {known!r}; inputs are {', '.join(_INDEX)}")
+        # What is given at the last point acts nowhere.
+        table[:-1, _INDEX[known]] = [signal(t) for t in times[:-1]] if callable(signal) else _held(signal, known, times)
+        table[-1, _INDEX[known]] = table[-2, _INDEX[known]] if len(times) > 1 else 0.0
+    return respond(values, table, step, kernel)
+
+
+def _held(signal: float | Array, name: str, times: Array) -> Any:
+    shape = np.shape(signal)
+    if shape not in ((), times.shape):
+        raise ValueError(f"input {name} has shape {shape}, not that of the {len(times)} communication points")
+    return signal[:-1] if isinstance(signal, np.ndarray) and shape else signal
+
+
+def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = "auto") -> dict[str, Array]:
+    """Outputs at the times of the rows of `table`, `step` [s] apart from 0, each row held until the next.
+
+    The table's columns are the inputs of the variable table, in SI; see :func:`simulate` for the rest.
+    """
+    if kernel not in KERNELS:
+        raise EmcasError(f"kernel {kernel}: there is {', '.join(KERNELS)}")
+    bad = np.argwhere(~np.isfinite(table))
+    if len(bad):
+        row, column = bad[0]
+        raise ValueError(f"input {INPUTS[column].name} is {table[row, column]} at {row * step:.6g} s")
+    fast = kernel == "compiled" or (kernel == "auto" and compiled.available())
+    rows = compiled.run_table(values, step, table) if fast else _by_python(values, table, step)
+    times = np.arange(len(table)) * step
+    return {"time": times, **{v.name: rows[:, i].copy() for i, v in enumerate(OUTPUTS)}}
+
+
+def _by_python(values: Mapping[str, Any], table: Array, step: float) -> Array:
     core = Core(program.make()(values))
-
-    def at(time: float) -> tuple[Any, ...]:
-        now = {name: s(time) if callable(s) else s for name, s in signals.items()}
-        motion = [now[f"acceleration.{axis}"] for axis in "xyz"] + [now["attitude.roll"], now["attitude.pitch"]]
-        return now["fin_command"], now["aero_torque"], *core.forces(*motion), now["supply_voltage"], now["enable"]
-
-    now = at(0.0)
-    rows = [(0.0, *core.outputs(now))]
-    for k in range(round(stop / step)):
-        now = at(k * step)
-        rows.append(((k + 1) * step, *core.run((k + 1) * step, now)))
-    return dict(zip(["time", *(v.name for v in OUTPUTS)], np.array(rows, dtype=float).T, strict=True))
+    motion = slice(_INDEX["acceleration.x"], _INDEX["attitude.pitch"] + 1)
+    direct = [_INDEX[name] for name in ("fin_command", "aero_torque", "supply_voltage", "enable")]
+    rows: list[tuple[Any, ...]] = []
+    acting: tuple[Any, ...] = ()
+    for k, row in enumerate(table.tolist()):
+        if k:
+            rows.append(core.run(k * step, acting))
+        command, aero_torque, supply, enable = (row[i] for i in direct)
+        acting = (command, aero_torque, *core.forces(*row[motion]), supply, enable)
+        if not k:
+            rows.append(core.outputs(acting))
+    return np.array(rows, dtype=float)

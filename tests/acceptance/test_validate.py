@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -34,10 +34,10 @@ def emcas(*arguments: object) -> Result:
     return CliRunner().invoke(app, ["validate", *map(str, arguments)])
 
 
-@pytest.fixture(scope="module")
-def whole(fmu: Path) -> Validation:
-    """A whole validation of the shipped FMU."""
-    return validate(fmu)
+@pytest.fixture(scope="module", params=["python", "native"])
+def whole(units: Mapping[str, Path], request: pytest.FixtureRequest) -> Validation:
+    """A whole validation of the shipped FMU, of either back end."""
+    return validate(units[request.param])
 
 
 def test_shipped_fmu_follows_every_reference(whole: Validation) -> None:

@@ -293,8 +293,9 @@ def dry_instance(fmu: Fmu) -> Any:
 def other_guid(fmu: Fmu) -> Any:
     """An instance of another unit, of no name, of the wrong kind: none is made, and the log says why."""
     found = {}
-    for name, more in {"guid": {"guid": "{00000000-0000-0000-0000-000000000000}"}, "name": {"name": ""},
-                       "kind": {"kind": 0}}.items():
+    wrong: dict[str, dict[str, Any]] = {"guid": {"guid": "{00000000-0000-0000-0000-000000000000}"},
+                                        "name": {"name": ""}, "kind": {"kind": 0}}
+    for name, more in wrong.items():
         instance = Instance(fmu, **more)
         found[name] = [instance.component.value, instance.messages(ERROR)]
     return found
@@ -379,11 +380,12 @@ def missing_arguments(fmu: Fmu) -> Any:
     calls = {"no arrays": instance.call("fmi2GetReal", None, ct.c_size_t(3), None),
              "nothing asked": instance.call("fmi2GetReal", None, ct.c_size_t(0), None),
              "no categories": instance.call("fmi2SetDebugLogging", 1, ct.c_size_t(2), None),
-             "no state": instance.call("fmi2SetFMUstate", None), "state to nowhere": instance.call("fmi2GetFMUstate", None),
+             "no state": instance.call("fmi2SetFMUstate", None),
+             "state to nowhere": instance.call("fmi2GetFMUstate", None),
              "strings": instance.call("fmi2GetString", (ct.c_uint * 1)(0), ct.c_size_t(1), (ct.c_char_p * 1)()),
              "free no state": instance.call("fmi2FreeFMUstate", None)}
     nobody = Instance(fmu, guid="none", logging=False)
-    calls["no instance"] = min(nobody.call(name) for name in ("fmi2Reset", "fmi2Terminate", "fmi2EnterInitializationMode"))
+    calls["no instance"] = min(nobody.call(f"fmi2{name}") for name in ("Reset", "Terminate", "EnterInitializationMode"))
     nobody.free()
     return {"calls": calls, "alive": instance.step(BEGUN, 1e-3)}
 

@@ -7,13 +7,15 @@ import subprocess
 import sys
 import textwrap
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
-from xml.etree.ElementTree import Element, fromstring
+from xml.etree.ElementTree import Element, fromstring, tostring
 
 import pytest
 from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
+from emcas_fmu import compiler
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
@@ -22,14 +24,25 @@ from emcas_fmu.variables import INPUTS, OUTPUTS, PARAMETERS, VARIABLES
 pytestmark = pytest.mark.fmu
 
 
+@pytest.fixture(scope="module", params=["python", "native"])
+def backend(request: pytest.FixtureRequest) -> str:
+    chosen: str = request.param
+    return chosen
+
+
 @pytest.fixture(scope="module")
-def description(fmu: Path) -> Element:
-    with zipfile.ZipFile(fmu) as archive:
+def unit(units: Mapping[str, Path], backend: str) -> Path:
+    return units[backend]
+
+
+@pytest.fixture(scope="module")
+def description(unit: Path) -> Element:
+    with zipfile.ZipFile(unit) as archive:
         return fromstring(archive.read("modelDescription.xml"))
 
 
-def test_fmpy_finds_nothing(fmu: Path) -> None:
-    assert validate_fmu(str(fmu)) == []
+def test_fmpy_finds_nothing(unit: Path) -> None:
+    assert validate_fmu(str(unit)) == []
 
 
 def test_every_variable_is_described(description: Element) -> None:
@@ -44,18 +57,20 @@ def test_every_variable_is_described(description: Element) -> None:
     assert len(unknowns) == len(description.findall("ModelStructure/Outputs/Unknown")) == len(OUTPUTS)
 
 
-def test_capabilities(description: Element) -> None:
+def test_capabilities(description: Element, backend: str) -> None:
     options = description.find("CoSimulation")
     assert options is not None
     assert options.attrib["canGetAndSetFMUstate"] == options.attrib["canSerializeFMUstate"] == "true"
     assert options.attrib["canHandleVariableCommunicationStepSize"] == "true"
-    assert options.attrib["canInterpolateInputs"] == "false"  # pythonfmu's wrapper cannot
-    assert options.attrib["needsExecutionTool"] == "true"
+    # pythonfmu's wrapper does not pass derivatives on.
+    assert options.attrib["canInterpolateInputs"] == {"python": "false", "native": "true"}[backend]
+    assert options.attrib["needsExecutionTool"] == {"python": "true", "native": "false"}[backend]
+    assert options.attrib.get("providesDirectionalDerivative", "false") == "false"
 
 
-def test_start_values_are_exact(fmu: Path) -> None:
+def test_start_values_are_exact(unit: Path) -> None:
     values = load_parameters().values
-    described = {v.name: v for v in read_model_description(str(fmu)).modelVariables}
+    described = {v.name: v for v in read_model_description(str(unit)).modelVariables}
     for v in PARAMETERS:
         start = described[v.name].start
         assert (start == "true") == values[v.name] if v.kind == "Boolean" else float(start) == values[v.name]
@@ -63,11 +78,11 @@ def test_start_values_are_exact(fmu: Path) -> None:
     assert {v.name for v in INPUTS} == {n for n, v in described.items() if v.causality == "input"}
 
 
-def test_dependencies_are_complete(fmu: Path, description: Element) -> None:
+def test_dependencies_are_complete(unit: Path, description: Element) -> None:
     """An output that reacts to an input at once must say so, one that does not must not."""
     from fmpy import extract, instantiate_fmu
 
-    folder = extract(str(fmu))
+    folder = extract(str(unit))
     model = read_model_description(folder)
     slave = instantiate_fmu(folder, model, "CoSimulation")
     slave.setupExperiment(startTime=0.0)
@@ -189,14 +204,71 @@ def test_building_leaves_the_interpreter_as_it_was(tmp_path: Path) -> None:
     assert all(sys.modules.get(name) is module for name, module in before.items())
 
 
-def test_descriptions_follow_the_schemas(fmu: Path) -> None:
+def test_descriptions_follow_the_schemas(unit: Path) -> None:
     import fmpy
     from lxml import etree
 
     schemas = Path(fmpy.__file__).parent / "schema"
-    with zipfile.ZipFile(fmu) as archive:
+    with zipfile.ZipFile(unit) as archive:
         for name, schema in (("modelDescription.xml", "fmi2/fmi2ModelDescription.xsd"),
                              ("terminalsAndIcons/terminalsAndIcons.xml", "fmi3/fmi3TerminalsAndIcons.xsd")):
             checker = etree.XMLSchema(etree.parse(str(schemas / schema)))
             assert checker.validate(etree.fromstring(archive.read(name))), checker.error_log
         assert archive.read("terminalsAndIcons/icon.png") == archive.read("model.png")
+
+
+def test_both_back_ends_have_one_interface(units: Mapping[str, Path]) -> None:
+    """Names, references, units, limits, start values, GUID; what they can do may differ."""
+    texts = []
+    for unit in units.values():
+        with zipfile.ZipFile(unit) as archive:
+            root = fromstring(archive.read("modelDescription.xml"))
+        root.remove(root.find("CoSimulation"))  # type: ignore[arg-type]
+        root.attrib.pop("generationTool")
+        texts.append(tostring(root))
+    assert texts[0] == texts[1]
+
+
+def test_native_contents(native: Path) -> None:
+    with zipfile.ZipFile(native) as archive:
+        names = set(archive.namelist())
+        import fmpy
+        from lxml import etree
+
+        schema = etree.XMLSchema(etree.parse(str(Path(fmpy.__file__).parent / "schema/fmi3/fmi3BuildDescription.xsd")))
+        build_description = etree.fromstring(archive.read("sources/buildDescription.xml"))
+    assert schema.validate(build_description), schema.error_log
+    listed = {f"sources/{f.attrib['name']}" for f in build_description.iter("SourceFile")}
+    assert listed == {"sources/fmi2.c"}
+    assert {"sources/fmi2.c", "sources/core.h", "sources/kernel.h", "sources/model.h", "sources/interface.h",
+            "sources/fmi2Functions.h", "documentation/index.html", "documentation/licenses/LICENSE.txt"} <= names
+    assert not any(n.startswith("resources/") or n.endswith(".py") for n in names)
+    assert "documentation/externalDependencies.txt" not in names
+
+
+def test_native_build_repeats(native: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same bytes from an empty compiler cache, elsewhere, in another time zone."""
+    monkeypatch.setenv("TZ", "Asia/Tokyo")
+    monkeypatch.setattr(compiler, "_zig_cache", lambda: tmp_path / "cache")
+    (platform,) = read_platforms(native)
+    again = build(load_parameters(), tmp_path / "EMCAS.fmu", "native", [platform])
+    assert (tmp_path / "cache").is_dir()
+    assert again.path.read_bytes() == native.read_bytes()
+
+
+def read_platforms(unit: Path) -> set[str]:
+    with zipfile.ZipFile(unit) as archive:
+        return {name.split("/")[1] for name in archive.namelist() if name.startswith("binaries/")}
+
+
+def test_a_system_compiler_builds_too(tmp_path: Path, native: Path) -> None:
+    built = build(load_parameters(), tmp_path / "EMCAS.fmu", "native", cc="cc")
+    assert list(built.platforms) == sorted(read_platforms(native))
+    assert validate_fmu(str(built.path)) == []
+
+
+def test_what_the_compiler_says_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("emcas_fmu.fmi.native.core_sources", lambda: {"core.h": "#error on purpose\n"})
+    with pytest.raises(EmcasError, match="on purpose"):
+        build(load_parameters(), tmp_path / "EMCAS.fmu", "native", cc="cc")
+    assert list(tmp_path.iterdir()) == []

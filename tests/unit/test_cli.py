@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from emcas_fmu import __version__
+from emcas_fmu import __version__, compiler
 from emcas_fmu.cli import app
+from emcas_fmu.excitation import from_file
+from emcas_fmu.reference.files import read_csv
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -20,7 +22,7 @@ def emcas(*arguments: str) -> Result:
     return CliRunner().invoke(app, list(arguments))
 
 
-@pytest.mark.parametrize("command", ["build", "parameters", "reference", "validate"])
+@pytest.mark.parametrize("command", ["build", "parameters", "reference", "simulate", "validate"])
 def test_help_has_examples(command: str) -> None:
     done = emcas(command, "--help")
     assert done.exit_code == 0
@@ -59,7 +61,13 @@ def test_build_and_its_refusals(tmp_path: Path) -> None:
     for arguments, said in (
         (("--output", str(tmp_path / "x.zip")), ".fmu"),
         (("--output", str(tmp_path / "none" / "x.fmu")), "no folder"),
-        (("--backend", "cobol", "--output", str(target)), "cobol"),
+        (("--backend", "cobol", "--output", str(target)), "there is python and native"),
+        (("--platform", "linux64", "--output", str(target)), "are for --backend native"),
+        (("--backend", "native", "--platform", "vax", "--output", str(target)), "there is linux64, win64, darwin64"),
+        (("--backend", "native", "--cc", "no-such-cc", "--output", str(target)), "there is no such program"),
+        (("--backend", "native", "--cc", "false", "--output", str(target)), "does not answer"),
+        (("--backend", "native", "--cc", "cc", "--platform", "aarch64-darwin", "--output", str(target)),
+         "leave --cc out to use zig"),
         (("--parameters", str(tmp_path / "none.toml"), "--output", str(target)), "none.toml"),
     ):
         refused = emcas("build", *arguments)
@@ -109,3 +117,65 @@ def test_references_of_ones_own_parameters(tmp_path: Path) -> None:
     assert emcas("reference", "--case", "step_plus1", "-p", str(file), "--directory", str(folder)).exit_code == 0
     assert emcas("validate", str(fmu), "--case", "step_plus1", "--directory", str(folder)).exit_code == 0
     assert emcas("reference", "-p", str(file)).exit_code == 2  # would overwrite the shipped ones
+
+
+def test_native_build_without_a_compiler_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiler, "zig", lambda: None)
+    refused = emcas("build", "--backend", "native", "--output", str(tmp_path / "EMCAS.fmu"))
+    assert refused.exit_code == 2
+    assert "pip install 'emcas-fmu[native]'" in refused.stderr.replace("\n", "")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_simulate_a_step(tmp_path: Path) -> None:
+    table, page, figures = tmp_path / "r.csv", tmp_path / "r.html", tmp_path / "r.json"
+    done = emcas("simulate", "--step", "10", "--torque", "-50", "--stop", "0.3", "-o", str(table), "--plot", str(page),
+                 "--json", str(figures))
+    assert done.exit_code == 0, done.stderr
+    found = json.loads(figures.read_text(encoding="utf-8"))
+    assert abs(found["fin_angle_final_deg"] - 10.0) < 0.5
+    assert 200.0 < found["fin_rate_peak_deg_per_s"] < 300.0
+    columns = read_csv(table)
+    assert columns["time"][-1] == 0.3
+    assert set(columns["aero_torque"]) == {-50.0}
+    assert "<svg" in page.read_text(encoding="utf-8")
+
+
+def test_simulate_a_case_and_a_file_alike(tmp_path: Path) -> None:
+    """A reference case by its name, and from its stored file of inputs, by either kernel."""
+    stored = ROOT / "models" / "reference" / "EMCAS_step_in.csv"
+    ways = (("--case", "step"), ("--input", str(stored)), ("--input", str(stored), "--kernel", "python"))
+    results = []
+    for i, way in enumerate(ways):
+        target = tmp_path / f"{i}.csv"
+        assert emcas("simulate", *way, "--output", str(target)).exit_code == 0
+        results.append(read_csv(target))
+    for other in results[1:]:
+        assert all((results[0][name] == other[name]).all() for name in other)
+
+
+def test_input_files_are_sampled_and_checked(tmp_path: Path) -> None:
+    file = tmp_path / "in.csv"
+    file.write_text("time,fin_command\n0,0\n0.01,0\n0.01,0.1\n0.02,0.2\n", encoding="utf-8")
+    found = from_file(file, 2.5e-3, None).columns["fin_command"].tolist()
+    assert found == pytest.approx([0, 0, 0, 0, 0.1, 0.125, 0.15, 0.175, 0.2])  # jumps at 10 ms, ramps after it
+    for text, said in (("fin_command\n1\n", "no column time"), ("time,rudder\n0,1\n", "rudder is no input"),
+                       ("time\n0\n", "no column of an input"), ("time,enable\n1,1\n0,1\n", "backwards"),
+                       ("time,fin_command\n0,nan\n", "non-finite"), ("time,fin_command\n0,x\n", "table of numbers"),
+                       ("", "table of numbers")):
+        file.write_text(text, encoding="utf-8")
+        refused = emcas("simulate", "--input", str(file))
+        assert refused.exit_code == 2, text
+        assert said in refused.stderr.replace("\n", ""), refused.stderr
+
+
+@pytest.mark.parametrize(("arguments", "said"), [
+    ((), "one of --case, --input and --step"), (("--case", "step", "--step", "1"), "one of"),
+    (("--case", "nonsense"), "there is step, step_plus1"), (("--step", "1", "--stop", "-1"), "--stop"),
+    (("--step", "1", "--plot", "r.gif"), ".html, .svg"), (("--case", "step", "--stop", "1"), "has its own"),
+    (("--step", "1", "--kernel", "fortran"), "auto, compiled, python"),
+    (("--step", "1", "--torque", "1e300"), "cannot be computed")])
+def test_simulate_refuses(arguments: tuple[str, ...], said: str) -> None:
+    refused = emcas("simulate", *arguments)
+    assert refused.exit_code == 2
+    assert said in refused.stderr.replace("\n", "")

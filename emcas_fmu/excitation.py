@@ -1,0 +1,91 @@
+"""Inputs to simulate with: a reference case, a file, or a step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .errors import EmcasError
+from .reference.cases import CASES
+from .reference.files import read_csv
+from .simulation import Array
+from .variables import INPUTS
+
+STEP_AT = 0.05  # s, after a look at rest
+_NAMES = [v.name for v in INPUTS]
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """Columns of inputs at the communication points, `step` [s] apart, and parameters that go with them."""
+
+    title: str
+    step: float
+    columns: Mapping[str, Array]
+    overrides: Mapping[str, Any]
+
+    @property
+    def stop(self) -> float:
+        """The last communication point [s]."""
+        return (len(next(iter(self.columns.values()))) - 1) * self.step
+
+
+def from_case(name: str) -> Excitation:
+    """A reference case by name. Raises EmcasError, naming those there are."""
+    found = {case.name: case for case in CASES}.get(name)
+    if found is None:
+        raise EmcasError(f"there is no case {name}; there is {', '.join(case.name for case in CASES)}")
+    columns = {name: column for name, column in found.inputs().items() if name != "time"}
+    return Excitation(found.title, found.step, columns, found.overrides)
+
+
+def from_file(path: Path, step: float, stop: float | None) -> Excitation:
+    """A CSV file with a column ``time`` [s] and columns of inputs, SI, as fmpy reads it.
+
+    Between its rows inputs are interpolated; where two rows have the same time they jump.
+    Raises EmcasError for what is no such file.
+    """
+    try:
+        found = read_csv(path)
+    except (OSError, ValueError, IndexError) as error:
+        raise EmcasError(f"{path}: cannot be read as a table of numbers: {error}") from error
+    if "time" not in found:
+        raise EmcasError(f"{path}: has no column time; its columns are {', '.join(found)}")
+    if unknown := [name for name in found if name not in (*_NAMES, "time")]:
+        raise EmcasError(f"{path}: {', '.join(unknown)} is no input; inputs are {', '.join(_NAMES)}")
+    if len(found) < 2:
+        raise EmcasError(f"{path}: has no column of an input; inputs are {', '.join(_NAMES)}")
+    time = np.atleast_1d(found.pop("time"))
+    if not np.isfinite(time).all() or np.any(np.diff(time) < 0.0):
+        raise EmcasError(f"{path}: time must be finite and must not run backwards")
+    end = float(time[-1]) if stop is None else stop
+    points = np.arange(round(end / step) + 1) * step
+    columns = {}
+    for name, column in found.items():
+        if not np.isfinite(column).all():
+            raise EmcasError(f"{path}: {name} has an empty or non-finite value")
+        columns[name] = _sampled(points, time, np.atleast_1d(column))
+    return Excitation(path.name, step, columns, {})
+
+
+def _sampled(points: Array, time: Array, column: Array) -> Array:
+    """Linear between rows, from the right at a jump, held outside."""
+    after = np.searchsorted(time, points * (1.0 + 1e-12), side="right")  # a point a rounding short of a row is on it
+    low, high = np.clip(after - 1, 0, len(time) - 1), np.clip(after, 0, len(time) - 1)
+    span = time[high] - time[low]
+    share = np.where(span > 0.0, (points - time[low]) / np.where(span > 0.0, span, 1.0), 0.0)
+    sampled: Array = column[low] + np.clip(share, 0.0, 1.0) * (column[high] - column[low])
+    return sampled
+
+
+def from_step(degrees: float, torque: float, step: float, stop: float) -> Excitation:
+    """A step to an angle [deg] at 50 ms against a constant hinge moment [N.m]."""
+    points = np.arange(round(stop / step) + 1) * step
+    command = np.where(points > STEP_AT - 0.5 * step, radians(degrees), 0.0)
+    return Excitation(f"Step to {degrees:+g} deg" + (f" with {torque:+g} N.m" if torque else ""), step,
+                      {"fin_command": command, "aero_torque": np.full_like(points, torque)}, {})

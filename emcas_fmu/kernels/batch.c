@@ -1,0 +1,120 @@
+/* The actuator as a library for the Python API: one, many, and whole runs at a call. */
+#include "core.h"
+
+#if defined _WIN32
+#define API __declspec(dllexport)
+#else
+#define API __attribute__((visibility("default")))
+#endif
+
+/* One actuator, laid out by its user: actuator_size() bytes, aligned for double. */
+typedef struct {
+    double parameters[MODEL_PARAMETERS];
+    double constants[KERNEL_CONSTANTS];
+    double motion[INPUT_ATTITUDE_PITCH + 1 - INPUT_ACCELERATION_X];
+    double force[2]; /* of this motion */
+    core_state state;
+} actuator;
+
+API size_t actuator_size(void)
+{
+    return sizeof(actuator);
+}
+
+/* Where in it, and how long, the changing state is. */
+API size_t actuator_state(size_t *size)
+{
+    *size = sizeof(core_state);
+    return offsetof(actuator, state);
+}
+
+/* Follow parameters that changed. */
+API void actuator_bind(actuator *a, const double *parameters)
+{
+    memcpy(a->parameters, parameters, sizeof a->parameters);
+    kernel_prepare(a->parameters, a->constants);
+    a->motion[0] = NAN;
+}
+
+API void actuator_start(actuator *a, const double *parameters)
+{
+    actuator_bind(a, parameters);
+    core_start(a->parameters, a->constants, &a->state);
+}
+
+API void actuator_schedule(const actuator *a, double *out)
+{
+    kernel_schedule(a->parameters, a->constants, out);
+}
+
+API void actuator_forces(const actuator *a, const double *motion, double *out)
+{
+    kernel_forces(a->parameters, a->constants, motion[0], motion[1], motion[2], motion[3], motion[4], out);
+}
+
+static void outputs(const actuator *a, const core_inputs *in, double *out)
+{
+    const core_schedule plan = core_scheduled(a->parameters, a->constants);
+    core_outputs(a->parameters, a->constants, &a->state, core_line_length(&plan), in, out);
+}
+
+/* The core's inputs: command, aero_torque, f_x, f_z, supply, enable. */
+API void actuator_outputs(const actuator *a, const double *in, double *out)
+{
+    const core_inputs inputs = {in[0], in[1], in[2], in[3], in[4], in[5]};
+    outputs(a, &inputs, out);
+}
+
+/* Core.run: to `end` [s] with the core's inputs, held or with the ramp {begin, rates of the first five}. */
+API int actuator_run(actuator *a, double end, const double *in, const double *ramp, double *out)
+{
+    const core_inputs inputs = {in[0], in[1], in[2], in[3], in[4], in[5]};
+    core_ramp change = {0};
+    if (ramp) change = (core_ramp){ramp[0], ramp[1], ramp[2], ramp[3], ramp[4], ramp[5]};
+    const core_ramp *changing = ramp ? &change : NULL;
+    const core_result result = core_run(a->parameters, a->constants, &a->state, end, &inputs, changing);
+    const core_inputs final = core_at(&inputs, changing, end);
+    if (result == CORE_DONE) outputs(a, &final, out);
+    return result;
+}
+
+/* A row of the interface's inputs as the core's. */
+static core_inputs row(actuator *a, const double *in)
+{
+    if (memcmp(a->motion, in + INPUT_ACCELERATION_X, sizeof a->motion) != 0) {
+        memcpy(a->motion, in + INPUT_ACCELERATION_X, sizeof a->motion);
+        actuator_forces(a, a->motion, a->force);
+    }
+    return (core_inputs){in[INPUT_FIN_COMMAND], in[INPUT_AERO_TORQUE], a->force[0], a->force[1],
+                         in[INPUT_SUPPLY_VOLTAGE], in[INPUT_ENABLE]};
+}
+
+/* `count` actuators, each to `end` [s] with its own row of the interface's inputs and outputs.
+ * A result for each; gives how many did not get there. */
+API size_t actuators_run(actuator *a, size_t count, double end, const double *in, double *out, int *result)
+{
+    size_t failed = 0;
+    for (size_t i = 0; i < count; ++i) {
+        const core_inputs inputs = row(a + i, in + i * MODEL_INPUTS);
+        result[i] = core_run(a[i].parameters, a[i].constants, &a[i].state, end, &inputs, NULL);
+        if (result[i] == CORE_DONE) outputs(a + i, &inputs, out + i * MODEL_OUTPUTS);
+        failed += result[i] != CORE_DONE;
+    }
+    return failed;
+}
+
+/* A whole run from the start: the outputs at `rows` times `step` [s] apart, the first at 0, with
+ * the inputs of each row held until the next. Gives how many rows were reached. */
+API size_t actuator_simulate(actuator *a, size_t rows, double step, const double *in, double *out, int *result)
+{
+    core_inputs inputs = row(a, in);
+    outputs(a, &inputs, out);
+    for (size_t k = 1; k < rows; ++k) {
+        *result = core_run(a->parameters, a->constants, &a->state, (double)k * step, &inputs, NULL);
+        if (*result != CORE_DONE) return k;
+        /* The last row's inputs act nowhere, but what is put out at a row is under those before it. */
+        outputs(a, &inputs, out + k * MODEL_OUTPUTS);
+        inputs = row(a, in + k * MODEL_INPUTS);
+    }
+    return rows;
+}

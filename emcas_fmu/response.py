@@ -1,0 +1,80 @@
+"""A simulated response for people and machines: figures of merit, a table, a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import degrees
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from .errors import EmcasError
+from .excitation import Excitation
+from .plots import BLUE, GRAY, INK, VERMILLION, figure, shade, style, svg
+from .simulation import Array
+
+_PANELS = (("fin_rate", "fin rate [deg/s]", degrees(1.0)), ("motor_current", "current [A]", 1.0),
+           ("motor_voltage", "voltage [V]", 1.0), ("supply_power", "power [W]", 1.0))
+PICTURES = (".html", ".svg", ".png", ".pdf")
+
+
+def figures_of_merit(result: Mapping[str, Array]) -> dict[str, float]:
+    """What one asks of a response first; units in the names."""
+    time, error = result["time"], result["tracking_error"]
+    return {
+        "fin_angle_final_deg": degrees(float(result["fin_angle"][-1])),
+        "fin_rate_peak_deg_per_s": degrees(float(np.abs(result["fin_rate"]).max())),
+        "tracking_error_peak_deg": degrees(float(np.abs(error).max())),
+        "tracking_error_final_deg": degrees(float(error[-1])),
+        "motor_current_peak_a": float(np.abs(result["motor_current"]).max()),
+        "motor_current_rms_a": float(np.sqrt(np.mean(result["motor_current"] ** 2))),
+        "supply_energy_j": float(np.trapezoid(result["supply_power"], time)),
+        "saturated_share": float(np.mean(result["saturated"])),
+    }
+
+
+def write_csv(path: Path, excitation: Excitation, result: Mapping[str, Array]) -> None:
+    """Time, the inputs given and every output, SI, with 17 digits: what was computed, to the bit."""
+    table = np.column_stack([result["time"], *excitation.columns.values(),
+                             *(column for name, column in result.items() if name != "time")])
+    names = ["time", *excitation.columns, *(name for name in result if name != "time")]
+    np.savetxt(path, table, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
+
+
+def draw(excitation: Excitation, result: Mapping[str, Array], ink: str = INK) -> Figure:
+    """Command and angle, tracking error, rate, current, voltage, power; limits shaded."""
+    time = result["time"]
+    made, grid = figure(3, 2, width=10.0, sharex=True)
+    first, second, *rest = grid.ravel()
+    if "fin_command" in excitation.columns:
+        first.step(time, np.degrees(excitation.columns["fin_command"]), where="post", color=GRAY, label="command")
+    first.plot(time, np.degrees(result["fin_angle"]), color=BLUE, label="fin angle")
+    first.set_title(excitation.title)
+    first.set_ylabel("angle [deg]")
+    first.legend(loc="best")
+    second.plot(time, np.degrees(result["tracking_error"]), color=VERMILLION)
+    second.set_ylabel("tracking error [deg]")
+    for axes, (name, label, scale) in zip(rest, _PANELS, strict=True):
+        axes.plot(time, result[name] * scale, color=BLUE)
+        axes.set_ylabel(label)
+    for axes in grid.ravel():
+        shade(axes, time, result["saturated"] > 0.0)
+        axes.margins(x=0.0)
+    for axes in grid[-1]:
+        axes.set_xlabel("time [s] (shaded: a limit is active)")
+    return made
+
+
+def write_picture(path: Path, excitation: Excitation, result: Mapping[str, Array]) -> None:
+    """The response as ``.html``, ``.svg``, ``.png`` or ``.pdf``. Raises EmcasError for another ending."""
+    if path.suffix not in PICTURES:
+        raise EmcasError(f"{path}: a plot ends in {', '.join(PICTURES)}")
+    with style():
+        made = draw(excitation, result)
+        if path.suffix == ".html":
+            path.write_text("<!DOCTYPE html><html lang=\"en\"><meta charset=\"utf-8\"><title>EM-CAS response</title>"
+                            "<meta name=\"color-scheme\" content=\"light dark\"><body style=\"margin:1rem\">"
+                            f"{svg(made, excitation.title)}</body></html>\n", encoding="utf-8")
+        else:
+            made.savefig(path, dpi=150, facecolor="white")

@@ -1,0 +1,203 @@
+"""The Python and the native unit are one model: FMI calls in lockstep, and the same bits on one C library."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fmpy import simulate_fmu
+from hypothesis import HealthCheck, event, given, settings
+from hypothesis import strategies as st
+
+from emcas_fmu.files import models_directory
+from emcas_fmu.fmi.model_description import start_values
+from emcas_fmu.fmi.slave import Slave, Table
+from emcas_fmu.kernels import program
+from emcas_fmu.reference.cases import CASES
+from emcas_fmu.validation.stored import load
+from emcas_fmu.variables import INPUTS, OUTPUTS, PARAMETERS, VARIABLES
+
+from ..fmu.host import OK, Fmu, Instance
+from ..simulation import new_core
+
+ANGLE = 1e-9  # rad, the contract; measured: no difference at all
+OUTPUT_NAMES = [v.name for v in OUTPUTS]
+INDEX = {v.name: i for i, v in enumerate(VARIABLES)}
+
+
+@pytest.fixture(scope="module")
+def library(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Fmu:
+    folder = tmp_path_factory.mktemp("parity")
+    with zipfile.ZipFile(native) as archive:
+        archive.extractall(folder)
+    return Fmu(str(folder))
+
+
+@pytest.fixture(scope="module")
+def slave_class(values: Mapping[str, Any]) -> type[Slave]:
+    rows = tuple((v.name, v.kind, v.causality, v.variability, v.minimum, v.maximum) for v in VARIABLES)
+
+    class Local(Slave):
+        make = staticmethod(program.make())  # type: ignore[assignment]
+        table = Table(rows, start_values(values), "{guid}")
+
+    return Local
+
+
+@pytest.mark.acceptance
+@pytest.mark.parametrize("case", [case.name for case in CASES])
+def test_reference_cases(units: Mapping[str, Path], case: str) -> None:
+    """Both FMUs under fmpy, as a user runs them."""
+    (stored,) = load(models_directory() / "reference", [case])
+    stop = min(stored.stop_time, 4.0)  # of the long sweeps up to 3 and 4 Hz, where limits are met
+    signals = np.zeros(len(stored.inputs["time"]), dtype=[(name, float) for name in stored.inputs])
+    for name, column in stored.inputs.items():
+        signals[name] = column
+    runs = {backend: simulate_fmu(str(unit), stop_time=stop, output_interval=stored.step, input=signals,
+                                  start_values=dict(stored.start_values), output=OUTPUT_NAMES[:-2],
+                                  fmi_call_logger=None)
+            for backend, unit in units.items()}
+    for name in ("fin_angle", "measured_fin_angle"):
+        assert np.abs(runs["python"][name] - runs["native"][name]).max() <= ANGLE
+    assert np.ptp(runs["native"]["fin_angle"]) > 0.01
+
+
+_UNIFORM = st.floats(-1.0, 1.0)
+# Away from extremes, where a parameter set would make a trivial or an endless run.
+_SPANS = {"controller.position.kp": (10.0, 200.0), "controller.position.ki": (0.0, 500.0),
+          "controller.velocity.kp": (0.005, 0.2), "friction.temperature": (-20.0, 40.0),
+          "compensation.gain": (0.0, 1.2), "drive.transport_delay": (0.0, 8e-3),
+          "controller.sample_time": (4e-4, 4e-3), "solver.max_tick": (5e-5, 1e-3), "drive.ki": (0.0, 200.0),
+          "motor.inductance": (1e-4, 3e-3), "friction.fin_coulomb": (0.0, 20.0), "friction.fin_viscous": (0.0, 5.0),
+          "mass.fin": (0.0, 5.0), "center_of_mass.fin.x": (-0.2, 0.2), "mounting.azimuth": (-3.0, 3.0),
+          "fin.start_angle": (-0.4, 0.4), "kinematics.initial_angle": (-0.3, 0.3), "inertia.fin": (0.01, 0.5)}
+_parameters = st.dictionaries(st.sampled_from(sorted(_SPANS)), st.floats(0.0, 1.0), max_size=5).map(
+    lambda shares: {name: _SPANS[name][0] + share * (_SPANS[name][1] - _SPANS[name][0])
+                    for name, share in shares.items()})
+_flags = st.fixed_dictionaries({}, optional={name: st.booleans() for name in (
+    "encoder.enabled", "encoder.on_fin", "loads.gravity")})
+_segments = st.lists(st.fixed_dictionaries({
+    "inputs": st.fixed_dictionaries({
+        "fin_command": _UNIFORM.map(lambda x: 0.5 * x), "aero_torque": _UNIFORM.map(lambda x: 250.0 * x),
+        "supply_voltage": st.floats(0.0, 45.0), "enable": st.sampled_from([True, True, True, False])},
+        optional={"acceleration.x": _UNIFORM.map(lambda x: 80.0 * x), "attitude.pitch": _UNIFORM,
+                  "acceleration.z": _UNIFORM.map(lambda x: 80.0 * x), "attitude.roll": _UNIFORM}),
+    "size": st.sampled_from([1e-4, 3.7e-4, 1e-3, 2.5e-3, 7e-3]), "steps": st.integers(1, 12),
+    "restore": st.booleans(), "kp": st.sampled_from([None, None, 30.0, 90.0])}), min_size=1, max_size=8)
+
+
+@settings(deadline=None, derandomize=True, max_examples=400,
+          suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@given(changes=_parameters, flags=_flags, segments=_segments)
+def test_any_host_any_parameters(library: Fmu, slave_class: type[Slave], changes: dict[str, float],
+                                 flags: dict[str, bool], segments: list[dict[str, Any]]) -> None:
+    """Parameters, inputs, step sizes, restored states, tuning while running: the same answers, the same outputs."""
+    native, python = Instance(library), slave_class(instance_name="fin")
+    python.setup_experiment(0.0)
+    python.enter_initialization_mode()
+    for name, value in (changes | flags).items():
+        _set(python, name, value)
+    python.exit_initialization_mode()
+    accepted = max(native.initialize(**{n.replace(".", "__"): v for n, v in (changes | flags).items()})) == OK
+    assert accepted == (not python._refusal), (python._refusal, native.log)
+    time = 0.0
+    for segment in segments if accepted else ():
+        for name, value in segment["inputs"].items():
+            _set(python, name, value)
+            assert native.set(name, value) == OK
+        if segment["kp"] is not None:
+            _set(python, "controller.position.kp", segment["kp"])
+            assert native.set("controller.position.kp", segment["kp"]) == OK
+        saved = (python._get_fmu_state(), native.save(), time) if segment["restore"] else None
+        for _ in range(2 if saved else 1):
+            for _ in range(segment["steps"]):
+                done = python.do_step(time, segment["size"])
+                assert done == (native.step(time, segment["size"]) == OK), native.log
+                if not done:
+                    event("a step that cannot be followed")
+                    break
+                time += segment["size"]
+            outputs = native.outputs()
+            assert list(outputs.values()) == [
+                *python.get_real([INDEX[v.name] for v in OUTPUTS if v.kind == "Real"]),
+                *python.get_boolean([INDEX[v.name] for v in OUTPUTS if v.kind == "Boolean"])]
+            if saved:
+                python._set_fmu_state(saved[0])
+                assert native.call("fmi2SetFMUstate", saved[1]) == OK
+                time = saved[2]
+    native.free()
+
+
+def _set(slave: Slave, name: str, value: Any) -> None:
+    kind = VARIABLES[INDEX[name]].kind
+    {"Real": slave.set_real, "Boolean": slave.set_boolean, "Integer": slave.set_integer}[kind]([INDEX[name]], [value])
+
+
+@settings(deadline=None, derandomize=True, max_examples=100,
+          suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(rates=st.tuples(*(st.floats(-1.0, 1.0) for _ in range(5))), sizes=st.lists(
+    st.sampled_from([2e-4, 1e-3, 1.7e-3, 5e-3]), min_size=1, max_size=15))
+def test_ramps(library: Fmu, values: Mapping[str, Any], rates: tuple[float, ...], sizes: list[float]) -> None:
+    """Input derivatives: the native unit against the Python core, which takes them where the wrapper does not."""
+    native, core = Instance(library), new_core(values)
+    native.initialize()
+    scales = {"fin_command": 3.0, "aero_torque": 500.0, "acceleration.x": 2e3, "acceleration.z": 2e3,
+              "supply_voltage": 30.0}
+    slopes = {name: scale * rate for (name, scale), rate in zip(scales.items(), rates, strict=True)}
+    time = 0.0
+    for size in sizes:
+        now = {name: (39.0 if name == "supply_voltage" else 0.0) + slope * time for name, slope in slopes.items()}
+        for name, value in now.items():
+            native.set(name, value)
+            native.differentiate(name, 1, slopes[name])
+        assert native.step(time, size) == OK
+        x, y, z = now["acceleration.x"], 0.0, now["acceleration.z"]
+        begin, end = time, time + size
+        there = (x + slopes["acceleration.x"] * (end - begin), y, z + slopes["acceleration.z"] * (end - begin))
+        force, later = core.forces(x, y, z, 0.0, 0.0), core.forces(*there, 0.0, 0.0)
+        f_x, f_z = ((b - a) / (end - begin) for a, b in zip(force, later, strict=True))
+        outputs = core.run(end, (now["fin_command"], now["aero_torque"], *force, now["supply_voltage"], True),
+                           (begin, (slopes["fin_command"], slopes["aero_torque"], f_x, f_z, slopes["supply_voltage"])))
+        assert native.get("fin_angle") == outputs[0]
+        assert native.get("motor_current") == outputs[4]
+        time = end
+    native.free()
+
+
+def test_rules_for_parameters_say_the_same(library: Fmu, slave_class: type[Slave]) -> None:
+    """Every rule and every limit: the same message from both, each made of one text."""
+    bad: list[dict[str, Any]] = [
+        {"fin.stop_angle": 0.1}, {"fin.start_angle": 0.5}, {"kinematics.initial_angle": 1.04, "fin.stop_angle": 0.6},
+        {"drive.transport_delay": 0.1}, {"encoder.multiplier": 3},
+        {"friction.coulomb.positive[0]": -1e-3}, {"friction.coulomb.negative[1]": 5.0},
+        {"drive.ki": 1e6, "motor.inductance": 1e-7, "controller.sample_time": 0.1},
+        {"motor.resistance": float("nan")}]
+    bad += [{v.name: v.minimum - 1.0} for v in PARAMETERS if v.kind == "Real"]
+    bad += [{v.name: v.maximum + 1.0} for v in PARAMETERS if v.kind == "Real"]
+    for changes in bad:
+        native, python = Instance(library), slave_class(instance_name="fin")
+        python.setup_experiment(0.0)
+        python.enter_initialization_mode()
+        for name, value in changes.items():
+            _set(python, name, value)
+        python.exit_initialization_mode()
+        native.initialize(**{n.replace(".", "__"): v for n, v in changes.items()})
+        said = [message for _, message in native.log]
+        assert said == python._refusal.split("; ") or said == [python._refusal], changes
+        assert said
+        native.free()
+
+
+@pytest.fixture(autouse=True)
+def quiet(capsys: pytest.CaptureFixture[str]) -> Iterator[None]:
+    """The Python slave tells refusals on standard error, fmpy lists inputs that are not given."""
+    yield
+    capsys.readouterr()
+
+
+def test_the_inputs_are_those_of_the_table(library: Fmu) -> None:
+    assert list(library.references)[:len(INPUTS)] == [v.name for v in INPUTS]

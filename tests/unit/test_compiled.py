@@ -1,0 +1,177 @@
+"""The compiled kernel: the same bits as the Python one, behind the same methods."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Mapping
+from math import nan, radians, sin
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from emcas_fmu import compiler
+from emcas_fmu.compiler import CompilerError
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.kernels import compiled
+from emcas_fmu.kernels.compiled import Batch, CompiledCore
+from emcas_fmu.reference.cases import CASES
+from emcas_fmu.simulation import KERNELS, simulate
+from emcas_fmu.variables import INPUTS, OUTPUTS
+
+from ..simulation import new_core
+
+COMMAND = (0.2, -20.0, 0.0, 0.0, 39.0, True)
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_every_reference_case_to_the_bit(values: Mapping[str, Any], case: Any) -> None:
+    columns = case.inputs()
+    signals = {name: column for name, column in columns.items() if name != "time"}
+    stop = min(case.stop_time, 3.0)  # of the long sweeps what takes Python a second
+    rows = round(stop / case.step) + 1
+    signals = {name: column[:rows] for name, column in signals.items()}
+    both = [simulate({**values, **case.overrides}, stop, case.step, kernel, **signals)
+            for kernel in ("compiled", "python")]
+    for name in (v.name for v in OUTPUTS):
+        np.testing.assert_array_equal(both[0][name], both[1][name], err_msg=name)
+
+
+def test_the_contract_of_the_core(values: Mapping[str, Any]) -> None:
+    fast, slow = CompiledCore(values), new_core(values)
+    assert fast.schedule == slow.schedule
+    assert fast.slack == slow.slack
+    assert fast.forces(1.0, 2.0, 3.0, 0.1, 0.2) == slow.forces(1.0, 2.0, 3.0, 0.1, 0.2)
+    assert fast.outputs(COMMAND) == slow.outputs(COMMAND)
+    assert fast.run(0.0123, COMMAND) == slow.run(0.0123, COMMAND)
+    ramp = (0.0123, (1.0, -100.0, 10.0, 5.0, -30.0))
+    assert fast.run(0.0456, COMMAND, ramp) == slow.run(0.0456, COMMAND, ramp)
+    state = fast.state
+    straight = fast.run(0.06, COMMAND)
+    fast.state = state
+    assert fast.run(0.06, COMMAND) == straight
+    cold = {**values, "friction.temperature": -6.0}
+    fast.bind(cold)
+    assert fast.run(0.1, COMMAND) != slow.run(0.1, COMMAND)
+    with pytest.raises(ValueError, match="bytes"):
+        fast.state = b"short"
+
+
+def test_what_cannot_be_followed_changes_nothing(values: Mapping[str, Any]) -> None:
+    core = CompiledCore(values)
+    core.run(0.01, COMMAND)
+    before = core.state
+    for end, inputs, said in ((0.02, (0.2, 1e300, 0.0, 0.0, 39.0, True), "finite|events"), (1e9, COMMAND, "ticks")):
+        with pytest.raises(ArithmeticError, match=said):
+            core.run(end, inputs)
+        assert core.state == before
+
+
+def _inputs(count: int, time: float) -> np.ndarray:
+    rows = np.zeros((count, len(INPUTS)))
+    names = [v.name for v in INPUTS]
+    rows[:, names.index("supply_voltage")] = 39.0
+    rows[:, names.index("enable")] = 1.0
+    rows[:, names.index("fin_command")] = [0.2 * sin(20.0 * time + i) for i in range(count)]
+    rows[:, names.index("acceleration.x")] = np.arange(count)
+    return rows
+
+
+def test_a_batch_is_its_actuators_alone(values: Mapping[str, Any]) -> None:
+    sets = [{**values, "friction.temperature": 24.0 - 5.0 * i, "mass.fin": 2.0} for i in range(7)]
+    batch, single = Batch(sets), [Batch([s]) for s in sets]
+    for k in range(100):
+        rows = _inputs(len(sets), k * 1e-3)
+        together = batch.run((k + 1) * 1e-3, rows)
+        for i, one in enumerate(single):
+            np.testing.assert_array_equal(one.run((k + 1) * 1e-3, rows[i:i + 1])[0], together[i])
+    assert len({*batch.outputs[:, 0]}) == len(sets)
+    first = batch.outputs.copy()
+    batch.restart(sets)
+    for k in range(100):
+        batch.run((k + 1) * 1e-3, _inputs(len(sets), k * 1e-3))
+    np.testing.assert_array_equal(batch.outputs, first)
+
+
+def test_batches_run_in_threads(values: Mapping[str, Any]) -> None:
+    batches = [Batch([values] * 50) for _ in range(4)]
+
+    def run(batch: Batch) -> None:
+        for k in range(50):
+            batch.run((k + 1) * 1e-3, _inputs(50, k * 1e-3))
+
+    workers = [threading.Thread(target=run, args=(b,)) for b in batches]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    for batch in batches[1:]:
+        np.testing.assert_array_equal(batch.outputs, batches[0].outputs)
+
+
+def test_a_batch_says_what_is_wrong(values: Mapping[str, Any]) -> None:
+    batch = Batch([values] * 3)
+    with pytest.raises(ValueError, match="shape"):
+        batch.run(1e-3, np.zeros((2, 10)))
+    rows = _inputs(3, 0.1)
+    rows[1, 1] = nan
+    with pytest.raises(ValueError, match=r"actuator 1: aero_torque = nan"):
+        batch.run(1e-3, rows)
+    rows[1, 1] = 1e300
+    with pytest.raises(ArithmeticError, match="actuators 1: "):
+        batch.run(1e-3, rows)
+    with pytest.raises(ValueError, match="2 parameter sets for 3"):
+        batch.restart([values] * 2)
+    with pytest.raises(ValueError, match="at least one"):
+        Batch([])
+
+
+def test_simulate_says_what_is_wrong(values: Mapping[str, Any]) -> None:
+    with pytest.raises(TypeError, match="no input 'rudder'"):
+        simulate(values, 0.1, rudder=1.0)
+    with pytest.raises(ValueError, match=r"aero_torque is nan at 0\.002 s"):
+        simulate(values, 0.01, aero_torque=lambda t: nan if t > 0.0015 else 0.0)
+    with pytest.raises(ValueError, match="11 communication points"):
+        simulate(values, 0.01, aero_torque=np.zeros(7))
+    with pytest.raises(EmcasError, match="auto, compiled, python"):
+        simulate(values, 0.01, kernel="fortran")
+    for kernel in KERNELS[1:]:
+        with pytest.raises(ArithmeticError):
+            simulate(values, 0.01, kernel=kernel, aero_torque=1e300)
+
+
+@pytest.fixture
+def uncached(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
+    monkeypatch.setattr(compiled, "user_cache_path", lambda _: tmp_path)
+    compiled.library.cache_clear()
+    yield tmp_path
+    monkeypatch.undo()
+    compiled.library.cache_clear()
+
+
+def test_compiled_once_and_kept(uncached: Path) -> None:
+    assert compiled.available()
+    (kept,) = uncached.glob("kernel_*")
+    made = kept.stat().st_mtime_ns
+    compiled.library.cache_clear()
+    assert compiled.available()
+    assert [p.stat().st_mtime_ns for p in uncached.iterdir()] == [made]
+
+
+def test_without_a_compiler_python_computes(uncached: Path, values: Mapping[str, Any],
+                                            monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiled, "any_local", lambda: None)
+    result = simulate(values, 0.05, fin_command=radians(5))
+    monkeypatch.undo()
+    np.testing.assert_array_equal(result["fin_angle"], simulate(values, 0.05, fin_command=radians(5))["fin_angle"])
+
+
+def test_a_broken_compiler_is_told_and_python_computes(uncached: Path, values: Mapping[str, Any],
+                                                       monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiled, "any_local", lambda: compiler.Compiler(("false",), "broken", False))
+    with pytest.warns(RuntimeWarning, match="Python is used instead"):
+        simulate(values, 0.01)
+    with pytest.raises(CompilerError, match=r"emcas-fmu\[native\]"):
+        simulate(values, 0.01, kernel="compiled")
+    assert not list(uncached.iterdir())
