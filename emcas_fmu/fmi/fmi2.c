@@ -179,19 +179,10 @@ static void forces(const instance *m, const double *in, double *out)
                   in[INPUT_ACCELERATION_Z], in[INPUT_ATTITUDE_ROLL], in[INPUT_ATTITUDE_PITCH], out);
 }
 
-static core_inputs acting(const instance *m, const double *in, const double *force)
+static core_inputs acting(const double *in, const double *force)
 {
-    (void)m;
     return (core_inputs){in[INPUT_FIN_COMMAND], in[INPUT_AERO_TORQUE], force[0], force[1],
                          in[INPUT_SUPPLY_VOLTAGE], in[INPUT_ENABLE]};
-}
-
-static void put_out(instance *m, const double *in, const double *force)
-{
-    const core_schedule plan = core_scheduled(parameters(m), m->constants);
-    const core_inputs now = acting(m, in, force);
-    core_outputs(parameters(m), m->constants, &m->s.core, core_line_length(&plan), &now, m->s.values + OUTPUT_BEGIN);
-    m->s.fresh = 1;
 }
 
 /* Bring the outputs up to now. Inputs that the next step will refuse change no output. */
@@ -208,7 +199,9 @@ static void refresh(instance *m)
     if (before || m->unprepared) prepare(m);
     if (before) core_start(parameters(m), m->constants, &m->s.core);
     forces(m, m->s.values, m->force);
-    put_out(m, m->s.values, m->force);
+    const core_schedule plan = core_scheduled(parameters(m), m->constants);
+    const core_inputs now = acting(m->s.values, m->force);
+    core_outputs(parameters(m), m->constants, &m->s.core, core_line_length(&plan), &now, m->s.values + OUTPUT_BEGIN);
 }
 
 static bool motion_input(size_t vr)
@@ -394,10 +387,10 @@ static core_result ramped_step(instance *m, double begin, double end)
                             (force[0] - m->force[0]) / size,
                             (force[1] - m->force[1]) / size,
                             m->s.rates[INPUT_SUPPLY_VOLTAGE]};
-    const core_inputs in = acting(m, m->s.values, m->force);
-    const core_result result = core_run(parameters(m), m->constants, &m->s.core, end, &in, &ramp);
+    const core_inputs in = acting(m->s.values, m->force);
+    const core_result result =
+        core_run(parameters(m), m->constants, &m->s.core, end, &in, &ramp, m->s.values + OUTPUT_BEGIN);
     if (result == CORE_DONE) {
-        put_out(m, final, force);
         memset(m->s.rates, 0, sizeof m->s.rates);
         m->s.rated = 0;
     }
@@ -406,10 +399,8 @@ static core_result ramped_step(instance *m, double begin, double end)
 
 static core_result held_step(instance *m, double end)
 {
-    const core_inputs in = acting(m, m->s.values, m->force);
-    const core_result result = core_run(parameters(m), m->constants, &m->s.core, end, &in, NULL);
-    if (result == CORE_DONE) put_out(m, m->s.values, m->force);
-    return result;
+    const core_inputs in = acting(m->s.values, m->force);
+    return core_run(parameters(m), m->constants, &m->s.core, end, &in, NULL, m->s.values + OUTPUT_BEGIN);
 }
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real size, fmi2Boolean no_set_state)
@@ -432,6 +423,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real size, fmi2Boolean
     if (!core_finite(m->force[0])) forces(m, m->s.values, m->force);
     const core_result result = m->s.rated && end > begin ? ramped_step(m, begin, end) : held_step(m, end);
     if (result != CORE_DONE) return refused_step(m, result, time, size);
+    m->s.fresh = 1;
     m->s.now = end;
     m->s.terminated = 0;
     return fmi2OK;

@@ -71,11 +71,7 @@ API int actuator_run(actuator *a, double end, const double *in, const double *ra
     const core_inputs inputs = {in[0], in[1], in[2], in[3], in[4], in[5]};
     core_ramp change = {0};
     if (ramp) change = (core_ramp){ramp[0], ramp[1], ramp[2], ramp[3], ramp[4], ramp[5]};
-    const core_ramp *changing = ramp ? &change : NULL;
-    const core_result result = core_run(a->parameters, a->constants, &a->state, end, &inputs, changing);
-    const core_inputs final = core_at(&inputs, changing, end);
-    if (result == CORE_DONE) outputs(a, &final, out);
-    return result;
+    return core_run(a->parameters, a->constants, &a->state, end, &inputs, ramp ? &change : NULL, out);
 }
 
 /* A row of the interface's inputs as the core's. */
@@ -96,8 +92,7 @@ API size_t actuators_run(actuator *a, size_t count, double end, const double *in
     size_t failed = 0;
     for (size_t i = 0; i < count; ++i) {
         const core_inputs inputs = row(a + i, in + i * MODEL_INPUTS);
-        result[i] = core_run(a[i].parameters, a[i].constants, &a[i].state, end, &inputs, NULL);
-        if (result[i] == CORE_DONE) outputs(a + i, &inputs, out + i * MODEL_OUTPUTS);
+        result[i] = core_run(a[i].parameters, a[i].constants, &a[i].state, end, &inputs, NULL, out + i * MODEL_OUTPUTS);
         failed += result[i] != CORE_DONE;
     }
     return failed;
@@ -110,10 +105,10 @@ API size_t actuator_simulate(actuator *a, size_t rows, double step, const double
     core_inputs inputs = row(a, in);
     outputs(a, &inputs, out);
     for (size_t k = 1; k < rows; ++k) {
-        *result = core_run(a->parameters, a->constants, &a->state, (double)k * step, &inputs, NULL);
+        /* The last row's inputs act nowhere: what is put out at a row is under those before it. */
+        *result = core_run(a->parameters, a->constants, &a->state, (double)k * step, &inputs, NULL,
+                           out + k * MODEL_OUTPUTS);
         if (*result != CORE_DONE) return k;
-        /* The last row's inputs act nowhere, but what is put out at a row is under those before it. */
-        outputs(a, &inputs, out + k * MODEL_OUTPUTS);
         inputs = row(a, in + k * MODEL_INPUTS);
     }
     return rows;

@@ -210,9 +210,9 @@ static inline bool core_tick(const double *p, const double *c, core_state *s, co
 }
 
 /* Move on to `end` [s] from the start with the inputs held, or changing as `ramp` says (null:
- * held); all or nothing. */
+ * held); all or nothing. The outputs there go to `out`. */
 static inline core_result core_run(const double *p, const double *c, core_state *state, double end,
-                                   const core_inputs *in, const core_ramp *ramp)
+                                   const core_inputs *in, const core_ramp *ramp, double *out)
 {
     const core_schedule plan = core_scheduled(p, c);
     const size_t line = core_line_length(&plan);
@@ -250,9 +250,13 @@ static inline core_result core_run(const double *p, const double *c, core_state 
             + (early ? s.position * plan.h_before : plan.arrival + (s.position - plan.before) * plan.h_after);
         if (!core_tick(p, c, &s, &plan, line, in, ramp, begun, rest, false)) return CORE_TOO_MANY_EVENTS;
     }
-    if (!core_finite(s.tentative.angle) || !core_finite(s.tentative.speed) || !core_finite(s.tentative.current)
-        || !core_finite(s.tentative.xi) || !core_finite(s.integral) || !core_finite(s.counts))
-        return CORE_NOT_FINITE;
+    const core_inputs final = core_at(in, ramp, end);
+    double found[MODEL_OUTPUTS];
+    core_outputs(p, c, &s, line, &final, found);
+    bool finite = core_finite(s.tentative.xi) && core_finite(s.integral) && core_finite(s.counts);
+    for (size_t i = 0; i < MODEL_OUTPUTS; ++i) finite &= core_finite(found[i]);
+    if (!finite) return CORE_NOT_FINITE;
+    memcpy(out, found, sizeof found);
     memcpy(state, &s, offsetof(core_state, line) + line * sizeof *s.line);
     return CORE_DONE;
 }

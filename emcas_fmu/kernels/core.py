@@ -126,11 +126,11 @@ class Core:
                 plant = tuple(moved)
             part = _extended(part, rest, acting)
             tentative = self._finish(plant, active, _mean(part), rest - part[0])
-        total = sum(tentative, integral + counts)
-        if total - total != 0.0:  # infinite or not a number
-            raise ArithmeticError("the state is no longer finite")
         final = inputs if ramp is None else _ramped(inputs, ramp, end)
         outputs = self._outputs(*tentative, active, line[-1], measured, limited, *final)
+        total = sum(outputs, integral + counts + tentative[3])
+        if total - total != 0.0:  # infinite or not a number
+            raise ArithmeticError("the state is no longer finite")
         self.state = (tick, plant, integral, counts, measured, limited, line, active, part, tentative)
         return outputs
 

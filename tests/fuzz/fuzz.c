@@ -1,0 +1,261 @@
+/* Arbitrary calls, values and state bytes against the native unit's functions.
+ *
+ * Compiled together with the unit itself, so that its state can be looked into. What must hold
+ * after every call: no sanitizer report, and a finite state. Built for libFuzzer, or with
+ * -DSTANDALONE as a program that makes its own bytes: fuzz SECONDS SEED.
+ */
+#include "fmi2.c"
+
+#include <time.h>
+
+enum { UNITS = 3, STATES = 4, LONGEST_RUN = 400 };
+
+typedef struct {
+    const uint8_t *at, *end;
+} bytes;
+
+static uint8_t byte(bytes *b)
+{
+    return b->at < b->end ? *b->at++ : 0;
+}
+
+static void fill(bytes *b, void *target, size_t size)
+{
+    uint8_t *out = target;
+    for (size_t i = 0; i < size; ++i) out[i] = byte(b);
+}
+
+/* Mostly what a host would set, sometimes anything. */
+static double number(bytes *b)
+{
+    static const double odd[] = {0.0, -0.0, 1.0, -1.0, 1e-300, 1e300, -1e300, 4.9e-324, HUGE_VAL, -HUGE_VAL, NAN,
+                                 1e-6, 1e6, 1e15, -1e-9, 0.5};
+    const uint8_t kind = byte(b);
+    double any;
+    if (kind < 160) {
+        const int16_t small = (int16_t)(byte(b) | byte(b) << 8);
+        return small / 32768.0 * (kind < 80 ? 1.0 : kind < 120 ? 100.0 : 1e-3);
+    }
+    if (kind < 230) return odd[kind % (sizeof odd / sizeof *odd)];
+    fill(b, &any, sizeof any);
+    return any;
+}
+
+/* A value for a variable: often within its limits. */
+static double value_for(bytes *b, size_t vr)
+{
+    if (vr >= MODEL_VARIABLES || byte(b) < 90) return number(b);
+    const variable *v = &VARIABLE[vr];
+    const double share = byte(b) / 255.0;
+    if (!core_finite(v->minimum) || !core_finite(v->maximum)) return number(b);
+    return share < 0.5 ? START[vr] * (1.0 + share) : v->minimum + (v->maximum - v->minimum) * (2.0 * share - 1.0);
+}
+
+/* Steps of a communication step that keep a run short; nonsense is let through. */
+static double step_size(bytes *b)
+{
+    static const double usual[] = {1e-3, 1e-4, 3.7e-4, 2.5e-3, 7e-3, 1e-6};
+    const uint8_t kind = byte(b);
+    if (kind < 200) return usual[kind % (sizeof usual / sizeof *usual)];
+    const double any = number(b);
+    return core_finite(any) && any > 0.05 && any < 1e5 ? 0.05 : any;
+}
+
+static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category,
+                   fmi2String message, ...)
+{
+    (void)environment, (void)status;
+    if (!name || !category || !message || strlen(message) >= MESSAGE) abort();
+}
+
+/* A tick may be 20,000 times shorter than a sample: enough is enough. */
+static int runs_long(const instance *m)
+{
+    const core_schedule plan = core_scheduled(parameters(m), m->constants);
+    return plan.h_before < 2e-5 || plan.h_after < 2e-5;
+}
+
+static void check(const instance *m)
+{
+    if (!m || m->s.phase != RUNNING) return;
+    const core_plant *x = &m->s.core.plant, *y = &m->s.core.tentative;
+    const double all[] = {x->angle, x->speed, x->current, x->xi, y->angle, y->speed, y->current, y->xi,
+                          m->s.core.integral, m->s.core.counts, m->s.now};
+    for (size_t i = 0; i < sizeof all / sizeof *all; ++i)
+        if (!core_finite(all[i])) abort();
+}
+
+static void damaged_state(bytes *b, instance *m, fmi2FMUstate *state)
+{
+    static fmi2Byte data[sizeof(state_head) + sizeof(model_state) + 8];
+    size_t size = sizeof(state_head) + sizeof(model_state);
+    if (fmi2SerializeFMUstate(m, *state, data, size) != fmi2OK) return;
+    for (int changes = byte(b) % 6; changes > 0; --changes) {
+        const size_t at = (byte(b) | byte(b) << 8) % size;
+        if (byte(b) < 128) {
+            data[at] = (fmi2Byte)byte(b);
+        } else { /* a whole number of the state */
+            const double any = number(b);
+            memcpy(data + sizeof(state_head) + at % sizeof(model_state) / 8 * 8, &any, sizeof any);
+        }
+    }
+    if (byte(b) < 200) { /* with a checksum that is right, so that the contents are looked at */
+        const uint64_t right = checksum(data + sizeof(state_head), sizeof(model_state));
+        memcpy(data + offsetof(state_head, check), &right, sizeof right);
+    }
+    if (byte(b) < 20) size -= byte(b) % 9;
+    fmi2FMUstate made = NULL;
+    if (fmi2DeSerializeFMUstate(m, data, size, &made) == fmi2OK) {
+        fmi2SetFMUstate(m, made);
+        check(m);
+    }
+    fmi2FreeFMUstate(m, &made);
+}
+
+static void started(instance *m)
+{
+    fmi2SetupExperiment(m, 0, 0.0, 0.0, 0, 0.0);
+    fmi2EnterInitializationMode(m);
+    fmi2ExitInitializationMode(m);
+}
+
+static void call(bytes *b, instance **unit, fmi2FMUstate *state)
+{
+    static const fmi2CallbackFunctions callbacks = {logger, calloc, free, NULL, NULL};
+    const unsigned k = byte(b) % UNITS, s = byte(b) % STATES;
+    instance *m = unit[k];
+    const uint8_t which = byte(b) % 40;
+    fmi2ValueReference vr[3];
+    fmi2Real reals[3] = {0.0};
+    fmi2Integer integers[3] = {0};
+    size_t n = byte(b) % 4;
+    for (size_t i = 0; i < 3; ++i) {
+        vr[i] = byte(b) % (MODEL_VARIABLES + 4);
+        if (byte(b) == 7) fill(b, &vr[i], sizeof vr[i]);
+    }
+    switch (which) {
+    case 0:
+        if (m) fmi2FreeInstance(m);
+        unit[k] = byte(b) < 30 ? NULL
+                               : fmi2Instantiate(byte(b) < 10 ? "" : "fin", byte(b) < 10 ? 0 : 1,
+                                                 byte(b) < 10 ? "nonsense" : MODEL_GUID, NULL, &callbacks, 0,
+                                                 byte(b) < 128);
+        return;
+    case 1: fmi2SetupExperiment(m, 0, 0.0, number(b), 0, 0.0); break;
+    case 2: fmi2EnterInitializationMode(m); break;
+    case 3: fmi2ExitInitializationMode(m); break;
+    case 4: fmi2Terminate(m); break;
+    case 5: fmi2Reset(m); break;
+    case 6: case 7: started(m); break;
+    case 8: case 9: case 10: case 11: case 12: case 13:
+        for (size_t i = 0; i < n; ++i) {
+            if (byte(b) < 150) vr[i] %= MODEL_INPUTS;
+            reals[i] = value_for(b, vr[i]);
+        }
+        fmi2SetReal(m, vr, n, reals);
+        break;
+    case 14: case 15: case 16: fmi2GetReal(m, vr, n, reals); break;
+    case 17:
+        for (size_t i = 0; i < n; ++i) integers[i] = (int32_t)(byte(b) | (uint32_t)byte(b) << 24);
+        fmi2SetInteger(m, vr, n, integers);
+        break;
+    case 18: fmi2GetInteger(m, vr, n, integers); break;
+    case 19:
+        for (size_t i = 0; i < n; ++i) integers[i] = byte(b) - 1;
+        if (byte(b) < 150) vr[0] = INPUT_ENABLE;
+        fmi2SetBoolean(m, vr, n, integers);
+        break;
+    case 20: fmi2GetBoolean(m, vr, n, integers); break;
+    case 21: case 22:
+        for (size_t i = 0; i < n; ++i) {
+            reals[i] = number(b);
+            integers[i] = byte(b) < 240 ? 1 : byte(b);
+            if (byte(b) < 200) vr[i] %= MODEL_INPUTS;
+        }
+        fmi2SetRealInputDerivatives(m, vr, n, integers, reals);
+        break;
+    case 23: fmi2GetFMUstate(m, &state[s]); break;
+    case 24: if (state[s]) fmi2SetFMUstate(m, state[s]); break;
+    case 25: if (m) fmi2FreeFMUstate(m, &state[s]); break;
+    case 26: case 27: if (state[s]) damaged_state(b, m, &state[s]); break;
+    case 28: {
+        const char *categories[] = {"logStatusError", "logAll", "nonsense", NULL};
+        const fmi2String chosen[] = {categories[byte(b) % 4], categories[byte(b) % 4]};
+        fmi2SetDebugLogging(m, byte(b) < 128, byte(b) % 3, chosen);
+        break;
+    }
+    case 29: {
+        fmi2Real real;
+        fmi2Boolean boolean;
+        fmi2Status status;
+        fmi2GetRealStatus(m, byte(b) % 5, &real);
+        fmi2GetBooleanStatus(m, byte(b) % 5, &boolean);
+        fmi2GetStatus(m, byte(b) % 5, &status);
+        fmi2CancelStep(m);
+        fmi2GetRealOutputDerivatives(m, vr, n, integers, reals);
+        fmi2GetDirectionalDerivative(m, vr, n, vr, n, reals, reals);
+        fmi2GetIntegerStatus(m, fmi2PendingStatus, integers);
+        fmi2GetStringStatus(m, fmi2PendingStatus, NULL);
+        fmi2GetString(m, vr, n, NULL);
+        fmi2SetString(m, vr, n, NULL);
+        fmi2SetReal(m, NULL, n, NULL);
+        fmi2GetBoolean(m, vr, n, NULL);
+        break;
+    }
+    default:
+        if (m && m->s.phase == RUNNING && runs_long(m)) break;
+        for (int i = 1 + byte(b) % 8; m && i > 0; --i) {
+            const double now = m->s.start + m->s.now;
+            if (fmi2DoStep(m, byte(b) < 245 ? now : number(b), step_size(b), 1) == fmi2OK) {
+                double out[MODEL_OUTPUTS];
+                memcpy(out, m->s.values + OUTPUT_BEGIN, sizeof out);
+                for (size_t j = 0; j < MODEL_OUTPUTS; ++j)
+                    if (!core_finite(out[j])) abort();
+            }
+        }
+    }
+    check(m);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    static const fmi2CallbackFunctions callbacks = {logger, calloc, free, NULL, NULL};
+    bytes b = {data, data + size};
+    instance *unit[UNITS] = {0};
+    fmi2FMUstate state[STATES] = {0};
+    for (int k = 0; k < UNITS; ++k) unit[k] = fmi2Instantiate("fin", fmi2CoSimulation, MODEL_GUID, "", &callbacks, 0, 1);
+    started(unit[0]);
+    for (int i = 0; i < LONGEST_RUN && b.at < b.end; ++i) call(&b, unit, state);
+    instance *keeper = fmi2Instantiate("fin", fmi2CoSimulation, MODEL_GUID, "", &callbacks, 0, 0);
+    for (int s = 0; s < STATES; ++s) fmi2FreeFMUstate(keeper, &state[s]);
+    fmi2FreeInstance(keeper);
+    for (int k = 0; k < UNITS; ++k) fmi2FreeInstance(unit[k]);
+    return 0;
+}
+
+#ifdef STANDALONE
+int main(int count, char **arguments)
+{
+    const double seconds = count > 1 ? atof(arguments[1]) : 5.0;
+    uint64_t x = count > 2 ? strtoull(arguments[2], NULL, 10) : 1;
+    const clock_t begin = clock();
+    unsigned long runs = 0, length = 0;
+    uint8_t data[2000];
+    for (; (double)(clock() - begin) / CLOCKS_PER_SEC < seconds; ++runs) {
+        /* xorshift64* (Vigna 2016): the same bytes for the same seed. */
+        const size_t size = 200 + runs * 37 % 1800;
+        for (size_t i = 0; i < size; ++i) {
+            x ^= x >> 12;
+            x ^= x << 25;
+            x ^= x >> 27;
+            data[i] = (uint8_t)(x * UINT64_C(2685821657736338717) >> 56);
+        }
+        LLVMFuzzerTestOneInput(data, size);
+        length += size;
+    }
+    printf("%lu runs of %lu bytes\n", runs, length);
+    return 0;
+}
+#endif

@@ -1,0 +1,57 @@
+"""Fuzz the native unit's C functions with libFuzzer (Debian: clang, libclang-rt-14-dev).
+
+    python -m tests.fuzz.fuzz --seconds 600
+
+Exit code 0 if nothing was found, else that of the fuzzer, which leaves the input behind.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from emcas_fmu.fmi import native
+from emcas_fmu.fmi.model_description import MODEL, start_values
+from emcas_fmu.parameters import load_parameters
+
+HERE = Path(__file__).parent
+# Whatever the unit's real one: the serialized states are made by the unit itself.
+GUID = "{00000000-1111-5222-8333-444444444444}"
+SANITIZERS = "address,undefined,float-cast-overflow"
+
+
+def compiled(command: Sequence[str], sanitizers: str, folder: Path) -> Path:
+    """The harness and the unit in one program. Raises CalledProcessError with what the compiler said."""
+    for name, text in native.sources(MODEL, start_values(load_parameters().values), GUID).items():
+        (folder / name).write_text(text, encoding="utf-8")
+    shutil.copy(HERE / "fuzz.c", folder)
+    subprocess.run([*command, "-std=c11", "-Wall", "-Wextra", "-g", "-O1", f"-fsanitize={sanitizers}",
+                    "-fno-sanitize-recover=all", "fuzz.c", "-o", "fuzz", "-lm"], cwd=folder, check=True)
+    return folder / "fuzz"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=int, default=600)
+    parser.add_argument("--corpus", type=Path, default=None, help="folder of inputs to begin with and to add to")
+    arguments = parser.parse_args()
+    if shutil.which("clang") is None:
+        print("clang is not installed: apt-get install clang libclang-rt-14-dev", file=sys.stderr)
+        return 2
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        program = compiled(["clang"], f"fuzzer,{SANITIZERS}", folder)
+        corpus = arguments.corpus or folder / "corpus"
+        corpus.mkdir(exist_ok=True)
+        command = [program, f"-max_total_time={arguments.seconds}", "-max_len=4000", "-timeout=20",
+                   "-print_final_stats=1", f"-artifact_prefix={Path.cwd()}/", corpus]
+        return subprocess.run(command, check=False).returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main())

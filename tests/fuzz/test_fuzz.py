@@ -1,0 +1,34 @@
+"""A few seconds of fuzzing with the compiler that is there; ten minutes are `python -m tests.fuzz.fuzz`."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from .fuzz import SANITIZERS, compiled
+
+pytestmark = [pytest.mark.fmu, pytest.mark.skipif(sys.platform != "linux", reason="sanitizers of a Linux compiler")]
+
+
+def test_arbitrary_calls_values_and_states(tmp_path: Path) -> None:
+    program = compiled(["cc", "-DSTANDALONE"], SANITIZERS, tmp_path)
+    done = subprocess.run([program, "5", "20160101"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    runs, *_ = done.stdout.split()
+    assert int(runs) > 1000
+
+
+def test_the_harness_finds_what_is_broken(tmp_path: Path) -> None:
+    """With the state's checks taken out, damaged bytes must be noticed."""
+    program = compiled(["cc", "-DSTANDALONE"], SANITIZERS, tmp_path)
+    source = tmp_path / "fmi2.c"
+    text = source.read_text(encoding="utf-8")
+    check = "const char *reason = unsound(m, &s);"
+    assert check in text
+    source.write_text(text.replace(check, "const char *reason = s.fresh ? unsound(m, &s) : NULL;"), encoding="utf-8")
+    subprocess.run(["cc", "-DSTANDALONE", "-std=c11", "-g", "-O1", f"-fsanitize={SANITIZERS}",
+                    "-fno-sanitize-recover=all", "fuzz.c", "-o", "fuzz", "-lm"], cwd=tmp_path, check=True)
+    assert subprocess.run([program, "20", "20160101"], capture_output=True, check=False).returncode != 0
