@@ -8,7 +8,7 @@ import platform
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -40,9 +40,9 @@ class Platform:
 PLATFORMS = {p.name: p for p in (
     Platform("linux64", ".so", "x86_64-linux-gnu.2.17", ("-shared", "-fPIC", "-Wl,--build-id=none", "-lm")),
     Platform("win64", ".dll", "x86_64-windows-gnu", ("-shared",)),
-    Platform("darwin64", ".dylib", "x86_64-macos.11.0", ("-dynamiclib",)),
+    Platform("darwin64", ".dylib", "x86_64-macos.11.0", ("-dynamiclib", "-Wl,-install_name,@rpath/{}")),
     Platform("aarch64-linux", ".so", "aarch64-linux-gnu.2.17", ("-shared", "-fPIC", "-Wl,--build-id=none", "-lm")),
-    Platform("aarch64-darwin", ".dylib", "aarch64-macos.11.0", ("-dynamiclib",)),
+    Platform("aarch64-darwin", ".dylib", "aarch64-macos.11.0", ("-dynamiclib", "-Wl,-install_name,@rpath/{}")),
 )}
 
 
@@ -62,18 +62,18 @@ class Compiler:
     version: str
     zig: bool
 
-    def library(self, sources: Mapping[str, str], main: str, target: Platform, defines: Sequence[str] = ()) -> bytes:
-        """The shared library of one source file and the headers beside it: file name to text.
+    def library(self, sources: Mapping[str, str], main: str, target: Platform, name: str) -> bytes:
+        """The shared library `name` of one source file and the headers beside it: file name to text.
 
         The same sources give the same bytes. Raises CompilerError with what the compiler said.
         """
-        with TemporaryDirectory(prefix="emcas_cc_") as name:
-            folder = Path(name)
+        with TemporaryDirectory(prefix="emcas_cc_") as temporary:
+            folder = Path(temporary)
             for file, text in sources.items():
                 (folder / file).write_text(text, encoding="utf-8", newline="\n")
-            output = f"library{target.suffix}"
+            output = f"{name}{target.suffix}"
             flags = [*FLAGS, *(("-target", target.target, *_ZIG_FLAGS) if self.zig else ("-s",))]
-            command = [*self.command, *flags, *(f"-D{d}" for d in defines), main, "-o", output, *target.link]
+            command = [*self.command, *flags, main, "-o", output, *(f.format(output) for f in target.link)]
             # Zig's cache is shared by default and may be on a slow or read-only home.
             environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(_zig_cache()),
                            "ZIG_LOCAL_CACHE_DIR": str(folder / "z"),

@@ -115,7 +115,7 @@ def binaries(model: str, files: Mapping[str, str], platforms: Sequence[Platform]
     for i, target in enumerate(platforms):
         if progress:
             progress(target.name, i, len(platforms))
-        found[f"binaries/{target.name}/{model}{target.suffix}"] = compiler.library(files, MAIN, target)
+        found[f"binaries/{target.name}/{model}{target.suffix}"] = compiler.library(files, MAIN, target, model)
     if progress:
         progress("", len(platforms), len(platforms))
     return found

@@ -42,7 +42,7 @@ def library() -> ct.CDLL | None:
         if not path.is_file():
             path.parent.mkdir(parents=True, exist_ok=True)
             partial = path.with_name(f".{name}.{os.getpid()}.part")
-            partial.write_bytes(compiler.library(sources, _MAIN, target))
+            partial.write_bytes(compiler.library(sources, _MAIN, target, "kernel"))
             partial.replace(path)  # whole or not at all, whoever else is compiling
         loaded = ct.CDLL(str(path))
     except (OSError, CompilerError) as error:

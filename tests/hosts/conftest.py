@@ -1,0 +1,83 @@
+"""The FMUs of both back ends, unpacked, and the host in C."""
+
+from __future__ import annotations
+
+import importlib.util
+import platform
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from emcas_fmu.compiler import PLATFORMS
+from emcas_fmu.fmi.package import build
+from emcas_fmu.parameters import load_parameters
+
+from .host import compile_host, missing, run, tool
+
+Host = Callable[..., str]
+UNUSED = "no-such-folder"  # the native FMU must not need its resources
+
+
+def unpack(fmu: Path, folder: Path) -> Path:
+    """The folder an FMU was unpacked into."""
+    with zipfile.ZipFile(fmu) as archive:
+        archive.extractall(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def native_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """EMCAS.fmu of the native back end, with a library for every platform."""
+    if importlib.util.find_spec("ziglang") is None:
+        missing("there is no ziglang (pip install ziglang)")
+    return build(load_parameters(), tmp_path_factory.mktemp("native") / "EMCAS.fmu", backend="native",
+                 platforms=tuple(PLATFORMS)).path
+
+
+@pytest.fixture(scope="session")
+def native(native_fmu: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The native FMU, unpacked."""
+    return unpack(native_fmu, tmp_path_factory.mktemp("unpacked") / "native")
+
+
+@pytest.fixture(scope="session")
+def python(fmu: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The Python FMU, unpacked."""
+    return unpack(fmu, tmp_path_factory.mktemp("unpacked") / "python")
+
+
+@pytest.fixture(scope="session")
+def linux() -> None:
+    """Skips where the FMU's linux64 library cannot be loaded."""
+    if (platform.system(), platform.machine()) != ("Linux", "x86_64"):
+        missing(f"this is {platform.system()} {platform.machine()}, not Linux x86_64")
+
+
+@pytest.fixture(scope="session")
+def executable(native: Path, tmp_path_factory: pytest.TempPathFactory, linux: None) -> Path:
+    """The host that loads the native FMU's library."""
+    return compile_host([tool("gcc", "gcc")], native, tmp_path_factory.mktemp("loading") / "host")
+
+
+@pytest.fixture(scope="session")
+def loading(executable: Path, native: Path) -> Host:
+    """Runs the host with the FMU's library loaded."""
+    def call(*arguments: str, **options: Any) -> str:
+        return run([executable, native / "binaries/linux64/EMCAS.so", UNUSED, *arguments], **options)
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def linked(native: Path, tmp_path_factory: pytest.TempPathFactory, linux: None) -> Host:
+    """Runs the host with the FMU's sources compiled in, under the address and undefined-behaviour sanitizers."""
+    flags = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+    made = compile_host([tool("gcc", "gcc")], native, tmp_path_factory.mktemp("linked") / "host", flags, static=True)
+
+    def call(*arguments: str, **options: Any) -> str:
+        return run([made, "-", UNUSED, *arguments], **options)
+
+    return call

@@ -1,0 +1,119 @@
+"""Compiling the host in C against an FMU, and running it."""
+
+from __future__ import annotations
+
+import csv
+import os
+import shutil
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryFile
+
+import fmpy
+import pytest
+
+HERE = Path(__file__).parent
+FMI_HEADERS = Path(fmpy.__file__).parent / "c-code"
+STRICT = ("-std=c11", "-pedantic", "-Wall", "-Wextra", "-Werror")
+Trajectory = dict[str, list[float]]
+
+
+def missing(what: str) -> None:
+    """Skip for want of a tool, or fail where every host has to be there."""
+    if os.environ.get("EMCAS_REQUIRE_HOSTS") == "1":
+        pytest.fail(f"EMCAS_REQUIRE_HOSTS=1, but {what}")
+    pytest.skip(what)
+
+
+def tool(name: str, package: str, folder: str = "") -> str:
+    """The path of a program, in the search path or `folder`."""
+    found = shutil.which(name) or shutil.which(name, path=folder or None)
+    if found is None:
+        missing(f"there is no {name} (Debian: apt-get install {package})")
+    return str(found)
+
+
+def header(description: Path) -> str:
+    """What the host has to know of an FMU's interface, as C."""
+    root = ET.parse(description).getroot()
+    scalars = root.findall("ModelVariables/ScalarVariable")
+    lines = [f'#define UNIT_GUID "{root.attrib["guid"]}"']
+    for scalar in scalars:
+        name = "".join(c if c.isalnum() else "_" for c in scalar.attrib["name"])
+        lines.append(f"#define VR_{name} {scalar.attrib['valueReference']}u")
+    for kind in ("Real", "Boolean"):
+        found = [s for s in scalars if s.attrib["causality"] == "output" and s[0].tag == kind]
+        names = [s.attrib["name"] for s in found]
+        references = ", ".join(s.attrib["valueReference"] + "u" for s in found)
+        quoted = ", ".join(f'"{n}"' for n in names)
+        places = ", ".join(f"OUTPUT_{n} = {k}" for k, n in enumerate(names))
+        lines += [f"static const fmi2ValueReference {kind.upper()}_OUTPUTS[] = {{{references}}};",
+                  f"static const char *const {kind.upper()}_OUTPUT_NAMES[] = {{{quoted}}};",
+                  f"enum {{{places}}};"]
+    return "\n".join(lines) + "\n"
+
+
+def compile_host(compiler: Sequence[str], unpacked: Path, target: Path, flags: Sequence[str] = (),
+                 static: bool = False) -> Path:
+    """The host for an unpacked FMU; with `static` the FMU's own sources are compiled into it."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    (target.parent / "variables.h").write_text(header(unpacked / "modelDescription.xml"), encoding="utf-8")
+    sources = [str(HERE / "host.c")]
+    includes = [f"-I{target.parent}", f"-I{FMI_HEADERS}"]
+    if static:
+        folder = unpacked / "sources"
+        names = [f.attrib["name"] for f in ET.parse(unpacked / "modelDescription.xml").getroot().findall(
+            "CoSimulation/SourceFiles/File")]
+        assert names, "the FMU names no source files"
+        sources += [str(folder / name) for name in names]
+        includes.append(f"-I{folder}")
+        flags = [*flags, "-DSTATIC_FMU"]
+    libraries = () if target.suffix == ".exe" else ("-ldl", "-lm", "-pthread")
+    done = subprocess.run([*compiler, *STRICT, "-O1", "-g", *flags, *includes, *sources, "-o", str(target), *libraries],
+                          capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return target
+
+
+def run(command: Sequence[str | Path], *, environment: Mapping[str, str] | None = None, timeout: float = 120.0,
+        code: int = 0) -> str:
+    """What a program prints; it has to end with `code`, and says why on standard error if it does not."""
+    # Files, not pipes: Wine leaves services behind that would hold a pipe open for seconds.
+    with TemporaryFile("w+", encoding="utf-8") as out, TemporaryFile("w+", encoding="utf-8") as error:
+        done = subprocess.run([str(c) for c in command], stdout=out, stderr=error, timeout=timeout,
+                              env={**os.environ, **(environment or {})})
+        out.seek(0)
+        error.seek(0)
+        printed, complaint = out.read(), error.read()
+    assert done.returncode == code, f"code {done.returncode}\n{printed[-2000:]}\n{complaint[-4000:]}"
+    return printed
+
+
+def table(printed: str) -> dict[str, str]:
+    """`name=value` lines as a dictionary."""
+    return dict(line.split("=", 1) for line in printed.splitlines())
+
+
+def trajectory(printed: str) -> Trajectory:
+    """A CSV table by column."""
+    rows = list(csv.reader(printed.splitlines()))
+    return {name: [float(row[k]) for row in rows[1:]] for k, name in enumerate(rows[0])}
+
+
+def difference(a: Trajectory, b: Trajectory) -> float:
+    """The largest difference of any column, over the column's own magnitude where that is above 1."""
+    assert a.keys() == b.keys()
+    worst = 0.0
+    for name, values in a.items():
+        assert len(values) == len(b[name]) > 0
+        scale = max(1.0, *(abs(v) for v in values))
+        worst = max(worst, *(abs(x - y) / scale for x, y in zip(values, b[name])))
+    return worst
+
+
+def script(name: str, *arguments: str | Path) -> str:
+    """What a script beside this file prints, run in an interpreter of its own."""
+    return run([sys.executable, HERE / name, *arguments])
