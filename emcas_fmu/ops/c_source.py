@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from .trace import Assign, Block, Expr, If, Operand, Tracer
-from .usage import Writer
+from .usage import ARITHMETIC, Writer
 
 TEMPLATES = {
-    "add": "{0} + {1}", "subtract": "{0} - {1}", "multiply": "{0} * {1}", "divide": "{0} / {1}", "negative": "-{0}",
-    "less": "{0} < {1}", "less_equal": "{0} <= {1}", "greater": "{0} > {1}", "greater_equal": "{0} >= {1}",
-    "equal": "{0} == {1}", "both": "{0} && {1}", "either": "{0} || {1}", "negate": "!{0}",
+    **ARITHMETIC,
+    "both": "{0} && {1}", "either": "{0} || {1}", "negate": "!{0}",
     "minimum": "{0} < {1} ? {0} : {1}", "maximum": "{0} > {1} ? {0} : {1}",
     "clip": "{0} < {1} ? {1} : {0} > {2} ? {2} : {0}", "where": "{0} ? {1} : {2}",
-    **{name: f"{name}({{0}})" for name in ("sin", "cos", "tan", "atan", "exp", "log", "sqrt", "fabs", "floor")},
+    "floor": "floor({0})",
 }
 _CONDITIONS = {"less", "less_equal", "greater", "greater_equal", "equal", "both", "either", "negate"}
 
@@ -102,8 +101,3 @@ class _CWriter(Writer):
 
     def _holds(self, value: Operand) -> bool:
         return value.name in self._conditions if isinstance(value, Expr) else isinstance(value, bool)
-
-
-def c_array(values: Sequence[float]) -> str:
-    """Numbers as an initialiser list."""
-    return "{" + ", ".join(repr(float(v)) for v in values) + "}"

@@ -6,16 +6,14 @@ import re
 from collections.abc import Sequence
 
 from .trace import Assign, Block, Operand, Tracer
-from .usage import Writer
+from .usage import ARITHMETIC, Writer
 
 TEMPLATES = {
-    "add": "{0} + {1}", "subtract": "{0} - {1}", "multiply": "{0} * {1}", "divide": "{0} / {1}", "negative": "-{0}",
-    "less": "{0} < {1}", "less_equal": "{0} <= {1}", "greater": "{0} > {1}", "greater_equal": "{0} >= {1}",
-    "equal": "{0} == {1}", "both": "{0} and {1}", "either": "{0} or {1}", "negate": "not {0}",
+    **ARITHMETIC,
+    "both": "{0} and {1}", "either": "{0} or {1}", "negate": "not {0}",
     "minimum": "{0} if {0} < {1} else {1}", "maximum": "{0} if {0} > {1} else {1}",
     "clip": "{1} if {0} < {1} else {2} if {0} > {2} else {0}", "where": "{1} if {0} else {2}",
     "floor": "float(floor({0}))",
-    **{name: f"{name}({{0}})" for name in ("sin", "cos", "tan", "atan", "exp", "log", "sqrt", "fabs")},
 }
 _TEMPORARY = re.compile(r"\bt\d+\b")
 

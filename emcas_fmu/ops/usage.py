@@ -6,6 +6,14 @@ from collections.abc import Mapping, Sequence
 
 from .trace import Assign, Block, Expr, If, Operand, Tracer
 
+# Operations that Python and C write alike.
+ARITHMETIC = {
+    "add": "{0} + {1}", "subtract": "{0} - {1}", "multiply": "{0} * {1}", "divide": "{0} / {1}", "negative": "-{0}",
+    "less": "{0} < {1}", "less_equal": "{0} <= {1}", "greater": "{0} > {1}", "greater_equal": "{0} >= {1}",
+    "equal": "{0} == {1}",
+    **{name: f"{name}({{0}})" for name in ("sin", "cos", "tan", "atan", "exp", "log", "sqrt", "fabs")},
+}
+
 
 class Writer:
     """Turns blocks into expressions: drops what nobody reads, inlines what is read once.

@@ -1,0 +1,38 @@
+"""`emcas build`: parameter file in, FMU out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from ..parameters import load_parameters
+from .common import ParametersOption, failures, out, progress_bar, stepper
+
+EPILOG = ("Examples:\n\n  emcas build\n\n  emcas build --parameters my_actuator.toml --output MyActuator.fmu"
+                "\n\n  emcas build --backend native"
+                "\n\n  emcas build --backend native --platform linux64 --platform win64"
+                "\n\n  emcas build --backend native --cc gcc")
+
+
+def build(
+    parameters: ParametersOption = None,
+    backend: Annotated[str, typer.Option(help="How the FMU computes: python (needs Python in the host), or "
+                                              "native (C, needs nothing; built with the extra 'native' or --cc).",
+                                         metavar="python|native")] = "python",
+    platform: Annotated[list[str] | None, typer.Option(
+        help="Only for this platform (may be given several times): linux64, win64, darwin64, aarch64-linux, "
+             "aarch64-darwin; native only.")] = None,
+    cc: Annotated[str | None, typer.Option("--cc", help="System C compiler instead of zig, for this platform; "
+                                                        "native only.", metavar="PROGRAM")] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="FMU to write.", metavar="FILE")] = Path("EMCAS.fmu"),
+) -> None:
+    """Build the FMU of a parameter set."""
+    from ..fmi.package import build as build_fmu
+
+    with failures(), progress_bar() as progress:
+        built = build_fmu(load_parameters(parameters), output, backend, platform, cc, stepper(progress, "compile"))
+    out.print(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
+               f"({', '.join(built.platforms)})", highlight=False, soft_wrap=True)

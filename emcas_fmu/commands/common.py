@@ -1,0 +1,43 @@
+"""What the commands share: output, failures, progress, the option for parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from ..errors import EmcasError
+from ..parameters import ParameterError
+
+out = Console()
+err = Console(stderr=True)
+
+ParametersOption = Annotated[Path | None, typer.Option(
+    "--parameters", "-p", help="Parameter file (TOML); overrides any subset of the defaults.", metavar="FILE")]
+
+
+@contextmanager
+def failures() -> Iterator[None]:
+    """Expected failures as a message and exit code 2, never a traceback."""
+    try:
+        yield
+    except (EmcasError, ParameterError, OSError) as error:
+        err.print(f"[bold red]error:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
+        raise typer.Exit(2) from error
+
+
+def progress_bar() -> Progress:
+    return Progress(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+                    console=err, transient=True)
+
+
+def stepper(progress: Progress, label: str) -> Callable[[str, int, int], None]:
+    """A callback(name, done, total) that moves a progress bar."""
+    task = progress.add_task(label, total=None)
+    return lambda name, done, total: progress.update(task, description=f"{label} {name}", completed=done, total=total)

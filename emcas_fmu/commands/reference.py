@@ -1,0 +1,49 @@
+"""`emcas reference`: responses by independent integration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from ..errors import EmcasError
+from .common import ParametersOption, failures, out, progress_bar, stepper
+
+EPILOG = ("Examples:\n\n  emcas reference --check\n\n  emcas reference --case step_plus1 --directory ref"
+          "\n\n  emcas reference --parameters my_actuator.toml --directory my_references")
+
+
+def reference(
+    directory: Annotated[Path | None, typer.Option(help="Folder of the reference files; models/reference "
+                                                      "unless given.", metavar="DIR")] = None,
+    case: Annotated[list[str] | None, typer.Option(help="Only this case (may be given several times).")] = None,
+    parameters: ParametersOption = None,
+    check: Annotated[bool, typer.Option("--check", help="Compare with the files there instead of writing.")] = False,
+) -> None:
+    """Regenerate the reference responses by independent integration, or compare with those stored."""
+    from ..files import models_directory
+    from ..reference import files
+
+    with failures():
+        if parameters and not directory:
+            raise EmcasError("--parameters needs --directory: the shipped references are of the default parameters")
+        folder = directory or models_directory() / "reference"
+        with progress_bar() as progress:
+            step = stepper(progress, "reference")
+            if not check:
+                files.regenerate(folder, names=case, progress=step, parameters=parameters)
+            else:
+                rows = files.compare(folder, names=case, progress=step, parameters=parameters)
+    if not check:
+        out.print(f"written to {escape(str(folder))}", highlight=False, soft_wrap=True)
+        return
+    table = Table("case", "variable", "largest difference", "allowed", "")
+    for name, variable, difference, tolerance in rows:
+        verdict = "ok" if difference <= tolerance else "FAIL"
+        table.add_row(name, variable, f"{difference:.3g}", f"{tolerance:.3g}", verdict)
+    out.print(table)
+    if any(difference > tolerance for *_, difference, tolerance in rows):
+        raise typer.Exit(1)

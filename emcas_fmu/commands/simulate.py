@@ -1,0 +1,79 @@
+"""`emcas simulate`: a response without an FMU."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from ..errors import EmcasError
+from ..parameters import load_parameters
+from .common import ParametersOption, failures, out
+
+EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.html"
+                   "\n\n  emcas simulate --case chirp_3p5deg --plot chirp.png --output chirp.csv"
+                   "\n\n  emcas simulate --input flight.csv -p my_actuator.toml --json figures.json")
+
+
+def simulate(
+    case: Annotated[str | None, typer.Option(help="Reference case to run, such as step_plus10.")] = None,
+    input_file: Annotated[Path | None, typer.Option("--input", "-i", help="CSV of time [s] and inputs in SI, as fmpy "
+                                                    "reads it.", metavar="FILE")] = None,
+    step: Annotated[float | None, typer.Option(help="Step of the fin command, in degrees, at 50 ms.",
+                                               metavar="DEG")] = None,
+    torque: Annotated[float, typer.Option(help="Constant hinge moment with --step, in N.m.")] = 0.0,
+    parameters: ParametersOption = None,
+    stop: Annotated[float | None, typer.Option(help="End in seconds; 0.5 with --step, else that of the input.")] = None,
+    interval: Annotated[float | None, typer.Option(help="Communication step in seconds; 0.001, or the case's "
+                                                        "own.")] = None,
+    kernel: Annotated[str, typer.Option(help="compiled, python, or auto: compiled if there is a C compiler. The "
+                                             "numbers are the same.")] = "auto",
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write every signal to this CSV file.",
+                                                metavar="FILE")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Draw the response: .html, .svg, .png or .pdf.",
+                                              metavar="FILE")] = None,
+    as_json: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.",
+                                                 metavar="FILE")] = None,
+) -> None:
+    """Run the actuator on a case, a file of inputs or a step, without an FMU."""
+    from .. import excitation, response
+    from ..simulation import simulate as run
+
+    with failures():
+        if [case, input_file, step].count(None) != 2:
+            raise EmcasError("give one of --case, --input and --step")
+        if plot and plot.suffix not in response.PICTURES:
+            raise EmcasError(f"{plot}: a plot ends in {', '.join(response.PICTURES)}")
+        for name, value in (("--stop", stop), ("--interval", interval)):
+            if value is not None and not 0.0 < value < float("inf"):
+                raise EmcasError(f"{name} {value}: must be above 0")
+        if case and (stop or interval):
+            raise EmcasError("--stop and --interval go with --step and --input: a case has its own")
+        size = interval or 1e-3
+        chosen = (excitation.from_case(case) if case else excitation.from_file(input_file, size, stop) if input_file
+                  else excitation.from_step(step or 0.0, torque, size, stop or 0.5))
+        values = load_parameters(parameters).replace(chosen.overrides).values
+        try:
+            result = run(values, chosen.stop, chosen.step, kernel,
+                         **{name.replace(".", "__"): column for name, column in chosen.columns.items()})
+        except (ArithmeticError, ValueError) as error:
+            raise EmcasError(f"the response cannot be computed: {error}") from error
+        figures = response.figures_of_merit(result)
+        if output:
+            response.write_csv(output, chosen, result)
+        if plot:
+            response.write_picture(plot, chosen, result)
+        if as_json:
+            as_json.write_text(json.dumps({"title": chosen.title, **figures}, indent=1), encoding="utf-8")
+    table = Table("figure", "value", title=f"{chosen.title}, {chosen.stop:g} s", title_justify="left")
+    table.columns[1].justify = "right"
+    for name, value in figures.items():
+        table.add_row(name, f"{value:.5g}")
+    out.print(table)
+    for path in (output, plot, as_json):
+        if path:
+            out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
