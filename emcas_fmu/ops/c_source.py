@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from .trace import Assign, Block, Expr, If, Operand, Tracer
 from .usage import ARITHMETIC, Writer
 
