@@ -5,22 +5,26 @@ from __future__ import annotations
 import importlib.util
 import os
 import platform
+import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from .errors import EmcasError
+from .files import cache_directory
 
 # No contraction: a fused multiply-add rounds once where the Python source rounds twice. No speculation
 # of what may raise a floating-point exception: hosts run with traps on.
 FLAGS = ("-std=c11", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2", "-ffp-contract=off", "-ftrapping-math",
          "-fno-math-errno", "-fvisibility=hidden", "-g0")
 _ZIG_FLAGS = ("-fno-sanitize=undefined", "-ffp-exception-behavior=maytrap", "-s")
+# A first compilation by zig makes its C library: a minute on a slow machine.
+_PATIENCE = 600
 
 
 class CompilerError(EmcasError):
@@ -74,21 +78,19 @@ class Compiler:
             output = f"{name}{target.suffix}"
             flags = [*FLAGS, *(("-target", target.target, *_ZIG_FLAGS) if self.zig else ("-s",))]
             command = [*self.command, *flags, main, "-o", output, *(f.format(output) for f in target.link)]
-            # Zig's cache is shared by default and may be on a slow or read-only home.
-            environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(_zig_cache()),
+            # Zig's own choice of a cache may be a home that cannot be written: it would then wait for ever.
+            environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(cache_directory() / "zig"),
                            "ZIG_LOCAL_CACHE_DIR": str(folder / "z"),
                            "SOURCE_DATE_EPOCH": "315532800", "ZERO_AR_DATE": "1"}
-            done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+            try:
+                done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False,
+                                      timeout=_PATIENCE)
+            except subprocess.TimeoutExpired as error:
+                raise CompilerError(f"{' '.join(self.command)}: no answer within {_PATIENCE} s") from error
             if done.returncode != 0:
                 raise CompilerError(f"{' '.join(self.command)} cannot compile {main} for {target.name}:\n"
                                     f"{done.stderr.strip() or done.stdout.strip()}")
             return (folder / output).read_bytes()
-
-
-def _zig_cache() -> Path:
-    from platformdirs import user_cache_path
-
-    return user_cache_path("emcas") / "zig"
 
 
 @cache
@@ -103,20 +105,24 @@ def zig() -> Compiler | None:
 
 @cache
 def system(name: str) -> Compiler:
-    """A system compiler by name or path. Raises CompilerError if it does not run."""
-    path = shutil.which(name)
+    """A system compiler by name or command line. Raises CompilerError if it does not run."""
+    program, *options = shlex.split(name) or [""]
+    path = shutil.which(program)
     if path is None:
-        raise CompilerError(f"--cc {name}: there is no such program")
+        raise CompilerError(f"{name}: there is no such program")
     done = subprocess.run([path, "--version"], capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise CompilerError(f"--cc {name}: does not answer to --version")
-    return Compiler((path,), done.stdout.splitlines()[0] if done.stdout else name, False)
+        raise CompilerError(f"{name}: does not answer to --version, so it is no C compiler known here")
+    return Compiler((path, *options), done.stdout.splitlines()[0] if done.stdout else name, False)
 
 
 def find(cc: str | None = None) -> Compiler:
     """The compiler asked for by name; else zig. Raises CompilerError, naming the remedy, if there is none."""
     if cc is not None:
-        return system(cc)
+        try:
+            return system(cc)
+        except CompilerError as error:
+            raise CompilerError(f"--cc {error}") from error
     found = zig()
     if found is None:
         raise CompilerError("no C compiler for native FMUs: install one with  pip install 'emcas-fmu[native]'  "
@@ -124,11 +130,14 @@ def find(cc: str | None = None) -> Compiler:
     return found
 
 
-def any_local() -> Compiler | None:
-    """A compiler for this machine: $CC, cc, gcc, clang or zig, the first there is; None if there is none."""
-    if local_platform() is None:
-        return None
+def local_compilers() -> Iterator[Compiler]:
+    """Compilers that run on this machine and build for it: $CC, cc, gcc, clang, zig."""
     for name in (os.environ.get("CC"), "cc", "gcc", "clang"):
-        if name and shutil.which(name):
-            return system(name)
-    return zig()
+        try:
+            if name:
+                yield system(name)
+        except (CompilerError, OSError, ValueError):
+            continue
+    found = zig()
+    if found is not None:
+        yield found

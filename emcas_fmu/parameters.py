@@ -18,7 +18,7 @@ from .errors import EmcasError
 from .files import models_directory
 from .tree import tree
 from .units import describe, quantity
-from .variables import FILE_ENTRIES, Variable
+from .variables import FILE_ENTRIES, PARAMETERS, Variable
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -105,6 +105,16 @@ def load_parameters(path: Path | str | None = None) -> ParameterSet:
     if path is None:
         return defaults
     return _overridden(defaults.entries, _document(Path(path)), str(path), Path(path).name)
+
+
+def check_parameters(values: Mapping[str, Any]) -> list[str]:
+    """Problems of flat values in the table's units: names missing or unknown, limits, combinations."""
+    missing = [f"{v.name} is missing" for v in PARAMETERS if v.name not in values]
+    unknown = [f"there is no parameter {name}{_hint(name, _NAMES)}" for name in values if name not in _VARIABLES]
+    if missing or unknown:
+        return missing + unknown
+    limits = [(v.name, v.minimum, v.maximum) for v in PARAMETERS if v.kind != "Boolean"]
+    return check_ranges(values, limits) or check_consistency({v.name: values[v.name] for v in PARAMETERS})
 
 
 def are_defaults(parameters: ParameterSet) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from .errors import EmcasError
 from .kernels import compiled, program
 from .kernels.core import Core
+from .parameters import ParameterError, check_parameters
 from .variables import INPUTS, OUTPUTS
 
 Array = NDArray[Any]
-Signal = float | bool | Array | Callable[[float], float | bool]
+Signal = float | bool | Sequence[float] | Array | Callable[[float], float | bool]
 KERNELS = ("auto", "compiled", "python")
+MOST_POINTS = 10_000_000  # the outputs of more would not fit in memory
 _INDEX = {v.name: i for i, v in enumerate(INPUTS)}
 
 
@@ -27,9 +29,12 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel:
     dot (``attitude__roll``), as a constant, a function of time [s] or an array of values at
     the communication points, held over a step. `kernel` is ``compiled``, ``python``, or
     ``auto``: compiled if there is a C compiler; both give the same numbers.
-    Gives an array per output and ``time``. Raises TypeError for an unknown input, ValueError for
-    one that is not finite, ArithmeticError where the equations cannot be followed.
+    Gives an array per output and ``time``. Raises TypeError for an unknown input, ValueError for one
+    that is not finite and for parameters out of their limits, ArithmeticError where the equations
+    cannot be followed.
     """
+    if not (0.0 < step < np.inf and step * 0.5 <= stop <= MOST_POINTS * step):
+        raise ValueError(f"from 0 to {stop} s every {step} s: both must be above 0, with 1 to {MOST_POINTS:g} steps")
     times: Array = np.arange(round(stop / step) + 1) * step
     table = np.empty((len(times), len(INPUTS)))
     for v, column in zip(INPUTS, table.T, strict=True):
@@ -40,15 +45,15 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel:
             raise TypeError(f"there is no input {known!r}; inputs are {', '.join(_INDEX)}")
         # What is given at the last point acts nowhere.
         table[:-1, _INDEX[known]] = [signal(t) for t in times[:-1]] if callable(signal) else _held(signal, known, times)
-        table[-1, _INDEX[known]] = table[-2, _INDEX[known]] if len(times) > 1 else 0.0
+        table[-1, _INDEX[known]] = table[-2, _INDEX[known]]
     return respond(values, table, step, kernel)
 
 
-def _held(signal: float | Array, name: str, times: Array) -> Any:
-    shape = np.shape(signal)
-    if shape not in ((), times.shape):
-        raise ValueError(f"input {name} has shape {shape}, not that of the {len(times)} communication points")
-    return signal[:-1] if isinstance(signal, np.ndarray) and shape else signal
+def _held(signal: float | Sequence[float] | Array, name: str, times: Array) -> Any:
+    given = np.asarray(signal, dtype=float)
+    if given.shape not in ((), times.shape):
+        raise ValueError(f"input {name} has shape {given.shape}, not that of the {len(times)} communication points")
+    return given[:-1] if given.shape else given
 
 
 def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = "auto") -> dict[str, Array]:
@@ -69,6 +74,8 @@ def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = 
 
 
 def _by_python(values: Mapping[str, Any], table: Array, step: float) -> Array:
+    if problems := check_parameters(values):
+        raise ParameterError(problems)
     core = Core(program.make()(values))
     motion = slice(_INDEX["acceleration.x"], _INDEX["attitude.pitch"] + 1)
     direct = [_INDEX[name] for name in ("fin_command", "aero_torque", "supply_voltage", "enable")]

@@ -25,7 +25,7 @@ def simulate(
                                                     "reads it.", metavar="FILE")] = None,
     step: Annotated[float | None, typer.Option(help="Step of the fin command, in degrees, at 50 ms.",
                                                metavar="DEG")] = None,
-    torque: Annotated[float, typer.Option(help="Constant hinge moment with --step, in N.m.")] = 0.0,
+    torque: Annotated[float | None, typer.Option(help="Constant hinge moment with --step, in N.m.")] = None,
     parameters: ParametersOption = None,
     stop: Annotated[float | None, typer.Option(help="End in seconds; 0.5 with --step, else that of the input.")] = None,
     interval: Annotated[float | None, typer.Option(help="Communication step in seconds; 0.001, or the case's "
@@ -53,9 +53,11 @@ def simulate(
                 raise EmcasError(f"{name} {value}: must be above 0")
         if case and (stop or interval):
             raise EmcasError("--stop and --interval go with --step and --input: a case has its own")
+        if torque is not None and step is None:
+            raise EmcasError("--torque goes with --step: a case or a file has its own loads")
         size = interval or 1e-3
         chosen = (excitation.from_case(case) if case else excitation.from_file(input_file, size, stop) if input_file
-                  else excitation.from_step(step or 0.0, torque, size, stop or 0.5))
+                  else excitation.from_step(step or 0.0, torque or 0.0, size, stop or 0.5))
         values = load_parameters(parameters).replace(chosen.overrides).values
         try:
             result = run(values, chosen.stop, chosen.step, kernel,

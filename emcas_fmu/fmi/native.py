@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,76 +13,63 @@ from pythonfmu import Fmi2Slave
 
 from .. import consistency
 from ..compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform
-from ..kernels.c_sources import core_sources, written
-from ..ops.c_source import c_source
-from ..ops.trace import Tracer
-from ..tree import tree
-from ..variables import PARAMETERS, VARIABLES
+from ..errors import BuildError
+from ..kernels.c_sources import c_number, c_text, core_sources, written
+from ..variables import VARIABLES
 
 MAIN = "fmi2.c"
+_WRITTEN = (MAIN, "instance.h", "states.h")
 _HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
-_MOST_NUMBERS = 12  # of a rule's message: as many as fmi2.c hands to printf
+# fmpy's copy of the standard's header leaves out the prefix that sources linked into one program need.
+_NO_PREFIX = "This definition has been changed to add no prefix.\n*/\n#define fmi2FullName(name) name\n"
+_PREFIX = """FMI2_FUNCTION_PREFIX, if defined, goes before each name.
+*/
+#if defined(FMI2_FUNCTION_PREFIX)
+#define fmi2Paste(a, b) a ## b
+#define fmi2PasteB(a, b) fmi2Paste(a, b)
+#define fmi2FullName(name) fmi2PasteB(FMI2_FUNCTION_PREFIX, name)
+#else
+#define fmi2FullName(name) name
+#endif
+"""
 OPTIONS = {"needsExecutionTool": "false", "canHandleVariableCommunicationStepSize": "true",
            "canInterpolateInputs": "true", "maxOutputDerivativeOrder": "0", "canRunAsynchronuously": "false",
            "canBeInstantiatedOnlyOncePerProcess": "false", "canNotUseMemoryManagementFunctions": "false",
            "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true", "providesDirectionalDerivative": "false"}
 
 
-def _number(value: float) -> str:
-    if math.isinf(value):
-        return "HUGE_VAL" if value > 0.0 else "-HUGE_VAL"
-    return repr(float(value))
-
-
-def _text(value: str) -> str:
-    return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-
-
-def _rules() -> str:
-    """Rules for parameter sets: functions traced from consistency.py, and a table of them."""
-    tracer = Tracer()
-    p = tree({v.name: tracer.parameter(v.name) for v in PARAMETERS})
-    rows = []
-    for i, rule in enumerate(consistency.RULES):
-        tracer.function(f"check_{i}", ["share"], lambda share, rule=rule: rule.check(tracer, p, share))
-        if len(tracer.functions[-1].results) - 1 > _MOST_NUMBERS:
-            raise ValueError(f"fmi2.c prints {_MOST_NUMBERS} numbers of a rule, not those of {rule.message!r}")
-        rows.append(f"    {{rules_check_{i}, {int(rule.scanned)}, {_text(rule.message)}}}")
-    table = ",\n".join(rows)
-    return (f"{c_source(tracer, 'rules')}\n"
-            f"enum {{ RULE_NUMBERS = {_MOST_NUMBERS}, RULE_SCAN = {consistency.SCAN} }};\n\n"
-            "static const struct {\n    void (*check)(const double *restrict, const double *restrict, double, "
-            "double *restrict);\n    int scanned;\n    const char *message;\n"
-            f"}} RULE[] = {{\n{table}\n}};\n")
-
-
-def interface_header(model: str, starts: Sequence[Any], guid: str) -> str:
+def interface_header(model: str, starts: Sequence[Any], guid: str, code: str) -> str:
     """interface.h: the variable table, start values, rules and the unit's identity."""
     rows = ",\n".join(
-        f"    {{{_text(v.name)}, {v.kind.upper()}, {int(v.variability == 'tunable')}, "
-        f"{_number(v.minimum)}, {_number(v.maximum)}}}" for v in VARIABLES)
-    values = ",\n".join(f"    {_number(start)}" for start in starts)
-    categories = ", ".join(_text(name) for name in Fmi2Slave.log_categories)
-    formats = "".join(f"static const char {name}[] = {_text(getattr(consistency, name))};\n"
+        f"    {{{c_text(v.name)}, {v.kind.upper()}, {int(v.variability == 'tunable')}, "
+        f"{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in VARIABLES)
+    values = ",\n".join(f"    {c_number(start)}" for start in starts)
+    categories = ", ".join(c_text(name) for name in Fmi2Slave.log_categories)
+    formats = "".join(f"static const char {name}[] = {c_text(getattr(consistency, name))};\n"
                       for name in ("NOT_FINITE", "BELOW", "ABOVE"))
     return (
         "/* The interface: variables, rules, identity; generated, do not edit. */\n"
         "#ifndef EMCAS_INTERFACE_H\n#define EMCAS_INTERFACE_H\n\n#include <math.h>\n\n"
-        f"#define MODEL_NAME {_text(model)}\n#define MODEL_GUID {_text(guid)}\n"
-        f"#define LOG_CATEGORIES {{{categories}}}\n\n"
+        f"#define MODEL_NAME {c_text(model)}\n#define MODEL_GUID {c_text(guid)}\n"
+        f"#define MODEL_STATE {c_text(guid + code)}\n#define LOG_CATEGORIES {{{categories}}}\n\n"
         f"enum {{ MODEL_VARIABLES = {len(VARIABLES)} }};\nenum {{ REAL, INTEGER, BOOLEAN }};\n"
         'static const char *const KIND[] = {"Real", "Integer", "Boolean"};\n'
         f"{formats}\n"
         "typedef struct {\n    const char *name;\n    int kind, tunable;\n    double minimum, maximum;\n} variable;\n\n"
         f"static const variable VARIABLE[MODEL_VARIABLES] = {{\n{rows}\n}};\n\n"
-        f"static const double START[MODEL_VARIABLES] = {{\n{values}\n}};\n\n{_rules()}\n#endif\n")
+        f"static const double START[MODEL_VARIABLES] = {{\n{values}\n}};\n\n#endif\n")
 
 
 def sources(model: str, starts: Sequence[Any], guid: str) -> dict[str, str]:
     """Everything needed to compile the unit: file name to text; only `MAIN` is handed to the compiler."""
     headers = Path(fmpy.__file__).parent / "c-code"
-    return {MAIN: written(MAIN, "emcas_fmu.fmi"), "interface.h": interface_header(model, starts, guid),
-            **core_sources(), **{name: (headers / name).read_text(encoding="utf-8") for name in _HEADERS}}
+    standard = {name: (headers / name).read_text(encoding="utf-8") for name in _HEADERS}
+    if _NO_PREFIX not in standard["fmi2Functions.h"]:
+        raise BuildError("fmi2Functions.h of this version of fmpy is not as expected: fmpy 0.3.25 to 0.3.32 are known")
+    standard["fmi2Functions.h"] = standard["fmi2Functions.h"].replace(_NO_PREFIX, _PREFIX)
+    code = {**{name: written(name, "emcas_fmu.fmi") for name in _WRITTEN}, **core_sources()}
+    digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(code.items())).encode()).hexdigest()[:16]
+    return {**code, **standard, "interface.h": interface_header(model, starts, guid, digest)}
 
 
 def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
@@ -124,8 +111,13 @@ def binaries(model: str, files: Mapping[str, str], platforms: Sequence[Platform]
 def build_description(model: str) -> Element:
     """buildDescription.xml (FMI 3.0's file) of the sources."""
     root = Element("fmiBuildDescription", {"fmiVersion": "3.0"})
-    configuration = SubElement(root, "BuildConfiguration", {"modelIdentifier": model})
-    files = SubElement(configuration, "SourceFileSet", {"language": "C11"})
-    SubElement(files, "SourceFile", {"name": MAIN})
-    SubElement(configuration, "Library", {"name": "m", "external": "true"})
+    for platform in ("x86_64-linux", "aarch64-linux", "x86_64-darwin", "aarch64-darwin", "x86_64-windows"):
+        configuration = SubElement(root, "BuildConfiguration", {"modelIdentifier": model, "platform": platform})
+        files = SubElement(configuration, "SourceFileSet", {"language": "C11"})
+        SubElement(files, "SourceFile", {"name": MAIN})
+        SubElement(files, "PreprocessorDefinition", {
+            "name": "FMI2_FUNCTION_PREFIX", "optional": "true", "value": f"{model}_",
+            "description": "put before each function's name, to link several units into one program"})
+        if not platform.endswith("windows"):
+            SubElement(configuration, "Library", {"name": "m", "external": "true"})
     return root

@@ -210,7 +210,8 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         else:
             self._core.bind(functions)
         self._bound = tuple(values.values())
-        self._slack = self._core.slack
+        # A clock that began late counts in coarser units than the core's slack.
+        self._slack = self._core.slack + 1e-15 * abs(self._start)
         self._changed = self._current = False
         self._motion = []
         self._held = None
@@ -332,7 +333,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._changed, self._values, self._bound, self._core = changed, list(values), bound, core
         if core is not None:
             core.state = core_state
-            self._slack = core.slack
+            self._slack = core.slack + 1e-15 * abs(self._start)
         self._ready = False
         self._motion = []
         self._held = None

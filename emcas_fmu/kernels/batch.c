@@ -1,5 +1,6 @@
 /* The actuator as a library for the Python API: one, many, and whole runs at a call. */
 #include "core.h"
+#include "sound.h"
 
 #if defined _WIN32
 #define API __declspec(dllexport)
@@ -28,18 +29,21 @@ API size_t actuator_state(size_t *size)
     return offsetof(actuator, state);
 }
 
-/* Follow parameters that changed. */
-API void actuator_bind(actuator *a, const double *parameters)
+/* Follow parameters that changed. Gives 0, and does nothing, if they are no set to compute with. */
+API int actuator_bind(actuator *a, const double *parameters)
 {
+    if (!rules_hold(parameters)) return 0;
     memcpy(a->parameters, parameters, sizeof a->parameters);
     kernel_prepare(a->parameters, a->constants);
     a->motion[0] = NAN;
+    return 1;
 }
 
-API void actuator_start(actuator *a, const double *parameters)
+API int actuator_start(actuator *a, const double *parameters)
 {
-    actuator_bind(a, parameters);
+    if (!actuator_bind(a, parameters)) return 0;
     core_start(a->parameters, a->constants, &a->state);
+    return 1;
 }
 
 API void actuator_schedule(const actuator *a, double *out)
@@ -102,6 +106,7 @@ API size_t actuators_run(actuator *a, size_t count, double end, const double *in
  * the inputs of each row held until the next. Gives how many rows were reached. */
 API size_t actuator_simulate(actuator *a, size_t rows, double step, const double *in, double *out, int *result)
 {
+    if (rows == 0) return 0;
     core_inputs inputs = row(a, in);
     outputs(a, &inputs, out);
     for (size_t k = 1; k < rows; ++k) {

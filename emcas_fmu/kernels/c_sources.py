@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import re
 from importlib.resources import files
 
+from .. import consistency
 from ..consistency import LONGEST_DELAY
+from ..ops.c_source import c_source
+from ..ops.trace import Tracer
+from ..tree import tree
 from ..variables import INPUTS, OUTPUTS, PARAMETERS
 from . import core, program
 
+_MOST_NUMBERS = 12  # of a rule's message: as many as instance.h hands to printf
+
+# gcc does not know the pragma and does not contract under -std=c11; the flag -ffp-contract=off says it to all.
+_NO_CONTRACTION = "#if !defined __GNUC__ || defined __clang__\n#pragma STDC FP_CONTRACT OFF\n#endif\n"
 _NOTE = "/* {}; generated, do not edit. */\n"
 
 
@@ -20,7 +29,8 @@ def written(name: str, package: str = "emcas_fmu.kernels") -> str:
 def kernel_header() -> str:
     """kernel.h: the equations."""
     return (_NOTE.format("The actuator's equations as straight-line code")
-            + f"#ifndef EMCAS_KERNEL_H\n#define EMCAS_KERNEL_H\n\n#include <math.h>\n\n{program.c_kernel()}\n#endif\n")
+            + f"#ifndef EMCAS_KERNEL_H\n#define EMCAS_KERNEL_H\n\n#include <math.h>\n\n{_NO_CONTRACTION}\n"
+            f"{program.c_kernel()}\n#endif\n")
 
 
 def enumerator(name: str) -> str:
@@ -39,6 +49,40 @@ def model_header() -> str:
             f"enum {{\n{inputs.rstrip().rstrip(',')}\n}};\n\n#endif\n")
 
 
+def c_number(value: float) -> str:
+    """A number as a C constant."""
+    if math.isinf(value):
+        return "HUGE_VAL" if value > 0.0 else "-HUGE_VAL"
+    return repr(float(value))
+
+
+def c_text(value: str) -> str:
+    """A string as a C literal."""
+    return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def rules_header() -> str:
+    """rules.h: limits of the parameters, and the rules for sets of them traced from consistency.py."""
+    tracer = Tracer()
+    p = tree({v.name: tracer.parameter(v.name) for v in PARAMETERS})
+    rows = []
+    for i, rule in enumerate(consistency.RULES):
+        tracer.function(f"check_{i}", ["share"], lambda share, rule=rule: rule.check(tracer, p, share))
+        if len(tracer.functions[-1].results) - 1 > _MOST_NUMBERS:
+            raise ValueError(f"instance.h prints {_MOST_NUMBERS} numbers of a rule, not those of {rule.message!r}")
+        rows.append(f"    {{rules_check_{i}, {int(rule.scanned)}, {c_text(rule.message)}}}")
+    limits = ",\n".join(f"    {{{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in PARAMETERS)
+    return (_NOTE.format("What parameters must fulfil")
+            + "#ifndef EMCAS_RULES_H\n#define EMCAS_RULES_H\n\n#include <math.h>\n\n"
+            "static const struct {\n    double minimum, maximum;\n"
+            f"}} LIMIT[] = {{\n{limits}\n}};\n\n{c_source(tracer, 'rules')}\n"
+            f"enum {{ RULE_NUMBERS = {_MOST_NUMBERS}, RULE_SCAN = {consistency.SCAN}, RULES = {len(rows)} }};\n\n"
+            "typedef struct {\n    void (*check)(const double *restrict, const double *restrict, double, "
+            "double *restrict);\n    int scanned;\n    const char *message;\n} rule;\n\n"
+            "static const rule RULE[RULES] = {\n" + ",\n".join(rows) + "\n};\n\n#endif\n")
+
+
 def core_sources() -> dict[str, str]:
     """Headers that hold the actuator: file name to text."""
-    return {"kernel.h": kernel_header(), "model.h": model_header(), "core.h": written("core.h")}
+    return {"kernel.h": kernel_header(), "model.h": model_header(), "rules.h": rules_header(),
+            "core.h": written("core.h"), "sound.h": written("sound.h")}

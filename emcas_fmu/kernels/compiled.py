@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import ctypes as ct
 import hashlib
-import os
+import threading
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import cache
+from math import isfinite
+from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from platformdirs import user_cache_path
 
-from ..compiler import FLAGS, CompilerError, any_local, local_platform
-from ..variables import INPUTS, OUTPUTS, PARAMETERS
+from ..compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers, local_platform
+from ..files import cache_directory
+from ..parameters import ParameterError, check_parameters
+from ..variables import FILE_ENTRIES, INPUTS, OUTPUTS, PARAMETERS
 from . import core
 from .c_sources import core_sources, written
 
 _MAIN = "batch.c"
+_KNOWN = frozenset(v.name for v in FILE_ENTRIES)
 _DOUBLES = ct.POINTER(ct.c_double)
 _REASONS = ("", "the state is no longer finite", f"more than {core.MOST_EVENTS} events in a tick",
             f"more than {core.MOST_TICKS} ticks in one step")
@@ -27,27 +32,59 @@ _FLAGS = {i for i, v in enumerate(OUTPUTS) if v.kind == "Boolean"}
 Array = NDArray[Any]
 
 
-@cache
+_making = threading.Lock()
+_reason = ""
+
+
 def library() -> ct.CDLL | None:
-    """The compiled library; None, with a warning, where it cannot be made."""
-    target, compiler = local_platform(), any_local()
-    if target is None or compiler is None:
+    """The compiled library; None where it cannot be made, with a warning if a compiler was tried."""
+    with _making:  # the first use may come from several threads
+        return _library()
+
+
+@cache
+def _library() -> ct.CDLL | None:
+    global _reason
+    target = local_platform()
+    if target is None:
+        _reason = "this platform is not known"
         return None
     sources = {_MAIN: written(_MAIN), **core_sources()}
-    described = "\0".join([compiler.version, target.name, *FLAGS, *(f"{n}\0{t}" for n, t in sorted(sources.items()))])
+    text = "\0".join([target.name, *FLAGS, *(f"{n}\0{t}" for n, t in sorted(sources.items()))])
+    problems: list[str] = []
+    for compiler in local_compilers():
+        described = hashlib.sha256(f"{compiler.version}\0{text}".encode()).hexdigest()[:20]
+        try:
+            return _declared(ct.CDLL(str(_kept(described, target.suffix) or _compiled(
+                compiler, sources, target, described))))
+        except (OSError, CompilerError) as error:
+            problems.append(str(error))
+    _reason = problems[-1] if problems else ""
+    if problems:
+        warnings.warn(f"no compiled kernel, Python is used instead: {problems[-1]}", RuntimeWarning, stacklevel=5)
+    return None
+
+
+def _kept(described: str, suffix: str) -> Path | None:
+    """A library compiled before, if it is still what it was: its content's hash is in its name."""
+    for path in cache_directory().glob(f"kernel_{described}_*{suffix}"):
+        if path.stem.endswith(hashlib.sha256(path.read_bytes()).hexdigest()[:16]):
+            return path
+        path.unlink(missing_ok=True)
+    return None
+
+
+def _compiled(compiler: Compiler, sources: Mapping[str, str], target: Platform, described: str) -> Path:
     # A rebuilt library at the same path would give the old one to a process that has it loaded.
-    name = f"kernel_{hashlib.sha256(described.encode()).hexdigest()[:20]}{target.suffix}"
-    path = user_cache_path("emcas") / name
-    try:
-        if not path.is_file():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            partial = path.with_name(f".{name}.{os.getpid()}.part")
-            partial.write_bytes(compiler.library(sources, _MAIN, target, "kernel"))
-            partial.replace(path)  # whole or not at all, whoever else is compiling
-        loaded = ct.CDLL(str(path))
-    except (OSError, CompilerError) as error:
-        warnings.warn(f"no compiled kernel, Python is used instead: {error}", RuntimeWarning, stacklevel=2)
-        return None
+    content = compiler.library(sources, _MAIN, target, "kernel")
+    path = cache_directory() / f"kernel_{described}_{hashlib.sha256(content).hexdigest()[:16]}{target.suffix}"
+    with NamedTemporaryFile(dir=path.parent, delete=False) as partial:
+        partial.write(content)
+    Path(partial.name).replace(path)  # whole or not at all, whoever else is compiling
+    return path
+
+
+def _declared(loaded: ct.CDLL) -> ct.CDLL:
     loaded.actuator_size.restype = loaded.actuator_state.restype = ct.c_size_t
     loaded.actuators_run.restype = loaded.actuator_simulate.restype = ct.c_size_t
     for function in ("bind", "start"):
@@ -69,13 +106,35 @@ def available() -> bool:
 def _loaded() -> ct.CDLL:
     found = library()
     if found is None:
-        raise CompilerError("no compiled kernel: install a C compiler, or ziglang with  "
+        raise CompilerError(f"no compiled kernel: {_reason}" if _reason else
+                            "no compiled kernel: install a C compiler, or ziglang with  "
                             "pip install 'emcas-fmu[native]'")
     return found
 
 
 def _numbers(values: Mapping[str, Any]) -> ct.Array[ct.c_double]:
+    if not isinstance(values, Mapping):
+        raise TypeError(f"parameters are a mapping of names to values in SI (.values of a set), not a "
+                        f"{type(values).__name__}")
+    if not values.keys() <= _KNOWN:
+        raise ParameterError(check_parameters(values))
     return (ct.c_double * len(PARAMETERS))(*(float(values[v.name]) for v in PARAMETERS))
+
+
+def _taken(answer: int, values: Mapping[str, Any]) -> None:
+    """The C side judges parameters by the same limits and rules; the words for it are found here."""
+    if not answer:
+        raise ParameterError(check_parameters(values) or ["the parameters are refused"])
+
+
+def _table(rows: Array, shape: tuple[int, ...], what: str) -> Array:
+    found: Array = np.ascontiguousarray(rows, dtype=np.float64)
+    if found.shape != shape:
+        raise ValueError(f"inputs have shape {found.shape}, not {shape}")
+    if not np.isfinite(found).all():
+        row, column = np.argwhere(~np.isfinite(found))[0]
+        raise ValueError(f"{what} {row}: {INPUTS[column].name} = {found[row, column]} is not finite")
+    return found
 
 
 class CompiledCore:
@@ -93,7 +152,7 @@ class CompiledCore:
         self._state = self._library.actuator_state(ct.byref(size))
         self._state_size = size.value
         self._in, self._out = (ct.c_double * 6)(), (ct.c_double * len(OUTPUTS))()
-        self._library.actuator_start(self._at, _numbers(values))
+        _taken(self._library.actuator_start(self._at, _numbers(values)), values)
         self.schedule = self._scheduled()
 
     def _scheduled(self) -> tuple[Any, ...]:
@@ -121,12 +180,12 @@ class CompiledCore:
 
     def bind(self, values: Mapping[str, Any]) -> None:
         """Take parameter values, anew after a tunable one changed."""
-        self._library.actuator_bind(self._at, _numbers(values))
+        _taken(self._library.actuator_bind(self._at, _numbers(values)), values)
 
-    def forces(self, *arguments: float) -> tuple[float, float]:
+    def forces(self, a_x: float, a_y: float, a_z: float, roll: float, pitch: float) -> tuple[float, float]:
         """Specific force in the fin's frame from acceleration (x, y, z), roll and pitch."""
         out = (ct.c_double * 2)()
-        self._library.actuator_forces(self._at, (ct.c_double * 5)(*arguments), out)
+        self._library.actuator_forces(self._at, (ct.c_double * 5)(a_x, a_y, a_z, roll, pitch), out)
         return out[0], out[1]
 
     def outputs(self, inputs: core.Inputs) -> tuple[Any, ...]:
@@ -173,7 +232,7 @@ class Batch:
         if len(sets) != self.count:
             raise ValueError(f"{len(sets)} parameter sets for {self.count} actuators")
         for i, values in enumerate(sets):
-            self._library.actuator_start(self._at + i * self._size, _numbers(values))
+            _taken(self._library.actuator_start(self._at + i * self._size, _numbers(values)), values)
 
     def run(self, end: float, inputs: Array) -> Array:
         """Move every actuator on to `end` [s] from the start with its inputs held.
@@ -182,12 +241,9 @@ class Batch:
         table, in SI; the result likewise for the outputs, and is overwritten by the next call.
         Raises ArithmeticError naming the actuators that cannot be followed; these stay where they were.
         """
-        rows = np.ascontiguousarray(inputs, dtype=np.float64)
-        if rows.shape != (self.count, len(INPUTS)):
-            raise ValueError(f"inputs have shape {rows.shape}, not {(self.count, len(INPUTS))}")
-        if not np.isfinite(rows).all():
-            actuator, column = np.argwhere(~np.isfinite(rows))[0]
-            raise ValueError(f"actuator {actuator}: {INPUTS[column].name} = {rows[actuator, column]} is not finite")
+        rows = _table(inputs, (self.count, len(INPUTS)), "actuator")
+        if not isfinite(end):
+            raise ValueError(f"the time to move on to is {end} s")
         failed = self._library.actuators_run(self._at, self.count, end, rows.ctypes.data, self.outputs.ctypes.data,
                                              self._results.ctypes.data)
         if failed:
@@ -204,9 +260,9 @@ def run_table(values: Mapping[str, Any], step: float, inputs: Array) -> Array:
     where the equations cannot be followed, CompilerError where there is no compiled kernel.
     """
     found = _loaded()
+    rows = _table(inputs, (len(inputs), len(INPUTS)), "row")
     memory = ct.create_string_buffer(found.actuator_size())
-    found.actuator_start(ct.addressof(memory), _numbers(values))
-    rows = np.ascontiguousarray(inputs, dtype=np.float64)
+    _taken(found.actuator_start(ct.addressof(memory), _numbers(values)), values)
     outputs: Array = np.empty((len(rows), len(OUTPUTS)))
     result = ct.c_int(0)
     reached = found.actuator_simulate(ct.addressof(memory), len(rows), step, rows.ctypes.data, outputs.ctypes.data,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import isfinite
+
 from .trace import Assign, Block, Expr, If, Operand, Tracer
 from .usage import ARITHMETIC, Writer
 
@@ -53,6 +55,8 @@ class _CWriter(Writer):
         return f"p[{name[1:]}]" if name.startswith("p") and name[1:].isdigit() else name
 
     def literal(self, value: float | bool) -> str:
+        if not isfinite(value):
+            raise ValueError(f"{value!r} has no place in traced code")
         return repr(float(value))
 
     def block(self, block: Block, depth: int) -> list[str]:

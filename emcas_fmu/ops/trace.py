@@ -28,6 +28,11 @@ class Expr:
         self.name = name
         self.fixed = fixed
 
+    __hash__ = None  # type: ignore[assignment]
+
+    def __eq__(self, other: object) -> bool:
+        raise TypeError("traced values are compared by ops.equal, not by == or !=")
+
     def __bool__(self) -> bool:
         raise TypeError("a traced value has no truth: use ops.where, ops.branch, ops.both, ops.either, ops.negate")
 

@@ -91,6 +91,8 @@ def misuse(fmu: Fmu) -> Any:
         "set wrong type": lambda i: i.set_vr("Integer", fmu.references["fin_command"], 1),
         "set output": lambda i: i.set("fin_angle", 1.0),
         "set fixed": lambda i: i.set("motor.resistance", 1.0),
+        "set partly": lambda i: i.call("fmi2SetReal", (ct.c_uint * 2)(
+            fmu.references["fin_command"], fmu.references["fin_angle"]), ct.c_size_t(2), (ct.c_double * 2)(-0.1, 1.0)),
         "get unknown": lambda i: i.get_vr("Real", [100_000])[0],
         "get wrong type": lambda i: i.get_vr("Boolean", [fmu.references["fin_angle"]])[0],
     }
@@ -334,11 +336,21 @@ def interpolation(fmu: Fmu) -> Any:
     assert once.step(BEGUN, 1e-3) == OK
     first = once.get("tracking_error") - (0.2 + 100.0 * 1e-3 - once.get("fin_angle"))
     assert once.step(BEGUN + 1e-3, 1e-3) == OK
-    second = once.get("tracking_error") - (0.2 - once.get("fin_angle"))
+    second = once.get("tracking_error") - (0.3 - once.get("fin_angle"))  # held where the ramp ended
+    second += once.get("fin_command") - 0.3
+    third = started(fmu)
+    third.differentiate("aero_torque", 1, 1000.0)
+    assert third.step(BEGUN, 10e-3) == OK
+    before = third.outputs()
+    other = started(fmu)
+    assert other.restore(third.serialize(third.save())) == OK
+    third.set("controller.position.kp", 70.0)
+    restored = other.outputs() == before == third.outputs()
     return {"coarse-fine": max(abs(a - b) for a, b in zip(coarse, fine)),
             "coarse-finest": max(abs(a - b) for a, b in zip(coarse, finest)),
             "held-finest": max(abs(a - b) for a, b in zip(held, finest)),
-            "bad": bad, "log": instance.messages(ERROR), "used once": [first, second]}
+            "bad": bad, "log": instance.messages(ERROR), "used once": [first, second], "restored": restored,
+            "before init": Instance(fmu).differentiate("fin_command", 1, 1.0)}
 
 
 def statuses(fmu: Fmu) -> Any:

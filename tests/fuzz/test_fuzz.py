@@ -24,7 +24,7 @@ def test_arbitrary_calls_values_and_states(tmp_path: Path) -> None:
 def test_the_harness_finds_what_is_broken(tmp_path: Path) -> None:
     """With the state's checks taken out, damaged bytes must be noticed."""
     program = compiled(["cc", "-DSTANDALONE"], SANITIZERS, tmp_path)
-    source = tmp_path / "fmi2.c"
+    source = tmp_path / "states.h"
     text = source.read_text(encoding="utf-8")
     check = "const char *reason = unsound(m, &s);"
     assert check in text

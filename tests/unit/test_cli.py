@@ -156,13 +156,15 @@ def test_simulate_a_case_and_a_file_alike(tmp_path: Path) -> None:
 
 def test_input_files_are_sampled_and_checked(tmp_path: Path) -> None:
     file = tmp_path / "in.csv"
-    file.write_text("time,fin_command\n0,0\n0.01,0\n0.01,0.1\n0.02,0.2\n", encoding="utf-8")
+    file.write_text('"time", "fin_command"\n0,0\n0.01,0\n0.01,0.1\n0.02,0.2\n', encoding="utf-8")
     found = from_file(file, 2.5e-3, None).columns["fin_command"].tolist()
     assert found == pytest.approx([0, 0, 0, 0, 0.1, 0.125, 0.15, 0.175, 0.2])  # jumps at 10 ms, ramps after it
     for text, said in (("fin_command\n1\n", "no column time"), ("time,rudder\n0,1\n", "rudder is no input"),
                        ("time\n0\n", "no column of an input"), ("time,enable\n1,1\n0,1\n", "backwards"),
-                       ("time,fin_command\n0,nan\n", "non-finite"), ("time,fin_command\n0,x\n", "table of numbers"),
-                       ("", "table of numbers")):
+                       ("time,fin_command\n0,nan\n1,0\n", "non-finite"), ("time,fin_command\n0,x\n", "table of numbers"),
+                       ("", "table of numbers"), ("time,enable\n", "table of numbers"),
+                       ("time,enable\n-1,1\n1,1\n", "0 or later"),
+                       ("time,enable,enable\n0,1,1\n1,1,1\n", "given twice"), ("time,enable\n0,1\n", "1 to")):
         file.write_text(text, encoding="utf-8")
         refused = emcas("simulate", "--input", str(file))
         assert refused.exit_code == 2, text
@@ -174,7 +176,10 @@ def test_input_files_are_sampled_and_checked(tmp_path: Path) -> None:
     (("--case", "nonsense"), "there is step, step_plus1"), (("--step", "1", "--stop", "-1"), "--stop"),
     (("--step", "1", "--plot", "r.gif"), ".html, .svg"), (("--case", "step", "--stop", "1"), "has its own"),
     (("--step", "1", "--kernel", "fortran"), "auto, compiled, python"),
-    (("--step", "1", "--torque", "1e300"), "cannot be computed")])
+    (("--step", "1", "--torque", "1e300"), "cannot be computed"),
+    (("--step", "1", "--interval", "1"), "steps of 1 s"), (("--step", "1", "--interval", "1e-12"), "steps of"),
+    (("--step", "1", "--interval", "0.3"), "no whole number of steps"),
+    (("--step", "1", "--stop", "0.02"), "before that"), (("--case", "step", "--torque", "1"), "goes with --step")])
 def test_simulate_refuses(arguments: tuple[str, ...], said: str) -> None:
     refused = emcas("simulate", *arguments)
     assert refused.exit_code == 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 import threading
 from collections.abc import Iterator, Mapping
 from math import nan, radians, sin
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emcas_fmu import compiler
+from emcas_fmu import compiler, files
 from emcas_fmu.compiler import CompilerError
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.kernels import compiled
@@ -125,6 +126,51 @@ def test_a_batch_says_what_is_wrong(values: Mapping[str, Any]) -> None:
         batch.restart([values] * 2)
     with pytest.raises(ValueError, match="at least one"):
         Batch([])
+    with pytest.raises(ValueError, match="nan s"):
+        batch.run(nan, _inputs(3, 0.0))
+
+
+@pytest.mark.parametrize(("changes", "said"), [
+    ({"drive.transport_delay": 0.1}, "at most 64 times"),
+    ({"controller.sample_time": 0.0}, "controller.sample_time = 0"),
+    ({"motor.resistance": nan}, "motor.resistance = nan"), ({"motor.resistence": 1.0}, "motor.resistence"),
+    ({"encoder.multiplier": 3}, "must be 1, 2 or 4")])
+def test_parameters_are_judged_before_memory_is_laid_out_by_them(values: Mapping[str, Any], changes: dict[str, Any],
+                                                                 said: str) -> None:
+    bad = {**values, **changes}
+    for kernel in KERNELS:
+        with pytest.raises(ValueError, match=said):
+            simulate(bad, 0.1, kernel=kernel)
+    for make in (CompiledCore, lambda v: Batch([values, v])):
+        with pytest.raises(ValueError, match=said):
+            make(bad)
+    core = CompiledCore(values)
+    with pytest.raises(ValueError, match=said):
+        core.bind(bad)
+
+
+def test_tables_have_a_shape(values: Mapping[str, Any]) -> None:
+    for shape in ((100, 2), (0, 9), (5,)):
+        with pytest.raises(ValueError, match="shape"):
+            compiled.run_table(values, 1e-3, np.zeros(shape))
+    assert compiled.run_table(values, 1e-3, np.zeros((0, len(INPUTS)))).shape == (0, len(OUTPUTS))
+    with pytest.raises(TypeError):
+        CompiledCore(values).forces(1.0)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match="mapping"):
+        CompiledCore([1.0])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("stop", "step"), [(-1.0, 1e-3), (1.0, 0.0), (1.0, -1e-3), (nan, 1e-3), (1.0, nan),
+                                            (0.0, 1e-3), (1.0, 1e-12), (1e-6, 1e-3)])
+def test_times_of_a_run_are_checked(values: Mapping[str, Any], stop: float, step: float) -> None:
+    with pytest.raises(ValueError, match="every"):
+        simulate(values, stop, step)
+
+
+def test_lists_are_arrays(values: Mapping[str, Any]) -> None:
+    command = [0.01 * k for k in range(11)]
+    first, second = (simulate(values, 0.01, fin_command=c)["fin_angle"] for c in (command, np.array(command)))
+    np.testing.assert_array_equal(first, second)
 
 
 def test_simulate_says_what_is_wrong(values: Mapping[str, Any]) -> None:
@@ -143,25 +189,73 @@ def test_simulate_says_what_is_wrong(values: Mapping[str, Any]) -> None:
 
 @pytest.fixture
 def uncached(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
-    monkeypatch.setattr(compiled, "user_cache_path", lambda _: tmp_path)
-    compiled.library.cache_clear()
+    monkeypatch.setattr(compiled, "cache_directory", lambda: tmp_path)
+    compiled._library.cache_clear()
     yield tmp_path
     monkeypatch.undo()
-    compiled.library.cache_clear()
+    compiled._library.cache_clear()
 
 
 def test_compiled_once_and_kept(uncached: Path) -> None:
     assert compiled.available()
     (kept,) = uncached.glob("kernel_*")
     made = kept.stat().st_mtime_ns
-    compiled.library.cache_clear()
+    compiled._library.cache_clear()
     assert compiled.available()
     assert [p.stat().st_mtime_ns for p in uncached.iterdir()] == [made]
 
 
+@pytest.mark.parametrize("damage", [b"", b"garbage", None])
+def test_a_damaged_library_is_made_anew(uncached: Path, damage: bytes | None) -> None:
+    assert compiled.available()
+    (kept,) = uncached.glob("kernel_*")
+    whole = kept.read_bytes()
+    kept.unlink()
+    kept.write_bytes(whole[:9000] if damage is None else damage)
+    compiled._library.cache_clear()
+    assert compiled.available()
+    (again,) = uncached.glob("kernel_*")
+    assert again.read_bytes() == whole
+
+
+def test_first_use_from_many_threads(uncached: Path) -> None:
+    found: list[bool] = []
+    workers = [threading.Thread(target=lambda: found.append(compiled.available())) for _ in range(8)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    assert found == [True] * 8
+    assert len(list(uncached.iterdir())) == 1
+
+
+def test_the_next_compiler_is_tried(uncached: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler.system.cache_clear()
+    monkeypatch.setenv("CC", "false")
+    found = [c.command for c in compiler.local_compilers()]
+    assert not any("false" in command[0] for command in found)
+    assert compiled.available()
+    monkeypatch.setenv("CC", "cc -DSOME_FLAG")
+    assert next(compiler.local_compilers()).command[1:] == ("-DSOME_FLAG",)
+
+
+def test_a_cache_that_cannot_be_written_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(files, "user_cache_path", lambda _: tmp_path / "file" / "cache")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    files.cache_directory.cache_clear()
+    try:
+        found = files.cache_directory()
+        assert found.parent == tmp_path
+        assert found.is_dir()
+    finally:
+        monkeypatch.undo()
+        files.cache_directory.cache_clear()
+
+
 def test_without_a_compiler_python_computes(uncached: Path, values: Mapping[str, Any],
                                             monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiled, "any_local", lambda: None)
+    monkeypatch.setattr(compiled, "local_compilers", lambda: iter(()))
     result = simulate(values, 0.05, fin_command=radians(5))
     monkeypatch.undo()
     np.testing.assert_array_equal(result["fin_angle"], simulate(values, 0.05, fin_command=radians(5))["fin_angle"])
@@ -169,9 +263,9 @@ def test_without_a_compiler_python_computes(uncached: Path, values: Mapping[str,
 
 def test_a_broken_compiler_is_told_and_python_computes(uncached: Path, values: Mapping[str, Any],
                                                        monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiled, "any_local", lambda: compiler.Compiler(("false",), "broken", False))
+    monkeypatch.setattr(compiled, "local_compilers", lambda: iter([compiler.Compiler(("false",), "broken", False)]))
     with pytest.warns(RuntimeWarning, match="Python is used instead"):
         simulate(values, 0.01)
-    with pytest.raises(CompilerError, match=r"emcas-fmu\[native\]"):
+    with pytest.raises(CompilerError, match="false cannot compile"):
         simulate(values, 0.01, kernel="compiled")
     assert not list(uncached.iterdir())

@@ -137,6 +137,15 @@ def test_floats_refuse_symbols() -> None:
         FLOATS.where(ca.SX.sym("x") > 0, 1.0, 2.0)
 
 
+def test_traced_values_are_not_compared_by_python() -> None:
+    """x == 0.0 would be False at once, on every back end alike."""
+    traced = Tracer().parameter("a")
+    with pytest.raises(TypeError, match=r"ops\.equal"):
+        _ = traced == 0.0
+    with pytest.raises(TypeError, match=r"ops\.equal"):
+        _ = traced != 0.0
+
+
 def test_a_traced_value_has_no_truth() -> None:
     tracer = Tracer()
     with pytest.raises(TypeError, match=r"ops\.where"):

@@ -1,0 +1,146 @@
+/* FMU states: kept, put back, serialized; a part of fmi2.c. */
+#ifndef EMCAS_STATES_H
+#define EMCAS_STATES_H
+
+#include "instance.h"
+
+/* FNV-1a, 64 bit. */
+static uint64_t checksum(const void *data, size_t size)
+{
+    const unsigned char *bytes = data;
+    uint64_t hash = UINT64_C(14695981039346656037);
+    for (size_t i = 0; i < size; ++i) hash = (hash ^ bytes[i]) * UINT64_C(1099511628211);
+    return hash;
+}
+
+/* What a state must fulfil that did not come out of fmi2GetFMUstate itself: it may have been
+ * stored, sent, or made up. Gives the reason if it does not. */
+static const char *unsound(const instance *m, const model_state *s)
+{
+    const core_state *core = &s->core;
+    if (s->phase != INSTANTIATED && s->phase != INITIALIZING && s->phase != RUNNING && s->phase != TERMINATED)
+        return "unknown phase";
+    if (!core_finite(s->start) || !core_finite(s->now) || s->now < 0.0) return "time";
+    for (size_t i = 0; i < MODEL_INPUTS; ++i)
+        if (!core_finite(s->rates[i])) return "input derivatives";
+    for (size_t i = 0; i < MODEL_VARIABLES; ++i) {
+        const double value = s->values[i];
+        if (VARIABLE[i].kind != REAL
+            && (!core_finite(value) || value != floor(value) || fabs(value) > (VARIABLE[i].kind == INTEGER ? INT32_MAX : 1)))
+            return VARIABLE[i].name; /* no whole number, no truth */
+    }
+    if (s->phase == INSTANTIATED || s->phase == INITIALIZING) return NULL; /* the core is made anew */
+    instance probe = {.callbacks = m->callbacks, .name = m->name};
+    probe.s = *s;
+    if (!rules_hold(parameters(&probe))) return "parameters out of their limits";
+    prepare(&probe);
+    const core_schedule plan = core_scheduled(parameters(&probe), probe.constants);
+    const double *numbers[] = {&core->integral, &core->counts, &core->measured, &core->limited, &core->active,
+                               &core->plant.angle, &core->plant.speed, &core->plant.current, &core->plant.xi,
+                               &core->tentative.angle, &core->tentative.speed, &core->tentative.current,
+                               &core->tentative.xi};
+    for (size_t i = 0; i < sizeof numbers / sizeof *numbers; ++i)
+        if (!core_finite(*numbers[i])) return "a number is not finite";
+    for (size_t i = 0; i < core_line_length(&plan); ++i)
+        if (!core_finite(core->line[i])) return "delay line";
+    if (core->period < 0 || core->period > INT64_C(1000000000000) || core->position < 0
+        || core->position >= plan.before + plan.after || (core->partial != 0 && core->partial != 1))
+        return "place in time";
+    if (core->partial) {
+        const core_part *part = &core->part;
+        const double *inputs[] = {&part->first.command, &part->first.aero_torque, &part->first.f_x,
+                                  &part->first.f_z, &part->first.supply, &part->first.enable,
+                                  &part->aero_torque, &part->f_x, &part->f_z, &part->origin, &part->covered};
+        for (size_t i = 0; i < sizeof inputs / sizeof *inputs; ++i)
+            if (!core_finite(*inputs[i])) return "part of a tick";
+        const double h = core->position < (int32_t)plan.before ? plan.h_before : plan.h_after;
+        if (part->origin < 0.0 || part->covered < part->origin || part->covered > h) return "part of a tick";
+    }
+    const double period = (double)core->period * plan.period;
+    if (s->now < period - plan.slack || s->now > period + plan.period + plan.slack) return "place in time";
+    return NULL;
+}
+
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
+{
+    instance *m = c;
+    if (!allowed(m, ANY_PHASE, "fmi2GetFMUstate")) return fmi2Error;
+    if (!state) return report(m, fmi2Error, "fmi2GetFMUstate: nowhere to put it");
+    if (!*state) *state = allocate(&m->callbacks, sizeof(model_state));
+    if (!*state) return report(m, fmi2Error, "fmi2GetFMUstate: no memory");
+    memcpy(*state, &m->s, sizeof m->s);
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
+{
+    instance *m = c;
+    const model_state *s = state;
+    if (!allowed(m, ANY_PHASE, "fmi2SetFMUstate")) return fmi2Error;
+    if (!s) return report(m, fmi2Error, "fmi2SetFMUstate: no state given");
+    if (memcmp(parameters(m), s->values + PARAMETER_BEGIN, MODEL_PARAMETERS * sizeof(double)) != 0) m->unprepared = 1;
+    m->s = *s;
+    m->force[0] = NAN;
+    return fmi2OK;
+}
+
+fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
+{
+    const instance *m = c;
+    if (!m) return fmi2Error;
+    if (state && *state) {
+        release(&m->callbacks, *state);
+        *state = NULL;
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
+{
+    const instance *m = c;
+    if (!allowed(m, ANY_PHASE, "fmi2SerializedFMUstateSize")) return fmi2Error;
+    if (!state || !size) return report(m, fmi2Error, "fmi2SerializedFMUstateSize: argument missing");
+    *size = sizeof(state_head) + sizeof(model_state);
+    return fmi2OK;
+}
+
+fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
+{
+    const instance *m = c;
+    if (!allowed(m, ANY_PHASE, "fmi2SerializeFMUstate")) return fmi2Error;
+    if (!state || !bytes) return report(m, fmi2Error, "fmi2SerializeFMUstate: argument missing");
+    if (size < sizeof(state_head) + sizeof(model_state))
+        return report(m, fmi2Error, "fmi2SerializeFMUstate: %lu bytes are too few", (unsigned long)size);
+    state_head head = {.magic = MODEL_STATE, .check = checksum(state, sizeof(model_state))};
+    memcpy(bytes, &head, sizeof head);
+    memcpy(bytes + sizeof head, state, sizeof(model_state));
+    return fmi2OK;
+}
+
+fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
+{
+    const instance *m = c;
+    const state_head own = {.magic = MODEL_STATE};
+    state_head head;
+    if (!allowed(m, ANY_PHASE, "fmi2DeSerializeFMUstate")) return fmi2Error;
+    if (!bytes || !state) return report(m, fmi2Error, "fmi2DeSerializeFMUstate: argument missing");
+    if (size != sizeof head + sizeof(model_state))
+        return report(m, fmi2Error, "FMU state refused: it has %lu bytes, not %lu", (unsigned long)size,
+                      (unsigned long)(sizeof head + sizeof(model_state)));
+    memcpy(&head, bytes, sizeof head);
+    if (memcmp(head.magic, own.magic, sizeof head.magic) != 0)
+        return report(m, fmi2Error, "FMU state refused: it is of another FMU or build, not of %s", MODEL_STATE);
+    if (head.check != checksum(bytes + sizeof head, sizeof(model_state)))
+        return report(m, fmi2Error, "FMU state refused: its checksum is wrong");
+    model_state s;
+    memcpy(&s, bytes + sizeof head, sizeof s);
+    s.fresh = 0;
+    const char *reason = unsound(m, &s);
+    if (reason) return report(m, fmi2Error, "FMU state refused: %s", reason);
+    if (!*state) *state = allocate(&m->callbacks, sizeof s);
+    if (!*state) return report(m, fmi2Error, "fmi2DeSerializeFMUstate: no memory");
+    memcpy(*state, &s, sizeof s);
+    return fmi2OK;
+}
+
+#endif
