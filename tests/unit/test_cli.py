@@ -161,7 +161,8 @@ def test_input_files_are_sampled_and_checked(tmp_path: Path) -> None:
     assert found == pytest.approx([0, 0, 0, 0, 0.1, 0.125, 0.15, 0.175, 0.2])  # jumps at 10 ms, ramps after it
     for text, said in (("fin_command\n1\n", "no column time"), ("time,rudder\n0,1\n", "rudder is no input"),
                        ("time\n0\n", "no column of an input"), ("time,enable\n1,1\n0,1\n", "backwards"),
-                       ("time,fin_command\n0,nan\n1,0\n", "non-finite"), ("time,fin_command\n0,x\n", "table of numbers"),
+                       ("time,fin_command\n0,nan\n1,0\n", "non-finite"),
+                       ("time,fin_command\n0,x\n", "table of numbers"),
                        ("", "table of numbers"), ("time,enable\n", "table of numbers"),
                        ("time,enable\n-1,1\n1,1\n", "0 or later"),
                        ("time,enable,enable\n0,1,1\n1,1,1\n", "given twice"), ("time,enable\n0,1\n", "1 to")):
