@@ -158,7 +158,7 @@ def _print(figures: Figures) -> None:
                   f"{of['first_instance_us']:11.0f}{of['instance_us']:9.2f}{of['instance_bytes']:7}")
     errors = figures["accuracy_deg"]
     columns = list(next(iter(errors.values())))
-    print("\nlargest difference of the fin angle to the stored references / deg (encoder off but in `step`)\n")
+    print("\nlargest difference of the fin angle to the stored references / deg (encoder off)\n")
     print(f"{'':24}" + "".join(f"{name:>18}" for name in columns))
     for case, of in errors.items():
         print(f"{case:24}" + "".join(f"{of[name]:18.5f}" for name in columns))

@@ -55,6 +55,7 @@ ohm = volt / ampere = Ω = Ohm
 henry = ohm * second = H
 weber = volt * second = Wb
 percent = 0.01 = _
+decibel = [level] = dB
 degree_Celsius = kelvin; offset: 273.15 = degC = celsius
 degree_Fahrenheit = 5 / 9 * kelvin; offset: 255.372222222222222222222222222222 = degF = fahrenheit
 """

@@ -158,7 +158,7 @@ PARAMETERS: tuple[Variable, ...] = (
     _switch("encoder.on_fin", "true: the encoder sits on the fin shaft; false: on the motor"),
     _switch("loads.gravity", "true: gravity acts on fin, shaft, fork and nut (wire the attitude inputs)"),
     _fixed("mounting.azimuth", "rad", radians(-360), radians(360), "roll of the fin's frame about body x"),
-    _fixed("solver.max_tick", "s", 1e-6, 1e-3, "longest internal tick"),
+    _fixed("solver.max_tick", "s", 1e-7, 1e-3, "longest internal tick"),
 )
 
 VARIABLES: tuple[Variable, ...] = INPUTS + OUTPUTS + PARAMETERS

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from typing import Any
+
 from .base import Thunk, Value
 
 try:
@@ -46,3 +49,14 @@ class SymbolOps:
 
 
 SYMBOLS = SymbolOps()
+
+
+def jacobian(function: Callable[..., Sequence[Value]], point: Sequence[float]) -> tuple[Any, Any]:
+    """Values [m] and exact Jacobian [m, n] of a function of n expressions at a `point` [n], as NumPy arrays.
+
+    By algorithmic differentiation of the function's own operations.
+    """
+    x = ca.SX.sym("x", len(point))
+    y = ca.vertcat(*function(*ca.vertsplit(x)))
+    values, slopes = ca.Function("function", [x], [y, ca.jacobian(y, x)])(list(point))
+    return values.full().ravel(), slopes.full()

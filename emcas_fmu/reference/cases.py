@@ -25,7 +25,7 @@ SWEEP = 0.5, 30.0  # Hz, first and last frequency
 
 # A quantised encoder and exact stiction together amplify any difference, down to rounding: two converged
 # integrations of the same case part by up to 0.004 deg (see docs/numerics.md), which says nothing of either.
-# Trajectories are therefore compared with true angle and speed fed back, but for the first case.
+# Trajectories are therefore compared with true angle and speed fed back.
 EXACT: Mapping[str, Value] = {"encoder.enabled": False}
 
 Columns = dict[str, Array]
@@ -141,7 +141,6 @@ CASES = [
         1.0,
         math.radians(10.0),
         _levels((LEAD_IN, 10.0), (0.3, 0.0), (0.55, -10.0), (0.8, 0.0)),
-        {},
     ),
     *(_single_step(sign * size) for size in (1, 5, 10, 20) for sign in (1, -1)),
     Case("square", "Modified square wave, 5 to 20 deg, edges at 400 deg/s", "square", 2.5, _LARGE, _square),

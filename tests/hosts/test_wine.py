@@ -60,5 +60,5 @@ def test_states(windows: Host) -> None:
 
 def test_misuse(windows: Host) -> None:
     found = table(windows("misuse"))
-    assert abs(float(found.pop("angle")) - 0.1) < 0.0035  # as on Linux
+    assert abs(float(found.pop("angle")) - 0.1) < 0.01  # as on Linux
     assert found == MISUSE

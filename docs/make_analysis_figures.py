@@ -1,0 +1,25 @@
+"""Draw the pictures of docs/analysis.md: `python docs/make_analysis_figures.py` writes docs/analysis_*.png."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from emcas_fmu import plots
+from emcas_fmu.analysis import figures
+from emcas_fmu.analysis.analyse import analyse
+from emcas_fmu.parameters import load_parameters
+
+DRAWN = {"nichols": figures.nichols, "amplitudes": figures.amplitudes, "capability": figures.fin_capability}
+
+
+def main() -> None:
+    found = analyse(load_parameters())
+    for name, draw in DRAWN.items():
+        with plots.style():
+            _, figure, _ = draw(found)
+            figure.savefig(Path(__file__).parent / f"analysis_{name}.png", dpi=110, facecolor="white",
+                           metadata={"Software": None})
+
+
+if __name__ == "__main__":
+    main()

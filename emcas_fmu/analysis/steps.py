@@ -1,0 +1,70 @@
+"""Steps of the linear models beside those of the nonlinear one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import degrees, radians
+from typing import Any
+
+import control as ct
+import numpy as np
+
+from ..simulation import simulate
+from ..validation.linear import LinearModel
+from ..validation.metrics import StepMetrics, step_metrics
+from .linear import Array, LinearActuator
+
+SIZES = (1.0, 3.0, 10.0, 20.0)  # deg
+STOP = 0.3  # s
+_CARRY = 2.0  # s, for a load to be carried before the step
+
+
+@dataclass(frozen=True)
+class StepComparison:
+    """A step of ``size`` [deg, signed] at time 0: fin angle from its start [deg] of each model at ``time`` [s].
+
+    ``active`` tells where the nonlinear one is at a limit; ``difference`` [% of the step] is the largest
+    of nonlinear minus linear.
+    """
+
+    size: float
+    time: Array
+    linear: Array
+    thesis: Array
+    nonlinear: Array
+    active: Array
+    metrics_linear: StepMetrics
+    metrics_nonlinear: StepMetrics
+
+    @property
+    def difference(self) -> float:
+        """Largest difference of nonlinear and linear angle [% of the step]."""
+        return 100.0 * float(np.max(np.abs(self.nonlinear - self.linear))) / abs(self.size)
+
+
+def compare(values: Mapping[str, Any], linear: LinearActuator, size: float) -> StepComparison:
+    """A step of `size` [deg, signed] from the operating point, under its load."""
+    at, period = linear.point.fin_angle, linear.period
+    time = np.arange(round(STOP / period) + 1) * period
+    command = np.full(len(time), radians(size))
+    angle = ct.forced_response(linear.command_to_angle, time, command).outputs
+    start = {**values, "fin.start_angle": at}
+    torque = linear.point.aero_torque
+    lead = round(_CARRY / period) if torque else 0
+    held = np.full(lead + len(time), at)
+    stepped = np.concatenate([held[:lead], at + command])
+    # The load still settles slowly when the step comes: what would happen without the step is taken away.
+    run, still = (simulate(start, (len(held) - 1) * period, period, fin_command=level, aero_torque=torque)
+                  for level in (stepped, held))
+    nonlinear = np.degrees(run["fin_angle"] - still["fin_angle"])[lead:]
+    shares = [step_metrics(time, each, 0.0, size) for each in (np.degrees(angle), nonlinear)]
+    return StepComparison(size, time, np.degrees(angle), np.degrees(LinearModel(values).simulate(command)), nonlinear,
+                          run["saturated"][lead:] > 0.0, *shares)
+
+
+def comparisons(values: Mapping[str, Any], linear: LinearActuator) -> list[StepComparison]:
+    """Steps of SIZES up from the operating point, or down where the range of commands ends; others are left out."""
+    at, limit = degrees(linear.point.fin_angle), degrees(values["command.limit"]) * (1.0 + 1e-9)
+    signed = [size if at + size <= limit else -size for size in SIZES]
+    return [compare(values, linear, size) for size in signed if abs(at + size) <= limit]

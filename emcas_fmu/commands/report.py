@@ -1,0 +1,78 @@
+"""`emcas report`: the acceptance test of an actuator, as a page to sign."""
+
+from __future__ import annotations
+
+from datetime import date as calendar
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from ..errors import EmcasError
+from .common import failures, out, progress_bar, stepper
+
+EPILOG = ("Examples:\n\n  emcas report\n\n  emcas report EMCAS.fmu --output report.html --date 2026-03-31"
+          "\n\n  emcas report my_actuator.toml --requirements specification.toml --load 60 --junit junit.xml"
+          "\n\n  emcas report EMCAS.fmu --mission flight.csv --json figures.json")
+
+
+def report(
+    article: Annotated[Path | None, typer.Argument(help="FMU (.fmu) or parameter file (.toml); the shipped parameters "
+                                                        "unless given.", metavar="[FMU|TOML]",
+                                                   show_default=False)] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Page to write.",
+                                         metavar="FILE.html")] = Path("report.html"),
+    requirements: Annotated[Path | None, typer.Option(help="Requirements (TOML) beside those of Table 2.",
+                                                      metavar="FILE.toml")] = None,
+    mission: Annotated[Path | None, typer.Option(help="Mission profile instead of the synthetic one: CSV of time (s) "
+                                                      "and inputs in SI.", metavar="FILE.csv")] = None,
+    load: Annotated[float | None, typer.Option(help="Rated hinge moment of the article in N.m; 100, that of Table 2, "
+                                                    "unless given.")] = None,
+    date: Annotated[str | None, typer.Option(help="Date to print, as 2026-03-31; none unless given, so that the same "
+                                                  "inputs give the same bytes.", metavar="DATE")] = None,
+    as_json: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.",
+                                                 metavar="FILE")] = None,
+    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.", metavar="FILE")] = None,
+) -> None:
+    """Carry out an actuator's acceptance test on an FMU or a parameter set, and write the report to sign."""
+    from ..acceptance import mission as profiles
+    from ..acceptance import requirements as judging
+    from ..acceptance.article import opened_article
+    from ..acceptance.campaign import carry_out
+    from ..acceptance.report import write_report
+    from ..acceptance.results import write_json, write_junit
+    from ..acceptance.summary import summary
+    from ..reference.cases import LOAD
+
+    with failures():
+        for path in (output, as_json, junit):
+            if path and not path.parent.is_dir():
+                raise EmcasError(f"{path}: there is no folder {path.parent}; make it first")
+        if load is not None and not 0.0 < load < float("inf"):
+            raise EmcasError(f"--load {load:g}: must be above 0, in N.m")
+        told = _date(date) if date else ""
+        wanted = judging.load(requirements) if requirements else []
+        profile = profiles.from_csv(mission) if mission else None
+        with progress_bar() as progress, opened_article(article) as found:
+            campaign = carry_out(found, load=load or LOAD, profile=profile, wanted=wanted,
+                                 progress=stepper(progress, "test"))
+        write_report(campaign, output, told)
+        if as_json:
+            write_json(campaign, as_json, told)
+        if junit:
+            write_junit(campaign, junit)
+    for part in summary(campaign):
+        out.print(part, highlight=False)
+    for path in (output, as_json, junit):
+        if path:
+            out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
+    if not campaign.passed:
+        raise typer.Exit(1)
+
+
+def _date(written: str) -> str:
+    try:
+        return calendar.fromisoformat(written).isoformat()
+    except ValueError as error:
+        raise EmcasError(f"--date {written}: expected a date such as 2026-03-31") from error

@@ -1,0 +1,73 @@
+"""`emcas tune`: controller gains that meet requirements on the nonlinear model."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from ..errors import EmcasError
+from ..parameters import load_parameters
+from .common import ParametersOption, failures, out, progress_bar, stepper
+
+EPILOG = ("Examples:\n\n  emcas tune --output tuned.toml --report tuning.html"
+          "\n\n  emcas tune my_requirements.toml -p my_actuator.toml --output tuned.toml --journal tuning.jsonl"
+          "\n\n  emcas tune --pareto overshoot_5deg --pareto time_to_accuracy_20deg --report tuning.html")
+
+
+def tune(
+    study: Annotated[Path | None, typer.Argument(help="Requirements, cases and what may be tuned (TOML); "
+                                                      "models/tuning.toml unless given.", metavar="FILE")] = None,
+    parameters: ParametersOption = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the gains as a parameter file.",
+                                                metavar="FILE")] = None,
+    report: Annotated[Path | None, typer.Option(help="Write a page with tables and plots.",
+                                                metavar="FILE.html")] = None,
+    as_json: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.",
+                                                 metavar="FILE")] = None,
+    seed: Annotated[int, typer.Option(help="Of the random search; the same seed gives the same gains.")] = 1,
+    generations: Annotated[int, typer.Option(help="Of the global search.", min=1)] = 20,
+    workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given.",
+                                                min=1)] = None,
+    journal: Annotated[Path | None, typer.Option(help="Keep every evaluation in this file, and go on from what is "
+                                                      "there.", metavar="FILE")] = None,
+    pareto: Annotated[list[str] | None, typer.Option(help="Draw what one requirement costs another (give two); the "
+                                                          "two that conflict most unless given.")] = None,
+) -> None:
+    """Find controller gains that meet requirements in every case at once, on the nonlinear model."""
+    from ..files import models_directory
+    from ..tuning.evaluate import Journal
+    from ..tuning.optimise import tune as run
+    from ..tuning.output import summary, verdict, write_json, write_parameters
+    from ..tuning.study import load_study
+
+    with failures():
+        chosen = load_study(study or models_directory() / "tuning.toml", load_parameters(parameters))
+        names = [r.name for r in chosen.requirements]
+        if pareto is not None and (len(pareto) != 2 or not set(pareto) <= set(names)):
+            raise EmcasError(f"--pareto is given twice, with two of {', '.join(names)}")
+        kept = Journal(journal, chosen)
+        with progress_bar() as progress:
+            result = run(chosen, seed, generations, workers or os.cpu_count() or 1, kept, stepper(progress, "tune"))
+        command = " ".join(["emcas tune", *([str(study)] if study else []),
+                            *([f"--parameters {parameters}"] if parameters else []), f"--seed {seed}",
+                            f"--generations {generations}"])
+        if output:
+            write_parameters(result, output, command)
+        if as_json:
+            write_json(result, as_json, command)
+        if report:
+            from ..tuning.report import write_report
+
+            write_report(result, report, command, (pareto[0], pareto[1]) if pareto else None)
+    out.print(summary(result))
+    out.print(verdict(result), highlight=False, soft_wrap=True)
+    out.print(f"{len(result.evaluated)} evaluations", highlight=False)
+    for path in (output, as_json, report, journal):
+        if path:
+            out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
+    if not result.met:
+        raise typer.Exit(1)

@@ -1,0 +1,240 @@
+"""Sample data sets: the experiments of chapter 3 on the model, through a rig's instruments.
+
+The answer is known, so that the identification can be judged by it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from math import degrees, pi, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .. import __version__, sensors
+from ..ops.floats import FLOATS
+from ..parameters import ParameterSet
+from ..physics import friction, kinematics
+from ..tree import tree
+from .motion import ARRAYS
+from .records import Array
+from .rig import ADC_BITS, CURRENT_NOISE, CURRENT_RANGE, DAC_BITS, REFERENCE_NOISE, REFERENCE_RANGE, Log, quantised, run
+
+SPEEDS_RPM = (25, 50, 500, 1000, 1500, 2000)  # those of the thesis, the slowest for Coulomb friction
+TEMPERATURES = (friction.WARM, friction.COLD)
+SPIN_UPS = (2.0, 3.1, 4.9)  # times the reference that overcomes Coulomb friction at fin angle 0, as trying would tell
+BACKLASH = radians(0.06)
+END = radians(19.5)
+_RPM = 2.0 * pi / 60.0
+_PAUSE = 0.15  # s at rest before and between moves
+PROVENANCE = "provenance.toml"
+
+Columns = Mapping[str, tuple[Array, str]]
+"""By header, the values and their format."""
+
+
+def _current(log: Log, rng: np.random.Generator, averaged: int = 1) -> Array:
+    true = log.mean_current if averaged > 1 else log.columns["motor_current"]
+    noisy = true + rng.normal(0.0, CURRENT_NOISE / averaged**0.5, len(true))
+    # A logger that averages has the finer steps of the mean.
+    found: Array = quantised(noisy, ADC_BITS + (3 if averaged > 1 else 0), CURRENT_RANGE)
+    return found
+
+
+def _counts(values: Mapping[str, Any], angle: Array) -> Array:
+    q = sensors.resolution(tree(values))
+    found: Array = np.floor(angle / q) * q
+    return found
+
+
+def _motor_end(values: Mapping[str, Any]) -> tuple[float, float]:
+    p = tree(values)
+    return (float(kinematics.motor_angle(FLOATS, p, -END)), float(kinematics.motor_angle(FLOATS, p, END)))
+
+
+def _there_and_back(low: float, high: float, speed: float) -> tuple[Callable[[float], float], float]:
+    """Motor angle over time for a sweep up and one down, and how long that takes."""
+    sweep = (high - low) / speed
+
+    def angle(time: float) -> float:
+        up = min(max(time - _PAUSE, 0.0), sweep)
+        down = min(max(time - 2.0 * _PAUSE - sweep, 0.0), sweep)
+        return low + speed * (up - down)
+
+    return angle, 2.0 * sweep + 3.0 * _PAUSE
+
+
+def friction_run(values: Mapping[str, Any], rng: np.random.Generator, rpm: float, temperature: float) -> Columns:
+    """A sweep up and one down at constant motor speed."""
+    signal, duration = _there_and_back(*_motor_end(values), rpm * _RPM)
+    every = 10 if rpm < 200 else 1
+    log = run({**values, "friction.temperature": temperature}, signal, duration, 1e-3, log_every=every, start=-END)
+    room = temperature + rng.normal(0.0, 0.1, len(log.time))
+    return {"time [s]": (log.time, "%.3f"),
+            "motor_angle [rad]": (_counts(values, log.columns["motor_angle"]), "%.4f"),
+            "motor_current [A]": (_current(log, rng, every), "%.4f"),
+            "temperature [degC]": (np.round(room, 1), "%.1f")}
+
+
+def inertia_run(values: Mapping[str, Any], rng: np.random.Generator, volts: float) -> Columns:
+    """A spin-up by a step of the current demanded, until the fin nears the end of its range."""
+    side = 1.0 if volts > 0.0 else -1.0
+    log = run(values, lambda t: volts if t >= 0.02 else 0.0, 1.5, 5e-4, start=-side * END, open_loop=True)
+    past = side * log.columns["fin_angle"] > END
+    stop = int(np.argmax(past)) if past.any() else len(past)
+    return {"time [ms]": (log.time[:stop] * 1e3, "%.1f"),
+            "motor_angle [deg]": (np.degrees(_counts(values, log.columns["motor_angle"][:stop])), "%.3f"),
+            "motor_current [A]": (_current(log, rng)[:stop], "%.3f")}
+
+
+def spin_up_volts(values: Mapping[str, Any]) -> list[float]:
+    """References [V] of the spin-ups, in hundredths."""
+    p = tree(values)
+    level = max(float(friction.coulomb(FLOATS, p, side, 0.0)) for side in (1.0, -1.0))
+    per_volt = p.motor.torque_constant * p.drive.current_gain
+    return [round(share * level / per_volt, 2) for share in SPIN_UPS]
+
+
+def _reference(log: Log, rng: np.random.Generator) -> Array:
+    noisy = log.reference + rng.normal(0.0, REFERENCE_NOISE, len(log.reference))
+    found: Array = quantised(noisy, ADC_BITS + 2, REFERENCE_RANGE)
+    return found
+
+
+def drive_fast(values: Mapping[str, Any], rng: np.random.Generator) -> Columns:
+    """Small random steps on a clamped rotor, fast logged: delay and proportional gain."""
+    levels = rng.uniform(-0.3, 0.3, 40)
+    log = run(values, lambda t: float(levels[int(t / 4e-3) % 40]) if t >= 8e-3 else 0.0, 0.12, 5e-5, open_loop=True,
+              clamped=True)
+    return {"time [ms]": (log.time * 1e3, "%.2f"), "drive_reference [V]": (_reference(log, rng), "%.4f"),
+            "motor_current [A]": (_current(log, rng), "%.3f")}
+
+
+def drive_slow(values: Mapping[str, Any], rng: np.random.Generator) -> Columns:
+    """A staircase over +-4 V on a clamped rotor, slowly logged: gain, offset and integral gain."""
+    levels = (0.0, 2.0, 4.0, 0.0, -4.0, -2.0, 1.0, 3.0, -3.0, -1.0)
+    log = run(values, lambda t: levels[int(t / 6.0) % 10], 60.0, 1e-2, log_every=2, sample_time=1e-2, open_loop=True,
+              clamped=True)
+    return {"time [s]": (log.time, "%.2f"), "drive_reference [V]": (_reference(log, rng), "%.4f"),
+            "motor_current [A]": (_current(log, rng, 20), "%.4f")}
+
+
+def play(angle: Array, width: float) -> Array:
+    """The driven side of a gap of this width [rad]: it stays until the driving side has crossed the gap."""
+    driven = np.empty_like(angle)
+    at = angle[0]
+    for i, a in enumerate(angle):
+        at = min(max(at, a - 0.5 * width), a + 0.5 * width)
+        driven[i] = at
+    return driven
+
+
+def backlash_run(values: Mapping[str, Any], rng: np.random.Generator, width: float = BACKLASH) -> Columns:
+    """Slow sweeps with encoders on motor and fin. The model's drive line is rigid: the gap is put in between."""
+    signal, duration = _there_and_back(*_motor_end(values), 100 * _RPM)
+    log = run(values, lambda t: signal(t % duration), 2.0 * duration, 1e-3, log_every=5, start=-END)
+    direct = play(log.columns["fin_angle"], width) + radians(rng.normal(0.0, 0.02))
+    return {"time [s]": (log.time, "%.3f"),
+            "motor_angle [rad]": (_counts(values, log.columns["motor_angle"]), "%.4f"),
+            "fin_angle [deg]": (np.degrees(_counts(values, direct + rng.normal(0.0, 1e-5, len(direct)))), "%.4f")}
+
+
+def data_sets(values: Mapping[str, Any], seed: int, *, speeds: Sequence[float] = SPEEDS_RPM,
+              temperatures: Sequence[float] = TEMPERATURES, backlash: float = BACKLASH,
+              kinds: Sequence[str] = ("friction", "drive", "inertia", "backlash")) -> Iterator[tuple[str, Columns]]:
+    """Name and columns of every record, in turn. The noise of one does not depend on which others are made."""
+    def rng(*key: int) -> np.random.Generator:
+        return np.random.default_rng([seed, *key])
+
+    if "friction" in kinds:
+        for i, temperature in enumerate(temperatures):
+            for j, rpm in enumerate(speeds):
+                name = f"friction_{rpm:04.0f}rpm_{'minus' if temperature < 0 else ''}{abs(temperature):.0f}degC"
+                yield name, friction_run(values, rng(0, i, j), rpm, temperature)
+    if "drive" in kinds:
+        yield "drive_fast", drive_fast(values, rng(1, 0))
+        yield "drive_slow", drive_slow(values, rng(1, 1))
+    if "inertia" in kinds:
+        for i, volts in enumerate(spin_up_volts(values)):
+            for j, side in enumerate((1.0, -1.0)):
+                name = f"inertia_{'plus' if side > 0 else 'minus'}_{volts * 1e3:04.0f}mV"
+                yield name, inertia_run(values, rng(2, i, j), side * volts)
+    if "backlash" in kinds:
+        yield "backlash", backlash_run(values, rng(3), backlash)
+
+
+def write_record(path: Path, columns: Columns) -> None:
+    """One CSV file."""
+    table = np.column_stack([values for values, _ in columns.values()])
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        np.savetxt(file, table, fmt=[form for _, form in columns.values()], delimiter=",", header=",".join(columns),
+                   comments="")
+
+
+def write_bench(directory: Path, parameters: ParameterSet, seed: int, progress: Callable[[str, int, int], None],
+                **choice: Any) -> list[Path]:
+    """Write every record and the provenance into `directory`; gives the paths of the records."""
+    directory.mkdir(parents=True, exist_ok=True)
+    written: list[Path] = []
+    total = len(SPEEDS_RPM) * len(TEMPERATURES) + 2 * len(SPIN_UPS) + 3
+    for name, columns in data_sets(parameters.values, seed, **choice):
+        progress(name, len(written), total)
+        path = directory / f"{name}.csv"
+        write_record(path, columns)
+        written.append(path)
+    (directory / PROVENANCE).write_text(_provenance(parameters, seed, written), encoding="utf-8", newline="\n")
+    return written
+
+
+TRUTHS = ("drive.current_gain", "drive.current_offset", "drive.transport_delay", "drive.kp", "drive.ki",
+          "inertia.motor", "friction.viscous.positive", "friction.viscous.negative",
+          *(f"friction.coulomb.{d}[{n}]" for d in ("positive", "negative") for n in range(7)),
+          "friction.cold_viscous_ratio", "friction.cold_coulomb_ratio")
+
+
+def _provenance(parameters: ParameterSet, seed: int, paths: Sequence[Path]) -> str:
+    lines = ["# How the records were made, and the values an identification ought to find, SI.",
+             f'command = "emcas identify bench --seed {seed}"', f"seed = {seed}", f'emcas_version = "{__version__}"',
+             f"current_noise_a = {CURRENT_NOISE}", f"reference_noise_v = {REFERENCE_NOISE}", f"adc_bits = {ADC_BITS}",
+             f"dac_bits = {DAC_BITS}", f"backlash_deg = {degrees(BACKLASH):.6g}", "", "[truth]"]
+    lines += [f"{json.dumps(name)} = {float(parameters.values[name])!r}" for name in TRUTHS]
+    lines += ["", "[sha256]"]
+    lines += [f'"{path.name}" = "{hashlib.sha256(path.read_bytes()).hexdigest()}"' for path in paths]
+    return "\n".join([*lines, ""])
+
+
+def draw_truth(parameters: ParameterSet, rng: np.random.Generator) -> ParameterSet:
+    """A random actuator around a set: what is to be identified, varied well beyond any uncertainty."""
+    v = parameters.values
+    change: dict[str, object] = {}
+
+    def vary(name: str, low: float, high: float) -> None:
+        change[name] = float(v[name]) * float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    for name in ("drive.current_gain", "drive.kp", "inertia.motor"):
+        vary(name, 0.75, 1.35)
+    vary("drive.ki", 0.5, 4.0)
+    change["drive.transport_delay"] = float(rng.uniform(2e-3, 5e-3))
+    change["drive.current_offset"] = float(rng.uniform(-0.1, 0.1))
+    for direction in ("positive", "negative"):
+        vary(f"friction.viscous.{direction}", 0.6, 1.8)
+        scale = rng.uniform(0.7, 1.4)
+        for n in range(7):
+            name = f"friction.coulomb.{direction}[{n}]"
+            change[name] = float(v[name]) * scale + (rng.normal(0.0, 0.006) if n else 0.0)
+    change["friction.cold_viscous_ratio"] = float(rng.uniform(1.2, 2.0))
+    change["friction.cold_coulomb_ratio"] = float(rng.uniform(1.1, 1.5))
+    change["kinematics.initial_angle"] = float(radians(rng.uniform(-8.0, 8.0)))
+    return parameters.replace(change)
+
+
+def largest_difference(parameters: ParameterSet, other: ParameterSet) -> float:
+    """Largest difference [N.m] of the Coulomb friction of two sets within +-command.limit, either direction."""
+    limit = parameters.values["command.limit"]
+    fin = np.linspace(-limit, limit, 401)
+    pairs = [[friction.coulomb_reference(ARRAYS, getattr(s.nested().friction.coulomb, d), fin) for s in
+              (parameters, other)] for d in ("positive", "negative")]
+    return float(max(np.abs(a - b).max() for a, b in pairs))

@@ -1,0 +1,109 @@
+"""A test rig around the model: the kernel's own core, with the instruments it would have on a bench.
+
+The plant, the drive with its transport delay, the encoder and the sampled controllers are those of
+the kernel, event by event; only its `sample` function is wrapped, so that what reaches the drive went
+through a DAC of `DAC_BITS`. Speeds are held by the actuator's own position loop, following a ramp of
+the motor angle: that is how a user without a separate drive motor can do it, and the record then has
+the jitter which encoder counts and stiction cause in a real loop, where a speed prescribed to the
+physics would be smoother than any bench's. Friction compensation is off: it would need the answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import floor
+from typing import Any
+
+import numpy as np
+
+from ..kernels import program
+from ..kernels.core import Core
+from ..ops.floats import FLOATS
+from ..physics import kinematics
+from ..tree import tree
+from ..variables import OUTPUTS
+from .records import Array
+
+DAC_BITS, DAC_RANGE = 16, 10.0  # of the analogue output, +-V
+ADC_BITS, CURRENT_RANGE, REFERENCE_RANGE = 14, 100.0, 10.0  # of the logger's inputs, +-A and +-V
+CURRENT_NOISE, REFERENCE_NOISE = 0.06, 5e-4  # A and V, rms of a sample
+# The rig's loops, whatever the actuator's: gentle enough for every friction and inertia drawn.
+_RIG = {"controller.position.kp": 40.0, "controller.position.ki": 0.0, "controller.velocity.kp": 0.04,
+        "controller.speed_limit": 400.0, "compensation.gain": 0.0, "encoder.enabled": True, "encoder.on_fin": False}
+_CLAMP = 10.0  # N.m at the motor: a clamped rotor, above what any current of the drive makes
+_NAMES = [v.name for v in OUTPUTS]
+
+
+@dataclass(frozen=True)
+class Log:
+    """What the rig truly did, at the logger's instants; `mean_current` is averaged since the one before."""
+
+    time: Array
+    reference: Array
+    columns: Mapping[str, Array]
+    mean_current: Array
+
+
+def quantised(values: Any, bits: int, reach: float) -> Any:
+    """A converter's output: rounded to its steps, held at its ends."""
+    step = 2.0 * reach / 2**bits
+    return np.clip(np.round(np.asarray(values) / step), -2 ** (bits - 1), 2 ** (bits - 1) - 1) * step
+
+
+def _converted(voltage: float) -> float:
+    step, end = 2.0 * DAC_RANGE / float(2**DAC_BITS), int(2 ** (DAC_BITS - 1))
+    return min(max(floor(voltage / step + 0.5), -end), end - 1) * step
+
+
+def run(values: Mapping[str, Any], signal: Callable[[float], float], duration: float, interval: float, *,
+        log_every: int = 1, sample_time: float = 1e-3, start: float = 0.0, open_loop: bool = False,
+        clamped: bool = False) -> Log:
+    """Run for `duration` [s], logging every `log_every` steps of `interval` [s].
+
+    `signal` is the motor angle to follow [rad] over time, or with `open_loop` the analogue
+    reference [V]. `start` is the fin angle [rad]. `clamped` holds the rotor.
+    """
+    chosen = {**values, **_RIG, "controller.sample_time": sample_time, "fin.start_angle": start,
+              "solver.max_tick": min(5e-4, sample_time)}
+    if clamped:
+        chosen |= {name: _CLAMP if name.endswith("[0]") else 0.0 for name in values
+                   if name.startswith("friction.coulomb.")}
+    schedule, locate, initial, sample, *rest = program.make()(chosen)
+
+    def through_dac(angle: float, speed: float, integral: float, counts: float, command: float,
+                    enable: bool) -> tuple[Any, ...]:
+        reference, *others = sample(angle, speed, integral, counts, 0.0 if open_loop else command, enable)
+        return _converted(command if open_loop else reference), *others
+
+    core = Core((schedule, locate, initial, through_dac, *rest))
+    p = tree(chosen)
+    supply = chosen["drive.supply_voltage"]
+
+    def command(time: float) -> float:
+        if open_loop:
+            return signal(time)
+        return float(kinematics.fin_angle(FLOATS, p, kinematics.lever_tangent(FLOATS, p, signal(time))))
+
+    at_rest = (command(0.0), 0.0, 0.0, 0.0, supply, True)
+    rows = [core.outputs(at_rest)]
+    means = [0.0]
+    current = _NAMES.index("motor_current")
+    # A command is taken by the sample at which it begins: half an interval guards against rounding.
+    inputs = at_rest
+    for k in range(1, round(duration / (interval * log_every)) + 1):
+        total = 0.0
+        for j in range(log_every):
+            begin = ((k - 1) * log_every + j) * interval
+            inputs = (command(begin + 1e-9), *at_rest[1:])
+            out = core.run(begin + interval, inputs)
+            total += out[current]
+        rows.append(out)
+        means.append(total / log_every)
+    table = np.array(rows, dtype=float)
+    columns = dict(zip(_NAMES, table.T, strict=True))
+    # The DAC's value from a sample that falls on a logging instant on is the one held from there, which the
+    # outputs at that instant, before the sample, do not show yet.
+    held = np.append(columns["drive_reference"][1:], columns["drive_reference"][-1])
+    time: Array = np.arange(float(len(rows))) * (interval * log_every)
+    return Log(time, held, columns, np.array(means))

@@ -1,0 +1,148 @@
+"""Gains judged: every requirement in every case as a share of its limit, kept in a journal."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import groupby
+from math import isnan
+from pathlib import Path
+
+from .experiments import measure
+from .study import Requirement, Study, StudyError
+
+# Share of its limit at which a figure stands that cannot be had: never reached, unstable, not finite.
+HOPELESS = 10.0
+# The objective is the p-norm of the requirements' worst shares: close to the largest, but what cannot be
+# improved by gains (a rate the motor limits) does not hide the rest.
+_NORM = 8
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """One requirement in one case: what was measured, and as a share of the limit (1: just met, less is better)."""
+
+    requirement: str
+    case: str
+    measured: float
+    share: float
+
+    @property
+    def margin(self) -> float:
+        """What is left to the limit, as a share of it."""
+        return 1.0 - self.share
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Gains (SI) and their judgements."""
+
+    gains: Mapping[str, float]
+    judgements: tuple[Judgement, ...]
+
+    @property
+    def worst(self) -> Judgement:
+        """What binds."""
+        return max(self.judgements, key=lambda j: j.share)
+
+    @property
+    def objective(self) -> float:
+        """What is minimised."""
+        shares = [j.share for j in self.by_requirement().values()]
+        return float(sum(s**_NORM for s in shares) ** (1.0 / _NORM))
+
+    def by_requirement(self) -> dict[str, Judgement]:
+        """The worst judgement of each requirement."""
+        worst: dict[str, Judgement] = {}
+        for j in self.judgements:
+            if j.requirement not in worst or j.share > worst[j.requirement].share:
+                worst[j.requirement] = j
+        return worst
+
+
+def share(requirement: Requirement, measured: float) -> float:
+    """A figure as a share of its limit: measured/maximum, or minimum/measured."""
+    if isnan(measured):
+        return HOPELESS
+    ratio = (measured / requirement.limit if requirement.sense == "maximum"
+             else requirement.limit / measured if measured > 0.0 else HOPELESS)
+    return min(ratio, HOPELESS)
+
+
+def evaluate(study: Study, gains: Mapping[str, float]) -> Evaluation:
+    """Every requirement in every case. A response that cannot be computed counts as hopeless."""
+    judgements = []
+    for case in study.cases:
+        values = study.values(case, gains)
+        asked = [r for r in study.requirements if case.name in r.cases]
+        for test, group in groupby(sorted(asked, key=lambda r: repr(r.test)), key=lambda r: r.test):
+            together = list(group)
+            try:
+                found = measure(test, values, tuple(r.figure for r in together), tuple(r.sense for r in together))
+            except ArithmeticError:
+                found = [float("nan")] * len(together)
+            judgements += [Judgement(r.name, case.name, float(x), float(share(r, x)))
+                           for r, x in zip(together, found, strict=True)]
+    return Evaluation(dict(gains), tuple(judgements))
+
+
+class Journal:
+    """Evaluations as lines of a file, so that a run that was stopped goes on where it was.
+
+    Raises StudyError for the journal of another study.
+    """
+
+    def __init__(self, path: Path | None, study: Study) -> None:
+        self.path = path
+        self._known: dict[tuple[float, ...], Evaluation] = {}
+        if path is None:
+            return
+        header = {"study": study.digest}
+        if path.is_file():
+            lines = path.read_text(encoding="utf-8").splitlines()
+            try:
+                found = json.loads(lines[0]) if lines else None
+                if found != header:
+                    raise StudyError(f"{path}: is the journal of another study or parameter set; name another file")
+                for line in lines[1:]:
+                    self._add(_read(json.loads(line)))
+            except json.JSONDecodeError as error:
+                if self._known and error.doc == lines[-1]:  # killed while writing: that evaluation is made again
+                    path.write_text("\n".join(lines[:-1]) + "\n", encoding="utf-8")
+                else:
+                    raise StudyError(f"{path}: is no journal: {error}") from error
+            except (KeyError, TypeError) as error:
+                raise StudyError(f"{path}: is no journal: {error}") from error
+        else:
+            path.write_text(json.dumps(header) + "\n", encoding="utf-8")
+
+    def find(self, gains: Mapping[str, float]) -> Evaluation | None:
+        """The evaluation of these very gains, if it was made."""
+        return self._known.get(tuple(gains.values()))
+
+    def add(self, evaluations: Iterable[Evaluation]) -> None:
+        """Keep evaluations, at once on disk."""
+        lines = []
+        for evaluation in evaluations:
+            if self.find(evaluation.gains) is None:
+                self._add(evaluation)
+                lines.append(json.dumps({"gains": evaluation.gains, "judgements": [
+                    [j.requirement, j.case, j.measured, j.share] for j in evaluation.judgements]}) + "\n")
+        if self.path is not None and lines:
+            with self.path.open("a", encoding="utf-8") as file:
+                file.writelines(lines)
+
+    def _add(self, evaluation: Evaluation) -> None:
+        self._known[tuple(evaluation.gains.values())] = evaluation
+
+    def __iter__(self) -> Iterator[Evaluation]:
+        return iter(self._known.values())
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+
+def _read(entry: Mapping[str, object]) -> Evaluation:
+    judgements = tuple(Judgement(*j) for j in entry["judgements"])  # type: ignore[attr-defined]
+    return Evaluation(dict(entry["gains"]), judgements)  # type: ignore[call-overload]

@@ -1,0 +1,171 @@
+"""The search: differential evolution over the bounds, then Nelder-Mead from the best, on the worst requirement."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from math import exp, log
+from multiprocessing import get_context
+from typing import Any
+
+import numpy as np
+from scipy.optimize import differential_evolution, minimize
+
+from .evaluate import Evaluation, Journal, evaluate
+from .study import Study
+
+# Gains are given with as many digits as a person would set.
+_DIGITS = 3
+_POPULATION = 12  # individuals for each tunable
+_LOCAL = 60  # evaluations for each tunable
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a run found: the best gains rounded, those begun with, and everything evaluated on the way."""
+
+    study: Study
+    seed: int
+    best: Evaluation
+    before: Evaluation
+    evaluated: tuple[Evaluation, ...]
+    history: tuple[float, ...]
+    """Best objective after each generation of the global search and each evaluation of the local one."""
+
+    @property
+    def met(self) -> bool:
+        """Whether every requirement is met in every case."""
+        return self.best.worst.share <= 1.0
+
+    def binding(self, slack: float = 0.03) -> list[str]:
+        """Requirements that stand between here and more margin: those within `slack` of the worst share."""
+        worst = self.best.worst.share
+        return [name for name, j in sorted(self.best.by_requirement().items(), key=lambda item: -item[1].share)
+                if j.share >= worst - slack]
+
+
+def rounded(gains: Mapping[str, float]) -> dict[str, float]:
+    """The gains with three significant digits."""
+    return {name: float(f"{value:.{_DIGITS}g}") for name, value in gains.items()}
+
+
+def tune(study: Study, seed: int = 1, generations: int = 20, workers: int = 1, journal: Journal | None = None,
+         progress: Progress | None = None) -> Result:
+    """The gains with the largest smallest margin over requirements and cases.
+
+    The same study and seed give the same gains, whatever the number of worker processes.
+    """
+    kept = journal if journal is not None else Journal(None, study)
+    search = _Search(study, kept, progress, generations)
+    bounds = [(log(t.lower), log(t.upper)) for t in study.tunables]
+    start = {t.name: float(min(max(study.base.values[t.name], t.lower), t.upper)) for t in study.tunables}
+    with _pool(study, workers) as evaluator:
+        search.evaluator = evaluator
+        search.all([start])
+        differential_evolution(
+            _first, bounds, rng=np.random.default_rng(seed), popsize=_POPULATION, maxiter=generations, tol=1e-3,
+            updating="deferred", polish=False, x0=[log(v) for v in start.values()], init="sobol",
+            vectorized=True, callback=search.generation, args=(search,))
+        best = search.best
+        minimize(lambda x: search.objectives([x])[0], [log(v) for v in best.gains.values()], method="Nelder-Mead",
+                 bounds=bounds, options={"maxfev": _LOCAL * len(bounds), "xatol": 2e-3, "fatol": 1e-4,
+                                         "initial_simplex": _simplex(best, bounds)}, callback=search.local)
+        final = search.all([rounded(search.best.gains)])[0]
+    return Result(study, seed, final, search.all([dict(start)])[0], tuple(kept), tuple(search.history))
+
+
+def _first(x: Any, search: _Search) -> Any:
+    return np.array(search.objectives(list(np.atleast_2d(x.T))))
+
+
+def _simplex(best: Evaluation, bounds: Sequence[tuple[float, float]]) -> Any:
+    """The best and a step of 5 % of each gain, inwards where a bound is near."""
+    corner = np.log(list(best.gains.values()))
+    simplex = np.tile(corner, (len(bounds) + 1, 1))
+    for i, (_, upper) in enumerate(bounds):
+        simplex[i + 1, i] += 0.05 if corner[i] + 0.05 <= upper else -0.05
+    return simplex
+
+
+class _Search:
+    """Evaluates what is not in the journal, and remembers the best."""
+
+    def __init__(self, study: Study, journal: Journal, progress: Progress | None, generations: int) -> None:
+        self._names = [t.name for t in study.tunables]
+        self._journal = journal
+        self._progress = progress
+        self._total = generations + 1
+        self._done = 0
+        self.evaluator: Callable[[list[dict[str, float]]], Iterable[Evaluation]] = lambda _: ()
+        self.history: list[float] = []
+        self._best: Evaluation | None = None
+
+    @property
+    def best(self) -> Evaluation:
+        assert self._best is not None
+        return self._best
+
+    def all(self, gains: list[dict[str, float]]) -> list[Evaluation]:
+        missing = {tuple(g.values()): g for g in gains if self._journal.find(g) is None}
+        for evaluation in self.evaluator(list(missing.values())):
+            self._journal.add([evaluation])
+        found = [e for e in map(self._journal.find, gains) if e is not None]
+        for evaluation in found:
+            if self._best is None or evaluation.objective < self._best.objective:
+                self._best = evaluation
+        return found
+
+    def objectives(self, points: list[Any]) -> list[float]:
+        # Ten digits: a journal holds what was evaluated, not a rounding error beside it.
+        gains = [{n: float(f"{exp(v):.10g}") for n, v in zip(self._names, x, strict=True)} for x in points]
+        return [e.objective for e in self.all(gains)]
+
+    def _tell(self, what: str) -> None:
+        self.history.append(self.best.objective)
+        if self._progress:
+            self._progress(f"{what}, worst {self.best.worst.share:.3f} of its limit ({self.best.worst.requirement})",
+                           min(self._done, self._total), self._total)
+
+    def generation(self, *_: Any, **__: Any) -> None:
+        self._done += 1
+        self._tell("global")
+
+    def local(self, *_: Any, **__: Any) -> None:
+        self._tell("local")
+
+
+_study: Study | None = None
+
+
+def _begin(study: Study) -> None:
+    global _study
+    _study = study
+
+
+def _one(gains: dict[str, float]) -> Evaluation:
+    assert _study is not None
+    return evaluate(_study, gains)
+
+
+class _pool:  # noqa: N801  used as a function
+    """Evaluates lists of gains, in worker processes if there is more than one."""
+
+    def __init__(self, study: Study, workers: int) -> None:
+        self._study = study
+        self._executor: ProcessPoolExecutor | None = None
+        if workers > 1:
+            self._executor = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_begin,
+                                                 initargs=(study,))
+
+    def __enter__(self) -> Callable[[list[dict[str, float]]], Iterable[Evaluation]]:
+        executor, study = self._executor, self._study
+        if executor is None:
+            return lambda gains: (evaluate(study, g) for g in gains)
+        return lambda gains: executor.map(_one, gains)
+
+    def __exit__(self, *_: Any) -> None:
+        if self._executor is not None:
+            self._executor.shutdown(wait=True, cancel_futures=True)

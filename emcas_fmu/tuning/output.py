@@ -1,0 +1,100 @@
+"""What a tuning run leaves: a parameter file with provenance, JSON, and a table for the terminal."""
+
+from __future__ import annotations
+
+import json
+from math import degrees
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from .. import __version__
+from ..variables import FILE_ENTRIES
+from .evaluate import Evaluation
+from .experiments import FIGURES
+from .optimise import Result
+from .study import Requirement
+
+_UNITS = {v.name: v.unit for v in FILE_ENTRIES}
+_SHOWN = {"rad": ("deg", degrees(1.0)), "rad/s": ("deg/s", degrees(1.0)), "s": ("ms", 1e3), "1": ("%", 100.0)}
+
+
+def shown(requirement: Requirement, value: float) -> tuple[float, str]:
+    """A figure in the unit people read it in."""
+    unit, factor = _SHOWN.get(requirement.unit, (requirement.unit, 1.0))
+    return value * factor, unit
+
+
+def rows(result: Result, evaluation: Evaluation) -> list[dict[str, Any]]:
+    """A row for each requirement: its worst case, the figure, the limit and the margin."""
+    found = evaluation.by_requirement()
+    table = []
+    for r in result.study.requirements:
+        judged = found[r.name]
+        measured, unit = shown(r, judged.measured)
+        table.append({"requirement": r.name, "figure": r.figure, "how": FIGURES[r.figure].title, "case": judged.case,
+                      "measured": measured, "sense": r.sense, "limit": shown(r, r.limit)[0], "unit": unit,
+                      "margin": judged.margin, "met": judged.share <= 1.0, "source": r.source})
+    return table
+
+
+def summary(result: Result) -> Table:
+    """The requirements with the tuned gains, worst case each."""
+    gains = ", ".join(f"{name} = {value:g}" for name, value in result.best.gains.items())
+    table = Table("requirement", "case", "measured", "limit", "margin", "before", "",
+                  title=f"Tuned gains: {gains}", title_justify="left")
+    for column in table.columns[:5]:
+        column.no_wrap = True
+    for column in table.columns[2:6]:
+        column.justify = "right"
+    for row, before in zip(rows(result, result.best), rows(result, result.before), strict=True):
+        table.add_row(row["requirement"], row["case"], f"{row['measured']:.3g} {row['unit']}",
+                      f"{'≤' if row['sense'] == 'maximum' else '≥'} {row['limit']:.3g}", f"{row['margin']:.0%}",
+                      f"{before['measured']:.3g}", "ok" if row["met"] else "MISSED")
+    return table
+
+
+def verdict(result: Result) -> str:
+    """One line: whether all is met, and what binds."""
+    worst = result.best.worst
+    binding = ", ".join(result.binding())
+    if result.met:
+        return f"all requirements are met in every case; smallest margin {worst.margin:.1%}; what binds: {binding}"
+    missed = [row["requirement"] for row in rows(result, result.best) if not row["met"]]
+    return (f"no gains were found that meet {', '.join(missed)}; the worst, {worst.requirement} in case {worst.case}, "
+            f"stands at {worst.share:.0%} of its limit; what binds: {binding}")
+
+
+def write_parameters(result: Result, path: Path, command: str) -> None:
+    """A parameter file of the gains, each with the command that found it and the smallest margin."""
+    worst = result.best.worst
+    note = f"{command}; smallest margin {worst.margin:.1%} ({worst.requirement}, case {worst.case})"
+    lines = [f"# Gains tuned by emcas {__version__}: {command}", f"# {verdict(result)}", ""]
+    for name, value in result.best.gains.items():
+        unit = _UNITS[name].replace("1/s2", "1/s^2").replace(".", "*")
+        lines.append(f'{name} = {{ value = {value:g}, unit = "{unit}", source = "tuned", note = {json.dumps(note)} }}')
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8", newline="\n")
+
+
+def write_json(result: Result, path: Path, command: str) -> None:
+    """Gains, requirements by worst case, every judgement, what binds."""
+    document = {
+        "schema": "emcas-tuning/1", "command": command, "study": result.study.digest, "seed": result.seed,
+        "met": result.met, "evaluations": len(result.evaluated), "gains": dict(result.best.gains),
+        "before": dict(result.before.gains), "binding": result.binding(),
+        "requirements": rows(result, result.best), "requirements_before": rows(result, result.before),
+        "judgements": [{"requirement": j.requirement, "case": j.case, "measured_si": j.measured, "share": j.share}
+                       for j in result.best.judgements],
+    }
+    text = json.dumps(_finite(document), indent=1, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8", newline="\n")
+
+
+def _finite(value: Any) -> Any:
+    """JSON knows no infinity and no NaN: null."""
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_finite(v) for v in value]
+    return None if isinstance(value, float) and value - value != 0.0 else value

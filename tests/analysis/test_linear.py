@@ -1,0 +1,225 @@
+"""The linearised systems against finite differences, closed forms, the thesis's model and each other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from math import atan, degrees, pi, radians, sqrt
+from typing import Any
+
+import control as ct
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from emcas_fmu.analysis import frequency, thesis, wiring
+from emcas_fmu.analysis.final_values import TORQUE, final_values
+from emcas_fmu.analysis.linear import LOOPS, LinearActuator, sampled, wire
+from emcas_fmu.analysis.locus import continuous_poles, locus
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.ops.floats import FLOATS
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.simulation import simulate
+from emcas_fmu.tree import tree
+from emcas_fmu.validation.linear import LinearModel
+
+Values = Mapping[str, Any]
+
+
+def test_jacobian_is_that_of_finite_differences(values: Values) -> None:
+    p = {**values, "loads.gravity": True, "friction.fin_viscous": 3.0}
+    linear = LinearActuator(p, radians(14.0), -70.0)
+    at = linear.point
+    point = np.array([at.motor_angle, 0.0, at.current, at.voltage, at.aero_torque])
+    force = (0.0, 9.80665)
+
+    def changes(x: Any) -> Any:
+        return np.array(wiring.motor(FLOATS, tree(p), force, *map(float, x)))
+
+    assert np.max(np.abs(changes(point)[1:])) < 1e-6  # a rest: of terms of 1e5 A/s
+    exact = np.hstack([linear.motor.A, linear.motor.B])
+    for column, scale in enumerate((1.0, 1.0, 1.0, 1.0, 10.0)):
+        h = scale * 1e-4
+        offset = np.eye(5)[column] * h
+        slope = (changes(point + offset) - changes(point - offset)) / (2.0 * h)
+        # Central differences: h^2/6 of a third derivative and eps/h of the value, both some 1e-8 of the rows' scale.
+        rows = np.max(np.abs(exact), axis=1)
+        np.testing.assert_allclose(exact[:, column] / rows, slope / rows, rtol=0, atol=1e-6)
+
+
+def test_motor_is_that_of_closed_forms(values: Values) -> None:
+    at = radians(10.0)
+    linear = LinearActuator(values, at)
+    lead, arm, initial = values["screw.lead"], values["kinematics.moment_arm"], values["kinematics.initial_angle"]
+    ratio = arm / lead / np.cos(at + initial) ** 2
+    inertia = (values["inertia.motor"] + values["inertia.screw"] + values["mass.nut"] * lead**2
+               + (values["inertia.fin"] + values["inertia.shaft"] + values["inertia.fork"]) / ratio**2)
+    viscous = 0.5 * (values["friction.viscous.positive"] + values["friction.viscous.negative"])
+    expected = [[0.0, 1.0, 0.0], [0.0, -viscous / inertia, values["motor.torque_constant"] / inertia],
+                [0.0, -values["motor.back_emf_constant"] / values["motor.inductance"],
+                 -values["motor.resistance"] / values["motor.inductance"]]]
+    np.testing.assert_allclose(linear.motor.A, expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(linear.motor.B[:, 1], [0.0, 1.0 / ratio / inertia, 0.0], rtol=1e-12)
+    assert linear.motor.C[2, 0] == pytest.approx(1.0 / ratio, rel=1e-12)  # fin over motor angle
+    assert linear.point.ratio == pytest.approx(ratio, rel=1e-12)
+
+
+def test_rest_carries_the_load(values: Values) -> None:
+    linear = LinearActuator(values, radians(5.0), -80.0)
+    assert linear.point.current == pytest.approx(80.0 / linear.point.ratio / values["motor.torque_constant"], rel=1e-9)
+    assert linear.point.voltage == pytest.approx(linear.point.current * values["motor.resistance"], rel=1e-9)
+    u = linear.point.reference
+    assert values["drive.current_gain"] * u + values["drive.current_offset"] == pytest.approx(linear.point.current)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.4e-3, 1e-3, 3.7e-3, 5e-3])
+def test_agrees_with_the_thesis_model_at_its_point(values: Values, delay: float) -> None:
+    p = {**values, "kinematics.initial_angle": 0.0, "encoder.enabled": False, "drive.transport_delay": delay}
+    linear = LinearActuator(p)
+    grid = frequency.frequencies(450.0, 0.01)
+    for own, theirs in ((linear.command_to_angle, thesis.closed(p)),
+                        (linear.loop("reference"), thesis.reference_loop(p))):
+        # Two ways to the same matrices: rounding, magnified by integrators at the low end.
+        np.testing.assert_allclose(frequency.evaluate(own, grid), frequency.evaluate(theirs, grid), rtol=1e-7)
+
+
+def test_thesis_system_is_the_validation_model(values: Values) -> None:
+    grid = np.array([0.1, 3.0, 20.0, 100.0])
+    np.testing.assert_allclose(frequency.evaluate(thesis.closed(values), grid),
+                               LinearModel(values).frequency_response(grid), rtol=1e-9)
+
+
+@pytest.mark.parametrize(("whole", "rest"), [(0, 0.0), (0, 4e-4), (1, 0.0), (3, 7e-4)])
+def test_sampled_plant_is_the_continuous_one_integrated(values: Values, whole: int, rest: float) -> None:
+    plant, period = LinearActuator(values).continuous, 1e-3
+    system = sampled(plant, period, whole, rest)
+    steps = np.random.default_rng(3).standard_normal((8, 2))
+    found = ct.forced_response(system, np.arange(8) * period, steps.T).outputs
+
+    def slope(time: float, x: Any) -> Any:
+        late = int(np.floor((time - rest) / period + 1e-9)) - whole
+        now = steps[min(int(time / period + 1e-9), 7)]
+        return plant.A @ x + plant.B @ np.array([steps[late, 0] if late >= 0 else 0.0, now[1]])
+
+    x, outputs = np.zeros(len(plant.A)), []
+    for k in range(8):
+        outputs.append(plant.C @ x)
+        cuts = sorted({k * period, k * period + rest, (k + 1) * period})
+        for begin, end in pairwise(cuts):
+            held = 0.5 * (begin + end)  # inputs are constant in between
+            x = solve_ivp(lambda _, y, t=held: slope(t, y), (begin, end), x, "Radau", rtol=1e-10, atol=1e-13).y[:, -1]
+    np.testing.assert_allclose(found.T, outputs, rtol=1e-6, atol=1e-9)
+
+
+def test_wire_closes_the_loop_named() -> None:
+    plant = ct.ss([[0.5]], [[1.0]], [[1.0]], [[0.0]], 1.0, inputs=["u"], outputs=["y"])
+    gain = ct.ss([], [], [], [[0.3, -0.3]], 1.0, inputs=["r", "seen"], outputs=["law"])
+    closed = wire([gain, plant], [("law", "u"), ("y", "seen")], ["r"], ["y"])
+    assert closed.poles() == pytest.approx([0.2])
+    assert closed.dcgain() == pytest.approx(0.3 / 0.8)
+
+
+def test_margins_are_those_of_a_closed_form() -> None:
+    # L = 2/(s (s + 1)(s + 2)): |L| grows by 3 to reach -1, at sqrt(2) rad/s (Ogata, Routh's criterion).
+    found = frequency.margins(ct.ss(ct.tf([2.0], [1.0, 3.0, 2.0, 0.0])))
+    assert found.gain == pytest.approx(3.0, rel=1e-4)
+    assert found.phase_crossover == pytest.approx(sqrt(2.0) / (2.0 * pi), rel=1e-4)
+    one = 2.0 * pi * found.gain_crossover
+    assert one * sqrt(one**2 + 1.0) * sqrt(one**2 + 4.0) == pytest.approx(2.0, rel=1e-4)
+    assert found.phase == pytest.approx(pi / 2.0 - atan(one) - atan(one / 2.0), rel=1e-4)
+    assert found.delay == pytest.approx(found.phase / one, rel=1e-9)
+
+
+def test_current_loop_is_the_first_order_one_at_speed(values: Values) -> None:
+    loop = LinearActuator(values).loop("current")
+    hertz = np.array([300.0, 1000.0, 5000.0])
+    s = 2j * pi * hertz
+    impedance = values["motor.inductance"] * s + values["motor.resistance"]
+    # The turning motor adds K_t K_e/(J s) to the impedance: 0.1 % of it at 300 Hz.
+    expected = (values["drive.kp"] + values["drive.ki"] / s) / impedance
+    np.testing.assert_allclose(frequency.evaluate(loop, hertz), expected, rtol=0.03)
+    margins = frequency.margins(loop)
+    exact = sqrt(values["drive.kp"]**2 - values["motor.resistance"]**2) / values["motor.inductance"] / (2.0 * pi)
+    assert margins.gain_crossover == pytest.approx(exact, rel=1e-3)
+    assert margins.gain == np.inf
+
+
+def test_every_gain_margin_is_an_edge_of_stability(values: Values) -> None:
+    linear = LinearActuator(values, radians(8.0))
+    for name in LOOPS[1:]:
+        loop, margins = linear.loop(name), frequency.margins(linear.loop(name))
+        for factor, stable in ((0.995, True), (1.005, False)):
+            poles = ct.feedback(loop * (margins.gain * factor), 1).poles()
+            # With the position loop open its integrators stay, at 1 but for rounding.
+            assert (float(np.max(np.abs(poles))) < 1.0 + 1e-9) is stable
+
+
+def test_final_values_are_those_of_closed_forms(values: Values) -> None:
+    p = {**values, "drive.ki": 5.0}
+    rows = {row.name: row for row in final_values(p)}
+    ratio = LinearActuator(p).point.ratio
+    # At rest T/R = K_t K_v K_vel K_pos R e: the current follows its reference thanks to the drive's integral.
+    gains = (values["motor.torque_constant"] * values["drive.current_gain"] * values["controller.velocity.kp"]
+             * values["controller.position.kp"])
+    assert rows["P"].load_error == pytest.approx(-degrees(TORQUE / ratio**2 / gains), rel=1e-6)
+    # An integrator in the plant for the command, one in the controller for the load; rounding remains.
+    errors = [rows["P"].command_error, rows["PI"].command_error, rows["PI"].load_error]
+    assert errors == pytest.approx([0.0] * 3, abs=1e-7)
+
+
+def test_final_value_is_where_the_load_step_ends(smooth: Values) -> None:
+    p = {**smooth, "drive.ki": 50.0, "controller.position.ki": 0.0, "drive.current_offset": 0.0,
+         "kinematics.initial_angle": 0.0}
+    row = final_values(p)[0]
+    assert row.stable
+    run = simulate(p, 10.0 * row.slowest, aero_torque=0.1 * TORQUE)  # a tenth, for the lever's curvature
+    # The ratio differs by 2 tan^2 of 0.05 deg: nothing; e^-10 of the slowest mode remains.
+    assert -degrees(run["fin_angle"][-1]) == pytest.approx(0.1 * row.load_error, rel=1e-3)
+
+
+def test_rational_model_has_the_slow_poles_of_the_exact_one(values: Values) -> None:
+    p = {**values, "encoder.enabled": False, "controller.sample_time": 1e-4}
+    linear = LinearActuator(p)
+    exact, approximate = continuous_poles(linear), linear.rational().poles()
+    # At a tenth of a millisecond sampling is nearly continuous; modes up to the bandwidth's are compared.
+    for pole in exact[np.abs(exact) < 2.0 * pi * 30.0]:
+        assert np.min(np.abs(approximate - pole)) < 0.02 * abs(pole) + 1e-3
+
+
+def test_locus_crosses_at_the_gain_margin() -> None:
+    parameters = load_parameters()
+    linear = LinearActuator(parameters.values)
+    margins = frequency.margins(linear.loop("reference"))
+    found = locus(parameters, "drive.current_gain")
+    # The edge is bisected to a thousandth of a point's distance; a larger gain also lifts nothing else.
+    assert found.stable_range[1] / found.nominal == pytest.approx(margins.gain, rel=1e-3)
+    assert len(found.poles) == len(found.values)
+
+
+@pytest.mark.parametrize(("name", "says"), [("controller.position.kq", "controller.position.kp"),
+                                            ("mass.fin", "moves no pole"), ("friction.fin_viscous", "is 0"),
+                                            ("encoder.enabled", "no such parameter")])
+def test_locus_refuses_what_scales_nothing(name: str, says: str) -> None:
+    parameters = load_parameters().replace({"friction.fin_viscous": 0.0})
+    with pytest.raises(EmcasError, match=says):
+        locus(parameters, name)
+
+
+def test_integral_less_controllers_have_no_idle_modes(values: Values) -> None:
+    p = {**values, "controller.position.ki": 0.0, "drive.ki": 0.0, "encoder.enabled": False}
+    linear = LinearActuator(p)
+    assert linear.stable
+    assert len(linear.closed.poles()) == len(LinearActuator(values).closed.poles()) - 3
+
+
+@pytest.mark.parametrize(("angle", "torque", "says"), [(21.0, 0.0, "command.limit"),
+                                                       (0.0, 1000.0, "drive.current_limit")])
+def test_points_out_of_reach_are_refused(values: Values, angle: float, torque: float, says: str) -> None:
+    with pytest.raises(EmcasError, match=says):
+        LinearActuator(values, radians(angle), torque)
+
+
+def test_the_end_of_the_range_is_a_point_like_any_other(values: Values) -> None:
+    limit = values["command.limit"]
+    inside, end = (frequency.response(LinearActuator(values, at).command_to_angle) for at in (0.999 * limit, limit))
+    assert end.bandwidth == pytest.approx(inside.bandwidth, rel=1e-3)

@@ -1,0 +1,62 @@
+"""Bench records for the identifications: the shipped ones, and fresh ones of random actuators."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from math import degrees, radians
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from emcas_fmu.files import models_directory
+from emcas_fmu.identification import backlash, bench, drive, friction, inertia
+from emcas_fmu.identification.result import Identification
+from emcas_fmu.parameters import load_parameters
+
+BENCH = models_directory() / "bench"
+IDENTIFY: Mapping[str, Callable[..., Identification]] = {
+    "friction": friction.identify, "drive": drive.identify, "inertia": inertia.identify, "backlash": backlash.identify}
+
+
+class Recovery(NamedTuple):
+    """Errors in sigmas and sigmas relative to the truth, a row per actuator, a column per name."""
+
+    names: list[str]
+    z: Any
+    relative: Any
+
+
+def shipped(kind: str) -> list[Path]:
+    """The sample records of an experiment."""
+    return sorted(BENCH.glob(f"{kind}*.csv"))
+
+
+def recover(kind: str, seeds: range, folder: Path, **choice: Any) -> Recovery:
+    """Identify random actuators from fresh records; the base set knows only what is given to the experiment."""
+    rows, sizes = [], []
+    names: list[str] = []
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        truth = bench.draw_truth(load_parameters(), rng)
+        gap = radians(rng.uniform(0.02, 0.15))
+        paths = []
+        for name, columns in bench.data_sets(truth.values, seed, kinds=(kind,), backlash=gap, **choice):
+            paths.append(folder / f"{seed}_{name}.csv")
+            bench.write_record(paths[-1], columns)
+        base = load_parameters().replace({"kinematics.initial_angle": truth.values["kinematics.initial_angle"]})
+        result = IDENTIFY[kind](paths, base)
+        estimates = [e for e in result.estimates if e.parameter or kind == "backlash"]
+        names = [e.name for e in estimates]
+        true = np.array([degrees(gap) if kind == "backlash" else float(truth.values[n]) for n in names])
+        sigma = np.array([e.sigma for e in estimates])
+        rows.append((np.array([e.value for e in estimates]) - true) / sigma)
+        sizes.append(sigma / np.abs(true))
+    return Recovery(names, np.array(rows), np.array(sizes))
+
+
+@pytest.fixture(scope="session")
+def identified() -> Mapping[str, Identification]:
+    """The shipped records, identified with the default set as base."""
+    return {kind: identify(shipped(kind), load_parameters()) for kind, identify in IDENTIFY.items()}

@@ -1,0 +1,129 @@
+"""The files written: a parameter file that loads, chains and builds, a report, figures for machines."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from emcas_fmu.cli import app
+from emcas_fmu.fmi.package import build
+from emcas_fmu.identification import backlash, parameter_file, report
+from emcas_fmu.identification.result import Identification
+from emcas_fmu.parameters import ParameterError, load_parameters
+
+from .conftest import BENCH, shipped
+
+
+def emcas(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+@pytest.fixture(scope="module")
+def chained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All four experiments, each starting from the file of the one before, on top of a user's own value."""
+    file = tmp_path_factory.mktemp("chain") / "mine.toml"
+    own = '{ value = 251, unit = "mOhm", source = "datasheet", note = "a \\"note\\"" }'
+    file.write_text(f"[motor]\nresistance = {own}\n", encoding="utf-8")
+    for kind in ("drive", "inertia", "friction", "backlash"):
+        done = emcas("identify", kind, *shipped(kind), "-p", file, "-o", file)
+        assert done.exit_code == 0, done.stderr
+    return file
+
+
+def test_parameter_file_round_trip(chained: Path, identified: Mapping[str, Identification]) -> None:
+    loaded = load_parameters(chained)
+    entries = {e.variable.name: e for e in loaded.entries}
+    changed = {name for name, e in entries.items() if e.source == "identified"}
+    assert changed == {e.name for r in identified.values() for e in r.estimates if e.parameter}
+    for kind in ("inertia", "friction"):
+        for e in identified[kind].estimates:
+            if e.parameter:
+                # Written to a hundredth of sigma; the inertia identified before moves friction by less than the rest.
+                assert abs(entries[e.name].value - e.value) < 0.1 * e.sigma
+                assert "1 sigma" in entries[e.name].note
+                assert kind in entries[e.name].note  # the data files
+    kept = entries["motor.resistance"]
+    assert (kept.value, kept.source, kept.note) == (0.251, "datasheet", 'a "note"')
+    text = chained.read_text(encoding="utf-8")
+    assert "# Reported, no parameter: backlash = 0.0" in text
+    assert "# Reported, no parameter: total inertia at the motor" in text
+    assert str(chained.parent) not in text
+
+
+def test_command_shows_and_fmu_builds_with_it(chained: Path, tmp_path: Path) -> None:
+    records = json.loads(emcas("parameters", "-p", chained, "--json").stdout)
+    (kp,) = [r for r in records if r["name"] == "drive.kp"]
+    assert (kp["source"], kp["unit"]) == ("identified", "V/A")
+    built = build(load_parameters(chained), tmp_path / "Identified.fmu")
+    assert built.path.stat().st_size > 0
+
+
+def test_json_and_report(tmp_path: Path) -> None:
+    page, figures = tmp_path / "r.html", tmp_path / "f.json"
+    done = emcas("identify", "inertia", *shipped("inertia"), "--report", page, "--json", figures)
+    assert done.exit_code == 0, done.stderr
+    document = json.loads(figures.read_text(encoding="utf-8"))
+    assert document["estimates"]["inertia.motor"]["sigma"] > 0.0
+    assert len(document["correlation"]["matrix"]) == len(document["correlation"]["names"])
+    assert [f["file"] for f in document["files"]] == [p.name for p in shipped("inertia")]
+    assert str(BENCH) not in figures.read_text(encoding="utf-8")
+    text = page.read_text(encoding="utf-8")
+    assert text.count("<svg") == 2
+    assert "http" not in text.replace("http://www.w3.org", "")
+    assert "Residuals" in text
+    assert "autocorrelation" in text
+
+
+def test_every_report_draws_and_is_reproducible(identified: Mapping[str, Identification], tmp_path: Path) -> None:
+    for kind, result in identified.items():
+        pages = [tmp_path / f"{kind}{i}.html" for i in range(2)]
+        for page in pages:
+            report.write_report(result, page)
+        first, second = (p.read_bytes() for p in pages)
+        assert first == second
+        assert first.count(b"<svg") == len(result.pictures)
+
+
+def test_units_of_the_header_do_not_matter(tmp_path: Path) -> None:
+    (file,) = shipped("backlash")
+    table = np.loadtxt(file, delimiter=",", skiprows=1)
+    other = tmp_path / "other.csv"
+    scaled = np.column_stack([table[:, 0] * 1e3, np.radians(table[:, 2]), table[:, 1] / (2.0 * np.pi), table[:, 0]])
+    np.savetxt(other, scaled, fmt="%.12g", delimiter=";", header="time [ms];fin_angle;motor_angle [turn];extra",
+               comments="")
+    base = load_parameters()
+    one, two = (backlash.identify([f], base)["backlash"] for f in (file, other))
+    assert two.value == pytest.approx(one.value, rel=1e-6)  # the 12 digits written
+    assert two.sigma == pytest.approx(one.sigma, rel=1e-4)
+
+
+def test_friction_at_one_temperature() -> None:
+    warm = [f for f in shipped("friction") if "minus" not in f.name]
+    done = emcas("identify", "friction", *warm, "--keep-cold-ratios")
+    assert done.exit_code == 0, done.stderr
+    assert "friction.cold_viscous_ratio" not in done.stdout
+    assert "cold ratios are those of the base" in done.stdout
+
+
+def test_values_without_sense_are_not_written(identified: Mapping[str, Identification], tmp_path: Path) -> None:
+    # A coefficient with which friction would be negative at the stops.
+    base = load_parameters()
+    result = identified["friction"]
+    bent = [e if e.name != "friction.coulomb.positive[6]" else
+            type(e)(e.name, -1.0, e.sigma, e.unit, True, e.base) for e in result.estimates]
+    output = tmp_path / "x.toml"
+    with pytest.raises(ParameterError, match=r"friction\.coulomb\.positive"):
+        parameter_file.write_parameters(type(result)(**{**result.__dict__, "estimates": bent}), base, output)
+    assert not output.exists()
+
+
+@pytest.mark.parametrize("command", ["friction", "drive", "backlash", "inertia", "bench"])
+def test_help_has_examples(command: str) -> None:
+    done = emcas("identify", command, "--help")
+    assert done.exit_code == 0
+    assert f"emcas identify {command}" in done.stdout

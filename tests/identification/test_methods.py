@@ -1,0 +1,118 @@
+"""The parts: estimation on noise of known properties, the current loop's discretisation, the rig, the sample files."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from math import radians
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from emcas_fmu.identification import bench, current_loop, drive, motion, rig
+from emcas_fmu.identification.estimation import correlation_time, fit
+from emcas_fmu.identification.records import Array, Record
+from emcas_fmu.parameters import load_parameters
+
+from .conftest import BENCH
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.8])
+def test_correlation_time_of_a_first_order_process(rho: float) -> None:
+    rng = np.random.default_rng(4)
+    x = lfilter([1.0], [1.0, -rho], rng.normal(size=40_000))
+    # (1 + rho)/(1 - rho). Its relative error is about sqrt(2 (2 window + 1)/n) = 7 % for tau = 9: three of these.
+    assert correlation_time([x]) == pytest.approx((1.0 + rho) / (1.0 - rho), rel=0.2)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.7])
+def test_sigmas_of_a_line_are_those_of_repeated_experiments(rho: float) -> None:
+    rng = np.random.default_rng(5)
+    x = np.linspace(-1.0, 1.0, 400)
+    groups = [slice(0, 200), slice(200, 400)]
+    values, sigmas = [], []
+    for _ in range(60):
+        noise = lfilter([1.0], [1.0, -rho], rng.normal(size=800))[400:] * np.where(np.arange(400) < 200, 0.1, 0.4)
+        y = 3.0 + 2.0 * x + noise
+
+        def residuals(b: Array, y: Array = y) -> list[Array]:
+            return [(y - b[0] - b[1] * x)[g] for g in groups]
+
+        found = fit(residuals, np.zeros(2), np.ones(2), [[0], [1]])
+        values.append(found.values)
+        sigmas.append(found.sigmas)
+    # The scatter of 60 has itself 9 % error (three of these), and tau from 200 samples is a little small.
+    ratio = np.std(values, axis=0) / np.mean(sigmas, axis=0)
+    assert np.all((ratio > 0.7) & (ratio < 1.35)), ratio
+    assert np.abs(np.mean(values, axis=0) - [3.0, 2.0]).max() < 4.0 * np.max(sigmas) / 60**0.5
+
+
+@pytest.mark.parametrize("delay", [3.7e-3, 3.7133e-3, 2.0101e-3, 4.0e-3])
+def test_current_loop_is_the_kernels(delay: float) -> None:
+    parameters = load_parameters().replace({"drive.transport_delay": delay, "drive.ki": 30.0})
+    levels = (0.0, 0.3, -0.2, 0.25, 0.1, -0.3)
+    log = rig.run(parameters.values, lambda t: levels[int(t / 4e-3) % 6], 0.06, 5e-5, open_loop=True, clamped=True)
+    v = parameters.values
+    ours = current_loop.response([v[n] for n in drive.NAMES], 0.0, log.reference, None, 5e-5, v)
+    theirs = log.columns["motor_current"]
+    # At the start the kernel has no current, the response that of a long rest: after some ms both are alike. 3 mA is
+    # a twentieth of the sensor's noise; the kernel takes its integral at mid-tick (second order).
+    later = log.time > 6e-3
+    assert np.abs(ours - theirs)[later].max() < 3e-3
+    assert np.ptp(theirs) > 3.0
+
+
+def test_windows_average_a_polynomial_motion_exactly() -> None:
+    time = np.arange(400) * 1e-3
+    angle = 3.0 + 40.0 * time + 500.0 * time**2
+    columns = {"time": time, "motor_angle": angle, "motor_current": 2.0 + 10.0 * time}
+    a = motion.averages(Record(Path("x.csv"), 1e-3, columns, {}, ""), 16, 8)
+    # Symmetric windows: means of linear functions are those at the middle, second differences of a parabola constant.
+    np.testing.assert_allclose(a.acceleration, 1000.0, rtol=1e-6)
+    np.testing.assert_allclose(a.speed, 40.0 + 1000.0 * a.time, rtol=1e-9)
+    np.testing.assert_allclose(a.current, 2.0 + 10.0 * a.time, rtol=1e-9)
+
+
+def test_converters_round_and_hold_at_their_ends() -> None:
+    step = 20.0 / 2**14
+    found = rig.quantised([0.4 * step, 0.6 * step, 50.0, -50.0], 14, 10.0)
+    np.testing.assert_allclose(found, [0.0, step, 10.0 - step, -10.0])
+
+
+def test_play_lags_by_half_the_gap_each_way() -> None:
+    angle = np.concatenate([np.linspace(0.0, 1.0, 101), np.linspace(1.0, 0.0, 101)])
+    driven = bench.play(angle, 0.2)
+    assert driven[100] == pytest.approx(0.9)
+    assert driven[-1] == pytest.approx(0.1)
+    assert np.all(np.abs(driven - angle) <= 0.1 + 1e-12)
+
+
+def test_shipped_files_are_those_of_the_provenance(tmp_path: Path) -> None:
+    provenance = tomllib.loads((BENCH / bench.PROVENANCE).read_text(encoding="utf-8"))
+    files = {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in BENCH.glob("*.csv")}
+    assert files == provenance["sha256"]
+    assert sum(p.stat().st_size for p in BENCH.iterdir()) < 1.5e6
+    # Made again: another C library may round a digit of the last place otherwise, and the noise falls the same.
+    values = {**load_parameters().values, **provenance["truth"]}
+    for name, columns in bench.data_sets(values, provenance["seed"], kinds=("drive", "inertia")):
+        bench.write_record(tmp_path / "again.csv", columns)
+        both = (tmp_path / "again.csv", BENCH / f"{name}.csv")
+        ours, theirs = (np.loadtxt(p, delimiter=",", skiprows=1) for p in both)
+        assert ours.shape == theirs.shape
+        # One step of the ADC (12.2 mA) or of the encoder (0.044 deg), in single samples.
+        assert np.mean(np.abs(ours - theirs) > 1e-9) < 1e-3
+        assert np.abs(ours - theirs).max() < 0.05
+
+
+def test_random_truths_are_different_actuators() -> None:
+    base = load_parameters()
+    one, two = (bench.draw_truth(base, np.random.default_rng(seed)) for seed in (1, 2))
+    assert bench.largest_difference(one, two) > 0.01
+    assert abs(one.values["kinematics.initial_angle"]) <= radians(8.0)
