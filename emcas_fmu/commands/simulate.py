@@ -21,7 +21,7 @@ EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.
 
 def simulate(
     case: Annotated[str | None, typer.Option(help="Reference case to run, such as step_plus10.")] = None,
-    input_file: Annotated[Path | None, typer.Option("--input", "-i", help="CSV of time [s] and inputs in SI, as fmpy "
+    input_file: Annotated[Path | None, typer.Option("--input", "-i", help="CSV of time in s and inputs in SI, as fmpy "
                                                     "reads it.", metavar="FILE")] = None,
     step: Annotated[float | None, typer.Option(help="Step of the fin command, in degrees, at 50 ms.",
                                                metavar="DEG")] = None,

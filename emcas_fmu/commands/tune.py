@@ -49,6 +49,12 @@ def tune(
         names = [r.name for r in chosen.requirements]
         if pareto is not None and (len(pareto) != 2 or not set(pareto) <= set(names)):
             raise EmcasError(f"--pareto is given twice, with two of {', '.join(names)}")
+        if any(r.test.kind == "linear" for r in chosen.requirements):
+            try:
+                from ..analysis import linear  # noqa: F401
+            except ImportError as error:
+                raise EmcasError("margins (tests of kind linear) need python-control and CasADi: "
+                                 "pip install 'emcas-fmu[analysis]'") from error
         kept = Journal(journal, chosen)
         with progress_bar() as progress:
             result = run(chosen, seed, generations, workers or os.cpu_count() or 1, kept, stepper(progress, "tune"))

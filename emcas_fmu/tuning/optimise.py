@@ -56,25 +56,25 @@ def tune(study: Study, seed: int = 1, generations: int = 20, workers: int = 1, j
          progress: Progress | None = None) -> Result:
     """The gains with the largest smallest margin over requirements and cases.
 
-    The same study and seed give the same gains, whatever the number of worker processes.
+    The same study and seed give the same gains, whatever the number of worker processes and whatever
+    gains the set begins with: those are only judged, for comparison.
     """
     kept = journal if journal is not None else Journal(None, study)
     search = _Search(study, kept, progress, generations)
     bounds = [(log(t.lower), log(t.upper)) for t in study.tunables]
-    start = {t.name: float(min(max(study.base.values[t.name], t.lower), t.upper)) for t in study.tunables}
     with _pool(study, workers) as evaluator:
         search.evaluator = evaluator
-        search.all([start])
         differential_evolution(
             _first, bounds, rng=np.random.default_rng(seed), popsize=_POPULATION, maxiter=generations, tol=1e-3,
-            updating="deferred", polish=False, x0=[log(v) for v in start.values()], init="sobol",
+            updating="deferred", polish=False, init="sobol",
             vectorized=True, callback=search.generation, args=(search,))
         best = search.best
         minimize(lambda x: search.objectives([x])[0], [log(v) for v in best.gains.values()], method="Nelder-Mead",
                  bounds=bounds, options={"maxfev": _LOCAL * len(bounds), "xatol": 2e-3, "fatol": 1e-4,
                                          "initial_simplex": _simplex(best, bounds)}, callback=search.local)
         final = search.all([rounded(search.best.gains)])[0]
-    return Result(study, seed, final, search.all([dict(start)])[0], tuple(kept), tuple(search.history))
+        before = search.all([{t.name: float(study.base.values[t.name]) for t in study.tunables}])[0]
+    return Result(study, seed, final, before, tuple(kept), tuple(search.history))
 
 
 def _first(x: Any, search: _Search) -> Any:

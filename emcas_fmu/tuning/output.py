@@ -42,16 +42,16 @@ def rows(result: Result, evaluation: Evaluation) -> list[dict[str, Any]]:
 def summary(result: Result) -> Table:
     """The requirements with the tuned gains, worst case each."""
     gains = ", ".join(f"{name} = {value:g}" for name, value in result.best.gains.items())
-    table = Table("requirement", "case", "measured", "limit", "margin", "before", "",
-                  title=f"Tuned gains: {gains}", title_justify="left")
-    for column in table.columns[:5]:
+    table = Table("requirement", "case", "measured", "limit", "margin", "", title=f"Tuned gains: {gains}",
+                  title_justify="left")
+    for column in table.columns:
         column.no_wrap = True
-    for column in table.columns[2:6]:
+    for column in table.columns[2:5]:
         column.justify = "right"
-    for row, before in zip(rows(result, result.best), rows(result, result.before), strict=True):
+    for row in rows(result, result.best):
         table.add_row(row["requirement"], row["case"], f"{row['measured']:.3g} {row['unit']}",
                       f"{'≤' if row['sense'] == 'maximum' else '≥'} {row['limit']:.3g}", f"{row['margin']:.0%}",
-                      f"{before['measured']:.3g}", "ok" if row["met"] else "MISSED")
+                      "ok" if row["met"] else "MISSED")
     return table
 
 

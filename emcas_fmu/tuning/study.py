@@ -79,9 +79,10 @@ class Study:
 
     @property
     def digest(self) -> str:
-        """A hash of all that decides what is measured."""
-        parts = [dict(self.base.values), *map(asdict, self.tunables), *map(asdict, self.cases),
-                 *map(asdict, self.requirements)]
+        """A hash of all that decides what is measured for given gains."""
+        tuned = {t.name for t in self.tunables}
+        parts = [{n: v for n, v in self.base.values.items() if n not in tuned}, *map(asdict, self.tunables),
+                 *map(asdict, self.cases), *map(asdict, self.requirements)]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import radians
 from typing import Any
 
@@ -31,10 +31,10 @@ def smooth(values: Values) -> dict[str, Any]:
     return without_friction(values, encoder__enabled=False)
 
 
-def growth(values: Values, at: float, expected_hz: float) -> float:
+def growth(values: Values, at: float, expected_hz: float, respond: Callable[..., Any] = simulate) -> float:
     """How much an oscillation near a frequency [Hz] grows in a quarter of a second, after a small step."""
     period = values["controller.sample_time"]
-    run = simulate({**values, "fin.start_angle": at}, 0.7, period, fin_command=at + KICK)
+    run = respond({**values, "fin.start_angle": at}, 0.7, period, fin_command=at + KICK)
     time, rate = run["time"], run["fin_rate"]
 
     def size(begin: float) -> float:

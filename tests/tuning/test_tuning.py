@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sys
+from dataclasses import replace
 from math import degrees, nan, radians
 from pathlib import Path
 from typing import Any
@@ -141,8 +143,6 @@ def test_margins_are_those_of_the_analysis() -> None:
     ("maximum", 2.0, 1.0, 0.5), ("minimum", 2.0, 4.0, 0.5), ("minimum", 2.0, 0.0, HOPELESS),
     ("minimum", 2.0, -1.0, HOPELESS), ("maximum", 2.0, nan, HOPELESS), ("maximum", 2.0, float("inf"), HOPELESS)])
 def test_share_of_the_limit(study: Study, sense: str, limit: float, measured: float, expected: float) -> None:
-    from dataclasses import replace
-
     assert share(replace(study.requirements[0], sense=sense, limit=limit), measured) == expected
 
 
@@ -204,6 +204,8 @@ def test_finds_better_gains_and_the_same_again(study: Study) -> None:
     assert first.history == again.history
     assert first.history == tuple(np.minimum.accumulate(first.history))
     assert tune(study, seed=4, generations=4).history != first.history
+    other = replace(study, base=study.base.replace({"controller.position.kp": 100.0}))
+    assert tune(other, seed=3, generations=4).best == first.best  # wherever it begins
     assert all(type(j.measured) is type(j.share) is float for j in first.best.judgements)  # what JSON can hold
     checked = evaluate(study, first.best.gains)
     assert checked == first.best  # what is reported is what the rounded gains do
@@ -330,6 +332,13 @@ def test_command_refuses(small: Path, arguments: tuple[str, ...], said: str) -> 
     done = emcas(small, *arguments)
     assert done.exit_code == 2
     assert said in " ".join(done.stderr.split())
+
+
+def test_without_the_analysis_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "emcas_fmu.analysis.linear", None)
+    done = emcas("--generations", 1)
+    assert done.exit_code == 2
+    assert "emcas-fmu[analysis]" in done.stderr.replace("\n", "")
 
 
 def test_every_figure_is_documented() -> None:
