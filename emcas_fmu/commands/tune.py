@@ -51,7 +51,7 @@ def tune(
             raise EmcasError(f"--pareto is given twice, with two of {', '.join(names)}")
         if any(r.test.kind == "linear" for r in chosen.requirements):
             try:
-                from ..analysis import linear  # noqa: F401
+                from ..analysis.linear import LinearActuator  # noqa: F401
             except ImportError as error:
                 raise EmcasError("margins (tests of kind linear) need python-control and CasADi: "
                                  "pip install 'emcas-fmu[analysis]'") from error
