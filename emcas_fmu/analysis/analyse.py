@@ -68,9 +68,13 @@ def analyse(parameters: ParameterSet, fin_angle: float = 0.0, aero_torque: float
     actuator = LinearActuator(values, fin_angle, aero_torque)
     if not actuator.stable:
         largest = float(np.max(np.abs(actuator.closed.poles())))
-        raise EmcasError(f"the linearised loop is unstable at {degrees(fin_angle):g} deg (a mode grows by "
-                         f"{100.0 * (largest - 1.0):.2g} % a sample): lower controller.velocity.kp, "
-                         "controller.position.kp or controller.position.ki, or shorten drive.transport_delay")
+        where = f"the linearised loop at {degrees(fin_angle):g} deg"
+        if values["controller.velocity.kp"] <= 0.0 or values["controller.position.kp"] <= 0.0:
+            raise EmcasError(f"{where} does not hold the fin: controller.velocity.kp and controller.position.kp must "
+                             "both be above 0")
+        raise EmcasError(f"{where} is unstable (a mode grows by {100.0 * (largest - 1.0):.2g} % a sample): lower "
+                         "controller.velocity.kp, controller.position.kp or controller.position.ki, or shorten "
+                         "drive.transport_delay")
     linear = _closed_loop(actuator)
     tell("root locus", 1, _STEPS)
     poles = locus.locus(parameters, locus_name, fin_angle, aero_torque)

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from ..errors import EmcasError
 from ..parameters import load_parameters
-from .common import ParametersOption, failures, out, progress_bar, stepper
+from .common import ParametersOption, check_outputs, failures, out, progress_bar, stepper
 
 EPILOG = ("Examples:\n\n  emcas analyse\n\n  emcas analyse --at 15 --report analysis.html "
           "--locus controller.velocity.kp"
@@ -33,6 +33,7 @@ def analyse(
 ) -> None:
     """Linearise at an operating point: bandwidth, margins, final values, limits, natural frequencies, capability."""
     with failures():
+        check_outputs(as_json, report)
         for name, value in (("--at", at), ("--torque", torque)):
             if not isfinite(value):
                 raise EmcasError(f"{name} {value}: give a finite number")

@@ -32,6 +32,15 @@ def failures() -> Iterator[None]:
         raise typer.Exit(2) from error
 
 
+def check_outputs(*paths: Path | None) -> None:
+    """Before long work: files to be written must have a folder. Raises EmcasError."""
+    for path in paths:
+        if path is not None and path.is_dir():
+            raise EmcasError(f"{path}: is a folder")
+        if path is not None and not path.parent.is_dir():
+            raise EmcasError(f"{path}: there is no folder {path.parent}; make it first")
+
+
 def progress_bar() -> Progress:
     return Progress(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
                     console=err, transient=True)

@@ -16,7 +16,7 @@ import numpy as np
 
 from .. import __version__, sensors
 from ..ops.floats import FLOATS
-from ..parameters import ParameterSet
+from ..parameters import ParameterSet, load_parameters
 from ..physics import friction, kinematics
 from ..tree import tree
 from .motion import ARRAYS
@@ -196,11 +196,17 @@ TRUTHS = ("drive.current_gain", "drive.current_offset", "drive.transport_delay",
 
 
 def _provenance(parameters: ParameterSet, seed: int, paths: Sequence[Path]) -> str:
+    default = load_parameters().values
+    own = {n: x for n, x in parameters.values.items() if x != default[n]}
+    given = " --parameters FILE" if own else ""
     lines = ["# How the records were made, and the values an identification ought to find, SI.",
-             f'command = "emcas identify bench --seed {seed}"', f"seed = {seed}", f'emcas_version = "{__version__}"',
+             f'command = "emcas identify bench --seed {seed}{given}"', f"seed = {seed}",
+             f'emcas_version = "{__version__}"',
              f"current_noise_a = {CURRENT_NOISE}", f"reference_noise_v = {REFERENCE_NOISE}", f"adc_bits = {ADC_BITS}",
              f"dac_bits = {DAC_BITS}", f"backlash_deg = {degrees(BACKLASH):.6g}", "", "[truth]"]
     lines += [f"{json.dumps(name)} = {float(parameters.values[name])!r}" for name in TRUTHS]
+    if own:  # what FILE has to say
+        lines += ["", "[parameters]", *(f"{json.dumps(n)} = {json.dumps(x)}" for n, x in own.items())]
     lines += ["", "[sha256]"]
     lines += [f'"{path.name}" = "{hashlib.sha256(path.read_bytes()).hexdigest()}"' for path in paths]
     return "\n".join([*lines, ""])

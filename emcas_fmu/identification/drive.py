@@ -37,6 +37,7 @@ _GIVEN = ("motor.resistance", "motor.inductance", "motor.back_emf_constant")
 FAST = 10.0  # samples of a fast record in the delay, at least
 LONGEST_DELAY = 0.1  # s, of the parameter's range
 FEWEST_LEVELS = 3
+_LENGTH = 0.1  # of the integral's time that the longest record must last
 _SETTLED = 5e-3  # s after an arrival from which a slow record, which cannot show a transient, counts again
 _WORST = 0.25  # relative 1 sigma of gain, delay or K_p beyond which there is no answer
 _LAG = 40.0  # V, a step of the reference is told from its noise by this many of its deviations
@@ -76,6 +77,7 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     runs = [_run(r, start) for r in records]
     _require_levels(runs)
     _require_slopes(runs, start, values)
+    _require_length(runs, values)
     found_fit = _fit(runs, start, values)
     _require_answer(found_fit, runs, values)
     estimates = [Estimate(name, float(value), float(sigma), unit, True, float(values[name]))
@@ -224,6 +226,20 @@ def _require_rate(delay: float, step: float) -> None:
         raise RecordError(f"the sample rate is too low for the delay: {delay * 1e3:.3g} ms is {delay / step:.2g} "
                           "samples "
                           f"of the fastest record; log at {FAST / max(delay, 1e-4):.3g} Hz or more")
+
+
+def _require_length(runs: Sequence[_Run], values: Mapping[str, Any]) -> None:
+    """A record within the integral's first moments shows the proportional part alone, and calls it the whole."""
+    if values["drive.ki"] <= 0.0:
+        return
+    slow = (values["motor.resistance"] + values["drive.kp"]) / values["drive.ki"]
+    longest = max(len(r.record) * r.record.step for r in runs)
+    if longest < _LENGTH * slow:
+        raise RecordError(
+            f"the longest record lasts {longest:.3g} s, but by the base parameters the drive's integral takes "
+            f"(R + Kp)/Ki = {slow:.3g} s to act: gain and Ki cannot be told from it. Add a slow staircase of "
+            f"{_LENGTH * slow:.3g} s or more, or give base parameters whose drive.ki is nearer the truth (0: no "
+            "integral)")
 
 
 def _require_answer(found: Fit, runs: Sequence[_Run], values: Mapping[str, Any]) -> None:

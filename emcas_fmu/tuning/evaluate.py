@@ -99,23 +99,24 @@ class Journal:
         if path is None:
             return
         header = {"study": study.digest}
-        if path.is_file():
-            lines = path.read_text(encoding="utf-8").splitlines()
-            try:
-                found = json.loads(lines[0]) if lines else None
-                if found != header:
-                    raise StudyError(f"{path}: is the journal of another study or parameter set; name another file")
-                for line in lines[1:]:
-                    self._add(_read(json.loads(line)))
-            except json.JSONDecodeError as error:
-                if self._known and error.doc == lines[-1]:  # killed while writing: that evaluation is made again
-                    path.write_text("\n".join(lines[:-1]) + "\n", encoding="utf-8")
-                else:
-                    raise StudyError(f"{path}: is no journal: {error}") from error
-            except (KeyError, TypeError) as error:
-                raise StudyError(f"{path}: is no journal: {error}") from error
-        else:
+        text = path.read_text(encoding="utf-8") if path.is_file() else ""
+        # A last line without its end was being written when the run was killed: that evaluation is made again.
+        lines = text.splitlines(keepends=True)
+        whole = [line for line in lines if line.endswith("\n")]
+        if not whole:
             path.write_text(json.dumps(header) + "\n", encoding="utf-8")
+            return
+        try:
+            found = json.loads(whole[0])
+            evaluations = [_read(json.loads(line)) for line in whole[1:]] if found == header else []
+        except (ValueError, KeyError, TypeError) as error:
+            raise StudyError(f"{path}: is no journal: {error}") from error
+        if found != header:
+            raise StudyError(f"{path}: is the journal of another study or parameter set; name another file")
+        for evaluation in evaluations:
+            self._add(evaluation)
+        if len(whole) < len(lines):
+            path.write_text("".join(whole), encoding="utf-8")
 
     def find(self, gains: Mapping[str, float]) -> Evaluation | None:
         """The evaluation of these very gains, if it was made."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from math import exp, log
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import wait
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -143,6 +146,9 @@ _study: Study | None = None
 def _begin(study: Study) -> None:
     global _study
     _study = study
+    parent = parent_process()
+    if parent is not None:  # a run that is killed takes its workers along
+        Thread(target=lambda: (wait([parent.sentinel]), os._exit(1)), daemon=True).start()
 
 
 def _one(gains: dict[str, float]) -> Evaluation:

@@ -99,7 +99,11 @@ def load_study(path: Path, base: ParameterSet) -> Study:
     listed = document.get("requirements")
     if not isinstance(listed, list) or not listed:
         raise StudyError(f"{path}: needs at least one [[requirements]]")
-    requirements = tuple(_requirement(path, entry, names) for entry in listed)
+    for case in cases:
+        if both := sorted(set(case.values) & {t.name for t in tunables}):
+            raise StudyError(f"{path}: cases.{case.name}: {', '.join(both)} is to be tuned and cannot be set by a case")
+    limit_angle = float(base.values["command.limit"])
+    requirements = tuple(_requirement(path, entry, names, limit_angle) for entry in listed)
     twice = sorted({r.name for r in requirements if [q.name for q in requirements].count(r.name) > 1})
     if twice:
         raise StudyError(f"{path}: requirement {', '.join(twice)} is given twice")
@@ -170,7 +174,7 @@ def _case(path: Path, name: str, entry: Any, base: ParameterSet) -> Case:
     return Case(name, {key: values[key] for key in changes})
 
 
-def _requirement(path: Path, entry: Any, cases: tuple[str, ...]) -> Requirement:
+def _requirement(path: Path, entry: Any, cases: tuple[str, ...], limit_angle: float) -> Requirement:
     where = f"{path}: requirement {entry.get('name', '?') if isinstance(entry, dict) else '?'}"
     if not isinstance(entry, dict):
         raise StudyError(f"{where}: expected a table")
@@ -180,7 +184,7 @@ def _requirement(path: Path, entry: Any, cases: tuple[str, ...]) -> Requirement:
             raise StudyError(f"{where}: {key} is missing")
     if len({"maximum", "minimum"} & set(entry)) != 1:
         raise StudyError(f"{where}: needs either maximum or minimum")
-    test = _test(where, entry["test"])
+    test = _test(where, entry["test"], limit_angle)
     figure = entry["figure"]
     available = [name for name, f in FIGURES.items() if test.kind in f.kinds]
     if figure not in available:
@@ -190,19 +194,28 @@ def _requirement(path: Path, entry: Any, cases: tuple[str, ...]) -> Requirement:
     limit = _number(f"{where}.{sense}", entry[sense], FIGURES[figure].unit)
     if limit <= 0.0:
         raise StudyError(f"{where}: the {sense} must be above 0")
-    chosen = tuple(entry.get("cases", cases))
+    for key in ("name", "figure", "source"):
+        if not isinstance(entry.get(key, ""), str):
+            raise StudyError(f"{where}: {key} must be a string")
+    listed = entry.get("cases", list(cases))
+    if not isinstance(listed, list) or not listed or not all(isinstance(name, str) for name in listed):
+        raise StudyError(f"{where}: cases must be a list of names, at least one")
+    chosen = tuple(listed)
     if unknown := [name for name in chosen if name not in cases]:
         raise StudyError(f"{where}: there is no case {', '.join(unknown)}; there is {', '.join(cases)}")
     return Requirement(entry["name"], test, figure, sense, limit, chosen, entry.get("source", ""))
 
 
-def _test(where: str, entry: Any) -> Test:
+def _test(where: str, entry: Any, limit_angle: float) -> Test:
     if not isinstance(entry, dict) or entry.get("kind") not in KINDS:
         raise StudyError(f"{where}: test needs a kind, one of {', '.join(KINDS)}")
     kind = entry["kind"]
     units = KINDS[kind]
     _known(entry, ("kind", *units), f"{where}: test")
     numbers = {key: _number(f"{where}: test.{key}", entry[key], unit) for key, unit in units.items() if key in entry}
+    if numbers.get("amplitude", 0.0) > limit_angle * (1.0 + 1e-9):
+        raise StudyError(f"{where}: test.amplitude = {entry['amplitude']} is beyond command.limit = "
+                         f"{limit_angle:g} rad")
     try:
         return Test(kind, **numbers)
     except ValueError as error:

@@ -145,6 +145,12 @@ def test_drive_sampled_too_slowly(tmp_path: Path) -> None:
         assert expected in said("drive", thin, slow)
 
 
+def test_drive_from_a_fast_record_alone() -> None:
+    """It shows the proportional part only: a gain 5 % too small and an integral that is none."""
+    fast, _ = sorted(shipped("drive"))
+    assert "Add a slow staircase" in said("drive", fast)
+
+
 def test_drive_with_one_level_or_saturated_voltage(tmp_path: Path) -> None:
     fast, slow = sorted(shipped("drive"))
     for f in (fast, slow):

@@ -152,7 +152,8 @@ def test_share_of_the_limit(study: Study, sense: str, limit: float, measured: fl
 def test_shipped_study_covers_what_is_asked_of_the_shipped_gains() -> None:
     study = load_study(models_directory() / "tuning.toml", load_parameters())
     assert {"nominal", "cold", "sag"} <= {c.name for c in study.cases}
-    assert {"steady_error", "sustained_rate", "bandwidth_3db", "overshoot", "rise_time", "rms_current", "gain_margin",
+    assert {"steady_error", "sustained_rate", "bandwidth_3db", "overshoot", "rise_time", "settling_time", "rms_current",
+            "gain_margin",
             "phase_margin"} <= {r.figure for r in study.requirements}
     assert {r.test.torque for r in study.requirements} >= {-100.0, 0.0, 100.0}
     from emcas_fmu.validation.requirements import REQUIREMENTS
@@ -182,6 +183,11 @@ def test_percentages_of_a_case_are_of_the_set_tuned(tmp_path: Path) -> None:
     ("friction.temperature", "friction.temperatur", "friction.temperature"), ('"-6 degC"', '"1e9 degC"', "temperature"),
     ('lower = "20 1/s"', 'lower = "0 1/s"', "0 < lower"), ('lower = "20 1/s"', 'lower = "20 m"', "does not measure"),
     ('amplitude = "2 deg"', 'amplitude = "0 deg"', "amplitude above 0"), ("[tunables]", "[tunable]", "tunables"),
+    ('cases = ["nominal"]', "cases = []", "at least one"),
+    ('cases = ["nominal"]', 'cases = "nominal"', "list of names"),
+    ('cases = ["nominal"]', "cases = 5", "list of names"), ('name = "overshoot"', 'name = ["os"]', "must be a string"),
+    ('amplitude = "2 deg"', 'amplitude = "60 deg"', "beyond command.limit"),
+    ("[cases.nominal]", '[cases.nominal]\n"controller.position.kp" = "300 %"', "cannot be set by a case"),
     ('duration = "0.3 s"', 'duration = "1 ms"', "duration"), ("[[requirements]]", "[[", "cannot be read")])
 def test_mistakes_in_a_study_are_named(tmp_path: Path, old: str, new: str, said: str) -> None:
     path = tmp_path / "bad.toml"
@@ -247,6 +253,20 @@ def test_a_run_that_was_stopped_goes_on(study: Study, tmp_path: Path, monkeypatc
     assert resumed.best == whole.best
     assert calls + 1_000_000 == len(whole.evaluated) - 39  # nothing is made twice
     assert len(Journal(path, study)) == len(whole.evaluated)
+
+
+def test_a_journal_cut_anywhere_is_gone_on_from(study: Study, tmp_path: Path) -> None:
+    path = tmp_path / "journal.jsonl"
+    tune(study, generations=1, journal=Journal(path, study))
+    whole = path.read_bytes()
+    lines = whole.splitlines(keepends=True)
+    for size in (0, 5, len(lines[0]), len(lines[0]) + 40, len(lines[0]) + len(lines[1]) - 1, len(whole) - 1):
+        path.write_bytes(whole[:size])
+        kept = Journal(path, study)
+        assert len(kept) == max(whole[:size].count(b"\n") - 1, 0)
+        kept.add(Journal(None, study))
+        tune(study, generations=1, journal=kept)
+        assert sorted(path.read_bytes().splitlines()) == sorted(whole.splitlines())
 
 
 def test_the_journal_of_another_study_is_refused(study: Study, tmp_path: Path) -> None:
@@ -327,7 +347,7 @@ def test_what_cannot_be_met_is_said(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("arguments", "said"), [
     (("--pareto", "rise"), "--pareto is given twice"),
     (("--pareto", "rise", "--pareto", "x"), "two of rise, overshoot"),
-    (("--parameters", "none.toml"), "none.toml")])
+    (("--parameters", "none.toml"), "none.toml"), (("--output", "no/such/x.toml"), "there is no folder")])
 def test_command_refuses(small: Path, arguments: tuple[str, ...], said: str) -> None:
     done = emcas(small, *arguments)
     assert done.exit_code == 2
