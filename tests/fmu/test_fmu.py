@@ -7,6 +7,7 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Mapping
+from math import radians
 from pathlib import Path
 from typing import Any
 
@@ -163,8 +164,9 @@ def test_inputs_are_interpolated(scenario: Any) -> None:
     """First derivatives replace small steps: on ramps of all kinds of inputs."""
     found = scenario("interpolation")
     # Supply and attitude act through the middle of ticks that begin and end elsewhere on another grid: an error of
-    # second order in the tick of 0.7 ms, as in the integration itself.
-    assert found["coarse-fine"] < 2e-6
+    # second order in the tick of 0.7 ms, as in the integration itself, and given the same quarter of the 0.002 deg
+    # that trajectories may differ by.
+    assert found["coarse-fine"] < radians(0.002) / 4
     assert found["coarse-finest"] < 2e-5  # held over 0.1 ms
     assert found["held-finest"] > 100 * found["coarse-finest"]
     assert found["bad"] == {"order 2": ERROR, "nan": ERROR, "output": ERROR, "parameter": ERROR}
