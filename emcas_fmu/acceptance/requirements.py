@@ -13,6 +13,7 @@ from typing import Any, Literal
 from ..errors import EmcasError
 from ..units import quantity
 from ..validation import requirements as table2
+from ..validation.results import Verdict
 from .bench import Bench
 from .outcome import Outcome, flat, unit_of
 
@@ -43,7 +44,7 @@ class Wanted:
 
 
 @dataclass(frozen=True)
-class Judged:
+class Judged(Verdict):
     """A requirement and what was measured for it; `measured` is None where there is no such figure."""
 
     source: str
@@ -56,21 +57,9 @@ class Judged:
     how: str
 
     @property
-    def margin(self) -> float | None:
-        """Distance to the limit [unit], negative where it is missed."""
-        if self.measured is None or not isfinite(self.measured):
-            return None
-        return self.measured - self.limit if self.sense == ">=" else self.limit - self.measured
-
-    @property
     def margin_percent(self) -> float | None:
         """The margin in % of the limit."""
         return None if self.margin is None or not self.limit else 100.0 * self.margin / abs(self.limit)
-
-    @property
-    def passed(self) -> bool:
-        """Whether the limit is kept; never true of a figure that is missing or not a number."""
-        return self.margin is not None and bool(self.margin >= 0.0)
 
 
 def judge_table2(bench: Bench) -> list[Judged]:

@@ -10,9 +10,8 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from ..errors import EmcasError
 from ..parameters import load_parameters
-from .common import ParametersOption, failures, out, progress_bar, stepper
+from .common import ParametersOption, check_outputs, failures, out, progress_bar, stepper
 
 if TYPE_CHECKING:
     from ..identification.result import Identification
@@ -50,9 +49,7 @@ def _carry_out(run: Callable[[ParameterSet], Identification], parameters: Path |
     from ..identification.result import write_json
 
     with failures():
-        for path in (output, report, as_json):
-            if path and not path.parent.is_dir():
-                raise EmcasError(f"{path}: there is no folder {path.parent}")
+        check_outputs(output, report, as_json)
         base = load_parameters(parameters)
         result = run(base)
         if output:

@@ -10,7 +10,7 @@ import typer
 from rich.markup import escape
 
 from ..errors import EmcasError
-from .common import failures, out, progress_bar, stepper
+from .common import check_outputs, failures, out, progress_bar, stepper
 
 EPILOG = ("Examples:\n\n  emcas report\n\n  emcas report EMCAS.fmu --output report.html --date 2026-03-31"
           "\n\n  emcas report my_actuator.toml --requirements specification.toml --load 60 --junit junit.xml"
@@ -46,9 +46,7 @@ def report(
     from ..reference.cases import LOAD
 
     with failures():
-        for path in (output, as_json, junit):
-            if path and not path.parent.is_dir():
-                raise EmcasError(f"{path}: there is no folder {path.parent}; make it first")
+        check_outputs(output, as_json, junit)
         if load is not None and not 0.0 < load < float("inf"):
             raise EmcasError(f"--load {load:g}: must be above 0, in N.m")
         told = _date(date) if date else ""

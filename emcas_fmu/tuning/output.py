@@ -10,6 +10,7 @@ from typing import Any
 from rich.table import Table
 
 from .. import __version__
+from ..validation.results import finite
 from ..variables import FILE_ENTRIES
 from .evaluate import Evaluation
 from .experiments import FIGURES
@@ -87,14 +88,5 @@ def write_json(result: Result, path: Path, command: str) -> None:
         "judgements": [{"requirement": j.requirement, "case": j.case, "measured_si": j.measured, "share": j.share}
                        for j in result.best.judgements],
     }
-    text = json.dumps(_finite(document), indent=1, allow_nan=False)
+    text = json.dumps(finite(document), indent=1, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8", newline="\n")
-
-
-def _finite(value: Any) -> Any:
-    """JSON knows no infinity and no NaN: null."""
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, list):
-        return [_finite(v) for v in value]
-    return None if isinstance(value, float) and value - value != 0.0 else value

@@ -20,8 +20,28 @@ SCHEMA = "emcas-validation/1"
 """Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
 
 
+class Verdict:
+    """How what was measured stands to its limit, for data classes with these fields."""
+
+    measured: float | None
+    sense: Literal["<=", ">="]
+    limit: float
+
+    @property
+    def margin(self) -> float | None:
+        """Distance to the limit [unit], negative where it is missed."""
+        if self.measured is None or not isfinite(self.measured):
+            return None
+        return self.measured - self.limit if self.sense == ">=" else self.limit - self.measured
+
+    @property
+    def passed(self) -> bool:
+        """Whether the limit is kept; never true of a figure that is missing or not a number."""
+        return self.margin is not None and bool(self.margin >= 0.0)
+
+
 @dataclass(frozen=True)
-class Criterion:
+class Criterion(Verdict):
     """One thing to pass: `measured` [unit] at least or at most `limit` [unit].
 
     ``measured`` is None where the run it needs was not made (skipped) or gave no such figure (failed,
@@ -38,18 +58,6 @@ class Criterion:
     source: str
     note: str = ""
     skipped: bool = False
-
-    @property
-    def margin(self) -> float | None:
-        """Distance to the limit [unit], negative where it is missed."""
-        if self.measured is None or not isfinite(self.measured):
-            return None
-        return self.measured - self.limit if self.sense == ">=" else self.limit - self.measured
-
-    @property
-    def passed(self) -> bool:
-        """Whether the limit is kept; never true of a figure that is missing or not a number."""
-        return self.margin is not None and bool(self.margin >= 0.0)
 
 
 @dataclass(frozen=True)
@@ -167,15 +175,16 @@ class Result:
             plain[name] = [asdict(item) for item in getattr(self, name)]
         criteria = [{**asdict(c), "margin": c.margin, "passed": c.passed} for c in self.criteria]
         document = {"schema": SCHEMA, "passed": self.passed, "fmu": asdict(self.fmu), **plain, "criteria": criteria}
-        finite: dict[str, Any] = _finite(document)
-        return finite
+        plainly: dict[str, Any] = finite(document)
+        return plainly
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
+    """A document for JSON, which knows no infinity and no NaN: null."""
     if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: finite(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
+        return [finite(item) for item in value]
     if isinstance(value, float):
         return float(value) if isfinite(value) else None
     return value
