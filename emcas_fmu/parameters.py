@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -16,14 +15,10 @@ from typing import Any
 from .consistency import check_consistency, check_ranges
 from .errors import EmcasError
 from .files import models_directory
+from .toml import tomllib
 from .tree import tree
 from .units import describe, quantity
 from .variables import FILE_ENTRIES, PARAMETERS, Variable
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 Value = float | int | bool
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -11,16 +10,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ..errors import EmcasError
+from ..toml import tomllib
 from ..units import quantity
 from ..validation import requirements as table2
 from ..validation.results import Verdict
 from .bench import Bench
 from .outcome import Outcome, flat, unit_of
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 _FIELDS = ("name", "title", "figure", "sense", "limit")
 _SENSES: Mapping[str, Literal["<=", ">="]] = {"<=": "<=", ">=": ">=", "at most": "<=", "at least": ">="}

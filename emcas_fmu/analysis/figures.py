@@ -15,6 +15,7 @@ from .. import plots
 from ..validation.metrics import FrequencyResponse
 from . import frequency
 from .analyse import Analysis
+from .steps import STOP
 from .sweep import LIMITS
 
 Drawing = tuple[str, Figure, str]
@@ -176,6 +177,8 @@ def steps(found: Analysis) -> Drawing:
     columns = len(found.steps)
     figure, grid = plots.figure(1, max(columns, 1), height=2.6, sharex=True, sharey=True)
     blue, orange = {"color": plots.GREEN}, {"color": plots.BLUE}
+    settled = [s.metrics_nonlinear.settling_time for s in found.steps]
+    end = 1e3 * float(np.clip(1.15 * np.max(settled, initial=0.0), 0.15, STOP))
     for axes, s in zip(grid[0], found.steps, strict=False):
         plots.shade(axes, s.time * 1e3, s.active)
         axes.plot(s.time * 1e3, s.thesis / s.size, **_THESIS)
@@ -183,7 +186,7 @@ def steps(found: Analysis) -> Drawing:
         axes.plot(s.time * 1e3, s.nonlinear / s.size, **blue)
         axes.set_xlabel("time / ms")
         axes.text(0.97, 0.05, f"{s.size:+g} deg", transform=axes.transAxes, ha="right", fontsize=9)
-        axes.set_xlim(0, 150)
+        axes.set_xlim(0, end)
     grid[0, 0].set_ylabel("fin angle / step")
     _legend(grid[0, 0], ("nonlinear", blue), ("linearised here", orange), ("thesis's linear model", _THESIS),
             ("a limit is active", {"color": plots.GRAY, "alpha": 0.3, "linewidth": 7}), columns=4)

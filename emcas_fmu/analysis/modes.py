@@ -9,7 +9,6 @@ The thesis finds them 42 and 139 times its bandwidth of 10 Hz. That divides rad/
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -21,13 +20,9 @@ from ..errors import EmcasError
 from ..files import models_directory
 from ..ops.floats import FLOATS
 from ..physics import kinematics, mechanics
+from ..toml import tomllib
 from ..tree import tree
 from ..units import UnitError, quantity
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 _UNITS = {"rod.length": "m", "rod.diameter": "m", "rod.tensile_modulus": "N/m^2", "rod.shear_modulus": "N/m^2",
           "thesis.inertia": "kg*m^2", "thesis.mass": "kg", "thesis.bandwidth": "Hz"}

@@ -16,7 +16,7 @@ from ..validation.metrics import StepMetrics, step_metrics
 from .linear import Array, LinearActuator
 
 SIZES = (1.0, 3.0, 10.0, 20.0)  # deg
-STOP = 0.3  # s
+STOP = 0.6  # s, past the settling of the slowest step
 _CARRY = 2.0  # s, for a load to be carried before the step
 
 

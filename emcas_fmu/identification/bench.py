@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from math import degrees, pi, radians
+from math import degrees, pi, radians, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -17,18 +17,32 @@ import numpy as np
 from .. import __version__, sensors
 from ..ops.floats import FLOATS
 from ..parameters import ParameterSet, load_parameters
-from ..physics import friction, kinematics
+from ..physics import friction, kinematics, mechanics
 from ..tree import tree
 from .motion import ARRAYS
 from .records import Array
-from .rig import ADC_BITS, CURRENT_NOISE, CURRENT_RANGE, DAC_BITS, REFERENCE_NOISE, REFERENCE_RANGE, Log, quantised, run
+from .rig import (
+    ADC_BITS,
+    CURRENT_NOISE,
+    CURRENT_RANGE,
+    DAC_BITS,
+    REFERENCE_NOISE,
+    REFERENCE_RANGE,
+    Log,
+    fastest_sweep,
+    quantised,
+    run,
+)
 
 SPEEDS_RPM = (25, 50, 500, 1000, 1500, 2000)  # those of the thesis, the slowest for Coulomb friction
 TEMPERATURES = (friction.WARM, friction.COLD)
 SPIN_UPS = (2.0, 3.1, 4.9)  # times the reference that overcomes Coulomb friction at fin angle 0, as trying would tell
+INTERVALS = (1e-5, 2e-5, 5e-5)  # s, of the fast logger
 BACKLASH = radians(0.06)
 END = radians(19.5)
+_HALF_WAY = 0.7  # speed at half the time over that at half the way, from rest at constant acceleration
 _RPM = 2.0 * pi / 60.0
+_SLOW = 200  # rpm: slower sweeps are logged as averages
 _PAUSE = 0.15  # s at rest before and between moves
 PROVENANCE = "provenance.toml"
 
@@ -67,10 +81,17 @@ def _there_and_back(low: float, high: float, speed: float) -> tuple[Callable[[fl
     return angle, 2.0 * sweep + 3.0 * _PAUSE
 
 
+def sweep_speeds(values: Mapping[str, Any], speeds: Sequence[float] = SPEEDS_RPM) -> list[float]:
+    """Speeds [rpm] of the sweeps: the fast ones slowed, all in one ratio, to what the rig holds within the travel."""
+    low, high = _motor_end(values)
+    share = min(1.0, fastest_sweep(values, high - low) / (max(speeds) * _RPM))
+    return [rpm if rpm < _SLOW else max(round(rpm * share), _SLOW) for rpm in speeds]
+
+
 def friction_run(values: Mapping[str, Any], rng: np.random.Generator, rpm: float, temperature: float) -> Columns:
     """A sweep up and one down at constant motor speed."""
     signal, duration = _there_and_back(*_motor_end(values), rpm * _RPM)
-    every = 10 if rpm < 200 else 1
+    every = 10 if rpm < _SLOW else 1
     log = run({**values, "friction.temperature": temperature}, signal, duration, 1e-3, log_every=every, start=-END)
     room = temperature + rng.normal(0.0, 0.1, len(log.time))
     return {"time [s]": (log.time, "%.3f"),
@@ -91,11 +112,21 @@ def inertia_run(values: Mapping[str, Any], rng: np.random.Generator, volts: floa
 
 
 def spin_up_volts(values: Mapping[str, Any]) -> list[float]:
-    """References [V] of the spin-ups, in hundredths."""
+    """References [V] of the spin-ups, in hundredths.
+
+    What the motion's back-EMF takes off the current, half way through the travel, is made up for.
+    """
     p = tree(values)
+    low, high = _motor_end(values)
     level = max(float(friction.coulomb(FLOATS, p, side, 0.0)) for side in (1.0, -1.0))
-    per_volt = p.motor.torque_constant * p.drive.current_gain
-    return [round(share * level / per_volt, 2) for share in SPIN_UPS]
+    inertia = float(mechanics.coefficients(FLOATS, p, 0.5 * (low + high), 0.0, 0.0, 0.0).inertia)
+    volts = []
+    for share in SPIN_UPS:
+        speed = sqrt((share - 1.0) * level / inertia * (high - low)) * _HALF_WAY
+        current = share * level / p.motor.torque_constant
+        demand = current + (p.motor.resistance * current + p.motor.back_emf_constant * speed) / p.drive.kp
+        volts.append(round(min(demand / p.drive.current_gain, p.drive.reference_limit), 2))
+    return volts
 
 
 def _reference(log: Log, rng: np.random.Generator) -> Array:
@@ -106,16 +137,23 @@ def _reference(log: Log, rng: np.random.Generator) -> Array:
 
 def drive_fast(values: Mapping[str, Any], rng: np.random.Generator) -> Columns:
     """Small random steps on a clamped rotor, fast logged: delay and proportional gain."""
-    levels = rng.uniform(-0.3, 0.3, 40)
-    log = run(values, lambda t: float(levels[int(t / 4e-3) % 40]) if t >= 8e-3 else 0.0, 0.12, 5e-5, open_loop=True,
-              clamped=True)
+    p = tree(values)
+    # Steps that leave a third of the supply, and a logger that sees the delay and the rise, as trying would tell.
+    reach = round(min(0.63 * p.drive.supply_voltage / (2.0 * p.drive.kp), 10.0) / p.drive.current_gain, 2)
+    rise = p.motor.inductance / (p.motor.resistance + p.drive.kp)
+    interval = max((t for t in INTERVALS if t <= min(rise, p.drive.transport_delay / 15.0)), default=min(INTERVALS))
+    levels = rng.uniform(-reach, reach, 40)
+    log = run(values, lambda t: float(levels[int(t / 4e-3) % 40]) if t >= 8e-3 else 0.0, 0.12, interval,
+              open_loop=True, clamped=True)
     return {"time [ms]": (log.time * 1e3, "%.2f"), "drive_reference [V]": (_reference(log, rng), "%.4f"),
             "motor_current [A]": (_current(log, rng), "%.3f")}
 
 
 def drive_slow(values: Mapping[str, Any], rng: np.random.Generator) -> Columns:
-    """A staircase over +-4 V on a clamped rotor, slowly logged: gain, offset and integral gain."""
-    levels = (0.0, 2.0, 4.0, 0.0, -4.0, -2.0, 1.0, 3.0, -3.0, -1.0)
+    """A staircase over half the drive's current on a clamped rotor, slowly logged: gain, offset, integral gain."""
+    step = round(min(0.55 * values["drive.current_limit"] / values["drive.current_gain"],
+                     0.9 * values["drive.reference_limit"]) / 4.0, 2)
+    levels = tuple(step * k for k in (0.0, 2.0, 4.0, 0.0, -4.0, -2.0, 1.0, 3.0, -3.0, -1.0))
     log = run(values, lambda t: levels[int(t / 6.0) % 10], 60.0, 1e-2, log_every=2, sample_time=1e-2, open_loop=True,
               clamped=True)
     return {"time [s]": (log.time, "%.2f"), "drive_reference [V]": (_reference(log, rng), "%.4f"),
@@ -151,7 +189,7 @@ def data_sets(values: Mapping[str, Any], seed: int, *, speeds: Sequence[float] =
 
     if "friction" in kinds:
         for i, temperature in enumerate(temperatures):
-            for j, rpm in enumerate(speeds):
+            for j, rpm in enumerate(sweep_speeds(values, speeds)):
                 name = f"friction_{rpm:04.0f}rpm_{'minus' if temperature < 0 else ''}{abs(temperature):.0f}degC"
                 yield name, friction_run(values, rng(0, i, j), rpm, temperature)
     if "drive" in kinds:
@@ -220,11 +258,12 @@ def draw_truth(parameters: ParameterSet, rng: np.random.Generator) -> ParameterS
     def vary(name: str, low: float, high: float) -> None:
         change[name] = float(v[name]) * float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
-    for name in ("drive.current_gain", "drive.kp", "inertia.motor"):
-        vary(name, 0.75, 1.35)
-    vary("drive.ki", 0.5, 4.0)
-    change["drive.transport_delay"] = float(rng.uniform(2e-3, 5e-3))
-    change["drive.current_offset"] = float(rng.uniform(-0.1, 0.1))
+    for name in ("drive.current_gain", "drive.kp", "motor.inductance", "motor.resistance"):
+        vary(name, 0.4, 2.5)
+    vary("inertia.motor", 0.6, 1.7)
+    vary("drive.ki", 0.3, 8.0)
+    change["drive.transport_delay"] = float(np.exp(rng.uniform(np.log(3e-4), np.log(8e-3))))
+    change["drive.current_offset"] = float(rng.uniform(-0.3, 0.3))
     for direction in ("positive", "negative"):
         vary(f"friction.viscous.{direction}", 0.6, 1.8)
         scale = rng.uniform(0.7, 1.4)

@@ -32,6 +32,7 @@ SPREAD = 1.5  # highest over lowest torque between runs of one direction, at lea
 _LEVELS = tuple(name for d in ("positive", "negative") for name in COULOMB[d])
 _NAMES = (MOTOR, *VISCOUS, *_LEVELS)
 _WORST = 0.1
+_SCALE = 40.0  # factor of a file's own inertia to the base set's beyond which a unit must be wrong
 _FASTEST = 0.02  # of the largest speed: slower windows may touch standstill
 _GIVEN = ("motor.torque_constant", "inertia.screw", "inertia.fin", "inertia.shaft", "inertia.fork", "mass.nut",
           "kinematics.moment_arm", "kinematics.initial_angle", "screw.lead")
@@ -47,6 +48,7 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
         found = _moving(record)
         groups.append(list(range(len(parts), len(parts) + len(found))))
         parts += found
+    _require_scale(records, [[parts[i] for i in members] for members in groups], base)
     _require(parts, base)
     found_fit = _fit(parts, groups, base)
     motor, sigma = float(found_fit.values[0]), float(found_fit.sigmas[0])
@@ -107,6 +109,22 @@ def _moving(record: Record) -> list[motion.Averages]:
 def _torques(parts: Sequence[motion.Averages], values: Mapping[str, Any]) -> Array:
     found: Array = np.array([np.mean(np.abs(a.current)) for a in parts]) * float(values["motor.torque_constant"])
     return found
+
+
+def _require_scale(records: Sequence[Record], parts: Sequence[Sequence[motion.Averages]], base: ParameterSet) -> None:
+    """Refuse a file whose torque and acceleration are no pair: one wrong unit among several would bend them all."""
+    expected = _total(base.values)
+    for record, mine in zip(records, parts, strict=True):
+        torque = float(np.mean(_torques(mine, base.values)))
+        implied = torque / float(np.mean(np.abs(np.concatenate([a.acceleration for a in mine]))))
+        # Friction only adds to the torque, and most of all where a spin-up hardly overcomes it.
+        if not 1.0 / _SCALE < implied / expected < 10.0 * _SCALE:
+            raise record.fail(
+                f"torque and acceleration do not belong together: motor.torque_constant times motor_current, "
+                f"{torque:.3g} N.m, over the acceleration is {implied:.3g} kg.m2, {implied / expected:.2g} times the "
+                f"inertia of the base parameters; check the units in the header (motor_current was read as "
+                f"{record.written['motor_current']}, motor_angle as {record.written['motor_angle']}, time as "
+                f"{record.written['time']})")
 
 
 def _require(parts: Sequence[motion.Averages], base: ParameterSet) -> None:

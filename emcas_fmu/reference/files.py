@@ -13,7 +13,6 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,10 +26,7 @@ from emcas_fmu.reference.cases import CASES, SIGNIFICANT_DIGITS, Case
 from emcas_fmu.reference.plant import Value
 from emcas_fmu.reference.simulate import MAX_STEP, RTOL, SCALES, Array, simulate
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
+from ..toml import tomllib
 
 PREFIX = "EMCAS"
 PROVENANCE = "provenance.toml"

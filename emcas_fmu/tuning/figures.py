@@ -15,6 +15,7 @@ from .optimise import Result
 from .pareto import Conflict, shares
 
 Drawing = tuple[Figure, str, str]
+_SHOWN = 1.0  # s of a response, at most: past any settling of use
 
 
 def all_figures(result: Result, found: Conflict | None) -> Iterator[Drawing]:
@@ -37,7 +38,7 @@ def responses(result: Result) -> Drawing:
         for gains, color, label in ((result.before.gains, GRAY, "before"), (result.best.gains, BLUE, "tuned")):
             for case in result.study.cases:
                 found = response(test, result.study.values(case, gains))
-                shown = (found["time"] > -0.03) & (found["time"] <= min(test.duration, 0.6))
+                shown = (found["time"] > -0.03) & (found["time"] <= min(test.duration, _SHOWN))
                 axes.plot(found["time"][shown] * 1e3, np.degrees(found["fin_angle"][shown]), color=color,
                           linewidth=0.9, alpha=0.8, label=label if case is result.study.cases[0] else None)
         axes.axhline(degrees(test.amplitude), color=VERMILLION, linewidth=0.7, linestyle="--")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from difflib import get_close_matches
@@ -13,14 +12,10 @@ from typing import Any
 
 from ..errors import EmcasError
 from ..parameters import ParameterSet
+from ..toml import tomllib
 from ..units import UnitError, quantity
 from ..variables import FILE_ENTRIES
 from .experiments import FIGURES, KINDS, Test
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 _VARIABLES = {v.name: v for v in FILE_ENTRIES}
 

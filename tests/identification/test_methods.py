@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import hashlib
-import sys
 from math import radians
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from emcas_fmu.identification import bench, current_loop, drive, motion, rig
 from emcas_fmu.identification.estimation import correlation_time, fit
 from emcas_fmu.identification.records import Array, Record
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.toml import tomllib
 
 from .conftest import BENCH
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.8])
@@ -52,6 +49,15 @@ def test_sigmas_of_a_line_are_those_of_repeated_experiments(rho: float) -> None:
     ratio = np.std(values, axis=0) / np.mean(sigmas, axis=0)
     assert np.all((ratio > 0.7) & (ratio < 1.35)), ratio
     assert np.abs(np.mean(values, axis=0) - [3.0, 2.0]).max() < 4.0 * np.max(sigmas) / 60**0.5
+
+
+@given(every=st.sampled_from([1, 2, 10]), slope=st.floats(-5.0, 5.0), offset=st.floats(-5.0, 5.0))
+def test_logged_means_are_not_late(every: int, slope: float, offset: float) -> None:
+    """The mean about a row of what changes at a constant rate is the value at that row, but at the two ends."""
+    log = rig.centred(offset + slope * np.arange(101.0), every)
+    expected = (offset + slope * np.arange(101.0))[::every]
+    assert log.shape == expected.shape
+    assert log[1:-1] == pytest.approx(expected[1:-1], abs=1e-11)  # rounding of sums up to 5,000
 
 
 @pytest.mark.parametrize("delay", [3.7e-3, 3.7133e-3, 2.0101e-3, 4.0e-3])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,13 +10,9 @@ import pytest
 
 from emcas_fmu.identification import bench
 from emcas_fmu.identification.result import Identification
+from emcas_fmu.toml import tomllib
 
 from .conftest import BENCH, recover
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 # Seeds below 100 000 were looked at while the code was written; these were not.
 FIRST = 916_000

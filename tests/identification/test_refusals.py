@@ -94,7 +94,11 @@ def put(row: int, value: float) -> Callable[[Array], Array]:
     ("drive", "drive_fast", column("motor_current", lambda x: np.roll(x, len(x) // 2)[::-1]), ["does not follow"]),
     ("drive", "drive_fast", column("motor_current", rail(1.4)), ["motor_current is clipped"]),
     ("drive", "drive_slow", column("drive_reference", lambda x: 2.6 * x), ["drive_reference", "reference_limit"]),
-    ("inertia", "inertia_plus_0460mV", column("motor_current", rail(2.5)), ["motor_current is clipped"]),
+    ("inertia", "inertia_plus_1220mV", renamed("motor_current", "motor_current [mA]"),
+     ["inertia_plus_1220mV.csv", "torque and acceleration do not belong together", "read as mA"]),
+    ("inertia", "inertia_minus_1820mV", renamed("motor_angle", "motor_angle [rad]"),
+     ["inertia_minus_1820mV.csv", "motor_angle reaches", "read as rad"]),
+    ("inertia", "inertia_plus_0810mV", column("motor_current", rail(4.0)), ["motor_current is clipped"]),
     ("backlash", "backlash", renamed("fin_angle", "fin_angle [rad]"), ["fin_angle reaches", "read as rad"]),
     ("backlash", "backlash", renamed("fin_angle", "fin_angle [arcmin]"), ["times as much", "check the units"]),
     ("backlash", "backlash", rows(lambda n: slice(0, n // 4)), ["no sweep", "negative direction"]),
@@ -164,7 +168,7 @@ def test_drive_with_one_level_or_saturated_voltage(tmp_path: Path) -> None:
 
 
 def test_inertia_at_one_level_or_in_one_direction() -> None:
-    assert "at one level of torque" in said("inertia", *(f for f in shipped("inertia") if "0460" in f.name))
+    assert "at one level of torque" in said("inertia", *(f for f in shipped("inertia") if "0810" in f.name))
     up = [f for f in shipped("inertia") if "plus" in f.name]
     assert "no spin-up in the negative direction" in said("inertia", *up)
 
