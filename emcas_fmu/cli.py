@@ -8,18 +8,32 @@ from typing import Annotated
 import typer
 
 from . import __version__
-from .commands import analyse, build, identify, parameters, reference, report, simulate, tune, validate
+from .commands import (
+    analyse,
+    build,
+    campaign,
+    identify,
+    parameters,
+    reference,
+    report,
+    simulate,
+    ssp,
+    tune,
+    validate,
+)
 from .commands.common import out
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="rich",
                   help="Electromechanical control actuation system as an FMI 2.0 co-simulation FMU.")
 app.command(epilog=analyse.EPILOG)(analyse.analyse)
 app.command(epilog=build.EPILOG)(build.build)
+app.command(epilog=campaign.EPILOG)(campaign.campaign)
 app.add_typer(identify.app, name="identify")
 app.command(name="parameters", epilog=parameters.EPILOG)(parameters.show_parameters)
 app.command(epilog=reference.EPILOG)(reference.reference)
 app.command(epilog=report.EPILOG)(report.report)
 app.command(epilog=simulate.EPILOG)(simulate.simulate)
+app.add_typer(ssp.app, name="ssp")
 app.command(epilog=tune.EPILOG)(tune.tune)
 app.command(epilog=validate.EPILOG)(validate.validate)
 

@@ -26,6 +26,17 @@ class Output(NamedTuple):
     limited: Value
 
 
+def mixed_command(ops: Ops, p: Any, command: Value, roll: Value, pitch: Value, yaw: Value) -> Value:
+    """Command [rad] of one of several fins with the mixing inputs' share.
+
+    A positive deflection of a panel at mounting.azimuth turns its leading edge up as seen with the hinge
+    pointing out to the right; behind the centre of mass its lift then makes negative moments about the body
+    axes, in proportion 1 : cos(azimuth) : sin(azimuth). So positive mixing inputs ask for positive moments.
+    """
+    azimuth = p.mounting.azimuth
+    return command - (roll + pitch * ops.cos(azimuth) + yaw * ops.sin(azimuth))
+
+
 def clipped_command(ops: Ops, p: Any, command: Value) -> Value:
     """Fin command [rad] within +-command.limit."""
     return ops.clip(command, -p.command.limit, p.command.limit)

@@ -8,13 +8,23 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
+from ..errors import EmcasError
 from ..parameters import load_parameters
+from ..unit import Unit
 from .common import ParametersOption, failures, out, progress_bar, stepper
 
 EPILOG = ("Examples:\n\n  emcas build\n\n  emcas build --parameters my_actuator.toml --output MyActuator.fmu"
                 "\n\n  emcas build --backend native"
                 "\n\n  emcas build --backend native --platform linux64 --platform win64"
-                "\n\n  emcas build --backend native --cc gcc")
+                "\n\n  emcas build --backend native --cc gcc"
+                "\n\n  emcas build --fins 4 --layout cross --fin 2=worn.toml --backend native")
+
+
+def _numbered(text: str) -> tuple[int, Path]:
+    number, _, path = text.partition("=")
+    if not number.isdigit() or not path:
+        raise EmcasError(f"--fin {text}: expected a fin's number from 1 and a file, as in --fin 2=worn.toml")
+    return int(number), Path(path)
 
 
 def build(
@@ -27,12 +37,22 @@ def build(
              "aarch64-darwin; native only.")] = None,
     cc: Annotated[str | None, typer.Option("--cc", help="System C compiler instead of zig, for this platform; "
                                                         "native only.", metavar="PROGRAM")] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="FMU to write.", metavar="FILE")] = Path("EMCAS.fmu"),
+    fins: Annotated[int, typer.Option(help="Actuators in the unit, on one bus; the model is then called EMCAS4.",
+                                      metavar="N")] = 1,
+    layout: Annotated[str, typer.Option(help="Where several fins are: one along body y, or half a space further.",
+                                        metavar="plus|cross")] = "cross",
+    fin: Annotated[list[str] | None, typer.Option(
+        help="Parameters of one of several fins: its number from 1 and a file (may be given several times).",
+        metavar="N=FILE")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="FMU to write: EMCAS.fmu, or EMCAS4.fmu "
+                                                "with --fins 4, if not given.", metavar="FILE")] = None,
 ) -> None:
     """Build the FMU of a parameter set."""
     from ..fmi.package import build as build_fmu
 
     with failures(), progress_bar() as progress:
-        built = build_fmu(load_parameters(parameters), output, backend, platform, cc, stepper(progress, "compile"))
+        each = {number: load_parameters(path) for number, path in map(_numbered, fin or [])}
+        built = build_fmu(load_parameters(parameters), output or Path(f"{Unit(fins).model}.fmu"), backend, platform, cc,
+                          stepper(progress, "compile"), fins, layout, each)
     out.print(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})", highlight=False, soft_wrap=True)

@@ -16,6 +16,8 @@ EPILOG = ("Examples:\n\n  emcas validate EMCAS.fmu\n\n  emcas validate EMCAS.fmu
 def validate(
     fmu: Annotated[Path, typer.Argument(help="FMU to judge.", metavar="FMU")],
     case: Annotated[list[str] | None, typer.Option(help="Only this case (may be given several times).")] = None,
+    fin: Annotated[int | None, typer.Option(help="Which fin of a unit of several; the first unless given.",
+                                            metavar="N")] = None,
     as_json: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.",
                                                     metavar="FILE")] = None,
     junit: Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.", metavar="FILE")] = None,
@@ -31,7 +33,7 @@ def validate(
 
     with failures():
         with progress_bar() as progress:
-            result = run(fmu, case, directory, stepper(progress, "validate"))
+            result = run(fmu, case, directory, stepper(progress, "validate"), fin)
         for part in summary(result):
             out.print(part, highlight=False)
         for path, write in ((as_json, write_json), (junit, write_junit)):

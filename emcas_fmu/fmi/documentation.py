@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,12 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from .. import __version__, control, integrate, schedule, sensors
 from ..files import models_directory
 from ..parameters import ParameterSet, are_defaults
-from ..physics import drive, friction, kinematics, loads, mechanics
+from ..physics import bus, drive, friction, kinematics, loads, mechanics
 from ..reference import files
-from ..variables import INPUTS, OUTPUTS, PARAMETERS, Variable
+from ..unit import Unit, start_values
+from ..variables import Variable
 from .figures import icon, response_figures
-from .model_description import DESCRIPTION, MODEL
+from .model_description import describe
 
 _EQUATIONS = (kinematics, mechanics, friction, loads, drive, sensors, control, schedule, integrate)
 _EXTERNAL = """This FMU computes in Python. Its binaries (linux64, win64) load into a process that has Python 3.10 or
@@ -36,29 +37,32 @@ def _text(value: Any) -> str:
     return f"{value:.6g}"
 
 
-def _rows(variables: tuple[Variable, ...], parameters: ParameterSet) -> list[dict[str, Any]]:
-    entries = {e.variable.name: e for e in parameters.entries}
+def _rows(unit: Unit, variables: tuple[Variable, ...], sets: Sequence[ParameterSet],
+          starts: Mapping[str, Any]) -> list[dict[str, Any]]:
+    entries = {unit.name(e.variable.name, fin): e for fin, p in enumerate(sets) for e in p.entries}
     rows = []
     for v in variables:
         row: dict[str, Any] = {"v": v, "source": "", "note": ""}
-        if v.name in entries:
-            entry = entries[v.name]
+        if v.causality == "parameter":
             limits = "" if v.kind == "Boolean" else f"{v.minimum:.4g} … {v.maximum:.4g}"
-            row |= {"source": entry.source, "note": entry.note, "range": limits,
-                    "value": _text(parameters.values[v.name])}
+            row |= {"range": limits, "value": _text(starts[v.name])}
+            if v.name in entries:
+                row |= {"source": entries[v.name].source, "note": entries[v.name].note}
         rows.append(row)
     return rows
 
 
-def _page(parameters: ParameterSet, guid: str) -> str:
+def _page(unit: Unit, sets: Sequence[ParameterSet], guid: str) -> str:
     environment = Environment(loader=PackageLoader("emcas_fmu", "fmi"), undefined=StrictUndefined,
                               trim_blocks=True, lstrip_blocks=True)
+    starts = dict(zip(unit.reference, start_values(unit, [p.values for p in sets]), strict=True))
+    equations = _EQUATIONS if unit.fins == 1 else (*_EQUATIONS, bus)
     return environment.get_template("documentation.html.j2").render(
-        model=MODEL, description=DESCRIPTION, version=__version__, guid=guid,
-        step_ms=_text(parameters.values["controller.sample_time"] * 1e3),
-        figures=response_figures(parameters), equations=[inspect.getdoc(module) for module in _EQUATIONS],
-        tables=[("Inputs", _rows(INPUTS, parameters)), ("Outputs", _rows(OUTPUTS, parameters)),
-                ("Parameters", _rows(PARAMETERS, parameters))])
+        model=unit.model, description=describe(unit), version=__version__, guid=guid, fins=unit.fins,
+        step_ms=_text(sets[0].values["controller.sample_time"] * 1e3),
+        figures=response_figures(sets[0]), equations=[inspect.getdoc(module) for module in equations],
+        tables=[(title, _rows(unit, variables, sets, starts)) for title, variables in (
+            ("Inputs", unit.inputs), ("Outputs", unit.outputs), ("Parameters", unit.parameters))])
 
 
 def _licenses(*packages: tuple[str, str]) -> dict[str, bytes]:
@@ -87,7 +91,7 @@ def _references(parameters: ParameterSet) -> Mapping[str, bytes]:
     return {f"extra/reference/{path.name}": path.read_bytes() for path in paths if path.is_file()}
 
 
-def documents(parameters: ParameterSet, guid: str, backend: str) -> dict[str, bytes]:
+def documents(unit: Unit, sets: Sequence[ParameterSet], guid: str, backend: str) -> dict[str, bytes]:
     """Archive name to content of everything that is documentation."""
     picture = icon()
     licenses = [("emcas-fmu", "LICENSE.txt")]
@@ -96,10 +100,10 @@ def documents(parameters: ParameterSet, guid: str, backend: str) -> dict[str, by
         licenses.append(("pythonfmu", "pythonfmu-LICENSE.txt"))
         python["documentation/externalDependencies.txt"] = _EXTERNAL.encode()
     return {
-        "documentation/index.html": _page(parameters, guid).encode(),
+        "documentation/index.html": _page(unit, sets, guid).encode(),
         **python,
         "model.png": picture,
         "terminalsAndIcons/icon.png": picture,
         **_licenses(*licenses),
-        **_references(parameters),
+        **(_references(sets[0]) if unit.fins == 1 else {}),
     }

@@ -14,7 +14,7 @@
 static bool settable(const instance *m, size_t vr, int kind, double value)
 {
     const bool early = m->s.phase & (INSTANTIATED | INITIALIZING);
-    if (vr >= MODEL_VARIABLES || VARIABLE[vr].kind != kind)
+    if (vr >= UNIT_VARIABLES || VARIABLE[vr].kind != kind)
         report(m, fmi2Error, "no %s variable has value reference %u", KIND[kind], (unsigned)vr);
     else if (vr >= OUTPUT_BEGIN && vr < PARAMETER_BEGIN)
         report(m, fmi2Error, "%s is an output and cannot be set", VARIABLE[vr].name);
@@ -32,7 +32,7 @@ static void set_one(instance *m, size_t vr, double value)
     m->s.values[vr] = value;
     m->s.fresh = 0;
     if (vr >= PARAMETER_BEGIN) m->unprepared = 1;
-    if (vr >= INPUT_ACCELERATION_X && vr <= INPUT_ATTITUDE_PITCH) m->force[0] = NAN; /* to be found anew */
+    if (vr >= MOTION_BEGIN && vr < MOTION_END) m->unforced = 1;
 }
 
 static bool array_missing(const instance *m, size_t n, const void *vr, const void *value, const char *function)
@@ -66,7 +66,7 @@ static bool array_missing(const instance *m, size_t n, const void *vr, const voi
         if (array_missing(m, n, vr, value, "fmi2Get" #Kind)) return fmi2Error;                                  \
         if (!m->s.fresh) refresh(m);                                                                            \
         for (size_t i = 0; i < n; ++i) {                                                                        \
-            if (vr[i] < MODEL_VARIABLES && VARIABLE[vr[i]].kind == expected)                                    \
+            if (vr[i] < UNIT_VARIABLES && VARIABLE[vr[i]].kind == expected)                                    \
                 value[i] = (fmi2##Kind)m->s.values[vr[i]];                                                      \
             else                                                                                                \
                 status = report(m, fmi2Error, "no " #Kind " variable has value reference %u", (unsigned)vr[i]); \
@@ -146,7 +146,7 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
 static fmi2Status bad_inputs(const instance *m, double time)
 {
     fmi2Status status = fmi2OK;
-    for (size_t i = 0; i < MODEL_INPUTS; ++i)
+    for (size_t i = 0; i < UNIT_INPUTS; ++i)
         if (!core_finite(m->s.values[i]))
             status = report(m, fmi2Error, "input at %.17g s is not finite: %s = %.9g", time, VARIABLE[i].name,
                             m->s.values[i]);
@@ -169,23 +169,28 @@ static fmi2Status refused_step(instance *m, core_result result, double time, dou
  * at the end of their ramps, and are held there until they are set or given derivatives again. */
 static core_result ramped_step(instance *m, double begin, double end)
 {
-    double final[MODEL_INPUTS], force[2];
+    double final[UNIT_INPUTS], force[FINS][2];
     const double size = end - begin;
-    for (size_t i = 0; i < MODEL_INPUTS; ++i) final[i] = m->s.values[i] + m->s.rates[i] * size;
+    core_inputs in[FINS];
+    core_ramp ramp[FINS];
+    for (size_t i = 0; i < UNIT_INPUTS; ++i) final[i] = m->s.values[i] + m->s.rates[i] * size;
     if (!(size > 0.0) || !finite_inputs(final)) return CORE_NOT_FINITE;
-    forces(m, final, force);
-    const core_ramp ramp = {begin,
-                            m->s.rates[INPUT_FIN_COMMAND],
-                            m->s.rates[INPUT_AERO_TORQUE],
-                            (force[0] - m->force[0]) / size,
-                            (force[1] - m->force[1]) / size,
-                            m->s.rates[INPUT_SUPPLY_VOLTAGE]};
-    const core_inputs in = acting(m->s.values, m->force);
-    const core_result result =
-        core_run(parameters(m), m->constants, &m->s.core, end, &in, &ramp, m->s.values + OUTPUT_BEGIN);
+    for (size_t fin = 0; fin < FINS; ++fin) {
+        const double none[2] = {0.0, 0.0};
+        forces(m, fin, final, force[fin]);
+        in[fin] = acting(m, fin, m->s.values, m->fin[fin].force);
+        const core_inputs rates = acting(m, fin, m->s.rates, none); /* linear in all but the forces */
+        ramp[fin] = (core_ramp){begin,
+                                rates.command,
+                                rates.aero_torque,
+                                (force[fin][0] - m->fin[fin].force[0]) / size,
+                                (force[fin][1] - m->fin[fin].force[1]) / size,
+                                rates.supply};
+    }
+    const core_result result = unit_run(m, end, in, ramp);
     if (result == CORE_DONE) {
         memcpy(m->s.values, final, sizeof final);
-        memcpy(m->force, force, sizeof force);
+        for (size_t fin = 0; fin < FINS; ++fin) memcpy(m->fin[fin].force, force[fin], sizeof force[fin]);
         memset(m->s.rates, 0, sizeof m->s.rates);
         m->s.rated = 0;
     }
@@ -194,8 +199,9 @@ static core_result ramped_step(instance *m, double begin, double end)
 
 static core_result held_step(instance *m, double end)
 {
-    const core_inputs in = acting(m->s.values, m->force);
-    return core_run(parameters(m), m->constants, &m->s.core, end, &in, NULL, m->s.values + OUTPUT_BEGIN);
+    core_inputs in[FINS];
+    for (size_t fin = 0; fin < FINS; ++fin) in[fin] = acting(m, fin, m->s.values, m->fin[fin].force);
+    return unit_run(m, end, in, NULL);
 }
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real size, fmi2Boolean no_set_state)
@@ -206,10 +212,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real size, fmi2Boolean
     if (!core_finite(time) || !core_finite(size) || !(size > 0.0))
         return report(m, fmi2Error, "communication step %.17g s at %.17g s is not positive and finite", size, time);
     if (!finite_inputs(m->s.values)) return bad_inputs(m, time);
-    if (m->unprepared) {
-        prepare(m);
-        m->force[0] = NAN;
-    }
+    if (m->unprepared) prepare(m);
     const double begin = time - m->s.start;
     /* A clock that began late counts in coarser units than the slack. */
     if (!(fabs(begin - m->s.now) <= m->slack + 4.0 * DBL_EPSILON * fabs(time)))
@@ -217,7 +220,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real size, fmi2Boolean
                       m->s.start + m->s.now, begin - m->s.now);
     double end = begin + size;
     if (end < m->s.now) end = m->s.now; /* a host's clock may run back within the slack, the trajectory does not */
-    if (!core_finite(m->force[0])) forces(m, m->s.values, m->force);
+    if (m->unforced) find_forces(m);
     const core_result result = m->s.rated && end > begin ? ramped_step(m, begin, end) : held_step(m, end);
     if (result != CORE_DONE) return refused_step(m, result, time, size);
     m->s.fresh = 1;
@@ -289,8 +292,7 @@ static void as_instantiated(instance *m)
     memset(&m->s, 0, sizeof m->s);
     memcpy(m->s.values, START, sizeof START);
     m->s.phase = INSTANTIATED;
-    m->unprepared = 1;
-    m->force[0] = NAN;
+    m->unprepared = m->unforced = 1;
 }
 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
@@ -379,7 +381,7 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component c)
     if (!allowed(m, INITIALIZING, "fmi2ExitInitializationMode")) return fmi2Error;
     if (!sound(m)) return fmi2Error; /* parameters may be corrected and the call repeated */
     prepare(m);
-    core_start(parameters(m), m->constants, &m->s.core);
+    start_cores(m);
     m->s.phase = RUNNING;
     m->s.fresh = 0;
     return fmi2OK;

@@ -21,30 +21,40 @@ typedef enum { INSTANTIATED = 1, INITIALIZING = 2, RUNNING = 4, TERMINATED = 8 }
 
 enum {
     ANY_PHASE = INSTANTIATED | INITIALIZING | RUNNING | TERMINATED,
-    OUTPUT_BEGIN = MODEL_INPUTS,
-    PARAMETER_BEGIN = MODEL_INPUTS + MODEL_OUTPUTS,
+    OUTPUT_BEGIN = UNIT_INPUTS,
+    PARAMETER_BEGIN = UNIT_INPUTS + UNIT_OUTPUTS,
     MESSAGE = 1024
 };
 
 /* All that reset and the FMU state functions copy. */
 typedef struct {
-    double values[MODEL_VARIABLES];
-    double rates[MODEL_INPUTS]; /* of the inputs, for the next step */
+    double values[UNIT_VARIABLES];
+    double rates[UNIT_INPUTS]; /* of the inputs, for the next step */
     double start, now;          /* now counts from the start */
     int32_t phase;
     int32_t rated;      /* some rate was given */
     int32_t terminated; /* the last step could not be followed */
     int32_t fresh;      /* the outputs in values are those of now */
-    core_state core;
+    core_state core[FINS];
+#if FINS > 1
+    double sag;      /* of the bus */
+    int64_t instant; /* of the bus, that comes next */
+#endif
 } model_state;
+
+/* Of a fin, what follows from parameters and inputs. */
+typedef struct {
+    double force[2], constants[KERNEL_CONSTANTS];
+} prepared;
 
 typedef struct {
     fmi2CallbackFunctions callbacks;
     fmi2String name;
     uint32_t logged;    /* a bit for each category */
     int32_t unprepared; /* constants are not those of the parameters */
+    int32_t unforced;   /* forces are not those of the inputs */
     double slack;
-    double force[2], constants[KERNEL_CONSTANTS];
+    prepared fin[FINS];
     model_state s;
 } instance;
 
@@ -112,9 +122,9 @@ static void release(const fmi2CallbackFunctions *callbacks, void *block)
 
 /* -- parameters --------------------------------------------------------------- */
 
-static const double *parameters(const instance *m)
+static const double *parameters(const instance *m, size_t fin)
 {
-    return m->s.values + PARAMETER_BEGIN;
+    return m->s.values + FIN_PARAMETER_BEGIN + fin * MODEL_PARAMETERS;
 }
 
 /* A value outside its variable's limits; told as `status`. */
@@ -133,33 +143,54 @@ static bool out_of_range(const instance *m, fmi2Status status, size_t vr, double
 }
 
 /* A rule's message: a format of no more than RULE_NUMBERS numbers, the rest is not looked at. */
-static void tell(const instance *m, const char *message, const double *n)
+static void tell(const instance *m, size_t fin, const char *message, const double *n)
 {
-    report(m, fmi2Error, message, n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11]);
+    char format[MESSAGE] = "";
+    if (FINS > 1) snprintf(format, sizeof format, "fin[%u]: ", (unsigned)fin + 1);
+    strncat(format, message, sizeof format - strlen(format) - 1);
+    report(m, fmi2Error, format, n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11]);
 }
 
-/* Whether the parameters are a set to compute with; every problem is told: of single values, or if
- * there is none, of their combination. */
+/* Whether the parameters are sets to compute with. */
+static bool all_rules_hold(const instance *m)
+{
+    for (size_t vr = PARAMETER_BEGIN; vr < FIN_PARAMETER_BEGIN; ++vr) /* those of no fin */
+        if (!core_finite(m->s.values[vr]) || m->s.values[vr] < VARIABLE[vr].minimum
+            || m->s.values[vr] > VARIABLE[vr].maximum)
+            return false;
+    for (size_t fin = 0; fin < FINS; ++fin)
+        if (!rules_hold(parameters(m, fin))) return false;
+    return true;
+}
+
+/* The same; every problem is told: of single values, or if there is none, of their combination. */
 static bool sound(const instance *m)
 {
-    const double *p = parameters(m);
     double constants[RULES_CONSTANTS], numbers[RULE_NUMBERS + 1];
     bool good = true;
-    if (rules_hold(p)) return true;
-    for (size_t vr = PARAMETER_BEGIN; vr < MODEL_VARIABLES; ++vr)
+    if (all_rules_hold(m)) return true;
+    for (size_t vr = PARAMETER_BEGIN; vr < UNIT_VARIABLES; ++vr)
         good &= !out_of_range(m, fmi2Error, vr, m->s.values[vr]);
     if (!good) return false;
-    rules_prepare(p, constants);
-    for (size_t i = 0; i < RULES; ++i)
-        if (rules_broken(&RULE[i], p, constants, numbers)) tell(m, RULE[i].message, numbers + 1);
+    for (size_t fin = 0; fin < FINS; ++fin) {
+        rules_prepare(parameters(m, fin), constants);
+        for (size_t i = 0; i < RULES; ++i)
+            if (rules_broken(&RULE[i], parameters(m, fin), constants, numbers))
+                tell(m, fin, RULE[i].message, numbers + 1);
+    }
     return false;
 }
 
 static void prepare(instance *m)
 {
-    kernel_prepare(parameters(m), m->constants);
-    m->slack = core_scheduled(parameters(m), m->constants).slack;
+    m->slack = HUGE_VAL;
+    for (size_t fin = 0; fin < FINS; ++fin) {
+        const double *p = parameters(m, fin);
+        kernel_prepare(p, m->fin[fin].constants);
+        m->slack = fmin(m->slack, core_scheduled(p, m->fin[fin].constants).slack);
+    }
     m->unprepared = 0;
+    m->unforced = 1; /* they depend on parameters too */
 }
 
 /* -- inputs and outputs ------------------------------------------------------- */
@@ -167,39 +198,95 @@ static void prepare(instance *m)
 static bool finite_inputs(const double *in)
 {
     bool good = true;
-    for (size_t i = 0; i < MODEL_INPUTS; ++i) good &= core_finite(in[i]);
+    for (size_t i = 0; i < UNIT_INPUTS; ++i) good &= core_finite(in[i]);
     return good;
 }
 
-static void forces(const instance *m, const double *in, double *out)
+static void fin_outputs(const instance *m, size_t fin, const core_state *core, const core_inputs *in, double *out)
 {
-    kernel_forces(parameters(m), m->constants, in[INPUT_ACCELERATION_X], in[INPUT_ACCELERATION_Y],
+    const double *p = parameters(m, fin), *c = m->fin[fin].constants;
+    const core_schedule plan = core_scheduled(p, c);
+    core_outputs(p, c, core, core_line_length(&plan), in, out);
+}
+
+#if FINS == 1
+
+/* A single fin's inputs are the unit's. */
+static const double *inputs_of(const double *values, size_t fin, double *room)
+{
+    (void)fin, (void)room;
+    return values;
+}
+
+static core_inputs acting(const instance *m, size_t fin, const double *in, const double *force)
+{
+    (void)m, (void)fin;
+    return (core_inputs){in[INPUT_FIN_COMMAND], in[INPUT_AERO_TORQUE], force[0], force[1],
+                         in[INPUT_SUPPLY_VOLTAGE], in[INPUT_ENABLE]};
+}
+
+static core_result unit_run(instance *m, double end, const core_inputs *in, const core_ramp *ramp)
+{
+    return core_run(parameters(m, 0), m->fin[0].constants, m->s.core, end, in, ramp, m->s.values + FIN_OUTPUT_BEGIN);
+}
+
+static void start_bus(instance *m)
+{
+    (void)m;
+}
+
+static void find_outputs(instance *m, const core_inputs *in)
+{
+    fin_outputs(m, 0, m->s.core, in, m->s.values + FIN_OUTPUT_BEGIN);
+}
+
+static const char *unsound_bus(const model_state *s)
+{
+    (void)s;
+    return NULL;
+}
+
+#else
+#include "fins.h"
+#endif
+
+static void forces(const instance *m, size_t fin, const double *values, double *out)
+{
+    double room[MODEL_INPUTS];
+    const double *in = inputs_of(values, fin, room);
+    kernel_forces(parameters(m, fin), m->fin[fin].constants, in[INPUT_ACCELERATION_X], in[INPUT_ACCELERATION_Y],
                   in[INPUT_ACCELERATION_Z], in[INPUT_ATTITUDE_ROLL], in[INPUT_ATTITUDE_PITCH], out);
 }
 
-static core_inputs acting(const double *in, const double *force)
+static void find_forces(instance *m)
 {
-    return (core_inputs){in[INPUT_FIN_COMMAND], in[INPUT_AERO_TORQUE], force[0], force[1],
-                         in[INPUT_SUPPLY_VOLTAGE], in[INPUT_ENABLE]};
+    for (size_t fin = 0; fin < FINS; ++fin) forces(m, fin, m->s.values, m->fin[fin].force);
+    m->unforced = 0;
+}
+
+static void start_cores(instance *m)
+{
+    for (size_t fin = 0; fin < FINS; ++fin) core_start(parameters(m, fin), m->fin[fin].constants, &m->s.core[fin]);
+    start_bus(m);
 }
 
 /* Bring the outputs up to now. Inputs that the next step will refuse change no output. */
 static void refresh(instance *m)
 {
     const bool before = m->s.phase & (INSTANTIATED | INITIALIZING);
+    core_inputs now[FINS];
     m->s.fresh = 1;
     if (!finite_inputs(m->s.values)) return;
-    if (before && !rules_hold(parameters(m))) {
-        for (size_t i = 0; i < MODEL_OUTPUTS; ++i)
-            m->s.values[OUTPUT_BEGIN + i] = VARIABLE[OUTPUT_BEGIN + i].kind == REAL ? NAN : 0.0;
+    if (before && !all_rules_hold(m)) {
+        for (size_t vr = OUTPUT_BEGIN; vr < PARAMETER_BEGIN; ++vr)
+            m->s.values[vr] = VARIABLE[vr].kind == REAL ? NAN : 0.0;
         return;
     }
     if (before || m->unprepared) prepare(m);
-    if (before) core_start(parameters(m), m->constants, &m->s.core);
-    forces(m, m->s.values, m->force);
-    const core_schedule plan = core_scheduled(parameters(m), m->constants);
-    const core_inputs now = acting(m->s.values, m->force);
-    core_outputs(parameters(m), m->constants, &m->s.core, core_line_length(&plan), &now, m->s.values + OUTPUT_BEGIN);
+    if (before) start_cores(m);
+    find_forces(m);
+    for (size_t fin = 0; fin < FINS; ++fin) now[fin] = acting(m, fin, m->s.values, m->fin[fin].force);
+    find_outputs(m, now);
 }
 
 #endif

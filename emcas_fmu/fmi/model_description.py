@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
@@ -10,10 +10,13 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 from pythonfmu import Fmi2Slave
 
 from .. import __version__
-from ..variables import INPUTS, OUTPUTS, VARIABLES, Variable
+from ..unit import BUS_OUTPUTS, MIXING, Unit
+from ..unit import start_values as unit_starts
+from ..variables import Variable
 from .units import UNITS
 
-MODEL = "EMCAS"
+SINGLE = Unit(1)
+MODEL = SINGLE.model
 DESCRIPTION = ("Nonlinear electromechanical control actuation system: brushless motor, current-mode drive, "
                "ball screw, lever and fin, with position, velocity and current loops")
 STEP_SIZE, STOP_TIME = 1e-3, 1.0
@@ -30,19 +33,23 @@ _DIRECT: dict[str, tuple[str, ...]] = {
     "tracking_error": ("fin_command",),
     "saturated": ("supply_voltage", "enable"),
 }
+_MIXED = tuple(v.name for v in MIXING)
+
+
+def _dependencies(unit: Unit) -> dict[str, tuple[str, ...]]:
+    """For each output, the inputs it depends on at once."""
+    if unit.fins == 1:
+        return _DIRECT
+    found = {unit.name(output, fin): (*(unit.name(i, fin) for i in inputs),
+                                      *(_MIXED if "fin_command" in inputs else ()))
+             for fin in range(unit.fins) for output, inputs in _DIRECT.items()}
+    every = tuple(dict.fromkeys(unit.name(i, fin) for fin in range(unit.fins) for i in _DIRECT["supply_power"]))
+    return {**found, "bus_voltage": ("supply_voltage",), "bus_current": every, "supply_power": every}
 
 
 def start_values(parameters: Mapping[str, Any]) -> tuple[Any, ...]:
-    """Start value of every variable, in table order; 0 or False for outputs."""
-
-    def start(v: Variable) -> Any:
-        if v.causality == "output":
-            return False if v.kind == "Boolean" else 0.0
-        if v.causality == "input" and v.key is None:
-            return v.start
-        return parameters[v.key or v.name]
-
-    return tuple(start(v) for v in VARIABLES)
+    """Start value of every variable of a single actuator, in table order; 0 or False for outputs."""
+    return unit_starts(SINGLE, [parameters])
 
 
 def _text(value: Any) -> str:
@@ -80,9 +87,9 @@ def _scalar(parent: Element, reference: int, v: Variable, start: Any) -> None:
     SubElement(SubElement(parent, "ScalarVariable", attributes), v.kind, typed)
 
 
-def _unit_definitions(root: Element) -> None:
+def _unit_definitions(root: Element, shown: Unit) -> None:
     definitions = SubElement(root, "UnitDefinitions")
-    for name in sorted({v.unit for v in VARIABLES if v.kind == "Real"}):
+    for name in sorted({v.unit for v in shown.variables if v.kind == "Real"}):
         unit = UNITS[name]
         element = SubElement(definitions, "Unit", {"name": name})
         base = {base: str(exponent) for base, exponent in unit.exponents.items()}
@@ -96,47 +103,87 @@ def _unit_definitions(root: Element) -> None:
             SubElement(element, "DisplayUnit", attributes)
 
 
-def _structure(root: Element) -> None:
-    index = {v.name: i for i, v in enumerate(VARIABLES, start=1)}
+def _structure(root: Element, unit: Unit) -> None:
+    index = {name: i + 1 for name, i in unit.reference.items()}
     structure = SubElement(root, "ModelStructure")
-    initial_parameters = [index[v.name] for v in VARIABLES if v.causality == "parameter"]
+    direct = _dependencies(unit)
+
+    def parameters(output: str) -> list[int]:
+        """Indices of the parameters an output's initial value follows from: all, or those of its fin."""
+        own = output.partition(".")[0] if output.startswith("fin[") else ""
+        return [index[v.name] for v in unit.parameters if v.name.startswith(own)]
+
     for tag in ("Outputs", "InitialUnknowns"):
         unknowns = SubElement(structure, tag)
-        for v in OUTPUTS:
-            inputs = sorted(index[name] for name in _DIRECT.get(v.name, ()))
-            # The initial state follows from the parameters.
-            known = inputs + initial_parameters if tag == "InitialUnknowns" else inputs
+        for v in unit.outputs:
+            inputs = sorted(index[name] for name in direct.get(v.name, ()))
+            known = inputs + parameters(v.name) if tag == "InitialUnknowns" else inputs
             SubElement(unknowns, "Unknown", {
                 "index": str(index[v.name]), "dependencies": " ".join(map(str, known)),
                 "dependenciesKind": " ".join(["dependent"] * len(known))})
 
 
+def describe(unit: Unit) -> str:
+    """What the unit is, in a sentence."""
+    several = "" if unit.fins == 1 else f"; {unit.fins} fins on one bus"
+    return DESCRIPTION + several
+
+
 def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str, str], tool: str,
-                      source_files: Sequence[str] = ()) -> Element:
+                      source_files: Sequence[str] = (), unit: Unit = SINGLE) -> Element:
     """The fmiModelDescription element; `options` are attributes of its CoSimulation element."""
     root = Element("fmiModelDescription", {
-        "fmiVersion": "2.0", "modelName": MODEL, "guid": guid, "description": DESCRIPTION,
+        "fmiVersion": "2.0", "modelName": unit.model, "guid": guid, "description": describe(unit),
         "version": __version__, "license": "MIT", "generationTool": tool,
         "variableNamingConvention": "structured"})
-    simulation = SubElement(root, "CoSimulation", {"modelIdentifier": MODEL, **options})
+    simulation = SubElement(root, "CoSimulation", {"modelIdentifier": unit.model, **options})
     if source_files:
         listed = SubElement(simulation, "SourceFiles")
         for name in source_files:
             SubElement(listed, "File", {"name": name})
-    _unit_definitions(root)
+    _unit_definitions(root, unit)
     categories = SubElement(root, "LogCategories")
     for name, description in Fmi2Slave.log_categories.items():
         SubElement(categories, "Category", {"name": name, "description": description})
     SubElement(root, "DefaultExperiment", {"startTime": "0", "stopTime": _text(STOP_TIME),
                                            "stepSize": _text(STEP_SIZE)})
     variables = SubElement(root, "ModelVariables")
-    for reference, (v, start) in enumerate(zip(VARIABLES, starts, strict=True)):
+    for reference, (v, start) in enumerate(zip(unit.variables, starts, strict=True)):
         _scalar(variables, reference, v, start)
-    _structure(root)
+    _structure(root, unit)
     return root
 
 
-def terminals_and_icons() -> Element:
+_TERMINALS = (
+    ("command", "what the flight computer sends and gets back",
+     ("fin_command", "enable", "measured_fin_angle", "tracking_error", "saturated", "at_stop")),
+    ("hinge", "the fin's shaft: moment in, motion out",
+     ("aero_torque", "fin_angle", "fin_rate", "hinge_torque")),
+    ("vehicle", "motion of the vehicle, for gravity and inertia",
+     tuple(v.name for v in SINGLE.inputs if v.name.startswith(("acceleration.", "attitude.")))),
+    ("bus", "electrical supply", ("supply_voltage", "supply_power")),
+    ("motor", "motor and drive",
+     ("motor_angle", "motor_speed", "motor_current", "motor_voltage", "motor_torque", "drive_reference",
+      "nut_position")),
+)
+
+
+def _terminals(unit: Unit) -> Iterator[tuple[str, str, tuple[str, ...]]]:
+    if unit.fins == 1:
+        yield from _TERMINALS
+        return
+    yield "mixing", "deflections for moments about the body axes", tuple(v.name for v in MIXING)
+    for name, description, members in _TERMINALS:
+        if name == "vehicle":
+            yield name, description, members
+        elif name == "bus":
+            yield name, description, ("supply_voltage", *(v.name for v in BUS_OUTPUTS))
+        else:
+            for fin in range(unit.fins):
+                yield f"{name}{fin + 1}", f"fin {fin + 1}: {description}", tuple(unit.name(m, fin) for m in members)
+
+
+def terminals_and_icons(unit: Unit = SINGLE) -> Element:
     """Inputs and outputs grouped for tools that draw terminals (FMI 3.0's file, ignored by others)."""
     root = Element("fmiTerminalsAndIcons", {"fmiVersion": "3.0"})
     graphical = SubElement(root, "GraphicalRepresentation")
@@ -144,19 +191,7 @@ def terminals_and_icons() -> Element:
                                                "suggestedScalingFactorTo_mm": "0.1"})
     SubElement(graphical, "Icon", {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"})
     terminals = SubElement(root, "Terminals")
-    groups = (
-        ("command", "what the flight computer sends and gets back",
-         ("fin_command", "enable", "measured_fin_angle", "tracking_error", "saturated", "at_stop")),
-        ("hinge", "the fin's shaft: moment in, motion out",
-         ("aero_torque", "fin_angle", "fin_rate", "hinge_torque")),
-        ("vehicle", "motion of the vehicle, for gravity and inertia",
-         tuple(v.name for v in INPUTS if v.name.startswith(("acceleration.", "attitude.")))),
-        ("bus", "electrical supply", ("supply_voltage", "supply_power")),
-        ("motor", "motor and drive",
-         ("motor_angle", "motor_speed", "motor_current", "motor_voltage", "motor_torque", "drive_reference",
-          "nut_position")),
-    )
-    for name, description, members in groups:
+    for name, description, members in _terminals(unit):
         terminal = SubElement(terminals, "Terminal", {"name": name, "matchingRule": "bus", "description": description})
         for member in members:
             SubElement(terminal, "TerminalMemberVariable",

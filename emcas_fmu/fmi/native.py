@@ -14,11 +14,12 @@ from pythonfmu import Fmi2Slave
 from .. import consistency
 from ..compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform
 from ..errors import BuildError
-from ..kernels.c_sources import c_number, c_text, core_sources, written
-from ..variables import VARIABLES
+from ..kernels.c_sources import c_number, c_text, core_sources, enumerator, written
+from ..unit import Unit
+from ..variables import INPUTS, OUTPUTS
 
 MAIN = "fmi2.c"
-_WRITTEN = (MAIN, "instance.h", "states.h")
+_WRITTEN = (MAIN, "instance.h", "fins.h", "states.h")
 _HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 # fmpy's copy of the standard's header leaves out the prefix that sources linked into one program need.
 _NO_PREFIX = "This definition has been changed to add no prefix.\n*/\n#define fmi2FullName(name) name\n"
@@ -38,38 +39,60 @@ OPTIONS = {"needsExecutionTool": "false", "canHandleVariableCommunicationStepSiz
            "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true", "providesDirectionalDerivative": "false"}
 
 
-def interface_header(model: str, starts: Sequence[Any], guid: str, code: str) -> str:
-    """interface.h: the variable table, start values, rules and the unit's identity."""
+def interface_header(unit: Unit, starts: Sequence[Any], guid: str, code: str) -> str:
+    """interface.h: the variable table, start values and the unit's identity."""
     rows = ",\n".join(
         f"    {{{c_text(v.name)}, {v.kind.upper()}, {int(v.variability == 'tunable')}, "
-        f"{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in VARIABLES)
+        f"{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in unit.variables)
     values = ",\n".join(f"    {c_number(start)}" for start in starts)
     categories = ", ".join(c_text(name) for name in Fmi2Slave.log_categories)
     formats = "".join(f"static const char {name}[] = {c_text(getattr(consistency, name))};\n"
                       for name in ("NOT_FINITE", "BELOW", "ABOVE"))
     return (
-        "/* The interface: variables, rules, identity; generated, do not edit. */\n"
+        "/* The interface: variables, their places, identity; generated, do not edit. */\n"
         "#ifndef EMCAS_INTERFACE_H\n#define EMCAS_INTERFACE_H\n\n#include <math.h>\n\n"
-        f"#define MODEL_NAME {c_text(model)}\n#define MODEL_GUID {c_text(guid)}\n"
+        f"#define MODEL_NAME {c_text(unit.model)}\n#define MODEL_GUID {c_text(guid)}\n"
         f"#define MODEL_STATE {c_text(guid + code)}\n#define LOG_CATEGORIES {{{categories}}}\n\n"
-        f"enum {{ MODEL_VARIABLES = {len(VARIABLES)} }};\nenum {{ REAL, INTEGER, BOOLEAN }};\n"
+        f"#define FINS {unit.fins}\n\n{_sizes(unit)}\nenum {{ REAL, INTEGER, BOOLEAN }};\n"
         'static const char *const KIND[] = {"Real", "Integer", "Boolean"};\n'
         f"{formats}\n"
         "typedef struct {\n    const char *name;\n    int kind, tunable;\n    double minimum, maximum;\n} variable;\n\n"
-        f"static const variable VARIABLE[MODEL_VARIABLES] = {{\n{rows}\n}};\n\n"
-        f"static const double START[MODEL_VARIABLES] = {{\n{values}\n}};\n\n#endif\n")
+        f"static const variable VARIABLE[UNIT_VARIABLES] = {{\n{rows}\n}};\n\n"
+        f"static const double START[UNIT_VARIABLES] = {{\n{values}\n}};\n\n#endif\n")
 
 
-def sources(model: str, starts: Sequence[Any], guid: str) -> dict[str, str]:
+def _sizes(unit: Unit) -> str:
+    """Numbers of variables of the whole unit, and where each fin's are."""
+    at = unit.reference
+    numbers = {"UNIT_INPUTS": len(unit.inputs), "UNIT_OUTPUTS": len(unit.outputs),
+               "UNIT_VARIABLES": len(unit.variables), "FIN_OUTPUT_BEGIN": unit.first_output,
+               "FIN_PARAMETER_BEGIN": unit.first_parameter,
+               "MOTION_BEGIN": at["acceleration.x"], "MOTION_END": at["attitude.pitch"] + 1}
+    if unit.fins == 1:
+        return _enum(numbers)
+    numbers |= {f"UNIT_{enumerator(v.name)}": at[v.name] for v in unit.variables if "fin[" not in v.name}
+    numbers["OUTPUT_SUPPLY_POWER"] = [v.name for v in OUTPUTS].index("supply_power")
+    rows = ",\n".join(f"    {{{', '.join(map(str, row))}}}" for row in unit.places)
+    return (f"{_enum(numbers)}\n/* Where each fin's inputs are, in the order of model.h. */\n"
+            f"static const unsigned char PLACE[FINS][{len(INPUTS)}] = {{\n{rows}\n}};\n")
+
+
+def _enum(numbers: Mapping[str, int]) -> str:
+    return "enum {\n" + ",\n".join(f"    {name} = {number}" for name, number in numbers.items()) + "\n};\n"
+
+
+def sources(unit: Unit, starts: Sequence[Any], guid: str) -> dict[str, str]:
     """Everything needed to compile the unit: file name to text; only `MAIN` is handed to the compiler."""
     headers = Path(fmpy.__file__).parent / "c-code"
     standard = {name: (headers / name).read_text(encoding="utf-8") for name in _HEADERS}
     if _NO_PREFIX not in standard["fmi2Functions.h"]:
         raise BuildError("fmi2Functions.h of this version of fmpy is not as expected: fmpy 0.3.25 to 0.3.32 are known")
     standard["fmi2Functions.h"] = standard["fmi2Functions.h"].replace(_NO_PREFIX, _PREFIX)
-    code = {**{name: written(name, "emcas_fmu.fmi") for name in _WRITTEN}, **core_sources()}
+    # fins.h is for several; a single one is built without it.
+    code = {**{name: written(name, "emcas_fmu.fmi") for name in _WRITTEN if unit.fins > 1 or name != "fins.h"},
+            **core_sources(unit.fins > 1)}
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(code.items())).encode()).hexdigest()[:16]
-    return {**code, **standard, "interface.h": interface_header(model, starts, guid, digest)}
+    return {**code, **standard, "interface.h": interface_header(unit, starts, guid, digest)}
 
 
 def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:

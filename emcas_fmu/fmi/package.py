@@ -14,9 +14,10 @@ from uuid import UUID
 from .. import __version__
 from ..errors import BuildError
 from ..parameters import ParameterSet
+from ..unit import AZIMUTH, Unit, azimuths, start_values
 from . import native, python
 from .documentation import documents
-from .model_description import MODEL, model_description, start_values, terminals_and_icons, to_bytes
+from .model_description import SINGLE, model_description, terminals_and_icons, to_bytes
 
 BACKENDS = ("python", "native")
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date a ZIP archive can hold
@@ -34,37 +35,38 @@ class Built:
     platforms: tuple[str, ...]
 
 
-def _guid(starts: tuple[Any, ...]) -> str:
+def interface_guid(starts: tuple[Any, ...], unit: Unit = SINGLE) -> str:
     """A hash of the interface: of the model description with its GUID left empty."""
-    description = to_bytes(model_description(starts, "", options={}, tool=""))
+    description = to_bytes(model_description(starts, "", options={}, tool="", unit=unit))
     return f"{{{UUID(bytes=hashlib.sha256(description).digest()[:16], version=5)}}}"
 
 
-def _native(starts: tuple[Any, ...], guid: str, platforms: Sequence[str] | None, cc: str | None,
+def _native(unit: Unit, starts: tuple[Any, ...], guid: str, platforms: Sequence[str] | None, cc: str | None,
             progress: Progress | None) -> dict[str, bytes]:
-    files = native.sources(MODEL, starts, guid)
-    contents = native.binaries(MODEL, files, native.chosen(platforms, cc), cc, progress)
+    files = native.sources(unit, starts, guid)
+    contents = native.binaries(unit.model, files, native.chosen(platforms, cc), cc, progress)
     contents |= {f"sources/{name}": text.encode() for name, text in files.items()}
-    contents["sources/buildDescription.xml"] = to_bytes(native.build_description(MODEL))
+    contents["sources/buildDescription.xml"] = to_bytes(native.build_description(unit.model))
     return contents
 
 
-def _contents(parameters: ParameterSet, backend: str, platforms: Sequence[str] | None, cc: str | None,
+def _contents(unit: Unit, sets: Sequence[ParameterSet], backend: str, platforms: Sequence[str] | None, cc: str | None,
               progress: Progress | None) -> tuple[dict[str, bytes], str]:
-    starts = start_values(parameters.values)
-    guid = _guid(starts)
+    starts = start_values(unit, [p.values for p in sets])
+    guid = interface_guid(starts, unit)
     # Neither Python's nor the compiler's version: any that is supported gives the same FMU but for the binaries.
     tool = f"emcas-fmu {__version__}"
     source_files: tuple[str, ...] = ()
     if backend == "native":
-        contents, options, source_files = _native(starts, guid, platforms, cc, progress), native.OPTIONS, (native.MAIN,)
+        contents = _native(unit, starts, guid, platforms, cc, progress)
+        options, source_files = native.OPTIONS, (native.MAIN,)
     else:
-        contents, options = python.exported(starts, guid)
+        contents, options = python.exported(unit, starts, guid)
         tool += f" with {python.TOOL}"
     contents["modelDescription.xml"] = to_bytes(
-        model_description(starts, guid, options=options, tool=tool, source_files=source_files))
-    contents["terminalsAndIcons/terminalsAndIcons.xml"] = to_bytes(terminals_and_icons())
-    contents.update(documents(parameters, guid, backend))
+        model_description(starts, guid, options=options, tool=tool, source_files=source_files, unit=unit))
+    contents["terminalsAndIcons/terminalsAndIcons.xml"] = to_bytes(terminals_and_icons(unit))
+    contents.update(documents(unit, sets, guid, backend))
     return contents, guid
 
 
@@ -80,13 +82,30 @@ def _archive(contents: Mapping[str, bytes], target: Path) -> None:
             archive.writestr(info, contents[name])
 
 
+def _sets(unit: Unit, parameters: ParameterSet, layout: str, each: Mapping[int, ParameterSet]) -> list[ParameterSet]:
+    """Each fin's parameter set."""
+    if unit.fins == 1:
+        if each:
+            raise BuildError("parameters of single fins are for a unit of several: give --fins too")
+        return [parameters]
+    for fin in each:
+        if not 1 <= fin <= unit.fins:
+            raise BuildError(f"fin {fin}: the unit has fins 1 to {unit.fins}")
+    own = [each.get(fin + 1, parameters) for fin in range(unit.fins)]
+    return [p.replace({AZIMUTH: p.values[AZIMUTH] + azimuth})
+            for p, azimuth in zip(own, azimuths(unit.fins, layout), strict=True)]
+
+
 def build(parameters: ParameterSet, output: Path, backend: str = "python", platforms: Sequence[str] | None = None,
-          cc: str | None = None, progress: Progress | None = None) -> Built:
+          cc: str | None = None, progress: Progress | None = None, fins: int = 1, layout: str = "cross",
+          each: Mapping[int, ParameterSet] | None = None) -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
     `backend` is ``python`` or ``native``; the rest is for the native one: `platforms` to
     build for (all if not given), `cc` a system compiler instead of zig (this platform only).
-    Raises BuildError if the file cannot be written and CompilerError if there is no compiler.
+    More than one of `fins` share a bus, their azimuths those of the `layout` (``plus`` or ``cross``) added to the
+    sets' own; `each` has the sets of fins (from 1) that differ. Raises EmcasError for what cannot be asked for,
+    BuildError if the file cannot be written and CompilerError if there is no compiler.
     """
     if backend not in BACKENDS:
         raise BuildError(f"--backend {backend}: there is {' and '.join(BACKENDS)}")
@@ -96,7 +115,8 @@ def build(parameters: ParameterSet, output: Path, backend: str = "python", platf
         raise BuildError(f"{output}: the output must end in .fmu")
     if output.is_dir() or not output.parent.is_dir():
         raise BuildError(f"{output}: {'is a folder' if output.is_dir() else f'there is no folder {output.parent}'}")
-    contents, guid = _contents(parameters, backend, platforms, cc, progress)
+    unit = Unit(fins)
+    contents, guid = _contents(unit, _sets(unit, parameters, layout, each or {}), backend, platforms, cc, progress)
     partial = output.with_name(f".{output.name}.{os.getpid()}.part")
     try:
         _archive(contents, partial)

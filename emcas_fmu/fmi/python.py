@@ -17,39 +17,46 @@ from pythonfmu.builder import FmuBuilder
 
 from ..errors import BuildError
 from ..kernels import program
-from ..variables import VARIABLES
-from .model_description import MODEL
+from ..unit import Unit
+from ..variables import OUTPUTS, PARAMETERS
 
 # What the slave needs of this package, under a name of its own in the FMU.
 _EMBEDDED = ("consistency.py", "fmi/__init__.py", "fmi/slave.py", "kernels/__init__.py", "kernels/core.py",
              "ops/__init__.py", "ops/base.py", "ops/floats.py", "physics/__init__.py", "physics/friction.py",
              "schedule.py", "tree.py")
+_SEVERAL = ("fmi/fins.py", "kernels/bank.py")
 _PACKAGE = Path(__file__).resolve().parent.parent
 _OPTIONS = {"needsExecutionTool": True, "canHandleVariableCommunicationStepSize": True, "canInterpolateInputs": False,
             "canBeInstantiatedOnlyOncePerProcess": False, "canGetAndSetFMUstate": True, "canSerializeFMUstate": True}
 TOOL = f"PythonFMU {pythonfmu.__version__}"
 
 
-def _sources(starts: tuple[Any, ...], guid: str) -> dict[str, str]:
+def _sources(unit: Unit, starts: tuple[Any, ...], guid: str) -> dict[str, str]:
     """The embedded package: file name to text."""
-    rows = [(v.name, v.kind, v.causality, v.variability, v.minimum, v.maximum) for v in VARIABLES]
+    rows = [(v.name, v.kind, v.causality, v.variability, v.minimum, v.maximum) for v in unit.variables]
     listing = "".join(f"    {row!r},\n" for row in rows).replace("-inf", "-INF").replace(" inf", " INF")
-    files = {name: (_PACKAGE / name).read_text(encoding="utf-8") for name in _EMBEDDED}
-    files["__init__.py"] = f'"""The EM-CAS actuator, as embedded in {MODEL}.fmu; generated, do not edit."""\n'
-    files["kernel.py"] = program.source()
+    several = unit.fins > 1
+    embedded = _EMBEDDED + _SEVERAL if several else _EMBEDDED
+    files = {name: (_PACKAGE / name).read_text(encoding="utf-8") for name in embedded}
+    files["__init__.py"] = f'"""The EM-CAS actuator, as embedded in {unit.model}.fmu; generated, do not edit."""\n'
+    files["kernel.py"] = program.source(several)
+    base, module = ("FinsSlave", "fins") if several else ("Slave", "slave")
     files["model.py"] = (
-        f'"""The slave class of {MODEL}.fmu: interface table and kernel; generated, do not edit."""\n\n'
-        "from math import inf as INF\n\nfrom . import kernel\nfrom .fmi.slave import Slave, Table\n\n"
+        f'"""The slave class of {unit.model}.fmu: interface table and kernel; generated, do not edit."""\n\n'
+        f"from math import inf as INF\n\nfrom . import kernel\nfrom .fmi.{module} import {base}\n"
+        "from .fmi.slave import Table\n\n"
         f"ROWS = (\n{listing})\n\nSTART = {starts!r}\n\n\n"
-        f"class {MODEL}(Slave):\n    make = staticmethod(kernel.make)\n"
+        f"class {unit.model}({base}):\n    make = staticmethod(kernel.make)\n"
         f"    table = Table(ROWS, START, {guid!r})\n"
+        + (f"    places = {unit.places!r}\n    names = {tuple(v.name for v in PARAMETERS)!r}\n"
+           f"    supply_power = {[v.name for v in OUTPUTS].index('supply_power')}\n" if several else "")
     )
     return files
 
 
-def _entry(package: str) -> str:
-    return (f'"""Entry module of {MODEL}.fmu; generated, do not edit."""\n\n'
-            f"from {package}.fmi.slave import keep\nfrom {package}.model import {MODEL}  # noqa: F401\n\n"
+def _entry(package: str, model: str) -> str:
+    return (f'"""Entry module of {model}.fmu; generated, do not edit."""\n\n'
+            f"from {package}.fmi.slave import keep\nfrom {package}.model import {model}  # noqa: F401\n\n"
             "keep(globals())\n")
 
 
@@ -67,7 +74,7 @@ def _clean_imports(*packages: str) -> Iterator[None]:
             del sys.modules[name]
 
 
-def _exported(files: Mapping[str, str], folder: Path) -> dict[str, bytes]:
+def _exported(files: Mapping[str, str], model: str, folder: Path) -> dict[str, bytes]:
     """What pythonfmu makes of the embedded sources: archive name to content."""
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(files.items())).encode()).hexdigest()[:12]
     package = f"emcas_{digest}"
@@ -76,18 +83,18 @@ def _exported(files: Mapping[str, str], folder: Path) -> dict[str, bytes]:
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text(text, encoding="utf-8", newline="\n")
     script = folder / f"emcas_slave_{digest}.py"
-    script.write_text(_entry(package), encoding="utf-8", newline="\n")
+    script.write_text(_entry(package, model), encoding="utf-8", newline="\n")
     with _clean_imports(package, script.stem):
         archive = FmuBuilder.build_FMU(
-            script, dest=folder / f"{MODEL}.fmu", project_files={folder / package}, **_OPTIONS)
+            script, dest=folder / f"{model}.fmu", project_files={folder / package}, **_OPTIONS)
     with zipfile.ZipFile(archive) as built:
         return {name: built.read(name) for name in built.namelist() if not name.endswith("/")}
 
 
-def exported(starts: tuple[Any, ...], guid: str) -> tuple[dict[str, bytes], dict[str, str]]:
+def exported(unit: Unit, starts: tuple[Any, ...], guid: str) -> tuple[dict[str, bytes], dict[str, str]]:
     """What goes into the archive (name to content), and the attributes of its CoSimulation element."""
     with TemporaryDirectory(prefix="emcas_build_") as folder:
-        contents = _exported(_sources(starts, guid), Path(folder))
+        contents = _exported(_sources(unit, starts, guid), unit.model, Path(folder))
     simulation = fromstring(contents["modelDescription.xml"]).find("CoSimulation")
     if simulation is None:
         raise BuildError("pythonfmu wrote no CoSimulation element: this version of it is not supported")

@@ -67,6 +67,8 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
+        if not hasattr(cls, "table"):  # a base of its own
+            return
         rows = cls.table.rows
         cls._kinds = {kind: frozenset(i for i, r in enumerate(rows) if r[1] == kind)
                       for kind in ("Real", "Integer", "Boolean", "String")}
@@ -77,6 +79,10 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         cls._output_slice = slice(cls._outputs.start, cls._outputs.stop)
         cls._index = {row[0]: i for i, row in enumerate(rows)}
         cls._motion_slice = slice(cls._index["acceleration.x"], cls._index["attitude.pitch"] + 1)
+        cls._place_inputs()
+
+    @classmethod
+    def _place_inputs(cls) -> None:
         cls._direct = [cls._index[name] for name in ("fin_command", "aero_torque", "supply_voltage", "enable")]
 
     def __init__(self, **kwargs: Any) -> None:
@@ -185,11 +191,15 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def _checked_inputs(self, core: Core, current_time: float) -> tuple[Any, ...]:
         inputs = self._core_inputs(core)
-        if isfinite(sum(inputs)):
+        if self._finite(inputs):
             self._held = inputs
             return inputs
         bad = [f"{self.table.rows[i][0]} = {self._values[i]!r}" for i in self._inputs if not isfinite(self._values[i])]
         raise _RefusedError(f"input at {current_time!r} s is not finite: {', '.join(bad)}")
+
+    @staticmethod
+    def _finite(inputs: tuple[Any, ...]) -> bool:
+        return isfinite(sum(inputs))
 
     def _core_inputs(self, core: Core) -> tuple[Any, ...]:
         values = self._values
@@ -204,11 +214,10 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     def _bind(self) -> Core:
         """Let the core follow the parameters; before the first step it starts anew."""
         values = self._parameter_values()
-        functions = type(self).make(values)
         if self._core is None or self._now == 0.0:
-            self._core = Core(functions)
+            self._core = self._made(values)
         else:
-            self._core.bind(functions)
+            self._rebind(self._core, values)
         self._bound = tuple(values.values())
         # A clock that began late counts in coarser units than the core's slack.
         self._slack = self._core.slack + 1e-15 * abs(self._start)
@@ -217,13 +226,24 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._held = None
         return self._core
 
+    # What several fins do otherwise.
+
+    def _made(self, values: Mapping[str, Any]) -> Core:
+        return Core(type(self).make(values))
+
+    def _rebind(self, core: Core, values: Mapping[str, Any]) -> None:
+        core.bind(type(self).make(values))
+
+    def _inconsistencies(self, values: Mapping[str, Any]) -> list[str]:
+        return check_consistency(values)
+
     def _parameter_values(self) -> dict[str, Any]:
         return {self.table.rows[i][0]: self._values[i] for i in self._parameters}
 
     def _parameter_problems(self) -> list[str]:
         values = self._parameter_values()
         limits = ((r[0], r[4], r[5]) for r in (self.table.rows[i] for i in self._parameters) if r[1] != "Boolean")
-        return check_ranges(values, limits) or check_consistency(values)
+        return check_ranges(values, limits) or self._inconsistencies(values)
 
     # -- variables -------------------------------------------------------------
 
@@ -274,7 +294,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         outputs: Iterable[Any] | None = None
         if core is not None and not self._refusal:
             inputs = self._held or self._core_inputs(core)
-            if not isfinite(sum(inputs)):
+            if not self._finite(inputs):
                 self._current = True  # an input that the next step will refuse changes no output
                 return
             outputs = core.outputs(inputs)
@@ -328,7 +348,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             core = None
         elif core is None or bound != self._bound:
             parameters = {self.table.rows[i][0]: v for i, v in zip(self._parameters, bound, strict=True)}
-            core = Core(type(self).make(parameters))
+            core = self._made(parameters)
         self._start, self._now, self._phase, self._misuse, self._refusal = start, now, phase, misuse, refusal
         self._changed, self._values, self._bound, self._core = changed, list(values), bound, core
         if core is not None:

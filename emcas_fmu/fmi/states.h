@@ -13,38 +13,19 @@ static uint64_t checksum(const void *data, size_t size)
     return hash;
 }
 
-/* What a state must fulfil that did not come out of fmi2GetFMUstate itself: it may have been
- * stored, sent, or made up. Gives the reason if it does not. */
-static const char *unsound(const instance *m, const model_state *s)
+/* What a fin's core must fulfil at `now`. Gives the reason if it does not. */
+static const char *unsound_core(const core_state *core, const core_schedule *plan, double now)
 {
-    const core_state *core = &s->core;
-    if (s->phase != INSTANTIATED && s->phase != INITIALIZING && s->phase != RUNNING && s->phase != TERMINATED)
-        return "unknown phase";
-    if (!core_finite(s->start) || !core_finite(s->now) || s->now < 0.0) return "time";
-    for (size_t i = 0; i < MODEL_INPUTS; ++i)
-        if (!core_finite(s->rates[i])) return "input derivatives";
-    for (size_t i = 0; i < MODEL_VARIABLES; ++i) {
-        const double value = s->values[i];
-        if (VARIABLE[i].kind != REAL
-            && (!core_finite(value) || value != floor(value) || fabs(value) > (VARIABLE[i].kind == INTEGER ? INT32_MAX : 1)))
-            return VARIABLE[i].name; /* no whole number, no truth */
-    }
-    if (s->phase == INSTANTIATED || s->phase == INITIALIZING) return NULL; /* the core is made anew */
-    instance probe = {.callbacks = m->callbacks, .name = m->name};
-    probe.s = *s;
-    if (!rules_hold(parameters(&probe))) return "parameters out of their limits";
-    prepare(&probe);
-    const core_schedule plan = core_scheduled(parameters(&probe), probe.constants);
     const double *numbers[] = {&core->integral, &core->counts, &core->measured, &core->limited, &core->active,
                                &core->plant.angle, &core->plant.speed, &core->plant.current, &core->plant.xi,
                                &core->tentative.angle, &core->tentative.speed, &core->tentative.current,
                                &core->tentative.xi};
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; ++i)
         if (!core_finite(*numbers[i])) return "a number is not finite";
-    for (size_t i = 0; i < core_line_length(&plan); ++i)
+    for (size_t i = 0; i < core_line_length(plan); ++i)
         if (!core_finite(core->line[i])) return "delay line";
     if (core->period < 0 || core->period > INT64_C(1000000000000) || core->position < 0
-        || core->position >= plan.before + plan.after || (core->partial != 0 && core->partial != 1))
+        || core->position >= plan->before + plan->after || (core->partial != 0 && core->partial != 1))
         return "place in time";
     if (core->partial) {
         const core_part *part = &core->part;
@@ -53,12 +34,40 @@ static const char *unsound(const instance *m, const model_state *s)
                                   &part->aero_torque, &part->f_x, &part->f_z, &part->origin, &part->covered};
         for (size_t i = 0; i < sizeof inputs / sizeof *inputs; ++i)
             if (!core_finite(*inputs[i])) return "part of a tick";
-        const double h = core->position < (int32_t)plan.before ? plan.h_before : plan.h_after;
+        const double h = core->position < (int32_t)plan->before ? plan->h_before : plan->h_after;
         if (part->origin < 0.0 || part->covered < part->origin || part->covered > h) return "part of a tick";
     }
-    const double period = (double)core->period * plan.period;
-    if (s->now < period - plan.slack || s->now > period + plan.period + plan.slack) return "place in time";
+    const double period = (double)core->period * plan->period;
+    if (now < period - plan->slack || now > period + plan->period + plan->slack) return "place in time";
     return NULL;
+}
+
+/* What a state must fulfil that did not come out of fmi2GetFMUstate itself: it may have been
+ * stored, sent, or made up. Gives the reason if it does not. */
+static const char *unsound(const instance *m, const model_state *s)
+{
+    if (s->phase != INSTANTIATED && s->phase != INITIALIZING && s->phase != RUNNING && s->phase != TERMINATED)
+        return "unknown phase";
+    if (!core_finite(s->start) || !core_finite(s->now) || s->now < 0.0) return "time";
+    for (size_t i = 0; i < UNIT_INPUTS; ++i)
+        if (!core_finite(s->rates[i])) return "input derivatives";
+    for (size_t i = 0; i < UNIT_VARIABLES; ++i) {
+        const double value = s->values[i];
+        if (VARIABLE[i].kind != REAL
+            && (!core_finite(value) || value != floor(value) || fabs(value) > (VARIABLE[i].kind == INTEGER ? INT32_MAX : 1)))
+            return VARIABLE[i].name; /* no whole number, no truth */
+    }
+    if (s->phase == INSTANTIATED || s->phase == INITIALIZING) return NULL; /* the core is made anew */
+    instance probe = {.callbacks = m->callbacks, .name = m->name};
+    probe.s = *s;
+    if (!all_rules_hold(&probe)) return "parameters out of their limits";
+    prepare(&probe);
+    for (size_t fin = 0; fin < FINS; ++fin) {
+        const core_schedule plan = core_scheduled(parameters(&probe, fin), probe.fin[fin].constants);
+        const char *reason = unsound_core(&s->core[fin], &plan, s->now);
+        if (reason) return reason;
+    }
+    return unsound_bus(s);
 }
 
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
@@ -78,9 +87,10 @@ fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
     const model_state *s = state;
     if (!allowed(m, ANY_PHASE, "fmi2SetFMUstate")) return fmi2Error;
     if (!s) return report(m, fmi2Error, "fmi2SetFMUstate: no state given");
-    if (memcmp(parameters(m), s->values + PARAMETER_BEGIN, MODEL_PARAMETERS * sizeof(double)) != 0) m->unprepared = 1;
+    if (memcmp(m->s.values + PARAMETER_BEGIN, s->values + PARAMETER_BEGIN, sizeof s->values - PARAMETER_BEGIN * sizeof(double)) != 0)
+        m->unprepared = 1;
     m->s = *s;
-    m->force[0] = NAN;
+    m->unforced = 1;
     return fmi2OK;
 }
 

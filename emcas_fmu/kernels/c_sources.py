@@ -26,11 +26,11 @@ def written(name: str, package: str = "emcas_fmu.kernels") -> str:
     return files(package).joinpath(name).read_text(encoding="utf-8")
 
 
-def kernel_header() -> str:
+def kernel_header(several: bool = False) -> str:
     """kernel.h: the equations."""
     return (_NOTE.format("The actuator's equations as straight-line code")
             + f"#ifndef EMCAS_KERNEL_H\n#define EMCAS_KERNEL_H\n\n#include <math.h>\n\n{_NO_CONTRACTION}\n"
-            f"{program.c_kernel()}\n#endif\n")
+            f"{program.c_kernel(several)}\n#endif\n")
 
 
 def enumerator(name: str) -> str:
@@ -82,7 +82,7 @@ def rules_header() -> str:
             "static const rule RULE[RULES] = {\n" + ",\n".join(rows) + "\n};\n\n#endif\n")
 
 
-def core_sources() -> dict[str, str]:
-    """Headers that hold the actuator: file name to text."""
-    return {"kernel.h": kernel_header(), "model.h": model_header(), "rules.h": rules_header(),
+def core_sources(several: bool = False) -> dict[str, str]:
+    """Headers that hold the actuator, or what each of several needs: file name to text."""
+    return {"kernel.h": kernel_header(several), "model.h": model_header(), "rules.h": rules_header(),
             "core.h": written("core.h"), "sound.h": written("sound.h")}

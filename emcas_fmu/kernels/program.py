@@ -7,10 +7,12 @@ from functools import cache
 from inspect import signature
 from typing import Any
 
-from .. import actuator, schedule
+from .. import actuator, control, schedule
+from ..ops.base import Ops, Value
 from ..ops.c_source import c_source
 from ..ops.python_source import python_source
 from ..ops.trace import Tracer
+from ..physics import bus
 from ..tree import tree
 from ..variables import PARAMETERS
 
@@ -20,39 +22,69 @@ FUNCTIONS = (schedule.schedule, schedule.locate,
 Make = Callable[[Mapping[str, Any]], tuple[Callable[..., tuple[Any, ...]], ...]]
 
 
+def mixed_command(ops: Ops, p: Any, command: Value, roll: Value, pitch: Value, yaw: Value) -> tuple[Value, ...]:
+    """:func:`emcas_fmu.control.mixed_command`."""
+    return (control.mixed_command(ops, p, command, roll, pitch, yaw),)
+
+
+def bus_voltage(ops: Ops, p: Any, source: Value, sag: Value) -> tuple[Value, ...]:
+    """:func:`emcas_fmu.physics.bus.voltage`."""
+    return (bus.voltage(ops, source, sag),)
+
+
+def bus_current(ops: Ops, p: Any, power: Value, at: Value) -> tuple[Value, ...]:
+    """:func:`emcas_fmu.physics.bus.current`."""
+    return (bus.current(ops, power, at),)
+
+
+def bus_sag(ops: Ops, p: Any, resistance: Value, sag: Value, drawn: Value, interval: Value,
+            inverse_inductance: Value) -> tuple[Value, ...]:
+    """:func:`emcas_fmu.physics.bus.next_sag`; `inverse_inductance` is sum 1/L_i [1/H]."""
+    return (bus.next_sag(ops, resistance, sag, drawn, interval * inverse_inductance),)
+
+
+def inverse_inductance(ops: Ops, p: Any) -> tuple[Value, ...]:
+    """1/L [1/H] of one motor."""
+    return (1.0 / p.motor.inductance,)
+
+
+# What several actuators in one unit need besides.
+SEVERAL = (mixed_command, bus_voltage, bus_current, bus_sag, inverse_inductance)
+
+
 def _bind(function: Callable[..., Any], tracer: Tracer, p: Any) -> Callable[..., Any]:
     return lambda *arguments: function(tracer, p, *arguments)
 
 
 @cache
-def traced() -> Tracer:
-    """The program's `FUNCTIONS`, of the parameters in table order."""
+def traced(several: bool = False) -> Tracer:
+    """The program's `FUNCTIONS`, and `SEVERAL` if asked for, of the parameters in table order."""
     tracer = Tracer()
     p = tree({v.name: tracer.parameter(v.name) for v in PARAMETERS})
-    for function in FUNCTIONS:
+    for function in FUNCTIONS + SEVERAL if several else FUNCTIONS:
         arguments = list(signature(function).parameters)[2:]
         tracer.function(function.__name__, arguments, _bind(function, tracer, p))
     return tracer
 
 
 @cache
-def source() -> str:
+def source(several: bool = False) -> str:
     """Python source of a module with ``make(parameters)``.
 
-    `make` takes the flat parameter mapping and gives the `FUNCTIONS` in their order, bound to it.
+    `make` takes the flat parameter mapping and gives the `FUNCTIONS` (and `SEVERAL`) in their order, bound to it.
     """
-    return python_source(traced(), "The actuator's equations as straight-line code; generated, do not edit.")
+    return python_source(traced(several), "The actuator's equations as straight-line code; generated, do not edit.")
 
 
-def c_kernel() -> str:
-    """The `FUNCTIONS` as C (:func:`emcas_fmu.ops.c_source.c_source`), named ``kernel_...``."""
-    return c_source(traced(), "kernel")
+def c_kernel(several: bool = False) -> str:
+    """The `FUNCTIONS` (and `SEVERAL`) as C (:func:`emcas_fmu.ops.c_source.c_source`), named ``kernel_...``."""
+    return c_source(traced(several), "kernel")
 
 
 @cache
-def make() -> Make:
+def make(several: bool = False) -> Make:
     """The compiled program's `make`."""
     namespace: dict[str, Any] = {}
-    exec(compile(source(), "<emcas kernel>", "exec"), namespace)
+    exec(compile(source(several), "<emcas kernel>", "exec"), namespace)
     result: Make = namespace["make"]
     return result

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import tempfile
 import zipfile
 import zlib
@@ -27,6 +28,7 @@ from ..errors import EmcasError
 Array = NDArray[np.floating[Any]]
 Columns = Mapping[str, Array]
 
+_FIN = re.compile(r"fin\[\d+\]\.")
 _LAST_MESSAGES = 20  # kept of a run's log
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
 
@@ -47,13 +49,18 @@ class Run:
 
 @dataclass(frozen=True)
 class Unit:
-    """An FMU unpacked and understood; `starts` are the start values of inputs and parameters."""
+    """An FMU unpacked and understood; `starts` are the start values of inputs and parameters.
+
+    Of a unit of several fins it is one of them: all names are those of a single actuator, `names` gives the
+    FMU's for them. The other fins stay at their start values.
+    """
 
     path: Path
     folder: Path
     description: Any
     starts: Mapping[str, Any]
     sha256: str
+    names: Mapping[str, str]
 
     def run(self, inputs: Columns, step: float, start_values: Mapping[str, Any], outputs: Sequence[str]) -> Run:
         """Simulate over the input rows with a communication step [s].
@@ -83,7 +90,8 @@ class Unit:
         except FMICallException as error:
             messages.append(str(error))
             table = recorder[0].result() if recorder else None
-        columns = {name: np.array([] if table is None else table[name], dtype=float) for name in ("time", *outputs)}
+        columns = {name: np.array([] if table is None else table[self.names.get(name, name)], dtype=float)
+                   for name in ("time", *outputs)}
         # A discarded step leaves the time before it twice.
         new = np.diff(columns["time"], prepend=-np.inf) > 0.0
         columns = {name: column[new] for name, column in columns.items()}
@@ -105,8 +113,8 @@ class Unit:
             return fmpy.simulate_fmu(
                 str(self.folder), model_description=self.description, fmu_instance=instance,
                 start_time=inputs["time"][0], stop_time=stop, output_interval=step,
-                start_values=dict(start_values), input=self._signals(inputs),
-                output=list(outputs), step_finished=finished)
+                start_values={self.names[name]: value for name, value in start_values.items()},
+                input=self._signals(inputs), output=[self.names[name] for name in outputs], step_finished=finished)
         finally:
             instance.freeInstance()
 
@@ -116,21 +124,25 @@ class Unit:
         types = [("time", float), *((v.name, bool if v.type == "Boolean" else float) for v in variables)]
         signals = np.zeros(len(inputs["time"]), dtype=types)
         signals["time"] = inputs["time"]
+        given = {self.names[name]: column for name, column in inputs.items() if name != "time"}
         for v in variables:
-            signals[v.name] = inputs.get(v.name, self.starts[v.name])
+            signals[v.name] = given.get(v.name, _start(v))
         return signals
 
     def require(self, names: Sequence[str], causality: str) -> None:
         """Raise EmcasError where the FMU lacks variables of that causality."""
         present = {v.name for v in self.description.modelVariables if v.causality == causality}
-        if missing := [name for name in names if name not in present]:
+        if missing := [name for name in names if self.names.get(name, name) not in present]:
             raise EmcasError(f"{self.path}: has no {causality} named {', '.join(missing)}; "
-                             "an EM-CAS FMU of one fin is needed, such as `emcas build` makes")
+                             "an EM-CAS FMU is needed, such as `emcas build` makes")
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[Unit]:
-    """The FMU at `path`, unpacked for as long as the context lasts; EmcasError where it cannot run here."""
+def opened(path: Path, fin: int | None = None) -> Iterator[Unit]:
+    """The FMU at `path`, unpacked for as long as the context lasts; EmcasError where it cannot run here.
+
+    `fin` counts from 1 and chooses one of a unit of several; the first unless given.
+    """
     if path.is_dir():
         raise EmcasError(f"{path}: is a folder, not an FMU")
     if not path.is_file():
@@ -147,7 +159,10 @@ def opened(path: Path) -> Iterator[Unit]:
     if fmpy.platform not in platforms:
         raise EmcasError(f"{path}: has no binary for this platform, {fmpy.platform} (it has: "
                          f"{', '.join(p for p in platforms if p != 'c-code') or 'none'}); build the FMU for it")
-    starts = {v.name: _start(v) for v in description.modelVariables if v.causality in ("input", "parameter")}
+    names = _names(path, [v.name for v in description.modelVariables], fin)
+    shown = {name: own for own, name in names.items()}
+    starts = {shown[v.name]: _start(v) for v in description.modelVariables
+              if v.causality in ("input", "parameter") and v.name in shown}
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     here = Path.cwd()
     with tempfile.TemporaryDirectory(prefix="emcas_validate_", ignore_cleanup_errors=True) as folder:
@@ -156,9 +171,23 @@ def opened(path: Path) -> Iterator[Unit]:
         except (zipfile.BadZipFile, zlib.error, OSError) as error:
             raise EmcasError(f"{path}: cannot be unpacked ({error}); copy or build it again") from error
         try:
-            yield Unit(path, Path(folder), description, starts, digest)
+            yield Unit(path, Path(folder), description, starts, digest, names)
         finally:
             os.chdir(here)  # fmpy stays in the FMU's folder where a library does not load
+
+
+def _names(path: Path, present: Sequence[str], fin: int | None) -> dict[str, str]:
+    """The FMU's names of one fin's variables, by those of a single actuator."""
+    prefixes = {match[0] for name in present if (match := _FIN.match(name))}
+    if not prefixes:
+        if fin not in (None, 1):
+            raise EmcasError(f"{path}: is a unit of one fin, there is no fin {fin}")
+        return {name: name for name in present}
+    prefix = f"fin[{fin or 1}]."
+    if prefix not in prefixes:
+        raise EmcasError(f"{path}: has {len(prefixes)} fins, there is no fin {fin}")
+    shared = {name: name for name in present if not _FIN.match(name)}
+    return shared | {name.removeprefix(prefix): name for name in present if name.startswith(prefix)}
 
 
 def _start(variable: Any) -> Any:

@@ -43,8 +43,8 @@ _LINEAR_END = 0.35  # s; the step is at requirements.STEP_AT
 
 
 def validate(fmu: Path, names: Sequence[str] | None = None, directory: Path | None = None,
-             progress: Progress | None = None) -> Result:
-    """Judge the FMU against the reference cases in `directory` (default: the stored ones).
+             progress: Progress | None = None, fin: int | None = None) -> Result:
+    """Judge the FMU, or one `fin` of it from 1 on, by the reference cases in `directory` (default: the stored ones).
 
     With `names`, only these cases and what they suffice for. `progress` is called with the name
     of the run, how many are done and how many there are. Raises EmcasError where the validation
@@ -53,7 +53,7 @@ def validate(fmu: Path, names: Sequence[str] | None = None, directory: Path | No
     folder = directory or models_directory() / "reference"
     cases = stored.load(folder, names)
     whole = not names
-    with opened(fmu) as unit:
+    with opened(fmu, fin) as unit:
         unit.require([v.name for v in INPUTS], "input")
         unit.require(RECORDED, "output")
         unit.require(sorted({v.name for v in PARAMETERS}.union(*(c.start_values for c in cases))), "parameter")

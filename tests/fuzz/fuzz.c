@@ -44,7 +44,7 @@ static double number(bytes *b)
 /* A value for a variable: often within its limits. */
 static double value_for(bytes *b, size_t vr)
 {
-    if (vr >= MODEL_VARIABLES || byte(b) < 90) return number(b);
+    if (vr >= UNIT_VARIABLES || byte(b) < 90) return number(b);
     const variable *v = &VARIABLE[vr];
     const double share = byte(b) / 255.0;
     if (!core_finite(v->minimum) || !core_finite(v->maximum)) return number(b);
@@ -71,18 +71,24 @@ static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2St
 /* A tick may be 20,000 times shorter than a sample: enough is enough. */
 static int runs_long(const instance *m)
 {
-    const core_schedule plan = core_scheduled(parameters(m), m->constants);
-    return plan.h_before < 2e-5 || plan.h_after < 2e-5;
+    for (size_t fin = 0; fin < FINS; ++fin) {
+        const core_schedule plan = core_scheduled(parameters(m, fin), m->fin[fin].constants);
+        if (plan.h_before < 2e-5 || plan.h_after < 2e-5) return 1;
+    }
+    return 0;
 }
 
 static void check(const instance *m)
 {
     if (!m || m->s.phase != RUNNING) return;
-    const core_plant *x = &m->s.core.plant, *y = &m->s.core.tentative;
-    const double all[] = {x->angle, x->speed, x->current, x->xi, y->angle, y->speed, y->current, y->xi,
-                          m->s.core.integral, m->s.core.counts, m->s.now};
-    for (size_t i = 0; i < sizeof all / sizeof *all; ++i)
-        if (!core_finite(all[i])) abort();
+    for (size_t fin = 0; fin < FINS; ++fin) {
+        const core_state *core = &m->s.core[fin];
+        const core_plant *x = &core->plant, *y = &core->tentative;
+        const double all[] = {x->angle, x->speed, x->current, x->xi, y->angle, y->speed, y->current, y->xi,
+                              core->integral, core->counts, m->s.now};
+        for (size_t i = 0; i < sizeof all / sizeof *all; ++i)
+            if (!core_finite(all[i])) abort();
+    }
 }
 
 static void damaged_state(bytes *b, instance *m, fmi2FMUstate *state)
@@ -130,7 +136,7 @@ static void call(bytes *b, instance **unit, fmi2FMUstate *state)
     fmi2Integer integers[3] = {0};
     size_t n = byte(b) % 4;
     for (size_t i = 0; i < 3; ++i) {
-        vr[i] = byte(b) % (MODEL_VARIABLES + 4);
+        vr[i] = (FINS > 1 ? byte(b) | byte(b) << 8 : byte(b)) % (UNIT_VARIABLES + 4);
         if (byte(b) == 7) fill(b, &vr[i], sizeof vr[i]);
     }
     switch (which) {
@@ -149,7 +155,7 @@ static void call(bytes *b, instance **unit, fmi2FMUstate *state)
     case 6: case 7: started(m); break;
     case 8: case 9: case 10: case 11: case 12: case 13:
         for (size_t i = 0; i < n; ++i) {
-            if (byte(b) < 150) vr[i] %= MODEL_INPUTS;
+            if (byte(b) < 150) vr[i] %= UNIT_INPUTS;
             reals[i] = value_for(b, vr[i]);
         }
         fmi2SetReal(m, vr, n, reals);
@@ -170,7 +176,7 @@ static void call(bytes *b, instance **unit, fmi2FMUstate *state)
         for (size_t i = 0; i < n; ++i) {
             reals[i] = number(b);
             integers[i] = byte(b) < 240 ? 1 : byte(b);
-            if (byte(b) < 200) vr[i] %= MODEL_INPUTS;
+            if (byte(b) < 200) vr[i] %= UNIT_INPUTS;
         }
         fmi2SetRealInputDerivatives(m, vr, n, integers, reals);
         break;
@@ -207,9 +213,9 @@ static void call(bytes *b, instance **unit, fmi2FMUstate *state)
         for (int i = 1 + byte(b) % 8; m && i > 0; --i) {
             const double now = m->s.start + m->s.now;
             if (fmi2DoStep(m, byte(b) < 245 ? now : number(b), step_size(b), 1) == fmi2OK) {
-                double out[MODEL_OUTPUTS];
+                double out[UNIT_OUTPUTS];
                 memcpy(out, m->s.values + OUTPUT_BEGIN, sizeof out);
-                for (size_t j = 0; j < MODEL_OUTPUTS; ++j)
+                for (size_t j = 0; j < UNIT_OUTPUTS; ++j)
                     if (!core_finite(out[j])) abort();
             }
         }

@@ -16,8 +16,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from emcas_fmu.fmi import native
-from emcas_fmu.fmi.model_description import MODEL, start_values
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.unit import Unit, start_values
 
 HERE = Path(__file__).parent
 # Whatever the unit's real one: the serialized states are made by the unit itself.
@@ -25,9 +25,10 @@ GUID = "{00000000-1111-5222-8333-444444444444}"
 SANITIZERS = "address,undefined,float-cast-overflow"
 
 
-def compiled(command: Sequence[str], sanitizers: str, folder: Path) -> Path:
+def compiled(command: Sequence[str], sanitizers: str, folder: Path, fins: int = 1) -> Path:
     """The harness and the unit in one program. Raises CalledProcessError with what the compiler said."""
-    for name, text in native.sources(MODEL, start_values(load_parameters().values), GUID).items():
+    unit = Unit(fins)
+    for name, text in native.sources(unit, start_values(unit, [load_parameters().values] * fins), GUID).items():
         (folder / name).write_text(text, encoding="utf-8")
     shutil.copy(HERE / "fuzz.c", folder)
     subprocess.run([*command, "-std=c11", "-Wall", "-Wextra", "-g", "-O1", f"-fsanitize={sanitizers}",
@@ -38,6 +39,7 @@ def compiled(command: Sequence[str], sanitizers: str, folder: Path) -> Path:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=int, default=600)
+    parser.add_argument("--fins", type=int, default=1, help="of the unit")
     parser.add_argument("--corpus", type=Path, default=None, help="folder of inputs to begin with and to add to")
     arguments = parser.parse_args()
     if shutil.which("clang") is None:
@@ -45,7 +47,7 @@ def main() -> int:
         return 2
     with TemporaryDirectory() as name:
         folder = Path(name)
-        program = compiled(["clang"], f"fuzzer,{SANITIZERS}", folder)
+        program = compiled(["clang"], f"fuzzer,{SANITIZERS}", folder, arguments.fins)
         corpus = arguments.corpus or folder / "corpus"
         corpus.mkdir(exist_ok=True)
         command = [program, f"-max_total_time={arguments.seconds}", "-max_len=4000", "-timeout=20",

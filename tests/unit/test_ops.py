@@ -18,7 +18,7 @@ from emcas_fmu.ops.arrays import ARRAYS
 from emcas_fmu.ops.python_source import python_source
 from emcas_fmu.ops.symbols import SYMBOLS
 from emcas_fmu.ops.trace import Tracer
-from emcas_fmu.physics import drive, friction, kinematics, loads, mechanics
+from emcas_fmu.physics import bus, drive, friction, kinematics, loads, mechanics
 from emcas_fmu.tree import tree
 
 Function = Callable[..., Any]
@@ -37,6 +37,8 @@ RANGES: dict[str, tuple[float, float]] = {
     "supply": (0.0, 45.0), "h": (1e-5, 3e-4), "a_x": (-50.0, 50.0), "a_y": (-50.0, 50.0), "a_z": (-50.0, 50.0),
     "roll": (-3.0, 3.0), "pitch": (-1.5, 1.5), "counts": (-1e4, 1e4), "previous_counts": (-1e4, 1e4),
     "i_ref": (-60.0, 60.0), "cold_ratio": (1.0, 2.0), "time": (0.0, 2.0),
+    "yaw": (-3.0, 3.0), "source": (0.0, 45.0), "sag": (-5.0, 50.0), "power": (-1e3, 9e3), "at": (-5.0, 45.0),
+    "resistance": (0.0, 1.0), "drawn": (-50.0, 200.0), "admittance": (0.0, 2.0),
 }
 FLAGS = {"enable"}
 
@@ -49,7 +51,7 @@ def _public(module: ModuleType) -> list[Function]:
 # Functions whose arguments are plain values; the others are reached through these.
 STRUCTURED = {loads.specific_force, mechanics.breakaway, mechanics.damping, integrate.advance, control.output,
               control.update, friction.coulomb_reference, friction.coulomb_polynomial}
-MODULES = (kinematics, friction, loads, mechanics, drive, sensors, control, integrate, schedule, actuator)
+MODULES = (bus, kinematics, friction, loads, mechanics, drive, sensors, control, integrate, schedule, actuator)
 PLAIN = [f for module in MODULES for f in _public(module) if f not in STRUCTURED]
 
 

@@ -1,0 +1,116 @@
+"""Figures of a sample's responses. All in SI; names of tuning's figures where they are the same."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from ..simulation import Array
+from ..tuning import experiments as tuning
+from ..validation import metrics
+from .experiments import COMMAND, INDEX, Excitation, Experiment
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Unit and title of a figure; `bad` is the side on which it is bad: 1 above, -1 below.
+
+    `missing` is what a figure that cannot be had counts as in order: a time never reached is longer
+    than any, a bandwidth not found lies beyond the sweep.
+    """
+
+    unit: str
+    title: str
+    kinds: tuple[str, ...]
+    bad: float = 1.0
+    missing: float = inf
+
+
+_ALL = ("step", "sine", "chirp", "hold")
+
+
+def _as_tuned(name: str, kinds: tuple[str, ...], bad: float = 1.0, missing: float = inf) -> Figure:
+    found = tuning.FIGURES[name]
+    return Figure(found.unit, found.title, kinds, bad, missing)
+
+
+FIGURES: Mapping[str, Figure] = {
+    "rise_time": _as_tuned("rise_time", ("step",)),
+    "settling_time": _as_tuned("settling_time", ("step",)),
+    "overshoot": _as_tuned("overshoot", ("step",)),
+    "steady_error": _as_tuned("steady_error", ("step",)),
+    "sustained_rate": _as_tuned("sustained_rate", ("step",), -1.0, -inf),
+    "bandwidth_3db": _as_tuned("bandwidth_3db", ("chirp",), -1.0),
+    "bandwidth_90deg": _as_tuned("bandwidth_90deg", ("chirp",), -1.0),
+    "peak_gain": Figure("dB", "largest gain within the sweep", ("chirp",)),
+    "peak_rate": Figure("rad/s", "largest fin rate, either way", _ALL, -1.0),
+    "tracking_error_peak": Figure("rad", "largest distance from the clipped command", ("sine", "chirp", "hold")),
+    "tracking_error_rms": Figure("rad", "distance from the clipped command, root mean square", _ALL),
+    "power_peak": Figure("W", "largest power drawn", _ALL),
+    "power_rms": Figure("W", "power, root mean square", _ALL),
+    "energy": Figure("J", "energy drawn less regenerated", _ALL),
+    "peak_current": _as_tuned("peak_current", _ALL),
+    "rms_current": _as_tuned("rms_current", _ALL),
+    "saturated_share": Figure("1", "share of the time a limit is active", _ALL),
+    "at_stop_share": Figure("1", "share of the time against a mechanical stop", _ALL),
+}
+
+
+def names(experiment: Experiment) -> list[str]:
+    """Figures of an experiment, by column name."""
+    return [f"{experiment.name}.{name}" for name, figure in FIGURES.items() if experiment.kind in figure.kinds]
+
+
+def figure_of(column: str) -> Figure:
+    """What the figure of a column is."""
+    return FIGURES[column.rpartition(".")[2]]
+
+
+def figures(experiment: Experiment, numbers: Mapping[str, float], made: Excitation,
+            response: Mapping[str, Array]) -> dict[str, float]:
+    """Figures of a response by column name; nan where there is none (a level never reached).
+
+    `response` has an array per output at the times of the excitation. All from the command's instant on.
+    """
+    since = made.time > -tuning.STEP / 2
+    found = _common(made.time[since], {name: column[since] for name, column in response.items()})
+    if experiment.kind == "step":
+        found |= _step(made.time, response, float(numbers[f"{experiment.prefix}.amplitude"]))
+    if experiment.kind == "chirp":
+        sides = (float(numbers[f"{experiment.prefix}.{side}"]) for side in ("low", "high"))
+        found |= _swept(made.time, made.table[:, INDEX[COMMAND]], response["fin_angle"], *sides)
+    return {column: float(found[column.rpartition(".")[2]]) for column in names(experiment)}
+
+
+def _common(time: Array, response: Mapping[str, Array]) -> dict[str, float]:
+    power, current, error = response["supply_power"], response["motor_current"], response["tracking_error"]
+    return {
+        "peak_rate": float(np.abs(response["fin_rate"]).max()),
+        "tracking_error_peak": float(np.abs(error).max()), "tracking_error_rms": _rms(error),
+        "power_peak": float(power.max()), "power_rms": _rms(power), "energy": float(np.trapezoid(power, time)),
+        "peak_current": float(np.abs(current).max()), "rms_current": _rms(current),
+        "saturated_share": float(np.mean(response["saturated"])), "at_stop_share": float(np.mean(response["at_stop"])),
+    }
+
+
+def _rms(column: Array) -> float:
+    return float(np.sqrt(np.mean(column**2)))
+
+
+def _step(time: Array, response: Mapping[str, Array], amplitude: float) -> dict[str, float]:
+    angle = response["fin_angle"]
+    if amplitude in (0.0, angle[np.searchsorted(time, -1e-9)]):
+        raise ValueError("the step has no height: the fin is told to stay where it is")
+    step = metrics.step_metrics(time, angle, 0.0, amplitude)
+    rates = metrics.slew(time, angle, response["fin_rate"], 0.0, amplitude)
+    return {"rise_time": step.rise_time, "settling_time": step.settling_time, "overshoot": step.overshoot / 100.0,
+            "steady_error": abs(step.steady_error), "sustained_rate": rates.sustained}
+
+
+def _swept(time: Array, command: Array, angle: Array, low: float, high: float) -> dict[str, float]:
+    found = metrics.frequency_response(time, command, angle, low, high)
+    return {"bandwidth_3db": found.bandwidth, "bandwidth_90deg": found.phase_bandwidth,
+            "peak_gain": float(np.max(found.gain_db))}

@@ -1,0 +1,63 @@
+"""What a worker needs of a campaign, and the parameters of a sample."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ..variables import FILE_ENTRIES
+from .distributions import Distribution, Value
+from .experiments import Experiment
+
+_PARAMETERS = frozenset(v.name for v in FILE_ENTRIES)
+
+
+@dataclass(frozen=True)
+class Factor:
+    """One thing that varies, in `unit`; `type` is Real, Integer or Boolean."""
+
+    name: str
+    unit: str
+    type: str
+    distribution: Distribution
+
+    def value(self, drawn: float) -> Value:
+        """A number drawn, as what the factor is."""
+        return bool(drawn) if self.type == "Boolean" else int(drawn) if self.type == "Integer" else float(drawn)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All a worker needs: flat parameters (SI), numbers of profiles by name, what varies, what is done.
+
+    `followers` are parameters that keep their ratio to one that varies. `fmu` is the path of an FMU,
+    with its SHA-256, or empty for the kernel.
+    """
+
+    base: Mapping[str, Value]
+    numbers: Mapping[str, Value]
+    factors: tuple[Factor, ...]
+    followers: Mapping[str, str]
+    experiments: tuple[Experiment, ...]
+    seed: int
+    fmu: str = ""
+    fmu_sha256: str = ""
+
+    def packed(self) -> bytes:
+        """For sending."""
+        return pickle.dumps(self)
+
+
+def varied(plan: Plan, drawn: Mapping[str, Value]) -> tuple[dict[str, Value], dict[str, Value]]:
+    """Parameters (flat, SI) and numbers of profiles of a sample in which the factors have the values `drawn`."""
+    values, numbers = dict(plan.base), dict(plan.numbers)
+    for name, value in drawn.items():
+        (values if name in _PARAMETERS else numbers)[name] = value
+    values.update(followed(plan, drawn))
+    return values, numbers
+
+
+def followed(plan: Plan, drawn: Mapping[str, Value]) -> dict[str, Value]:
+    """The parameters that follow others."""
+    return {name: plan.base[name] * (drawn[leader] / plan.base[leader]) for name, leader in plan.followers.items()}

@@ -1,0 +1,44 @@
+"""The summary page of a campaign: one HTML file with nothing outside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+
+from .. import __version__
+from ..plots import style, svg
+from .distributions import Distribution
+from .figures import all_figures
+from .measure import figure_of
+from .plan import Factor
+from .summary import PERCENTILES, Summary, angles, shown, text
+
+_MOST_LEVELS = 8
+
+
+def described(factor: Factor) -> tuple[str, str]:
+    """A factor's distribution in a line, and the unit of its numbers."""
+    unit, scale = angles(factor.unit)
+    return _line(factor.distribution, scale), unit
+
+
+def _line(found: Distribution, scale: float) -> str:
+    if found.kind == "choice":
+        levels = [f"{level * scale:g}" for level in found.levels]
+        few = len(levels) <= _MOST_LEVELS
+        return f"one of {', '.join(levels)}" if few else f"{len(levels)} levels, {levels[0]} .. {levels[-1]}"
+    return f"{found.kind}, {', '.join(f'{name} {value * scale:.4g}' for name, value in found.numbers.items())}"
+
+
+def write_report(summary: Summary, path: Path, command: str) -> None:
+    """Write the page; the same rows give the same bytes. `command` runs the campaign."""
+    environment = Environment(loader=PackageLoader("emcas_fmu", "campaign"), undefined=StrictUndefined,
+                              trim_blocks=True, lstrip_blocks=True, autoescape=select_autoescape(["html.j2"]))
+    with style():
+        pictures = [(svg(drawn, title), title, caption) for drawn, title, caption in all_figures(summary)]
+    page = environment.get_template("report.html.j2").render(
+        s=summary, study=summary.study, plan=summary.study.plan, version=__version__, command=command,
+        pictures=pictures, percentiles=PERCENTILES, text=text, described=described, figure_of=figure_of,
+        unit=lambda name: shown(name, 1.0)[1])
+    path.write_text(page, encoding="utf-8", newline="\n")

@@ -1,0 +1,216 @@
+"""Running a campaign's samples: in this process, or by Dask on this machine or on others."""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from importlib import import_module
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import __version__
+from ..kernels import compiled
+from ..simulation import Array
+from .distributions import CampaignError
+from .plan import Plan, followed
+from .sample import Row, failed, rows
+from .sampling import Sampler
+from .study import Study
+
+# Simulated in a task unless told: a tenth of a second to one of work with the kernel, and about as much with
+# an FMU's tenth of it. What is taken for a task (milliseconds) is little beside it, what a kill loses is little.
+SIMULATED, BY_FMU = 200.0, 20.0  # s
+# Deaths of a worker under a task before it is given up. Dask's own 3 costs as many restarts more for a
+# sample that kills every worker, and one spares a task whose worker was killed from outside.
+ALLOWED_DEATHS = 1
+_AHEAD = 3  # tasks submitted for each thread: none waits for the client
+# Run by a worker as it starts. A Ctrl-C reaches every process of a terminal: this one ends the others.
+_UNINTERRUPTED = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+_CONNECT = 20.0  # s
+_WORKERS = 120.0  # s, until the first worker is there
+
+Work = Callable[[bytes, Sequence[int], Array], list[Row]]
+Keep = Callable[[list[Row]], object]
+Indices = NDArray[np.int64]
+
+
+class _Client(Protocol):
+    """What is used of a Dask client."""
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any, **options: Any) -> Any: ...
+    def run(self, function: Callable[..., Any], /) -> Any: ...
+    def ncores(self) -> Any: ...
+    def wait_for_workers(self, n_workers: int, timeout: float) -> None: ...
+
+
+def _distributed() -> Any:
+    return import_module("distributed")  # an extra: not needed for the rest of this module
+
+
+def chunked(missing: Indices, size: int) -> deque[Indices]:
+    """The indices in chunks, in order."""
+    return deque(missing[k:k + size] for k in range(0, len(missing), size))
+
+
+def chunk_size(plan: Plan, count: int, threads: int) -> int:
+    """Samples in a task: at least eight tasks for a thread, so that all end at about the same time."""
+    duration = sum(experiment.duration for experiment in plan.experiments)
+    most = int((BY_FMU if plan.fmu else SIMULATED) / duration)
+    return max(1, min(most, count // (8 * max(threads, 1))))
+
+
+def in_process(study: Study, missing: Indices, keep: Keep, chunk: int | None = None) -> None:
+    """Run samples in this process, without Dask."""
+    sampler, packed = Sampler(study), study.plan.packed()
+    for indices in chunked(missing, chunk or chunk_size(study.plan, len(missing), 1)):
+        keep(rows(packed, indices.tolist(), sampler.draw(indices.tolist())))
+
+
+@contextmanager
+def local_client(workers: int) -> Iterator[Any]:
+    """A Dask client with worker processes of its own on this machine, gone when it ends."""
+    import dask
+
+    distributed = _distributed()
+    compiled.available()  # compile once, not once a worker
+    # Any free port, of this machine only: two campaigns may run at a time.
+    # Restarted workers are reported by rows, not by log lines between the progress bar's.
+    options = {"distributed.scheduler.allowed-failures": ALLOWED_DEATHS, "distributed.admin.tick.limit": "1h"}
+    with ExitStack() as stack:
+        stack.enter_context(dask.config.set(options))
+        try:
+            cluster = stack.enter_context(distributed.LocalCluster(
+                n_workers=workers, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0",
+                silence_logs=logging.CRITICAL, preload=[_UNINTERRUPTED]))
+        except RuntimeError as error:
+            raise CampaignError(f"worker processes could not be started ({error}); --workers 0 runs in this "
+                                "process") from error
+        yield stack.enter_context(distributed.Client(cluster))
+
+
+@contextmanager
+def remote_client(address: str) -> Iterator[Any]:
+    """A client of a scheduler that is running. Raises CampaignError where it, or its workers, cannot be used."""
+    with ExitStack() as stack:
+        stack.enter_context(_quiet())
+        try:
+            client = stack.enter_context(_distributed().Client(address, timeout=_CONNECT))
+        except (OSError, ValueError) as error:
+            raise CampaignError(f"--scheduler {address}: there is none to be reached ({error}); start one with "
+                                "`dask scheduler`, and give its address such as tcp://host:8786") from error
+        _ready(client, address)
+        yield client
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without Dask's own messages and tracebacks on a lost connection: it is told in a line."""
+    loggers = [logging.getLogger(name) for name in ("distributed.client", "distributed.utils")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
+
+
+def _ready(client: _Client, address: str) -> None:
+    """All workers there are have this version of the package."""
+    try:
+        client.wait_for_workers(1, timeout=_WORKERS)
+    except TimeoutError as error:
+        raise CampaignError(f"--scheduler {address}: has no worker; start some with `dask worker {address}`") from error
+    try:
+        versions = client.run(_version)
+    except ImportError as error:
+        raise CampaignError(f"--scheduler {address}: a worker has no emcas ({error}); install emcas-fmu "
+                            f"{__version__} where it runs") from error
+    for worker, version in versions.items():
+        if version != __version__:
+            raise CampaignError(f"--scheduler {address}: worker {worker} has emcas {version}, not {__version__}; "
+                                "install the same")
+
+
+def _version() -> str:
+    from emcas_fmu import __version__ as version
+
+    return version
+
+
+def by_dask(client: _Client, study: Study, missing: Indices, keep: Keep, chunk: int | None = None,
+            work: Work = rows) -> None:
+    """Run samples on a client's workers; `keep` is given rows as they come, in any order.
+
+    A task whose workers die is taken apart: its samples run one at a time, alone, and one that again
+    kills its workers is kept as failed. Raises CampaignError where the scheduler is lost.
+    """
+    threads = sum(client.ncores().values())
+    crew = _Crew(client, study, work)
+    suspects = crew.run(chunked(missing, chunk or chunk_size(study.plan, len(missing), threads)), keep,
+                        _AHEAD * max(threads, 1))
+    for index in crew.run(chunked(suspects, 1), keep, 1).tolist():
+        keep([crew.lost(index)])
+
+
+@contextmanager
+def _connected() -> Iterator[None]:
+    """What a client raises without its scheduler, as CampaignError."""
+    distributed = _distributed()
+    closed = getattr(distributed.client, "ClosedClientError", TimeoutError)  # older ones cancel only
+    try:
+        yield
+    except (distributed.CancelledError, distributed.comm.CommClosedError, TimeoutError, closed) as error:
+        raise CampaignError(f"the scheduler was lost ({type(error).__name__}); what was done is kept: the same "
+                            "command goes on") from error
+
+
+class _Crew:
+    """A client's workers and what they are given."""
+
+    def __init__(self, client: _Client, study: Study, work: Work) -> None:
+        self._client, self._work = client, work
+        self._plan: Plan = study.plan
+        self._packed, self._sampler = study.plan.packed(), Sampler(study)
+
+    def run(self, chunks: deque[Indices], keep: Keep, ahead: int) -> Indices:
+        """Run chunks with so many in flight; gives the indices of those whose workers died."""
+        distributed = _distributed()
+        flying: dict[str, Indices] = {}
+        dead: list[Indices] = []
+        arriving = distributed.as_completed()
+
+        def launch() -> None:
+            if chunks:
+                indices = chunks.popleft()
+                drawn = self._sampler.draw(indices.tolist())
+                with _connected():
+                    task = self._client.submit(self._work, self._packed, indices.tolist(), drawn, pure=False)
+                flying[task.key] = indices
+                arriving.add(task)
+
+        for _ in range(ahead):
+            launch()
+        for task in arriving:
+            indices = flying.pop(task.key)
+            try:
+                with _connected():
+                    found = task.result()
+            except distributed.KilledWorker:
+                dead.append(indices)
+            else:
+                keep(found)
+            launch()
+        return np.sort(np.concatenate(dead)) if dead else np.empty(0, dtype=np.int64)
+
+    def lost(self, index: int) -> Row:
+        """The row of a sample that killed its workers."""
+        drawn = self._sampler.draw([index])[0].tolist()
+        chosen = {f.name: f.value(x) for f, x in zip(self._plan.factors, drawn, strict=True)}
+        about: Row = {"index": index, "seed": self._plan.seed, **chosen, **followed(self._plan, chosen)}
+        return failed(self._plan, about, "every worker that ran it died (out of memory, or a crash)")

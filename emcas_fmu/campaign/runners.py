@@ -1,0 +1,168 @@
+"""What runs a sample's responses: the kernel, or an FMU under fmpy. Both give the same columns."""
+
+from __future__ import annotations
+
+import atexit
+from collections import deque
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..kernels import compiled, program
+from ..kernels.core import Core
+from ..parameters import ParameterError, check_parameters
+from ..simulation import Array, respond
+from ..tuning.experiments import STEP
+from ..variables import INPUTS, OUTPUTS, PARAMETERS
+from .distributions import CampaignError
+from .experiments import INDEX, LOAD, Excitation
+from .plan import Plan
+
+_ANGLE = next(i for i, v in enumerate(OUTPUTS) if v.name == "fin_angle")
+_MOTION = slice(INDEX["acceleration.x"], INDEX["attitude.pitch"] + 1)
+
+
+class Runner(Protocol):
+    """Runs an excitation with flat parameters (SI); raises where the equations cannot be followed."""
+
+    def __call__(self, values: Mapping[str, Any], made: Excitation) -> dict[str, Array]:
+        """Columns of outputs at the excitation's times."""
+
+
+def runner(plan: Plan) -> Runner:
+    """The kernel, or the FMU of a plan. Raises CampaignError where the FMU is not what the campaign began with."""
+    return _unit(plan.fmu, plan.fmu_sha256) if plan.fmu else by_kernel
+
+
+def by_kernel(values: Mapping[str, Any], made: Excitation) -> dict[str, Array]:
+    """Response of the kernel, compiled if there is a compiler."""
+    if not made.stiffness:
+        return respond(values, made.table, STEP)
+    core: Any = compiled.CompiledCore(values) if compiled.available() else _python_core(values)
+
+    def at(row: Array) -> tuple[Any, ...]:
+        x, y, z, roll, pitch = row[_MOTION].tolist()
+        return (float(row[0]), float(row[1]), *core.forces(x, y, z, roll, pitch), float(row[INDEX["supply_voltage"]]),
+                bool(row[INDEX["enable"]]))
+
+    return _coupled(made, lambda row: core.outputs(at(row)), lambda end, row: core.run(end, at(row)))
+
+
+def _python_core(values: Mapping[str, Any]) -> Core:
+    _check(values)  # the compiled one does so itself, in a thousandth of the time
+    return Core(program.make()(values))
+
+
+def _check(values: Mapping[str, Any]) -> None:
+    if problems := check_parameters({v.name: values[v.name] for v in PARAMETERS}):
+        raise ParameterError(problems)
+
+
+def _coupled(made: Excitation, first: Callable[[Array], Any], move: Callable[[float, Array], Any]) -> dict[str, Array]:
+    """Step by step, the spring's moment by the fin angle at the beginning of each step."""
+    outputs = np.empty((len(made.table), len(OUTPUTS)))
+    row = made.table[0].copy()
+    outputs[0] = first(row)
+    for k in range(1, len(made.table)):
+        row[:] = made.table[k - 1]
+        row[INDEX[LOAD]] -= made.stiffness * outputs[k - 1, _ANGLE]
+        outputs[k] = move(k * STEP, row)
+    return {v.name: outputs[:, i] for i, v in enumerate(OUTPUTS)}
+
+
+class _FmuRunner:
+    """One instance of an FMU, reset between responses and made anew after one that failed."""
+
+    def __init__(self, unit: Any) -> None:
+        self._unit = unit
+        self._instance: Any = None
+        self._said: deque[str] = deque(maxlen=3)
+        references = {v.name: v.valueReference for v in unit.description.modelVariables}
+        self._in = [references[v.name] for v in INPUTS]
+        self._out = [references[v.name] for v in OUTPUTS]
+        self._parameters = [(v, references[v.name]) for v in PARAMETERS]
+
+    def __call__(self, values: Mapping[str, Any], made: Excitation) -> dict[str, Array]:
+        """Response of the FMU."""
+        _check(values)  # an FMU refuses, too, in words of its own or by not stepping
+        self._said.clear()
+        try:
+            return self._run(values, made)
+        except Exception as error:
+            self.close()
+            raise ArithmeticError("; ".join([str(error), *self._said])) from error
+
+    def _run(self, values: Mapping[str, Any], made: Excitation) -> dict[str, Array]:
+        from fmpy.simulation import instantiate_fmu
+
+        if self._instance is None:
+            self._instance = instantiate_fmu(str(self._unit.folder), self._unit.description, "CoSimulation",
+                                             debug_logging=True, logger=self._log)
+        else:
+            self._instance.reset()
+        unit = self._instance
+        unit.setupExperiment(startTime=0.0)
+        for v, reference in self._parameters:
+            if values[v.name] != self._unit.starts[v.name]:
+                {"Real": unit.setReal, "Integer": unit.setInteger, "Boolean": unit.setBoolean}[v.kind](
+                    [reference], [values[v.name]])
+        self._set(made.table[0], None)
+        unit.enterInitializationMode()
+        unit.exitInitializationMode()
+        last: list[Array] = [made.table[0].copy()]
+
+        def move(end: float, row: Array) -> list[float]:
+            self._set(row, last[0])
+            last[0] = row.copy()
+            unit.doStep(round(end / STEP - 1) * STEP, STEP)
+            return self._get()
+
+        return _coupled(made, lambda _: self._get(), move)
+
+    def _set(self, row: Array, before: Array | None) -> None:
+        for i, v in enumerate(INPUTS):
+            if before is None or row[i] != before[i]:
+                if v.kind == "Boolean":
+                    self._instance.setBoolean([self._in[i]], [bool(row[i])])
+                else:
+                    self._instance.setReal([self._in[i]], [float(row[i])])
+
+    def _get(self) -> list[float]:
+        flags = [r for r, v in zip(self._out, OUTPUTS, strict=True) if v.kind == "Boolean"]
+        reals = [r for r, v in zip(self._out, OUTPUTS, strict=True) if v.kind != "Boolean"]
+        found = dict(zip([*reals, *flags], [*self._instance.getReal(reals), *self._instance.getBoolean(flags)],
+                         strict=True))
+        return [float(found[r]) for r in self._out]
+
+    def _log(self, _component: Any, _instance: bytes, status: int, _category: bytes, message: bytes) -> None:
+        if status:
+            self._said.append(message.decode(errors="replace").strip())
+
+    def close(self) -> None:
+        """Let go of the instance."""
+        instance, self._instance = self._instance, None
+        if instance is not None:
+            instance.freeInstance()
+
+
+@lru_cache(maxsize=2)
+def _unit(path: str, sha256: str) -> _FmuRunner:
+    """The FMU of this process, unpacked once."""
+    from ..validation.runs import opened
+
+    stack = ExitStack()
+    unit = stack.enter_context(opened(Path(path)))
+    if unit.sha256 != sha256:
+        stack.close()
+        raise CampaignError(f"{path}: is not the FMU the campaign began with (SHA-256 {unit.sha256[:16]}, not "
+                            f"{sha256[:16]}); every worker must see the same file")
+    made = _FmuRunner(unit)
+    stack.callback(made.close)
+    atexit.register(stack.close)
+    return made
+
+

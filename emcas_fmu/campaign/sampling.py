@@ -1,0 +1,67 @@
+"""Which values a sample has: of its index and the campaign's seed alone, whoever asks and in whatever order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import qmc
+
+from ..simulation import Array
+from .study import Study
+
+
+class Sampler:
+    """Draws the factors' values of samples by index.
+
+    - ``monte-carlo``: sample i has a generator of its own, seeded with (seed, i).
+    - ``sobol``: point i of a scrambled sequence.
+    - ``latin-hypercube``: row i of one hypercube of all samples, made at once: eight bytes a sample and factor.
+    - ``grid``: mixed radix of i, the last factor changing fastest.
+    """
+
+    def __init__(self, study: Study) -> None:
+        self._method, self._seed, self._factors = study.method, study.seed, study.plan.factors
+        self._samples = study.samples
+        self._cube: Array | None = None
+        if study.method == "latin-hypercube":
+            self._cube = qmc.LatinHypercube(len(self._factors), rng=self._generator()).random(study.samples)
+
+    def _generator(self, *more: int) -> np.random.Generator:
+        return np.random.default_rng([self._seed, *more])
+
+    def draw(self, indices: Sequence[int]) -> Array:
+        """Values (indices, factors), each in its factor's unit. Raises IndexError outside the campaign."""
+        if any(not 0 <= i < self._samples for i in indices):
+            raise IndexError(f"samples are numbered from 0 to {self._samples - 1}")
+        if self._method == "grid":
+            return self._grid(indices)
+        shares = self._shares(indices)
+        return np.column_stack([f.distribution.at(shares[:, k]) for k, f in enumerate(self._factors)])
+
+    def _grid(self, indices: Sequence[int]) -> Array:
+        sizes = [len(f.distribution.levels) for f in self._factors]
+        where = np.unravel_index(np.asarray(indices), sizes)
+        return np.column_stack([np.asarray(f.distribution.levels, dtype=float)[k]
+                                for f, k in zip(self._factors, where, strict=True)])
+
+    def _shares(self, indices: Sequence[int]) -> Array:
+        """Numbers between 0 and 1 (indices, factors)."""
+        if self._cube is not None:
+            chosen: Array = self._cube[np.asarray(indices)]
+            return chosen
+        if self._method == "sobol":
+            return self._sobol(indices)
+        return np.array([self._generator(i).random(len(self._factors)) for i in indices])
+
+    def _sobol(self, indices: Sequence[int]) -> Array:
+        """The engine goes forward only: each point once, in order, then as asked."""
+        engine = qmc.Sobol(len(self._factors), scramble=True, rng=self._generator())
+        wanted, places = np.unique(np.asarray(indices), return_inverse=True)
+        found = np.empty((len(wanted), len(self._factors)))
+        for row, index in zip(found, wanted.tolist(), strict=True):
+            if index > engine.num_generated:
+                engine.fast_forward(index - engine.num_generated)
+            row[:] = engine.random(1)[0]
+        # A scrambled point may have a 0, where a normal distribution has no value.
+        return np.clip(found, 2.0**-53, 1.0 - 2.0**-53)[places]

@@ -1,0 +1,152 @@
+"""Results on disk: a folder of Parquet parts, each written whole or not at all, and what they belong to."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from .. import __version__
+from .distributions import CampaignError
+from .sample import Row, columns
+from .study import Study
+
+SCHEMA = "emcas-campaign/1"
+MANIFEST, PARTS = "campaign.json", "samples"
+_TYPES = {"Real": pa.float64(), "Integer": pa.int64(), "Boolean": pa.bool_()}
+_MOST_NAMED = 6  # changes told in a refusal
+
+
+def identity(study: Study) -> dict[str, Any]:
+    """All that decides the rows, as JSON: the campaign, base parameters, what runs, the program's version."""
+    plan = study.plan
+    return {"schema": SCHEMA, "version": __version__, "guid": study.guid, "fmu_sha256": plan.fmu_sha256,
+            "campaign": json.loads(json.dumps(study.document)), "parameters": dict(plan.base)}
+
+
+class Store:
+    """The results of a campaign in a folder, made if there is none.
+
+    Raises CampaignError where the folder holds another campaign, naming what differs, or cannot be read.
+    """
+
+    def __init__(self, folder: Path, study: Study) -> None:
+        self.folder, self._parts_folder, self._study = folder, folder / PARTS, study
+        self.identity = identity(study)
+        self.schema = _schema(study, self.identity)
+        manifest = folder / MANIFEST
+        if manifest.is_file():
+            _same(manifest, self.identity)
+            for left in self._parts_folder.glob(".*.partial"):  # was being written when a run was killed
+                left.unlink()
+        elif folder.exists() and not folder.is_dir():
+            raise CampaignError(f"{folder}: is a file; name a folder")
+        elif folder.is_dir() and not _unused(folder):
+            raise CampaignError(f"{folder}: is no folder of a campaign; name one that is empty or not there yet")
+        else:
+            folder.mkdir(exist_ok=True)
+            self._parts_folder.mkdir(exist_ok=True)
+            text = json.dumps({**self.identity, "text": study.text}, indent=1)
+            _whole(folder / MANIFEST, (text + "\n").encode())
+
+    def missing(self) -> NDArray[np.int64]:
+        """Indices of the samples there is no row of, ascending."""
+        there = np.zeros(self._study.samples, dtype=bool)
+        for part in self._parts():
+            there[_read(part, ["index"])["index"].to_numpy()] = True
+        return np.flatnonzero(~there)
+
+    def write(self, rows: Sequence[Row]) -> Path:
+        """Keep rows as a part of their own: on disk when this returns."""
+        # No part can have this name: the first of these rows would be in it.
+        name = f"part-{min(row['index'] for row in rows):09d}.parquet"
+        sink = pa.BufferOutputStream()
+        # Figures hardly repeat, and nobody searches them by range: dictionaries and statistics would only cost.
+        pq.write_table(pa.Table.from_pylist(list(rows), self.schema), sink, compression="zstd",
+                       use_dictionary=["status", "error"], write_statistics=["index"])
+        return _whole(self._parts_folder / name, sink.getvalue())
+
+    def table(self) -> pa.Table:
+        """All rows there are, by index, each once."""
+        parts = [_read(part) for part in self._parts()]
+        if not parts:
+            return self.schema.empty_table()
+        found = pa.concat_tables(parts)
+        # Two runs in one folder at a time may leave a sample twice: the same row, as it depends on nothing else.
+        _, first = np.unique(found["index"].to_numpy(), return_index=True)
+        return found.take(pa.array(first))
+
+    def _parts(self) -> Iterator[Path]:
+        yield from sorted(self._parts_folder.glob("part-*.parquet"))
+
+
+def _unused(folder: Path) -> bool:
+    """Whether there is nothing in a folder but what a run that was killed before its first sample leaves."""
+    return all(path.name == PARTS or path.suffix == ".partial" for path in folder.iterdir()) and not any(
+        (folder / PARTS).glob("*"))
+
+
+def _whole(path: Path, content: Any) -> Path:
+    """Write a file that is there whole or not at all, whenever this process or the machine stops."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    with partial.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    return partial.replace(path)
+
+
+def _schema(study: Study, about: Mapping[str, Any]) -> pa.Schema:
+    plan = study.plan
+    fields = [("index", pa.int64()), ("seed", pa.int64()), *((f.name, _TYPES[f.type]) for f in plan.factors),
+              *((name, pa.float64()) for name in plan.followers),
+              *((name, pa.float64()) for name in columns(plan)), ("status", pa.string()), ("error", pa.string())]
+    text = study.text.encode()
+    metadata = {"emcas.schema": SCHEMA, "emcas.version": __version__, "emcas.guid": study.guid,
+                "emcas.fmu_sha256": plan.fmu_sha256, "emcas.campaign": study.text,
+                "emcas.campaign_sha256": hashlib.sha256(text).hexdigest(),
+                "emcas.parameters": json.dumps(about["parameters"])}
+    return pa.schema(fields, metadata=metadata)
+
+
+def _read(part: Path, names: Sequence[str] | None = None) -> pa.Table:
+    try:
+        return pq.ParquetFile(part).read(names)
+    except (OSError, pa.ArrowException) as error:
+        raise CampaignError(f"{part}: cannot be read ({error}); remove it, and its samples will be run "
+                            "again") from error
+
+
+def _same(manifest: Path, wanted: Mapping[str, Any]) -> None:
+    try:
+        found = json.loads(manifest.read_text(encoding="utf-8"))
+        found.pop("text")
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise CampaignError(f"{manifest}: is no record of a campaign; name another folder") from error
+    before, now = dict(_flat(found)), dict(_flat(json.loads(json.dumps(wanted))))
+    changed = [f"{name.removeprefix('campaign.')}: {_told(before, name)} then, {_told(now, name)} now"
+               for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
+    if changed:
+        more = f"; and {len(changed) - _MOST_NAMED} more" if len(changed) > _MOST_NAMED else ""
+        raise CampaignError(f"{manifest.parent}: holds another campaign; {'; '.join(changed[:_MOST_NAMED])}{more}. "
+                            "Restore what changed, or name another folder with --output")
+
+
+def _told(values: Mapping[str, Any], name: str) -> str:
+    return repr(values[name]) if name in values else "not given"
+
+
+def _flat(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    if isinstance(node, dict) and node:
+        for key, value in node.items():
+            yield from _flat(value, f"{path}.{key}" if path else key)
+    else:
+        yield path, node

@@ -1,0 +1,117 @@
+"""A campaign: what varies, what is done in each sample, on which parameters. Read from TOML."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import prod
+from pathlib import Path
+from typing import Any
+
+from ..fmi.model_description import start_values
+from ..fmi.package import interface_guid
+from ..parameters import ParameterSet, check_parameters, load_parameters
+from ..toml import tomllib
+from ..variables import PARAMETERS
+from .distributions import CampaignError, hint, known
+from .entries import Reader, table_of
+from .plan import Factor, Plan, varied
+
+METHODS = ("monte-carlo", "latin-hypercube", "sobol", "grid")
+MOST_SAMPLES = 100_000_000
+
+
+@dataclass(frozen=True)
+class Study:
+    """A campaign file understood. `guid` is the FMU's that runs, or that these parameters would be built into."""
+
+    path: Path
+    text: str
+    document: Mapping[str, Any]
+    method: str
+    samples: int
+    seed: int
+    guid: str
+    plan: Plan
+
+
+def load_study(path: Path, fmu: Path | None = None) -> Study:
+    """The campaign of a TOML file (see models/campaign.toml); `fmu` replaces the file's own. Raises CampaignError."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        document = tomllib.loads(text)
+    except (OSError, ValueError) as error:
+        raise CampaignError(f"{path}: cannot be read: {error}") from error
+    known(document, ("campaign", "base", "vary", "inputs", "experiments"), str(path))
+    about = table_of(document, "campaign", f"{path}")
+    known(about, ("samples", "seed", "method"), f"{path}: campaign")
+    method = about.get("method", "monte-carlo")
+    if method not in METHODS:
+        raise CampaignError(f"{path}: campaign.method = {method!r}{hint(method, METHODS)}; there is "
+                            f"{', '.join(METHODS)}")
+    base, guid, unit, digest = _base(path, table_of(document, "base", f"{path}"), fmu)
+    reader = Reader(path, base)
+    reader.read(document)
+    if not reader.factors:
+        raise CampaignError(f"{path}: nothing varies; give at least one [vary.\"NAME\"] with a distribution")
+    plan = Plan(dict(base.values), reader.numbers, tuple(reader.factors), reader.followers,
+                tuple(reader.experiments), _whole(path, about, "seed", 1, 0, 2**63 - 1), unit, digest)
+    samples = _samples(path, about, method, plan.factors)
+    _check_middle(path, plan)
+    return Study(path, text, document, method, samples, plan.seed, guid, plan)
+
+
+def _base(path: Path, entry: Mapping[str, Any], fmu: Path | None) -> tuple[ParameterSet, str, str, str]:
+    """Base set, GUID, path and SHA-256 of the FMU if one is to run."""
+    known(entry, ("parameters", "fmu"), f"{path}: base")
+    for key, written in entry.items():
+        if not isinstance(written, str):
+            raise CampaignError(f"{path}: base.{key}: expected the name of a file")
+    # Files are named as seen from the campaign's own, which can then be run from anywhere.
+    own = load_parameters(path.parent / entry["parameters"]) if "parameters" in entry else None
+    unit = fmu if fmu is not None else path.parent / entry["fmu"] if "fmu" in entry else None
+    if unit is None:
+        base = own or load_parameters()
+        return base, interface_guid(start_values(base.values)), "", ""
+    from ..acceptance.article import opened_article
+
+    if unit.suffix.lower() != ".fmu":
+        raise CampaignError(f"{unit}: is no FMU by its name; give a file that ends in .fmu")
+    with opened_article(unit) as article:
+        about, values = article.identification, dict(article.values)
+    return own or load_parameters().replace(values), about.guid, str(unit.resolve()), about.sha256
+
+
+def _whole(path: Path, about: Mapping[str, Any], key: str, default: int, low: int, high: int) -> int:
+    found = about.get(key, default)
+    if isinstance(found, bool) or not isinstance(found, int) or not low <= found <= high:
+        raise CampaignError(f"{path}: campaign.{key} = {found}: expected a whole number within {low} .. {high}")
+    return found
+
+
+def _samples(path: Path, about: Mapping[str, Any], method: str, factors: tuple[Factor, ...]) -> int:
+    if method != "grid":
+        return _whole(path, about, "samples", 1000, 1, MOST_SAMPLES)
+    for factor in factors:
+        if factor.distribution.kind != "choice" or len(set(_steps(factor.distribution.cumulated))) > 1:
+            raise CampaignError(f"{path}: {factor.name}: a grid needs levels = [...], or low, high and count, without "
+                                "weights")
+    points = prod(len(f.distribution.levels) for f in factors)
+    if points > MOST_SAMPLES:
+        raise CampaignError(f"{path}: the grid has {points} points; at most {MOST_SAMPLES} can be run")
+    if about.get("samples", points) != points:
+        raise CampaignError(f"{path}: campaign.samples = {about['samples']}: the grid has {points} points; leave "
+                            "samples out")
+    return points
+
+
+def _steps(cumulated: tuple[float, ...]) -> list[float]:
+    return [round(b - a, 9) for a, b in zip((0.0, *cumulated), cumulated)]
+
+
+def _check_middle(path: Path, plan: Plan) -> None:
+    """With everything at its median the parameters must go together: what does not there seldom does anywhere."""
+    drawn = {f.name: f.value(float(f.distribution.at(0.5))) for f in plan.factors}
+    values, _ = varied(plan, drawn)
+    if problems := check_parameters({v.name: values[v.name] for v in PARAMETERS}):
+        raise CampaignError(f"{path}: with everything at its median: {'; '.join(problems)}")

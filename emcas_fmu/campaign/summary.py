@@ -1,0 +1,230 @@
+"""What a campaign says: percentiles of every figure, what they depend on and how surely, the worst samples."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import atanh, degrees, isfinite, nan, sqrt, tanh
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from scipy import stats
+
+from .. import __version__
+from ..simulation import Array
+from ..validation.results import finite
+from .measure import figure_of
+from .sample import OK, columns
+from .study import Study
+
+PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
+WORST = 3  # samples told for each figure
+_CONFIDENCE = 0.95
+# Fewer say nothing of what figures depend on.
+_FEWEST = 10
+_SHOWN = {"rad": ("deg", degrees(1.0)), "rad/s": ("deg/s", degrees(1.0)), "s": ("ms", 1e3), "1": ("%", 100.0)}
+
+
+@dataclass(frozen=True)
+class Effect:
+    """How a figure goes with a factor: Spearman's rank correlation with its 95 % interval, and the standardised
+    regression coefficient of the linear fit on all factors with its standard error."""
+
+    factor: str
+    rank: float
+    low: float
+    high: float
+    coefficient: float
+    error: float
+
+    @property
+    def sure(self) -> bool:
+        """Whether the interval leaves out zero."""
+        return self.low > 0.0 or self.high < 0.0
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A figure over the samples that were run, SI.
+
+    `percentiles` by PERCENTILES, of all samples: one that has no such figure counts as beyond the rest on the
+    figure's `missing` side, and a percentile that falls there is infinite. `mean` and `sd` are of those that
+    have it. `explained` is the share of variance the linear fit explains. `worst` are indices, worst first.
+    """
+
+    name: str
+    count: int
+    without: int
+    mean: float
+    sd: float
+    percentiles: tuple[float, ...]
+    smallest: float
+    largest: float
+    explained: float
+    effects: tuple[Effect, ...]
+    worst: tuple[tuple[int, float], ...]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """All of it, for the rows in `table`."""
+
+    study: Study
+    table: pa.Table
+    spreads: tuple[Spread, ...]
+    failures: tuple[tuple[str, int, int], ...]
+    """Message, how many samples, and the first of them."""
+
+    @property
+    def done(self) -> int:
+        """Samples there are rows of."""
+        return int(self.table.num_rows)
+
+    @property
+    def failed(self) -> int:
+        """Samples without figures."""
+        return sum(count for _, count, _ in self.failures)
+
+
+def summarise(study: Study, table: pa.Table) -> Summary:
+    """The summary of a campaign's rows, some or all."""
+    good = table.filter(pa.compute.equal(table["status"], OK))
+    factors = {f.name: np.asarray(good[f.name].to_numpy(zero_copy_only=False), dtype=float)
+               for f in study.plan.factors}
+    index = good["index"].to_numpy()
+    spreads = tuple(_spread(name, good[name].to_numpy(), index, factors)
+                    for name in columns(study.plan)) if good.num_rows else ()
+    return Summary(study, table, spreads, _failures(table))
+
+
+def _failures(table: pa.Table) -> tuple[tuple[str, int, int], ...]:
+    bad = table.filter(pa.compute.not_equal(table["status"], OK))
+    said = [_alike(text) for text in bad["error"].to_pylist()]
+    first = dict(reversed(list(zip(said, bad["index"].to_pylist(), strict=True))))
+    return tuple((text, count, first[text]) for text, count in Counter(said).most_common())
+
+
+def _alike(text: str) -> str:
+    """A message without its numbers: those of different samples are one reason."""
+    words = text.splitlines()[0].split() if text else ["no reason given"]
+    return " ".join("…" if _is_number(word.strip("(),;:")) else word for word in words)
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _spread(name: str, values: Array, index: Array, factors: Mapping[str, Array]) -> Spread:
+    figure = figure_of(name)
+    has = np.isfinite(values)
+    ordered = np.where(has, values, figure.missing)
+    # The sample at the percentile, without interpolation: between a number and infinity there is none.
+    found = np.percentile(ordered, PERCENTILES, method="inverted_cdf")
+    inside = values[has]
+    worst = np.lexsort((index, -figure.bad * ordered))[:WORST]
+    # What varies in another experiment cannot act in this one; by chance alone it would seem to now and then.
+    acting = {factor: x for factor, x in factors.items()
+              if not factor.startswith("experiments.") or factor.startswith(f"experiments.{name.partition('.')[0]}.")}
+    explained, effects = sensitivities(ordered, acting)
+    mean, sd = (float(inside.mean()), float(inside.std())) if has.any() else (nan, nan)
+    return Spread(
+        name, len(values), int(np.sum(~has)), mean, sd,
+        tuple(float(x) for x in found), float(ordered.min()), float(ordered.max()), explained, effects,
+        tuple((int(index[k]), float(ordered[k])) for k in worst))
+
+
+def sensitivities(figure: Array, factors: Mapping[str, Array]) -> tuple[float, tuple[Effect, ...]]:
+    """Share of the variance a linear fit explains, and how the figure (n) goes with each factor (n).
+
+    Ranks use every sample (infinite ones are beyond the rest); the fit those with a figure. A factor or figure
+    that does not vary has none. The interval of a rank correlation is Fisher's, with the variance of Bonett and
+    Wright (2000), (1 + r^2/2)/(n - 3).
+    """
+    varying = {name: x for name, x in factors.items() if np.ptp(x) > 0.0}
+    if len(figure) < max(_FEWEST, len(varying) + 3) or not varying or len(np.unique(figure)) < 2:
+        return nan, ()
+    coefficients, errors, explained = _regression(figure, varying)
+    effects = []
+    for k, (name, x) in enumerate(varying.items()):
+        rank = float(stats.spearmanr(x, figure).statistic)
+        low, high = _interval(rank, len(figure))
+        effects.append(Effect(name, rank, low, high, coefficients[k], errors[k]))
+    return explained, tuple(sorted(effects, key=lambda e: -abs(e.rank)))
+
+
+def _interval(rank: float, n: int) -> tuple[float, float]:
+    if abs(rank) >= 1.0:
+        return rank, rank
+    half = float(stats.norm.ppf(0.5 + _CONFIDENCE / 2.0)) * sqrt((1.0 + rank**2 / 2.0) / (n - 3))
+    return tanh(atanh(rank) - half), tanh(atanh(rank) + half)
+
+
+def _regression(figure: Array, factors: Mapping[str, Array]) -> tuple[list[float], list[float], float]:
+    """Standardised coefficients, their standard errors and the share of variance explained, by least squares."""
+    has = np.isfinite(figure)
+    x, y = np.column_stack([column[has] for column in factors.values()]), figure[has]
+    n, count = x.shape
+    nothing = [nan] * count
+    if n < count + 3 or np.ptp(y) == 0.0 or np.any(np.ptp(x, axis=0) == 0.0):
+        return nothing, nothing, nan
+    x, y = (x - x.mean(axis=0)) / x.std(axis=0), (y - y.mean()) / y.std()
+    found, *_ = np.linalg.lstsq(x, y)
+    left = float(np.sum((y - x @ found) ** 2))
+    errors = np.sqrt(left / (n - count - 1) * np.diag(np.linalg.pinv(x.T @ x)))
+    return found.tolist(), errors.tolist(), 1.0 - left / n
+
+
+def shown(name: str, value: float) -> tuple[float, str]:
+    """A figure in the unit people read it in."""
+    unit, factor = _SHOWN.get(figure_of(name).unit, (figure_of(name).unit, 1.0))
+    return value * factor, unit
+
+
+def angles(unit: str) -> tuple[str, float]:
+    """The unit people read angles in, and the factor to it; any other as it is."""
+    return _SHOWN[unit] if unit.startswith("rad") else (unit, 1.0)
+
+
+def text(name: str, value: float) -> str:
+    """A figure for people, without its unit; what lies beyond all that was found is told so."""
+    if isfinite(value):
+        return f"{shown(name, value)[0]:.4g}"
+    return "–" if value != value else "not reached" if value * figure_of(name).bad > 0.0 else "beyond the sweep"
+
+
+def as_dict(summary: Summary, command: str) -> dict[str, Any]:
+    """For JSON; SI units."""
+    study, plan = summary.study, summary.study.plan
+    return {
+        "schema": "emcas-campaign-summary/1", "version": __version__, "guid": study.guid, "command": command,
+        "method": study.method, "seed": study.seed, "samples": study.samples, "done": summary.done,
+        "failed": summary.failed, "runs": "FMU" if plan.fmu else "kernel", "fmu_sha256": plan.fmu_sha256,
+        "factors": [{"name": f.name, "unit": f.unit, "distribution": f.distribution.kind,
+                     **f.distribution.numbers, **({"levels": list(f.distribution.levels)}
+                                                  if f.distribution.levels else {})} for f in plan.factors],
+        "follow": dict(plan.followers),
+        "failures": [{"error": e, "samples": n, "first": first} for e, n, first in summary.failures],
+        "figures": [{
+            "name": s.name, "unit": figure_of(s.name).unit, "title": figure_of(s.name).title, "samples": s.count,
+            "without": s.without, "mean": s.mean, "sd": s.sd, "smallest": s.smallest, "largest": s.largest,
+            "percentiles": {str(p): x for p, x in zip(PERCENTILES, s.percentiles, strict=True)},
+            "explained": s.explained,
+            "sensitivities": [{"factor": e.factor, "rank_correlation": e.rank, "low": e.low, "high": e.high,
+                               "standardised_coefficient": e.coefficient, "standard_error": e.error}
+                              for e in s.effects],
+            "worst": [{"index": index, "value": value} for index, value in s.worst]} for s in summary.spreads],
+    }
+
+
+def write_json(summary: Summary, path: Path, command: str) -> None:
+    """Write it; infinite and missing figures as null."""
+    document = json.dumps(finite(as_dict(summary, command)), indent=1, allow_nan=False)
+    path.write_text(document + "\n", encoding="utf-8", newline="\n")

@@ -1,0 +1,176 @@
+"""`emcas campaign`: Monte Carlo and grids, run by Dask, kept in Parquet."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from ..errors import EmcasError
+from .common import check_outputs, err, failures, out, progress_bar
+
+EPILOG = ("Examples:\n\n  emcas campaign models/campaign.toml --output results"
+          "\n\n  emcas campaign mine.toml --fmu EMCAS.fmu --workers 8"
+          "\n\n  emcas campaign mine.toml --scheduler tcp://head:8786"
+          "\n\n  emcas campaign mine.toml --only 17"
+          "\n\nA run that was stopped, goes on with the same command. Exit codes: 0 done (failed samples are "
+          "results too), 1 every sample failed, 2 the request cannot be carried out, 130 stopped by Ctrl-C.")
+INTERRUPTED = 130
+
+
+def campaign(
+    file: Annotated[Path, typer.Argument(help="What varies, what is done, how often (TOML); see "
+                                              "models/campaign.toml.", metavar="FILE")],
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder of the results; FILE_results beside "
+                                                "you unless given.", metavar="FOLDER")] = None,
+    fmu: Annotated[Path | None, typer.Option(help="Run this FMU instead of the kernel: slower, same figures.",
+                                             metavar="FILE.fmu")] = None,
+    workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given. 0: in "
+                                                     "this process, without Dask.", min=0)] = None,
+    scheduler: Annotated[str | None, typer.Option(help="Of a Dask cluster that is running, instead of processes "
+                                                       "here.", metavar="ADDRESS")] = None,
+    chunk: Annotated[int | None, typer.Option(help="Samples in a task and a part of the results; chosen unless "
+                                                   "given.", min=1)] = None,
+    only: Annotated[int | None, typer.Option(help="Run this one sample here, and print it.", metavar="INDEX")] = None,
+    report: Annotated[Path | None, typer.Option(help="Write the summary page here; summary.html in the folder unless "
+                                                     "given.", metavar="FILE.html")] = None,
+    as_json: Annotated[Path | None, typer.Option("--json", help="Write the summary here; summary.json in the folder "
+                                                 "unless given. With --only, the sample.", metavar="FILE")] = None,
+) -> None:
+    """Run samples over parameters, commands, loads and faults: percentiles, sensitivities, worst samples."""
+    with failures():
+        from ..campaign.study import load_study
+
+        if workers is not None and scheduler is not None:
+            raise EmcasError("--workers are processes here, --scheduler is another cluster: give one of them")
+        check_outputs(report, as_json, output.parent / "x" if output else None)
+        study = load_study(file, fmu)
+        folder = output or Path(f"{file.stem}_results")
+        if only is not None:
+            _one(study, only, as_json)
+            return
+        _needed(workers != 0)
+        from ..campaign.store import Store
+        from ..campaign.summary import summarise, write_json
+
+        store = Store(folder, study)
+        stopped = _run(store, study, workers, scheduler, chunk)
+        if stopped:
+            err.print(f"stopped: {study.samples - len(store.missing())} of {study.samples} samples are kept in "
+                      f"{escape(str(folder))}; the same command goes on", highlight=False, soft_wrap=True)
+            raise typer.Exit(INTERRUPTED)
+        from ..campaign.report import write_report
+
+        found = summarise(study, store.table())
+        command = shlex.join(["emcas", "campaign", str(file), *(["--fmu", str(fmu)] if fmu else [])])
+        page, figures = report or folder / "summary.html", as_json or folder / "summary.json"
+        write_json(found, figures, command)
+        write_report(found, page, command)
+    out.print(_table(found))
+    failed = f", {found.failed} failed" if found.failed else ""
+    out.print(f"{found.done} samples{failed}; GUID {study.guid}", highlight=False)
+    for reason, count, first in found.failures:
+        out.print(f"{count} failed: {escape(reason)} (see --only {first})", highlight=False, soft_wrap=True)
+    for path in (folder, page, figures):
+        out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
+    if found.failed == found.done:
+        raise typer.Exit(1)
+
+
+def _needed(with_dask: bool) -> None:
+    try:
+        import pyarrow  # noqa: F401
+
+        if with_dask:
+            import distributed  # noqa: F401
+    except ImportError as error:
+        raise EmcasError("campaigns need Dask and PyArrow: pip install 'emcas-fmu[campaign]'") from error
+
+
+def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chunk: int | None) -> bool:
+    """Run what is missing; whether it was stopped by Ctrl-C."""
+    from ..campaign import run
+
+    missing = store.missing()
+    if not len(missing):
+        return False
+    with progress_bar() as progress:
+        task = progress.add_task(f"campaign {study.path.name}", total=study.samples,
+                                 completed=study.samples - len(missing))
+
+        def keep(rows: list[dict[str, Any]]) -> None:
+            store.write(rows)
+            progress.advance(task, len(rows))
+
+        try:
+            if workers == 0:
+                run.in_process(study, missing, keep, chunk)
+            else:
+                client = run.remote_client(scheduler) if scheduler else run.local_client(workers or os.cpu_count() or 1)
+                with client as ready:
+                    run.by_dask(ready, study, missing, keep, chunk)
+        except KeyboardInterrupt:
+            return True
+    return False
+
+
+def _one(study: Any, index: int, as_json: Path | None) -> None:
+    """One sample again, here."""
+    from ..campaign.sample import rows
+    from ..campaign.sampling import Sampler
+    from ..validation.results import finite
+
+    if not 0 <= index < study.samples:
+        raise EmcasError(f"--only {index}: samples are numbered from 0 to {study.samples - 1}")
+    row = rows(study.plan.packed(), [index], Sampler(study).draw([index]))[0]
+    if as_json:
+        as_json.write_text(json.dumps(finite(row), indent=1, allow_nan=False) + "\n", encoding="utf-8", newline="\n")
+    units = _units(study)
+    table = Table("", "value", "unit", title=f"Sample {index} of {study.path.name}", title_justify="left")
+    table.columns[1].justify = "right"
+    for name, value in row.items():
+        if value != "":
+            table.add_row(escape(name), escape(f"{value:.8g}" if isinstance(value, float) else str(value)),
+                          units.get(name, ""))
+    out.print(table)
+    if row["error"]:
+        raise typer.Exit(1)
+
+
+def _units(study: Any) -> dict[str, str]:
+    from ..campaign.measure import figure_of
+    from ..campaign.sample import columns
+    from ..variables import FILE_ENTRIES
+
+    units = {v.name: v.unit for v in FILE_ENTRIES} | {f.name: f.unit for f in study.plan.factors}
+    return {name: "" if unit == "1" else unit for name, unit in
+            {**units, **{name: figure_of(name).unit for name in columns(study.plan)}}.items()}
+
+
+def _table(summary: Any) -> Table:
+    """Percentiles of every figure."""
+    from ..campaign.summary import PERCENTILES, shown, text
+
+    chosen = (5, 50, 95)
+    table = Table("figure", "unit", *(f"{p} %" for p in chosen), "depends most on", title_justify="left",
+                  title="Percentiles over the samples")
+    table.columns[0].no_wrap = True
+    for column in table.columns[2:5]:
+        column.justify = "right"
+    for s in summary.spreads:
+        first = s.effects[0] if s.effects else None
+        figures = [text(s.name, s.percentiles[PERCENTILES.index(p)]) for p in chosen]
+        table.add_row(s.name, shown(s.name, 1.0)[1], *figures,
+                      f"{_short(first.factor)} ({first.rank:+.2f})" if first and first.sure else "")
+    return table
+
+
+def _short(factor: str) -> str:
+    """A factor without the experiment and the kind of entry it stands in."""
+    return factor.split(".", 2)[2].removeprefix("inputs.") if factor.startswith("experiments.") else factor

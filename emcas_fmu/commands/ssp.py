@@ -1,0 +1,98 @@
+"""`emcas ssp`: four fins as an SSP archive, and a check of any archive with our FMU in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from .common import ParametersOption, check_outputs, failures, out, progress_bar, stepper
+
+EPILOG = ("Examples:\n\n  emcas ssp --output EMCAS.ssp\n\n  emcas ssp --fmu EMCAS.fmu --layout plus"
+          "\n\n  emcas ssp -p my_actuator.toml --fin 2=second.toml --variant hot=hot.toml"
+          "\n\n  emcas ssp check EMCAS.ssp\n\n  emcas ssp check vehicle.ssp --fmu EMCAS.fmu --json findings.json")
+_CHECK = ("Examples:\n\n  emcas ssp check EMCAS.ssp\n\n  emcas ssp check vehicle.ssp --fmu EMCAS.fmu"
+          "\n\n  emcas ssp check vehicle.ssp --json findings.json")
+
+app = typer.Typer(add_completion=False, rich_markup_mode="rich", invoke_without_command=True, epilog=EPILOG,
+                  help="Write four fins as an SSP 1.0 archive with variants nominal, cold and degraded, or check one.")
+
+
+@app.callback()
+def write(
+    context: typer.Context,
+    fmu: Annotated[Path | None, typer.Option(help="FMU to put in; built from the parameters, native, if not given.",
+                                             metavar="FMU")] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Archive to write.",
+                                         metavar="FILE.ssp")] = Path("EMCAS.ssp"),
+    parameters: ParametersOption = None,
+    fins: Annotated[int, typer.Option(help="Number of fins, evenly about the body, 1 to 9.")] = 4,
+    layout: Annotated[str, typer.Option(help="cross: the first fin half a pitch from body y (45 deg with four); plus: "
+                                             "on it.", metavar="cross|plus")] = "cross",
+    fin: Annotated[list[str] | None, typer.Option(help="Parameter file of one fin, over the others' (may be given "
+                                                       "several times).", metavar="N=FILE")] = None,
+    variant: Annotated[list[str] | None, typer.Option(help="A further variant, or another cold or degraded; the file "
+                                                           "is like models/degraded.toml.",
+                                                      metavar="NAME=FILE")] = None,
+    prefix: Annotated[str, typer.Option("--connections-prefix", help="XML prefix of Connections. Tools that look for "
+                                        "'ssd' letter by letter need ssd; libcosim and Ecos refuse that.")] = "wiring",
+) -> None:
+    """Write an SSP 1.0 archive with variants nominal, cold and degraded."""
+    if context.invoked_subcommand:
+        return
+    from ..ssp.schema import NOMINAL
+    from ..ssp.variants import fin_files, variant_files
+    from ..ssp.write import write_ssp
+
+    with failures(), progress_bar() as progress:
+        written = write_ssp(output, fmu, parameters, fins=fins, layout=layout, fin_files=fin_files(fin or [], fins),
+                            variant_files=variant_files(variant or []), prefix=prefix,
+                            progress=stepper(progress, "compile"))
+    out.print(f"written {escape(str(written.path))}  {written.size / 1024:.0f} KiB  {fins} fins, FMU {written.guid}",
+              highlight=False, soft_wrap=True)
+    others = ", ".join(f"{name} ({name}.ssd)" for name in written.variants if name != NOMINAL)
+    out.print(f"variants {NOMINAL} (SystemStructure.ssd), {others}; schema and wiring checked", highlight=False,
+              soft_wrap=True)
+    for finding in written.report.warnings:
+        out.print(f"[yellow]warning:[/] {escape(str(finding))}", highlight=False, soft_wrap=True)
+
+
+@app.command(epilog=_CHECK)
+def check(
+    ssp: Annotated[Path, typer.Argument(help="Archive to check: ours, or one of yours with our FMU in it.",
+                                        metavar="FILE.ssp")],
+    fmu: Annotated[Path | None, typer.Option(help="The FMU the archive should have; another one is an error.",
+                                             metavar="FMU")] = None,
+    guid: Annotated[str | None, typer.Option(help="Its GUID, instead of the file.")] = None,
+    as_json: Annotated[Path | None, typer.Option("--json", help="Write all findings to this file.",
+                                                 metavar="FILE")] = None,
+) -> None:
+    """Check schema, wiring, units, parameters and FMU of an SSP; exit code 1 if there are errors."""
+    from ..errors import EmcasError
+    from ..ssp.check import check as run
+    from ..ssp.findings import write_json
+
+    with failures():
+        if fmu and guid:
+            raise EmcasError("give one of --fmu and --guid")
+        check_outputs(as_json)
+        report = run(ssp, guid, fmu)
+        if as_json:
+            write_json(report, as_json)
+    if report.findings:
+        table = Table("", "where", "what is wrong, and what to do", show_lines=True)
+        table.columns[1].overflow = "fold"  # names are to be found again, so none is cut short
+        for found in sorted(report.findings, key=lambda f: f.level):
+            colour = "red" if found.level == "error" else "yellow"
+            table.add_row(f"[{colour}]{found.level}[/]", f"{escape(found.place)}\n[dim]{escape(found.file)}[/]".strip(),
+                          f"{escape(found.message)}\n[dim]{escape(found.remedy)}[/]")
+        out.print(table)
+    verdict = f"[bold red]failed[/], {len(report.errors)} errors" if report.errors else "[bold green]passed[/]"
+    out.print(f"{verdict}, {len(report.warnings)} warnings: {escape(str(ssp))}, variants "
+              f"{', '.join(map(escape, report.variants)) or 'none'}, {report.connections} connections, "
+              f"{report.parameters} parameters", highlight=False, soft_wrap=True)
+    if report.errors:
+        raise typer.Exit(1)

@@ -1,0 +1,136 @@
+/* Several fins in one unit: their places in the interface, mixed commands, and the bus they share.
+ *
+ * On a stiff bus each fin runs as it would alone. With a source resistance the fins stop together at the
+ * instants of the bus, k times bus.update_time, where the sag follows their current; it is held in between.
+ */
+#ifndef EMCAS_FINS_H
+#define EMCAS_FINS_H
+
+static const double *inputs_of(const double *values, size_t fin, double *room)
+{
+    for (size_t i = 0; i < MODEL_INPUTS; ++i) room[i] = values[PLACE[fin][i]];
+    return room;
+}
+
+/* What acts on a fin, but for the sag. The forces apart, linear in `values`. */
+static core_inputs acting(const instance *m, size_t fin, const double *values, const double *force)
+{
+    double room[MODEL_INPUTS], command;
+    const double *in = inputs_of(values, fin, room);
+    kernel_mixed_command(parameters(m, fin), m->fin[fin].constants, in[INPUT_FIN_COMMAND],
+                         values[UNIT_ROLL_COMMAND], values[UNIT_PITCH_COMMAND], values[UNIT_YAW_COMMAND], &command);
+    return (core_inputs){command, in[INPUT_AERO_TORQUE], force[0], force[1], in[INPUT_SUPPLY_VOLTAGE],
+                         in[INPUT_ENABLE]};
+}
+
+static double bus_voltage(const instance *m, double source, double sag)
+{
+    double found;
+    kernel_bus_voltage(parameters(m, 0), m->fin[0].constants, source, sag, &found);
+    return found;
+}
+
+/* Current and, where asked for, power of all fins whose outputs these are. */
+static double bus_current(const instance *m, const double *out, double voltage, double *power)
+{
+    double sum = 0.0, found;
+    for (size_t fin = 0; fin < FINS; ++fin) sum += out[fin * MODEL_OUTPUTS + OUTPUT_SUPPLY_POWER];
+    kernel_bus_current(parameters(m, 0), m->fin[0].constants, sum, voltage, &found);
+    if (power) *power = sum;
+    return found;
+}
+
+static double next_sag(const instance *m, double sag, double current)
+{
+    double inductances = 0.0, found;
+    for (size_t fin = 0; fin < FINS; ++fin) {
+        double inverse;
+        kernel_inverse_inductance(parameters(m, fin), m->fin[fin].constants, &inverse);
+        inductances += inverse;
+    }
+    kernel_bus_sag(parameters(m, 0), m->fin[0].constants, m->s.values[UNIT_BUS_SOURCE_RESISTANCE], sag, current,
+                   m->s.values[UNIT_BUS_UPDATE_TIME], inductances, &found);
+    return found;
+}
+
+static void start_bus(instance *m)
+{
+    m->s.sag = 0.0;
+    m->s.instant = 1;
+}
+
+static void put_out(instance *m, double source, double sag, const double *out)
+{
+    double *values = m->s.values;
+    memcpy(values + FIN_OUTPUT_BEGIN, out, FINS * MODEL_OUTPUTS * sizeof *out);
+    values[UNIT_BUS_VOLTAGE] = bus_voltage(m, source, sag);
+    values[UNIT_BUS_CURRENT] = bus_current(m, out, values[UNIT_BUS_VOLTAGE], &values[UNIT_SUPPLY_POWER]);
+}
+
+static void find_outputs(instance *m, const core_inputs *in)
+{
+    double out[FINS * MODEL_OUTPUTS];
+    for (size_t fin = 0; fin < FINS; ++fin) {
+        core_inputs acting = in[fin];
+        acting.supply = bus_voltage(m, acting.supply, m->s.sag);
+        fin_outputs(m, fin, &m->s.core[fin], &acting, out + fin * MODEL_OUTPUTS);
+    }
+    put_out(m, in->supply, m->s.sag, out);
+}
+
+/* All fins to `until`. Where a ramp takes the supply below nothing, so be it: the drives take none for less. */
+static core_result run_fins(instance *m, core_state *core, double until, const core_inputs *in, const core_ramp *ramp,
+                            double sag, double *out)
+{
+    for (size_t fin = 0; fin < FINS; ++fin) {
+        core_inputs acting = in[fin];
+        acting.supply = bus_voltage(m, acting.supply, sag);
+        const core_result result = core_run(parameters(m, fin), m->fin[fin].constants, &core[fin], until, &acting,
+                                            ramp ? &ramp[fin] : NULL, out + fin * MODEL_OUTPUTS);
+        if (result != CORE_DONE) return result;
+    }
+    return CORE_DONE;
+}
+
+/* The whole unit to `end`, all or nothing. */
+static core_result unit_run(instance *m, double end, const core_inputs *in, const core_ramp *ramp)
+{
+    const bool stiff = !(m->s.values[UNIT_BUS_SOURCE_RESISTANCE] > 0.0);
+    const double interval = m->s.values[UNIT_BUS_UPDATE_TIME];
+    core_state core[FINS];
+    double out[FINS * MODEL_OUTPUTS], sag = m->s.sag;
+    int64_t instant = m->s.instant;
+    if (!stiff && !(end / interval - (double)instant <= CORE_MOST_TICKS)) return CORE_TOO_MANY_TICKS;
+    memcpy(core, m->s.core, sizeof core);
+    for (;;) {
+        const double next = (double)instant * interval;
+        /* A host's clock may stand a little before an instant it means to have reached. */
+        const bool meets = !stiff && next <= end + m->slack;
+        const double until = meets && next < end ? next : end;
+        const core_result result = run_fins(m, core, until, in, ramp, sag, out);
+        if (result != CORE_DONE) return result;
+        if (!meets) break;
+        const double source = in->supply + (ramp ? ramp->supply * (until - ramp->begin) : 0.0);
+        sag = next_sag(m, sag, bus_current(m, out, bus_voltage(m, source, sag), NULL));
+        if (!core_finite(sag)) return CORE_NOT_FINITE;
+        ++instant;
+    }
+    memcpy(m->s.core, core, sizeof core);
+    m->s.sag = sag;
+    m->s.instant = instant;
+    put_out(m, in->supply + (ramp ? ramp->supply * (end - ramp->begin) : 0.0), sag, out);
+    return CORE_DONE;
+}
+
+static const char *unsound_bus(const model_state *s)
+{
+    const double stood = (double)s->instant * s->values[UNIT_BUS_UPDATE_TIME] - s->now;
+    const bool stiff = s->values[UNIT_BUS_SOURCE_RESISTANCE] == 0.0;
+    if (!core_finite(s->sag)) return "sag of the bus";
+    /* The next instant of a bus that is not stiff lies ahead, within an interval. */
+    if (s->instant < 1 || (!stiff && (stood < 0.0 || stood > s->values[UNIT_BUS_UPDATE_TIME] * (1.0 + 1e-9) + 1e-9)))
+        return "place in time of the bus";
+    return NULL;
+}
+
+#endif

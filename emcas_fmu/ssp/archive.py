@@ -1,0 +1,70 @@
+"""SSP archives as files: read without trust, written with the same bytes for the same contents."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+
+from ..errors import EmcasError
+from .schema import DEFAULT, SspError
+
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date a ZIP archive can hold
+
+
+class Archive:
+    """The files of an SSP by name, unpacked when asked for.
+
+    Raises SspError if the file is no archive, EmcasError if it cannot be opened at all.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            with zipfile.ZipFile(path) as opened:
+                self.names = tuple(name for name in opened.namelist() if not name.endswith("/"))
+        except zipfile.BadZipFile as error:
+            raise SspError(f"{path}: is not a ZIP archive, so not an SSP") from error
+        except OSError as error:
+            raise EmcasError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+    def read(self, name: str) -> bytes:
+        """The contents of a file. Raises SspError if it is not there or damaged."""
+        if name not in self.names:
+            raise SspError(f"{name}: is not in {self.path.name}")
+        try:
+            with zipfile.ZipFile(self.path) as opened:
+                return opened.read(name)
+        # What zipfile says of damage, of encryption and of compression it does not know.
+        except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, OSError) as error:
+            raise SspError(f"{name}: cannot be unpacked from {self.path.name}: {error}") from error
+
+    @property
+    def structures(self) -> tuple[str, ...]:
+        """The SSD files at the root, the default one first; the others are variants."""
+        found = sorted(n for n in self.names if "/" not in n and n.endswith(".ssd"))
+        return tuple(sorted(found, key=lambda name: name != DEFAULT))
+
+    def contents(self) -> dict[str, bytes]:
+        """All files by name. Raises SspError as `read` does."""
+        return {name: self.read(name) for name in self.names}
+
+
+def write_archive(contents: Mapping[str, bytes], target: Path) -> None:
+    """Write files to a ZIP archive, whole or not at all. Raises SspError if that cannot be done."""
+    partial = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        with zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+            for name in sorted(contents, key=lambda name: (name != DEFAULT, "/" in name, name)):
+                info = zipfile.ZipInfo(name, _EPOCH)
+                info.compress_type = zipfile.ZIP_DEFLATED
+                info.create_system = 3
+                info.external_attr = 0o644 << 16
+                archive.writestr(info, contents[name])
+        partial.replace(target)
+    except OSError as error:
+        raise SspError(f"{target}: cannot be written ({error.strerror or error})") from error
+    finally:
+        partial.unlink(missing_ok=True)

@@ -1,0 +1,216 @@
+"""An SSP in one of three hosts, under one interface, for use in a loop.
+
+    with hosts.open(Path("EMCAS.ssp"), "libcosimpy", variant="cold", step=1e-3) as system:
+        system.set("fin[1].fin_command", 0.1)
+        system.step()
+        angle = system.get("fin[1].fin_angle")
+
+Names are those of the system's connectors, wired as the SSP says; parameters are those of the variant. What is set
+before a step holds in that step and after it, and what is read is of the step's end: no host adds a delay there.
+A signal wired from one component to another arrives in the next step, in all three.
+"""
+
+from __future__ import annotations
+
+import importlib
+import re
+import zipfile
+from abc import ABC, abstractmethod
+from io import BytesIO
+from math import isfinite
+from pathlib import Path
+from posixpath import normpath
+from tempfile import TemporaryDirectory
+from types import TracebackType
+
+from lxml import etree
+
+from ..compiler import local_platform
+from .archive import Archive, write_archive
+from .check import check
+from .findings import nearest
+from .schema import DEFAULT, NOMINAL, SSD, SspError, parse
+from .structure import Connection, Structure, read_structure
+
+HOSTS = ("fmpy", "libcosimpy", "ecospy")
+_MODULES = {"fmpy": "in_fmpy", "libcosimpy": "in_libcosim", "ecospy": "in_ecos"}
+_NEEDS = {"fmpy": "pip install fmpy", "libcosimpy": "pip install libcosimpy",
+          "ecospy": "pip install ecospy; on Debian also apt-get install libtbb12 unzip"}
+End = tuple[str, str]  # component and variable
+Value = float | bool
+
+
+class System(ABC):
+    """A running system. `step_size` is in seconds, values in the connectors' units; use it as a context manager."""
+
+    def __init__(self, structure: Structure, step: float) -> None:
+        self.step_size, self.steps, self._closed = step, 0, False
+        self._inputs: dict[str, list[End]] = {}
+        self._outputs: dict[str, End] = {}
+        self._inner: list[tuple[End, End]] = []
+        self._pending: dict[End, Value] = {}
+        for connection in structure.system.connections:
+            self._wire(structure, connection)
+
+    def _wire(self, structure: Structure, connection: Connection) -> None:
+        start, end = connection.start, connection.end
+        if connection.transformation is not None:
+            raise SspError(f"{structure.file}: connection {connection} has a transformation, which is not supported "
+                           "here; convert where the value is made")
+        if start[0] and end[0]:
+            self._inner.append((start, end))
+            return
+        # Start and end say nothing of the direction: the kind of the system's connector does.
+        outer, inner = (start, end) if not start[0] else (end, start)
+        connector = structure.system.connectors.get(outer[1])
+        if connector is None or not inner[0]:
+            raise SspError(f"{structure.file}: connection {connection}: has no end at a component, or none that is "
+                           "declared; see emcas ssp check")
+        if connector.kind == "output":
+            self._outputs[outer[1]] = inner
+        else:
+            self._inputs.setdefault(outer[1], []).append(inner)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names that can be set."""
+        return tuple(self._inputs)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names that can be read."""
+        return tuple(self._outputs)
+
+    @property
+    def time(self) -> float:
+        """The time reached [s]."""
+        return self.steps * self.step_size
+
+    def set(self, name: str, value: Value) -> None:
+        """Set an input for the next step and those after it, at every component it is wired to. Raises SspError."""
+        if name not in self._inputs:
+            raise SspError(f"the system has no input {name!r}; {nearest(name, self._inputs, 'see inputs')}")
+        if not isfinite(value):  # an FMU refuses it, and Ecos goes on as if nothing were
+            raise SspError(f"{name} = {value}: must be finite")
+        for end in self._inputs[name]:
+            self._pending[end] = value
+
+    def step(self) -> None:
+        """Go on by one step. Raises SspError if a component refuses."""
+        if self._closed:
+            raise SspError("the system is closed; open it anew")
+        pending, self._pending = self._pending, {}
+        self._advance(pending)
+        self.steps += 1
+
+    def get(self, name: str) -> Value:
+        """An output at the end of the last step; before the first there is none, in no host. Raises SspError."""
+        if name not in self._outputs:
+            raise SspError(f"the system has no output {name!r}; {nearest(name, self._outputs, 'see outputs')}")
+        if self._closed:
+            raise SspError("the system is closed; read before closing it")
+        if self.steps == 0:
+            raise SspError(f"{name} is not known before the first step: libcosim initializes within it")
+        return self._read(*self._outputs[name])
+
+    def close(self) -> None:
+        """Free everything; may be called twice."""
+        if not self._closed:
+            self._closed = True
+            self._free()
+
+    def __enter__(self) -> System:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self.close()
+
+    @abstractmethod
+    def _advance(self, pending: dict[End, Value]) -> None:
+        """Set values at components, then step. Raises SspError."""
+
+    @abstractmethod
+    def _read(self, component: str, variable: str) -> Value:
+        """The value of a component's variable."""
+
+    @abstractmethod
+    def _free(self) -> None:
+        """Free what the host holds; called once."""
+
+
+def open(ssp: Path, host: str, variant: str = NOMINAL, step: float = 1e-3) -> System:
+    """Load a variant of an archive into a host with a fixed step [s], ready for its first step.
+
+    Raises SspError if the host is unknown or not installed, if the archive does not pass `check` or has no such
+    variant, and if the host refuses.
+    """
+    if host not in HOSTS:
+        raise SspError(f"there is no host {host!r}; there is {', '.join(HOSTS)}")
+    if not 0.0 < step < float("inf"):
+        raise SspError(f"step {step}: must be above 0")
+    try:
+        importlib.import_module(host)
+    except (ImportError, OSError) as error:  # OSError: a library it needs
+        raise SspError(f"{host} cannot be loaded ({error}): {_NEEDS[host]}") from error
+    # Hosts pass over much of what is wrong.
+    if errors := check(ssp).errors:
+        raise SspError("\n".join(f"{ssp}: {error}" for error in errors))
+    archive = Archive(ssp)
+    structure = _variant(archive, variant)
+    _runnable(archive, structure)
+    with TemporaryDirectory() as folder:
+        prepared = Path(folder) / "system.ssp"
+        write_archive(_prepared(archive, structure.file, host), prepared)
+        module = importlib.import_module(f".{_MODULES[host]}", __package__)
+        try:
+            system: System = module.Running(structure, step, prepared)
+        except SspError as error:
+            raise SspError(f"{ssp}: {host}: {error}") from error
+    return system
+
+
+def _variant(archive: Archive, name: str) -> Structure:
+    structures = {s.name: s for s in (read_structure(archive, file, _refuse) for file in archive.structures)}
+    if name not in structures:
+        raise SspError(f"{archive.path}: has no variant {name!r}; it has {', '.join(structures) or 'none'}")
+    return structures[name]
+
+
+def _runnable(archive: Archive, structure: Structure) -> None:
+    """Raises SspError if an FMU has no binary for this platform: Ecos would take the process with it."""
+    local = local_platform()
+    for source in sorted({normpath(e.source) for e in structure.system.elements.values() if e.source}):
+        with zipfile.ZipFile(BytesIO(archive.read(source))) as fmu:
+            there = sorted({name.split("/")[1] for name in fmu.namelist() if name.startswith("binaries/")})
+        if local is not None and local.name not in there:
+            raise SspError(f"{source} has binaries for {', '.join(there) or 'no platform'} only, and this is "
+                           f"{local.name}; build it with emcas build --backend native, then emcas ssp --fmu")
+
+
+def _refuse(file: str, problem: str) -> None:
+    raise SspError(f"{file}: {problem}; see emcas ssp check")
+
+
+def _prepared(archive: Archive, file: str, host: str) -> dict[str, bytes]:
+    """The archive with one variant, as the structure hosts open. All three know SystemStructure.ssd only.
+
+    For libcosim and Ecos without the connections of the system's own connectors, which they cannot have, and with
+    the others under the one prefix they know.
+    """
+    contents = {name: data for name, data in archive.contents().items()
+                if not (name in archive.structures and name != file)}
+    root = parse(contents.pop(file), file)
+    found = root.find(f"{{{SSD}}}System/{{{SSD}}}Connections")
+    if host == "fmpy" or found is None:
+        contents[DEFAULT] = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
+        return contents
+    for connection in list(found):
+        if not (connection.get("startElement") and connection.get("endElement")):
+            found.remove(connection)
+    prefix = found.prefix
+    if len(found) == 0:
+        found.getparent().remove(found)
+    text = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
+    contents[DEFAULT] = re.sub(rf"(</?){prefix}:Connections\b".encode(), rb"\1ssd:Connections", text)
+    return contents

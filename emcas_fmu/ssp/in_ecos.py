@@ -1,0 +1,60 @@
+"""Ecos as the host, through ecospy: its SSP reader and its fixed-step algorithm.
+
+It applies the parameter set named when it is initialized, from the components' bindings, and nothing by itself.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from math import isclose
+from pathlib import Path
+
+from ecospy import EcosSimulation
+
+from .hosts import End, System, Value
+from .schema import SspError
+from .structure import Structure
+
+
+class Running(System):
+    """Inputs are set between steps; outputs are read after them."""
+
+    def __init__(self, structure: Structure, step: float, path: Path) -> None:
+        super().__init__(structure, step)
+        self._kinds = {(name, c.name): c.type for name, component in structure.system.elements.items()
+                       for c in component.connectors.values()}
+        names = sorted({c.bindings[0].name for c in structure.system.elements.values() if c.bindings})
+        if len(names) > 1:
+            raise SspError(f"the components' parameter sets are named {', '.join(names)}, and Ecos applies those of "
+                           "one name only")
+        unpacked = path.with_suffix("")  # an archive Ecos would unpack itself, and leave what it unpacked
+        with zipfile.ZipFile(path) as archive:
+            archive.extractall(unpacked)
+        try:
+            self._simulation = EcosSimulation(ssp_path=str(unpacked), step_size=step)
+            started = self._simulation.init(parameter_set=names[0] if names else None)
+        except Exception as error:  # ecospy raises nothing more particular
+            raise SspError(f"the system cannot be started: {error}") from error
+        if not started:
+            self.close()
+            raise SspError("the system cannot be initialized (its log says why)")
+
+    def _advance(self, pending: dict[End, Value]) -> None:
+        for (component, variable), value in pending.items():
+            if self._kinds[component, variable] == "Boolean":
+                self._simulation.set_bool(f"{component}::{variable}", bool(value))
+            else:
+                self._simulation.set_real(f"{component}::{variable}", float(value))
+        before = self._simulation.get_time()
+        reached = self._simulation.step()
+        if not isclose(reached, before + self.step_size, abs_tol=0.5 * self.step_size):
+            raise SspError(f"Ecos: step from {self.time:.9g} s failed (its log says why)")
+
+    def _read(self, component: str, variable: str) -> Value:
+        if self._kinds[component, variable] == "Boolean":
+            return bool(self._simulation.get_bool(f"{component}::{variable}"))
+        return float(self._simulation.get_real(f"{component}::{variable}"))
+
+    def _free(self) -> None:
+        self._simulation.terminate()
+        self._simulation.free()

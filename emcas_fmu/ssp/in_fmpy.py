@@ -1,0 +1,62 @@
+"""fmpy as the host: its reader and its FMUs, stepped in turn. (simulate_ssp itself runs from start to end.)"""
+
+from __future__ import annotations
+
+import shutil
+from contextlib import suppress
+from pathlib import Path
+
+import fmpy
+from fmpy.ssp.simulation import free_fmu, get_value, instantiate_fmu, set_value
+from fmpy.ssp.ssd import Parameter, ParameterSet, find_components, read_ssd
+
+from .hosts import End, System, Value
+from .schema import SspError
+from .settings import effective
+from .structure import Structure
+
+
+class Running(System):
+    """What is wired between components is passed on, then every component steps with what it was given."""
+
+    def __init__(self, structure: Structure, step: float, path: Path) -> None:
+        super().__init__(structure, step)
+        values = effective(structure)
+        # fmpy takes values from here only, and by hierarchical names. What is meant for the system's connectors goes
+        # on to the components they are wired to.
+        parameters = [Parameter(name=f"{component}.{name}", value=value)
+                      for (component, name), value in values.items() if component]
+        self._components = {}
+        self._folder = fmpy.extract(str(path))
+        try:
+            for component in find_components(read_ssd(str(path)).system):
+                self._components[component.name] = component
+                component.fmu = None
+                instantiate_fmu(component, self._folder, 0.0, None, ParameterSet(parameters=parameters))
+        except Exception as error:
+            self.close()
+            raise SspError(f"the system cannot be started: {error}") from error
+        for (component, name), value in values.items():
+            if not component and name in self._inputs and not isinstance(value, str):
+                self.set(name, value)
+
+    def _advance(self, pending: dict[End, Value]) -> None:
+        try:
+            # Not after the step: outputs that depend on an input at once would show what is to come.
+            wired = {end: get_value(self._components[start], output) for (start, output), end in self._inner}
+            for (name, variable), value in (pending | wired).items():
+                set_value(self._components[name], variable, value)
+            for component in self._components.values():
+                component.fmu.doStep(self.time, self.step_size)
+        except Exception as error:
+            raise SspError(f"fmpy: step from {self.time:.9g} s: {error}") from error
+
+    def _read(self, component: str, variable: str) -> Value:
+        value: Value = get_value(self._components[component], variable)
+        return value
+
+    def _free(self) -> None:
+        for component in self._components.values():
+            with suppress(Exception):  # one that was refused cannot be terminated, nor one never made be freed
+                free_fmu(component)
+        shutil.rmtree(self._folder, ignore_errors=True)

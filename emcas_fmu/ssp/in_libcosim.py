@@ -1,0 +1,64 @@
+"""libcosim as the host, through libcosimpy: its SSP reader and its fixed-step algorithm.
+
+It applies the first parameter set bound to a component, and nothing bound to the system.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from pathlib import Path
+
+from libcosimpy.CosimEnums import CosimExecutionState, CosimVariableType
+from libcosimpy.CosimExecution import CosimExecution
+from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
+from libcosimpy.CosimManipulator import CosimManipulator
+from libcosimpy.CosimObserver import CosimObserver
+
+from .hosts import End, System, Value
+from .schema import SspError
+from .structure import Structure
+
+
+class Running(System):
+    """Inputs are overridden between steps; outputs are the last values an observer has seen."""
+
+    def __init__(self, structure: Structure, step: float, path: Path) -> None:
+        super().__init__(structure, step)
+        nanoseconds = round(step * 1e9)
+        if nanoseconds < 1:
+            raise SspError(f"step {step}: libcosim counts whole nanoseconds")
+        log_output_level(CosimLogLevel.ERROR)
+        try:
+            execution = CosimExecution.from_ssp_file(str(path), nanoseconds)
+        except AssertionError as error:
+            raise SspError(f"{error} (its log says why)") from error
+        self._execution = execution
+        self._observer, self._manipulator = CosimObserver.create_last_value(), CosimManipulator.create_override()
+        if not execution.add_observer(self._observer) or not execution.add_manipulator(self._manipulator):
+            raise SspError("observer and manipulator cannot be added")
+        self._index = {slave.name.decode(): slave.index for slave in execution.slave_infos()}
+        self._variables = {(name, v.name.decode()): (v.reference, CosimVariableType(v.type))
+                           for name, index in self._index.items() for v in execution.slave_variables(index)}
+
+    def _advance(self, pending: dict[End, Value]) -> None:
+        given: dict[tuple[str, bool], dict[int, Value]] = defaultdict(dict)
+        for end, value in pending.items():
+            reference, kind = self._variables[end]
+            given[end[0], kind is CosimVariableType.BOOLEAN][reference] = value
+        for (name, boolean), values in given.items():
+            manipulate = self._manipulator.slave_boolean_values if boolean else self._manipulator.slave_real_values
+            convert = bool if boolean else float
+            manipulate(self._index[name], list(values), [convert(value) for value in values.values()])
+        self._execution.step()  # what it returns means nothing before version 0.0.6
+        if self._execution.status().state == CosimExecutionState.ERROR.value:
+            raise SspError(f"libcosim: step from {self.time:.9g} s failed (its log says why)")
+
+    def _read(self, component: str, variable: str) -> Value:
+        reference, kind = self._variables[component, variable]
+        index = self._index[component]
+        if kind is CosimVariableType.BOOLEAN:
+            return bool(self._observer.last_boolean_values(index, [reference])[0])
+        return float(self._observer.last_real_values(index, [reference])[0])
+
+    def _free(self) -> None:
+        del self._execution

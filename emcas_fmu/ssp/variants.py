@@ -1,0 +1,144 @@
+"""What the parameters of each fin are, nominally and in each variant."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..files import models_directory
+from ..parameters import ParameterError, ParameterSet
+from ..toml import tomllib
+from ..variables import START_ENTRIES
+from .schema import NOMINAL, SspError
+
+LAYOUTS = ("cross", "plus")
+SHIPPED = ("cold", "degraded")  # variants, each a file among the models
+MOST_FINS = 9  # fmpy takes the parameters of fin10 for those of fin1
+EVERY_FIN = "every_fin"
+AZIMUTH = "mounting.azimuth"
+_NAME = re.compile(r"[A-Za-z]\w*")
+
+
+def fin_name(number: int) -> str:
+    """The name of a fin's component, counted from 1."""
+    return f"fin{number}"
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A named system: the parameter set of each fin, and the names the variant changes for every fin."""
+
+    name: str
+    fins: tuple[ParameterSet, ...]
+    common: tuple[str, ...] = ()
+
+
+def variant_files(given: Sequence[str]) -> dict[str, Path]:
+    """The shipped variants and those `given` as ``NAME=FILE``, which may replace one. Raises SspError."""
+    files = {name: models_directory() / f"{name}.toml" for name in SHIPPED}
+    for text in given:
+        name, separator, file = text.partition("=")
+        if not separator or not file:
+            raise SspError(f"--variant {text}: expected NAME=FILE, such as --variant hot=hot.toml")
+        if not _NAME.fullmatch(name) or name in (NOMINAL, "shared", "inputs", "flat") or re.fullmatch(r"fin\d+", name):
+            raise SspError(f"--variant {text}: {name!r} cannot name a variant; take a word other than {NOMINAL}, "
+                           "shared, inputs, flat and fin1 ...")
+        files[name] = Path(file)
+    return files
+
+
+def fin_files(given: Sequence[str], fins: int) -> dict[int, Path]:
+    """Parameter files of single fins, given as ``N=FILE``. Raises SspError."""
+    files = {}
+    for text in given:
+        number, separator, file = text.partition("=")
+        if not separator or not file or not number.isdigit() or not 1 <= int(number) <= fins:
+            raise SspError(f"--fin {text}: expected N=FILE with N from 1 to {fins}, such as --fin 2=second.toml")
+        files[int(number)] = Path(file)
+    return files
+
+
+def nominal(base: ParameterSet, fins: int, layout: str, files: Mapping[int, Path]) -> Variant:
+    """The fins as built: `base`, turned about body x by the layout, with the files of single fins over it.
+
+    A cross of four has azimuths of 45, 135, 225 and 315 deg, a plus 0, 90, 180 and 270.
+    Raises SspError or ParameterError.
+    """
+    if layout not in LAYOUTS:
+        raise SspError(f"--layout {layout}: there is {' and '.join(LAYOUTS)}")
+    if not 1 <= fins <= MOST_FINS:
+        raise SspError(f"--fins {fins}: must be 1 to {MOST_FINS}")
+    sets = []
+    for i in range(fins):
+        azimuth = (i + (0.5 if layout == "cross" else 0.0)) * 360.0 / fins
+        turned = base.replace({AZIMUTH: f"{azimuth} deg"})
+        file = files.get(i + 1)
+        sets.append(turned if file is None else _changed(turned, dict(_entries(_document(file))), str(file)))
+    variant = Variant(NOMINAL, tuple(sets))
+    _same_bus(variant, ", ".join(map(str, files.values())))
+    return variant
+
+
+def derived(name: str, file: Path, origin: Variant) -> Variant:
+    """A variant of the system as built, out of a file such as models/cold.toml. Raises SspError or ParameterError."""
+    document = _document(file)
+    scopes = (EVERY_FIN, *(fin_name(i + 1) for i in range(len(origin.fins))))
+    every = dict(_entries(document.get(EVERY_FIN, {})))
+    for scope, table in document.items():
+        if not isinstance(table, dict) or (scope not in scopes and not re.fullmatch(r"fin[1-9]", scope)):
+            raise SspError(f"{file}: {scope}: expected tables {EVERY_FIN}, fin1, fin2 ... of parameters, such as "
+                           f"[{EVERY_FIN}.friction]")
+    fins = tuple(_changed(own, {**every, **dict(_entries(document.get(fin_name(i), {})))}, f"{file}: {fin_name(i)}")
+                 for i, own in enumerate(origin.fins, start=1))
+    variant = Variant(name, fins, tuple(every))
+    _same_bus(variant, str(file))
+    return variant
+
+
+def _same_bus(variant: Variant, where: str) -> None:
+    for entry in START_ENTRIES:
+        if len({fin.values[entry.name] for fin in variant.fins}) > 1:
+            raise SspError(f"{where}: {entry.name} differs between fins, which share it; change it for every fin")
+
+
+def _document(file: Path) -> dict[str, Any]:
+    try:
+        # Numbers stay text, as parameter files are read.
+        document: dict[str, Any] = tomllib.loads(file.read_text(encoding="utf-8-sig"), parse_float=str)
+    except (OSError, ValueError, RecursionError) as error:
+        raise SspError(f"{file}: cannot be read: {error}") from error
+    return document
+
+
+def _entries(node: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
+    """What is written at each dotted name: a value, or a table with one."""
+    for key, written in node.items():
+        name = f"{path}.{key}" if path else key
+        if isinstance(written, dict) and "value" not in written:
+            yield from _entries(written, name)
+        else:
+            yield name, written
+
+
+def _changed(base: ParameterSet, entries: Mapping[str, Any], where: str) -> ParameterSet:
+    """`base` with entries over it; percentages are of its values. Raises ParameterError naming `where`."""
+    units = {e.variable.name: e.variable.unit for e in base.entries}
+    changes = dict(entries)
+    for name, written in entries.items():
+        fields = written if isinstance(written, dict) else {"value": written}
+        text = " ".join(filter(None, (str(fields["value"]), str(fields.get("unit", ""))))).strip()
+        share = re.fullmatch(r"([\d.eE+-]+)\s*%", text)
+        if share and name in units:
+            try:
+                value = repr(float(base.values[name]) * float(share[1]) / 100.0)
+            except ValueError as error:
+                raise ParameterError([f"{where}: {name} = {text}: is not a percentage"]) from error
+            changes[name] = {**fields, "value": value, "unit": units[name]}
+    try:
+        return base.replace(changes)
+    except ParameterError as error:
+        raise ParameterError([f"{where}: {problem.removeprefix('replaced value: ')}"
+                              for problem in error.problems]) from error

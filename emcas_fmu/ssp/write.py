@@ -1,0 +1,111 @@
+"""From an FMU and parameters to an SSP archive; the same inputs give the same bytes."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from ..errors import EmcasError
+from ..fmi.model_description import to_bytes
+from ..fmi.package import Progress, build
+from ..parameters import Value, load_parameters
+from ..variables import FILE_ENTRIES, INPUTS, VARIABLES
+from .archive import write_archive
+from .check import check
+from .findings import Report
+from .interface import Interface, read_interface
+from .schema import DEFAULT, NOMINAL, SspError
+from .sets import parameter_sets
+from .system import PREFIX, system_structure
+from .variants import derived, nominal
+
+
+@dataclass(frozen=True)
+class Written:
+    """What was written: the file, its size [bytes], the FMU's GUID, the variants and what the check says of it."""
+
+    path: Path
+    size: int
+    guid: str
+    variants: tuple[str, ...]
+    report: Report
+
+
+def write_ssp(output: Path, fmu: Path | None = None, parameters: Path | None = None, *, fins: int = 4,
+              layout: str = "cross", fin_files: Mapping[int, Path] | None = None,
+              variant_files: Mapping[str, Path] | None = None, prefix: str = PREFIX,
+              progress: Progress | None = None) -> Written:
+    """Write the archive of a system of `fins` actuators to `output`, whole or not at all, and check it.
+
+    `fmu` is built, native, from the parameters if not given; the fins' parameters are those of the file
+    `parameters`, or those the FMU starts with. `fin_files` and `variant_files` are parameter files by number of the
+    fin and by name of the variant. Raises EmcasError; SspError if what was written does not pass its own check.
+    """
+    if output.suffix != ".ssp":
+        raise SspError(f"{output}: the output must end in .ssp")
+    if output.is_dir() or not output.parent.is_dir():
+        raise SspError(f"{output}: {'is a folder' if output.is_dir() else f'there is no folder {output.parent}'}")
+    if not re.fullmatch(r"[A-Za-z]\w*", prefix) or prefix in ("ssc", "ssv", "osp", "emcas", "xml", "xmlns"):
+        raise SspError(f"--connections-prefix {prefix}: expected a word other than ssc, ssv, osp, emcas and xml")
+    base = load_parameters(parameters)
+    content = b"" if fmu is None else _content(fmu)
+    if fmu is not None and parameters is None:
+        starts = _starts(read_interface(content, str(fmu)), str(fmu))
+        base = base.replace({name: value for name, value in starts.items() if value != base.values[name]})
+    built = nominal(base, fins, layout, fin_files or {})
+    variants = [built, *(derived(name, file, built) for name, file in (variant_files or {}).items())]
+    # Compiling takes longest: all other mistakes are told before.
+    if fmu is None:
+        with TemporaryDirectory() as folder:
+            content = build(base, Path(folder) / "EMCAS.fmu", "native", progress=progress).path.read_bytes()
+    interface = read_interface(content, str(fmu or "EMCAS.fmu"))
+    starts = _starts(interface, str(fmu))
+    sets = parameter_sets(variants, starts, base)
+    name = f"{interface.model}.fmu"
+    contents = {f"resources/{file}": data for file, data in sets.files.items()}
+    contents[f"resources/{name}"] = content
+    for variant in variants:
+        structure = system_structure(variant.name, name, interface.guid, sets.system[variant.name],
+                                     sets.fins[variant.name], prefix)
+        contents[DEFAULT if variant.name == NOMINAL else f"{variant.name}.ssd"] = to_bytes(structure)
+    partial = output.with_name(f".{output.stem}.{os.getpid()}.ssp")
+    try:
+        write_archive(contents, partial)
+        report = check(partial, guid=interface.guid)
+        if report.errors:
+            raise SspError("\n".join(["what was to be written does not pass the check:", *map(str, report.errors)]))
+        partial.replace(output)
+    finally:
+        partial.unlink(missing_ok=True)
+    return Written(output, output.stat().st_size, interface.guid, tuple(v.name for v in variants), report)
+
+
+def _content(fmu: Path) -> bytes:
+    try:
+        return fmu.read_bytes()
+    except OSError as error:
+        raise EmcasError(f"{fmu}: cannot be read: {error.strerror or error}") from error
+
+
+def _starts(interface: Interface, file: str) -> dict[str, Value]:
+    """The FMU's start values by entry of the parameter file. Raises SspError if it is no actuator of this model."""
+    if missing := [v.name for v in VARIABLES if v.name not in interface.ports]:
+        raise SspError(f"{file}: is not an FMU of one actuator: it lacks {', '.join(missing[:3])}"
+                       f"{' and more' if len(missing) > 3 else ''}; build one with emcas build")
+    keys = {v.key: v.name for v in INPUTS if v.key is not None}
+    values: dict[str, Value] = {}
+    for entry in FILE_ENTRIES:
+        written = interface.ports[keys.get(entry.name, entry.name)].start
+        if written is None:
+            raise SspError(f"{file}: {entry.name} has no start value; build the FMU with emcas build")
+        if entry.kind == "Boolean":
+            values[entry.name] = written in ("true", "True", "1")
+        else:
+            values[entry.name] = int(written) if entry.kind == "Integer" else float(written)
+    return values
+
+

@@ -1,0 +1,147 @@
+"""What a unit of one or several actuators shows: the interface, out of the variable table.
+
+A single actuator shows the table itself. Several show what belongs to each under ``fin[1].``, ``fin[2].``
+and so on; vehicle motion and supply are shared, and a bus and mixing inputs come with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import radians
+from typing import Any
+
+from .errors import EmcasError
+from .variables import INPUTS, OUTPUTS, PARAMETERS, Variable
+
+MOST_FINS = 8
+LAYOUTS = ("plus", "cross")
+AZIMUTH = "mounting.azimuth"
+SHARED = ("acceleration.x", "acceleration.y", "acceleration.z", "attitude.roll", "attitude.pitch", "attitude.yaw",
+          "supply_voltage")
+_BY_NAME = {v.name: v for v in (*INPUTS, *OUTPUTS)}
+
+
+def _mixing(axis: str, along: str) -> Variable:
+    return Variable(f"{axis}_command", "Real", "input", "continuous", "rad",
+                    f"deflection of tail fins for a positive moment about body {along}; added to the fins' commands: "
+                    "-(roll + pitch cos(azimuth) + yaw sin(azimuth))", nominal=0.1, start=0.0)
+
+
+MIXING = (_mixing("roll", "x (right side down)"), _mixing("pitch", "y (nose up)"), _mixing("yaw", "z (nose right)"))
+BUS_OUTPUTS = (
+    Variable("bus_voltage", "Real", "output", "continuous", "V", "voltage at the drives: the supply's less the sag",
+             nominal=10.0),
+    Variable("bus_current", "Real", "output", "continuous", "A", "current all drives draw; negative while regenerating",
+             nominal=10.0),
+    replace(_BY_NAME["supply_power"], description="electrical power drawn by all motors; negative while regenerating"),
+)
+BUS_PARAMETERS = (
+    Variable("bus.source_resistance", "Real", "parameter", "fixed", "Ohm",
+             "resistance between supply_voltage and the drives (0: stiff)", 0.0, 1.0),
+    Variable("bus.update_time", "Real", "parameter", "fixed", "s",
+             "interval at which the sag follows the drives' current", 1e-5, 1e-2),
+)
+_BUS_START = {"bus.source_resistance": 0.0, "bus.update_time": 1e-4}
+
+
+@dataclass(frozen=True)
+class Unit:
+    """`fins` actuators in one FMU; a variable's value reference is its place in `variables`.
+
+    Inputs come first, then outputs, then parameters; of each the shared ones first, then fin by fin in the
+    variable table's order.
+    """
+
+    fins: int
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.fins <= MOST_FINS:
+            raise EmcasError(f"--fins {self.fins}: a unit has 1 to {MOST_FINS} fins")
+
+    @property
+    def model(self) -> str:
+        """Name of the model: EMCAS, EMCAS4."""
+        return "EMCAS" if self.fins == 1 else f"EMCAS{self.fins}"
+
+    def prefix(self, fin: int) -> str:
+        """What stands before the names of fin 0, 1, ...; nothing for a single one."""
+        return "" if self.fins == 1 else f"fin[{fin + 1}]."
+
+    def name(self, variable: str, fin: int) -> str:
+        """The interface's name of one fin's variable."""
+        return variable if self.fins == 1 or variable in SHARED else self.prefix(fin) + variable
+
+    def _each(self, own: Sequence[Variable]) -> tuple[Variable, ...]:
+        return tuple(replace(v, name=self.name(v.name, fin)) for fin in range(self.fins) for v in own)
+
+    @cached_property
+    def inputs(self) -> tuple[Variable, ...]:
+        if self.fins == 1:
+            return INPUTS
+        shared = tuple(v for v in INPUTS if v.name in SHARED)
+        return shared + MIXING + self._each([v for v in INPUTS if v.name not in SHARED])
+
+    @cached_property
+    def outputs(self) -> tuple[Variable, ...]:
+        return OUTPUTS if self.fins == 1 else BUS_OUTPUTS + self._each(OUTPUTS)
+
+    @cached_property
+    def parameters(self) -> tuple[Variable, ...]:
+        return PARAMETERS if self.fins == 1 else BUS_PARAMETERS + self._each(PARAMETERS)
+
+    @cached_property
+    def variables(self) -> tuple[Variable, ...]:
+        return self.inputs + self.outputs + self.parameters
+
+    @cached_property
+    def reference(self) -> Mapping[str, int]:
+        """Value reference of each name."""
+        return {v.name: i for i, v in enumerate(self.variables)}
+
+    @property
+    def places(self) -> tuple[tuple[int, ...], ...]:
+        """For each fin, the value references of the variable table's inputs."""
+        return tuple(tuple(self.reference[self.name(v.name, fin)] for v in INPUTS) for fin in range(self.fins))
+
+    @property
+    def first_output(self) -> int:
+        """Value reference of the first fin's first output; those of all fins follow one on the other."""
+        return len(self.variables) - len(self.parameters) - self.fins * len(OUTPUTS)
+
+    @property
+    def first_parameter(self) -> int:
+        """Value reference of the first fin's first parameter; those of all fins follow one on the other."""
+        return len(self.variables) - self.fins * len(PARAMETERS)
+
+
+def azimuths(fins: int, layout: str) -> tuple[float, ...]:
+    """Azimuths [rad] of equally spaced fins: ``plus`` begins with one on body y, ``cross`` half a space further.
+
+    Raises EmcasError for another layout.
+    """
+    if layout not in LAYOUTS:
+        raise EmcasError(f"--layout {layout}: there is {' and '.join(LAYOUTS)}")
+    space = 360.0 / fins
+    return tuple(radians(space * (k + (0.5 if layout == "cross" else 0.0))) for k in range(fins))
+
+
+def start_values(unit: Unit, sets: Sequence[Mapping[str, Any]]) -> tuple[Any, ...]:
+    """Start value of every variable of the interface; 0 or False for outputs.
+
+    `sets` are the fins' parameter values; what is shared is taken from the first.
+    """
+    def start(v: Variable) -> Any:
+        if v.causality == "output":
+            return False if v.kind == "Boolean" else 0.0
+        if v.causality == "input" and v.key is None:
+            return v.start
+        if v.name in _BUS_START:
+            return _BUS_START[v.name]
+        if v.key is not None:
+            return sets[0][v.key]
+        return owned[v.name]
+
+    owned = {unit.name(p.name, fin): values[p.name] for fin, values in enumerate(sets) for p in PARAMETERS}
+    return tuple(start(v) for v in unit.variables)

@@ -1,0 +1,109 @@
+"""`emcas campaign`: help, outputs, one sample again, a scheduler that is running, refusals and exit codes."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner, Result
+
+from emcas_fmu.cli import app
+from emcas_fmu.validation.results import finite
+
+from .conftest import SMALL
+
+Write = Callable[[str], Path]
+
+
+def campaign(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["campaign", *map(str, arguments)])
+
+
+def test_help_has_examples() -> None:
+    done = campaign("--help")
+    assert done.exit_code == 0
+    for part in ("emcas campaign", "--only", "--scheduler", "130"):
+        assert part in done.output
+
+
+def test_a_run_and_one_sample_of_it(write: Write, tmp_path: Path) -> None:
+    file, folder = write(SMALL), tmp_path / "out"
+    done = campaign(file, "--output", folder, "--workers", 0, "--chunk", 10)
+    assert done.exit_code == 0, done.output
+    assert "24 samples; GUID {" in done.output
+    assert sorted(p.name for p in folder.iterdir()) == ["campaign.json", "samples", "summary.html", "summary.json"]
+    assert len(list((folder / "samples").iterdir())) == 3
+    stored = pq.read_table(folder / "samples").to_pylist()[17]
+    one = campaign(file, "--only", 17, "--json", tmp_path / "one.json")
+    assert one.exit_code == 0
+    assert "step.rise_time" in one.output
+    assert json.loads((tmp_path / "one.json").read_text(encoding="utf-8")) == finite(stored)
+    again = campaign(file, "--output", folder, "--workers", 0, "--report", tmp_path / "r.html", "--json",
+                     tmp_path / "r.json")
+    assert again.exit_code == 0
+    assert len(list((folder / "samples").iterdir())) == 3  # nothing was left to run
+    assert (tmp_path / "r.html").read_bytes() == (folder / "summary.html").read_bytes()
+    changed = campaign(write(SMALL.replace("seed = 5", "seed = 6")), "--output", folder, "--workers", 0)
+    assert changed.exit_code == 2
+    assert "campaign.seed: 5 then, 6 now" in changed.stderr.replace("\n", "")
+
+
+def test_failed_samples_are_results_unless_all_fail(write: Write, tmp_path: Path) -> None:
+    never = SMALL.replace('"uniform"\nlow = "-6 degC"\nhigh = "24 degC"', '"normal"\nmean = "100 degC"\nsd = "30 K"')
+    stop = '[vary."fin.start_angle"]\ndistribution = "uniform"\nlow = "{} deg"\nhigh = "40 deg"\n'
+    some = campaign(write(never + stop.format(-10)), "--output", tmp_path / "some", "--workers", 0)
+    assert some.exit_code == 0, some.output
+    assert "failed: fin.start_angle" in some.output.replace("\n", " ")
+    listed = next(line for line in some.output.splitlines() if "see --only" in line)
+    index = listed.rpartition("--only ")[2].strip(" )")
+    one = campaign(tmp_path / "small.toml", "--only", index)
+    assert one.exit_code == 1
+    assert "failed" in one.output
+    all_ = SMALL.replace("samples = 24", "samples = 3").replace(
+        'amplitude = "5 deg"', 'amplitude = { distribution = "choice", levels = ["0 deg"] }')
+    none = campaign(write(all_), "--output", tmp_path / "none", "--workers", 0)
+    assert none.exit_code == 1
+    assert "the step has no height" in none.output
+
+
+def test_a_scheduler_that_is_running(write: Write, tmp_path: Path, client: Any) -> None:
+    file = write(SMALL)
+    done = campaign(file, "--output", tmp_path / "there", "--scheduler", client.scheduler.address)
+    assert done.exit_code == 0, done.output
+    assert campaign(file, "--output", tmp_path / "here", "--workers", 0).exit_code == 0
+    there, here = (pq.read_table(tmp_path / side / "samples").sort_by("index") for side in ("there", "here"))
+    assert repr(there.to_pylist()) == repr(here.to_pylist())
+
+
+@pytest.mark.parametrize(("arguments", "said"), [
+    (("--scheduler", "tcp://127.0.0.1:1"), "start one with `dask scheduler`"),
+    (("--scheduler", "tcp://127.0.0.1:1", "--workers", "2"), "give one of them"),
+    (("--only", "24"), "numbered from 0 to 23"),
+    (("--fmu", "none.fmu"), "there is no such file"),
+    (("--fmu", "none.toml"), "is no FMU by its name"),
+    (("--report", "none/x.html"), "there is no folder"),
+    (("--output", "none/x"), "there is no folder"),
+])
+def test_refusals(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...],
+                  said: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("emcas_fmu.campaign.run._CONNECT", 1.0)
+    done = campaign(write(SMALL), *arguments)
+    assert done.exit_code == 2, done.output
+    assert said in " ".join(done.stderr.split())
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("absent", ["distributed", "pyarrow"])
+def test_without_the_extra(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, absent: str) -> None:
+    monkeypatch.setitem(sys.modules, absent, None)
+    done = campaign(write(SMALL), "--output", tmp_path / "out")
+    assert done.exit_code == 2
+    assert "pip install 'emcas-fmu[campaign]'" in done.stderr.replace("\n", " ")
+    assert not (tmp_path / "out").exists()
+    assert campaign(tmp_path / "small.toml", "--only", 1).exit_code == 0  # needs neither

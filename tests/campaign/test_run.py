@@ -1,0 +1,156 @@
+"""Dask: the same rows whoever computes them, workers that die, runs that are killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pytest
+
+from emcas_fmu.campaign.distributions import CampaignError
+from emcas_fmu.campaign.run import by_dask, chunk_size, in_process, local_client
+from emcas_fmu.campaign.store import Store
+from emcas_fmu.campaign.study import Study, load_study
+
+from .conftest import SMALL
+from .work import DEADLY, deadly, slow
+
+Write = Callable[[str], Path]
+LONGER = SMALL.replace("samples = 24", "samples = 250").replace('"0.3 s"', '"1 s"')
+
+
+def alone(study: Study, folder: Path) -> pa.Table:
+    """Rows of a run in this process that nothing disturbed."""
+    store = Store(folder, study)
+    in_process(study, store.missing(), store.write)
+    return store.table()
+
+
+def same(one: pa.Table, other: pa.Table) -> bool:
+    """Every value of every row, to the bit; the missing ones, too."""
+    return bool(repr(one.to_pylist()) == repr(other.to_pylist()))
+
+
+def test_workers_give_the_rows_of_one_process(write: Write, tmp_path: Path, client: Any) -> None:
+    study = load_study(write(SMALL))
+    store = Store(tmp_path / "out", study)
+    by_dask(client, study, store.missing(), store.write, chunk=5)
+    assert same(store.table(), alone(study, tmp_path / "alone"))
+
+
+def test_a_worker_killed_mid_run(write: Write, tmp_path: Path, client: Any) -> None:
+    study = load_study(write(SMALL))
+    store = Store(tmp_path / "out", study)
+    victims = list(client.run(os.getpid).values())
+    kept: list[int] = []
+
+    def keep(rows: list[dict[str, Any]]) -> None:
+        if not kept:
+            os.kill(victims[0], signal.SIGKILL)
+        kept.extend(row["index"] for row in rows)
+        store.write(rows)
+
+    by_dask(client, study, store.missing(), keep, chunk=2, work=slow)
+    assert sorted(kept) == list(range(24))  # none lost, none twice
+    assert same(store.table(), alone(study, tmp_path / "alone"))
+
+
+def test_a_sample_that_kills_its_workers(write: Write, tmp_path: Path, client: Any) -> None:
+    study = load_study(write(SMALL))
+    store = Store(tmp_path / "out", study)
+    by_dask(client, study, store.missing(), store.write, chunk=3, work=deadly)
+    found, expected = store.table().to_pylist(), alone(study, tmp_path / "alone").to_pylist()
+    lost = found.pop(DEADLY)
+    assert expected.pop(DEADLY)["motor.torque_constant"] == lost["motor.torque_constant"]
+    assert lost["status"] == "failed"
+    assert "every worker that ran it died" in lost["error"]
+    assert found == expected
+
+
+def test_a_scheduler_that_is_lost(write: Write, tmp_path: Path) -> None:
+    study = load_study(write(SMALL))
+    store = Store(tmp_path / "out", study)
+    with local_client(1) as other:
+        def keep(rows: list[dict[str, Any]]) -> None:
+            store.write(rows)
+            other.cluster.close()
+
+        with pytest.raises(CampaignError, match=r"the scheduler was lost .* the same command goes on"):
+            by_dask(other, study, store.missing(), keep, chunk=1, work=slow)
+    assert len(store.missing()) < 24
+
+
+def started(file: Path, folder: Path, *more: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "emcas_fmu.cli", "campaign", str(file), "--output", str(folder), *more]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+
+
+def after_parts(process: subprocess.Popen[str], folder: Path, count: int) -> None:
+    """Wait until so many parts are kept."""
+    end = time.monotonic() + 60.0
+    while len(list(folder.glob("samples/part-*"))) < count:
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < end, "no parts within a minute"
+        time.sleep(0.005)
+
+
+def gone(group: int) -> None:
+    """Wait until no process of a group is left: workers end with the run they are of."""
+    end = time.monotonic() + 30.0
+    while True:
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return
+        assert time.monotonic() < end, "workers outlive the run"
+        time.sleep(0.05)
+
+
+def test_killed_and_resumed(write: Write, tmp_path: Path) -> None:
+    """SIGKILL while workers are at it; what was kept stays as it was, only the rest is run."""
+    file, folder = write(LONGER), tmp_path / "out"
+    process = started(file, folder, "--workers", "2", "--chunk", "7")
+    after_parts(process, folder, 3)
+    process.kill()
+    process.communicate()
+    gone(process.pid)
+    study = load_study(file)
+    kept = {path.name: (path.stat().st_mtime_ns, path.read_bytes()) for path in folder.glob("samples/part-*")}
+    before = len(Store(folder, study).missing())
+    assert 0 < before <= 250 - 3 * 7
+    process = started(file, folder, "--workers", "2", "--chunk", "11")
+    said, errors = process.communicate(timeout=120.0)
+    assert process.returncode == 0, errors
+    assert "250 samples" in said
+    now = {path.name: (path.stat().st_mtime_ns, path.read_bytes()) for path in folder.glob("samples/part-*")}
+    assert kept.items() < now.items()
+    rows = sum(pa.parquet.read_metadata(path).num_rows for path in folder.glob("samples/part-*"))
+    assert rows == 250  # none was run twice
+    assert same(Store(folder, study).table(), alone(study, tmp_path / "alone"))
+
+
+def test_ctrl_c_leaves_what_is_done(write: Write, tmp_path: Path) -> None:
+    file, folder = write(LONGER), tmp_path / "out"
+    process = started(file, folder, "--workers", "1", "--chunk", "2")
+    after_parts(process, folder, 2)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to every process
+    _, errors = process.communicate(timeout=60.0)
+    assert process.returncode == 130, errors
+    assert "the same command goes on" in " ".join(errors.split())
+    assert "Traceback" not in errors
+    assert len(Store(folder, load_study(file)).missing()) <= 250 - 2 * 2
+
+
+@pytest.mark.parametrize(("count", "threads", "size"), [(10, 2, 1), (160, 2, 10), (10**6, 4, 666), (1, 64, 1)])
+def test_chunks(write: Write, count: int, threads: int, size: int) -> None:
+    plan = load_study(write(SMALL)).plan  # of 0.3 s: 666 samples are 200 s
+    assert chunk_size(plan, count, threads) == size
+    assert chunk_size(replace(plan, fmu="EMCAS.fmu"), count, threads) == min(size, 66)

@@ -1,0 +1,169 @@
+"""One sample: figures that are those of the rest of the package, failures that stay the sample's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from math import isnan, nan, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from emcas_fmu.campaign import measure, runners, sample
+from emcas_fmu.campaign.distributions import CampaignError
+from emcas_fmu.campaign.experiments import Experiment, Profile, excitation
+from emcas_fmu.campaign.sampling import Sampler
+from emcas_fmu.campaign.study import load_study
+from emcas_fmu.kernels import compiled
+from emcas_fmu.reference.cases import CASES
+from emcas_fmu.simulation import simulate
+from emcas_fmu.tuning import experiments as tuning
+from emcas_fmu.validation import metrics
+
+from .conftest import SMALL
+
+Write = Callable[[str], Path]
+FAULTY = SMALL + """
+[experiments.step.inputs.supply_voltage]
+kind = "window"
+value = { distribution = "uniform", low = "10 V", high = "39 V" }
+begin = "10 ms"
+end = "40 ms"
+
+[experiments.off]
+kind = "hold"
+amplitude = "2 deg"
+duration = "0.2 s"
+
+[experiments.off.inputs.enable]
+kind = "window"
+value = false
+begin = "50 ms"
+end = "90 ms"
+
+[experiments.off.inputs.aero_torque]
+kind = "spring"
+stiffness = "150 N.m/rad"
+"""
+
+
+def test_a_step_has_tunings_figures(values: Mapping[str, Any]) -> None:
+    """The same response, measured by the same functions: equal to the bit."""
+    experiment = Experiment("a", "step", 0.6)
+    numbers = {"experiments.a.amplitude": radians(5.0)}
+    made = excitation(experiment, values, numbers)
+    found = measure.figures(experiment, numbers, made, runners.by_kernel(values, made))
+    same = ("rise_time", "settling_time", "overshoot", "sustained_rate", "peak_current")
+    # Senses by which the worse of two directions would be the positive one are not known: both are looked at.
+    sides = [tuning.measure(tuning.Test("step", radians(5.0), 0.6), values, same, (sense,) * len(same))
+             for sense in ("maximum", "minimum")]
+    for name, *pair in zip(same, *sides, strict=True):
+        assert found[f"a.{name}"] in pair, name
+
+
+def test_a_sweep_has_the_validations_bandwidth(values: Mapping[str, Any]) -> None:
+    """The reference case's sweep has rows rounded to nine digits, which moves a bandwidth by less than 1e-4."""
+    case = next(c for c in CASES if c.name == "chirp_1deg")
+    inputs = case.inputs()
+    angle = simulate(values, case.stop_time, fin_command=inputs["fin_command"])["fin_angle"]
+    expected = metrics.frequency_response(inputs["time"], inputs["fin_command"], angle, 0.5, 30.0)
+    experiment = Experiment("a", "chirp", case.stop_time - tuning.REST)
+    numbers = {"experiments.a.amplitude": case.amplitude, "experiments.a.low": 0.5, "experiments.a.high": 30.0}
+    made = excitation(experiment, values, numbers)
+    found = measure.figures(experiment, numbers, made, runners.by_kernel(values, made))
+    assert found["a.bandwidth_3db"] == pytest.approx(expected.bandwidth, rel=1e-4)
+    assert found["a.bandwidth_90deg"] == pytest.approx(expected.phase_bandwidth, rel=1e-4)
+
+
+@pytest.mark.parametrize("machine", [True, False])
+def test_a_spring_pulls_by_the_angle_a_step_ago(values: Mapping[str, Any], monkeypatch: pytest.MonkeyPatch,
+                                                machine: bool) -> None:
+    if not machine:  # both kernels are stepped the same
+        monkeypatch.setattr(compiled, "available", lambda: False)
+    experiment = Experiment("a", "step", 0.2, (Profile("aero_torque", "spring", "inputs.aero_torque"),))
+    numbers = {"experiments.a.amplitude": radians(10.0), "inputs.aero_torque.stiffness": 200.0,
+               "inputs.aero_torque.offset": -3.0}
+    found = runners.by_kernel(values, excitation(experiment, values, numbers))
+    # Gravity and acceleration are off: the moment about the hinge is the spring's. Up to rounding of the product.
+    assert found["hinge_torque"][1:] == pytest.approx(-3.0 - 200.0 * found["fin_angle"][:-1], abs=1e-12)
+    assert found["fin_angle"][-1] > radians(9.0)
+
+
+def test_faults_show_in_the_figures(write: Write) -> None:
+    plan = load_study(write(FAULTY)).plan
+    drawn = [0.11, 24.0, -20.0]
+    low, full = (sample.row(plan, 0, [*drawn, volts], runners.by_kernel) for volts in (12.0, 39.0))
+    assert low["status"] == full["status"] == "ok"
+    # At a third of the voltage the fin cannot go half as fast.
+    assert low["step.rise_time"] > 1.5 * full["step.rise_time"]
+    assert low["off.energy"] == full["off.energy"]
+
+
+def test_a_row_names_everything(write: Write) -> None:
+    study = load_study(write(FAULTY))
+    row = sample.rows(study.plan.packed(), [3], Sampler(study).draw([3]))[0]
+    assert row["index"] == 3
+    assert row["seed"] == 5
+    assert {"motor.torque_constant", "motor.back_emf_constant", "friction.temperature", "inputs.aero_torque.value",
+            "experiments.step.inputs.supply_voltage.value"} < set(row)
+    # Settling may take longer than the run, and is then infinite: a figure all the same.
+    assert not any(isnan(row[name]) for name in sample.columns(study.plan))
+    assert list(row) == list(sample.failed(study.plan, {k: row[k] for k in list(row)[:7]}, ""))
+
+
+def test_a_sample_that_cannot_be_is_recorded(write: Write) -> None:
+    """Tails beyond a limit, combinations that do not go, a response that cannot be followed: a reason each."""
+    text = SMALL + '[vary."fin.start_angle"]\ndistribution = "normal"\nmean = "0 deg"\nsd = "20 deg"\n'
+    plan = load_study(write(text)).plan
+    rows = sample.rows(plan.packed(), [0, 1, 2], np.array([[0.11, 20.0, radians(40.0), 0.0], [-1.0, 20.0, 0.0, 0.0],
+                                                            [0.11, 20.0, 0.0, 0.0]]))
+    assert [row["status"] for row in rows] == ["failed", "failed", "ok"]
+    assert "fin.start_angle" in rows[0]["error"]
+    assert "motor.torque_constant = -1 is below its minimum" in rows[1]["error"]
+    assert all(isnan(rows[0][name]) for name in sample.columns(plan))
+
+    def lost(values: Mapping[str, Any], made: object) -> Any:
+        raise KeyError("odd")
+
+    row = sample.row(plan, 5, [0.11, 20.0, 0.0, 0.0], lost)
+    assert row["error"] == "KeyError: 'odd'"
+
+
+def test_a_level_never_reached_is_no_failure(write: Write) -> None:
+    """Against more than the motor can hold the fin goes the other way: times are missing, the rest is there."""
+    plan = load_study(write(SMALL)).plan
+    row = sample.row(plan, 0, [0.11, 20.0, -2000.0], runners.by_kernel)
+    assert row["status"] == "ok"
+    assert isnan(row["step.rise_time"])
+    assert row["step.at_stop_share"] > 0.0
+
+
+@pytest.mark.fmu
+def test_an_fmu_gives_the_kernels_figures(write: Write, native: Path) -> None:
+    """Both FMUs are within 1e-9 rad of the kernel; figures divide by rates and heights no smaller than 1e-3."""
+    path = write(FAULTY)
+    by_unit, by_kernel = load_study(path, native), load_study(path)
+    assert by_unit.guid == by_kernel.guid != ""
+    drawn = Sampler(by_kernel).draw(range(3))
+    expected = sample.rows(by_kernel.plan.packed(), [0, 1, 2], drawn)
+    found = sample.rows(by_unit.plan.packed(), [0, 1, 2], drawn)
+    for one, other in zip(found, expected, strict=True):
+        assert one.pop("status") == other.pop("status") == "ok"
+        assert one.pop("error") == other.pop("error") == ""
+        assert one == pytest.approx(other, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.fmu
+def test_an_fmu_after_a_failure_and_another_file(write: Write, native: Path, tmp_path: Path) -> None:
+    plan = load_study(write(SMALL), native).plan
+    run = runners.runner(plan)
+    good = [0.11, 20.0, 0.0]
+    before = sample.row(plan, 0, good, run)
+    values, numbers = dict(plan.base), {**plan.numbers, "inputs.aero_torque.value": nan}
+    with pytest.raises(ArithmeticError, match="aero_torque"):
+        run(values, excitation(plan.experiments[0], values, numbers))
+    assert sample.row(plan, 0, good, run) == before
+    with pytest.raises(CampaignError, match="is not the FMU the campaign began with"):
+        runners.runner(replace(plan, fmu_sha256="0" * 64))

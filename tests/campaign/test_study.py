@@ -1,0 +1,178 @@
+"""Campaign files: what they mean, and what is refused with the entry's name and a remedy."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from math import radians
+from pathlib import Path
+
+import pytest
+
+from emcas_fmu.campaign.distributions import CampaignError
+from emcas_fmu.campaign.experiments import excitation
+from emcas_fmu.campaign.plan import varied
+from emcas_fmu.campaign.study import load_study
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.files import models_directory
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.tuning.experiments import REST
+from emcas_fmu.variables import INPUTS
+
+from .conftest import SMALL
+
+Write = Callable[[str], Path]
+COLUMN = {v.name: i for i, v in enumerate(INPUTS)}
+
+
+def test_the_example_is_sound() -> None:
+    study = load_study(models_directory() / "campaign.toml")
+    assert study.samples == 1000
+    assert {e.kind for e in study.plan.experiments} == {"step", "chirp"}
+
+
+def test_numbers_in_the_tables_units(write: Write) -> None:
+    study = load_study(write(SMALL))
+    constant, temperature, load = (f.distribution.numbers for f in study.plan.factors)
+    base = load_parameters().values["motor.torque_constant"]
+    # Left out, a mean is the base value; a percentage of an sd is one of the mean (one rounding).
+    assert constant == pytest.approx({"mean": base, "sd": 0.03 * base}, rel=1e-15)
+    assert temperature == {"low": -6.0, "high": 24.0}
+    assert load == {"low": -40.0, "high": 0.0}
+    assert study.plan.numbers == {"experiments.step.amplitude": radians(5.0)}
+
+
+@pytest.mark.parametrize(("written", "expected"), [("5 K", 5.0), ("5 degC", 5.0), ("9 degF", 5.0)])
+def test_a_temperatures_deviation_is_a_difference(write: Write, written: str, expected: float) -> None:
+    text = SMALL.replace('"uniform"\nlow = "-6 degC"\nhigh = "24 degC"',
+                         f'"normal"\nmean = "10 degC"\nsd = "{written}"')
+    factor = load_study(write(text)).plan.factors[1]
+    # 273.15 and a number near it are subtracted: a few of their roundings of 3e-14.
+    assert factor.distribution.numbers["sd"] == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_follower_keeps_its_ratio(write: Write) -> None:
+    plan = load_study(write(SMALL)).plan
+    values, _ = varied(plan, {"motor.torque_constant": 1.5 * plan.base["motor.torque_constant"],
+                              "friction.temperature": 0.0, "inputs.aero_torque.value": 0.0})
+    assert values["motor.back_emf_constant"] == pytest.approx(1.5 * plan.base["motor.back_emf_constant"], rel=1e-15)
+
+
+def test_any_parameter_may_vary(write: Write) -> None:
+    """Nothing is hard-coded: every number and switch of the table can be a factor at its base value."""
+    base = load_parameters().values
+    levels = {name: str(value).lower() if isinstance(value, bool) else '"100 %"' for name, value in base.items()
+              if name != "friction.temperature"}
+    entries = [f'[vary."{name}"]\nlevels = [{level}]' for name, level in levels.items()]
+    text = '[campaign]\nmethod = "grid"\n[experiments.a]\nkind = "hold"\namplitude = "0 deg"\n' + "\n".join(entries)
+    study = load_study(write(text))
+    assert len(study.plan.factors) == len(base) - 1
+    assert study.samples == 1
+    assert {f.name: f.value(float(f.distribution.at(0.5))) for f in study.plan.factors} == {
+        name: value for name, value in base.items() if name != "friction.temperature"}
+
+
+def test_inputs_of_an_experiment(write: Write) -> None:
+    text = SMALL + """
+[experiments.step.inputs.supply_voltage]
+kind = "window"
+value = "50 %"
+begin = "20 ms"
+end = "30 ms"
+
+[experiments.step.inputs.enable]
+kind = "window"
+value = false
+begin = "-10 ms"
+end = "5 ms"
+
+[experiments.quiet]
+kind = "hold"
+amplitude = "1 deg"
+duration = "0.2 s"
+"""
+    plan = load_study(write(text)).plan
+    step, quiet = plan.experiments
+    made = excitation(step, plan.base, {**plan.numbers, "inputs.aero_torque.value": -7.0})
+    supply, time = made.table[:, COLUMN["supply_voltage"]], made.time
+    low = (time > 0.0195) & (time < 0.0295)
+    assert set(supply[low]) == {19.5}
+    assert set(supply[~low]) == {39.0}
+    off = (time > -0.0105) & (time < 0.0045)
+    assert (made.table[:, COLUMN["enable"]] == ~off).all()
+    assert set(made.table[:, COLUMN["aero_torque"]]) == {-7.0}
+    assert set(made.table[time < -1e-9, COLUMN["fin_command"]]) == {0.0}
+    assert set(made.table[time > -1e-9, COLUMN["fin_command"]]) == {radians(5.0)}
+    assert time[0] == -REST
+    # What is said under one experiment is none of another's.
+    other = excitation(quiet, plan.base, {**plan.numbers, "inputs.aero_torque.value": -7.0}).table
+    assert set(other[:, COLUMN["supply_voltage"]]) == {39.0}
+    assert set(other[:, COLUMN["aero_torque"]]) == {-7.0}
+
+
+@pytest.mark.parametrize(("before", "after", "said"), [
+    ("motor.torque_constant\"]\ndis", "motor.torque_konstant\"]\ndis", "did you mean 'motor.torque_constant'"),
+    ("[vary.\"friction", "[vary.motor.torque_constant]\nsd = 1\n[vary.\"friction", "is given twice"),
+    ("aero_torque]", "aero_tork]", "did you mean 'aero_torque'"),
+    ("aero_torque]", "fin_command]", "the command is that of an experiment"),
+    ('"normal"', '"norml"', "did you mean 'normal'"),
+    ('sd = "3 %"', 'sdd = "3 %"', "unknown key 'sdd', did you mean 'sd'"),
+    ('sd = "3 %"', 'sd = "0 %"', "must be above 0"),
+    ('sd = "3 %"', 'sd = "3 kg"', "vary.motor.torque_constant.sd = 3 kg"),
+    ('sd = "3 %"', 'sd = "60 %"', "truncate it"),
+    ('sd = "3 %"', "", "sd is missing"),
+    ('low = "-6 degC"', 'low = "50 degC"', "must be below high"),
+    ('low = "-6 degC"', 'low = "-150 degC"', "must stay within -100 .. 200 degC"),
+    ('low = "-6 degC"', 'low = "50 %"', "a percentage of a temperature says nothing"),
+    ('follows = "motor.torque_constant"', 'follows = "motor.resistance"', "is no number that varies"),
+    ('kind = "constant"', 'kind = "konstant"', "did you mean 'constant'"),
+    ('kind = "step"', 'kind = "leap"', "there is step, sine, chirp, hold"),
+    ('amplitude = "5 deg"', 'amplitude = "5 V"', "experiments.step.amplitude = 5 V"),
+    ('amplitude = "5 deg"', 'amplitude = "50 deg"', "must be within"),
+    ('amplitude = "5 deg"', 'amplitude = "0 deg"', "other than 0"),
+    ('amplitude = "5 deg"', "", "amplitude is missing"),
+    ('duration = "0.3 s"', 'duration = "0.3"', "has no unit"),
+    ('duration = "0.3 s"', 'duration = "0.30005 s"', "whole number of 1 ms"),
+    ("samples = 24", "samples = 0", "campaign.samples = 0"),
+    ("seed = 5", "seed = -1", "campaign.seed = -1"),
+    ("seed = 5", 'seed = 5\nmethod = "quasi"', "campaign.method = 'quasi'"),
+    ("seed = 5", 'seed = 5\nmethod = "grid"', "a grid needs levels"),
+    ("[campaign]", "[base]\nparameters = 3\n[campaign]", "expected the name of a file"),
+    ("[campaign]", "[base]\nparameters = \"none.toml\"\n[campaign]", "none.toml: cannot be read"),
+    ("[campaign]", "[base]\nfmu = \"none.fmu\"\n[campaign]", "none.fmu: there is no such file"),
+    ("[campaign]", "[campaing]\n[campaign]", "did you mean 'campaign'"),
+    ("[campaign]", "[campaign", "cannot be read"),
+])
+def test_refusals_name_the_entry(write: Write, before: str, after: str, said: str) -> None:
+    assert before in SMALL
+    path = write(SMALL.replace(before, after, 1))
+    with pytest.raises(EmcasError, match=re.escape(said)):
+        load_study(path)
+
+
+def test_a_combination_that_never_goes_is_refused(write: Write) -> None:
+    text = SMALL + '[vary."fin.stop_angle"]\nlevels = ["10 deg"]\n'
+    with pytest.raises(CampaignError, match=r"at its median: fin\.stop_angle"):
+        load_study(write(text))
+
+
+def test_a_grid_multiplies(write: Write) -> None:
+    text = """
+[campaign]
+method = "grid"
+[vary."motor.resistance"]
+low = "0.2 Ohm"
+high = "0.3 Ohm"
+count = 3
+[vary."encoder.enabled"]
+levels = [true, false]
+[experiments.a]
+kind = "hold"
+amplitude = "0 deg"
+"""
+    study = load_study(write(text))
+    assert study.samples == 6
+    # A third of a tenth, added in floats: a rounding or two.
+    assert study.plan.factors[0].distribution.levels == pytest.approx((0.2, 0.25, 0.3), rel=1e-15)
+    with pytest.raises(CampaignError, match="the grid has 6 points"):
+        load_study(write(text.replace('"grid"', '"grid"\nsamples = 7')))

@@ -1,0 +1,151 @@
+"""Percentiles, sensitivities with their uncertainty, failures and worst samples, on rows with known answers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from math import inf, isnan, nan, sqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from scipy import stats
+
+from emcas_fmu.campaign import sample, summary
+from emcas_fmu.campaign.report import write_report
+from emcas_fmu.campaign.store import Store
+from emcas_fmu.campaign.study import Study, load_study
+
+from .conftest import SMALL
+
+Write = Callable[[str], Path]
+
+
+def made(study: Study, folder: Path, **columns: Any) -> pa.Table:
+    """Rows with figures 1, 2, 3, ... by index but for the columns given."""
+    store = Store(folder, study)
+    rows = []
+    for i in range(100):
+        about = {"index": i, "seed": 5, **{f.name: float(i % 7) for f in study.plan.factors},
+                 "motor.back_emf_constant": 0.1}
+        rows.append({**sample.failed(study.plan, about, ""), **dict.fromkeys(sample.columns(study.plan), i + 1.0),
+                     "status": "ok", **{name: values[i] for name, values in columns.items()}})
+    store.write(rows)
+    return store.table()
+
+
+def test_percentiles_are_samples(write: Write, tmp_path: Path) -> None:
+    found = summary.summarise(study := load_study(write(SMALL)), made(study, tmp_path / "out"))
+    spread = next(s for s in found.spreads if s.name == "step.rise_time")
+    assert spread.percentiles == (1.0, 5.0, 25.0, 50.0, 75.0, 95.0, 99.0)
+    assert spread.worst == ((99, 100.0), (98, 99.0), (97, 98.0))
+    rate = next(s for s in found.spreads if s.name == "step.sustained_rate")
+    assert rate.worst == ((0, 1.0), (1, 2.0), (2, 3.0))  # of a rate, the least
+    assert spread.mean == 50.5
+
+
+def test_what_was_never_reached_is_worst(write: Write, tmp_path: Path) -> None:
+    """Ten of a hundred without a figure: the 95th percentile is one of them, the median is not moved."""
+    times = [nan if i % 10 == 3 else 1.0 + i / 1000 for i in range(100)]
+    found = summary.summarise(study := load_study(write(SMALL)), made(
+        study, tmp_path / "out", **{"step.rise_time": times, "step.sustained_rate": times}))
+    spread, rate = (next(s for s in found.spreads if s.name == f"step.{n}") for n in ("rise_time", "sustained_rate"))
+    assert spread.without == 10
+    assert spread.percentiles[-2:] == (inf, inf)
+    assert rate.percentiles[:2] == (-inf, -inf)
+    assert [i for i, _ in spread.worst] == [i for i, _ in rate.worst] == [3, 13, 23]
+    assert spread.mean == pytest.approx(np.nanmean(times), rel=1e-14)
+    assert {summary.text("step.rise_time", inf), summary.text("step.sustained_rate", -inf)} == {"not reached"}
+    assert summary.text("sweep.bandwidth_3db", inf) == "beyond the sweep"
+
+
+def test_sensitivities_of_a_linear_figure() -> None:
+    """y = 3a - b + noise with standard deviations 3, 1 and 0.5: coefficients 3, -1 over sqrt(10.25).
+
+    Their standard errors are about 0.5/sqrt(10.25 n) = 0.0035; four of them are asked for, of a fixed seed.
+    """
+    rng = np.random.default_rng(1)
+    a, b, c, noise = rng.standard_normal((4, 2000))
+    explained, effects = summary.sensitivities(3 * a - b + 0.5 * noise, {"a": a, "b": b, "c": c, "still": 0 * a})
+    found = {e.factor: e for e in effects}
+    assert list(found) == ["a", "b", "c"]
+    total = sqrt(10.25)
+    for name, slope in (("a", 3.0), ("b", -1.0), ("c", 0.0)):
+        assert found[name].error == pytest.approx(0.5 / total / sqrt(2000), rel=0.1)  # itself sampled: 1/sqrt(2n)
+        # The sample's own standard deviations, by which is divided, are uncertain by 1/sqrt(2n) = 1.6 %.
+        assert found[name].coefficient == pytest.approx(slope / total, abs=4 * found[name].error, rel=4 * 0.016)
+        assert found[name].low < found[name].rank < found[name].high
+    assert (found["a"].sure, found["b"].sure, found["c"].sure) == (True, True, False)
+    assert explained == pytest.approx(1.0 - 0.25 / 10.25, abs=0.005)
+
+
+def test_intervals_hold_the_truth_as_often_as_told() -> None:
+    """Of 400 intervals at 95 % binomially 380 +- 4.4 hold it: within four of these. Normal pairs with r = 0.5
+    have a rank correlation of 6/pi asin(r/2)."""
+    rng = np.random.default_rng(2)
+    truth, held = 6.0 / np.pi * np.arcsin(0.25), 0
+    for _ in range(400):
+        x, noise = rng.standard_normal((2, 60))
+        _, (effect,) = summary.sensitivities(0.5 * x + sqrt(0.75) * noise, {"x": x})
+        assert effect.rank == pytest.approx(float(stats.spearmanr(x, 0.5 * x + sqrt(0.75) * noise).statistic))
+        held += effect.low <= truth <= effect.high
+    assert 380 - 18 <= held <= 380 + 18
+
+
+def test_too_few_or_constant_say_nothing() -> None:
+    few = np.arange(5.0)
+    assert summary.sensitivities(few, {"a": few})[1] == ()
+    many = np.arange(50.0)
+    explained, effects = summary.sensitivities(0 * many, {"a": many})
+    assert isnan(explained)
+    assert effects == ()
+
+
+def test_what_varies_elsewhere_is_no_cause(write: Write, tmp_path: Path) -> None:
+    text = SMALL + '[experiments.other]\nkind = "hold"\namplitude = { distribution = "uniform", low = "0 deg", ' \
+                   'high = "9 deg" }\nduration = "0.2 s"\n'
+    found = summary.summarise(study := load_study(write(text)), made(study, tmp_path / "out"))
+    causes = {s.name.partition(".")[0]: {e.factor for e in s.effects} for s in found.spreads}
+    assert "experiments.other.amplitude" in causes["other"]
+    assert "experiments.other.amplitude" not in causes["step"]
+
+
+def test_failures_by_reason(write: Write, tmp_path: Path) -> None:
+    status = ["failed" if i in (4, 7, 9) else "ok" for i in range(100)]
+    errors = ["at 0.1 s: lost" if i == 4 else "at 0.2 s: lost" if i == 7 else "odd" if i == 9 else ""
+              for i in range(100)]
+    found = summary.summarise(study := load_study(write(SMALL)), made(
+        study, tmp_path / "out", status=status, error=errors))
+    assert found.failures == (("at … s: lost", 2, 4), ("odd", 1, 9))
+    assert (found.done, found.failed, found.spreads[0].count) == (100, 3, 97)
+
+
+def test_page_and_json(write: Write, tmp_path: Path) -> None:
+    status = ["failed" if i == 4 else "ok" for i in range(100)]
+    times = [nan if i == 3 else 0.05 + i / 1000 for i in range(100)]
+    found = summary.summarise(study := load_study(write(SMALL)), made(
+        study, tmp_path / "out", status=status, error=[f"<b>{s}" for s in status], **{"step.rise_time": times}))
+    pages = [tmp_path / "a.html", tmp_path / "b.html"]
+    for page in pages:
+        write_report(found, page, "emcas campaign small.toml")
+    text = pages[0].read_text(encoding="utf-8")
+    assert text == pages[1].read_text(encoding="utf-8")
+    for part in (study.guid, "emcas campaign small.toml --only 3", "emcas campaign small.toml --only 4", "<svg",
+                 "&lt;b&gt;failed", "not reached"):
+        assert part in text, part
+    assert "http" not in text.replace("http://www.w3.org", "")  # nothing from outside
+    summary.write_json(found, tmp_path / "s.json", "emcas campaign small.toml")
+    document = json.loads((tmp_path / "s.json").read_text(encoding="utf-8"))
+    rise = next(f for f in document["figures"] if f["name"] == "step.rise_time")
+    assert rise["worst"][0] == {"index": 3, "value": None}
+    assert document["failed"] == 1
+    assert document["guid"] == study.guid
+
+
+def test_no_sample_worked(write: Write, tmp_path: Path) -> None:
+    found = summary.summarise(study := load_study(write(SMALL)), made(
+        study, tmp_path / "out", status=["failed"] * 100, error=["odd"] * 100))
+    write_report(found, tmp_path / "a.html", "emcas campaign small.toml")
+    assert "100 of them failed" in (tmp_path / "a.html").read_text(encoding="utf-8")

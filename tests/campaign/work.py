@@ -1,0 +1,26 @@
+"""Work for workers that come to harm."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Sequence
+
+from emcas_fmu.campaign.sample import Row, rows
+from emcas_fmu.simulation import Array
+
+DEADLY = 13
+
+
+def deadly(packed: bytes, indices: Sequence[int], drawn: Array) -> list[Row]:
+    """One sample ends the process it runs in."""
+    if DEADLY in indices:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return rows(packed, indices, drawn)
+
+
+def slow(packed: bytes, indices: Sequence[int], drawn: Array) -> list[Row]:
+    """Long enough for a worker to be killed meanwhile."""
+    time.sleep(0.2)
+    return rows(packed, indices, drawn)

@@ -1,0 +1,38 @@
+"""An archive of the shipped parameters, and ways to spoil it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from emcas_fmu.ssp.archive import Archive, write_archive
+from emcas_fmu.ssp.variants import variant_files
+from emcas_fmu.ssp.write import write_ssp
+
+Edit = Callable[..., Path]
+
+
+@pytest.fixture(scope="session")
+def ssp(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """EMCAS.ssp of the native FMU for this platform."""
+    return write_ssp(tmp_path_factory.mktemp("ssp") / "EMCAS.ssp", native, variant_files=variant_files([])).path
+
+
+@pytest.fixture
+def edited(ssp: Path, tmp_path: Path) -> Edit:
+    """A copy of the archive with text of a file replaced, everywhere it stands there: edited(file, old, new, ...)."""
+    def edit(file: str, *pairs: str) -> Path:
+        contents = Archive(ssp).contents()
+        text = re.sub(r">\s+<", "><", contents[file].decode())
+        for old, new in zip(pairs[::2], pairs[1::2]):
+            assert old in text, old
+            text = text.replace(old, new)
+        contents[file] = text.encode()
+        target = tmp_path / "edited.ssp"
+        write_archive(contents, target)
+        return target
+
+    return edit

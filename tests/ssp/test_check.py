@@ -1,0 +1,231 @@
+"""What `emcas ssp check` finds in archives that were right, with one thing spoilt."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.ssp.archive import Archive, write_archive
+from emcas_fmu.ssp.check import check
+from emcas_fmu.ssp.findings import write_json
+from emcas_fmu.ssp.schema import SSC, SSD, SSV
+from emcas_fmu.ssp.units import Unit, conversion
+
+from .conftest import Edit
+
+STRUCTURE = "SystemStructure.ssd"
+COMMAND = 'startConnector="fin[1].fin_command" endElement="fin1" endConnector="fin_command"'
+ROLL = 'startConnector="attitude.roll" endElement="fin1" endConnector="attitude.roll"'
+FED = 'startElement="fin2" startConnector="fin_angle" endElement="fin1" endConnector="fin_command"'
+
+
+def test_what_is_written_passes(ssp: Path) -> None:
+    report = check(ssp)
+    assert report.findings == ()
+    assert report.variants == ("nominal", "cold", "degraded")
+    assert report.connections == 3 * 4 * 25
+
+
+@pytest.mark.parametrize(("old", "new", "place", "expected"), [
+    (COMMAND, COMMAND.replace('"fin_command"', '"fin_comand"'), "connection fin[1].fin_command -> fin1.fin_comand",
+     "the FMU of fin1 has no variable 'fin_comand'; did you mean fin_command?"),
+    (COMMAND, COMMAND.replace("fin[1].fin_command", "fin[1].command"), "connection fin[1].command -> fin1.fin_command",
+     "the system has no connector 'fin[1].command'; did you mean fin[1].fin_command?"),
+    (COMMAND, COMMAND.replace('"fin1"', '"fin"'), "connection fin[1].fin_command -> fin.fin_command",
+     "there is no element fin; did you mean fin"),
+    (ROLL, ROLL.replace('"attitude.roll" endE', '"supply_voltage" endE'),
+     "connection supply_voltage -> fin1.attitude.roll",
+     "supply_voltage in V does not measure what fin1.attitude.roll in rad does"),
+    (ROLL, ROLL.replace('"attitude.roll" endE', '"enable" endE'), "connection enable -> fin1.attitude.roll",
+     "enable is Boolean and fin1.attitude.roll is Real"),
+    (COMMAND, FED.replace('"fin_angle"', '"fin_command"'), "connection fin2.fin_command -> fin1.fin_command",
+     "both fin2.fin_command and fin1.fin_command are ends that is fed"),
+    (ROLL, COMMAND, "connection fin[1].fin_command -> fin1.fin_command", "fin1.fin_command is fed twice"),
+    ('name="attitude.roll" kind="input" description="vehicle roll angle, for gravity"><ssc:Real unit="rad"',
+     'name="attitude.roll" kind="input" description=""><ssc:Real unit="V"', "connector fin1.attitude.roll",
+     "is declared in V, but the FMU's variable is in rad"),
+    ('name="enable" kind="input"', 'name="enable" kind="output"', "connector fin1.enable",
+     'is declared output, but is input of the FMU; write kind="input"'),
+    ('source="resources/EMCAS.fmu"', 'source="resources/EMCS.fmu"', "component fin1",
+     "its FMU resources/EMCS.fmu is not in the archive; the archive has resources/EMCAS.fmu"),
+    ('source="resources/shared.ssv"', 'source="resources/shard.ssv"', "",
+     "parameter binding of EMCAS: resources/shard.ssv: is not in edited.ssp"),
+    ('kind="input"', 'kind="inlet"', "", "[facet 'enumeration'] The value 'inlet' is not an element of the set"),
+    ('version="1.0" name="nominal"', 'version="one" name="nominal"', "",
+     "The value 'one' is not accepted by the pattern"),
+    ("</ssd:System>", "", "", "is not XML"),
+    ('emcas:Fmu guid="{', 'emcas:Fmu guid="{0', "component fin1", "was written for resources/EMCAS.fmu with GUID {0"),
+])
+def test_errors(edited: Edit, old: str, new: str, place: str, expected: str) -> None:
+    errors = check(edited(STRUCTURE, old, new)).errors
+    found = [e for e in errors if e.place == place and expected in str(e)]
+    assert found, "\n".join(map(str, errors))
+    assert found[0].file == STRUCTURE
+    assert found[0].remedy
+
+
+@pytest.mark.parametrize(("old", "new", "expected"), [
+    ('name="motor.resistance"', 'name="motor.resistence"', "parameter fin1.motor.resistence: the FMU has no variable "
+     "motor.resistence; did you mean motor.resistance?"),
+    ('name="motor.resistance"', 'name="fin_angle"', "parameter fin1.fin_angle: is output of the FMU and cannot be set"),
+    ('value="0.25" unit="Ohm"', 'value="-1" unit="Ohm"', "parameter fin1.motor.resistance: is -1 Ohm, outside 1e-06 .. "
+     "10000; give a value within the limits"),
+    ('value="0.25" unit="Ohm"', 'value="0.25" unit="V"', "is given in V, but the FMU's variable is in Ohm; give it in "
+     "Ohm"),
+    ('value="0.25" unit="Ohm"', 'value="a" unit="Ohm"', "'a' is not a valid value of the atomic type 'xs:double'"),
+    ('<ssv:Integer value="2048"', '<ssv:Real value="2048"', "parameter fin1.encoder.pulses: is given as Real, but is "
+     "Integer in the FMU; write ssv:Integer"),
+    # Of itself within its limits; only with another it makes no sense.
+    ('value="0.4363323129985824" unit="rad"', 'value="0.2" unit="rad"', "component fin1: fin.stop_angle = 0.2 rad"),
+])
+def test_errors_in_parameters(edited: Edit, old: str, new: str, expected: str) -> None:
+    errors = check(edited("resources/shared.ssv", old, new)).errors
+    assert any(expected in str(e) for e in errors), "\n".join(map(str, errors))
+
+
+def test_value_in_another_unit_is_converted_in_the_remedy(edited: Edit) -> None:
+    spoilt = edited("resources/fin1.ssv", 'unit="rad"', 'unit="deg"', 'name="rad"', 'name="deg"',
+                    '<ssc:BaseUnit rad="1"', '<ssc:BaseUnit rad="1" factor="0.017453292519943295"',
+                    'value="0.7853981633974483"', 'value="45"')
+    (error,) = {str(e) for e in check(spoilt).errors}
+    assert error.endswith("is given in deg, but the FMU's variable is in rad; write 0.785398163397 rad: no host "
+                          "converts here")
+
+
+@pytest.mark.parametrize(("new", "level", "expected"), [
+    ("", "error", "fin[1].fin_command is in deg and fin1.fin_command in rad, which hosts pass on as they are; use one "
+     "unit, or add a LinearTransformation with factor 0.0174532925199 and offset 0"),
+    ('factor="2"', "error", "its transformation is not that from deg to rad; write factor 0.0174532925199"),
+    ('factor="0.017453292519943295"', "warning", "a host that converts units does so besides the transformation"),
+])
+def test_unit_converted_on_the_way(edited: Edit, new: str, level: str, expected: str) -> None:
+    wiring = f'<ssd:Connection {COMMAND} />'
+    changed = wiring if not new else wiring[:-2] + f"><ssc:LinearTransformation {new}/></ssd:Connection>"
+    text = ('name="fin[1].fin_command" kind="input" description="commanded fin angle; clipped to +-command.limit">'
+            '<ssc:Real unit="rad"')
+    spoilt = edited(STRUCTURE, wiring, changed, text, text.replace("rad", "deg"), '<ssd:Units>',
+                    '<ssd:Units><ssc:Unit name="deg"><ssc:BaseUnit rad="1" factor="0.017453292519943295"/></ssc:Unit>')
+    found = check(spoilt).findings
+    assert [f.level for f in found if expected in str(f)] == [level], "\n".join(map(str, found))
+
+
+def test_warnings(edited: Edit) -> None:
+    """An input without a wire, and a parameter changed where some hosts read it and others do not."""
+    unwired = check(edited(STRUCTURE, f"<ssd:Connection {ROLL} />", ""))
+    assert unwired.errors == ()
+    assert ["input fin1.attitude.roll: is not wired: it stays at 0" in str(f) for f in unwired.findings] == [True]
+    differing = check(edited("resources/flat/nominal_fin1.ssv", 'value="0.25" unit="Ohm"', 'value="0.3" unit="Ohm"'))
+    assert differing.errors == ()
+    (warning,) = differing.findings
+    assert "fin1.motor.resistance: is 0.3, but 0.25 by the sets SystemStructure.ssd binds" in str(warning)
+    inner = check(edited(STRUCTURE, COMMAND, FED))
+    assert inner.errors == ()
+    assert any("is below wiring:Connections, which libcosim and Ecos pass over" in str(f) for f in inner.findings)
+    backwards = 'startElement="fin1" startConnector="fin_command" endConnector="fin[1].fin_command"'
+    turned = check(edited(STRUCTURE, COMMAND, backwards))
+    assert ["runs from its end to its start" in str(f) for f in turned.findings] == [True]
+    plain = check(edited(STRUCTURE, "wiring:Connections", "ssd:Connections"))
+    assert ["with which libcosim and Ecos refuse the file" in str(f) for f in plain.findings] == [True]
+
+
+def test_another_fmu(ssp: Path, native: Path, fmu: Path, tmp_path: Path) -> None:
+    """The two back ends have one interface, hence one GUID; another interface has another."""
+    assert check(ssp, fmu=native).findings == check(ssp, fmu=fmu).findings == ()
+    wanted = "{00000000-0000-0000-0000-000000000000}"
+    error = check(ssp, guid=wanted).errors[0]
+    assert error.place == "component fin1"
+    assert f"wanted is {wanted}; write the archive anew" in str(error)
+    with pytest.raises(EmcasError, match="is not an FMU"):
+        check(ssp, fmu=Path(__file__))
+    contents = Archive(ssp).contents()
+    with zipfile.ZipFile(tmp_path / "other.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", "<fmiModelDescription fmiVersion='2.0' guid='x' modelName='m'/>")
+    contents["resources/EMCAS.fmu"] = (tmp_path / "other.fmu").read_bytes()
+    write_archive(contents, tmp_path / "other.ssp")
+    messages = [str(e) for e in check(tmp_path / "other.ssp").errors]
+    assert any("fin_command -> fin1.fin_command: the FMU of fin1 has no variable 'fin_command'" in m or
+               "resources/EMCAS.fmu" in m for m in messages)
+
+
+NESTED = f"""<ssd:SystemStructureDescription xmlns:ssd="{SSD}" xmlns:ssc="{SSC}" xmlns:ssv="{SSV}"
+version="1.0" name="mine">
+<ssd:System name="vehicle"><ssd:Elements><ssd:System name="tail">
+<ssd:Connectors><ssd:Connector name="left" kind="input"><ssc:Real unit="deg"/></ssd:Connector></ssd:Connectors>
+<ssd:ParameterBindings><ssd:ParameterBinding prefix="unit."><ssd:ParameterValues>
+<ssv:ParameterSet version="1.0" name="own"><ssv:Parameters>
+<ssv:Parameter name="motor.resistance"><ssv:Real value="0.3"/></ssv:Parameter>
+<ssv:Parameter name="motor.hue"><ssv:Real value="1"/></ssv:Parameter>
+</ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues></ssd:ParameterBinding></ssd:ParameterBindings>
+<ssd:Elements><ssd:Component name="unit" source="resources/EMCAS.fmu"><ssd:Connectors>
+<ssd:Connector name="fin_command" kind="input"><ssc:Real unit="rad"/></ssd:Connector></ssd:Connectors></ssd:Component>
+</ssd:Elements><ssd:Connections>
+<ssd:Connection startConnector="left" endElement="unit" endConnector="fin_command"/></ssd:Connections></ssd:System>
+</ssd:Elements></ssd:System>
+<ssd:Units><ssc:Unit name="deg"><ssc:BaseUnit rad="1" factor="0.0174532925199433"/></ssc:Unit>
+<ssc:Unit name="rad"><ssc:BaseUnit rad="1"/></ssc:Unit></ssd:Units></ssd:SystemStructureDescription>"""
+
+
+def test_somebodys_own_archive(native: Path, tmp_path: Path) -> None:
+    """A system within a system, values inline, no record of the FMU: all of SSP that ours does not use."""
+    write_archive({STRUCTURE: NESTED.encode(), "resources/EMCAS.fmu": native.read_bytes()}, tmp_path / "mine.ssp")
+    report = check(tmp_path / "mine.ssp")
+    assert {f"{e.place}: {e.message}" for e in report.errors} == {
+        "connection left -> unit.fin_command in tail: left is in deg and unit.fin_command in rad, which hosts pass on "
+        "as they are",
+        "parameter unit.motor.hue: the FMU has no variable motor.hue"}
+    warned = {w.place for w in report.warnings}
+    assert {"system tail", "input tail.unit.enable", "input tail.left"} <= warned
+    assert "input tail.unit.fin_command" not in warned
+
+
+def test_json(edited: Edit, tmp_path: Path) -> None:
+    write_json(check(edited(STRUCTURE, COMMAND, COMMAND.replace('"fin_command"', '"fin_comand"'))), tmp_path / "f.json")
+    found = json.loads((tmp_path / "f.json").read_text())
+    assert found["passed"] is False
+    assert found["findings"][0]["place"] == "connection fin[1].fin_command -> fin1.fin_comand"
+    assert set(found["findings"][0]) == {"level", "file", "place", "message", "remedy"}
+
+
+def test_files_that_are_no_archive(tmp_path: Path) -> None:
+    for name, content in (("empty.ssp", b""), ("text.ssp", b"hello")):
+        (tmp_path / name).write_bytes(content)
+        assert "is not a ZIP archive" in str(check(tmp_path / name).errors[0])
+    write_archive({"readme.txt": b""}, tmp_path / "other.ssp")
+    assert "has no SystemStructure.ssd at its root" in str(check(tmp_path / "other.ssp").errors[0])
+    with pytest.raises(EmcasError, match="cannot be read"):
+        check(tmp_path / "none.ssp")
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_damage_is_told_and_never_raised(ssp: Path, tmp_path: Path, data: st.DataObject) -> None:
+    """Bytes of the archive, or characters of its structure, overwritten at random."""
+    if data.draw(st.booleans()):
+        content = bytearray(ssp.read_bytes())
+        for _ in range(data.draw(st.integers(1, 4))):
+            content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+        (tmp_path / "damaged.ssp").write_bytes(content)
+    else:
+        contents = Archive(ssp).contents()
+        name = data.draw(st.sampled_from([STRUCTURE, "resources/shared.ssv", "resources/flat/nominal_fin1.ssv"]))
+        text = contents[name]
+        at = data.draw(st.integers(0, len(text) - 1))
+        contents[name] = text[:at] + data.draw(st.binary(max_size=6)) + text[at + data.draw(st.integers(0, 6)):]
+        write_archive(contents, tmp_path / "damaged.ssp")
+    for finding in check(tmp_path / "damaged.ssp").findings:
+        assert str(finding)
+
+
+def test_conversion() -> None:
+    kelvin, celsius = Unit("K", (0, 0, 0, 0, 1, 0, 0, 0)), Unit("degC", (0, 0, 0, 0, 1, 0, 0, 0), 1.0, 273.15)
+    found = conversion(celsius, kelvin)
+    assert found is not None
+    assert found(-6.0) == pytest.approx(267.15, rel=1e-15)
+    assert not found.identity
+    assert conversion(kelvin, Unit("rad", (0, 0, 0, 0, 0, 0, 0, 1))) is None

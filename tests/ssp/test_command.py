@@ -1,0 +1,59 @@
+"""`emcas ssp` and `emcas ssp check` as a user calls them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from emcas_fmu.cli import app
+
+from .conftest import Edit
+
+
+def call(*arguments: str | Path, code: int = 0) -> str:
+    """What the command prints, in one line; it has to end with `code`."""
+    done = CliRunner().invoke(app, ["ssp", *map(str, arguments)])
+    assert done.exit_code == code, done.output
+    assert "Traceback" not in done.output
+    return " ".join(done.output.split())
+
+
+def test_write_and_check(native: Path, tmp_path: Path) -> None:
+    target, fin = tmp_path / "four.ssp", tmp_path / "second.toml"
+    fin.write_text('[motor]\nresistance = "0.5 Ohm"\n')
+    printed = call("--fmu", native, "-o", target, "--layout", "plus", "--fin", f"2={fin}")
+    assert "variants nominal (SystemStructure.ssd), cold (cold.ssd), degraded (degraded.ssd)" in printed
+    assert "passed, 0 warnings" in call("check", target, "--fmu", native)
+
+
+def test_check_fails(edited: Edit, tmp_path: Path) -> None:
+    spoilt = edited("SystemStructure.ssd", 'endConnector="aero_torque"', 'endConnector="aero_torqe"')
+    printed = call("check", spoilt, "--json", tmp_path / "f.json", code=1)
+    assert "failed, 4 errors" in printed
+    findings = json.loads((tmp_path / "f.json").read_text())["findings"]
+    assert "connection fin[2].aero_torque -> fin2.aero_torqe" in [f["place"] for f in findings]
+
+
+@pytest.mark.parametrize(("arguments", "expected"), [
+    (["check", "none.ssp"], "none.ssp: cannot be read"),
+    (["check", "none.ssp", "--guid", "x", "--fmu", "y"], "give one of --fmu and --guid"),
+    (["--fmu", "none.fmu"], "none.fmu: cannot be read"),
+    (["--fin", "5=a.toml"], "--fin 5=a.toml: expected N=FILE with N from 1 to 4"),
+    (["--fin", "second.toml"], "--fin second.toml: expected N=FILE"),
+    (["--variant", "hot"], "--variant hot: expected NAME=FILE"),
+    (["--variant", "nominal=a.toml"], "'nominal' cannot name a variant"),
+    (["--variant", "hot=a.toml"], "a.toml: cannot be read"),
+    (["-p", "a.toml"], "a.toml: cannot be read"),
+])
+def test_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], expected: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert expected in call(*arguments, code=2)
+    assert not list(tmp_path.iterdir())
+
+
+def test_help_has_examples() -> None:
+    assert "emcas ssp check EMCAS.ssp" in call("--help")
+    assert "emcas ssp check vehicle.ssp --json findings.json" in call("check", "--help")

@@ -1,0 +1,184 @@
+"""The archive in fmpy, libcosim and Ecos: the same trajectories, and what each makes of it by itself."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fmpy.ssp.simulation import simulate_ssp
+from fmpy.ssp.ssd import read_ssv
+
+from emcas_fmu.ssp import hosts
+from emcas_fmu.ssp.archive import Archive, write_archive
+from emcas_fmu.ssp.schema import SspError
+from tests.hosts.host import Trajectory, difference, missing, tool, trajectory
+
+from .conftest import Edit
+from .run_in import ABSENT, STEPS
+
+pytestmark = pytest.mark.fmu
+HERE = Path(__file__).parent
+OTHERS = ("libcosimpy", "ecospy")
+# Hosts count time their own way (nanoseconds, a running sum, a product), to within 1e-15 s of each other; the fastest
+# output changes by 1e6 a second, hence by 1e-9 at most.
+SAME = 1e-9
+
+
+def printed(script: str, host: str, *arguments: str | Path) -> str:
+    """What a script prints in a process of its own; the test is skipped where the host is not."""
+    if host == "ecospy":
+        tool("unzip", "unzip")  # how ecos opens an archive
+    done = subprocess.run([sys.executable, HERE / script, host, *arguments], capture_output=True, text=True, timeout=60)
+    if done.returncode == ABSENT:
+        missing(f"{host} cannot be loaded: {done.stderr.strip()}")
+    assert done.returncode == 0, done.stdout[-1000:] + done.stderr[-4000:]
+    return done.stdout
+
+
+def run(host: str, ssp: Path, variant: str = "nominal", mode: str = "open") -> Trajectory:
+    """The trajectory of all outputs in a host."""
+    found = trajectory(printed("run_in.py", host, ssp, variant, mode))
+    assert len(found["time"]) == STEPS
+    return found
+
+
+@pytest.fixture(scope="module")
+def expected(ssp: Path) -> Trajectory:
+    """The nominal system in fmpy."""
+    return run("fmpy", ssp)
+
+
+def test_each_fin_does_what_it_is_told(expected: Trajectory) -> None:
+    """Within the overshoot of small steps, before loads and sag; afterwards the bridge is off."""
+    for i in (1, 2, 3, 4):
+        assert abs(expected[f"fin[{i}].fin_angle"][99] - 0.06 * i) < 0.02
+        assert expected[f"fin[{i}].motor_current"][-1] == 0.0
+
+
+@pytest.mark.parametrize("host", OTHERS)
+@pytest.mark.parametrize("variant", ["nominal", "cold", "degraded"])
+def test_same_trajectory_as_in_fmpy(host: str, variant: str, ssp: Path, expected: Trajectory) -> None:
+    """Inputs set between steps and parameters of the variant; nothing is a step late, nothing is left out."""
+    wanted = expected if variant == "nominal" else run("fmpy", ssp, variant)
+    found = run(host, ssp, variant)
+    assert difference(wanted, found) < SAME
+    late = {name: values[1:] for name, values in wanted.items()}
+    assert difference(late, {name: values[:-1] for name, values in found.items()}) > 1e-3
+    if variant != "nominal":
+        assert difference(expected, found) > 1e-3  # were its parameters left out, this would be the same
+
+
+@pytest.mark.parametrize("host", hosts.HOSTS)
+def test_a_wire_between_components_is_a_step_late(host: str, edited: Edit, ssp: Path) -> None:
+    """As late as a loop that reads after each step and sets before the next, in every host."""
+    wired = edited("SystemStructure.ssd", 'startConnector="fin[2].fin_command"',
+                   'startElement="fin1" startConnector="fin_angle"')
+    found, wanted = run(host, wired, mode="wired"), run("fmpy", ssp, mode="loop")
+    if host == "ecospy":
+        # Ecos passes values on at the end of the step: what depends on an input at once is that of the next one.
+        ahead = found.pop("fin[2].tracking_error")
+        expected = np.subtract(wanted["fin[1].fin_angle"], wanted["fin[2].fin_angle"])
+        np.testing.assert_allclose(ahead, expected, rtol=0, atol=SAME)
+        assert np.abs(wanted.pop("fin[2].tracking_error") - expected).max() > 1e-3
+    assert difference(wanted, found) < SAME
+    assert abs(found["fin[2].fin_angle"][99] - 0.06) < 0.02
+
+
+@pytest.mark.parametrize("host", OTHERS)
+def test_connections_under_the_usual_prefix(host: str, edited: Edit, expected: Trajectory) -> None:
+    """Which neither would open by itself."""
+    plain = edited("SystemStructure.ssd", "wiring:Connections", "ssd:Connections")
+    assert difference(expected, run(host, plain)) < SAME
+
+
+def parameters(host: str, ssp: Path, asked: str) -> list[tuple[float, ...]]:
+    """What plain_in prints, by fin: azimuth [deg], temperature [degC], friction at the hinge [N.m], bus [V]."""
+    rows = [[float(word) for word in line.split()] for line in printed("plain_in.py", host, ssp, asked).splitlines()]
+    return [(round(np.degrees(row[0]), 9), *row[1:]) for row in rows]
+
+
+def test_the_file_as_it_is_in_libcosim_and_ecos(ssp: Path, tmp_path: Path) -> None:
+    nominal = [(a, 24.0, 0.0, 39.0) for a in (45.0, 135.0, 225.0, 315.0)]
+    cold = [(a, -6.0, 0.0, 39.0) for a, *_ in nominal]
+    assert parameters("libcosimpy", ssp, "-") == nominal
+    assert parameters("ecospy", ssp, "nominal") == nominal
+    assert parameters("ecospy", ssp, "-") == [(0.0, 24.0, 0.0, 39.0)] * 4  # the FMU's own, as docs/ssp.md warns
+    with zipfile.ZipFile(ssp) as archive:
+        archive.extractall(tmp_path)
+    assert parameters("libcosimpy", tmp_path / "cold.ssd", "-") == cold
+    (tmp_path / "cold.ssd").replace(tmp_path / "SystemStructure.ssd")
+    assert parameters("ecospy", tmp_path, "cold") == cold
+
+
+def test_simulate_ssp_is_a_step_late(ssp: Path) -> None:
+    """It feeds zeros in the first step and everything else one step late; the fins rest meanwhile."""
+    names = [f"fin[{i}].fin_angle" for i in (1, 2, 3, 4)]
+    command: dict[str, Callable[[float], float]] = {
+        f"fin[{i}].fin_command": lambda _, angle=0.06 * i: angle for i in (1, 2, 3, 4)}  # type: ignore[misc]
+    given = {"supply_voltage": lambda _: 39.0, "enable": lambda _: 1.0, **command}
+    table = read_ssv(str(ssp), "resources/flat/cold.ssv")
+    found = simulate_ssp(str(ssp), stop_time=0.0995, step_size=1e-3, parameter_set=table, input=given)
+    with hosts.open(ssp, "fmpy", "cold") as system:
+        rows = []
+        for i in (1, 2, 3, 4):
+            system.set(f"fin[{i}].fin_command", 0.06 * i)
+        for _ in range(100):
+            system.step()
+            rows.append([system.get(name) for name in names])
+    assert len(found) == 100
+    shifted = np.column_stack([found[name] for name in names])[1:]
+    np.testing.assert_allclose(shifted, np.array(rows)[:-1], rtol=0, atol=SAME)
+    assert np.ptp(shifted[:, 3]) > 0.2
+    # Without the bus and the switch nothing moves.
+    dead = simulate_ssp(str(ssp), stop_time=0.05, step_size=1e-3, parameter_set=table,
+                        input=command)
+    assert np.ptp(dead["fin[4].fin_angle"]) == 0.0
+
+
+def test_misuse_of_a_system(ssp: Path, edited: Edit) -> None:
+    with pytest.raises(SspError, match="no host 'ecos'; there is fmpy, libcosimpy, ecospy"):
+        hosts.open(ssp, "ecos")
+    with pytest.raises(SspError, match="no variant 'warm'; it has nominal, cold, degraded"):
+        hosts.open(ssp, "fmpy", "warm")
+    with pytest.raises(SspError, match="must be above 0"):
+        hosts.open(ssp, "fmpy", step=0.0)
+    spoilt = edited("resources/shared.ssv", 'name="motor.resistance"', 'name="motor.resistence"')
+    with pytest.raises(SspError, match=r"did you mean motor\.resistance"):
+        hosts.open(spoilt, "fmpy")
+    with hosts.open(ssp, "fmpy") as system:
+        with pytest.raises(SspError, match=r"no input 'fin1.fin_command'; did you mean fin\[1\]\.fin_command"):
+            system.set("fin1.fin_command", 0.0)
+        with pytest.raises(SspError, match="must be finite"):
+            system.set("supply_voltage", float("nan"))
+        with pytest.raises(SspError, match="not known before the first step"):
+            system.get("fin[1].fin_angle")
+        system.set("supply_voltage", -1.0)
+        system.step()
+        with pytest.raises(SspError, match=r"no output 'fin_angle'; did you mean fin\[\d\]\.fin_angle"):
+            system.get("fin_angle")
+        assert system.time == 1e-3
+    system.close()
+    with pytest.raises(SspError, match="the system is closed"):
+        system.step()
+
+
+def test_an_fmu_of_other_platforms(ssp: Path, tmp_path: Path) -> None:
+    contents, stripped = Archive(ssp).contents(), BytesIO()
+    with zipfile.ZipFile(BytesIO(contents["resources/EMCAS.fmu"])) as unit, zipfile.ZipFile(stripped, "w") as target:
+        for name in unit.namelist():
+            target.writestr(name.replace("linux64", "other").replace("win64", "other"), unit.read(name))
+    write_archive({**contents, "resources/EMCAS.fmu": stripped.getvalue()}, tmp_path / "other.ssp")
+    with pytest.raises(SspError, match="has binaries for other only, and this is"):
+        hosts.open(tmp_path / "other.ssp", "fmpy")
+
+
+def test_absent_host(ssp: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "libcosimpy", None)
+    with pytest.raises(SspError, match=r"libcosimpy cannot be loaded .*pip install libcosimpy"):
+        hosts.open(ssp, "libcosimpy")

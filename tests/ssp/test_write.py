@@ -1,0 +1,195 @@
+"""What `emcas ssp` writes: valid, the same every time, and saying what was asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import radians
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fmpy.ssp.ssd import find_components, get_connections, read_ssd, read_ssv
+from lxml import etree
+
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.package import build
+from emcas_fmu.fmi.units import UNITS
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.ssp.archive import Archive
+from emcas_fmu.ssp.schema import SSC, SSD, SSV, parse, violations
+from emcas_fmu.ssp.settings import Values, effective
+from emcas_fmu.ssp.structure import Structure, read_structure
+from emcas_fmu.ssp.system import OWN_INPUTS, outer_name
+from emcas_fmu.ssp.variants import variant_files
+from emcas_fmu.ssp.write import write_ssp
+from emcas_fmu.variables import INPUTS, OUTPUTS, PARAMETERS
+
+FILES = {"nominal": "SystemStructure.ssd", "cold": "cold.ssd", "degraded": "degraded.ssd"}
+
+
+def structure(ssp: Path, variant: str = "nominal") -> Structure:
+    """A variant as read back; nothing may be wrong with it."""
+    def refuse(file: str, problem: str) -> None:
+        raise AssertionError(f"{file}: {problem}")
+
+    return read_structure(Archive(ssp), FILES[variant], refuse)
+
+
+def of_fin(values: Values, number: int) -> dict[str, Any]:
+    """The parameters of a fin."""
+    return {name: value for (component, name), value in values.items() if component == f"fin{number}"}
+
+
+def test_every_file_is_valid(ssp: Path) -> None:
+    archive = Archive(ssp)
+    checked = [n for n in archive.names if n.endswith((".ssd", ".ssv"))]
+    assert len(checked) > 20
+    for name in checked:
+        assert violations(parse(archive.read(name), name), SSD if name.endswith(".ssd") else SSV) == []
+
+
+def test_fmpy_reads_it(ssp: Path) -> None:
+    """fmpy validates against its schemas, and knows a system's connector from a component's by path only."""
+    read = read_ssd(str(ssp))
+    assert [c.name for c in find_components(read.system)] == ["fin1", "fin2", "fin3", "fin4"]
+    assert len(get_connections(read.system)) == 4 * len(INPUTS + OUTPUTS)
+    names = [c.name for c in read.system.connectors]
+    assert not {f"fin{i}.{v.name}" for i in range(1, 5) for v in INPUTS + OUTPUTS} & set(names)
+    for variant in FILES:
+        found = {p.name for p in read_ssv(str(ssp), f"resources/flat/{variant}.ssv").parameters}
+        reals = {f"fin{i}.{p.name}" for i in range(1, 5) for p in PARAMETERS if p.kind != "Boolean"}
+        assert found == {*reals, "supply_voltage"}
+
+
+def test_connectors_are_those_of_the_table(ssp: Path) -> None:
+    read = structure(ssp)
+    for element in read.system.elements.values():
+        assert {(c.name, c.kind, c.type, c.unit) for c in element.connectors.values()} == {
+            (v.name, v.causality, v.kind, v.unit if v.kind == "Real" else "") for v in INPUTS + OUTPUTS}
+    own = {v.name for v in OUTPUTS} | set(OWN_INPUTS)
+    shared = {v.name for v in INPUTS} - own
+    assert set(OWN_INPUTS) < {v.name for v in INPUTS}
+    assert set(read.system.connectors) == shared | {f"fin[{i}].{name}" for i in range(1, 5) for name in own}
+    for name, unit in read.units.items():
+        assert unit.exponents == tuple(UNITS[name].exponents.get(b, 0) for b in ("kg", "m", "s", "A", "K", "mol", "cd",
+                                                                               "rad"))
+
+
+def test_every_variable_is_wired(ssp: Path) -> None:
+    wired = {(c.start, c.end) for c in structure(ssp).system.connections}
+    for i in range(1, 5):
+        assert {(("", outer_name(i, v.name)), (f"fin{i}", v.name)) for v in INPUTS} <= wired
+        assert {((f"fin{i}", v.name), ("", outer_name(i, v.name))) for v in OUTPUTS} <= wired
+    assert outer_name(3, "fin_command") == "fin[3].fin_command"
+    assert outer_name(3, "attitude.roll") == "attitude.roll"
+
+
+@pytest.mark.parametrize("variant", FILES)
+def test_components_sets_say_what_the_composed_ones_do(ssp: Path, variant: str) -> None:
+    """The three ways to the same numbers, for hosts that read one of them only."""
+    read = structure(ssp, variant)
+    composed = effective(read)
+    named = {p.name: p.value for p in read_ssv(str(ssp), f"resources/flat/{variant}.ssv").parameters}
+    for i in range(1, 5):
+        (binding,) = read.system.elements[f"fin{i}"].bindings
+        assert binding.name == variant  # the name Ecos asks for
+        alone = {s.name: s.typed for s in binding.settings}
+        bus = alone.pop("supply_voltage")
+        assert bus == composed["", "supply_voltage"] == float(named["supply_voltage"])
+        assert alone == {n: v for n, v in of_fin(composed, i).items() if n != "supply_voltage"}
+        assert alone == {n: float(named[f"fin{i}.{n}"]) for n in alone}
+
+
+@pytest.mark.parametrize(("layout", "azimuths"), [("cross", (45, 135, 225, 315)), ("plus", (0, 90, 180, 270))])
+def test_layout(native: Path, tmp_path: Path, layout: str, azimuths: tuple[float, ...]) -> None:
+    values = effective(structure(write_ssp(tmp_path / "a.ssp", native, layout=layout).path))
+    assert [values[f"fin{i}", "mounting.azimuth"] for i in range(1, 5)] == [radians(a) for a in azimuths]
+
+
+def test_variants(ssp: Path, values: Mapping[str, Any]) -> None:
+    """Nominal is the default set but for the azimuth; the others are what models/*.toml say of it."""
+    found = {variant: effective(structure(ssp, variant)) for variant in FILES}
+    nominal = of_fin(found["nominal"], 2)
+    assert {n for n, v in nominal.items() if n in values and v != values[n]} == {"mounting.azimuth"}
+    assert of_fin(found["cold"], 2) == {**nominal, "friction.temperature": -6.0}
+    motor = {"motor.torque_constant": 0.93, "motor.back_emf_constant": 0.93, "motor.resistance": 1.15}
+    degraded = {**nominal, **{n: pytest.approx(s * values[n], rel=1e-15) for n, s in motor.items()}}
+    assert {n: v for n, v in of_fin(found["degraded"], 2).items() if n != "supply_voltage"} == {
+        n: v for n, v in degraded.items() if n != "supply_voltage"}
+    assert of_fin(found["degraded"], 1)["friction.fin_coulomb"] == 10.0
+    assert found["degraded"]["", "supply_voltage"] == pytest.approx(0.9 * values["drive.supply_voltage"], rel=1e-15)
+
+
+def test_parameters_of_the_fmu_of_a_file_and_of_a_fin(tmp_path: Path) -> None:
+    """A file counts more than what the FMU starts with, a fin's own more than that; a variant's share is of that."""
+    (tmp_path / "unit.toml").write_text('[motor]\nresistance = "0.3 Ohm"\n[encoder]\non_fin = true\n')
+    (tmp_path / "base.toml").write_text('[motor]\nresistance = "0.4 Ohm"\n')
+    (tmp_path / "second.toml").write_text('[motor]\nresistance = "0.5 Ohm"\n[mounting]\nazimuth = "100 deg"\n')
+    unit = build(load_parameters(tmp_path / "unit.toml"), tmp_path / "unit.fmu").path
+
+    alone = effective(structure(write_ssp(tmp_path / "a.ssp", unit).path))
+    assert alone["fin1", "motor.resistance"] == 0.3
+    assert ("fin1", "encoder.on_fin") not in alone  # as it is in the FMU
+    both = write_ssp(tmp_path / "b.ssp", unit, tmp_path / "base.toml", fin_files={2: tmp_path / "second.toml"},
+                     variant_files=variant_files([])).path
+    found = effective(structure(both))
+    assert found["fin1", "motor.resistance"] == 0.4
+    assert found["fin2", "motor.resistance"] == 0.5
+    assert found["fin2", "mounting.azimuth"] == radians(100)
+    assert found["fin1", "encoder.on_fin"] is False  # the file's default, not what is in the FMU
+    weak = effective(structure(both, "degraded"))
+    assert [weak[f"fin{i}", "motor.resistance"] for i in (1, 2)] == pytest.approx([0.46, 0.575], rel=1e-15)
+
+
+def test_same_bytes(ssp: Path, native: Path, tmp_path: Path) -> None:
+    again = write_ssp(tmp_path / "again.ssp", native, variant_files=variant_files([]))
+    assert again.path.read_bytes() == ssp.read_bytes()
+    assert again.report.findings == ()
+    assert list(tmp_path.iterdir()) == [again.path]
+
+
+def test_one_name_of_a_namespace_hides_connections_from_readers_of_prefixes(ssp: Path) -> None:
+    """libcosim and Ecos would refuse the file if they found them; readers of XML do find them."""
+    text = Archive(ssp).read("SystemStructure.ssd")
+    assert b"<ssd:Connections" not in text
+    root = etree.fromstring(text)
+    (found,) = root.iterfind(f"{{{SSD}}}System/{{{SSD}}}Connections")
+    assert found.prefix == "wiring"
+    assert root.find(f"{{{SSD}}}Units/{{{SSC}}}Unit[@name='rad']") is not None
+
+
+@pytest.mark.parametrize(("given", "expected"), [
+    ({"output": Path("a.zip")}, "must end in .ssp"),
+    ({"output": Path("nowhere/a.ssp")}, "there is no folder nowhere"),
+    ({"fins": 0}, "--fins 0: must be 1 to 9"),
+    ({"fins": 10}, "--fins 10: must be 1 to 9"),
+    ({"layout": "x"}, "--layout x: there is cross and plus"),
+    ({"prefix": "osp"}, "--connections-prefix osp"),
+    ({"fmu": Path("none.fmu")}, "none.fmu: cannot be read"),
+    ({"fmu": Path(__file__)}, "is not an FMU that can be read"),
+])
+def test_refused(native: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: dict[str, Any],
+                 expected: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(EmcasError) as caught:
+        write_ssp(**{"output": Path("a.ssp"), "fmu": native, **given})
+    assert expected in str(caught.value)
+    assert not list(tmp_path.rglob("*.ssp"))
+
+
+@pytest.mark.parametrize(("text", "expected"), [
+    ("[every_fin.motor]\nresistence = '1 Ohm'\n",
+     "hot.toml: fin1: motor.resistence = 1 Ohm: unknown parameter; did you mean motor.resistance?"),
+    ("[every_fin.motor]\nresistance = '115 s'\n", "the unit s does not measure this quantity"),
+    ("[every_fin.motor]\nresistance = '-5 %'\n", "motor.resistance = -0.0125 Ohm: is -0.0125 Ohm; it must be within"),
+    ("[motor]\nresistance = '1 Ohm'\n", "hot.toml: motor: expected tables every_fin, fin1, fin2"),
+    ("[fin2.drive]\nsupply_voltage = '90 %'\n", "drive.supply_voltage differs between fins, which share it"),
+    ("nonsense", "hot.toml: cannot be read"),
+])
+def test_bad_variant_file(native: Path, tmp_path: Path, text: str, expected: str) -> None:
+    file = tmp_path / "hot.toml"
+    file.write_text(text)
+    with pytest.raises(EmcasError) as caught:
+        write_ssp(tmp_path / "a.ssp", native, variant_files={"hot": file})
+    assert expected in str(caught.value)
+    assert not list(tmp_path.rglob("*.ssp"))
