@@ -1,0 +1,1 @@
+"""Examples of the actuator in other people's simulations."""

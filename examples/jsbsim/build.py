@@ -1,0 +1,27 @@
+"""FMUs built for a run where none is given."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+from emcas_fmu.compiler import CompilerError, local_compilers, local_platform, zig
+from emcas_fmu.fmi.package import build
+from emcas_fmu.parameters import load_parameters
+
+
+def build_unit(folder: Path, fins: int) -> Path:
+    """A native unit of 1 or 4 fins with default parameters, for this platform, in `folder`.
+
+    By zig, or a system compiler where there is no zig. Raises CompilerError with the remedy where there is neither.
+    """
+    local, cc = local_platform(), None
+    if local is not None and zig() is None:
+        compiler = next(local_compilers(), None)
+        cc = shlex.join(compiler.command) if compiler else None
+    if local is None or (zig() is None and cc is None):
+        raise CompilerError("no --fmu is given, and there is no C compiler to build one: pip install "
+                            "'emcas-fmu[native]', or build a slower one without compiler, "
+                            "`python build_fmu.py --fins 4`, and give --fmu EMCAS4.fmu")
+    name = "EMCAS.fmu" if fins == 1 else f"EMCAS{fins}.fmu"
+    return build(load_parameters(), folder / name, "native", [local.name], cc, fins=fins, layout="cross").path

@@ -1,0 +1,145 @@
+"""Fly the rocket: `python examples/jsbsim/fly.py --help`."""
+
+from __future__ import annotations
+
+import sys
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+if __package__ in (None, ""):  # run as a file: modules are found from the folder above examples
+    sys.path[0] = str(Path(__file__).resolve().parents[2])
+
+EPILOG = ("Examples:\n\n  python examples/jsbsim/fly.py --output flight"
+          "\n\n  python examples/jsbsim/fly.py --host all --manoeuvre aggressive --actuator stiff --no-convergence"
+          "\n\n  python examples/jsbsim/fly.py --fmu My4.fmu --bus-resistance 0.05 --actuator nonlinear"
+          "\n\n  python examples/jsbsim/fly.py --actuator ideal --step 4 --output coarse --format npz")
+
+
+class Actuator(str, Enum):
+    """What moves the fins."""
+
+    IDEAL = "ideal"
+    SECOND_ORDER = "second-order"
+    NONLINEAR = "nonlinear"
+    STIFF = "stiff"
+    ALL = "all"
+
+
+class Host(str, Enum):
+    """The master that steps an archive's FMUs."""
+
+    FMPY = "fmpy"
+    LIBCOSIM = "libcosim"
+    ECOS = "ecos"
+    ALL = "all"
+
+
+class Flown(str, Enum):
+    """What is flown."""
+
+    GENTLE = "gentle"
+    AGGRESSIVE = "aggressive"
+    TIGHT = "tight"
+    ALL = "all"
+
+
+class Format(str, Enum):
+    """Of trajectories."""
+
+    CSV = "csv"
+    NPZ = "npz"
+
+
+def fly(
+    fmu: Annotated[Path | None, typer.Option(help="The actuators: EMCAS4.fmu, or EMCAS.fmu taken four times. Built in "
+                                             "a temporary folder if not given.", metavar="FILE.fmu")] = None,
+    actuator: Annotated[Actuator, typer.Option(help="What moves the fins; second-order is fitted to the FMU, stiff is "
+                                                    "nonlinear on a stiff bus.")] = Actuator.ALL,
+    manoeuvre: Annotated[Flown, typer.Option(help="What is flown; tight is aggressive with higher gains.")] = Flown.ALL,
+    bus_resistance: Annotated[float | None, typer.Option(
+        help="Of the bus's source in Ohm, 0 to 1; 0.02 for EMCAS4.fmu if not given.", metavar="OHM")] = None,
+    mixing: Annotated[bool, typer.Option("--mixing", help="Let EMCAS4.fmu mix roll, pitch and yaw.")] = False,
+    host: Annotated[Host | None, typer.Option(help="Fly four EMCAS.fmu wired by an SSP in this master, too.")] = None,
+    ssp: Annotated[Path | None, typer.Option(help="The archive for --host; made of EMCAS.fmu if not given.",
+                                             metavar="FILE.ssp")] = None,
+    variant: Annotated[str, typer.Option(help="Of --ssp.", metavar="NAME")] = "nominal",
+    step: Annotated[float, typer.Option(help="Communication step in ms; 4 ms must be a multiple.", min=0.01)] = 1.0,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for page, figures and trajectories.",
+                                         metavar="DIR")] = Path("jsbsim-flight"),
+    kind: Annotated[Format, typer.Option("--format", help="Of trajectories.")] = Format.CSV,
+    guid: Annotated[str | None, typer.Option(help="Refuse an FMU of another GUID.")] = None,
+    convergence: Annotated[bool, typer.Option(help="Measure convergence with the communication step (half a "
+                                                   "minute).")] = True,
+) -> None:
+    """Fly a finned rocket in JSBSim with its fins moved by EMCAS4.fmu, an ideal or a second-order actuator.
+
+    Writes report.html, figures.json and the trajectories. Exit codes: 0 done, 2 cannot be done.
+    """
+    from tempfile import TemporaryDirectory
+
+    from emcas_fmu.commands.common import failures, out, progress_bar
+    from emcas_fmu.errors import EmcasError
+    from examples.jsbsim.report import write_report
+    from examples.jsbsim.results import write_flights, write_json
+    from examples.jsbsim.run import Options, run
+
+    def chosen(kind: type[Enum], one: Enum | None) -> tuple[str, ...]:
+        return tuple(each.value for each in kind if each.value != "all" and one and one.value in ("all", each.value))
+
+    options = Options(chosen(Flown, manoeuvre), chosen(Actuator, actuator), step * 1e-3, fmu, guid, bus_resistance,
+                      mixing, chosen(Host, host), ssp, variant, convergence)
+    with failures():
+        if output.exists() and not output.is_dir():
+            raise EmcasError(f"{output}: is a file; --output names a folder")
+        output.mkdir(parents=True, exist_ok=True)
+        with progress_bar() as progress, TemporaryDirectory() as folder:
+            task = progress.add_task("", total=1.0)
+            results = run(options, Path(folder),
+                          lambda what, share: progress.update(task, description=what, completed=share))
+        command = " ".join(["fly.py", *sys.argv[1:]])
+        write_report(results, output / "report.html", command)
+        write_json(results, output / "figures.json", command)
+        written = write_flights(results, output, kind.value)
+    _print(results)
+    out.print(f"written {output / 'report.html'}, {output / 'figures.json'} and {len(written)} trajectories",
+              highlight=False, soft_wrap=True)
+
+
+def _print(results: Any) -> None:
+    from rich.table import Table
+
+    from emcas_fmu.commands.common import out
+    from examples.jsbsim.results import agreements, all_figures
+
+    shown = {"attitude_error_rms_deg": "error RMS / deg", "attitude_difference_to_ideal_deg": "to ideal / deg",
+             "hinge_moment_largest_n_m": "hinge / N.m", "saturated_percent": "limited / %",
+             "energy_drawn_j": "energy / J",
+             "bus_voltage_lowest_v": "bus / V"}
+    table = Table()
+    for heading in ("manoeuvre", "actuator", *shown.values()):
+        table.add_column(heading, no_wrap=heading in ("manoeuvre", "actuator"))
+    for manoeuvre, flown in all_figures(results).items():
+        for actuator, figures in flown.items():
+            table.add_row(manoeuvre, actuator, *(f"{figures[k]:.4g}" if k in figures else "-" for k in shown))
+    out.print(table)
+    for manoeuvre, found in agreements(results).items():
+        first = next(iter(found))
+        for master, a in found.items():
+            out.print(f"{manoeuvre}: {results.labels.get(master, 'SSP in ' + master)}"
+                      + (f": to {first} fins {a.fins:.2g} rad, attitude {a.attitude:.2g} rad"
+                         + (", all bits the same" if a.identical else "") if master != first else ""),
+                      highlight=False, soft_wrap=True)
+
+
+def main() -> None:
+    """The program."""
+    app = typer.Typer(add_completion=False, rich_markup_mode="rich", pretty_exceptions_enable=False)
+    app.command(epilog=EPILOG)(fly)
+    app()
+
+
+if __name__ == "__main__":
+    main()

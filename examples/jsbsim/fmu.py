@@ -1,0 +1,170 @@
+"""The fins moved by FMUs under fmpy: EMCAS4.fmu, one unit with a bus of its own, or EMCAS.fmu four times."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from fmpy.fmi1 import FMICallException
+from fmpy.simulation import instantiate_fmu
+
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.validation.runs import opened
+
+from .actuators import Demand, Response
+from .vehicle import AZIMUTHS, FINS, Array
+
+WIRED: Mapping[str, bool | float] = {"loads.gravity": True}
+"""Parameters of an FMU whose attitude and acceleration are wired: the parts in fin and screw weigh."""
+BUS_RESISTANCE = 0.02
+"""Of battery and cables [Ohm]: an estimate."""
+# Where from, variable, its unit, and where its value is in `flattened` (of what a fin has of its own: of fin 1).
+OWN_INPUTS = (("autopilot", "fin_command", "rad", 0), ("rocket", "aero_torque", "N.m", 4))
+SHARED_INPUTS = (*(("rocket", f"acceleration.{n}", "m/s2", 8 + k) for k, n in enumerate("xyz")),
+                 *(("rocket", f"attitude.{n}", "rad", 11 + k) for k, n in enumerate(("roll", "pitch", "yaw"))),
+                 ("battery", "supply_voltage", "V", 14))
+_MIXING = tuple(("autopilot", f"{n}_command", "rad", 15 + k) for k, n in enumerate(("roll", "pitch", "yaw")))
+OUTPUTS = (("fin_angle", "rad"), ("fin_rate", "rad/s"), ("supply_power", "W"))
+FLAG = "saturated"
+_BUS_OUTPUTS = (("bus_voltage", "V"), ("bus_current", "A"))
+_AZIMUTH, _RESISTANCE = "mounting.azimuth", "bus.source_resistance"
+_REMEDY = {True: "one of `emcas build --fins 4` is needed", False: "an FMU of `emcas build` is needed"}
+
+
+def flattened(demand: Demand) -> Array:
+    """Commands, hinge moments, acceleration, attitude, supply voltage and, where there are, axes; shape (15,) or (18,).
+    """
+    axes = () if demand.axes is None else demand.axes
+    return np.concatenate([demand.commands, demand.hinge_moments, demand.acceleration, demand.attitude,
+                           [demand.supply_voltage], axes])
+
+
+def fins_of(names: Mapping[str, Any]) -> int:
+    """How many fins a unit of several has, by its variables' names; 0 for a single actuator."""
+    found = (re.fullmatch(r"fin\[(\d+)\]\..*", name) for name in names)
+    return max((int(match[1]) for match in found if match), default=0)
+
+
+class Fmu:
+    """A unit whose variables are fin[1].fin_command ... fin[4].fin_command, or four of one with fin_command."""
+
+    def __init__(self, path: Path, guid: str | None = None, parameters: Mapping[str, bool | float] = WIRED, *,
+                 bus_resistance: float | None = None, mixing: bool = False) -> None:
+        """Load and initialize with `parameters` of each fin, in the FMU's units, besides its mounting.azimuth.
+
+        A unit of four has a bus with `bus_resistance` [Ohm] (0 if not given) and, with `mixing`, takes the demand's
+        axes instead of commands. Raises EmcasError naming the connection where a variable is missing or has another
+        unit, and where a single actuator is asked for what only the unit of four has.
+        """
+        if bus_resistance is not None and not (isfinite(bus_resistance) and 0.0 <= bus_resistance <= 1.0):
+            raise EmcasError(f"a bus resistance of {bus_resistance:g} Ohm: must be 0 to 1")
+        with ExitStack() as stack:
+            unit = stack.enter_context(opened(path))
+            if guid is not None and guid.strip("{}") != unit.description.guid.strip("{}"):
+                raise EmcasError(f"{path}: has GUID {unit.description.guid}, not {guid}: it is another interface than "
+                                 "the one asked for; build that one or leave --guid away")
+            known = {v.name: v for v in unit.description.modelVariables}
+            count = fins_of(known)
+            if count > len(FINS):
+                raise EmcasError(f"{path}: has {count} fins, and the rocket {len(FINS)}: {_REMEDY[True]}")
+            self.whole = count > 0
+            """Whether it is one unit of four fins."""
+            if not self.whole and (bus_resistance or mixing):
+                raise EmcasError(f"{path}: is a single actuator, without {'mixing' if mixing else 'a bus to share'}: "
+                                 f"{_REMEDY[True]}, or leave {'--mixing' if mixing else '--bus-resistance'} away")
+            groups = [[(k, f"fin[{k + 1}].") for k in range(4)]] if self.whole else [[(k, "")] for k in range(4)]
+            self._path, self._mixing = path, mixing
+            self._units = [_Unit(stack, _Wiring(path, known, self.whole), unit, group, parameters,
+                                 bus_resistance or 0.0, mixing) for group in groups]
+            self._stack = stack.pop_all()
+
+    def step(self, time: float, step: float, demand: Demand) -> Response:
+        """One fmi2DoStep of each unit with the inputs held."""
+        if self._mixing and demand.axes is None:
+            raise EmcasError("mixing by the FMU needs the axes of the demand")
+        flat = flattened(demand)
+        reals, flags = np.empty((4, len(OUTPUTS))), np.empty(4, dtype=bool)
+        try:
+            bus = [unit.step(time, step, flat, reals, flags) for unit in self._units]
+        except FMICallException as error:
+            raise EmcasError(f"{self._path}: refuses the step at {time:g} s ({error})") from error
+        power = float(reals[:, 2].sum())
+        # Four single actuators are each at the supply: a stiff bus.
+        voltage, current = bus[0] if self.whole else (demand.supply_voltage, power / demand.supply_voltage)
+        return Response(reals[:, 0], reals[:, 1], power, flags, voltage, current)
+
+    def close(self) -> None:
+        """Terminate, free and delete what was unpacked."""
+        self._stack.close()
+
+
+class _Wiring:
+    """Finds variables; refuses with the connection's name."""
+
+    def __init__(self, path: Path, known: Mapping[str, Any], whole: bool) -> None:
+        self._path, self._known, self._whole = path, known, whole
+
+    def __call__(self, name: str, kind: str, unit: str | None, what: str) -> int:
+        """Value reference of a variable of type `kind`, in `unit` unless that is None."""
+        place, found = f"{self._path}: connection {what}", self._known.get(name)
+        if found is None:
+            raise EmcasError(f"{place}: has no variable {name}; {_REMEDY[self._whole]}")
+        if found.type != kind or (unit is not None and found.unit != unit):
+            raise EmcasError(f"{place}: {name} is {found.type} in {found.unit or 'no unit'}, not {kind} in "
+                             f"{unit or 'no unit'}; {_REMEDY[self._whole]}")
+        return int(found.valueReference)
+
+
+class _Unit:
+    """One instance and the fins it moves."""
+
+    def __init__(self, stack: ExitStack, wire: _Wiring, unit: Any, fins: Sequence[tuple[int, str]],
+                 parameters: Mapping[str, bool | float], bus_resistance: float, mixing: bool) -> None:
+        self._fins = [fin for fin, _ in fins]
+        sources = {wire(prefix + name, "Real", si, f"{origin} -> {prefix}{name}"): place + fin
+                   for fin, prefix in fins for origin, name, si, place in OWN_INPUTS
+                   if not (mixing and name == "fin_command")}
+        sources |= {wire(name, "Real", si, f"{origin} -> {name}"): place
+                    for origin, name, si, place in (*SHARED_INPUTS, *(_MIXING if mixing else ()))}
+        self._inputs, self._sources = list(sources), np.array(list(sources.values()))
+        self._outputs = [wire(prefix + name, "Real", si, f"{prefix}{name} -> rocket")
+                         for _, prefix in fins for name, si in OUTPUTS]
+        self._flags = [wire(prefix + FLAG, "Boolean", None, f"{prefix}{FLAG} -> figures") for _, prefix in fins]
+        reals, flags = {}, {}
+        for fin, prefix in fins:
+            reals[wire(prefix + _AZIMUTH, "Real", "rad", f"layout -> {prefix}{_AZIMUTH}")] = float(AZIMUTHS[fin])
+            for name, value in parameters.items():
+                if isinstance(value, bool):
+                    flags[wire(prefix + name, "Boolean", None, f"setting -> {prefix}{name}")] = value
+                else:
+                    reals[wire(prefix + name, "Real", None, f"setting -> {prefix}{name}")] = value
+        if len(fins) > 1:
+            self._outputs += [wire(name, "Real", si, f"{name} -> figures") for name, si in _BUS_OUTPUTS]
+            reals[wire(_RESISTANCE, "Real", "Ohm", f"setting -> {_RESISTANCE}")] = bus_resistance
+        try:
+            self._slave = slave = instantiate_fmu(str(unit.folder), unit.description, "CoSimulation")
+            stack.callback(slave.freeInstance)
+            slave.setupExperiment(startTime=0.0)
+            slave.setReal(list(reals), list(reals.values()))
+            slave.setBoolean(list(flags), list(flags.values()))
+            slave.enterInitializationMode()
+            slave.exitInitializationMode()
+            stack.callback(slave.terminate)
+        # fmpy reports a failed load or instantiation as OSError or as a bare Exception.
+        except Exception as error:
+            raise EmcasError(f"{unit.path}: does not start ({error})") from error
+
+    def step(self, time: float, step: float, flat: Array, reals: Array, flags: Array) -> list[float]:
+        """Advance, and put the outputs into the fins' rows; gives the bus's, where it has one."""
+        self._slave.setReal(self._inputs, flat[self._sources].tolist())
+        self._slave.doStep(currentCommunicationPoint=time, communicationStepSize=step)
+        found = self._slave.getReal(self._outputs)
+        own = len(self._fins) * len(OUTPUTS)
+        reals[self._fins] = np.reshape(found[:own], (len(self._fins), -1))
+        flags[self._fins] = np.array(self._slave.getBoolean(self._flags), dtype=bool)
+        return list(found[own:])

@@ -1,0 +1,132 @@
+"""The rocket in JSBSim: fin angles in, motion and hinge moments out, in SI units.
+
+JSBSim calculates in feet, pounds and slugs; the conversions are here and nowhere else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from math import degrees
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emcas_fmu.errors import EmcasError
+
+Array = NDArray[Any]
+FINS = (1, 2, 3, 4)
+AZIMUTHS = np.radians([45.0, 135.0, 225.0, 315.0])
+"""Of the fins about body x [rad], shape (4,): from y (right) towards z (down), as in the aircraft file and the FMU's
+`mounting.azimuth`; fin 1 is right and below."""
+
+FOOT = 0.3048  # m, exact
+POUND_FORCE = 4.4482216152605  # N, exact
+_AIRCRAFT = "finned_rocket"
+_ADAMS_BASHFORTH_2 = 3.0  # JSBSim's number for it
+_INTEGRATORS = ("rate/rotational", "rate/translational", "position/rotational")
+
+
+@dataclass(frozen=True)
+class Launch:
+    """Where a flight begins, in still air and without incidence: at burnout."""
+
+    altitude: float = 3000.0
+    """[m] above sea level."""
+    speed: float = 650.0
+    """[m/s]."""
+    attitude: tuple[float, float, float] = (0.0, 0.5, 1.5)
+    """Roll, pitch and yaw (true heading) [rad]."""
+
+
+@dataclass(frozen=True)
+class State:
+    """The vehicle at one time; vectors in body axes x forward, y right, z down, shape (3,)."""
+
+    attitude: Array
+    """Roll, pitch, yaw [rad]."""
+    body_rates: Array
+    """[rad/s]."""
+    acceleration: Array
+    """Of the fins' station on the axis, gravity included [m/s2]."""
+    hinge_moments: Array
+    """[N.m], positive along positive fin angle; shape (4,)."""
+    dynamic_pressure: float
+    """[Pa]."""
+    mach: float
+    altitude: float
+    """[m]."""
+    speed: float
+    """Through the air [m/s]."""
+    incidence: float
+    """Angle between the axis and the flow [rad]."""
+
+
+class Rocket:
+    """The aircraft file in JSBSim, advanced by fixed steps of `step` [s]."""
+
+    def __init__(self, step: float, launch: Launch | None = None) -> None:
+        """Load and place at the launch condition. Raises EmcasError where JSBSim is missing or refuses."""
+        self._fdm = fdm = _executive()
+        if not fdm.load_model(_AIRCRAFT):
+            raise EmcasError(f"JSBSim does not load aircraft/{_AIRCRAFT}/{_AIRCRAFT}.xml; its messages say why")
+        fdm.set_dt(step)
+        # JSBSim turns with Euler's rule unless told otherwise: its error would hide that of the coupling.
+        for name in _INTEGRATORS:
+            fdm[f"simulation/integrator/{name}"] = _ADAMS_BASHFORTH_2
+        chosen = launch or Launch()
+        roll, pitch, yaw = map(degrees, chosen.attitude)
+        for name, value in {"ic/lat-geod-deg": 40.0, "ic/h-sl-ft": chosen.altitude / FOOT,
+                            "ic/u-fps": chosen.speed / FOOT, "ic/phi-deg": roll, "ic/theta-deg": pitch,
+                            "ic/psi-true-deg": yaw}.items():
+            fdm[name] = value
+        if not fdm.run_ic():
+            raise EmcasError("JSBSim does not accept the launch condition")
+
+    def __getitem__(self, name: str) -> float:
+        """A property of JSBSim, in JSBSim's unit."""
+        return float(self._fdm[name])
+
+    def advance(self, fins: Array, wind: Array) -> State:
+        """One step; its forces at the end are those of fin angles [rad], shape (4,), and wind north, east, down [m/s].
+
+        JSBSim first moves the vehicle by the forces of the last step's end, then evaluates the new ones.
+        """
+        fdm = self._fdm
+        for k, angle in zip(FINS, fins.tolist(), strict=True):
+            fdm[f"actuators/fin{k}-rad"] = angle
+        for axis, component in zip(("north", "east", "down"), wind.tolist(), strict=True):
+            fdm[f"atmosphere/wind-{axis}-fps"] = component / FOOT
+        fdm.run()
+        return self.state()
+
+    def state(self) -> State:
+        """The vehicle now."""
+        fdm = self._fdm
+        roll, pitch, yaw = (fdm[f"attitude/{n}-rad"] for n in ("phi", "theta", "psi"))
+        gravity = fdm["accelerations/gravity-ft_sec2"] * FOOT
+        felt = np.array([fdm[f"accelerations/a-pilot-{n}-ft_sec2"] for n in "xyz"]) * FOOT
+        down = np.array([-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)])
+        u, v, w = (fdm[f"velocities/{n}-aero-fps"] for n in "uvw")
+        return State(
+            attitude=np.array([roll, pitch, yaw]),
+            body_rates=np.array([fdm[f"velocities/{n}-rad_sec"] for n in "pqr"]),
+            acceleration=felt + gravity * down,
+            hinge_moments=np.array([fdm[f"aero/hinge{k}-lbsft"] for k in FINS]) * (POUND_FORCE * FOOT),
+            dynamic_pressure=fdm["aero/qbar-psf"] * POUND_FORCE / FOOT**2, mach=fdm["velocities/mach"],
+            altitude=fdm["position/h-sl-ft"] * FOOT, speed=fdm["velocities/vt-fps"] * FOOT,
+            incidence=float(np.arctan2(np.hypot(v, w), u)))
+
+
+def _executive() -> Any:
+    try:
+        jsbsim: Any = import_module("jsbsim")
+    except ImportError as error:
+        raise EmcasError("JSBSim is not installed: pip install jsbsim") from error
+    jsbsim.FGJSBBase().debug_lvl = 0  # no banner
+    executive = jsbsim.FGFDMExec(str(Path(__file__).resolve().parent))
+    executive.set_debug_level(0)
+    executive.set_aircraft_path("aircraft")
+    return executive

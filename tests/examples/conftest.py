@@ -1,0 +1,56 @@
+"""JSBSim has to be there, or its tests say that it is not; the unit of four fins, and an archive of single ones."""
+
+from __future__ import annotations
+
+import importlib.util
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from emcas_fmu.compiler import local_platform
+from emcas_fmu.fmi.package import build
+from emcas_fmu.parameters import load_parameters
+from examples.jsbsim.masters import write_archive
+from tests.hosts.host import missing
+
+Doctor = Callable[..., Path]
+
+
+@pytest.fixture(autouse=True)
+def _jsbsim(request: pytest.FixtureRequest) -> None:
+    if "jsbsim" in request.path.name and importlib.util.find_spec("jsbsim") is None:
+        missing("there is no jsbsim (pip install jsbsim)")
+
+
+@pytest.fixture(scope="session")
+def four(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """EMCAS4.fmu of the shipped parameters, native, for this platform."""
+    local = local_platform()
+    assert local is not None
+    return build(load_parameters(), tmp_path_factory.mktemp("four") / "EMCAS4.fmu", "native", [local.name],
+                 fins=4).path
+
+
+@pytest.fixture(scope="session")
+def ssp(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """EMCAS.ssp as the example makes it."""
+    return write_archive(tmp_path_factory.mktemp("rocket") / "EMCAS.ssp", native)
+
+
+@pytest.fixture
+def doctored(tmp_path: Path) -> Doctor:
+    """A copy of an FMU or archive with other words in a file of it: doctored(path, file, old, new)."""
+    def change(path: Path, file: str, old: str, new: str) -> Path:
+        copy = tmp_path / f"doctored{path.suffix}"
+        with zipfile.ZipFile(path) as source, zipfile.ZipFile(copy, "w") as target:
+            for item in source.infolist():
+                content = source.read(item)
+                if item.filename == file:
+                    assert old.encode() in content
+                    content = content.replace(old.encode(), new.encode())
+                target.writestr(item, content)
+        return copy
+
+    return change

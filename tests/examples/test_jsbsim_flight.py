@@ -1,0 +1,165 @@
+"""Flights with the three actuators: what agrees, what differs, how it converges, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from math import radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from emcas_fmu.physics.loads import GRAVITY
+from examples.jsbsim import fit
+from examples.jsbsim.actuators import Demand, Ideal, Response, SecondOrder, SecondOrderModel
+from examples.jsbsim.convergence import measure
+from examples.jsbsim.flight import AGGRESSIVE, GENTLE, TIGHT
+from examples.jsbsim.fmu import WIRED, Fmu
+from examples.jsbsim.results import angles, fins, turn_between
+from examples.jsbsim.vehicle import AZIMUTHS, Array
+
+from .flying import SHORT, flown
+
+NO_ENCODER = {**WIRED, "encoder.enabled": False}
+
+
+@pytest.fixture(scope="module")
+def model(four: Path) -> SecondOrderModel:
+    """Fitted to the FMU."""
+    return fit.fit(four)
+
+
+def test_fit_finds_what_it_is_given() -> None:
+    """The second-order actuator's own step response is `unit_step`."""
+    fins_ = SecondOrder(SecondOrderModel(80.0, 0.6, 100.0))
+    demand = Demand(np.full(4, 0.1), np.zeros(4), np.zeros(3), np.zeros(3), 39.0)
+    time = np.arange(1, 101) * 1e-3
+    found = np.array([fins_.step(t, 1e-3, demand).angles[0] for t in time])
+    np.testing.assert_allclose(found, 0.1 * fit.unit_step(time, 80.0, 0.6), atol=1e-12)
+
+
+def test_second_order_has_the_actuators_speed(four: Path, model: SecondOrderModel) -> None:
+    """Rate above the 220 deg/s of the thesis's Table 2; half of a small step within 2 ms of the FMU's.
+
+    That the transport delay of 3.7 ms is no part of it changes the beginning; the middle is what least squares holds,
+    and a natural frequency wrong by a third misses it.
+    """
+    assert radians(220.0) < model.rate_limit < radians(330.0)
+    time, small = fit.step_response(four, fit.SMALL)
+
+    def half(response: Array) -> float:
+        return float(np.interp(0.5, response[:20], time[:20]))
+
+    def fitted(share: float) -> float:
+        return half(fit.unit_step(time, share * model.natural_frequency, model.damping))
+
+    expected = half(small / fit.SMALL)
+    assert abs(fitted(1.0) - expected) < 2e-3
+    assert abs(fitted(1.5) - expected) > 2e-3 < abs(fitted(0.67) - expected)
+
+
+def test_gentle_flight_needs_no_nonlinear_model(four: Path, model: SecondOrderModel) -> None:
+    """Fins agree within the accuracy of the thesis's Table 2, 0.2 deg; attitude within what that is worth.
+
+    In pitch and yaw that is 1.7 deg of attitude for each deg of the fins (their moment over the airframe's stability).
+    Roll has no stability, and its loop asks for 144/4300 deg of fin a deg, so that 0.2 deg could cost some: what is
+    allowed there is a twentieth of the turn.
+    """
+    nonlinear, second, ideal = (flown(a, GENTLE) for a in (Fmu(four), SecondOrder(model), Ideal()))
+    for other in (second, ideal):
+        # 15 ms after a command that moves at 4 deg/s: 0.06 deg of it is the lag.
+        assert np.degrees(np.abs(fins(nonlinear, "fin{}_rad") - fins(other, "fin{}_rad")).max()) < 0.2
+        apart = np.degrees(np.abs(angles(nonlinear) - angles(other)).max(axis=1))
+        assert apart[0] < 0.5
+        assert np.all(apart[1:] < 0.34)
+    assert fins(nonlinear, "saturated{}").sum() == fins(second, "saturated{}").sum() == 0.0
+    assert np.degrees(np.abs(fins(nonlinear, "fin{}_rad")).max()) > 2.0  # something was flown
+
+
+def test_aggressive_flight_does(four: Path, model: SecondOrderModel) -> None:
+    """Limits are active, hinge moments of the order of the rated 100 N.m, and the attitudes differ by degrees."""
+    nonlinear, second, ideal = (flown(a, AGGRESSIVE) for a in (Fmu(four), SecondOrder(model), Ideal()))
+    assert fins(nonlinear, "saturated{}").mean() > 0.01
+    assert fins(second, "saturated{}").mean() > 0.01
+    assert 50.0 < np.abs(fins(nonlinear, "hinge{}_n_m")).max() < 300.0
+    assert turn_between(angles(nonlinear), angles(second)).max() > 1.0
+    assert turn_between(angles(nonlinear), angles(ideal)).max() > 5.0
+    # All keep the attitude in the end: the gains are for real actuators.
+    for flight in (nonlinear, second, ideal):
+        assert turn_between(angles(flight), angles(flight, "wanted_"))[-1] < 1.0
+    # The bus pays for copper and friction besides the mechanical work against the hinge moments.
+    work = -float(np.sum(fins(nonlinear, "hinge{}_n_m") * fins(nonlinear, "fin_rate{}_rad_s")) * 1e-3)
+    assert float(np.sum(nonlinear["power_w"]) * 1e-3) > max(work, 0.0) + 100.0
+
+
+def test_higher_gains_show_the_transport_delay(four: Path, model: SecondOrderModel) -> None:
+    """Ideal and second-order fins keep the attitude to a degree in the end; EMCAS.fmu loses it by its delay."""
+    prompt = Fmu(four, parameters={**WIRED, "drive.transport_delay": 0.0})
+    last = [turn_between(angles(f), angles(f, "wanted_"))[-500:].max()
+            for f in (flown(a, TIGHT) for a in (Ideal(), SecondOrder(model), prompt, Fmu(four)))]
+    assert max(last[:3]) < 1.0
+    assert last[3] > 5.0
+
+
+class WithoutFeedback:
+    """The FMU with nothing of the flight but its commands."""
+
+    def __init__(self, path: Path) -> None:
+        self._fmu = Fmu(path, parameters=NO_ENCODER)
+
+    def step(self, time: float, step: float, demand: Demand) -> Response:
+        """With no load."""
+        return self._fmu.step(time, step, Demand(demand.commands, np.zeros(4), np.zeros(3), np.zeros(3), 39.0))
+
+    def close(self) -> None:
+        """Free."""
+        self._fmu.close()
+
+
+@pytest.mark.parametrize(("kind", "low", "high"), [
+    ("ideal", 0.85, 1.25),  # its fin follows the command one step late
+    ("second-order", 1.8, 2.2),  # feels nothing of the flight: JSBSim's Adams-Bashforth alone
+    ("no feedback", 1.8, 2.2),  # likewise
+    ("nonlinear", 1.0, 1.9),  # held hinge moment and acceleration beside JSBSim's error
+])
+def test_order_of_convergence(kind: str, low: float, high: float, four: Path, model: SecondOrderModel) -> None:
+    """Slope of the error against the communication step, give or take 0.2 for terms of next order at 2 ms."""
+    make: Mapping[str, Callable[[], Any]] = {
+        "ideal": Ideal, "second-order": lambda: SecondOrder(model),
+        "nonlinear": lambda: Fmu(four, parameters=NO_ENCODER), "no feedback": lambda: WithoutFeedback(four)}
+    found = measure(make[kind], replace(SHORT, duration=0.3), (2e-3, 1e-3, 0.5e-3, 0.25e-3))
+    order = found.order(found.attitude)
+    assert order is not None
+    assert low < order < high
+
+
+def test_same_flight_twice(four: Path) -> None:
+    """The same bits again, and a flight's beginning does not depend on how long it goes on."""
+    first, again = (flown(Fmu(four), SHORT) for _ in range(2))
+    shorter = flown(Fmu(four), replace(SHORT, duration=0.3))
+    for name, column in first.items():
+        assert np.array_equal(column, again[name])
+        assert np.array_equal(column[:300], shorter[name])
+
+
+def test_azimuth_and_gravity_are_wired(four: Path) -> None:
+    """A level vehicle: fins are heavy behind the hinge, so weight turns right ones to positive, left ones to negative.
+
+    In free fall nothing weighs. 20 ms after a step the fin is on its way, and what its load does is seen.
+    """
+    still = Demand(np.full(4, 0.1), np.zeros(4), np.zeros(3), np.zeros(3), 39.0)
+    falling = replace(still, acceleration=np.array([0.0, 0.0, GRAVITY]))
+
+    def moved(demand: Demand, parameters: Mapping[str, bool | float]) -> Array:
+        actuators = Fmu(four, parameters=parameters)
+        try:
+            return [actuators.step(k * 1e-3, 1e-3, demand) for k in range(20)][-1].angles
+        finally:
+            actuators.close()
+
+    none = moved(still, {})
+    np.testing.assert_allclose(moved(falling, WIRED), none, atol=1e-12)
+    difference = moved(still, WIRED) - none
+    assert np.sign(difference).tolist() == np.sign(np.cos(AZIMUTHS)).tolist()

@@ -1,0 +1,95 @@
+"""What is refused, and the program as its users call it."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from emcas_fmu.errors import EmcasError
+from examples.jsbsim.actuators import Ideal
+from examples.jsbsim.flight import GENTLE, fly
+from examples.jsbsim.fmu import Fmu
+
+from .conftest import Doctor
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_fmu_without_a_variable_is_refused(native: Path, doctored: Doctor) -> None:
+    path = doctored(native, "modelDescription.xml", 'name="aero_torque"', 'name="aero_load"')
+    with pytest.raises(EmcasError, match="connection rocket -> aero_torque: has no variable aero_torque; an FMU of"):
+        Fmu(path)
+
+
+def test_fmu_with_another_unit_is_refused(native: Path, doctored: Doctor) -> None:
+    path = doctored(native, "modelDescription.xml", 'unit="W"', 'unit="V"')
+    with pytest.raises(EmcasError, match="supply_power -> rocket: supply_power is Real in V, not Real in W"):
+        Fmu(path)
+
+
+def test_unknown_parameter_is_refused(native: Path) -> None:
+    with pytest.raises(EmcasError, match=r"setting -> encoder\.enabld: has no variable"):
+        Fmu(native, parameters={"encoder.enabld": False})
+
+
+@pytest.mark.parametrize("step", [3e-3, 5e-3, 0.0, -1e-3])
+def test_step_that_does_not_divide_the_autopilots_is_refused(step: float) -> None:
+    with pytest.raises(EmcasError, match="does not divide the autopilot's 4 ms"):
+        fly(Ideal(), GENTLE, step)
+
+
+def program(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """fly.py in a process of its own."""
+    return subprocess.run([sys.executable, ROOT / "examples/jsbsim/fly.py", *arguments], capture_output=True, text=True,
+                          timeout=120, env={**os.environ, "TERMINAL_WIDTH": "200"})
+
+
+def test_program_needs_no_fmu(tmp_path: Path) -> None:
+    """It builds the unit, and an archive for another master; writes page, figures and trajectories."""
+    folder = tmp_path / "new" / "out"
+    done = program("--manoeuvre", "gentle", "--no-convergence", "--step", "4", "--host", "fmpy", "-o", folder)
+    assert done.returncode == 0, done.stderr
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert page.count("<svg") == 3
+    assert "http" not in page.replace("http://www.w3.org", "")
+    figures = json.loads((folder / "figures.json").read_text(encoding="utf-8"))
+    assert set(figures["flights"]["gentle"]) == {"ideal", "second-order", "nonlinear", "stiff"}
+    assert figures["bus_resistance_ohm"] == 0.02
+    assert figures["masters"]["gentle"]["without SSP"]["fin_difference_rad"] < 1e-12  # as the unit promises
+    table = np.genfromtxt(folder / "gentle_nonlinear.csv", delimiter=",", names=True)
+    assert len(table) == 1500
+    largest = np.degrees(max(np.abs(table[f"fin{k}_rad"]).max() for k in range(1, 5)))
+    assert largest == pytest.approx(figures["flights"]["gentle"]["nonlinear"]["fin_angle_largest_deg"], rel=1e-6)
+    assert table["bus_voltage_v"].min() < 39.0
+    # Actuators without a bus have no columns of one.
+    assert "bus" not in (folder / "gentle_ideal.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert (folder / "gentle_ssp-fmpy.csv").is_file()
+
+
+def test_program_takes_single_units(native: Path, tmp_path: Path) -> None:
+    done = program("--fmu", native, "--manoeuvre", "gentle", "--no-convergence", "--step", "4", "-o", tmp_path,
+                   "--format", "npz")
+    assert done.returncode == 0, done.stderr
+    # On a stiff bus as they are, so that there is no second flight with one.
+    assert sorted(p.name for p in tmp_path.glob("*.npz")) == [
+        "gentle_ideal.npz", "gentle_nonlinear.npz", "gentle_second-order.npz"]
+    assert np.all(np.load(tmp_path / "gentle_nonlinear.npz")["bus_voltage_v"] == 39.0)
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    (["--fmu", "no-such.fmu"], "no-such.fmu: there is no such file; build one"),
+    (["--host", "omsimulator"], "'omsimulator' is not one of 'fmpy', 'libcosim', 'ecos', 'all'"),
+    (["--actuator", "ideal", "--step", "3", "--no-convergence"], "does not divide"),
+    (["--actuator", "ideal", "-o", str(Path(__file__))], "is a file; --output names a folder"),
+])
+def test_program_says_what_is_wrong(arguments: list[str], message: str, tmp_path: Path) -> None:
+    done = program("-o", tmp_path / "out", *arguments)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,167 @@
+"""The rocket's signs, sizes and balances, against its own geometry in SI."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import cos, degrees, pi, radians, sin, sqrt
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from examples.jsbsim import vehicle
+from examples.jsbsim.autopilot import MIXER, Autopilot, Gains, attitude_error
+from examples.jsbsim.vehicle import AZIMUTHS, FINS, FOOT, POUND_FORCE, Array, Launch, Rocket
+
+STEP = 1e-4  # s: so short that the launch condition still holds at its end
+MOMENTS = ("moments/l-total-lbsft", "moments/m-total-lbsft", "moments/n-total-lbsft")
+STILL = np.zeros(3)
+NORTH = Launch(attitude=(0.0, 0.0, 0.0))
+AREA, ARM, LEVER, CHORD, HINGE = 0.0644, 1.72, 0.275, 0.237, 0.41  # m2, m, m, m, of the chord
+
+
+def moments(fins: Array, wind: Array = STILL) -> tuple[Array, Rocket]:
+    """Body moments [N.m] about the centre of gravity, flying level and north, and the rocket."""
+    rocket = Rocket(STEP, NORTH)
+    rocket.advance(fins, wind)
+    return np.array([rocket[name] for name in MOMENTS]) * POUND_FORCE * FOOT, rocket
+
+
+@pytest.mark.parametrize("k", range(4))
+@pytest.mark.parametrize("angle", [5.0, -12.0])
+def test_each_fin(k: int, angle: float) -> None:
+    """Moments and hinge moment of one fin, by hand: 0.1 % for the file's rounded feet and square feet."""
+    fins = np.zeros(4)
+    fins[k] = delta = radians(angle)
+    found, rocket = moments(fins)
+    state = rocket.state()
+    normal = state.dynamic_pressure * AREA * (rocket["aero/fin/slope"] * sin(delta) * cos(delta)
+                                              + 1.2 * sin(delta) * abs(sin(delta)))
+    side = normal * cos(delta)
+    expected = np.array([-LEVER * side, -ARM * cos(AZIMUTHS[k]) * side, -ARM * sin(AZIMUTHS[k]) * side])
+    np.testing.assert_allclose(found, expected, atol=1e-3 * ARM * abs(side))
+    behind = (0.477 - HINGE) * CHORD  # centre of pressure at Mach 2, where the flight begins: 0.5 % of Mach away
+    assert state.hinge_moments[k] == pytest.approx(-normal * behind, rel=0.01)
+    assert np.all(np.abs(np.delete(state.hinge_moments, k)) < 1e-3 * abs(state.hinge_moments[k]))
+
+
+def test_mixer() -> None:
+    """A demand about an axis gives a positive moment about it and, up to the file's rounding, none about others."""
+    for axis in range(3):
+        demand = np.zeros(3)
+        demand[axis] = radians(3.0)
+        found, _ = moments(MIXER @ demand)
+        assert found[axis] > 0.0
+        assert np.all(np.abs(np.delete(found, axis)) < 1e-3 * found[axis])
+
+
+def test_autopilot_answers_against_the_error() -> None:
+    """Below the wanted attitude in every axis, all three moments are positive; turning that way, they fall."""
+    rocket = Rocket(STEP, NORTH)
+    state = rocket.advance(np.zeros(4), STILL)
+    for axis in range(3):
+        wanted = state.attitude.copy()
+        wanted[axis] += radians(1.0)
+        found, _ = moments(Autopilot(Gains()).update(state, wanted).fins)
+        assert found[axis] > 0.0
+        rates = np.zeros(3)
+        rates[axis] = 0.1
+        turning = replace(state, body_rates=rates)
+        slower, _ = moments(Autopilot(Gains()).update(turning, wanted).fins)
+        assert slower[axis] < found[axis]
+
+
+def test_attitude_error_is_the_turn_about_body_axes() -> None:
+    """By 90 deg of roll, body y points down: a higher wanted pitch is a turn about -z, one to the right about +y."""
+    actual = np.array([pi / 2, 0.2, 0.7])
+    error = attitude_error(actual, np.array([pi / 2, 0.201, 0.7]))
+    np.testing.assert_allclose(error, [0.0, 0.0, -1e-3], atol=1e-6)
+    error = attitude_error(np.array([pi / 2, 0.0, 0.7]), np.array([pi / 2, 0.0, 0.701]))
+    np.testing.assert_allclose(error, [0.0, 1e-3, 0.0], atol=1e-6)
+
+
+def test_static_stability_and_hinge_moment_in_a_cross_wind() -> None:
+    """From below and from the right the nose turns into the wind; a fin that the flow lifts has a restoring moment."""
+    updraft, rocket = moments(np.zeros(4), np.array([0.0, 0.0, -20.0]))
+    assert rocket["velocities/w-aero-fps"] > 0.0
+    assert updraft[1] < 0.0
+    assert abs(updraft[0]) + abs(updraft[2]) < 1e-3 * abs(updraft[1])
+    assert np.sign(rocket.state().hinge_moments).tolist() == (-np.sign(np.cos(AZIMUTHS))).tolist()
+    right, rocket = moments(np.zeros(4), np.array([0.0, -20.0, 0.0]))  # blowing west, flying north
+    assert rocket["velocities/v-aero-fps"] > 0.0
+    assert right[2] > 0.0
+    assert right[2] == pytest.approx(-updraft[1], rel=1e-3)  # the cross is the same in both planes
+    # Static margin, 2 to 4 calibres for a rocket like this: moment over normal force of the same wind.
+    normal = abs(rocket["forces/fby-total-lbs"]) * POUND_FORCE
+    assert 2.0 < right[2] / normal / 0.3 < 4.0
+
+
+def test_turning_is_damped() -> None:
+    """A rolling rocket with its fins at rest stops rolling, as fast as four fins at 0.275 m do: L_p of strip theory."""
+    rocket = Rocket(1e-3, NORTH)
+    for _ in range(200):
+        rocket.advance(np.full(4, radians(-1.0)), STILL)
+    before = rocket.state()
+    for _ in range(100):
+        after = rocket.advance(np.zeros(4), STILL)
+    rate = 4.0 * before.dynamic_pressure * AREA * rocket["aero/fin/slope"] * LEVER**2 / before.speed / 5.0
+    assert before.body_rates[0] > 1.0
+    # 3 %: speed and pressure fall by 1 % in the 0.1 s, and cross-flow lift adds at incidences of a degree.
+    assert np.log(before.body_rates[0] / after.body_rates[0]) == pytest.approx(0.1 * rate, rel=0.03)
+
+
+def test_trim_and_energy() -> None:
+    """Straight flight with fins at zero: speed follows the accelerations, energy falls by drag, hardly a turn.
+
+    0.2 %: the earth turns, and gravity is taken at one height.
+    """
+    rocket = Rocket(1e-3)
+    first = state = rocket.state()
+    work = drag = 0.0
+    for _ in range(1000):
+        # Along the path, which is the axis at these incidences.
+        before, state = state, rocket.advance(np.zeros(4), STILL)
+        work += 0.5 * (before.acceleration[0] + state.acceleration[0]) * 0.5 * (before.speed + state.speed) * 1e-3
+        drag += rocket["accelerations/a-pilot-x-ft_sec2"] * FOOT * state.speed * 1e-3
+        assert state.incidence < radians(0.2)
+        assert np.max(np.abs(state.body_rates)) < radians(2.0)
+    kinetic = 0.5 * (state.speed**2 - first.speed**2)
+    assert kinetic == pytest.approx(work, rel=2e-3)
+    assert drag < 0.0
+    assert kinetic + 9.80 * (state.altitude - first.altitude) == pytest.approx(drag, rel=3e-3)
+
+
+def test_tables_follow_from_the_geometry() -> None:
+    """Slopes and centres of pressure written into the file are those of the formulas it names, to their digits."""
+    path = Path(vehicle.__file__).parent / "aircraft/finned_rocket/finned_rocket.xml"
+    functions = {f.get("name"): f for f in ElementTree.parse(path).getroot().iter("function")}
+    ratio = (2 * 0.28) ** 2 / (2 * AREA)
+
+    def table(name: str) -> list[list[float]]:
+        found = functions[name].find(".//tableData")
+        assert found is not None
+        assert found.text is not None
+        return [[float(n) for n in row.split()] for row in found.text.split("\n") if row.strip()]
+
+    compared = 0
+    for mach, slope in table("aero/fin/slope"):
+        if mach >= 1.35:
+            beta = sqrt(mach**2 - 1.0)
+            assert slope == pytest.approx(4.0 / beta * (1.0 - 1.0 / (2.0 * beta * ratio)), abs=0.03)
+            compared += 1
+    for mach, place in table("aero/fin/cp-behind-hinge-ft"):
+        if mach >= 1.35:
+            span = sqrt(mach**2 - 1.0) * ratio
+            assert place == pytest.approx((span - 2.0 / 3.0) / (2.0 * span - 1.0), abs=0.002)
+            compared += 1
+    assert compared == 14
+
+
+def test_azimuths_are_those_of_the_file() -> None:
+    """Fin k's hinge axis points outboard in the file where the FMU's azimuth says: structural z is up."""
+    path = Path(vehicle.__file__).parent / "aircraft/finned_rocket/finned_rocket.xml"
+    for k, azimuth in zip(FINS, AZIMUTHS, strict=True):
+        force = next(f for f in ElementTree.parse(path).getroot().iter("force") if f.get("name") == f"fin{k}")
+        y, z = (float(force.findtext(f"location/{n}", "")) for n in "yz")
+        assert degrees(np.arctan2(-z, y)) % 360.0 == pytest.approx(degrees(azimuth))

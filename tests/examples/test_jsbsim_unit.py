@@ -1,0 +1,133 @@
+"""EMCAS4.fmu in flight: as four single units, its bus, its mixing, and what is refused."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from emcas_fmu.compiler import CompilerError, local_compilers
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.package import build
+from emcas_fmu.parameters import load_parameters
+from examples.jsbsim import build as building
+from examples.jsbsim.actuators import LIMIT
+from examples.jsbsim.flight import SUPPLY_VOLTAGE, Turn
+from examples.jsbsim.fmu import WIRED, Fmu
+from examples.jsbsim.results import fins
+from tests.hosts.host import missing
+
+from .conftest import Doctor
+from .flying import SHORT, apart, flown
+
+RESISTANCE = 0.02  # Ohm
+DESCRIPTION = "modelDescription.xml"
+
+
+def test_four_in_one_are_four_single_ones(native: Path, four: Path) -> None:
+    """On a stiff bus, to the 1e-12 rad that the unit promises, in the closed loop."""
+    together, single = flown(Fmu(four)), flown(Fmu(native))
+    assert apart(together, single) < 1e-12
+    assert np.ptp(fins(together, "fin{}_rad")) > 0.2
+    assert np.all(together["bus_voltage_v"] == SUPPLY_VOLTAGE)
+    # Each sums or divides in its own order: rounding of up to 8 kW.
+    np.testing.assert_allclose(together["power_w"], single["power_w"], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(together["bus_current_a"], single["bus_current_a"], rtol=0, atol=1e-9)
+
+
+def test_bus_sags_by_its_current(four: Path) -> None:
+    """V = V_s - R I in every row, with the communication step as fine as the bus's own of 0.1 ms.
+
+    The sag is of the current an instant before, so that R I differs by no more than its change in a step; 15 % of the
+    step before's is what one step of Newton's method (1.3 %) and I = P / V (12 % at 200 A of 35 V) may leave.
+    """
+    flight = flown(Fmu(four, bus_resistance=RESISTANCE), replace(SHORT, duration=0.3), 1e-4)
+    voltage, current = flight["bus_voltage_v"], flight["bus_current_a"]
+    changed = np.abs(np.diff(current, prepend=0.0))
+    allowed = RESISTANCE * (changed + 0.15 * np.concatenate([[0.0], changed[:-1]])) + 1e-9
+    assert np.all(np.abs(voltage - (SUPPLY_VOLTAGE - RESISTANCE * current)) <= allowed)
+    # The bound is narrow: no sag, or one half as large again, is outside it nearly everywhere.
+    assert np.mean(np.abs(voltage - SUPPLY_VOLTAGE) > allowed) > 0.5
+    assert np.mean(np.abs(voltage - (SUPPLY_VOLTAGE - 1.5 * RESISTANCE * current)) > allowed) > 0.5
+    np.testing.assert_allclose(flight["power_w"], voltage * current, rtol=0, atol=1e-9)  # rounding of 8 kW
+
+
+def test_sag_is_felt(four: Path) -> None:
+    """A source of 0.1 Ohm takes a quarter of the voltage, and the fins feel it, by 0.06 deg at least."""
+    stiff, soft = flown(Fmu(four)), flown(Fmu(four, bus_resistance=0.1))
+    assert soft["bus_voltage_v"].min() < 0.75 * SUPPLY_VOLTAGE
+    assert soft["bus_voltage_v"].max() > SUPPLY_VOLTAGE  # braking feeds it
+    assert apart(stiff, soft) > 1e-3
+
+
+def test_mixing_by_the_unit_is_the_examples_own(four: Path) -> None:
+    """The same fin angles from roll, pitch and yaw commands, where the commands' limit is reached, too.
+
+    Without encoder, so that rounding moves no count: 1e-12 rad is a few hundred times what is left of it. A wrong sign
+    in one axis is a turn the other way.
+    """
+    parameters = {**WIRED, "encoder.enabled": False}
+    manoeuvre = replace(SHORT, turns=(Turn(0.02, (120.0, 25.0, -20.0)),))
+    own = flown(Fmu(four, parameters=parameters), manoeuvre)
+    unit = flown(Fmu(four, parameters=parameters, mixing=True), manoeuvre)
+    assert apart(own, unit) < 1e-12
+    assert np.mean(np.abs(fins(own, "command{}_rad")) == LIMIT) > 0.01
+
+
+@pytest.mark.parametrize(("fins_built", "message"), [
+    (3, "connection autopilot -> fin[4].fin_command: has no variable fin[4].fin_command; one of `emcas build"),
+    (5, "has 5 fins, and the rocket 4: one of `emcas build --fins 4` is needed")])
+def test_another_number_of_fins_is_refused(fins_built: int, message: str, tmp_path: Path) -> None:
+    path = build(load_parameters(), tmp_path / "other.fmu", fins=fins_built).path
+    with pytest.raises(EmcasError, match=re.escape(message)):
+        Fmu(path)
+
+
+@pytest.mark.parametrize(("old", "new", "message"), [
+    ('name="fin[3].aero_torque"', 'name="fin[3].torque"', "rocket -> fin[3].aero_torque: has no variable fin[3].aero_"),
+    ('name="attitude.roll"', 'name="attitude.bank"', "rocket -> attitude.roll: has no variable attitude.roll"),
+    ('name="bus_voltage"', 'name="voltage"', "bus_voltage -> figures: has no variable bus_voltage; one of"),
+    ('unit="Ohm"', 'unit="V"', "bus.source_resistance is Real in V, not Real in Ohm; one of `emcas build --fins 4`"),
+])
+def test_wiring_errors_name_the_connection(old: str, new: str, message: str, four: Path, doctored: Doctor) -> None:
+    with pytest.raises(EmcasError, match=re.escape(message)):
+        Fmu(doctored(four, DESCRIPTION, old, new))
+
+
+def test_another_guid_is_refused(four: Path, native: Path) -> None:
+    with pytest.raises(EmcasError, match=r"EMCAS4.fmu: has GUID \{.*\}, not 1234"):
+        Fmu(four, "1234")
+
+
+@pytest.mark.parametrize("resistance", [-0.1, 2.0, float("nan")])
+def test_impossible_bus_is_refused(resistance: float, four: Path) -> None:
+    with pytest.raises(EmcasError, match=r"a bus resistance of .* must be 0 to 1"):
+        Fmu(four, bus_resistance=resistance)
+
+
+def test_single_units_have_no_bus_and_no_mixing(native: Path) -> None:
+    with pytest.raises(EmcasError, match=r"is a single actuator, without a bus to share: .* leave --bus-resistance"):
+        Fmu(native, bus_resistance=RESISTANCE)
+    with pytest.raises(EmcasError, match=r"is a single actuator, without mixing: .* leave --mixing"):
+        Fmu(native, mixing=True)
+
+
+def test_no_compiler_to_build_with(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(building, "zig", lambda: None)
+    monkeypatch.setattr(building, "local_compilers", lambda: iter(()))
+    with pytest.raises(CompilerError, match=r"no --fmu is given, and there is no C compiler .* pip install"):
+        building.build_unit(tmp_path, 4)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_system_compiler_will_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, native: Path) -> None:
+    if next(local_compilers()).zig:
+        missing("there is no system compiler (Debian: apt-get install gcc)")
+    monkeypatch.setattr(building, "zig", lambda: None)
+    path = building.build_unit(tmp_path, 1)
+    # Another C library's sine may round otherwise; that is all.
+    manoeuvre = replace(SHORT, duration=0.1)
+    assert apart(flown(Fmu(path), manoeuvre), flown(Fmu(native), manoeuvre)) < 1e-9
