@@ -10,6 +10,7 @@ import typer
 from . import __version__
 from .commands import (
     analyse,
+    baseline,
     build,
     campaign,
     identify,
@@ -26,6 +27,7 @@ from .commands.common import out
 app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="rich",
                   help="Electromechanical control actuation system as an FMI 2.0 co-simulation FMU.")
 app.command(epilog=analyse.EPILOG)(analyse.analyse)
+app.add_typer(baseline.app, name="baseline")
 app.command(epilog=build.EPILOG)(build.build)
 app.command(epilog=campaign.EPILOG)(campaign.campaign)
 app.add_typer(identify.app, name="identify")

@@ -1,0 +1,162 @@
+"""Tables of docs/hosts.md and docs/ci.md, out of the variable table and measured on the kernel.
+
+    python docs/make_tables.py           # writes them between their markers
+    python docs/make_tables.py --check   # exit code 1 where one is stale
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from math import degrees, pi, radians, sin
+from pathlib import Path
+
+from emcas_fmu.acceptance.article import ParameterArticle
+from emcas_fmu.baseline.compare import TEMPLATE, compare, record
+from emcas_fmu.baseline.read import read
+from emcas_fmu.baseline.subject import Subject
+from emcas_fmu.baseline.table import HEADER, lines, verdict
+from emcas_fmu.kernels import program
+from emcas_fmu.kernels.core import Core
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.unit import BUS_OUTPUTS, BUS_PARAMETERS, MIXING, SHARED
+from emcas_fmu.variables import INPUTS, OUTPUTS, Variable
+
+HERE = Path(__file__).parent
+FINE = 1e-4  # s, the communication step the others are compared with
+STEPS = (5e-4, 1e-3, 2e-3, 5e-3, 1e-2)  # s
+STOP = 1.0  # s
+ROUNDING = 1e-9  # deg, a thousand times what rounding grows to
+SHOWN = 6  # rows of the drift table
+
+
+def _markdown(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    header = list(header)
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _start(v: Variable) -> str:
+    if v.causality == "output":
+        return ""
+    start = load_parameters().values[v.key] if v.key else v.start
+    return str(start).lower() if isinstance(start, bool) else f"{start:g}"
+
+
+def _wiring(variables: Iterable[Variable], name: Callable[[Variable], str] = lambda v: v.name) -> str:
+    return _markdown(("name", "", "unit", "start", "meaning and sign"),
+                     ((f"`{name(v)}`", {"input": "in", "output": "out", "parameter": "parameter"}[v.causality],
+                       "Boolean" if v.kind == "Boolean" else v.unit, _start(v) if v.causality == "input" else "",
+                       v.description) for v in variables))
+
+
+def single() -> str:
+    """Inputs and outputs of one actuator."""
+    return _wiring((*INPUTS, *OUTPUTS))
+
+
+def several() -> str:
+    """What a unit of four has beside its fins."""
+    shared = tuple(v for v in INPUTS if v.name in SHARED)
+    own = tuple(v for v in (*INPUTS, *OUTPUTS) if v.name not in SHARED)
+    names = ", ".join(f"`fin[1].{v.name}`" for v in own)
+    return (_wiring((*MIXING, *BUS_OUTPUTS, *BUS_PARAMETERS))
+            + "\n\nShared by all fins, at the top: " + ", ".join(f"`{v.name}`" for v in shared)
+            + f".\n\nOf each fin: {names}, and every parameter, such as `fin[1].mounting.azimuth`.")
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A host's loop: `command` [rad] and `torque` [N.m] from time [s] and the last fin angle [rad], held or ramped."""
+
+    title: str
+    command: Callable[[float], float]
+    torque: Callable[[float], float]
+    ramped: bool = False
+
+    def angles(self, step: float) -> list[float]:
+        """Fin angle [deg] every `step` [s]."""
+        values = dict(load_parameters().values)
+        values["encoder.enabled"] = False  # its chatter would be seen as an error of the step, see docs/numerics.md
+        core = Core(program.make()(values))
+        supply = values["drive.supply_voltage"]
+        angle, found = 0.0, [0.0]
+        for k in range(round(STOP / step)):
+            begin, end = k * step, (k + 1) * step
+            acting = (self.command(begin), self.torque(angle), 0.0, 0.0, supply, True)
+            ramp = (begin, ((self.command(end) - acting[0]) / step, 0.0, 0.0, 0.0, 0.0)) if self.ramped else None
+            angle = core.run(end, acting, ramp)[0]
+            found.append(degrees(angle))
+        return found
+
+
+def _sine(time: float) -> float:
+    return radians(5.0) * sin(2.0 * pi * 3.0 * time)
+
+
+LOOPS = (
+    Loop("command held", _sine, lambda angle: 0.0),
+    Loop("command with its derivative", _sine, lambda angle: 0.0, ramped=True),
+    Loop("hinge moment from the last angle", lambda time: radians(10.0), lambda angle: -300.0 * angle),
+)
+
+
+def steps() -> str:
+    """Largest error of the fin angle by communication step."""
+    rows = [[f"{step * 1e3:g} ms"] for step in STEPS]
+    for loop in LOOPS:
+        fine = loop.angles(FINE)
+        for row, step in zip(rows, STEPS, strict=True):
+            every = round(step / FINE)
+            error = max(abs(a - b) for a, b in zip(loop.angles(step), fine[::every], strict=True))
+            row.append(f"{error:.2g}°" if error > ROUNDING else "none")
+    return _markdown(("communication step", *(loop.title for loop in LOOPS)), rows)
+
+
+def drift() -> str:
+    """What `emcas baseline check` shows first after a gain has changed by 1 %."""
+    folder, gain = HERE, "controller.position.kp"
+    shipped = load_parameters()
+    approved = record(read(TEMPLATE), Subject(ParameterArticle(shipped)), folder, "")
+    changed = shipped.replace({gain: round(1.01 * float(shipped.values[gain]), 6)})
+    found = compare(approved, Subject(ParameterArticle(changed)), folder)
+    parameters = [(c.name, c.approved, c.now) for c in found.parameters]
+    return (_markdown(HEADER, [line.cells for line in lines(found)][:SHOWN])
+            + "\n\nand ends with\n\n" + _markdown(("parameter", "approved", "now"), parameters)
+            + f"\n\n`{verdict(found)}`")
+
+
+TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {
+    "hosts.md": {"single": single, "several": several, "steps": steps}, "ci.md": {"drift": drift}}
+
+
+def renewed(text: str, tables: Mapping[str, Callable[[], str]]) -> str:
+    """A document with what stands between its markers replaced. Raises ValueError where a marker is missing."""
+    for name, make in tables.items():
+        pattern = re.compile(rf"(<!-- {name} -->\n).*?(\n<!-- /{name} -->)", re.DOTALL)
+        if len(pattern.findall(text)) != 1:
+            raise ValueError(f"needs <!-- {name} --> and <!-- /{name} --> once")
+        made = f"\n{make()}\n"  # blank lines, so that every renderer sees the table
+        text = pattern.sub(lambda match: match[1] + made + match[2], text)  # noqa: B023
+    return text
+
+
+def main(check: bool) -> int:
+    """Renew the documents, or say which are stale; the exit code."""
+    stale = 0
+    for name, tables in TABLES.items():
+        path = HERE / name
+        old = path.read_text(encoding="utf-8")
+        new = renewed(old, tables)
+        if new != old and check:
+            print(f"docs/{name} is stale: run python docs/make_tables.py")
+            stale = 1
+        elif new != old:
+            path.write_text(new, encoding="utf-8", newline="\n")
+    return stale
+
+
+if __name__ == "__main__":
+    sys.exit(main("--check" in sys.argv[1:]))

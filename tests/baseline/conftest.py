@@ -1,0 +1,57 @@
+"""Baselines recorded through the command, as a user does."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from emcas_fmu.cli import app
+
+
+def emcas(*arguments: str | Path, code: int = 0) -> str:
+    """What `emcas baseline` prints with these arguments; it has to end with `code`."""
+    result = CliRunner().invoke(app, ["baseline", *map(str, arguments)])
+    assert result.exit_code == code, result.output
+    assert "Traceback" not in result.output
+    return str(result.output)
+
+
+@pytest.fixture(scope="session")
+def shipped(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the shipped parameters as `actuator.toml` and their baseline."""
+    folder = tmp_path_factory.mktemp("shipped")
+    (folder / "actuator.toml").write_text("")
+    emcas("record", folder / "actuator.toml", "--output", folder / "baseline")
+    return folder
+
+
+@pytest.fixture
+def folder(shipped: Path, tmp_path: Path) -> Path:
+    """A copy of it, to change."""
+    return Path(shutil.copytree(shipped, tmp_path / "repository"))
+
+
+SHORT = """schema = "emcas-baseline/1"
+[limits.figures]
+rise_time = { absolute = "0.5 ms", relative = "1 %" }
+[limits.trajectories]
+sample_time = "10 ms"
+fin_angle = "0.05 deg"
+[case.only]
+kind = "step"
+command = "5 deg"
+duration = "0.3 s"
+"""
+
+
+@pytest.fixture
+def short(tmp_path: Path) -> Path:
+    """A folder with a baseline of one short case."""
+    (tmp_path / "actuator.toml").write_text("")
+    (tmp_path / "baseline").mkdir()
+    (tmp_path / "baseline/baseline.toml").write_text(SHORT)
+    emcas("record", tmp_path / "actuator.toml", "--output", tmp_path / "baseline")
+    return tmp_path

@@ -1,0 +1,119 @@
+"""What is wrong with a baseline or a request is named, with file and entry, and exit code 2."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from emcas_fmu.fmi.package import build
+from emcas_fmu.parameters import load_parameters
+
+from .conftest import emcas
+
+
+@pytest.mark.parametrize(("old", "new", "said"), [
+    ('schema = "emcas-baseline/1"', 'schema = "emcas-baseline/0"', "schema: is 'emcas-baseline/0'"),
+    ('kind = "step"', 'kind = "stop"', "case.only.kind: is 'stop'; there is step"),
+    ('command = "5 deg"', 'command = "5 V"', "case.only.command: is '5 V'"),
+    ('command = "5 deg"', 'command = "0 deg"', "case.only.command: is 0"),
+    ('command = "5 deg"', 'comand = "5 deg"', "did you mean command?"),
+    ('duration = "0.3 s"', 'duration = "2 h"', "case.only.duration: is 7200 s"),
+    ('fin_angle = "0.05 deg"', 'fin_angel = "0.05 deg"', "did you mean fin_angle?"),
+    ('fin_angle = "0.05 deg"', 'fin_angle = "-1 deg"', "limits.trajectories.fin_angle: is '-1 deg'; it must be"),
+    ('sample_time = "10 ms"', 'sample_time = "1.5 ms"', "sample_time: is 0.0015 s; it must be a whole number of ms"),
+    ('absolute = "0.5 ms"', 'absolute = 0.5', "limits.figures.rise_time.absolute: is 0.5: has no unit"),
+    ('relative = "1 %"', 'relative = "1 deg"', "limits.figures.rise_time.relative"),
+    ("[case.only.figures]", "[case.only.figure]", "case.only.figure: there is no such entry; did you mean figures?"),
+    ("\nrise_time = \"1", "\nrise_tine = \"1", "case.only.figures.rise_tine"),
+    ("\novershoot =", '\npeak_gain = "1 dB"\novershoot =', "a case of kind step has no such figure"),
+    ('"motor.resistance" =', '"motor.resistence" =', "did you mean motor.resistance?"),
+    ('duration = "0.3 s"', 'duration = "0.3 s"\nstart = { "friction.temperature" = "-500 degC" }',
+     "case.only.start.friction.temperature: is -500; it must be within -100 .. 200 degC"),
+    ("[recorded]", "[recorded", "cannot be read as TOML"),
+    ("[recorded]", "[remembered]", "remembered: there is no such entry"),
+])
+def test_a_damaged_file(short: Path, old: str, new: str, said: str) -> None:
+    file = short / "baseline/baseline.toml"
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new))
+    printed = emcas("check", short / "actuator.toml", "--baseline", short / "baseline", code=2)
+    assert said in printed
+    assert str(short / "baseline") in printed
+
+
+@pytest.mark.parametrize(("old", "new", "said"), [
+    ("time [s],fin_angle [deg]", "time [s],fin_angle [rad]", "its columns are"),
+    ("\n0.02,", "\n0.03,", "its times are not 0.01 s apart"),
+    ("\n0.02,0\n", "\n0.02,nan\n", "line 4 has nan"), ("\n0.02,0\n", "\n0.02,zero\n", "could not convert"),
+    ("\n0.02,", "\n0.02,,", "line 4 has 3 values"),
+    ("\n0.02,0\n", "\n", "its times are not"),
+])
+def test_a_damaged_trajectory(short: Path, old: str, new: str, said: str) -> None:
+    file = short / "baseline/only.csv"
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new))
+    printed = emcas("check", short / "actuator.toml", "--baseline", short / "baseline", code=2)
+    assert said in printed
+    assert "only.csv" in printed
+
+
+def test_an_edited_case_is_to_be_recorded_again(short: Path) -> None:
+    file = short / "baseline/baseline.toml"
+    file.write_text(file.read_text().replace('"0.3 s"', '"0.4 s"'))
+    assert "was the case edited?" in emcas("check", short / "actuator.toml", "-b", short / "baseline", code=2)
+    emcas("record", short / "actuator.toml", "-o", short / "baseline")
+    emcas("check", short / "actuator.toml", "-b", short / "baseline")
+
+
+def test_missing_files(short: Path) -> None:
+    (short / "baseline/only.csv").unlink()
+    assert "only.csv: is missing" in emcas("check", short / "actuator.toml", "-b", short / "baseline", code=2)
+    printed = emcas("check", short / "actuator.toml", "-b", short / "nowhere", code=2)
+    assert "emcas baseline record" in printed
+    assert "is a folder" in emcas("check", short / "actuator.toml", "-b", short / "baseline", "--junit", short,
+                                  code=2)
+
+
+def test_inputs_are_not_written_over(short: Path) -> None:
+    file = short / "baseline/baseline.toml"
+    file.write_text(file.read_text() + '\n[case.flight]\nkind = "file"\nfile = "flight.csv"\n')
+    assert "rename the case" in emcas("record", short / "actuator.toml", "-o", short / "baseline", code=2)
+
+
+@pytest.mark.parametrize(("model", "options", "said"), [
+    ("actuator.toml", ("--fin", "2"), "leave --fin out"), ("actuator.csv", (), "neither an FMU nor a parameter file"),
+    ("absent.fmu", (), "there is no such file"), ("absent.toml", (), "absent.toml"),
+])
+def test_a_model_that_is_none(short: Path, model: str, options: tuple[str, ...], said: str) -> None:
+    assert said in emcas("check", short / model, "-b", short / "baseline", *options, code=2)
+
+
+@pytest.mark.fmu
+def test_one_fin_of_several(short: Path) -> None:
+    """Fin 2 has a motor of its own; the others are those of the baseline."""
+    weaker = load_parameters().replace({"motor.torque_constant": 0.1})
+    fmu = build(load_parameters(), short / "EMCAS2.fmu", fins=2, each={2: weaker}).path
+    emcas("check", fmu, "-b", short / "baseline")
+    printed = emcas("check", fmu, "-b", short / "baseline", "--fin", "2", code=1)
+    assert "motor.torque_constant" in printed
+    assert "--fin 2" in printed
+    emcas("record", fmu, "-o", short / "baseline", "--fin", "2")
+    emcas("check", fmu, "-b", short / "baseline", "--fin", "2")
+    assert "is of fin 2, compared is fin 1" in emcas("check", fmu, "-b", short / "baseline", code=1)
+    assert "there is no fin 3" in emcas("check", fmu, "-b", short / "baseline", "--fin", "3", code=2)
+
+
+@pytest.mark.fmu
+def test_a_run_that_ends_early_fails(short: Path, fmu: Path) -> None:
+    """A combination without sense is refused by the FMU itself: the fin cannot start beyond its stop."""
+    file = short / "baseline/baseline.toml"
+    file.write_text(file.read_text().replace('duration = "0.3 s"',
+                                             'duration = "0.3 s"\nstart = { "fin.start_angle" = "1 rad" }'))
+    printed = emcas("check", fmu, "-b", short / "baseline", "--junit", short / "drift.xml", code=1)
+    assert "1 of 1 cases did not run to the end" in printed
+    assert "fin.start_angle" in printed
+    assert "went no further than 0 s" in (short / "drift.xml").read_text()
+    assert "a baseline needs every case to run to its end" in emcas("record", fmu, "-o", short / "baseline", code=2)

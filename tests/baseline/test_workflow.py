@@ -1,0 +1,114 @@
+"""The workflow for users' repositories: its shell lines, run in one, pass and fail as its document says."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import junitparser
+import pytest
+import yaml
+
+from emcas_fmu.compiler import local_platform
+from tests.docs.recipes import ROOT
+
+from .conftest import emcas
+
+WORKFLOW = yaml.safe_load((ROOT / "examples/ci/emcas.yml").read_text(encoding="utf-8"))
+JOB: Mapping[str, Any] = WORKFLOW["jobs"]["actuator"]
+TRIGGERS = WORKFLOW[True]  # YAML 1.1 reads the word `on` so
+LOCAL = local_platform()
+CALL = {"cases": "step_plus1", "package": "emcas-fmu", "platforms": LOCAL.name if LOCAL else ""}
+QUICK = {**CALL, "package": "pip"}  # there already, and with nothing to resolve
+
+needs_bash = pytest.mark.skipif(shutil.which("bash") is None or os.name == "nt", reason="there is no bash")
+
+
+def value(expression: str, inputs: Mapping[str, str]) -> str:
+    """An expression of the form `${{ inputs.name || 'text' }}`, the only one the job's environment has."""
+    match = re.fullmatch(r"\$\{\{ inputs\.([\w-]+) \|\| '(.*)' \}\}", expression)
+    assert match, expression
+    assert match[1] in TRIGGERS["workflow_call"]["inputs"]
+    return inputs.get(match[1]) or match[2]
+
+
+def run(folder: Path, inputs: Mapping[str, str]) -> dict[str, int]:
+    """Exit code of each step with shell lines; one without a condition is left out after a failure, as there."""
+    state, summary = folder / ".env", folder / "summary.md"
+    state.touch()
+    environment = {**os.environ, **{name: value(text, inputs) for name, text in JOB["env"].items()},
+                   "GITHUB_ENV": str(state), "GITHUB_STEP_SUMMARY": str(summary), "PIP_NO_INDEX": "1",
+                   "PIP_DISABLE_PIP_VERSION_CHECK": "1",
+                   "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])}
+    codes: dict[str, int] = {}
+    outcomes: dict[str, str] = {}
+    for step in (step for step in JOB["steps"] if "run" in step):
+        condition = step.get("if")
+        assert condition in (None, "${{ !cancelled() && steps.model.outcome == 'success' }}")
+        if any(codes.values()) and not (condition and outcomes.get("model") == "success"):
+            continue
+        extra = dict(line.split("=", 1) for line in state.read_text().splitlines())
+        # The shell GitHub documents for `run` on Linux where none is named is `bash -e`.
+        done = subprocess.run(["bash", "-e", "-c", step["run"]], cwd=folder, env={**environment, **extra},
+                              capture_output=True, text=True, timeout=120)
+        codes[step["name"]] = done.returncode
+        outcomes[step.get("id", "")] = "failure" if done.returncode else "success"
+        (folder / "log.txt").write_text(done.stdout + done.stderr)
+    return codes
+
+
+@pytest.fixture
+def repository(tmp_path: Path) -> Path:
+    """A user's repository: a parameter file and the approved baseline of it."""
+    (tmp_path / "actuator.toml").write_text('[motor]\ntorque_constant = "0.105 N*m/A"\n')
+    emcas("record", tmp_path / "actuator.toml", "--output", tmp_path / "baseline")
+    return tmp_path
+
+
+@needs_bash
+@pytest.mark.fmu
+def test_no_change_passes(repository: Path) -> None:
+    codes = run(repository, CALL)
+    assert codes == {"Install": 0, "Build the FMU": 0, "Validate": 0, "Compare with the approved baseline": 0}
+    reports = repository / "reports"
+    assert {p.name for p in reports.iterdir()} == {"actuator.fmu", "references", "validation.xml", "validation.html",
+                                                   "drift.xml", "drift.html"}
+    assert junitparser.JUnitXml.fromfile(str(reports / "drift.xml")).failures == 0
+    assert "no drift" in (repository / "summary.md").read_text()
+
+
+@needs_bash
+@pytest.mark.fmu
+def test_a_drift_fails_with_a_table(repository: Path, native: Path) -> None:
+    """With an FMU of the user's, of other parameters: valid, but not what was approved."""
+    shutil.copy(native, repository / "mine.fmu")
+    (repository / "actuator.toml").unlink()
+    codes = run(repository, {**QUICK, "fmu": "mine.fmu"})
+    assert codes == {"Install": 0, "Build the FMU": 0, "Validate": 0, "Compare with the approved baseline": 1}
+    summary = (repository / "summary.md").read_text()
+    assert "**DRIFT**" in summary
+    assert "| motor.torque_constant | 0.105 N.m/A | 0.11 N.m/A |" in summary
+    assert "emcas baseline record mine.fmu --output baseline" in summary
+
+
+@needs_bash
+def test_a_bad_parameter_file_fails_at_once(repository: Path) -> None:
+    (repository / "actuator.toml").write_text('[motor]\nresistence = "1 Ohm"\n')
+    assert run(repository, QUICK) == {"Install": 0, "Build the FMU": 2}
+    assert "motor.resistence" in (repository / "log.txt").read_text()
+
+
+def test_whole() -> None:
+    """Every input is used, and what GitHub runs by itself is pinned to a version."""
+    used = set(re.findall(r"inputs\.([\w-]+)", (ROOT / "examples/ci/emcas.yml").read_text(encoding="utf-8")))
+    assert used == set(TRIGGERS["workflow_call"]["inputs"])
+    assert {"push", "pull_request", "workflow_dispatch", "workflow_call"} == set(TRIGGERS)
+    actions = [step["uses"] for step in JOB["steps"] if "uses" in step]
+    assert len(actions) == 3
+    assert all(re.fullmatch(r"actions/[\w-]+@v\d+", action) for action in actions)

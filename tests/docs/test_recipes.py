@@ -1,0 +1,100 @@
+"""What docs/hosts.md says is tested runs as it stands there."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import math
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from emcas_fmu.compiler import local_platform
+from emcas_fmu.fmi.package import build
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.validation.runs import opened
+from tests.hosts.host import missing, tool
+
+from .recipes import ROOT, recipes
+
+pytestmark = pytest.mark.fmu
+
+BLOCKS = recipes("hosts.md")
+
+
+@pytest.fixture(scope="module")
+def place(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with EMCAS.fmu, EMCAS4.fmu and host.c, as a reader has them."""
+    folder = tmp_path_factory.mktemp("recipes")
+    shutil.copy(native, folder / "EMCAS.fmu")
+    shutil.copy(ROOT / "examples/c_host/host.c", folder)
+    local = local_platform()
+    assert local is not None
+    build(load_parameters(), folder / "EMCAS4.fmu", "native", [local.name], fins=4)
+    return folder
+
+
+def run(name: str, place: Path) -> str:
+    """The last line a block prints, run in a process of its own; nothing if it prints none."""
+    language, text = BLOCKS[name]
+    program = [sys.executable, "-W", "error", "-c", text] if language == "python" else ["sh", "-euc", text]
+    done = subprocess.run(program, cwd=place, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    return (done.stdout.splitlines() or [""])[-1]
+
+
+def test_every_block_is_run() -> None:
+    assert sorted(BLOCKS) == ["c_host", "fmpy", "fmpy_four", "fmpy_loop", "libcosim"]
+
+
+def test_fmpy(place: Path) -> None:
+    """At its command of 10 deg but for what is left of an overshoot under load, 0.25 s after it was given."""
+    assert abs(float(run("fmpy", place)) - 10.0) < 0.5
+
+
+def test_fmpy_in_a_loop(place: Path) -> None:
+    assert abs(float(run("fmpy_loop", place)) - 0.2) < 0.02
+
+
+def test_four_fins(place: Path) -> None:
+    run("fmpy_four", place)  # it asserts
+
+
+def test_libcosim(place: Path) -> None:
+    if importlib.util.find_spec("libcosimpy") is None:
+        missing("there is no libcosimpy (pip install libcosimpy)")
+    assert abs(float(run("libcosim", place)) - 0.1) < 0.01
+
+
+def test_c_host(place: Path) -> None:
+    """The response in C is that of fmpy given the same hinge moments, to the last bit."""
+    for name in ("cc", "unzip"):
+        tool(name, {"cc": "gcc"}.get(name, name))
+    run("c_host", place)
+    with (place / "response.csv").open(encoding="utf-8", newline="") as file:
+        rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
+    assert len(rows) == 301
+    assert abs(rows[-1]["fin_angle"] - 0.2) < 0.02
+    assert all(math.isfinite(value) for row in rows for value in row.values())
+    inputs = {"time": [k * 1e-3 for k in range(301)], "fin_command": [0.0 if k < 50 else 0.2 for k in range(301)],
+              "aero_torque": [-200.0 * row["fin_angle"] for row in rows]}
+    with opened(place / "EMCAS.fmu") as unit:
+        found = unit.run({key: np.array(column) for key, column in inputs.items()}, 1e-3, {}, ["fin_angle"])
+    assert found.columns["fin_angle"].tolist() == [row["fin_angle"] for row in rows]
+
+
+@pytest.mark.parametrize("compiler", [["gcc", "-std=c11"], ["g++", "-x", "c++"]], ids=["C", "C++"])
+def test_c_host_is_clean(place: Path, tmp_path: Path, compiler: list[str]) -> None:
+    program = tool(compiler[0], compiler[0])
+    shutil.unpack_archive(place / "EMCAS.fmu", tmp_path, "zip")
+    made = subprocess.run([program, *compiler[1:], "-pedantic", "-Wall", "-Wextra", "-Werror", f"-I{tmp_path}/sources",
+                           ROOT / "examples/c_host/host.c", "-o", tmp_path / "host", "-ldl"], capture_output=True,
+                          text=True)
+    assert made.returncode == 0, made.stderr
+    bad = subprocess.run([tmp_path / "host", ROOT], capture_output=True, text=True)
+    assert bad.returncode == 1
+    assert "is this an unpacked FMU?" in bad.stderr
