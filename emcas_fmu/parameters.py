@@ -85,11 +85,13 @@ class ParameterSet:
         return tree(self.values)
 
 
-def load_parameters(path: Path | str | None = None) -> ParameterSet:
-    """The default set, overridden by the entries of the user's file at `path`, if one is given.
+def load_parameters(path: Path | str | None = None, base: ParameterSet | None = None) -> ParameterSet:
+    """The default set, or `base`, overridden by the entries of the user's file at `path`, if one is given.
 
     Raises ParameterError with all problems of a file, FileNotFoundError where the default set is missing.
     """
+    if base is not None:
+        return base if path is None else _overridden(base.entries, _document(Path(path)), str(path), Path(path).name)
     default = models_directory() / "emcas.toml"
     entries, problems = _entries(_document(default), str(default), default.name, "")
     missing = [f"{default}: {name}: missing; the default file must give every parameter"

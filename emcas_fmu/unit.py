@@ -9,17 +9,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import radians
+from pathlib import Path
 from typing import Any
 
 from .errors import EmcasError
-from .variables import INPUTS, OUTPUTS, PARAMETERS, Variable
+from .parameters import ParameterSet, load_parameters
+from .variables import INPUTS, OUTPUTS, PARAMETERS, START_ENTRIES, Variable
 
 MOST_FINS = 8
 LAYOUTS = ("plus", "cross")
 AZIMUTH = "mounting.azimuth"
 SHARED = ("acceleration.x", "acceleration.y", "acceleration.z", "attitude.roll", "attitude.pitch", "attitude.yaw",
           "supply_voltage")
+_SHARED = {"supply_voltage": "voltage of the source of the bus"}
 _BY_NAME = {v.name: v for v in (*INPUTS, *OUTPUTS)}
 
 
@@ -80,7 +82,7 @@ class Unit:
     def inputs(self) -> tuple[Variable, ...]:
         if self.fins == 1:
             return INPUTS
-        shared = tuple(v for v in INPUTS if v.name in SHARED)
+        shared = tuple(replace(v, description=_SHARED.get(v.name, v.description)) for v in INPUTS if v.name in SHARED)
         return shared + MIXING + self._each([v for v in INPUTS if v.name not in SHARED])
 
     @cached_property
@@ -117,14 +119,51 @@ class Unit:
 
 
 def azimuths(fins: int, layout: str) -> tuple[float, ...]:
-    """Azimuths [rad] of equally spaced fins: ``plus`` begins with one on body y, ``cross`` half a space further.
+    """Azimuths [deg] of equally spaced fins: ``plus`` begins with one on body y, ``cross`` half a space further.
 
     Raises EmcasError for another layout.
     """
     if layout not in LAYOUTS:
         raise EmcasError(f"--layout {layout}: there is {' and '.join(LAYOUTS)}")
     space = 360.0 / fins
-    return tuple(radians(space * (k + (0.5 if layout == "cross" else 0.0))) for k in range(fins))
+    return tuple(space * (k + (0.5 if layout == "cross" else 0.0)) for k in range(fins))
+
+
+def fin_files(given: Sequence[str]) -> dict[int, Path]:
+    """Parameter files of single fins from 1 on, given as ``N=FILE``. Raises EmcasError."""
+    files: dict[int, Path] = {}
+    for text in given:
+        number, separator, file = text.partition("=")
+        if not separator or not file or not number.isdigit():
+            raise EmcasError(f"--fin {text}: expected a fin's number from 1 on and a file, as in --fin 2=second.toml")
+        if int(number) in files:
+            raise EmcasError(f"--fin {text}: fin {number} is given twice")
+        files[int(number)] = Path(file)
+    return files
+
+
+def fin_sets(base: ParameterSet, fins: int, layout: str, files: Mapping[int, Path]) -> tuple[ParameterSet, ...]:
+    """Each fin's parameters: `base` where the layout puts it, and the file of its own, if there is one, over that.
+
+    Raises EmcasError for a fin, number or layout there is not, and where fins differ in what they share;
+    ParameterError for a file's problems.
+    """
+    Unit(fins)
+    places = azimuths(fins, layout)
+    for fin in files:
+        if not 1 <= fin <= fins:
+            raise EmcasError(f"--fin {fin}={files[fin]}: the unit has fins 1 to {fins}")
+    sets = tuple(load_parameters(files.get(fin), base.replace({AZIMUTH: f"{azimuth} deg"}))
+                 for fin, azimuth in enumerate(places, 1))
+    require_shared(sets, ", ".join(map(str, files.values())))
+    return sets
+
+
+def require_shared(sets: Sequence[ParameterSet], where: str) -> None:
+    """Raise EmcasError where fins differ in a start value of an input they share."""
+    for entry in START_ENTRIES:
+        if len({each.values[entry.name] for each in sets}) > 1:
+            raise EmcasError(f"{where}: {entry.name} differs between fins, which share it; change it for every fin")
 
 
 def start_values(unit: Unit, sets: Sequence[Mapping[str, Any]]) -> tuple[Any, ...]:

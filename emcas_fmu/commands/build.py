@@ -8,9 +8,8 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from ..errors import EmcasError
 from ..parameters import load_parameters
-from ..unit import Unit
+from ..unit import Unit, fin_files
 from .common import ParametersOption, failures, out, progress_bar, stepper
 
 EPILOG = ("Examples:\n\n  emcas build\n\n  emcas build --parameters my_actuator.toml --output MyActuator.fmu"
@@ -18,13 +17,6 @@ EPILOG = ("Examples:\n\n  emcas build\n\n  emcas build --parameters my_actuator.
                 "\n\n  emcas build --backend native --platform linux64 --platform win64"
                 "\n\n  emcas build --backend native --cc gcc"
                 "\n\n  emcas build --fins 4 --layout cross --fin 2=worn.toml --backend native")
-
-
-def _numbered(text: str) -> tuple[int, Path]:
-    number, _, path = text.partition("=")
-    if not number.isdigit() or not path:
-        raise EmcasError(f"--fin {text}: expected a fin's number from 1 and a file, as in --fin 2=worn.toml")
-    return int(number), Path(path)
 
 
 def build(
@@ -42,7 +34,7 @@ def build(
     layout: Annotated[str, typer.Option(help="Where several fins are: one along body y, or half a space further.",
                                         metavar="plus|cross")] = "cross",
     fin: Annotated[list[str] | None, typer.Option(
-        help="Parameters of one of several fins: its number from 1 and a file (may be given several times).",
+        help="Parameter file of one of several fins, over the others' (may be given several times).",
         metavar="N=FILE")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="FMU to write: EMCAS.fmu, or EMCAS4.fmu "
                                                 "with --fins 4, if not given.", metavar="FILE")] = None,
@@ -51,8 +43,7 @@ def build(
     from ..fmi.package import build as build_fmu
 
     with failures(), progress_bar() as progress:
-        each = {number: load_parameters(path) for number, path in map(_numbered, fin or [])}
         built = build_fmu(load_parameters(parameters), output or Path(f"{Unit(fins).model}.fmu"), backend, platform, cc,
-                          stepper(progress, "compile"), fins, layout, each)
+                          stepper(progress, "compile"), fins, layout, fin_files(fin or []))
     out.print(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})", highlight=False, soft_wrap=True)

@@ -29,7 +29,7 @@ def write(
     output: Annotated[Path, typer.Option("--output", "-o", help="Archive to write.",
                                          metavar="FILE.ssp")] = Path("EMCAS.ssp"),
     parameters: ParametersOption = None,
-    fins: Annotated[int, typer.Option(help="Number of fins, evenly about the body, 1 to 9.")] = 4,
+    fins: Annotated[int, typer.Option(help="Number of fins, evenly about the body, 1 to 8.")] = 4,
     layout: Annotated[str, typer.Option(help="cross: the first fin half a pitch from body y (45 deg with four); plus: "
                                              "on it.", metavar="cross|plus")] = "cross",
     fin: Annotated[list[str] | None, typer.Option(help="Parameter file of one fin, over the others' (may be given "
@@ -44,11 +44,12 @@ def write(
     if context.invoked_subcommand:
         return
     from ..ssp.schema import NOMINAL
-    from ..ssp.variants import fin_files, variant_files
+    from ..ssp.variants import variant_files
     from ..ssp.write import write_ssp
+    from ..unit import fin_files
 
     with failures(), progress_bar() as progress:
-        written = write_ssp(output, fmu, parameters, fins=fins, layout=layout, fin_files=fin_files(fin or [], fins),
+        written = write_ssp(output, fmu, parameters, fins=fins, layout=layout, fin_files=fin_files(fin or []),
                             variant_files=variant_files(variant or []), prefix=prefix,
                             progress=stepper(progress, "compile"))
     out.print(f"written {escape(str(written.path))}  {written.size / 1024:.0f} KiB  {fins} fins, FMU {written.guid}",

@@ -78,15 +78,31 @@ static void find_outputs(instance *m, const core_inputs *in)
     put_out(m, in->supply, m->s.sag, out);
 }
 
-/* All fins to `until`. Where a ramp takes the supply below nothing, so be it: the drives take none for less. */
-static core_result run_fins(instance *m, core_state *core, double until, const core_inputs *in, const core_ramp *ramp,
-                            double sag, double *out)
+static double source_at(const core_inputs *in, const core_ramp *ramp, double time)
+{
+    return in->supply + (ramp ? ramp->supply * (time - ramp->begin) : 0.0);
+}
+
+/* All fins to `until`. The sag comes off the ramp of the supply; where that would leave nothing at either end
+ * the bus's least voltage is held. */
+static core_result run_fins(instance *m, core_state *core, double from, double until, const core_inputs *in,
+                            const core_ramp *ramp, double sag, double *out)
 {
     for (size_t fin = 0; fin < FINS; ++fin) {
         core_inputs acting = in[fin];
+        core_ramp rising;
         acting.supply = bus_voltage(m, acting.supply, sag);
+        if (ramp) {
+            const double first = source_at(&in[fin], &ramp[fin], from), last = source_at(&in[fin], &ramp[fin], until);
+            rising = ramp[fin];
+            acting.supply = in[fin].supply - sag;
+            if (bus_voltage(m, first, sag) > first - sag || bus_voltage(m, last, sag) > last - sag) {
+                acting.supply = bus_voltage(m, 0.5 * (first + last), sag);
+                rising.supply = 0.0;
+            }
+        }
         const core_result result = core_run(parameters(m, fin), m->fin[fin].constants, &core[fin], until, &acting,
-                                            ramp ? &ramp[fin] : NULL, out + fin * MODEL_OUTPUTS);
+                                            ramp ? &rising : NULL, out + fin * MODEL_OUTPUTS);
         if (result != CORE_DONE) return result;
     }
     return CORE_DONE;
@@ -102,23 +118,23 @@ static core_result unit_run(instance *m, double end, const core_inputs *in, cons
     int64_t instant = m->s.instant;
     if (!stiff && !(end / interval - (double)instant <= CORE_MOST_TICKS)) return CORE_TOO_MANY_TICKS;
     memcpy(core, m->s.core, sizeof core);
-    for (;;) {
+    for (double from = m->s.now;;) {
         const double next = (double)instant * interval;
         /* A host's clock may stand a little before an instant it means to have reached. */
         const bool meets = !stiff && next <= end + m->slack;
         const double until = meets && next < end ? next : end;
-        const core_result result = run_fins(m, core, until, in, ramp, sag, out);
+        const core_result result = run_fins(m, core, from, until, in, ramp, sag, out);
         if (result != CORE_DONE) return result;
         if (!meets) break;
-        const double source = in->supply + (ramp ? ramp->supply * (until - ramp->begin) : 0.0);
-        sag = next_sag(m, sag, bus_current(m, out, bus_voltage(m, source, sag), NULL));
+        sag = next_sag(m, sag, bus_current(m, out, bus_voltage(m, source_at(in, ramp, until), sag), NULL));
         if (!core_finite(sag)) return CORE_NOT_FINITE;
         ++instant;
+        from = until;
     }
     memcpy(m->s.core, core, sizeof core);
     m->s.sag = sag;
     m->s.instant = instant;
-    put_out(m, in->supply + (ramp ? ramp->supply * (end - ramp->begin) : 0.0), sag, out);
+    put_out(m, source_at(in, ramp, end), sag, out);
     return CORE_DONE;
 }
 

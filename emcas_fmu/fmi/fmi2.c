@@ -32,7 +32,7 @@ static void set_one(instance *m, size_t vr, double value)
     m->s.values[vr] = value;
     m->s.fresh = 0;
     if (vr >= PARAMETER_BEGIN) m->unprepared = 1;
-    if (vr >= MOTION_BEGIN && vr < MOTION_END) m->unforced = 1;
+    if (vr - MOTION_BEGIN < MOTION_END - MOTION_BEGIN) m->unforced = 1; /* unsigned: none below */
 }
 
 static bool array_missing(const instance *m, size_t n, const void *vr, const void *value, const char *function)

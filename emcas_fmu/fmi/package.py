@@ -14,7 +14,7 @@ from uuid import UUID
 from .. import __version__
 from ..errors import BuildError
 from ..parameters import ParameterSet
-from ..unit import AZIMUTH, Unit, azimuths, start_values
+from ..unit import Unit, fin_sets, start_values
 from . import native, python
 from .documentation import documents
 from .model_description import SINGLE, model_description, terminals_and_icons, to_bytes
@@ -82,30 +82,17 @@ def _archive(contents: Mapping[str, bytes], target: Path) -> None:
             archive.writestr(info, contents[name])
 
 
-def _sets(unit: Unit, parameters: ParameterSet, layout: str, each: Mapping[int, ParameterSet]) -> list[ParameterSet]:
-    """Each fin's parameter set."""
-    if unit.fins == 1:
-        if each:
-            raise BuildError("parameters of single fins are for a unit of several: give --fins too")
-        return [parameters]
-    for fin in each:
-        if not 1 <= fin <= unit.fins:
-            raise BuildError(f"fin {fin}: the unit has fins 1 to {unit.fins}")
-    own = [each.get(fin + 1, parameters) for fin in range(unit.fins)]
-    return [p.replace({AZIMUTH: p.values[AZIMUTH] + azimuth})
-            for p, azimuth in zip(own, azimuths(unit.fins, layout), strict=True)]
-
-
 def build(parameters: ParameterSet, output: Path, backend: str = "python", platforms: Sequence[str] | None = None,
           cc: str | None = None, progress: Progress | None = None, fins: int = 1, layout: str = "cross",
-          each: Mapping[int, ParameterSet] | None = None) -> Built:
+          files: Mapping[int, Path] | None = None) -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
     `backend` is ``python`` or ``native``; the rest is for the native one: `platforms` to
     build for (all if not given), `cc` a system compiler instead of zig (this platform only).
-    More than one of `fins` share a bus, their azimuths those of the `layout` (``plus`` or ``cross``) added to the
-    sets' own; `each` has the sets of fins (from 1) that differ. Raises EmcasError for what cannot be asked for,
-    BuildError if the file cannot be written and CompilerError if there is no compiler.
+    More than one of `fins` share a bus and stand in the `layout` (``plus`` or ``cross``); `files` are parameter
+    files of single fins (from 1), over the others'. Raises EmcasError for what cannot be asked for,
+    ParameterError for a file's problems, BuildError if the FMU cannot be written and CompilerError if there is
+    no compiler.
     """
     if backend not in BACKENDS:
         raise BuildError(f"--backend {backend}: there is {' and '.join(BACKENDS)}")
@@ -115,8 +102,10 @@ def build(parameters: ParameterSet, output: Path, backend: str = "python", platf
         raise BuildError(f"{output}: the output must end in .fmu")
     if output.is_dir() or not output.parent.is_dir():
         raise BuildError(f"{output}: {'is a folder' if output.is_dir() else f'there is no folder {output.parent}'}")
-    unit = Unit(fins)
-    contents, guid = _contents(unit, _sets(unit, parameters, layout, each or {}), backend, platforms, cc, progress)
+    if fins == 1 and files:
+        raise BuildError("--fin is for a unit of several: give --fins too")
+    sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
+    contents, guid = _contents(Unit(fins), sets, backend, platforms, cc, progress)
     partial = output.with_name(f".{output.name}.{os.getpid()}.part")
     try:
         _archive(contents, partial)

@@ -1,20 +1,24 @@
 """A supply bus with source resistance that several drives share.
 
-    V = max(V_source - s, 0)        I = sum P_i / V        s -> R I
+    V = max(V_source - s, V_0)        I = sum P_i / V        s -> R I
 
 V is the voltage at the drives, s the sag. It follows the current at instants h apart; in between it is held.
 A drive at its voltage limit raises its current by about dV h/L in that time, so the new sag is taken where that
-line meets R I (one step of Newton's method), which keeps it steady for any R.
+line meets R I (one step of Newton's method): without, the sag would overshoot where R h/L is not small.
+V_0 is a millivolt, or what less the source has: drives on a collapsed bus still switch their motors' currents
+onto it, and I has a limit there which P/V keeps as long as V is not zero.
 """
 
 from __future__ import annotations
 
 from ..ops.base import Ops, Value
 
+LEAST = 1e-3  # V
+
 
 def voltage(ops: Ops, source: Value, sag: Value) -> Value:
-    """Voltage at the drives [V]."""
-    return ops.maximum(source - sag, 0.0)
+    """Voltage at the drives [V]; the source's own where there is no sag."""
+    return ops.maximum(source - sag, ops.clip(source, 0.0, LEAST))
 
 
 def current(ops: Ops, power: Value, at: Value) -> Value:

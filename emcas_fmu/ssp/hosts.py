@@ -35,7 +35,7 @@ from .structure import Connection, Structure, read_structure
 HOSTS = ("fmpy", "libcosimpy", "ecospy")
 _MODULES = {"fmpy": "in_fmpy", "libcosimpy": "in_libcosim", "ecospy": "in_ecos"}
 _NEEDS = {"fmpy": "pip install fmpy", "libcosimpy": "pip install libcosimpy",
-          "ecospy": "pip install ecospy; on Debian also apt-get install libtbb12 unzip"}
+          "ecospy": "pip install ecospy; on Debian also apt-get install libtbb12"}
 End = tuple[str, str]  # component and variable
 Value = float | bool
 

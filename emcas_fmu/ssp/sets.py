@@ -10,9 +10,10 @@ from .. import __version__
 from ..fmi.model_description import to_bytes
 from ..fmi.units import UNITS
 from ..parameters import Entry, ParameterSet, Value
+from ..unit import AZIMUTH
 from ..variables import INPUTS, Variable
 from .schema import NOMINAL, SSC, SSV
-from .variants import AZIMUTH, Variant, fin_name
+from .variants import Variant, fin_name
 
 TOOL = f"emcas-fmu {__version__}"
 _STARTS = {v.key: v for v in INPUTS if v.key is not None}  # inputs whose start value is in the parameter file

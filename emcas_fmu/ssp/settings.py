@@ -86,10 +86,27 @@ def check_settings(structure: Structure, interfaces: Mapping[int, Interface], lo
             elif found.name not in found.element.connectors and found.element.type == "system":
                 log.error(binding.file, place, f"the system has no connector {found.name}",
                           nearest(found.name, found.element.connectors, "remove it"))
+            elif (fed := _fed(found, interfaces)) is not None:
+                _variable(structure, binding, setting, place, fed, interfaces[id(fed.element)], log)
     files = {structure.file, *(binding.file for _, _, binding in bound)}
     if not any(f.level == "error" and f.file in files for f in log.findings):  # else it is asked of wrong numbers
         _sense(structure, interfaces, log)
     _agreement(structure, bound, loose, log)
+
+
+def _fed(setting: Target, interfaces: Mapping[int, Interface]) -> Target | None:
+    """The first variable of an FMU that a connector of a system is wired to, however many systems further in."""
+    for connection in setting.element.connections:
+        for near, far in ((connection.start, connection.end), (connection.end, connection.start)):
+            element = setting.element.elements.get(far[0])
+            if near != ("", setting.name) or element is None:
+                continue
+            inner = Target(f"{setting.path}{far[0]}.", element, far[1])
+            if id(element) in interfaces:
+                return inner
+            if element.type == "system" and (found := _fed(inner, interfaces)) is not None:
+                return found
+    return None
 
 
 def _variable(structure: Structure, binding: Binding, setting: Setting, place: str, found: Target,

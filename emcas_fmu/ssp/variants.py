@@ -11,14 +11,11 @@ from typing import Any
 from ..files import models_directory
 from ..parameters import ParameterError, ParameterSet
 from ..toml import tomllib
-from ..variables import START_ENTRIES
+from ..unit import fin_sets, require_shared
 from .schema import NOMINAL, SspError
 
-LAYOUTS = ("cross", "plus")
 SHIPPED = ("cold", "degraded")  # variants, each a file among the models
-MOST_FINS = 9  # fmpy takes the parameters of fin10 for those of fin1
 EVERY_FIN = "every_fin"
-AZIMUTH = "mounting.azimuth"
 _NAME = re.compile(r"[A-Za-z]\w*")
 
 
@@ -50,36 +47,9 @@ def variant_files(given: Sequence[str]) -> dict[str, Path]:
     return files
 
 
-def fin_files(given: Sequence[str], fins: int) -> dict[int, Path]:
-    """Parameter files of single fins, given as ``N=FILE``. Raises SspError."""
-    files = {}
-    for text in given:
-        number, separator, file = text.partition("=")
-        if not separator or not file or not number.isdigit() or not 1 <= int(number) <= fins:
-            raise SspError(f"--fin {text}: expected N=FILE with N from 1 to {fins}, such as --fin 2=second.toml")
-        files[int(number)] = Path(file)
-    return files
-
-
 def nominal(base: ParameterSet, fins: int, layout: str, files: Mapping[int, Path]) -> Variant:
-    """The fins as built: `base`, turned about body x by the layout, with the files of single fins over it.
-
-    A cross of four has azimuths of 45, 135, 225 and 315 deg, a plus 0, 90, 180 and 270.
-    Raises SspError or ParameterError.
-    """
-    if layout not in LAYOUTS:
-        raise SspError(f"--layout {layout}: there is {' and '.join(LAYOUTS)}")
-    if not 1 <= fins <= MOST_FINS:
-        raise SspError(f"--fins {fins}: must be 1 to {MOST_FINS}")
-    sets = []
-    for i in range(fins):
-        azimuth = (i + (0.5 if layout == "cross" else 0.0)) * 360.0 / fins
-        turned = base.replace({AZIMUTH: f"{azimuth} deg"})
-        file = files.get(i + 1)
-        sets.append(turned if file is None else _changed(turned, dict(_entries(_document(file))), str(file)))
-    variant = Variant(NOMINAL, tuple(sets))
-    _same_bus(variant, ", ".join(map(str, files.values())))
-    return variant
+    """The fins as built (:func:`emcas_fmu.unit.fin_sets`). Raises EmcasError."""
+    return Variant(NOMINAL, fin_sets(base, fins, layout, files))
 
 
 def derived(name: str, file: Path, origin: Variant) -> Variant:
@@ -93,15 +63,8 @@ def derived(name: str, file: Path, origin: Variant) -> Variant:
                            f"[{EVERY_FIN}.friction]")
     fins = tuple(_changed(own, {**every, **dict(_entries(document.get(fin_name(i), {})))}, f"{file}: {fin_name(i)}")
                  for i, own in enumerate(origin.fins, start=1))
-    variant = Variant(name, fins, tuple(every))
-    _same_bus(variant, str(file))
-    return variant
-
-
-def _same_bus(variant: Variant, where: str) -> None:
-    for entry in START_ENTRIES:
-        if len({fin.values[entry.name] for fin in variant.fins}) > 1:
-            raise SspError(f"{where}: {entry.name} differs between fins, which share it; change it for every fin")
+    require_shared(fins, str(file))
+    return Variant(name, fins, tuple(every))
 
 
 def _document(file: Path) -> dict[str, Any]:

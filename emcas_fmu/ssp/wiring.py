@@ -157,8 +157,9 @@ class _Wiring:
             return
         if start.definition is None or end.definition is None:
             if start.unit != end.unit:
-                self.log.warning(self.file, place, f"{start.label} is in {start.unit} and {end.label} in {end.unit}, "
-                                 "of which at least one is not defined", "define both in the Units of the structure")
+                self.log.error(self.file, place, f"{start.label} is in {start.unit} and {end.label} in {end.unit}, "
+                               "of which at least one is not defined, and hosts pass values on as they are",
+                               "use one unit, or define both in the Units of the structure")
             return
         needed = conversion(start.definition, end.definition)
         if needed is None:

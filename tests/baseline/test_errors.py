@@ -94,8 +94,8 @@ def test_a_model_that_is_none(short: Path, model: str, options: tuple[str, ...],
 @pytest.mark.fmu
 def test_one_fin_of_several(short: Path) -> None:
     """Fin 2 has a motor of its own; the others are those of the baseline."""
-    weaker = load_parameters().replace({"motor.torque_constant": 0.1})
-    fmu = build(load_parameters(), short / "EMCAS2.fmu", fins=2, each={2: weaker}).path
+    (short / "weaker.toml").write_text('[motor]\ntorque_constant = "0.1 N*m/A"\n')
+    fmu = build(load_parameters(), short / "EMCAS2.fmu", fins=2, files={2: short / "weaker.toml"}).path
     emcas("check", fmu, "-b", short / "baseline")
     printed = emcas("check", fmu, "-b", short / "baseline", "--fin", "2", code=1)
     assert "motor.torque_constant" in printed

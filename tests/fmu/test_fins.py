@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -24,7 +25,7 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.fmi.slave import Table
 from emcas_fmu.kernels import program
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.unit import AZIMUTH, BUS_OUTPUTS, Unit, azimuths, start_values
+from emcas_fmu.unit import AZIMUTH, BUS_OUTPUTS, Unit, azimuths, fin_files, start_values
 from emcas_fmu.variables import OUTPUTS, PARAMETERS
 
 from .host import ERROR, OK, Fmu, Instance
@@ -116,7 +117,7 @@ def test_on_a_stiff_bus_it_is_four_single_units(started: Any, one: Fmu) -> None:
     unit = started(**{f"fin[{k}].loads.gravity": True for k in range(1, 5)})
     singles = [Instance(one) for _ in range(4)]
     for single, azimuth in zip(singles, azimuths(4, "cross"), strict=True):
-        assert max(single.initialize(**{AZIMUTH: azimuth, "loads.gravity": True})) == OK
+        assert max(single.initialize(**{AZIMUTH: radians(azimuth), "loads.gravity": True})) == OK
     rng = np.random.default_rng(5)
     time = 0.0
     for _ in range(25):
@@ -191,6 +192,49 @@ def test_fins_share_what_the_bus_gives(started: Any) -> None:
 
     assert travelled(0.0, True) == travelled(0.0, False)
     assert travelled(0.05, True) < 0.99 * travelled(0.05, False)
+
+
+@pytest.mark.parametrize(("resistance", "supply", "inductance"), [
+    (1.0, 39.0, 6e-4), (0.05, 5.0, 6e-4), (0.1, 15.0, 6e-4), (0.2, 20.0, 6e-4), (0.2, 0.5, 6e-4),
+    (1.0, 39.0, 1e-4), (0.5, 20.0, 3e-5)])  # where sum R h/L is 4 and 7: without Newton's step the sag would swing
+def test_a_weak_source_gives_no_more_than_it_has(started: Any, resistance: float, supply: float,
+                                                 inductance: float) -> None:
+    """At most V^2/4R, and V/R, whatever the drives ask for: on average over the instants of the bus."""
+    unit = started(**{RESISTANCE: resistance}, **{f"fin[{k}].motor.inductance": inductance for k in range(1, 5)})
+    power, current = [], []
+    for k in range(3000):
+        if k == 100:
+            commands(unit, 0.3)
+        if k == 150:  # while they move
+            unit.set("supply_voltage", supply)
+        assert unit.step(k * 1e-4, 1e-4) == OK
+        if k > 250:  # the motors' own inductance has let go, 10 ms after the change
+            power.append(unit.get("supply_power"))
+            current.append(unit.get("bus_current"))
+    mean = np.convolve(power, np.ones(5) / 5, "valid"), np.convolve(current, np.ones(5) / 5, "valid")
+    # The sag is an update late: what currents change by in 0.1 ms, a twentieth.
+    assert mean[0].max() < 1.05 * supply**2 / (4.0 * resistance)
+    assert mean[1].max() < 1.05 * supply / resistance
+    assert mean[0].max() > 0.0
+
+
+@pytest.mark.parametrize("resistance", [0.0, 0.05, 0.3])
+def test_ramps_of_the_supply_do_not_depend_on_the_step(started: Any, resistance: float) -> None:
+    """Input derivatives on a bus that sags: from dead to full in 20 ms, in one step or in twenty."""
+    found = []
+    for steps in (1, 4, 20):
+        unit = started(**{RESISTANCE: resistance, "supply_voltage": 0.0})
+        commands(unit, 0.3)
+        size = 0.02 / steps
+        for k in range(steps):
+            unit.set("supply_voltage", 39.0 * k / steps)
+            assert unit.differentiate("supply_voltage", 1, 39.0 / 0.02) == OK
+            assert unit.step(k * size, size) == OK
+        found.append([unit.get(n) for n in ("fin[1].fin_angle", "bus_voltage", "fin[1].motor_voltage", "bus_current")])
+        assert abs(unit.get("fin[1].motor_voltage")) <= unit.get("bus_voltage") * (1.0 + 1e-12)
+    # A tick takes a ramp at its middle: cut by a communication point, at the middles of both parts.
+    assert np.abs(np.array(found[1:]) - found[0]).max() < 1e-3 * np.abs(found[0]).max()
+    assert found[0][0] > 1e-4
 
 
 def test_step_sizes_leave_the_trajectory_alone(started: Any) -> None:
@@ -268,7 +312,7 @@ def test_bad_parameters_are_told_with_their_fin(four: Fmu) -> None:
 @pytest.fixture(scope="module")
 def slave_class() -> type[FinsSlave]:
     default = load_parameters().values
-    sets = [{**default, AZIMUTH: azimuth} for azimuth in azimuths(4, "cross")]
+    sets = [{**default, AZIMUTH: radians(azimuth)} for azimuth in azimuths(4, "cross")]
     rows = tuple((v.name, v.kind, v.causality, v.variability, v.minimum, v.maximum) for v in FOUR.variables)
     members = {"make": staticmethod(program.make(True)), "table": Table(rows, start_values(FOUR, sets), "{guid}"),
                "places": FOUR.places, "names": tuple(v.name for v in PARAMETERS),
@@ -369,27 +413,42 @@ def test_value_references_are_where_the_code_looks(fins: int) -> None:
 
 
 def test_unusual_units(tmp_path: Path) -> None:
-    assert azimuths(4, "plus") == tuple(radians(x) for x in (0.0, 90.0, 180.0, 270.0))
-    assert azimuths(3, "plus") == tuple(radians(x) for x in (0.0, 120.0, 240.0))
+    assert azimuths(4, "plus") == (0.0, 90.0, 180.0, 270.0)
+    assert azimuths(3, "plus") == (0.0, 120.0, 240.0)
+    (tmp_path / "low.toml").write_text('[drive]\nsupply_voltage = "28 V"\n')
+    files = {2: tmp_path / "low.toml"}
     for call, said in ((lambda: Unit(0), "a unit has 1 to 8 fins"), (lambda: Unit(9), "a unit has 1 to 8 fins"),
                        (lambda: azimuths(4, "star"), "there is plus and cross"),
-                       (lambda: build(load_parameters(), tmp_path / "a.fmu", fins=4, each={5: load_parameters()}),
-                        "fin 5: the unit has fins 1 to 4"),
-                       (lambda: build(load_parameters(), tmp_path / "a.fmu", each={2: load_parameters()}),
-                        "give --fins too")):
+                       (lambda: fin_files(["2=a.toml", "2=b.toml"]), "fin 2 is given twice"),
+                       (lambda: fin_files(["two=a.toml"]), "expected a fin's number"),
+                       (lambda: build(load_parameters(), tmp_path / "a.fmu", fins=4, files={5: tmp_path / "low.toml"}),
+                        "the unit has fins 1 to 4"),
+                       (lambda: build(load_parameters(), tmp_path / "a.fmu", fins=4, files=files),
+                        "low.toml: drive.supply_voltage differs between fins"),
+                       (lambda: build(load_parameters(), tmp_path / "a.fmu", files=files), "give --fins too")):
         with pytest.raises(EmcasError, match=said):
             call()
 
 
 def test_a_fin_may_differ(tmp_path: Path) -> None:
-    worn = load_parameters().replace({"motor.torque_constant": 0.09})
-    made = build(load_parameters(), tmp_path / "EMCAS3.fmu", fins=3, layout="plus", each={2: worn})
+    """Its file goes over what all have, azimuth of the layout included."""
+    (tmp_path / "worn.toml").write_text('[motor]\ntorque_constant = "0.09 N*m/A"\n'
+                                        '[mounting]\nazimuth = "100 deg"\n')
+    base = load_parameters().replace({"motor.resistance": 0.3, AZIMUTH: 1.0})
+    made = build(base, tmp_path / "EMCAS3.fmu", fins=3, layout="plus", files={2: tmp_path / "worn.toml"})
     with zipfile.ZipFile(made.path) as archive:
         root = fromstring(archive.read("modelDescription.xml"))
 
-    def start(name: str) -> str:
-        found = root.find(f"ModelVariables/ScalarVariable[@name='{name}']/Real")
-        assert found is not None
-        return found.attrib["start"]
+    def starts(name: str) -> list[float]:
+        found = [root.find(f"ModelVariables/ScalarVariable[@name='fin[{k}].{name}']/Real") for k in (1, 2, 3)]
+        return [float(each.attrib["start"]) for each in found if each is not None]
 
-    assert [start(f"fin[{k}].motor.torque_constant") for k in (1, 2, 3)] == ["0.11", "0.09", "0.11"]
+    assert starts("motor.torque_constant") == [0.11, 0.09, 0.11]
+    assert starts("motor.resistance") == [0.3, 0.3, 0.3]
+    assert starts(AZIMUTH) == pytest.approx([0.0, radians(100), radians(240)], rel=1e-15)  # decimal conversion
+
+
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+def test_a_system_compiler_builds_it(tmp_path: Path) -> None:
+    for fins in (1, 2):
+        assert build(load_parameters(), tmp_path / f"{fins}.fmu", "native", cc="gcc", fins=fins).platforms

@@ -89,6 +89,25 @@ def test_errors_in_parameters(edited: Edit, old: str, new: str, expected: str) -
     assert any(expected in str(e) for e in errors), "\n".join(map(str, errors))
 
 
+def test_a_unit_without_a_definition_is_no_excuse(edited: Edit) -> None:
+    text = 'name="fin[1].fin_command" kind="input" description="commanded fin angle; clipped to +-command.limit">'
+    spoilt = edited(STRUCTURE, f'{text}<ssc:Real unit="rad"', f'{text}<ssc:Real unit="deg"')
+    assert any("fin[1].fin_command is in deg and fin1.fin_command in rad, of which at least one is not defined" in str(e)
+               for e in check(spoilt).errors)
+
+
+@pytest.mark.parametrize(("old", "new", "expected"), [
+    ('value="39.0" unit="V"', 'value="39000" unit="mV"', "supply_voltage: is given in mV, but the FMU's variable is in V"),
+    ('value="39.0" unit="V"', 'value="-39" unit="V"', "supply_voltage: is -39 V, outside 0 .. 1000"),
+    ('<ssv:Real value="39.0" unit="V"', '<ssv:String value="much"',
+     "supply_voltage: is given as String, but is Real in the FMU"),
+])
+def test_errors_in_the_systems_own_inputs(edited: Edit, old: str, new: str, expected: str) -> None:
+    """A connector of the system is judged by the variable it is wired to."""
+    errors = check(edited("resources/inputs.ssv", old, new)).errors
+    assert any(expected in str(e) for e in errors), "\n".join(map(str, errors))
+
+
 def test_value_in_another_unit_is_converted_in_the_remedy(edited: Edit) -> None:
     spoilt = edited("resources/fin1.ssv", 'unit="rad"', 'unit="deg"', 'name="rad"', 'name="deg"',
                     '<ssc:BaseUnit rad="1"', '<ssc:BaseUnit rad="1" factor="0.017453292519943295"',

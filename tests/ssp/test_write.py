@@ -161,9 +161,9 @@ def test_one_name_of_a_namespace_hides_connections_from_readers_of_prefixes(ssp:
 @pytest.mark.parametrize(("given", "expected"), [
     ({"output": Path("a.zip")}, "must end in .ssp"),
     ({"output": Path("nowhere/a.ssp")}, "there is no folder nowhere"),
-    ({"fins": 0}, "--fins 0: must be 1 to 9"),
-    ({"fins": 10}, "--fins 10: must be 1 to 9"),
-    ({"layout": "x"}, "--layout x: there is cross and plus"),
+    ({"fins": 0}, "--fins 0: a unit has 1 to 8 fins"),
+    ({"fins": 9}, "--fins 9: a unit has 1 to 8 fins"),
+    ({"layout": "x"}, "--layout x: there is plus and cross"),
     ({"prefix": "osp"}, "--connections-prefix osp"),
     ({"fmu": Path("none.fmu")}, "none.fmu: cannot be read"),
     ({"fmu": Path(__file__)}, "is not an FMU that can be read"),
