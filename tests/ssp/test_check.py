@@ -92,12 +92,13 @@ def test_errors_in_parameters(edited: Edit, old: str, new: str, expected: str) -
 def test_a_unit_without_a_definition_is_no_excuse(edited: Edit) -> None:
     text = 'name="fin[1].fin_command" kind="input" description="commanded fin angle; clipped to +-command.limit">'
     spoilt = edited(STRUCTURE, f'{text}<ssc:Real unit="rad"', f'{text}<ssc:Real unit="deg"')
-    assert any("fin[1].fin_command is in deg and fin1.fin_command in rad, of which at least one is not defined" in str(e)
-               for e in check(spoilt).errors)
+    said = "fin[1].fin_command is in deg and fin1.fin_command in rad, of which at least one is not defined"
+    assert any(said in str(e) for e in check(spoilt).errors)
 
 
 @pytest.mark.parametrize(("old", "new", "expected"), [
-    ('value="39.0" unit="V"', 'value="39000" unit="mV"', "supply_voltage: is given in mV, but the FMU's variable is in V"),
+    ('value="39.0" unit="V"', 'value="39000" unit="mV"',
+     "supply_voltage: is given in mV, but the FMU's variable is in V"),
     ('value="39.0" unit="V"', 'value="-39" unit="V"', "supply_voltage: is -39 V, outside 0 .. 1000"),
     ('<ssv:Real value="39.0" unit="V"', '<ssv:String value="much"',
      "supply_voltage: is given as String, but is Real in the FMU"),
