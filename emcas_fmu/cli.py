@@ -13,6 +13,7 @@ from .commands import (
     baseline,
     build,
     campaign,
+    fit,
     identify,
     parameters,
     reference,
@@ -30,6 +31,7 @@ app.command(epilog=analyse.EPILOG)(analyse.analyse)
 app.add_typer(baseline.app, name="baseline")
 app.command(epilog=build.EPILOG)(build.build)
 app.command(epilog=campaign.EPILOG)(campaign.campaign)
+app.command(epilog=fit.EPILOG)(fit.fit)
 app.add_typer(identify.app, name="identify")
 app.command(name="parameters", epilog=parameters.EPILOG)(parameters.show_parameters)
 app.command(epilog=reference.EPILOG)(reference.reference)

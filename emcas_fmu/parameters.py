@@ -12,6 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from .actuators import NONLINEAR, every_own, get
 from .consistency import check_consistency, check_ranges
 from .errors import EmcasError
 from .files import models_directory
@@ -22,7 +23,8 @@ from .variables import FILE_ENTRIES, PARAMETERS, Variable
 
 Value = float | int | bool
 
-_VARIABLES = {v.name: v for v in FILE_ENTRIES}
+_VARIABLES = {v.name: v for v in FILE_ENTRIES + every_own()}
+_TABLE = tuple(v.name for v in FILE_ENTRIES)
 _LENGTHS = Counter(name.partition("[")[0] for name in _VARIABLES if "[" in name)  # of the arrays
 _NAMES = [*_VARIABLES, *_LENGTHS]
 _GROUPS = {"", *(name.rsplit(".", i)[0] for name in _NAMES for i in range(1, name.count(".") + 1))}
@@ -61,9 +63,13 @@ class Entry:
 
 @dataclass(frozen=True)
 class ParameterSet:
-    """A complete, checked set. `entries` are in the order of the variable table's FILE_ENTRIES."""
+    """A complete, checked set of a model's parameters.
+
+    `entries` are in the order of the variable table's FILE_ENTRIES, then of the model's own.
+    """
 
     entries: tuple[Entry, ...]
+    model: str = NONLINEAR
 
     @property
     def values(self) -> Mapping[str, Value]:
@@ -78,30 +84,47 @@ class ParameterSet:
         """
         given = {**(overrides or {}), **more}
         document = {name: _in_table_unit(name, value) for name, value in given.items()}
-        return _overridden(self.entries, document, "replaced value", "")
+        return _overridden(self.entries, document, "replaced value", "", self.model)
 
     def nested(self) -> Any:
         """The values as attributes, ``p.kinematics.moment_arm``; arrays are tuples."""
         return tree(self.values)
 
 
-def load_parameters(path: Path | str | None = None, base: ParameterSet | None = None) -> ParameterSet:
-    """The default set, or `base`, overridden by the entries of the user's file at `path`, if one is given.
+def load_parameters(path: Path | str | None = None, base: ParameterSet | None = None,
+                    model: str = NONLINEAR) -> ParameterSet:
+    """The default set of a model, or `base`, overridden by the entries of the user's file at `path`, if one is given.
+
+    A model's default set is the nonlinear one's with ``models/actuators/MODEL.toml`` over it, which must give every
+    parameter of its own.
 
     Raises ParameterError with all problems of a file, FileNotFoundError where the default set is missing.
     """
     if base is not None:
-        return base if path is None else _overridden(base.entries, _document(Path(path)), str(path), Path(path).name)
+        return base if path is None else _overridden(base.entries, _document(Path(path)), str(path), Path(path).name,
+                                                     base.model)
     default = models_directory() / "emcas.toml"
     entries, problems = _entries(_document(default), str(default), default.name, "")
     missing = [f"{default}: {name}: missing; the default file must give every parameter"
-               for name in _VARIABLES if name not in entries]
+               for name in _TABLE if name not in entries]
     if problems := problems or missing:
         raise ParameterError(problems)
-    defaults = _overridden(tuple(entries[name] for name in _VARIABLES), {}, str(default), default.name)
-    if path is None:
-        return defaults
-    return _overridden(defaults.entries, _document(Path(path)), str(path), Path(path).name)
+    defaults = _overridden(tuple(entries[name] for name in _TABLE), {}, str(default), default.name, NONLINEAR)
+    if model != NONLINEAR:
+        defaults = _of_model(defaults, model)
+    return load_parameters(path, defaults)
+
+
+def _of_model(defaults: ParameterSet, model: str) -> ParameterSet:
+    file = models_directory() / "actuators" / f"{model}.toml"
+    own = get(model).own
+    entries, problems = _entries(_document(file), str(file), file.name, "")
+    missing = [f"{file}: {v.name}: missing; it must give every parameter of the model's own" for v in own
+               if v.name not in entries]
+    if problems := problems or missing:
+        raise ParameterError(problems)
+    chosen = [entries.get(e.variable.name, e) for e in defaults.entries]
+    return _overridden((*chosen, *(entries[v.name] for v in own)), {}, str(file), file.name, model)
 
 
 def check_parameters(values: Mapping[str, Any]) -> list[str]:
@@ -115,8 +138,8 @@ def check_parameters(values: Mapping[str, Any]) -> list[str]:
 
 
 def are_defaults(parameters: ParameterSet) -> bool:
-    """Whether a set has the default values, wherever they come from."""
-    return dict(parameters.values) == dict(load_parameters().values)
+    """Whether a set is the nonlinear model's with its default values, wherever they come from."""
+    return parameters.model == NONLINEAR and dict(parameters.values) == dict(load_parameters().values)
 
 
 def _document(path: Path) -> dict[str, Any]:
@@ -132,10 +155,13 @@ def _document(path: Path) -> dict[str, Any]:
     return document
 
 
-def _overridden(base: tuple[Entry, ...], document: Mapping[str, Any], label: str, file: str) -> ParameterSet:
+def _overridden(base: tuple[Entry, ...], document: Mapping[str, Any], label: str, file: str,
+                model: str) -> ParameterSet:
     """`base` with the entries of a document, checked as a whole once each entry is sound."""
     entries, problems = _entries(document, label, file, "user")
-    chosen = ParameterSet(tuple(entries.get(e.variable.name, e) for e in base))
+    known = {e.variable.name for e in base}
+    problems += [f"{label}: {name}: the {model} model has no such parameter" for name in entries if name not in known]
+    chosen = ParameterSet(tuple(entries.get(e.variable.name, e) for e in base), model)
     problems = problems or [f"{label}: {problem}" for problem in check_consistency(chosen.values)]
     if problems:
         raise ParameterError(problems)

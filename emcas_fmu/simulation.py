@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .actuators import NONLINEAR
 from .errors import EmcasError
 from .kernels import compiled, program
 from .kernels.core import Core
@@ -22,13 +23,14 @@ _INDEX = {v.name: i for i, v in enumerate(INPUTS)}
 
 
 def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel: str = "auto",
-             **inputs: Signal) -> dict[str, Array]:
+             model: str = NONLINEAR, **inputs: Signal) -> dict[str, Array]:
     """Outputs of the actuator at its communication points, from 0 to `stop` [s] every `step` [s].
 
     `values` are the flat parameters in SI. Inputs are given by name with ``__`` for the
     dot (``attitude__roll``), as a constant, a function of time [s] or an array of values at
     the communication points, held over a step. `kernel` is ``compiled``, ``python``, or
-    ``auto``: compiled if there is a C compiler; both give the same numbers.
+    ``auto``: compiled if there is a C compiler; both give the same numbers. `model` is one of
+    :mod:`emcas_fmu.actuators`, whose parameters `values` must have.
     Gives an array per output and ``time``. Raises TypeError for an unknown input, ValueError for one
     that is not finite and for parameters out of their limits, ArithmeticError where the equations
     cannot be followed.
@@ -46,7 +48,7 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel:
         # What is given at the last point acts nowhere.
         table[:-1, _INDEX[known]] = [signal(t) for t in times[:-1]] if callable(signal) else _held(signal, known, times)
         table[-1, _INDEX[known]] = table[-2, _INDEX[known]]
-    return respond(values, table, step, kernel)
+    return respond(values, table, step, kernel, model)
 
 
 def _held(signal: float | Sequence[float] | Array, name: str, times: Array) -> Any:
@@ -56,7 +58,8 @@ def _held(signal: float | Sequence[float] | Array, name: str, times: Array) -> A
     return given[:-1] if given.shape else given
 
 
-def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = "auto") -> dict[str, Array]:
+def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = "auto",
+            model: str = NONLINEAR) -> dict[str, Array]:
     """Outputs at the times of the rows of `table`, `step` [s] apart from 0, each row held until the next.
 
     The table's columns are the inputs of the variable table, in SI; see :func:`simulate` for the rest.
@@ -67,16 +70,16 @@ def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = 
     if len(bad):
         row, column = bad[0]
         raise ValueError(f"input {INPUTS[column].name} is {table[row, column]} at {row * step:.6g} s")
-    fast = kernel == "compiled" or (kernel == "auto" and compiled.available())
-    rows = compiled.run_table(values, step, table) if fast else _by_python(values, table, step)
+    fast = kernel == "compiled" or (kernel == "auto" and compiled.available(model))
+    rows = compiled.run_table(values, step, table, model) if fast else _by_python(values, table, step, model)
     times = np.arange(len(table)) * step
     return {"time": times, **{v.name: rows[:, i].copy() for i, v in enumerate(OUTPUTS)}}
 
 
-def _by_python(values: Mapping[str, Any], table: Array, step: float) -> Array:
+def _by_python(values: Mapping[str, Any], table: Array, step: float, model: str) -> Array:
     if problems := check_parameters(values):
         raise ParameterError(problems)
-    core = Core(program.make()(values))
+    core = Core(program.make(model=model)(values))
     motion = slice(_INDEX["acceleration.x"], _INDEX["attitude.pitch"] + 1)
     direct = [_INDEX[name] for name in ("fin_command", "aero_torque", "supply_voltage", "enable")]
     rows: list[tuple[Any, ...]] = []

@@ -10,6 +10,15 @@ from typing import Any
 _ELEMENT = re.compile(r"(.+)\[(\d+)\]")
 
 
+def changed(p: Any, changes: Mapping[str, Any]) -> Any:
+    """A copy of a tree with other values, or further ones, at these dotted names."""
+    copy = SimpleNamespace(**vars(p))
+    for name, value in changes.items():
+        first, _, rest = name.partition(".")
+        setattr(copy, first, changed(getattr(copy, first), {rest: value}) if rest else value)
+    return copy
+
+
 def tree(values: Mapping[str, Any]) -> Any:
     """Nested namespaces of the values; ``a.b[0]``, ``a.b[1]``, ... become the tuple ``a.b``."""
     arrays: dict[str, list[Any]] = {}

@@ -12,9 +12,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from .actuators import NONLINEAR, Actuator, get
 from .errors import EmcasError
+from .kernels import program
 from .parameters import ParameterSet, load_parameters
-from .variables import INPUTS, OUTPUTS, PARAMETERS, START_ENTRIES, Variable
+from .variables import INPUTS, OUTPUTS, START_ENTRIES, Variable
 
 MOST_FINS = 8
 LAYOUTS = ("plus", "cross")
@@ -50,13 +52,16 @@ _BUS_START = {"bus.source_resistance": 0.0, "bus.update_time": 1e-4}
 
 @dataclass(frozen=True)
 class Unit:
-    """`fins` actuators in one FMU; a variable's value reference is its place in `variables`.
+    """`fins` actuators of a `kind` (:mod:`emcas_fmu.actuators`) in one FMU.
+
+    A variable's value reference is its place in `variables`.
 
     Inputs come first, then outputs, then parameters; of each the shared ones first, then fin by fin in the
     variable table's order.
     """
 
     fins: int
+    kind: str = NONLINEAR
 
     def __post_init__(self) -> None:
         if not 1 <= self.fins <= MOST_FINS:
@@ -64,8 +69,15 @@ class Unit:
 
     @property
     def model(self) -> str:
-        """Name of the model: EMCAS, EMCAS4."""
-        return "EMCAS" if self.fins == 1 else f"EMCAS{self.fins}"
+        """Name of the model: EMCAS, EMCAS4, EMCAS_second_order."""
+        several = "" if self.fins == 1 else f"{self.fins}"
+        own = "" if self.kind == NONLINEAR else f"_{self.kind.replace('-', '_')}"
+        return f"EMCAS{several}{own}"
+
+    @property
+    def actuator(self) -> Actuator:
+        """The model of each fin."""
+        return get(self.kind)
 
     def prefix(self, fin: int) -> str:
         """What stands before the names of fin 0, 1, ...; nothing for a single one."""
@@ -91,7 +103,12 @@ class Unit:
 
     @cached_property
     def parameters(self) -> tuple[Variable, ...]:
-        return PARAMETERS if self.fins == 1 else BUS_PARAMETERS + self._each(PARAMETERS)
+        own = self.actuator.parameters
+        if self.kind != NONLINEAR:
+            unread = program.unread(self.kind)
+            own = tuple(replace(v, description=f"{v.description} (not used by this model)") if v.name in unread else v
+                        for v in own)
+        return own if self.fins == 1 else BUS_PARAMETERS + self._each(own)
 
     @cached_property
     def variables(self) -> tuple[Variable, ...]:
@@ -115,7 +132,7 @@ class Unit:
     @property
     def first_parameter(self) -> int:
         """Value reference of the first fin's first parameter; those of all fins follow one on the other."""
-        return len(self.variables) - self.fins * len(PARAMETERS)
+        return len(self.variables) - self.fins * len(self.actuator.parameters)
 
 
 def azimuths(fins: int, layout: str) -> tuple[float, ...]:
@@ -182,5 +199,6 @@ def start_values(unit: Unit, sets: Sequence[Mapping[str, Any]]) -> tuple[Any, ..
             return sets[0][v.key]
         return owned[v.name]
 
-    owned = {unit.name(p.name, fin): values[p.name] for fin, values in enumerate(sets) for p in PARAMETERS}
+    owned = {unit.name(p.name, fin): values[p.name] for fin, values in enumerate(sets)
+             for p in unit.actuator.parameters}
     return tuple(start(v) for v in unit.variables)

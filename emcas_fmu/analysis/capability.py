@@ -17,7 +17,7 @@ from typing import Any, cast
 import numpy as np
 from scipy.optimize import brentq
 
-from .. import actuator
+from ..actuators import nonlinear
 from ..excitation import from_case
 from ..ops.arrays import ARRAYS as _ARRAYS
 from ..ops.base import Ops
@@ -112,7 +112,7 @@ def capability(values: Mapping[str, Any]) -> Capability:
     """Over the range of commands."""
     p = tree(values)
     fin = np.linspace(-p.command.limit, p.command.limit, _POINTS)
-    force = actuator.forces(FLOATS, p, 0.0, 0.0, 0.0, 0.0, 0.0)
+    force = nonlinear.forces(FLOATS, p, 0.0, 0.0, 0.0, 0.0, 0.0)
     m = mechanics.coefficients(ARRAYS, p, kinematics.motor_angle(ARRAYS, p, fin), 0.0, *force)
     stall, held = np.empty((2, len(fin))), np.empty((2, len(fin)))
     for row, side in enumerate((1.0, -1.0)):

@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from .. import actuator, control, sensors
+from .. import control, sensors
+from ..actuators import nonlinear
 from ..errors import EmcasError
 from ..ops.base import Value
 from ..ops.floats import FLOATS
@@ -85,7 +86,7 @@ class LinearActuator:
         self.values = {**values, "command.limit": 0.5 * pi, "compensation.gain": 0.0}
         self.p = p = tree(self.values)
         self.period = float(p.controller.sample_time)
-        self._force = actuator.forces(FLOATS, p, 0.0, 0.0, 0.0, 0.0, 0.0)
+        self._force = nonlinear.forces(FLOATS, p, 0.0, 0.0, 0.0, 0.0, 0.0)
         self.point = self._rest(values, fin_angle, aero_torque)
         self.motor, self.drive = self._motor(), self._drive()
         self.sensor, self.controller = self._sensor(), self._controller()

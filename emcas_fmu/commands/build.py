@@ -8,14 +8,16 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
+from ..actuators import NONLINEAR
 from ..parameters import load_parameters
 from ..unit import Unit, fin_files
-from .common import ParametersOption, failures, out, progress_bar, stepper
+from .common import ModelOption, ParametersOption, failures, out, progress_bar, stepper
 
 EPILOG = ("Examples:\n\n  emcas build\n\n  emcas build --parameters my_actuator.toml --output MyActuator.fmu"
                 "\n\n  emcas build --backend native"
                 "\n\n  emcas build --backend native --platform linux64 --platform win64"
                 "\n\n  emcas build --backend native --cc gcc"
+                "\n\n  emcas build --model second-order"
                 "\n\n  emcas build --fins 4 --layout cross --fin 2=worn.toml --backend native")
 
 
@@ -29,6 +31,7 @@ def build(
              "aarch64-darwin; native only.")] = None,
     cc: Annotated[str | None, typer.Option("--cc", help="System C compiler instead of zig, for this platform; "
                                                         "native only.", metavar="PROGRAM")] = None,
+    model: ModelOption = NONLINEAR,
     fins: Annotated[int, typer.Option(help="Actuators in the unit, on one bus; the model is then called EMCAS4.",
                                       metavar="N")] = 1,
     layout: Annotated[str, typer.Option(help="Where several fins are: one along body y, or half a space further.",
@@ -43,7 +46,8 @@ def build(
     from ..fmi.package import build as build_fmu
 
     with failures(), progress_bar() as progress:
-        built = build_fmu(load_parameters(parameters), output or Path(f"{Unit(fins).model}.fmu"), backend, platform, cc,
+        chosen = load_parameters(parameters, model=model)
+        built = build_fmu(chosen, output or Path(f"{Unit(fins, model).model}.fmu"), backend, platform, cc,
                           stepper(progress, "compile"), fins, layout, fin_files(fin or []))
     out.print(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})", highlight=False, soft_wrap=True)

@@ -10,9 +10,10 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from ..actuators import NONLINEAR
 from ..errors import EmcasError
 from ..parameters import load_parameters
-from .common import ParametersOption, failures, out
+from .common import ModelOption, ParametersOption, failures, out
 
 EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.html"
                    "\n\n  emcas simulate --case chirp_3p5deg --plot chirp.png --output chirp.csv"
@@ -27,6 +28,7 @@ def simulate(
                                                metavar="DEG")] = None,
     torque: Annotated[float | None, typer.Option(help="Constant hinge moment with --step, in N.m.")] = None,
     parameters: ParametersOption = None,
+    model: ModelOption = NONLINEAR,
     stop: Annotated[float | None, typer.Option(help="End in seconds; 0.5 with --step, else that of the input.")] = None,
     interval: Annotated[float | None, typer.Option(help="Communication step in seconds; 0.001, or the case's "
                                                         "own.")] = None,
@@ -58,9 +60,10 @@ def simulate(
         size = interval or 1e-3
         chosen = (excitation.from_case(case) if case else excitation.from_file(input_file, size, stop) if input_file
                   else excitation.from_step(step or 0.0, torque or 0.0, size, stop or 0.5))
-        values = load_parameters(parameters).replace(chosen.overrides).values
+        parameters_of = load_parameters(parameters, model=model).replace(chosen.overrides)
+        values = parameters_of.values
         try:
-            result = run(values, chosen.stop, chosen.step, kernel,
+            result = run(values, chosen.stop, chosen.step, kernel, parameters_of.model,
                          **{name.replace(".", "__"): column for name, column in chosen.columns.items()})
         except (ArithmeticError, ValueError) as error:
             raise EmcasError(f"the response cannot be computed: {error}") from error

@@ -11,6 +11,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from .. import __version__, control, integrate, schedule, sensors
+from ..actuators import NONLINEAR
 from ..files import models_directory
 from ..parameters import ParameterSet, are_defaults
 from ..physics import bus, drive, friction, kinematics, loads, mechanics
@@ -56,7 +57,8 @@ def _page(unit: Unit, sets: Sequence[ParameterSet], guid: str) -> str:
     environment = Environment(loader=PackageLoader("emcas_fmu", "fmi"), undefined=StrictUndefined,
                               trim_blocks=True, lstrip_blocks=True)
     starts = dict(zip(unit.reference, start_values(unit, [p.values for p in sets]), strict=True))
-    equations = _EQUATIONS if unit.fins == 1 else (*_EQUATIONS, bus)
+    equations = [*([] if unit.kind == NONLINEAR else [unit.actuator.module]), *_EQUATIONS,
+                 *([] if unit.fins == 1 else [bus])]
     return environment.get_template("documentation.html.j2").render(
         model=unit.model, description=describe(unit), version=__version__, guid=guid, fins=unit.fins,
         step_ms=_text(sets[0].values["controller.sample_time"] * 1e3),

@@ -29,7 +29,8 @@ def _steps(parameters: ParameterSet) -> Figure:
     drawn, ((axes,),) = figure(1, height=4.0, width=8.0)
     axes.set(xlabel="time / ms", ylabel="fin angle / deg")
     for amplitude, side, color in [(a, s, f"C{i}") for i, a in enumerate(_AMPLITUDES) for s in (1, -1)]:
-        result = simulate(parameters.values, _STOP, kernel="python", fin_command=_step_to(radians(amplitude * side)))
+        result = simulate(parameters.values, _STOP, kernel="python", model=parameters.model,
+                          fin_command=_step_to(radians(amplitude * side)))
         axes.plot(result["time"] * 1e3, np.degrees(result["fin_angle"]), color=color,
                   label=f"±{amplitude:g}°" if side > 0 else None)
         sign = "plus" if side > 0 else "minus"
@@ -46,7 +47,7 @@ def _steps(parameters: ParameterSet) -> Figure:
 def _slew(parameters: ParameterSet) -> Figure:
     """The largest step: where voltage, current and rate limits shape the response."""
     limit = float(parameters.values["command.limit"])
-    result = simulate(parameters.values, 0.25, step=0.5e-3, kernel="python",
+    result = simulate(parameters.values, 0.25, step=0.5e-3, kernel="python", model=parameters.model,
                       fin_command=lambda t: limit if t > 0.01 else 0.0)
     drawn, panels = figure(2, 2, width=8.0, sharex=True)
     for axes, name, label, scale in zip(

@@ -10,6 +10,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 from pythonfmu import Fmi2Slave
 
 from .. import __version__
+from ..actuators import NONLINEAR
 from ..unit import BUS_OUTPUTS, MIXING, Unit
 from ..unit import start_values as unit_starts
 from ..variables import Variable
@@ -126,7 +127,7 @@ def _structure(root: Element, unit: Unit) -> None:
 def describe(unit: Unit) -> str:
     """What the unit is, in a sentence."""
     several = "" if unit.fins == 1 else f"; {unit.fins} fins on one bus"
-    return DESCRIPTION + several
+    return (DESCRIPTION if unit.kind == NONLINEAR else unit.actuator.title) + several
 
 
 def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str, str], tool: str,

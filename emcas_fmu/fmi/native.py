@@ -90,7 +90,7 @@ def sources(unit: Unit, starts: Sequence[Any], guid: str) -> dict[str, str]:
     standard["fmi2Functions.h"] = standard["fmi2Functions.h"].replace(_NO_PREFIX, _PREFIX)
     # fins.h is for several; a single one is built without it.
     code = {**{name: written(name, "emcas_fmu.fmi") for name in _WRITTEN if unit.fins > 1 or name != "fins.h"},
-            **core_sources(unit.fins > 1)}
+            **core_sources(unit.fins > 1, unit.kind)}
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(code.items())).encode()).hexdigest()[:16]
     return {**code, **standard, "interface.h": interface_header(unit, starts, guid, digest)}
 

@@ -105,7 +105,7 @@ def build(parameters: ParameterSet, output: Path, backend: str = "python", platf
     if fins == 1 and files:
         raise BuildError("--fin is for a unit of several: give --fins too")
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
-    contents, guid = _contents(Unit(fins), sets, backend, platforms, cc, progress)
+    contents, guid = _contents(Unit(fins, parameters.model), sets, backend, platforms, cc, progress)
     partial = output.with_name(f".{output.name}.{os.getpid()}.part")
     try:
         _archive(contents, partial)

@@ -18,7 +18,7 @@ from pythonfmu.builder import FmuBuilder
 from ..errors import BuildError
 from ..kernels import program
 from ..unit import Unit
-from ..variables import OUTPUTS, PARAMETERS
+from ..variables import OUTPUTS
 
 # What the slave needs of this package, under a name of its own in the FMU.
 _EMBEDDED = ("consistency.py", "fmi/__init__.py", "fmi/slave.py", "kernels/__init__.py", "kernels/core.py",
@@ -39,7 +39,7 @@ def _sources(unit: Unit, starts: tuple[Any, ...], guid: str) -> dict[str, str]:
     embedded = _EMBEDDED + _SEVERAL if several else _EMBEDDED
     files = {name: (_PACKAGE / name).read_text(encoding="utf-8") for name in embedded}
     files["__init__.py"] = f'"""The EM-CAS actuator, as embedded in {unit.model}.fmu; generated, do not edit."""\n'
-    files["kernel.py"] = program.source(several)
+    files["kernel.py"] = program.source(several, unit.kind)
     base, module = ("FinsSlave", "fins") if several else ("Slave", "slave")
     files["model.py"] = (
         f'"""The slave class of {unit.model}.fmu: interface table and kernel; generated, do not edit."""\n\n'
@@ -48,7 +48,7 @@ def _sources(unit: Unit, starts: tuple[Any, ...], guid: str) -> dict[str, str]:
         f"ROWS = (\n{listing})\n\nSTART = {starts!r}\n\n\n"
         f"class {unit.model}({base}):\n    make = staticmethod(kernel.make)\n"
         f"    table = Table(ROWS, START, {guid!r})\n"
-        + (f"    places = {unit.places!r}\n    names = {tuple(v.name for v in PARAMETERS)!r}\n"
+        + (f"    places = {unit.places!r}\n    names = {tuple(v.name for v in unit.actuator.parameters)!r}\n"
            f"    supply_power = {[v.name for v in OUTPUTS].index('supply_power')}\n" if several else "")
     )
     return files

@@ -16,10 +16,9 @@ static uint64_t checksum(const void *data, size_t size)
 /* What a fin's core must fulfil at `now`. Gives the reason if it does not. */
 static const char *unsound_core(const core_state *core, const core_schedule *plan, double now)
 {
-    const double *numbers[] = {&core->integral, &core->counts, &core->measured, &core->limited, &core->active,
-                               &core->plant.angle, &core->plant.speed, &core->plant.current, &core->plant.xi,
-                               &core->tentative.angle, &core->tentative.speed, &core->tentative.current,
-                               &core->tentative.xi};
+    const double *numbers[] = {&core->integral, &core->counts, &core->measured, &core->limited, &core->active};
+    for (size_t i = 0; i < CORE_PLANT; ++i)
+        if (!core_finite(core->plant.x[i]) || !core_finite(core->tentative.x[i])) return "a number is not finite";
     for (size_t i = 0; i < sizeof numbers / sizeof *numbers; ++i)
         if (!core_finite(*numbers[i])) return "a number is not finite";
     for (size_t i = 0; i < core_line_length(plan); ++i)

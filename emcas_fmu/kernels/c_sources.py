@@ -7,11 +7,12 @@ import re
 from importlib.resources import files
 
 from .. import consistency
+from ..actuators import NONLINEAR, Actuator, get
 from ..consistency import LONGEST_DELAY
 from ..ops.c_source import c_source
 from ..ops.trace import Tracer
 from ..tree import tree
-from ..variables import INPUTS, OUTPUTS, PARAMETERS
+from ..variables import INPUTS, OUTPUTS
 from . import core, program
 
 _MOST_NUMBERS = 12  # of a rule's message: as many as instance.h hands to printf
@@ -26,11 +27,11 @@ def written(name: str, package: str = "emcas_fmu.kernels") -> str:
     return files(package).joinpath(name).read_text(encoding="utf-8")
 
 
-def kernel_header(several: bool = False) -> str:
+def kernel_header(several: bool = False, model: str = NONLINEAR) -> str:
     """kernel.h: the equations."""
     return (_NOTE.format("The actuator's equations as straight-line code")
             + f"#ifndef EMCAS_KERNEL_H\n#define EMCAS_KERNEL_H\n\n#include <math.h>\n\n{_NO_CONTRACTION}\n"
-            f"{program.c_kernel(several)}\n#endif\n")
+            f"{program.c_kernel(several, model)}\n#endif\n")
 
 
 def enumerator(name: str) -> str:
@@ -38,14 +39,17 @@ def enumerator(name: str) -> str:
     return re.sub(r"\W+", "_", name).upper()
 
 
-def model_header() -> str:
+def model_header(actuator: Actuator) -> str:
     """model.h: sizes, limits and the places of the inputs."""
+    plant = ", ".join(f"(plant)->x[{i}]" for i in range(len(actuator.plant)))
     inputs = "".join(f"    INPUT_{enumerator(v.name)} = {i},\n" for i, v in enumerate(INPUTS))
     return (_NOTE.format("Sizes, limits and the order of the inputs")
             + "#ifndef EMCAS_MODEL_H\n#define EMCAS_MODEL_H\n\nenum {\n"
             f"    CORE_LINE = {LONGEST_DELAY + 2},\n    CORE_MOST_EVENTS = {core.MOST_EVENTS},\n"
             f"    CORE_MOST_TICKS = {core.MOST_TICKS},\n    MODEL_INPUTS = {len(INPUTS)},\n"
-            f"    MODEL_OUTPUTS = {len(OUTPUTS)},\n    MODEL_PARAMETERS = {len(PARAMETERS)}\n}};\n\n"
+            f"    MODEL_OUTPUTS = {len(OUTPUTS)},\n    MODEL_PARAMETERS = {len(actuator.parameters)},\n"
+            f"    CORE_PLANT = {len(actuator.plant)}\n}};\n\n"
+            f"/* {', '.join(actuator.plant)} */\n#define CORE_PLANT_OF(plant) {plant}\n\n"
             f"enum {{\n{inputs.rstrip().rstrip(',')}\n}};\n\n#endif\n")
 
 
@@ -61,17 +65,17 @@ def c_text(value: str) -> str:
     return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def rules_header() -> str:
+def rules_header(actuator: Actuator) -> str:
     """rules.h: limits of the parameters, and the rules for sets of them traced from consistency.py."""
     tracer = Tracer()
-    p = tree({v.name: tracer.parameter(v.name) for v in PARAMETERS})
+    p = tree({v.name: tracer.parameter(v.name) for v in actuator.parameters})
     rows = []
     for i, rule in enumerate(consistency.RULES):
         tracer.function(f"check_{i}", ["share"], lambda share, rule=rule: rule.check(tracer, p, share))
         if len(tracer.functions[-1].results) - 1 > _MOST_NUMBERS:
             raise ValueError(f"instance.h prints {_MOST_NUMBERS} numbers of a rule, not those of {rule.message!r}")
         rows.append(f"    {{rules_check_{i}, {int(rule.scanned)}, {c_text(rule.message)}}}")
-    limits = ",\n".join(f"    {{{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in PARAMETERS)
+    limits = ",\n".join(f"    {{{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in actuator.parameters)
     return (_NOTE.format("What parameters must fulfil")
             + "#ifndef EMCAS_RULES_H\n#define EMCAS_RULES_H\n\n#include <math.h>\n\n"
             "static const struct {\n    double minimum, maximum;\n"
@@ -82,7 +86,9 @@ def rules_header() -> str:
             "static const rule RULE[RULES] = {\n" + ",\n".join(rows) + "\n};\n\n#endif\n")
 
 
-def core_sources(several: bool = False) -> dict[str, str]:
+def core_sources(several: bool = False, model: str = NONLINEAR) -> dict[str, str]:
     """Headers that hold the actuator, or what each of several needs: file name to text."""
-    return {"kernel.h": kernel_header(several), "model.h": model_header(), "rules.h": rules_header(),
+    actuator = get(model)
+    return {"kernel.h": kernel_header(several, model), "model.h": model_header(actuator),
+            "rules.h": rules_header(actuator),
             "core.h": written("core.h"), "sound.h": written("sound.h")}

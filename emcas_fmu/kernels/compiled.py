@@ -16,15 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..actuators import NONLINEAR, every_own, get
 from ..compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers, local_platform
 from ..files import cache_directory
 from ..parameters import ParameterError, check_parameters
-from ..variables import FILE_ENTRIES, INPUTS, OUTPUTS, PARAMETERS
+from ..variables import FILE_ENTRIES, INPUTS, OUTPUTS
 from . import core
 from .c_sources import core_sources, written
 
 _MAIN = "batch.c"
-_KNOWN = frozenset(v.name for v in FILE_ENTRIES)
+_KNOWN = frozenset(v.name for v in FILE_ENTRIES + every_own())
 _DOUBLES = ct.POINTER(ct.c_double)
 _REASONS = ("", "the state is no longer finite", f"more than {core.MOST_EVENTS} events in a tick",
             f"more than {core.MOST_TICKS} ticks in one step")
@@ -36,20 +37,20 @@ _making = threading.Lock()
 _reason = ""
 
 
-def library() -> ct.CDLL | None:
-    """The compiled library; None where it cannot be made, with a warning if a compiler was tried."""
+def library(model: str = NONLINEAR) -> ct.CDLL | None:
+    """The compiled library of a model; None where it cannot be made, with a warning if a compiler was tried."""
     with _making:  # the first use may come from several threads
-        return _library()
+        return _library(model)
 
 
 @cache
-def _library() -> ct.CDLL | None:
+def _library(model: str) -> ct.CDLL | None:
     global _reason
     target = local_platform()
     if target is None:
         _reason = "this platform is not known"
         return None
-    sources = {_MAIN: written(_MAIN), **core_sources()}
+    sources = {_MAIN: written(_MAIN), **core_sources(model=model)}
     text = "\0".join([target.name, *FLAGS, *(f"{n}\0{t}" for n, t in sorted(sources.items()))])
     problems: list[str] = []
     for compiler in local_compilers():
@@ -98,13 +99,13 @@ def _declared(loaded: ct.CDLL) -> ct.CDLL:
     return loaded
 
 
-def available() -> bool:
-    """Whether there is a compiled kernel on this machine; compiles it if need be."""
-    return library() is not None
+def available(model: str = NONLINEAR) -> bool:
+    """Whether there is a compiled kernel of a model on this machine; compiles it if need be."""
+    return library(model) is not None
 
 
-def _loaded() -> ct.CDLL:
-    found = library()
+def _loaded(model: str) -> ct.CDLL:
+    found = library(model)
     if found is None:
         raise CompilerError(f"no compiled kernel: {_reason}" if _reason else
                             "no compiled kernel: install a C compiler, or ziglang with  "
@@ -112,13 +113,14 @@ def _loaded() -> ct.CDLL:
     return found
 
 
-def _numbers(values: Mapping[str, Any]) -> ct.Array[ct.c_double]:
+def _numbers(values: Mapping[str, Any], model: str) -> ct.Array[ct.c_double]:
     if not isinstance(values, Mapping):
         raise TypeError(f"parameters are a mapping of names to values in SI (.values of a set), not a "
                         f"{type(values).__name__}")
     if not values.keys() <= _KNOWN:
         raise ParameterError(check_parameters(values))
-    return (ct.c_double * len(PARAMETERS))(*(float(values[v.name]) for v in PARAMETERS))
+    table = get(model).parameters
+    return (ct.c_double * len(table))(*(float(values[v.name]) for v in table))
 
 
 def _taken(answer: int, values: Mapping[str, Any]) -> None:
@@ -144,15 +146,16 @@ class CompiledCore:
     Raises CompilerError where there is no compiled kernel.
     """
 
-    def __init__(self, values: Mapping[str, Any]) -> None:
-        self._library = _loaded()
+    def __init__(self, values: Mapping[str, Any], model: str = NONLINEAR) -> None:
+        self._library = _loaded(model)
+        self._model = model
         self._memory = ct.create_string_buffer(self._library.actuator_size())
         self._at = ct.addressof(self._memory)
         size = ct.c_size_t()
         self._state = self._library.actuator_state(ct.byref(size))
         self._state_size = size.value
         self._in, self._out = (ct.c_double * 6)(), (ct.c_double * len(OUTPUTS))()
-        _taken(self._library.actuator_start(self._at, _numbers(values)), values)
+        _taken(self._library.actuator_start(self._at, _numbers(values, model)), values)
         self.schedule = self._scheduled()
 
     def _scheduled(self) -> tuple[Any, ...]:
@@ -180,7 +183,7 @@ class CompiledCore:
 
     def bind(self, values: Mapping[str, Any]) -> None:
         """Take parameter values, anew after a tunable one changed."""
-        _taken(self._library.actuator_bind(self._at, _numbers(values)), values)
+        _taken(self._library.actuator_bind(self._at, _numbers(values, self._model)), values)
 
     def forces(self, a_x: float, a_y: float, a_z: float, roll: float, pitch: float) -> tuple[float, float]:
         """Specific force in the fin's frame from acceleration (x, y, z), roll and pitch."""
@@ -215,10 +218,11 @@ class Batch:
     Raises CompilerError where there is no compiled kernel.
     """
 
-    def __init__(self, sets: Sequence[Mapping[str, Any]]) -> None:
+    def __init__(self, sets: Sequence[Mapping[str, Any]], model: str = NONLINEAR) -> None:
         if not sets:
             raise ValueError("a batch has at least one actuator")
-        self._library = _loaded()
+        self._library = _loaded(model)
+        self._model = model
         self._size = self._library.actuator_size()
         self._memory = ct.create_string_buffer(self._size * len(sets))
         self._at = ct.addressof(self._memory)
@@ -232,7 +236,7 @@ class Batch:
         if len(sets) != self.count:
             raise ValueError(f"{len(sets)} parameter sets for {self.count} actuators")
         for i, values in enumerate(sets):
-            _taken(self._library.actuator_start(self._at + i * self._size, _numbers(values)), values)
+            _taken(self._library.actuator_start(self._at + i * self._size, _numbers(values, self._model)), values)
 
     def run(self, end: float, inputs: Array) -> Array:
         """Move every actuator on to `end` [s] from the start with its inputs held.
@@ -253,16 +257,16 @@ class Batch:
         return self.outputs
 
 
-def run_table(values: Mapping[str, Any], step: float, inputs: Array) -> Array:
+def run_table(values: Mapping[str, Any], step: float, inputs: Array, model: str = NONLINEAR) -> Array:
     """Outputs at the times of the rows of `inputs`, `step` [s] apart from 0, each row held until the next.
 
     Columns as the inputs and outputs of the variable table, in SI. Raises ArithmeticError
     where the equations cannot be followed, CompilerError where there is no compiled kernel.
     """
-    found = _loaded()
+    found = _loaded(model)
     rows = _table(inputs, (len(inputs), len(INPUTS)), "row")
     memory = ct.create_string_buffer(found.actuator_size())
-    _taken(found.actuator_start(ct.addressof(memory), _numbers(values)), values)
+    _taken(found.actuator_start(ct.addressof(memory), _numbers(values, model)), values)
     outputs: Array = np.empty((len(rows), len(OUTPUTS)))
     result = ct.c_int(0)
     reached = found.actuator_simulate(ct.addressof(memory), len(rows), step, rows.ctypes.data, outputs.ctypes.data,

@@ -16,7 +16,7 @@
 #include "model.h"
 
 typedef struct {
-    double angle, speed, current, xi;
+    double x[CORE_PLANT]; /* the first two are the angle and the speed that the controllers see */
 } core_plant;
 
 /* Command, loads (with a mean over a tick), and what acts through limits. */
@@ -78,20 +78,21 @@ static inline size_t core_line_length(const core_schedule *plan)
 /* The state at rest at the start. */
 static inline void core_start(const double *p, const double *c, core_state *s)
 {
-    double out[7];
+    double out[CORE_PLANT + 3];
     kernel_initial(p, c, out);
     memset(s, 0, sizeof *s);
-    s->plant = s->tentative = (core_plant){out[0], out[1], out[2], out[3]};
-    s->integral = out[4];
-    s->counts = out[5];
-    s->measured = out[6];
+    memcpy(s->plant.x, out, sizeof s->plant.x);
+    s->tentative = s->plant;
+    s->integral = out[CORE_PLANT];
+    s->counts = out[CORE_PLANT + 1];
+    s->measured = out[CORE_PLANT + 2];
 }
 
 static inline void core_outputs(const double *p, const double *c, const core_state *s, size_t line,
                                 const core_inputs *in, double *out)
 {
     const core_plant *x = &s->tentative;
-    kernel_outputs(p, c, x->angle, x->speed, x->current, x->xi, s->active, s->line[line - 1], s->measured,
+    kernel_outputs(p, c, CORE_PLANT_OF(x), s->active, s->line[line - 1], s->measured,
                    s->limited, in->command, in->aero_torque, in->f_x, in->f_z, in->supply, in->enable, out);
 }
 
@@ -109,11 +110,10 @@ static inline core_inputs core_at(const core_inputs *in, const core_ramp *ramp, 
 static inline double core_step(const double *p, const double *c, core_plant *x, double active,
                                const core_inputs *in, double h)
 {
-    double out[5];
-    kernel_step(p, c, x->angle, x->speed, x->current, x->xi, active, in->aero_torque, in->f_x, in->f_z,
-                in->supply, in->enable, h, out);
-    *x = (core_plant){out[0], out[1], out[2], out[3]};
-    return out[4];
+    double out[CORE_PLANT + 1];
+    kernel_step(p, c, CORE_PLANT_OF(x), active, in->aero_torque, in->f_x, in->f_z, in->supply, in->enable, h, out);
+    memcpy(x->x, out, sizeof x->x);
+    return out[CORE_PLANT];
 }
 
 /* Step over what is left of a tick [s], from event to event. */
@@ -173,7 +173,7 @@ static inline void core_sample(const double *p, const double *c, core_state *s, 
                                double enable)
 {
     double out[5];
-    kernel_sample(p, c, s->plant.angle, s->plant.speed, s->integral, s->counts, command, enable, out);
+    kernel_sample(p, c, s->plant.x[0], s->plant.x[1], s->integral, s->counts, command, enable, out);
     memmove(s->line, s->line + 1, (line - 1) * sizeof *s->line);
     s->line[line - 1] = out[0];
     s->integral = out[1];
@@ -253,7 +253,8 @@ static inline core_result core_run(const double *p, const double *c, core_state 
     const core_inputs final = core_at(in, ramp, end);
     double found[MODEL_OUTPUTS];
     core_outputs(p, c, &s, line, &final, found);
-    bool finite = core_finite(s.tentative.xi) && core_finite(s.integral) && core_finite(s.counts);
+    bool finite = core_finite(s.integral) && core_finite(s.counts);
+    for (size_t i = 0; i < CORE_PLANT; ++i) finite &= core_finite(s.tentative.x[i]);
     for (size_t i = 0; i < MODEL_OUTPUTS; ++i) finite &= core_finite(found[i]);
     if (!finite) return CORE_NOT_FINITE;
     memcpy(out, found, sizeof found);

@@ -35,8 +35,8 @@ class Core:
         *_, samples, _ = self.schedule
         # Length of the delay line: the sample in the drive before and after the arrival, and those on their way.
         line = (0.0,) * (int(samples) + 2)
-        angle, speed, current, xi, integral, counts, measured = self._initial()
-        plant = (angle, speed, current, xi)
+        *begun, integral, counts, measured = self._initial()
+        plant = tuple(begun)
         #      tick, plant, I, counts, measured, limited, delay line, active, part of the tick done, tentative plant
         self.state: tuple[Any, ...] = (0, plant, integral, counts, measured, 0.0, line, 0.0, None, plant)
 
@@ -70,7 +70,6 @@ class Core:
         Raises ArithmeticError where the equations cannot be followed.
         """
         tick, plant, integral, counts, measured, limited, line, active, part, tentative = self.state
-        angle, speed, current, xi = plant
         period, before, ticks, arrival, h_before, h_after, _, _ = self.schedule
         step = self._step
         periods, position, rest = self._locate(end)
@@ -90,7 +89,7 @@ class Core:
             if part is not None:
                 origin, _, first, _ = part
                 if first[_SWITCHED] != acting[_SWITCHED]:
-                    angle, speed, current, xi, part = self._split((angle, speed, current, xi), active, part, acting)
+                    plant, part = self._split(plant, active, part, acting)
                     origin = part[0]
                 acting = _mean(_extended(part, h, acting))
                 part = None
@@ -98,17 +97,17 @@ class Core:
             elif index == 0:
                 command = inputs[0] if ramp is None else _ramped(inputs, ramp, begun)[0]
                 reference, integral, counts, measured, limited = self._sample(
-                    angle, speed, integral, counts, command, enable)
+                    plant[0], plant[1], integral, counts, command, enable)
                 line = (*line[1:], reference)
             active = line[0] if index < before else line[1]
             _, aero_torque, f_x, f_z, supply, on = acting
-            angle, speed, current, xi, used = step(
-                angle, speed, current, xi, active, aero_torque, f_x, f_z, supply, on, h)
+            moved = step(*plant, active, aero_torque, f_x, f_z, supply, on, h)
+            plant, used = moved[:-1], moved[-1]
             if used < h:
-                angle, speed, current, xi = self._finish((angle, speed, current, xi), active, acting, h - used)
+                plant = self._finish(plant, active, acting, h - used)
             tick += 1
             acting = inputs
-        plant = tentative = (angle, speed, current, xi)
+        tentative = plant
         if rest:
             index = tick % ticks
             if ramp is not None:
@@ -118,17 +117,16 @@ class Core:
             if index == 0 and part is None:
                 command = inputs[0] if ramp is None else _ramped(inputs, ramp, begun)[0]
                 reference, integral, counts, measured, limited = self._sample(
-                    angle, speed, integral, counts, command, enable)
+                    plant[0], plant[1], integral, counts, command, enable)
                 line = (*line[1:], reference)
             active = line[0] if index < before else line[1]
             if part is not None and part[2][_SWITCHED] != acting[_SWITCHED]:
-                *moved, part = self._split(plant, active, part, acting)
-                plant = tuple(moved)
+                plant, part = self._split(plant, active, part, acting)
             part = _extended(part, rest, acting)
             tentative = self._finish(plant, active, _mean(part), rest - part[0])
         final = inputs if ramp is None else _ramped(inputs, ramp, end)
         outputs = self._outputs(*tentative, active, line[-1], measured, limited, *final)
-        total = sum(outputs, integral + counts + tentative[3])
+        total = sum(outputs, sum(tentative, integral + counts))
         if total - total != 0.0:  # infinite or not a number
             raise ArithmeticError("the state is no longer finite")
         self.state = (tick, plant, integral, counts, measured, limited, line, active, part, tentative)
@@ -137,7 +135,7 @@ class Core:
     def _split(self, plant: tuple[float, ...], active: float, part: _Part, inputs: Inputs) -> tuple[Any, ...]:
         """The plant moved on to where a tick has been covered to, and a part that starts there with the inputs."""
         origin, covered, _, _ = part
-        return *self._finish(plant, active, _mean(part), covered - origin), (covered, covered, inputs, _NOTHING)
+        return self._finish(plant, active, _mean(part), covered - origin), (covered, covered, inputs, _NOTHING)
 
     def _finish(self, plant: tuple[float, ...], active: float, inputs: Inputs, left: float) -> tuple[float, ...]:
         """Step over what is left of a tick [s], from event to event."""
@@ -146,8 +144,8 @@ class Core:
         if left <= 0.0:
             return plant
         for _ in range(MOST_EVENTS):
-            *after, used = self._step(*plant, active, *acting, left)
-            plant = tuple(after)
+            moved = self._step(*plant, active, *acting, left)
+            plant, used = moved[:-1], moved[-1]
             if used >= left:
                 return plant
             left -= used

@@ -1,4 +1,4 @@
-"""The actuator as a program: :mod:`emcas_fmu.actuator` and its schedule traced, printed as Python or C."""
+"""An actuator as a program: its functions (:mod:`emcas_fmu.actuators`) and its schedule traced, as Python or C."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from functools import cache
 from inspect import signature
 from typing import Any
 
-from .. import actuator, control, schedule
+from .. import control, schedule
+from ..actuators import NONLINEAR, get
 from ..ops.base import Ops, Value
 from ..ops.c_source import c_source
-from ..ops.python_source import python_source
+from ..ops.python_source import TEMPLATES, python_source
 from ..ops.trace import Tracer
+from ..ops.usage import Writer
 from ..physics import bus
 from ..tree import tree
-from ..variables import PARAMETERS
 
-FUNCTIONS = (schedule.schedule, schedule.locate,
-             actuator.initial, actuator.sample, actuator.forces, actuator.step, actuator.outputs)
+SCHEDULE = (schedule.schedule, schedule.locate)
+FUNCTIONS = SCHEDULE + get(NONLINEAR).functions
 
 Make = Callable[[Mapping[str, Any]], tuple[Callable[..., tuple[Any, ...]], ...]]
 
@@ -57,34 +58,44 @@ def _bind(function: Callable[..., Any], tracer: Tracer, p: Any) -> Callable[...,
 
 
 @cache
-def traced(several: bool = False) -> Tracer:
-    """The program's `FUNCTIONS`, and `SEVERAL` if asked for, of the parameters in table order."""
+def traced(several: bool = False, model: str = NONLINEAR) -> Tracer:
+    """The schedule and a model's functions, and `SEVERAL` if asked for, of the model's parameters in their order."""
+    chosen = get(model)
     tracer = Tracer()
-    p = tree({v.name: tracer.parameter(v.name) for v in PARAMETERS})
-    for function in FUNCTIONS + SEVERAL if several else FUNCTIONS:
+    p = tree({v.name: tracer.parameter(v.name) for v in chosen.parameters})
+    for function in SCHEDULE + chosen.functions + (SEVERAL if several else ()):
         arguments = list(signature(function).parameters)[2:]
         tracer.function(function.__name__, arguments, _bind(function, tracer, p))
     return tracer
 
 
 @cache
-def source(several: bool = False) -> str:
-    """Python source of a module with ``make(parameters)``.
-
-    `make` takes the flat parameter mapping and gives the `FUNCTIONS` (and `SEVERAL`) in their order, bound to it.
-    """
-    return python_source(traced(several), "The actuator's equations as straight-line code; generated, do not edit.")
-
-
-def c_kernel(several: bool = False) -> str:
-    """The `FUNCTIONS` (and `SEVERAL`) as C (:func:`emcas_fmu.ops.c_source.c_source`), named ``kernel_...``."""
-    return c_source(traced(several), "kernel")
+def unread(model: str) -> frozenset[str]:
+    """Parameters that nothing of a model depends on."""
+    tracer = traced(False, model)
+    uses = Writer(tracer, TEMPLATES).uses
+    return frozenset(key for name, key in tracer.parameters if not uses.get(name))
 
 
 @cache
-def make(several: bool = False) -> Make:
+def source(several: bool = False, model: str = NONLINEAR) -> str:
+    """Python source of a module with ``make(parameters)``.
+
+    `make` takes the flat parameter mapping and gives the functions in their order, bound to it.
+    """
+    return python_source(traced(several, model),
+                         "The actuator's equations as straight-line code; generated, do not edit.")
+
+
+def c_kernel(several: bool = False, model: str = NONLINEAR) -> str:
+    """The functions as C (:func:`emcas_fmu.ops.c_source.c_source`), named ``kernel_...``."""
+    return c_source(traced(several, model), "kernel")
+
+
+@cache
+def make(several: bool = False, model: str = NONLINEAR) -> Make:
     """The compiled program's `make`."""
     namespace: dict[str, Any] = {}
-    exec(compile(source(several), "<emcas kernel>", "exec"), namespace)
+    exec(compile(source(several, model), "<emcas kernel>", "exec"), namespace)
     result: Make = namespace["make"]
     return result

@@ -269,7 +269,7 @@ def test_a_system_compiler_builds_too(tmp_path: Path, native: Path) -> None:
 
 
 def test_what_the_compiler_says_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("emcas_fmu.fmi.native.core_sources", lambda several: {"core.h": "#error on purpose\n"})
+    monkeypatch.setattr("emcas_fmu.fmi.native.core_sources", lambda *_: {"core.h": "#error on purpose\n"})
     with pytest.raises(EmcasError, match="on purpose"):
         build(load_parameters(), tmp_path / "EMCAS.fmu", "native", cc="cc")
     assert list(tmp_path.iterdir()) == []

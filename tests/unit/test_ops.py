@@ -11,7 +11,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from emcas_fmu import actuator, control, integrate, schedule, sensors
+from emcas_fmu import control, integrate, schedule, sensors
+from emcas_fmu.actuators import nonlinear
 from emcas_fmu.kernels import program
 from emcas_fmu.ops import FLOATS
 from emcas_fmu.ops.arrays import ARRAYS
@@ -51,7 +52,7 @@ def _public(module: ModuleType) -> list[Function]:
 # Functions whose arguments are plain values; the others are reached through these.
 STRUCTURED = {loads.specific_force, mechanics.breakaway, mechanics.damping, integrate.advance, control.output,
               control.update, friction.coulomb_reference, friction.coulomb_polynomial}
-MODULES = (bus, kinematics, friction, loads, mechanics, drive, sensors, control, integrate, schedule, actuator)
+MODULES = (bus, kinematics, friction, loads, mechanics, drive, sensors, control, integrate, schedule, nonlinear)
 PLAIN = [f for module in MODULES for f in _public(module) if f not in STRUCTURED]
 
 

@@ -1,4 +1,4 @@
-"""The wiring of the actuator: what a sample does, what a step does, what is put out.
+"""The nonlinear electromechanical actuator: what a sample does, what a step does, what is put out.
 
 Each function is traced into the kernels under its own name, with its arguments in
 the order given here; all values SI.
@@ -8,10 +8,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from . import control, sensors
-from .integrate import Boundary, Plant, advance
-from .ops.base import Ops, Value
-from .physics import drive, kinematics, loads, mechanics
+from .. import control, sensors
+from ..integrate import Boundary, Plant, advance
+from ..ops.base import Ops, Value
+from ..physics import drive, kinematics, loads, mechanics
+
+TITLE = "nonlinear electromechanical actuator"
+PLANT = ("motor angle", "motor speed", "motor current", "drive integral")
+OWN = ()
 
 
 def initial(ops: Ops, p: Any) -> tuple[Value, ...]:

@@ -1,0 +1,50 @@
+"""`emcas fit`: the second-order model that comes nearest to an actuator."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from ..parameters import load_parameters
+from .common import ParametersOption, check_outputs, failures, out
+
+EPILOG = ("Examples:\n\n  emcas fit\n\n  emcas fit -p my_actuator.toml --output my_second_order.toml"
+          "\n\n  python build_fmu.py --model second-order -p my_second_order.toml")
+
+
+def fit(
+    parameters: ParametersOption = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write a parameter file of the second-order "
+                                                "model.", metavar="FILE")] = None,
+    as_json: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.",
+                                                 metavar="FILE")] = None,
+) -> None:
+    """Fit natural frequency, damping, rate limit and delay of the second-order model to the nonlinear one."""
+    from ..fitting import NAMES, write_parameters
+    from ..fitting import fit as run
+
+    with failures():
+        check_outputs(output, as_json)
+        found = run(load_parameters(parameters))
+        values = found.parameters.values
+        if output:
+            write_parameters(found, output, " ".join(["emcas fit", *([f"-p {parameters}"] if parameters else [])]))
+        if as_json:
+            as_json.write_text(json.dumps({
+                "parameters": {name: values[name] for name in NAMES}, "step_deg": found.sizes,
+                "largest_difference_percent": found.largest, "rms_difference_percent": found.rms}, indent=1),
+                encoding="utf-8")
+    units = {e.variable.name: e.variable.unit for e in found.parameters.entries}
+    for name in NAMES:
+        out.print(f"{name} = {values[name]:.4g} {units[name]}", highlight=False)
+    table = Table("step / deg", "largest difference / %", "rms / %")
+    for size, largest, rms in zip(found.sizes, found.largest, found.rms, strict=True):
+        table.add_row(f"{size:g}", f"{largest:.2g}", f"{rms:.2g}")
+    out.print(table)
+    if output:
+        out.print(f"written {escape(str(output))}", highlight=False, soft_wrap=True)
