@@ -1,4 +1,4 @@
-"""Tables of docs/hosts.md and docs/ci.md, out of the variable table and measured on the kernel.
+"""Tables of docs/hosts.md, docs/ci.md and docs/models.md, out of the variable table and measured on the kernel.
 
     python docs/make_tables.py           # writes them between their markers
     python docs/make_tables.py --check   # exit code 1 where one is stale
@@ -13,14 +13,20 @@ from dataclasses import dataclass
 from math import degrees, pi, radians, sin
 from pathlib import Path
 
+import numpy as np
+
 from emcas_fmu.acceptance.article import ParameterArticle
+from emcas_fmu.actuators import NAMES, NONLINEAR
 from emcas_fmu.baseline.compare import TEMPLATE, compare, record
 from emcas_fmu.baseline.read import read
 from emcas_fmu.baseline.subject import Subject
 from emcas_fmu.baseline.table import HEADER, lines, verdict
+from emcas_fmu.excitation import from_case
 from emcas_fmu.kernels import program
 from emcas_fmu.kernels.core import Core
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.reference.cases import CASES
+from emcas_fmu.simulation import simulate
 from emcas_fmu.unit import BUS_OUTPUTS, BUS_PARAMETERS, MIXING, SHARED
 from emcas_fmu.variables import INPUTS, OUTPUTS, Variable
 
@@ -128,8 +134,23 @@ def drift() -> str:
             + f"\n\n`{verdict(found)}`")
 
 
+def models() -> str:
+    """How far the fin angle of each model is from the nonlinear one's in the reference cases: largest, and rms."""
+    others = [name for name in NAMES if name != NONLINEAR]
+    rows = []
+    for case in CASES:
+        chosen = from_case(case.name)
+        signals = {name.replace(".", "__"): column for name, column in chosen.columns.items()}
+        angles = {name: simulate(load_parameters(model=name).replace(chosen.overrides).values, chosen.stop, chosen.step,
+                                 model=name, **signals)["fin_angle"] for name in NAMES}
+        apart = [np.degrees(np.abs(angles[name] - angles[NONLINEAR])) for name in others]
+        rows.append([f"`{case.name}`", *(f"{a.max():.2g}°, {np.sqrt(np.mean(a**2)):.2g}°" for a in apart)])
+    return _markdown(("reference case", *others), rows)
+
+
 TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {
-    "hosts.md": {"single": single, "several": several, "steps": steps}, "ci.md": {"drift": drift}}
+    "hosts.md": {"single": single, "several": several, "steps": steps}, "ci.md": {"drift": drift},
+    "models.md": {"models": models}}
 
 
 def renewed(text: str, tables: Mapping[str, Callable[[], str]]) -> str:

@@ -25,7 +25,7 @@ def tables() -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize("document", ["hosts.md", "ci.md"])
+@pytest.mark.parametrize("document", ["hosts.md", "ci.md", "models.md"])
 def test_not_stale(tables: ModuleType, document: str) -> None:
     text = (ROOT / "docs" / document).read_text(encoding="utf-8")
     assert tables.renewed(text, tables.TABLES[document]) == text, "run python docs/make_tables.py"

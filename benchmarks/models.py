@@ -1,0 +1,46 @@
+"""Cost of a 1 ms step of each model, over the nonlinear one's, in one run: `python benchmarks/models.py`."""
+
+from __future__ import annotations
+
+from time import process_time
+
+import numpy as np
+
+from emcas_fmu.actuators import NAMES, NONLINEAR
+from emcas_fmu.kernels.compiled import Batch
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.variables import INPUTS
+
+COUNT, STEPS, ROUNDS = 200, 400, 5
+
+
+def cost(model: str) -> float:
+    """Least CPU time [ns] of a step, of several rounds; a square wave of 5 deg at 5 Hz."""
+    values = load_parameters(model=model).values
+    names = [v.name for v in INPUTS]
+    inputs = np.zeros((COUNT, len(INPUTS)))
+    inputs[:, names.index("supply_voltage")] = values["drive.supply_voltage"]
+    inputs[:, names.index("enable")] = 1.0
+    best = np.inf
+    batch = Batch([values] * COUNT, model)
+    for _ in range(ROUNDS):
+        batch.restart([values] * COUNT)
+        begin = process_time()
+        for k in range(1, STEPS + 1):
+            inputs[:, names.index("fin_command")] = 0.0873 if (k // 100) % 2 == 0 else -0.0873
+            batch.run(k * 1e-3, inputs)
+        best = min(best, process_time() - begin)
+    return 1e9 * best / (COUNT * STEPS)
+
+
+def main() -> None:
+    """Print the table."""
+    base = cost(NONLINEAR)
+    print(f"{'model':<14}{'ns a step':>10}{'of nonlinear':>14}")
+    for name in NAMES:
+        found = cost(name)
+        print(f"{name:<14}{found:>10.0f}{found / base:>14.2f}")
+
+
+if __name__ == "__main__":
+    main()
