@@ -86,6 +86,14 @@ class Distribution:
         found: Array = np.asarray(self._frozen.ppf(share), dtype=float)
         return found
 
+    def limits(self, outside: float = 0.0) -> tuple[float, float]:
+        """Values all samples lie between, but for a share `outside` at either end of one with tails."""
+        if self.kind == "choice":
+            return float(min(self.levels)), float(max(self.levels))
+        if "low" in self.numbers:
+            return self.numbers["low"], self.numbers["high"]
+        return float(self.at(outside)), float(self.at(1.0 - outside))
+
     def outside(self, minimum: float, maximum: float) -> float:
         """Share of samples outside two limits."""
         if self.kind == "choice":
@@ -154,8 +162,8 @@ def _choice(written: Mapping[str, Any], kind: Kind) -> Distribution:
     levels = tuple(number(level, kind, "levels") for level in listed)
     weights = written.get("weights", [1.0] * len(levels))
     if (not isinstance(weights, list) or len(weights) != len(levels)
-            or not all(_plain(w) and float(w) > 0.0 for w in weights)):
-        raise CampaignError(f"{kind.where}: weights must be {len(levels)} numbers above 0, one for each level")
+            or not all(_plain(w) and 0.0 < float(w) < inf for w in weights)):
+        raise CampaignError(f"{kind.where}: weights must be {len(levels)} finite numbers above 0, one for each level")
     shares = np.cumsum([float(w) for w in weights])
     found = Distribution("choice", {}, levels, tuple((shares / shares[-1]).tolist()))
     inside(found, kind)
@@ -192,6 +200,9 @@ def _deviation(written: Any, kind: Kind, mean: float) -> float:
     """A standard deviation: a percentage of the mean, or a difference in the entry's unit."""
     text = str(written).strip()
     if text.endswith("%"):
+        if kind.unit == "degC":
+            raise CampaignError(f"{kind.where}.sd = {written}: a percentage of a temperature says nothing; give a "
+                                "difference such as 5 K")
         return float(number(text, Kind(f"{kind.where}.sd", "1"))) * abs(mean)
     plain = Kind(kind.where, kind.unit)
     found = float(number(written, plain, "sd"))

@@ -10,11 +10,11 @@ from typing import Any
 from ..parameters import ParameterSet
 from ..tuning.experiments import STEP
 from ..variables import FILE_ENTRIES, INPUTS
-from .distributions import CampaignError, Kind, Value, distribution, hint, known, number
+from .distributions import MOST_OUTSIDE, CampaignError, Kind, Value, distribution, hint, known, number
 from .experiments import COMMAND, EXPERIMENTS, LOAD, OPTIONAL, PROFILES, SAME, Experiment, Profile
 from .plan import Factor
 
-LONGEST = 1000.0  # s, of an experiment
+LONGEST = 300.0  # s, of an experiment: half a gigabyte of rows
 # Of what is no input: rows are a millisecond apart, a spring is coupled once in each.
 _LIMITS = {"Hz": (1e-3, 500.0), "s": (-LONGEST, LONGEST), "N.m/rad": (-1e6, 1e6)}
 _PARAMETERS = {v.name: v for v in FILE_ENTRIES}
@@ -89,6 +89,8 @@ class Reader:
             kinds = ["constant", "step", "window"] if _INPUTS[name].kind == "Boolean" else kinds
             profile = Profile(name, self.kind(where, entry, kinds), f"{prefix}.{name}")
             self.fields(where, profile.prefix, entry, PROFILES[profile.kind], name)
+            if profile.kind == "window":
+                self.check_window(where, profile.prefix)
             found[name] = profile
         return found
 
@@ -118,6 +120,18 @@ class Reader:
         limits = (-float("inf"), float("inf")) if field == "amplitude" else (variable.minimum, variable.maximum)
         return Kind(where, variable.unit, *limits, base, variable.kind)
 
+    def limits(self, name: str, outside: float = 0.0) -> tuple[float, float]:
+        """Between what a number lies, whether it is fixed or drawn."""
+        if name in self.numbers:
+            return float(self.numbers[name]), float(self.numbers[name])
+        return next(f for f in self.factors if f.name == name).distribution.limits(outside)
+
+    def check_window(self, where: str, prefix: str) -> None:
+        """Some may be drawn the wrong way round, and are recorded; all may not."""
+        (begin, _), (_, end) = (self.limits(f"{prefix}.{side}") for side in ("begin", "end"))
+        if end < begin:
+            raise CampaignError(f"{where}: end = {end:g} s is before begin = {begin:g} s; give an end that is later")
+
     def experiment(self, name: str, entry: Mapping[str, Any], common: Mapping[str, Profile]) -> None:
         where, prefix = f"{self.path}: experiments.{name}", f"experiments.{name}"
         if "." in name:
@@ -131,9 +145,10 @@ class Reader:
             raise CampaignError(f"{where}.duration = {entry['duration']}: must be a whole number of {STEP * 1e3:g} ms")
         if kind == "step" and self.numbers.get(f"{prefix}.amplitude") == 0.0:
             raise CampaignError(f"{where}.amplitude: a step needs an amplitude other than 0")
-        low, high = (self.numbers.get(f"{prefix}.{side}") for side in ("low", "high"))
-        if low is not None and high is not None and not low < high:
-            raise CampaignError(f"{where}: low = {low:g} Hz must be below high = {high:g} Hz")
+        if kind == "chirp":
+            (_, low), (high, _) = (self.limits(f"{prefix}.{side}", MOST_OUTSIDE) for side in ("low", "high"))
+            if not low < high:
+                raise CampaignError(f"{where}: low (up to {low:g} Hz) must be below high (from {high:g} Hz on)")
         own = self.profiles(table_of(entry, "inputs", where), f"{prefix}.inputs")
         self.experiments.append(Experiment(name, kind, duration, tuple({**common, **own}.values())))
 

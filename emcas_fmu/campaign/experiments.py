@@ -30,7 +30,10 @@ PROFILES: Mapping[str, Mapping[str, str]] = {
 }
 # What these stand for where they are left out is the input's start.
 OPTIONAL = ("before", "outside", "offset")
-COMMAND, LOAD = "fin_command", "aero_torque"
+COMMAND, LOAD, POWER = "fin_command", "aero_torque", "supply_power"
+# Power is looked at more often than the rest: the drive's short transients follow the controller's samples.
+POWER_ROWS = 5
+POWER_STEP = STEP / POWER_ROWS
 INDEX = {v.name: i for i, v in enumerate(INPUTS)}
 
 
@@ -60,11 +63,13 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Excitation:
-    """`time` [s] (n) from the command's instant; `table` (n, inputs), SI; a spring's `stiffness` [N.m/rad] if any."""
+    """`time` [s] (n) from the command's instant; `table` (n, inputs), SI; a spring's `stiffness` [N.m/rad] if any;
+    `told` [s] from the command's instant: when the drive gets a new reference."""
 
     time: Array
     table: Array
     stiffness: float
+    told: Array
 
 
 def excitation(experiment: Experiment, values: Mapping[str, Any], numbers: Mapping[str, Any]) -> Excitation:
@@ -87,7 +92,16 @@ def excitation(experiment: Experiment, values: Mapping[str, Any], numbers: Mappi
             table[:, column] = _SHAPES[profile.kind](time, number)
     table[:, INDEX[COMMAND]] = _COMMANDS[experiment.kind](
         np.maximum(time, 0.0), time > -STEP / 2, _finder(numbers, experiment.prefix, 0.0), experiment.duration)
-    return Excitation(time, table, stiffness)
+    return Excitation(time, table, stiffness, _told(values, float(time[-1])))
+
+
+def _told(values: Mapping[str, Any], end: float) -> Array:
+    """Samples reach the drive a transport delay later; none where they come too often to be told apart."""
+    period, delay = float(values["controller.sample_time"]), float(values["drive.transport_delay"])
+    if period < 2.0 * POWER_STEP:
+        return np.empty(0)
+    first = np.ceil((REST - delay) / period - 1e-6)
+    return np.arange(first, (end + REST - delay) / period) * period + delay - REST
 
 
 Number = Callable[[str], float]
@@ -100,6 +114,8 @@ def _finder(numbers: Mapping[str, Any], prefix: str, start: float) -> Number:
 def _sweep(since: Array, number: Number, duration: float) -> Array:
     """Logarithmic sine sweep over the whole duration."""
     low, high = number("low"), number("high")
+    if not low < high:
+        raise ValueError(f"the sweep's low = {low:g} Hz is not below its high = {high:g} Hz")
     growth = np.log(high / low) / duration
     return np.asarray(number("amplitude") * np.sin(2.0 * pi * low * np.expm1(growth * since) / growth))
 
@@ -117,11 +133,17 @@ def _from(time: Array, instant: float) -> Array:
     return time > instant - STEP / 2
 
 
+def _window(time: Array, number: Number) -> Array:
+    begin, end = number("begin"), number("end")
+    if end < begin:
+        raise ValueError(f"a window's end = {end:g} s is before its begin = {begin:g} s")
+    return np.where(_from(time, begin) & ~_from(time, end), number("value"), number("outside"))
+
+
 _SHAPES: Mapping[str, Callable[[Array, Number], Any]] = {
     "constant": lambda time, number: number("value"),
     "step": lambda time, number: np.where(_from(time, number("at")), number("after"), number("before")),
-    "window": lambda time, number: np.where(
-        _from(time, number("begin")) & ~_from(time, number("end")), number("value"), number("outside")),
+    "window": _window,
     "sine": lambda time, number: number("offset") + number("amplitude") * np.sin(
         2.0 * pi * number("frequency") * np.maximum(time, 0.0)),
 }

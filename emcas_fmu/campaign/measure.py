@@ -4,37 +4,40 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf
+from math import inf, isnan
 
 import numpy as np
 
 from ..simulation import Array
 from ..tuning import experiments as tuning
 from ..validation import metrics
-from .experiments import COMMAND, INDEX, Excitation, Experiment
+from .experiments import COMMAND, INDEX, POWER, POWER_ROWS, POWER_STEP, Excitation, Experiment
 
 
 @dataclass(frozen=True)
 class Figure:
     """Unit and title of a figure; `bad` is the side on which it is bad: 1 above, -1 below.
 
-    `missing` is what a figure that cannot be had counts as in order: a time never reached is longer
-    than any, a bandwidth not found lies beyond the sweep.
+    A figure that cannot be had (nan) counts as worse than any: a time never reached is longer than all.
     """
 
     unit: str
     title: str
     kinds: tuple[str, ...]
     bad: float = 1.0
-    missing: float = inf
+
+    @property
+    def missing(self) -> float:
+        """What one that cannot be had counts as in order."""
+        return self.bad * inf
 
 
 _ALL = ("step", "sine", "chirp", "hold")
 
 
-def _as_tuned(name: str, kinds: tuple[str, ...], bad: float = 1.0, missing: float = inf) -> Figure:
+def _as_tuned(name: str, kinds: tuple[str, ...], bad: float = 1.0) -> Figure:
     found = tuning.FIGURES[name]
-    return Figure(found.unit, found.title, kinds, bad, missing)
+    return Figure(found.unit, found.title, kinds, bad)
 
 
 FIGURES: Mapping[str, Figure] = {
@@ -42,7 +45,7 @@ FIGURES: Mapping[str, Figure] = {
     "settling_time": _as_tuned("settling_time", ("step",)),
     "overshoot": _as_tuned("overshoot", ("step",)),
     "steady_error": _as_tuned("steady_error", ("step",)),
-    "sustained_rate": _as_tuned("sustained_rate", ("step",), -1.0, -inf),
+    "sustained_rate": _as_tuned("sustained_rate", ("step",), -1.0),
     "bandwidth_3db": _as_tuned("bandwidth_3db", ("chirp",), -1.0),
     "bandwidth_90deg": _as_tuned("bandwidth_90deg", ("chirp",), -1.0),
     "peak_gain": Figure("dB", "largest gain within the sweep", ("chirp",)),
@@ -73,10 +76,12 @@ def figures(experiment: Experiment, numbers: Mapping[str, float], made: Excitati
             response: Mapping[str, Array]) -> dict[str, float]:
     """Figures of a response by column name; nan where there is none (a level never reached).
 
-    `response` has an array per output at the times of the excitation. All from the command's instant on.
+    `response` has an array per output at the times of the excitation, `supply_power` POWER_ROWS to each. All from
+    the command's instant on.
     """
-    since = made.time > -tuning.STEP / 2
-    found = _common(made.time[since], {name: column[since] for name, column in response.items()})
+    first = int(np.argmax(made.time > -tuning.STEP / 2))
+    found = _common({name: column[first:] for name, column in response.items() if name != POWER})
+    found |= _power(response[POWER][first * POWER_ROWS:], made.told)
     if experiment.kind == "step":
         found |= _step(made.time, response, float(numbers[f"{experiment.prefix}.amplitude"]))
     if experiment.kind == "chirp":
@@ -85,15 +90,34 @@ def figures(experiment: Experiment, numbers: Mapping[str, float], made: Excitati
     return {column: float(found[column.rpartition(".")[2]]) for column in names(experiment)}
 
 
-def _common(time: Array, response: Mapping[str, Array]) -> dict[str, float]:
-    power, current, error = response["supply_power"], response["motor_current"], response["tracking_error"]
+def _common(response: Mapping[str, Array]) -> dict[str, float]:
+    current, error = response["motor_current"], response["tracking_error"]
     return {
         "peak_rate": float(np.abs(response["fin_rate"]).max()),
         "tracking_error_peak": float(np.abs(error).max()), "tracking_error_rms": _rms(error),
-        "power_peak": float(power.max()), "power_rms": _rms(power), "energy": float(np.trapezoid(power, time)),
         "peak_current": float(np.abs(current).max()), "rms_current": _rms(current),
         "saturated_share": float(np.mean(response["saturated"])), "at_stop_share": float(np.mean(response["at_stop"])),
     }
+
+
+def _power(power: Array, told: Array) -> dict[str, float]:
+    """Of rows POWER_STEP apart; `told` [s] from the first are instants the drive gets a new reference.
+
+    Power leaps there, in step with the rows: what is cut by a leap is extended to it from either side, by the
+    line through the two rows there.
+    """
+    weights = np.full(len(power), POWER_STEP)
+    weights[[0, -1]] /= 2.0
+    leap = np.floor(told / POWER_STEP + 1e-6).astype(int)
+    inside = (leap >= 1) & (leap <= len(power) - 3)
+    before = leap[inside]
+    left = told[inside] - before * POWER_STEP
+    for row, inner, length in ((before, -1, left), (before + 1, 1, POWER_STEP - left)):
+        line = length**2 / (2.0 * POWER_STEP)
+        np.add.at(weights, row, length - POWER_STEP / 2.0 + line)
+        np.add.at(weights, row + inner, -line)
+    return {"power_peak": float(power.max()), "energy": float(weights @ power),
+            "power_rms": float(np.sqrt(weights @ power**2 / weights.sum()))}
 
 
 def _rms(column: Array) -> float:
@@ -111,6 +135,11 @@ def _step(time: Array, response: Mapping[str, Array], amplitude: float) -> dict[
 
 
 def _swept(time: Array, command: Array, angle: Array, low: float, high: float) -> dict[str, float]:
-    found = metrics.frequency_response(time, command, angle, low, high)
-    return {"bandwidth_3db": found.bandwidth, "bandwidth_90deg": found.phase_bandwidth,
-            "peak_gain": float(np.max(found.gain_db))}
+    """A bandwidth beyond the sweep is infinite; 0 where the fin never comes within 3 dB of the command."""
+    with np.errstate(divide="ignore", invalid="ignore"):  # a fin at rest has no gain and no phase
+        found = metrics.frequency_response(time, command, angle, low, high)
+        peak, gain, phase = float(np.max(found.gain_db)), found.bandwidth, found.phase_bandwidth
+    follows = peak >= -3.0
+    beyond = inf if follows else 0.0
+    return {"bandwidth_3db": beyond if isnan(gain) or not follows else gain,
+            "bandwidth_90deg": beyond if isnan(phase) else phase, "peak_gain": peak}

@@ -32,7 +32,7 @@ class Plan:
     """All a worker needs: flat parameters (SI), numbers of profiles by name, what varies, what is done.
 
     `followers` are parameters that keep their ratio to one that varies. `fmu` is the path of an FMU,
-    with its SHA-256, or empty for the kernel.
+    with its SHA-256, or empty for the kernel; `fin`, from 1, which of a unit of several.
     """
 
     base: Mapping[str, Value]
@@ -43,6 +43,7 @@ class Plan:
     seed: int
     fmu: str = ""
     fmu_sha256: str = ""
+    fin: int = 1
 
     def packed(self) -> bytes:
         """For sending."""

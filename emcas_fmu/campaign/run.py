@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -21,7 +22,7 @@ from .sample import Row, failed, rows
 from .sampling import Sampler
 from .study import Study
 
-# Simulated in a task unless told: a tenth of a second to one of work with the kernel, and about as much with
+# Simulated in a task unless told: some tenths of a second to two of work with the kernel, and about as much with
 # an FMU's tenth of it. What is taken for a task (milliseconds) is little beside it, what a kill loses is little.
 SIMULATED, BY_FMU = 200.0, 20.0  # s
 # Deaths of a worker under a task before it is given up. Dask's own 3 costs as many restarts more for a
@@ -98,12 +99,33 @@ def remote_client(address: str) -> Iterator[Any]:
     with ExitStack() as stack:
         stack.enter_context(_quiet())
         try:
+            # Before a client, which tries without end where something else answers.
+            kind = asyncio.run(asyncio.wait_for(_kind(address), _CONNECT))
+            if kind != "Scheduler":
+                raise ValueError(f"a {kind} answers")
             client = stack.enter_context(_distributed().Client(address, timeout=_CONNECT))
-        except (OSError, ValueError) as error:
-            raise CampaignError(f"--scheduler {address}: there is none to be reached ({error}); start one with "
-                                "`dask scheduler`, and give its address such as tcp://host:8786") from error
+        # What is no scheduler may answer anything, and the sizes read from that be any.
+        except (OSError, ValueError, MemoryError, TypeError, KeyError) as error:
+            raise CampaignError(
+                f"--scheduler {address}: no scheduler answers there ({_reason(error)}); start one with `dask "
+                "scheduler`, and give its address such as tcp://host:8786, which is not that of its dashboard, "
+                "http://host:8787") from error
         _ready(client, address)
         yield client
+
+
+async def _kind(address: str) -> str:
+    """What a Dask process calls itself."""
+    distributed = _distributed()
+    options = distributed.Security().get_connection_args("client")
+    async with distributed.rpc(address, timeout=_CONNECT, connection_args=options) as there:
+        return str((await there.identity())["type"])
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, (TimeoutError, asyncio.TimeoutError)):
+        return f"within {_CONNECT:g} s"
+    return str(error) or type(error).__name__
 
 
 @contextmanager

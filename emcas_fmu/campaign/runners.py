@@ -19,10 +19,10 @@ from ..simulation import Array, respond
 from ..tuning.experiments import STEP
 from ..variables import INPUTS, OUTPUTS, PARAMETERS
 from .distributions import CampaignError
-from .experiments import INDEX, LOAD, Excitation
+from .experiments import INDEX, LOAD, POWER, POWER_ROWS, POWER_STEP, Excitation
 from .plan import Plan
 
-_ANGLE = next(i for i, v in enumerate(OUTPUTS) if v.name == "fin_angle")
+_ANGLE, _POWER = ([v.name for v in OUTPUTS].index(name) for name in ("fin_angle", POWER))
 _MOTION = slice(INDEX["acceleration.x"], INDEX["attitude.pitch"] + 1)
 
 
@@ -30,18 +30,19 @@ class Runner(Protocol):
     """Runs an excitation with flat parameters (SI); raises where the equations cannot be followed."""
 
     def __call__(self, values: Mapping[str, Any], made: Excitation) -> dict[str, Array]:
-        """Columns of outputs at the excitation's times."""
+        """Columns of outputs at the excitation's times; `supply_power` POWER_ROWS to each, the first at the same."""
 
 
 def runner(plan: Plan) -> Runner:
     """The kernel, or the FMU of a plan. Raises CampaignError where the FMU is not what the campaign began with."""
-    return _unit(plan.fmu, plan.fmu_sha256) if plan.fmu else by_kernel
+    return _unit(plan.fmu, plan.fmu_sha256, plan.fin) if plan.fmu else by_kernel
 
 
 def by_kernel(values: Mapping[str, Any], made: Excitation) -> dict[str, Array]:
     """Response of the kernel, compiled if there is a compiler."""
     if not made.stiffness:
-        return respond(values, made.table, STEP)
+        found = respond(values, np.repeat(made.table, POWER_ROWS, axis=0)[:1 - POWER_ROWS], POWER_STEP)
+        return {name: column if name == POWER else column[::POWER_ROWS] for name, column in found.items()}
     core: Any = compiled.CompiledCore(values) if compiled.available() else _python_core(values)
 
     def at(row: Array) -> tuple[Any, ...]:
@@ -49,7 +50,17 @@ def by_kernel(values: Mapping[str, Any], made: Excitation) -> dict[str, Array]:
         return (float(row[0]), float(row[1]), *core.forces(x, y, z, roll, pitch), float(row[INDEX["supply_voltage"]]),
                 bool(row[INDEX["enable"]]))
 
-    return _coupled(made, lambda row: core.outputs(at(row)), lambda end, row: core.run(end, at(row)))
+    def move(end: float, row: Array) -> tuple[Any, list[float]]:
+        acting = at(row)
+        powers = [core.run(time, acting)[_POWER] for time in _between(end)]
+        return core.run(end, acting), powers
+
+    return _coupled(made, lambda row: core.outputs(at(row)), move)
+
+
+def _between(end: float) -> list[float]:
+    """Times [s] power is looked at before the end of a step."""
+    return [end - (POWER_ROWS - k) * POWER_STEP for k in range(1, POWER_ROWS)]
 
 
 def _python_core(values: Mapping[str, Any]) -> Core:
@@ -62,16 +73,22 @@ def _check(values: Mapping[str, Any]) -> None:
         raise ParameterError(problems)
 
 
-def _coupled(made: Excitation, first: Callable[[Array], Any], move: Callable[[float, Array], Any]) -> dict[str, Array]:
-    """Step by step, the spring's moment by the fin angle at the beginning of each step."""
+def _coupled(made: Excitation, first: Callable[[Array], Any],
+             move: Callable[[float, Array], tuple[Any, list[float]]]) -> dict[str, Array]:
+    """Step by step, the spring's moment by the fin angle at the beginning of each step.
+
+    `move` gives the outputs at a step's end, and the powers on the way.
+    """
+    power = np.empty((len(made.table) - 1) * POWER_ROWS + 1)
     outputs = np.empty((len(made.table), len(OUTPUTS)))
     row = made.table[0].copy()
     outputs[0] = first(row)
     for k in range(1, len(made.table)):
         row[:] = made.table[k - 1]
         row[INDEX[LOAD]] -= made.stiffness * outputs[k - 1, _ANGLE]
-        outputs[k] = move(k * STEP, row)
-    return {v.name: outputs[:, i] for i, v in enumerate(OUTPUTS)}
+        outputs[k], power[(k - 1) * POWER_ROWS + 1:k * POWER_ROWS] = move(k * STEP, row)
+    power[::POWER_ROWS] = outputs[:, _POWER]
+    return {v.name: power if v.name == POWER else outputs[:, i] for i, v in enumerate(OUTPUTS)}
 
 
 class _FmuRunner:
@@ -82,9 +99,10 @@ class _FmuRunner:
         self._instance: Any = None
         self._said: deque[str] = deque(maxlen=3)
         references = {v.name: v.valueReference for v in unit.description.modelVariables}
-        self._in = [references[v.name] for v in INPUTS]
-        self._out = [references[v.name] for v in OUTPUTS]
-        self._parameters = [(v, references[v.name]) for v in PARAMETERS]
+        # Those of the fin chosen; another fin of the unit stays at its start values.
+        self._in = [references[unit.names[v.name]] for v in INPUTS]
+        self._out = [references[unit.names[v.name]] for v in OUTPUTS]
+        self._parameters = [(v, references[unit.names[v.name]]) for v in PARAMETERS]
 
     def __call__(self, values: Mapping[str, Any], made: Excitation) -> dict[str, Array]:
         """Response of the FMU."""
@@ -115,11 +133,17 @@ class _FmuRunner:
         unit.exitInitializationMode()
         last: list[Array] = [made.table[0].copy()]
 
-        def move(end: float, row: Array) -> list[float]:
+        def move(end: float, row: Array) -> tuple[list[float], list[float]]:
             self._set(row, last[0])
             last[0] = row.copy()
-            unit.doStep(round(end / STEP - 1) * STEP, STEP)
-            return self._get()
+            powers: list[float] = []
+            now = round(end / STEP - 1) * STEP
+            for then in _between(end):
+                unit.doStep(now, then - now)
+                powers += unit.getReal([self._out[_POWER]])
+                now = then
+            unit.doStep(now, end - now)
+            return self._get(), powers
 
         return _coupled(made, lambda _: self._get(), move)
 
@@ -150,12 +174,12 @@ class _FmuRunner:
 
 
 @lru_cache(maxsize=2)
-def _unit(path: str, sha256: str) -> _FmuRunner:
+def _unit(path: str, sha256: str, fin: int) -> _FmuRunner:
     """The FMU of this process, unpacked once."""
     from ..validation.runs import opened
 
     stack = ExitStack()
-    unit = stack.enter_context(opened(Path(path)))
+    unit = stack.enter_context(opened(Path(path), fin))
     if unit.sha256 != sha256:
         stack.close()
         raise CampaignError(f"{path}: is not the FMU the campaign began with (SHA-256 {unit.sha256[:16]}, not "

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from .distributions import CampaignError
+from .lock import LOCK, OWNER, Lock
 from .sample import Row, columns
 from .study import Study
 
@@ -29,13 +30,14 @@ def identity(study: Study) -> dict[str, Any]:
     """All that decides the rows, as JSON: the campaign, base parameters, what runs, the program's version."""
     plan = study.plan
     return {"schema": SCHEMA, "version": __version__, "guid": study.guid, "fmu_sha256": plan.fmu_sha256,
-            "campaign": json.loads(json.dumps(study.document)), "parameters": dict(plan.base)}
+            "fin": plan.fin, "campaign": json.loads(json.dumps(study.document)), "parameters": dict(plan.base)}
 
 
 class Store:
-    """The results of a campaign in a folder, made if there is none.
+    """The results of a campaign in a folder, made if there is none; one at a time, until it is closed.
 
-    Raises CampaignError where the folder holds another campaign, naming what differs, or cannot be read.
+    Raises CampaignError where the folder holds another campaign, naming what differs, cannot be read, or is
+    written to by another run.
     """
 
     def __init__(self, folder: Path, study: Study) -> None:
@@ -43,19 +45,38 @@ class Store:
         self.identity = identity(study)
         self.schema = _schema(study, self.identity)
         manifest = folder / MANIFEST
+        if folder.exists() and not folder.is_dir():
+            raise CampaignError(f"{folder}: is a file; name a folder")
+        if folder.is_dir() and not manifest.is_file() and not _unused(folder):
+            raise CampaignError(f"{folder}: is no folder of a campaign; name one that is empty or not there yet")
+        folder.mkdir(exist_ok=True)
+        self._lock = Lock(folder)
+        try:
+            self._begin(manifest)
+        except BaseException:
+            self.close()
+            raise
+
+    def _begin(self, manifest: Path) -> None:
+        for place in (self.folder, self._parts_folder):
+            for left in place.glob(".*.partial"):  # was being written when a run was killed
+                left.unlink()
         if manifest.is_file():
             _same(manifest, self.identity)
-            for left in self._parts_folder.glob(".*.partial"):  # was being written when a run was killed
-                left.unlink()
-        elif folder.exists() and not folder.is_dir():
-            raise CampaignError(f"{folder}: is a file; name a folder")
-        elif folder.is_dir() and not _unused(folder):
-            raise CampaignError(f"{folder}: is no folder of a campaign; name one that is empty or not there yet")
-        else:
-            folder.mkdir(exist_ok=True)
-            self._parts_folder.mkdir(exist_ok=True)
-            text = json.dumps({**self.identity, "text": study.text}, indent=1)
-            _whole(folder / MANIFEST, (text + "\n").encode())
+            return
+        self._parts_folder.mkdir(exist_ok=True)
+        text = json.dumps({**self.identity, "text": self._study.text}, indent=1)
+        _whole(manifest, (text + "\n").encode())
+
+    def close(self) -> None:
+        """Let another run write here."""
+        self._lock.release()
+
+    def __enter__(self) -> Store:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def missing(self) -> NDArray[np.int64]:
         """Indices of the samples there is no row of, ascending."""
@@ -80,7 +101,7 @@ class Store:
         if not parts:
             return self.schema.empty_table()
         found = pa.concat_tables(parts)
-        # Two runs in one folder at a time may leave a sample twice: the same row, as it depends on nothing else.
+        # Whoever puts two folders' parts together may have a sample twice: the same row, it depends on nothing else.
         _, first = np.unique(found["index"].to_numpy(), return_index=True)
         return found.take(pa.array(first))
 
@@ -90,7 +111,7 @@ class Store:
 
 def _unused(folder: Path) -> bool:
     """Whether there is nothing in a folder but what a run that was killed before its first sample leaves."""
-    return all(path.name == PARTS or path.suffix == ".partial" for path in folder.iterdir()) and not any(
+    return all(path.name in (PARTS, LOCK, OWNER) or path.suffix == ".partial" for path in folder.iterdir()) and not any(
         (folder / PARTS).glob("*"))
 
 

@@ -12,7 +12,8 @@ from ..fmi.model_description import start_values
 from ..fmi.package import interface_guid
 from ..parameters import ParameterSet, check_parameters, load_parameters
 from ..toml import tomllib
-from ..variables import PARAMETERS
+from ..unit import MOST_FINS
+from ..variables import INPUTS, OUTPUTS, PARAMETERS
 from .distributions import CampaignError, hint, known
 from .entries import Reader, table_of
 from .plan import Factor, Plan, varied
@@ -35,8 +36,11 @@ class Study:
     plan: Plan
 
 
-def load_study(path: Path, fmu: Path | None = None) -> Study:
-    """The campaign of a TOML file (see models/campaign.toml); `fmu` replaces the file's own. Raises CampaignError."""
+def load_study(path: Path, fmu: Path | None = None, fin: int | None = None) -> Study:
+    """The campaign of a TOML file (see models/campaign.toml). Raises CampaignError.
+
+    `fmu`, and `fin` of a unit of several, counted from 1, replace the file's own.
+    """
     try:
         text = path.read_text(encoding="utf-8-sig")
         document = tomllib.loads(text)
@@ -49,43 +53,52 @@ def load_study(path: Path, fmu: Path | None = None) -> Study:
     if method not in METHODS:
         raise CampaignError(f"{path}: campaign.method = {method!r}{hint(method, METHODS)}; there is "
                             f"{', '.join(METHODS)}")
-    base, guid, unit, digest = _base(path, table_of(document, "base", f"{path}"), fmu)
+    base, guid, unit, digest, chosen = _base(path, table_of(document, "base", f"{path}"), fmu, fin)
     reader = Reader(path, base)
     reader.read(document)
     if not reader.factors:
         raise CampaignError(f"{path}: nothing varies; give at least one [vary.\"NAME\"] with a distribution")
     plan = Plan(dict(base.values), reader.numbers, tuple(reader.factors), reader.followers,
-                tuple(reader.experiments), _whole(path, about, "seed", 1, 0, 2**63 - 1), unit, digest)
+                tuple(reader.experiments), _whole(path, about, "seed", 1, 0, 2**63 - 1), unit, digest, chosen)
     samples = _samples(path, about, method, plan.factors)
     _check_middle(path, plan)
     return Study(path, text, document, method, samples, plan.seed, guid, plan)
 
 
-def _base(path: Path, entry: Mapping[str, Any], fmu: Path | None) -> tuple[ParameterSet, str, str, str]:
-    """Base set, GUID, path and SHA-256 of the FMU if one is to run."""
-    known(entry, ("parameters", "fmu"), f"{path}: base")
+def _base(path: Path, entry: Mapping[str, Any], fmu: Path | None,
+          fin: int | None) -> tuple[ParameterSet, str, str, str, int]:
+    """Base set, GUID, and of the FMU if one is to run, path, SHA-256 and fin."""
+    known(entry, ("parameters", "fmu", "fin"), f"{path}: base")
+    chosen = fin if fin is not None else _whole(path, entry, "fin", 1, 1, MOST_FINS, "base")
     for key, written in entry.items():
-        if not isinstance(written, str):
+        if key != "fin" and not isinstance(written, str):
             raise CampaignError(f"{path}: base.{key}: expected the name of a file")
     # Files are named as seen from the campaign's own, which can then be run from anywhere.
     own = load_parameters(path.parent / entry["parameters"]) if "parameters" in entry else None
     unit = fmu if fmu is not None else path.parent / entry["fmu"] if "fmu" in entry else None
     if unit is None:
+        if fin is not None or "fin" in entry:
+            raise CampaignError(f"{path}: fin {chosen} is one of an FMU; name it with --fmu or base.fmu")
         base = own or load_parameters()
-        return base, interface_guid(start_values(base.values)), "", ""
-    from ..acceptance.article import opened_article
+        return base, interface_guid(start_values(base.values)), "", "", 1
+    from ..acceptance.article import FmuArticle
+    from ..validation.runs import opened
 
     if unit.suffix.lower() != ".fmu":
         raise CampaignError(f"{unit}: is no FMU by its name; give a file that ends in .fmu")
-    with opened_article(unit) as article:
-        about, values = article.identification, dict(article.values)
-    return own or load_parameters().replace(values), about.guid, str(unit.resolve()), about.sha256
+    with opened(unit, chosen) as there:
+        for names, causality in (([v.name for v in INPUTS], "input"), ([v.name for v in OUTPUTS], "output"),
+                                 ([v.name for v in PARAMETERS], "parameter")):
+            there.require(names, causality)
+        guid, values = there.description.guid, dict(FmuArticle(there).values)
+    return own or load_parameters().replace(values), guid, str(unit.resolve()), there.sha256, chosen
 
 
-def _whole(path: Path, about: Mapping[str, Any], key: str, default: int, low: int, high: int) -> int:
+def _whole(path: Path, about: Mapping[str, Any], key: str, default: int, low: int, high: int,
+           table: str = "campaign") -> int:
     found = about.get(key, default)
     if isinstance(found, bool) or not isinstance(found, int) or not low <= found <= high:
-        raise CampaignError(f"{path}: campaign.{key} = {found}: expected a whole number within {low} .. {high}")
+        raise CampaignError(f"{path}: {table}.{key} = {found}: expected a whole number within {low} .. {high}")
     return found
 
 

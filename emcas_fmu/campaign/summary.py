@@ -51,9 +51,9 @@ class Effect:
 class Spread:
     """A figure over the samples that were run, SI.
 
-    `percentiles` by PERCENTILES, of all samples: one that has no such figure counts as beyond the rest on the
-    figure's `missing` side, and a percentile that falls there is infinite. `mean` and `sd` are of those that
-    have it. `explained` is the share of variance the linear fit explains. `worst` are indices, worst first.
+    `percentiles` by PERCENTILES, of all samples: one that has no such figure counts as worse than the rest, and a
+    percentile that falls there is infinite. `mean` and `sd` are of finite ones, `without` is how many are not.
+    `explained` is the share of variance the linear fit explains. `worst` are indices, worst first.
     """
 
     name: str
@@ -125,7 +125,7 @@ def _is_number(word: str) -> bool:
 def _spread(name: str, values: Array, index: Array, factors: Mapping[str, Array]) -> Spread:
     figure = figure_of(name)
     has = np.isfinite(values)
-    ordered = np.where(has, values, figure.missing)
+    ordered = np.where(np.isnan(values), figure.missing, values)
     # The sample at the percentile, without interpolation: between a number and infinity there is none.
     found = np.percentile(ordered, PERCENTILES, method="inverted_cdf")
     inside = values[has]
@@ -197,7 +197,9 @@ def text(name: str, value: float) -> str:
     """A figure for people, without its unit; what lies beyond all that was found is told so."""
     if isfinite(value):
         return f"{shown(name, value)[0]:.4g}"
-    return "–" if value != value else "not reached" if value * figure_of(name).bad > 0.0 else "beyond the sweep"
+    if value * figure_of(name).bad > 0.0:
+        return "not reached"
+    return "–" if value != value else "beyond the sweep" if value > 0.0 else "no response"
 
 
 def as_dict(summary: Summary, command: str) -> dict[str, Any]:
@@ -207,6 +209,7 @@ def as_dict(summary: Summary, command: str) -> dict[str, Any]:
         "schema": "emcas-campaign-summary/1", "version": __version__, "guid": study.guid, "command": command,
         "method": study.method, "seed": study.seed, "samples": study.samples, "done": summary.done,
         "failed": summary.failed, "runs": "FMU" if plan.fmu else "kernel", "fmu_sha256": plan.fmu_sha256,
+        "fin": plan.fin,
         "factors": [{"name": f.name, "unit": f.unit, "distribution": f.distribution.kind,
                      **f.distribution.numbers, **({"levels": list(f.distribution.levels)}
                                                   if f.distribution.levels else {})} for f in plan.factors],

@@ -17,10 +17,12 @@ from .common import check_outputs, err, failures, out, progress_bar
 
 EPILOG = ("Examples:\n\n  emcas campaign models/campaign.toml --output results"
           "\n\n  emcas campaign mine.toml --fmu EMCAS.fmu --workers 8"
+          "\n\n  emcas campaign mine.toml --fmu EMCAS4.fmu --fin 2"
           "\n\n  emcas campaign mine.toml --scheduler tcp://head:8786"
           "\n\n  emcas campaign mine.toml --only 17"
           "\n\nA run that was stopped, goes on with the same command. Exit codes: 0 done (failed samples are "
-          "results too), 1 every sample failed, 2 the request cannot be carried out, 130 stopped by Ctrl-C.")
+          "results too), 1 every sample failed or some are missing, 2 the request cannot be carried out, 130 stopped "
+          "by Ctrl-C.")
 INTERRUPTED = 130
 
 
@@ -31,6 +33,8 @@ def campaign(
                                                 "you unless given.", metavar="FOLDER")] = None,
     fmu: Annotated[Path | None, typer.Option(help="Run this FMU instead of the kernel: slower, same figures.",
                                              metavar="FILE.fmu")] = None,
+    fin: Annotated[int | None, typer.Option(help="Which fin of an FMU of several; the first unless given.", min=1,
+                                            metavar="N")] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given. 0: in "
                                                      "this process, without Dask.", min=0)] = None,
     scheduler: Annotated[str | None, typer.Option(help="Of a Dask cluster that is running, instead of processes "
@@ -50,7 +54,7 @@ def campaign(
         if workers is not None and scheduler is not None:
             raise EmcasError("--workers are processes here, --scheduler is another cluster: give one of them")
         check_outputs(report, as_json, output.parent / "x" if output else None)
-        study = load_study(file, fmu)
+        study = load_study(file, fmu, fin)
         folder = output or Path(f"{file.stem}_results")
         if only is not None:
             _one(study, only, as_json)
@@ -59,19 +63,21 @@ def campaign(
         from ..campaign.store import Store
         from ..campaign.summary import summarise, write_json
 
-        store = Store(folder, study)
-        stopped = _run(store, study, workers, scheduler, chunk)
-        if stopped:
-            err.print(f"stopped: {study.samples - len(store.missing())} of {study.samples} samples are kept in "
-                      f"{escape(str(folder))}; the same command goes on", highlight=False, soft_wrap=True)
-            raise typer.Exit(INTERRUPTED)
-        from ..campaign.report import write_report
+        with Store(folder, study) as store:
+            stopped = _run(store, study, workers, scheduler, chunk)
+            kept = study.samples - len(store.missing())
+            if stopped:
+                err.print(f"stopped: {kept} of {study.samples} samples are kept in {escape(str(folder))}; the same "
+                          "command goes on", highlight=False, soft_wrap=True)
+                raise typer.Exit(INTERRUPTED)
+            from ..campaign.report import write_report
 
-        found = summarise(study, store.table())
-        command = shlex.join(["emcas", "campaign", str(file), *(["--fmu", str(fmu)] if fmu else [])])
-        page, figures = report or folder / "summary.html", as_json or folder / "summary.json"
-        write_json(found, figures, command)
-        write_report(found, page, command)
+            found = summarise(study, store.table())
+            command = shlex.join(["emcas", "campaign", str(file), *(["--fmu", str(fmu)] if fmu else []),
+                                  *(["--fin", str(fin)] if fin else [])])
+            page, figures = report or folder / "summary.html", as_json or folder / "summary.json"
+            write_json(found, figures, command)
+            write_report(found, page, command)
     out.print(_table(found))
     failed = f", {found.failed} failed" if found.failed else ""
     out.print(f"{found.done} samples{failed}; GUID {study.guid}", highlight=False)
@@ -79,18 +85,23 @@ def campaign(
         out.print(f"{count} failed: {escape(reason)} (see --only {first})", highlight=False, soft_wrap=True)
     for path in (folder, page, figures):
         out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
+    if kept < study.samples:
+        err.print(f"[bold red]error:[/] {study.samples - kept} of {study.samples} samples are missing in "
+                  f"{escape(str(folder))}; run the same command again", highlight=False, soft_wrap=True)
+        raise typer.Exit(1)
     if found.failed == found.done:
         raise typer.Exit(1)
 
 
 def _needed(with_dask: bool) -> None:
     try:
+        import filelock  # noqa: F401
         import pyarrow  # noqa: F401
 
         if with_dask:
             import distributed  # noqa: F401
     except ImportError as error:
-        raise EmcasError("campaigns need Dask and PyArrow: pip install 'emcas-fmu[campaign]'") from error
+        raise EmcasError("campaigns need Dask, PyArrow and filelock: pip install 'emcas-fmu[campaign]'") from error
 
 
 def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chunk: int | None) -> bool:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +15,8 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner, Result
 
+from emcas_fmu.campaign.sample import Row
+from emcas_fmu.campaign.store import Store
 from emcas_fmu.cli import app
 from emcas_fmu.validation.results import finite
 
@@ -36,7 +41,8 @@ def test_a_run_and_one_sample_of_it(write: Write, tmp_path: Path) -> None:
     done = campaign(file, "--output", folder, "--workers", 0, "--chunk", 10)
     assert done.exit_code == 0, done.output
     assert "24 samples; GUID {" in done.output
-    assert sorted(p.name for p in folder.iterdir()) == ["campaign.json", "samples", "summary.html", "summary.json"]
+    assert sorted(p.name for p in folder.iterdir() if p.name != ".lock") == [
+        "campaign.json", "samples", "summary.html", "summary.json"]
     assert len(list((folder / "samples").iterdir())) == 3
     stored = pq.read_table(folder / "samples").to_pylist()[17]
     one = campaign(file, "--only", 17, "--json", tmp_path / "one.json")
@@ -86,6 +92,7 @@ def test_a_scheduler_that_is_running(write: Write, tmp_path: Path, client: Any) 
     (("--only", "24"), "numbered from 0 to 23"),
     (("--fmu", "none.fmu"), "there is no such file"),
     (("--fmu", "none.toml"), "is no FMU by its name"),
+    (("--fin", "2"), "fin 2 is one of an FMU; name it with --fmu"),
     (("--report", "none/x.html"), "there is no folder"),
     (("--output", "none/x"), "there is no folder"),
 ])
@@ -99,7 +106,60 @@ def test_refusals(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("absent", ["distributed", "pyarrow"])
+class Quiet(BaseHTTPRequestHandler):
+    """Does not write of what it is asked."""
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Nothing."""
+
+
+@pytest.fixture
+def silent() -> Iterator[int]:
+    """The port of a web server, which waits for a request, and answers one that it cannot read."""
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Quiet)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    yield server.server_port
+    server.shutdown()
+    thread.join()
+    server.server_close()
+
+
+def refused_by(write: Write, address: str) -> str:
+    done = campaign(write(SMALL), "--scheduler", address)
+    assert done.exit_code == 2, done.output
+    return " ".join(done.stderr.split())
+
+
+def test_what_is_no_scheduler_is_told_in_time(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                              silent: int, client: Any) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("emcas_fmu.campaign.run._CONNECT", 1.0)
+    begin = time.monotonic()
+    said = refused_by(write, f"tcp://127.0.0.1:{silent}")
+    assert time.monotonic() - begin < 15.0  # of 1 s, on a machine with other work
+    assert "no scheduler answers there (within 1 s)" in said
+    assert "tcp://host:8786, which is not that of its dashboard, http://host:8787" in said
+    assert "a Worker answers" in refused_by(write, next(iter(client.scheduler_info()["workers"])))
+
+
+def test_missing_samples_are_told(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever lost them: here a part that is removed while the run goes on."""
+    written, folder = Store.write, tmp_path / "out"
+
+    def losing(store: Store, rows: Sequence[Row]) -> Path:
+        path = written(store, rows)
+        if rows[0]["index"] == 10:
+            path.unlink()
+        return path
+
+    monkeypatch.setattr(Store, "write", losing)
+    done = campaign(write(SMALL), "--output", folder, "--workers", 0, "--chunk", 10)
+    assert done.exit_code == 1, done.output
+    assert "10 of 24 samples are missing" in " ".join(done.stderr.split())
+
+
+@pytest.mark.parametrize("absent", ["distributed", "pyarrow", "filelock"])
 def test_without_the_extra(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, absent: str) -> None:
     monkeypatch.setitem(sys.modules, absent, None)
     done = campaign(write(SMALL), "--output", tmp_path / "out")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from math import isnan, nan, radians
+from math import inf, isnan, nan, radians
 from pathlib import Path
 from typing import Any
 
@@ -138,6 +138,53 @@ def test_a_level_never_reached_is_no_failure(write: Write) -> None:
     assert row["status"] == "ok"
     assert isnan(row["step.rise_time"])
     assert row["step.at_stop_share"] > 0.0
+
+
+SWEPT = """
+[campaign]
+samples = 8
+[vary."motor.torque_constant"]
+distribution = "normal"
+sd = "3 %"
+[inputs.enable]
+kind = "constant"
+value = { levels = [false, true] }
+[experiments.sweep]
+kind = "chirp"
+amplitude = "2 deg"
+low = "2 Hz"
+high = { levels = ["20 Hz", "6 Hz"] }
+duration = "2 s"
+"""
+
+
+def test_no_response_is_no_bandwidth(write: Write, recwarn: pytest.WarningsRecorder) -> None:
+    """At rest 0, and no gain; -3 dB is at about 30 Hz: beyond sweeps that end before, which is infinite."""
+    plan = load_study(write(SWEPT)).plan
+    dead, alive = (sample.row(plan, 0, [0.11, enable, 6.0], runners.by_kernel) for enable in (0.0, 1.0))
+    assert dead["status"] == alive["status"] == "ok"
+    assert (dead["sweep.bandwidth_3db"], dead["sweep.bandwidth_90deg"], dead["sweep.peak_gain"]) == (0.0, 0.0, -inf)
+    assert (alive["sweep.bandwidth_3db"], alive["sweep.bandwidth_90deg"]) == (inf, inf)
+    assert -3.0 < alive["sweep.peak_gain"] < 3.0
+    assert not recwarn.list
+
+
+def test_what_is_drawn_the_wrong_way_round_is_told(write: Write) -> None:
+    text = SMALL + """
+[experiments.step.inputs.supply_voltage]
+kind = "window"
+value = "20 V"
+begin = "20 ms"
+end = { distribution = "uniform", low = "10 ms", high = "40 ms" }
+"""
+    plan = load_study(write(text)).plan
+    wrong, right = (sample.row(plan, 0, [0.11, 20.0, 0.0, end], runners.by_kernel) for end in (0.012, 0.03))
+    assert right["status"] == "ok"
+    assert wrong["error"] == "a window's end = 0.012 s is before its begin = 0.02 s"
+    tails = SWEPT.replace('{ levels = ["20 Hz", "6 Hz"] }', '{ distribution = "normal", mean = "20 Hz", sd = "5 Hz" }')
+    plan = load_study(write(tails)).plan
+    row = sample.row(plan, 0, [0.11, 1.0, 1.5], runners.by_kernel)
+    assert row["error"] == "the sweep's low = 2 Hz is not below its high = 1.5 Hz"
 
 
 @pytest.mark.fmu

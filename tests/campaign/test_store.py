@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -44,6 +45,7 @@ def test_a_part_half_written_does_not_count(write: Write, tmp_path: Path) -> Non
     in_process(study, store.missing()[:4], store.write, 4)
     partial = tmp_path / "out" / "samples" / ".part-000000004.parquet.1.partial"
     partial.write_bytes(b"PAR1")
+    store.close()
     again = Store(tmp_path / "out", study)
     assert again.missing().tolist() == list(range(4, 24))
     assert not partial.exists()
@@ -65,6 +67,21 @@ def test_a_sample_kept_twice_is_read_once(write: Write, tmp_path: Path) -> None:
     assert store.table()["index"].to_pylist() == [0, 1, 2, 3, 4, 5]
 
 
+def test_a_part_is_whole_or_not_there(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run that ends before its rows are on disk leaves no part of that name."""
+    study = load_study(write(SMALL))
+    store = Store(tmp_path / "out", study)
+
+    def ended(_: int) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fsync", ended)
+    with pytest.raises(KeyboardInterrupt):
+        in_process(study, store.missing()[:4], store.write, 4)
+    assert list((tmp_path / "out" / "samples").glob("part-*")) == []
+    assert len(store.missing()) == 24
+
+
 @pytest.mark.parametrize(("before", "after", "said"), [
     ("seed = 5", "seed = 7", "campaign.seed: 5 then, 7 now"),
     ('sd = "3 %"', 'sd = "4 %"', "vary.motor.torque_constant.sd: '3 %' then, '4 %' now"),
@@ -72,7 +89,7 @@ def test_a_sample_kept_twice_is_read_once(write: Write, tmp_path: Path) -> None:
 ])
 def test_another_campaign_is_refused(write: Write, tmp_path: Path, before: str, after: str, said: str) -> None:
     (tmp_path / "p.toml").write_text('[motor]\nresistance = "0.3 Ohm"\n', encoding="utf-8")
-    Store(tmp_path / "out", load_study(write(SMALL)))
+    Store(tmp_path / "out", load_study(write(SMALL))).close()
     changed = load_study(write(SMALL.replace(before, after, 1)))
     with pytest.raises(CampaignError) as refused:
         Store(tmp_path / "out", changed)
@@ -81,7 +98,7 @@ def test_another_campaign_is_refused(write: Write, tmp_path: Path, before: str, 
 
 
 def test_a_comment_is_no_change(write: Write, tmp_path: Path) -> None:
-    Store(tmp_path / "out", load_study(write(SMALL)))
+    Store(tmp_path / "out", load_study(write(SMALL))).close()
     assert len(Store(tmp_path / "out", load_study(write(f"# said later\n{SMALL}"))).missing()) == 24
 
 

@@ -57,8 +57,21 @@ def test_what_was_never_reached_is_worst(write: Write, tmp_path: Path) -> None:
     assert rate.percentiles[:2] == (-inf, -inf)
     assert [i for i, _ in spread.worst] == [i for i, _ in rate.worst] == [3, 13, 23]
     assert spread.mean == pytest.approx(np.nanmean(times), rel=1e-14)
+    assert np.isfinite(rate.percentiles[2:]).all()
     assert {summary.text("step.rise_time", inf), summary.text("step.sustained_rate", -inf)} == {"not reached"}
     assert summary.text("sweep.bandwidth_3db", inf) == "beyond the sweep"
+
+
+def test_infinite_figures_keep_their_side(write: Write, tmp_path: Path) -> None:
+    """A gain of nothing is the least, a bandwidth beyond the sweep the largest; one that cannot be had is worst."""
+    text = SMALL + '[experiments.sweep]\nkind = "chirp"\namplitude = "1 deg"\nlow = "1 Hz"\nhigh = "9 Hz"\n'
+    gains = [-inf if i == 7 else nan if i == 8 else i / 100 for i in range(100)]
+    found = summary.summarise(study := load_study(write(text)), made(study, tmp_path / "out", **{
+        "sweep.peak_gain": gains, "sweep.bandwidth_3db": [-gain for gain in gains]}))
+    gain, band = (next(s for s in found.spreads if s.name == f"sweep.{n}") for n in ("peak_gain", "bandwidth_3db"))
+    assert (gain.smallest, gain.largest, gain.worst[0]) == (-inf, inf, (8, inf))
+    assert (band.smallest, band.largest, band.worst[0]) == (-inf, inf, (8, -inf))
+    assert summary.text("sweep.peak_gain", -inf) == "no response"
 
 
 def test_sensitivities_of_a_linear_figure() -> None:
@@ -92,6 +105,20 @@ def test_intervals_hold_the_truth_as_often_as_told() -> None:
         assert effect.rank == pytest.approx(float(stats.spearmanr(x, 0.5 * x + sqrt(0.75) * noise).statistic))
         held += effect.low <= truth <= effect.high
     assert 380 - 18 <= held <= 380 + 18
+
+
+def test_an_interval_by_hand() -> None:
+    """12 ranks with two neighbours exchanged: r = 1 - 6*2/(12*143), and the interval of the docs about it."""
+    x = np.arange(12.0)
+    y = x.copy()
+    y[[4, 5]] = y[[5, 4]]
+    _, (effect,) = summary.sensitivities(y, {"x": x})
+    rank = 1.0 - 12.0 / 1716.0
+    half = 1.959963984540054 * sqrt((1.0 + rank**2 / 2.0) / 9.0)
+    # A dozen roundings, in the transform near 1 two hundred times as large.
+    assert effect.rank == pytest.approx(rank, abs=1e-14)
+    assert (effect.low, effect.high) == pytest.approx(
+        (np.tanh(np.arctanh(rank) - half), np.tanh(np.arctanh(rank) + half)), abs=1e-12)
 
 
 def test_too_few_or_constant_say_nothing() -> None:
