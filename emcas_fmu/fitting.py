@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import groupby
 from math import degrees, radians
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,7 @@ from .simulation import simulate
 
 Array = NDArray[np.floating[Any]]
 MODEL = "second-order"
-SIZES = (1.0, 3.0, 10.0, 20.0)  # deg, of the steps that are fitted, each by its own size
+SIZES = (1.0, 2.5, 5.0, 10.0, 20.0)  # deg, of the steps that are fitted, each by its own size
 STOP = 0.4  # s
 STEP = 1e-3  # s
 NAMES = ("second_order.natural_frequency", "second_order.damping", "second_order.rate_limit", "drive.transport_delay")
@@ -70,17 +72,20 @@ def _responses(values: Mapping[str, Any], model: str, sizes: tuple[float, ...]) 
 
 
 def write_parameters(found: Fit, path: Path, command: str) -> None:
-    """The fitted values as a parameter file of the second-order model."""
-    values = found.parameters.values
+    """The fitted values as a parameter file of the second-order model, with whatever else its set has changed."""
     left = ", ".join(f"{rms:.2g} % at {size:g} deg" for size, rms in zip(found.sizes, found.rms, strict=True))
-    notes = ["Natural frequency.", "Damping ratio.", "Largest fin rate.", "Delay of the command."]
-    lines = ["# Default parameters of the second-order model, over those of the nonlinear one it is fitted to.",
-             f"# Made by: {command}", f"# Differences left, rms of a step's size: {left}.", ""]
-    units = {e.variable.name: e.variable.unit for e in found.parameters.entries}
-    for name, note in zip(NAMES, notes, strict=True):
-        group, key = name.split(".", 1)
-        if f"[{group}]" not in lines:
-            lines += [*([""] if lines[-1] else []), f"[{group}]"]
-        lines.append(f'{key} = {{ value = {values[name]:.4g}, unit = "{units[name].replace(".", "*")}", '
-                     f'source = "estimate", note = "{note} Fitted to the nonlinear model\'s estimates." }}')
+    lines = ["# Parameters of the second-order model, over its defaults.", f"# Made by: {command}",
+             f"# Differences left, rms of a step's size: {left}.", ""]
+    shipped = load_parameters(model=MODEL).values
+    for name, entries in groupby(found.parameters.entries, lambda e: e.variable.name.partition("[")[0]):
+        group = list(entries)
+        if all(e.variable.name not in NAMES and e.value == shipped[e.variable.name] for e in group):
+            continue
+        values = [json.dumps(e.value) for e in group]
+        fields = [f"value = [{', '.join(values)}]" if "[" in group[0].variable.name else f"value = {values[0]}"]
+        if group[0].variable.kind != "Boolean":
+            fields.append(f"unit = {json.dumps(group[0].variable.unit.replace('.', '*'))}")
+        if name in NAMES:
+            fields += ['source = "estimate"', 'note = "Fitted to the nonlinear model."']
+        lines.append(f"{name} = {{ {', '.join(fields)} }}")
     path.write_text("\n".join([*lines, ""]), encoding="utf-8", newline="\n")

@@ -134,7 +134,7 @@ def _motion(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float) -
     return _Motion(direction, inertia, torque, high, low, m.load)
 
 
-def _drive(ops: Ops, p: Any, s: Plant, b: Boundary) -> _Drive:
+def electrical_mode(ops: Ops, p: Any, s: Plant, b: Boundary) -> _Drive:
     """The electrical mode a step starts in.
 
     A demand at the limit may be driven out while it is free and back while it is
@@ -214,7 +214,7 @@ class _Step(NamedTuple):
 
 def _step(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float) -> _Step:
     motion = _motion(ops, p, s, b, h, heading)
-    d = _drive(ops, p, s, b)
+    d = electrical_mode(ops, p, s, b)
     c = _current(ops, p, s, motion, d, h)
 
     def sliding() -> tuple[Value, ...]:

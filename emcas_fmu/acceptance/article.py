@@ -145,6 +145,7 @@ def opened_article(path: Path | None) -> Iterator[Article]:
         raise EmcasError(f"{path}: is neither an FMU nor a parameter file by its name; give a file that ends in .fmu "
                          "or .toml")
     with opened(path) as unit:
+        unit.require_nonlinear("an acceptance test")
         unit.require([v.name for v in INPUTS], "input")
         unit.require(RECORDED, "output")
         unit.require([v.name for v in PARAMETERS], "parameter")

@@ -17,7 +17,8 @@ from ..errors import EmcasError
 from ..variables import PARAMETERS, Variable
 
 NONLINEAR = "nonlinear"
-_MODULES = {NONLINEAR: "nonlinear", "linear": "linear", "second-order": "second_order", "ristanovic": "ristanovic"}
+_MODULES = {NONLINEAR: "nonlinear", "linear": "linear", "second-order": "second_order", "ristanovic": "ristanovic",
+            "elastic": "elastic", "habibi": "habibi", "ozkan": "ozkan"}
 NAMES = tuple(_MODULES)
 # initial() gives the plant, integral, counts and measured fin angle; sample() takes the first two of the plant,
 # integral, counts, command and enable; step() and outputs() the plant and what follows it in nonlinear.py.

@@ -36,7 +36,7 @@ def initial(ops: Ops, p: Any) -> tuple[Value, ...]:
 
 def sample(ops: Ops, p: Any, angle: Value, rate: Value, integral: Value, counts: Value, command: Value,
            enable: Value) -> tuple[Value, ...]:
-    """The command [rad] for the drive; disabled the fin is held where it is."""
+    """The command [rad] on its way; a disabled fin's is where it stands."""
     reference = ops.where(enable, control.clipped_command(ops, p, command), angle)
     limited = ops.where(ops.fabs(command) > p.command.limit, 1.0, 0.0)
     return reference, 0.0, 0.0, angle, ops.where(enable, limited, 0.0)
@@ -68,7 +68,14 @@ def _free(ops: Ops, p: Any, angle: Value, rate: Value, target: Value, h: Value) 
 
 def step(ops: Ops, p: Any, angle: Value, rate: Value, reference: Value, aero_torque: Value, f_x: Value, f_z: Value,
          supply: Value, enable: Value, h: Value) -> tuple[Value, ...]:
-    """Angle and rate after h [s], and h: events within a step are met to its order, the second."""
+    """Angle and rate after h [s], and h: events within a step are met to its order, the second.
+
+    Disabled, the fin stands at once and stays, whatever command is on its way.
+    """
+    return ops.branch(enable, lambda: _driven(ops, p, angle, rate, reference, h), lambda: (angle, 0.0, h))
+
+
+def _driven(ops: Ops, p: Any, angle: Value, rate: Value, reference: Value, h: Value) -> tuple[Value, ...]:
     limit, stop = p.second_order.rate_limit, p.fin.stop_angle
     free_angle, free_rate = _free(ops, p, angle, rate, reference, h)
     slewing = ops.fabs(free_rate) > limit

@@ -55,6 +55,7 @@ def opened_subject(path: Path, fin: int | None = None) -> Iterator[Subject]:
         yield Subject(ParameterArticle(load_parameters(path), path))
     elif suffix == ".fmu":
         with opened(path, fin) as unit:
+            unit.require_nonlinear("a baseline")
             unit.require([v.name for v in INPUTS], "input")
             unit.require(RECORDED, "output")
             unit.require([v.name for v in PARAMETERS], "parameter")

@@ -33,7 +33,7 @@ def analyse(
 ) -> None:
     """Linearise at an operating point: bandwidth, margins, final values, limits, natural frequencies, capability."""
     with failures():
-        check_outputs(as_json, report)
+        check_outputs(as_json, report, inputs=(parameters,))
         for name, value in (("--at", at), ("--torque", torque)):
             if not isfinite(value):
                 raise EmcasError(f"{name} {value}: give a finite number")

@@ -86,7 +86,7 @@ def check(
     from ..baseline.table import remedy
 
     with failures():
-        check_outputs(as_json, junit, markdown, report)
+        check_outputs(as_json, junit, markdown, report, inputs=(model, baseline))
         approved = read(baseline)
         with progress_bar() as progress, opened_subject(model, fin) as subject:
             result = compare(approved, subject, baseline, stepper(progress, "check"))

@@ -53,7 +53,7 @@ def campaign(
 
         if workers is not None and scheduler is not None:
             raise EmcasError("--workers are processes here, --scheduler is another cluster: give one of them")
-        check_outputs(report, as_json, output.parent / "x" if output else None)
+        check_outputs(report, as_json, output.parent / "x" if output else None, inputs=(file, fmu))
         study = load_study(file, fmu, fin)
         folder = output or Path(f"{file.stem}_results")
         if only is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -35,9 +35,22 @@ def failures() -> Iterator[None]:
         raise typer.Exit(2) from error
 
 
-def check_outputs(*paths: Path | None) -> None:
-    """Before long work: files to be written must have a folder. Raises EmcasError."""
+def check_outputs(*paths: Path | None, inputs: Iterable[Path | None] = ()) -> None:
+    """Before long work: files to be written must have a folder, and be neither inputs nor each other.
+
+    An input may be a folder: nothing in it may be written then. Raises EmcasError.
+    """
+    read = [path.resolve() for path in inputs if path is not None]
+    taken: set[Path] = set()
     for path in paths:
+        if path is None:
+            continue
+        target = path.resolve()
+        if any(target == own or (own.is_dir() and own in target.parents) for own in read):
+            raise EmcasError(f"{path}: is read by this command and would be overwritten; write to another file")
+        if target in taken and target != Path("/dev/stdout"):
+            raise EmcasError(f"{path}: is given for two outputs; write each to a file of its own")
+        taken.add(target)
         if path is not None and path.is_dir():
             raise EmcasError(f"{path}: is a folder")
         if path is not None and not path.parent.is_dir():

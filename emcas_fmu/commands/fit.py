@@ -29,7 +29,7 @@ def fit(
     from ..fitting import fit as run
 
     with failures():
-        check_outputs(output, as_json)
+        check_outputs(output, as_json, inputs=(parameters,))
         found = run(load_parameters(parameters))
         values = found.parameters.values
         if output:

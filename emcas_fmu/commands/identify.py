@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -42,14 +42,16 @@ app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="
                   help="Identify parameters from bench measurements. " + _COMMON)
 
 
-def _carry_out(run: Callable[[ParameterSet], Identification], parameters: Path | None, output: Path | None,
-               report: Path | None, as_json: Path | None) -> None:
+def _carry_out(run: Callable[[ParameterSet], Identification], records: Sequence[Path], parameters: Path | None,
+               output: Path | None, report: Path | None, as_json: Path | None) -> None:
     from ..identification.parameter_file import write_parameters
     from ..identification.report import write_report
     from ..identification.result import write_json
 
     with failures():
-        check_outputs(output, report, as_json)
+        # The set may be written over: experiments chain through one file.
+        check_outputs(report, as_json, inputs=(*records, parameters))
+        check_outputs(output, report, as_json, inputs=records)
         base = load_parameters(parameters)
         result = run(base)
         if output:
@@ -92,7 +94,7 @@ def identify_friction(
     """
     from ..identification.friction import identify
 
-    _carry_out(lambda base: identify(files, base, keep_cold_ratios), parameters, output, report, as_json)
+    _carry_out(lambda base: identify(files, base, keep_cold_ratios), files, parameters, output, report, as_json)
 
 
 @app.command(name="drive", epilog=_DRIVE)
@@ -106,7 +108,7 @@ def identify_drive(
     """
     from ..identification.drive import identify
 
-    _carry_out(lambda base: identify(files, base), parameters, output, report, as_json)
+    _carry_out(lambda base: identify(files, base), files, parameters, output, report, as_json)
 
 
 @app.command(name="backlash", epilog=_BACKLASH)
@@ -120,7 +122,7 @@ def identify_backlash(
     """
     from ..identification.backlash import identify
 
-    _carry_out(lambda base: identify(files, base), parameters, output, report, as_json)
+    _carry_out(lambda base: identify(files, base), files, parameters, output, report, as_json)
 
 
 @app.command(name="inertia", epilog=_INERTIA)
@@ -134,7 +136,7 @@ def identify_inertia(
     """
     from ..identification.inertia import identify
 
-    _carry_out(lambda base: identify(files, base), parameters, output, report, as_json)
+    _carry_out(lambda base: identify(files, base), files, parameters, output, report, as_json)
 
 
 @app.command(name="bench", epilog=_BENCH)

@@ -46,7 +46,7 @@ def report(
     from ..reference.cases import LOAD
 
     with failures():
-        check_outputs(output, as_json, junit)
+        check_outputs(output, as_json, junit, inputs=(article, requirements, mission))
         if load is not None and not 0.0 < load < float("inf"):
             raise EmcasError(f"--load {load:g}: must be above 0, in N.m")
         told = _date(date) if date else ""

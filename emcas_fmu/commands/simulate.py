@@ -13,7 +13,7 @@ from rich.table import Table
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
 from ..parameters import load_parameters
-from .common import ModelOption, ParametersOption, failures, out
+from .common import ModelOption, ParametersOption, check_outputs, failures, out
 
 EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.html"
                    "\n\n  emcas simulate --case chirp_3p5deg --plot chirp.png --output chirp.csv"
@@ -50,6 +50,7 @@ def simulate(
             raise EmcasError("give one of --case, --input and --step")
         if plot and plot.suffix not in response.PICTURES:
             raise EmcasError(f"{plot}: a plot ends in {', '.join(response.PICTURES)}")
+        check_outputs(output, plot, as_json, inputs=(parameters, input_file))
         for name, value in (("--stop", stop), ("--interval", interval)):
             if value is not None and not 0.0 < value < float("inf"):
                 raise EmcasError(f"{name} {value}: must be above 0")

@@ -79,7 +79,7 @@ def check(
     with failures():
         if fmu and guid:
             raise EmcasError("give one of --fmu and --guid")
-        check_outputs(as_json)
+        check_outputs(as_json, inputs=(ssp, fmu))
         report = run(ssp, guid, fmu)
         if as_json:
             write_json(report, as_json)

@@ -49,7 +49,7 @@ def tune(
     from ..tuning.study import load_study
 
     with failures():
-        check_outputs(output, report, as_json, journal)
+        check_outputs(output, report, as_json, journal, inputs=(study, parameters))
         chosen = load_study(study or models_directory() / "tuning.toml", load_parameters(parameters))
         names = [r.name for r in chosen.requirements]
         if pareto is not None and (len(pareto) != 2 or not set(pareto) <= set(names)):

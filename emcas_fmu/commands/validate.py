@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .common import failures, out, progress_bar, stepper
+from .common import check_outputs, failures, out, progress_bar, stepper
 
 EPILOG = ("Examples:\n\n  emcas validate EMCAS.fmu\n\n  emcas validate EMCAS.fmu --report report.html "
                    "--junit junit.xml\n\n  emcas validate EMCAS.fmu --case step_plus20 --case load_opposing")
@@ -32,6 +32,7 @@ def validate(
     from ..validation.validate import validate as run
 
     with failures():
+        check_outputs(as_json, junit, report, inputs=(fmu, directory))
         with progress_bar() as progress:
             result = run(fmu, case, directory, stepper(progress, "validate"), fin)
         for part in summary(result):

@@ -129,6 +129,13 @@ class Unit:
             signals[v.name] = given.get(v.name, _start(v))
         return signals
 
+    def require_nonlinear(self, purpose: str) -> None:
+        """Raise EmcasError for an FMU of one of the simpler models: its figures would pass for an actuator's."""
+        name = self.description.modelName
+        if not re.fullmatch(r"EMCAS\d*", name):
+            raise EmcasError(f"{self.path}: is {name}, one of the other models; {purpose} is for the nonlinear "
+                             "actuator, whose FMU `emcas build` makes without --model")
+
     def require(self, names: Sequence[str], causality: str) -> None:
         """Raise EmcasError where the FMU lacks variables of that causality."""
         present = {v.name for v in self.description.modelVariables if v.causality == causality}

@@ -187,3 +187,30 @@ def test_simulate_refuses(arguments: tuple[str, ...], said: str) -> None:
     refused = emcas("simulate", *arguments)
     assert refused.exit_code == 2
     assert said in refused.stderr.replace("\n", "")
+
+
+@pytest.mark.parametrize("arguments", [
+    ["validate", "x.fmu", "--junit", "x.fmu"], ["report", "p.toml", "--output", "r.html", "--json", "p.toml"],
+    ["simulate", "--step", "5", "-p", "p.toml", "--output", "p.toml"], ["fit", "-p", "p.toml", "-o", "p.toml"],
+    ["baseline", "check", "p.toml", "-b", "base", "--junit", "p.toml"],
+    ["baseline", "check", "p.toml", "-b", "base", "--json", "base/baseline.toml"],
+    ["analyse", "-p", "p.toml", "--json", "p.toml"], ["tune", "s.toml", "-o", "s.toml"],
+    ["identify", "drive", "r.csv", "--json", "r.csv"], ["campaign", "c.toml", "--json", "c.toml"],
+    ["ssp", "check", "a.ssp", "--json", "a.ssp"]])
+def test_inputs_are_not_written_over(arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("base").mkdir()
+    names = ["x.fmu", "p.toml", "s.toml", "r.csv", "c.toml", "a.ssp", "base/baseline.toml"]
+    for name in names:
+        Path(name).write_text("# mine\n", encoding="utf-8")
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 2
+    assert "would be overwritten" in " ".join(done.stderr.split())
+    assert {Path(name).read_text(encoding="utf-8") for name in names} == {"# mine\n"}
+
+
+def test_two_outputs_are_two_files(tmp_path: Path) -> None:
+    target = tmp_path / "x"
+    done = CliRunner().invoke(app, ["fit", "-o", str(target), "--json", str(target)])
+    assert done.exit_code == 2
+    assert "two outputs" in " ".join(done.stderr.split())

@@ -1,0 +1,74 @@
+"""Draw and compute what docs/elastic.md shows: `python docs/make_elastic_figures.py` writes docs/elastic_hysteresis.png
+and prints the tables."""
+
+from __future__ import annotations
+
+from math import degrees, pi, sin, tan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from emcas_fmu import plots
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.simulation import simulate
+
+MODEL = "elastic"
+GAPS = (0.0, 25e-6, 50e-6, 100e-6, 200e-6)
+GAINS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0)
+DAMPED = {"friction.fin_viscous": 5.0}
+BASE = load_parameters(model=MODEL)
+
+
+def _indirect(motor_angle: Any) -> Any:
+    """Fin angle [rad] through lever and screw."""
+    values, start = BASE.values, BASE.values["kinematics.initial_angle"]
+    return np.arctan(values["screw.lead"] / values["kinematics.moment_arm"] * motor_angle + tan(start)) - start
+
+
+def _draw() -> None:
+    """A slow cycle over 2 deg against friction at the fin, so that the flank changes with the direction."""
+    with plots.style():
+        figure, axes = plots.figure(1, 2, height=3.4)
+        for gap, color in ((0.0, plots.GREEN), (50e-6, plots.BLUE), (100e-6, plots.VERMILLION)):
+            values = BASE.replace({"drive_line.backlash": gap, "friction.fin_coulomb": 5.0, **DAMPED}).values
+            run = simulate(values, 8.0, model=MODEL, fin_command=lambda t: 0.035 * sin(0.5 * pi * t))
+            cycle = slice(4000, None)
+            direct, indirect = (np.degrees(a[cycle]) for a in (run["fin_angle"], _indirect(run["motor_angle"])))
+            label = f"gap {gap * 1e6:.0f} µm"
+            axes[0][0].plot(indirect, direct, color=color, label=label)
+            axes[0][1].plot(indirect, direct - indirect, color=color, label=label)
+            print(f"gap {gap * 1e6:.0f} um: direct less indirect spans {np.ptp(direct - indirect):.4f} deg, "
+                  f"the gap is {degrees(gap / 0.05):.4f} deg at 0.05 m")
+        axes[0][0].set(xlabel="indirect fin angle, through the motor [deg]", ylabel="direct fin angle [deg]",
+                       xlim=(1.5, 2.1), ylim=(1.5, 2.1), title="At a reversal")
+        axes[0][1].set(xlabel="indirect fin angle, through the motor [deg]", ylabel="direct less indirect [deg]",
+                       title="Over the cycle")
+        axes[0][1].legend(loc="center", bbox_to_anchor=(0.5, 0.62))
+        figure.savefig(Path(__file__).parent / "elastic_hysteresis.png", dpi=110, facecolor="white",
+                       metadata={"Software": None})
+
+
+def _limit_cycles() -> None:
+    """Width [deg] of what the fin still does 3 s after a step to 1.1 deg."""
+    for on_fin in (True, False):
+        print(f"\nloop closed {'at the fin' if on_fin else 'at the motor'}")
+        print("| gap | " + " | ".join(f"×{gain:g}" for gain in GAINS) + " |")
+        for gap in GAPS:
+            row = []
+            for gain in GAINS:
+                values = BASE.replace({
+                    "drive_line.backlash": gap, "encoder.on_fin": on_fin, "encoder.enabled": False, **DAMPED,
+                    "controller.position.kp": gain * BASE.values["controller.position.kp"]}).values
+                run = simulate(values, 4.0, model=MODEL, fin_command=lambda t: 0.02 if t > 0.05 else 0.0)
+                row.append(f"{np.degrees(np.ptp(run['fin_angle'][3000:])):.3f}")
+            print(f"| {gap * 1e6:.0f} µm ({degrees(gap / 0.05):.3f}°) | " + " | ".join(row) + " |")
+
+
+def main() -> None:
+    _draw()
+    _limit_cycles()
+
+
+if __name__ == "__main__":
+    main()
