@@ -46,7 +46,10 @@ class Case:
     def excitation(self, folder: Path) -> Excitation:
         """Inputs, SI; a CSV file is looked for beside the baseline in `folder`. Raises EmcasError."""
         if self.kind == "reference":
-            found = from_case(self.source)
+            try:
+                found = from_case(self.source)
+            except EmcasError as error:
+                raise EmcasError(f"{folder / 'baseline.toml'}: case.{self.name}.case: {error}") from error
             # Performance is that of the actuator as it is, with its encoder.
             kept = {name: value for name, value in found.overrides.items() if not name.startswith("encoder.")}
             return Excitation(self.title, found.step, found.columns, {**kept, **self.start})

@@ -50,7 +50,8 @@ def record(
         _check_folder(output)
         # Limits and cases alone: what was approved may be incomplete, as after a case was added by hand.
         old = read(output / FILE) if (output / FILE).exists() and not fresh else None
-        command = f"emcas baseline record {model.name} --output {output.name}" + (f" --fin {fin}" if fin else "")
+        # Without the folder: the same response gives the same bytes wherever it is kept.
+        command = f"emcas baseline record {model.name}" + (f" --fin {fin}" if fin else "")
         with progress_bar() as progress, opened_subject(model, fin) as subject:
             plan = old or first(read(TEMPLATE), subject)
             made = run(plan, subject, output, command, stepper(progress, "record"))

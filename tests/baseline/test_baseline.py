@@ -115,6 +115,32 @@ def test_a_limit_of_the_user(short: Path) -> None:
     assert len(read(short / "baseline").cases) > 1
 
 
+def test_a_limit_of_one_case_is_used(short: Path) -> None:
+    """Tighter for a case than for all: what passed by the common limit drifts by its own."""
+    (short / "changed.toml").write_text('[controller]\nposition.kp = "57.35 1/s"\n')
+    file = short / "baseline/baseline.toml"
+    emcas("check", short / "changed.toml", "--baseline", short / "baseline")
+    own = '[case.only.limits]\nsustained_rate = { absolute = "0 deg/s", relative = "0 %" }\n[case.only.figures]'
+    file.write_text(file.read_text().replace("[case.only.figures]", own))
+    printed = emcas("check", short / "changed.toml", "--baseline", short / "baseline", code=1)
+    assert [line for line in printed.splitlines() if "DRIFT" in line and "sustained_rate" in line]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_trajectory_drifts_either_way(shipped: Path, sign: float) -> None:
+    """A single point off, up or down, is found and told with its sign."""
+    approved = read(shipped / "baseline")
+    case = next(a for a in approved.cases if a.case.name == "step")
+    points = case.traces["fin_angle"].copy()
+    points[100] -= sign * 0.2
+    changed = replace(case, traces={**case.traces, "fin_angle": points})
+    baseline = replace(approved, cases=(changed,))
+    rows = compare(baseline, Subject(ParameterArticle(load_parameters())), shipped / "baseline").drifted
+    (row,) = rows
+    assert (row.name, row.at) == ("fin_angle", 0.5)
+    assert row.now - row.approved == pytest.approx(sign * 0.2, abs=1e-3)  # of rounding in the file
+
+
 def test_cases_of_the_user(short: Path) -> None:
     """A file of inputs, a value of a parameter, another output; each comes back as it was written."""
     rows = [f"{k / 1000:g},{0.1 * (k > 50)},{-20.0 * (k > 100)}" for k in range(301)]
