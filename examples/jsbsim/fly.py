@@ -22,6 +22,7 @@ class Actuator(str, Enum):
     """What moves the fins."""
 
     IDEAL = "ideal"
+    UNDELAYED = "second-order-undelayed"
     SECOND_ORDER = "second-order"
     NONLINEAR = "nonlinear"
     STIFF = "stiff"
@@ -56,8 +57,9 @@ class Format(str, Enum):
 def fly(
     fmu: Annotated[Path | None, typer.Option(help="The actuators: EMCAS4.fmu, or EMCAS.fmu taken four times. Built in "
                                              "a temporary folder if not given.", metavar="FILE.fmu")] = None,
-    actuator: Annotated[Actuator, typer.Option(help="What moves the fins; second-order is fitted to the FMU, stiff is "
-                                                    "nonlinear on a stiff bus.")] = Actuator.ALL,
+    actuator: Annotated[Actuator, typer.Option(help="What moves the fins; second-order is fitted to the FMU, "
+                                                    "undelayed lacks its delay, stiff is nonlinear on a stiff "
+                                                    "bus.")] = Actuator.ALL,
     manoeuvre: Annotated[Flown, typer.Option(help="What is flown; tight is aggressive with higher gains.")] = Flown.ALL,
     bus_resistance: Annotated[float | None, typer.Option(
         help="Of the bus's source in Ohm, 0 to 1; 0.02 for EMCAS4.fmu if not given.", metavar="OHM")] = None,
@@ -115,6 +117,7 @@ def _print(results: Any) -> None:
     from examples.jsbsim.results import agreements, all_figures
 
     shown = {"attitude_error_rms_deg": "error RMS / deg", "attitude_difference_to_ideal_deg": "to ideal / deg",
+             "attitude_difference_to_second_order_deg": "to 2nd / deg",
              "hinge_moment_largest_n_m": "hinge / N.m", "saturated_percent": "limited / %",
              "energy_drawn_j": "energy / J",
              "bus_voltage_lowest_v": "bus / V"}

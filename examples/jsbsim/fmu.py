@@ -34,6 +34,7 @@ FLAG = "saturated"
 _BUS_OUTPUTS = (("bus_voltage", "V"), ("bus_current", "A"))
 _AZIMUTH, _RESISTANCE = "mounting.azimuth", "bus.source_resistance"
 _REMEDY = {True: "one of `emcas build --fins 4` is needed", False: "an FMU of `emcas build` is needed"}
+_NONLINEAR = re.compile(r"EMCAS\d*")  # modelName, whatever the number of fins
 
 
 def flattened(demand: Demand) -> Array:
@@ -68,6 +69,9 @@ class Fmu:
             if guid is not None and guid.strip("{}") != unit.description.guid.strip("{}"):
                 raise EmcasError(f"{path}: has GUID {unit.description.guid}, not {guid}: it is another interface than "
                                  "the one asked for; build that one or leave --guid away")
+            if not _NONLINEAR.fullmatch(unit.description.modelName):
+                raise EmcasError(f"{path}: its model is {unit.description.modelName}, and the nonlinear one is "
+                                 "compared here: give an FMU built without --model")
             known = {v.name: v for v in unit.description.modelVariables}
             count = fins_of(known)
             if count > len(FINS):

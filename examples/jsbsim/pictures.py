@@ -11,11 +11,11 @@ from matplotlib.figure import Figure
 from emcas_fmu.plots import BLUE, GRAY, GREEN, ORANGE, VERMILLION, figure, shade
 
 from .flight import Manoeuvre
-from .results import AXES, BUS, Flight, Results, fins
+from .results import AXES, BUS, UNDELAYED, Flight, Results, fins
 from .vehicle import Array
 
 Drawing = tuple[Figure, str, str]
-_COLORS = {"ideal": GRAY, "second-order": ORANGE, "nonlinear": BLUE, "stiff": VERMILLION}
+_COLORS = {"ideal": GRAY, UNDELAYED: GREEN, "second-order": ORANGE, "nonlinear": BLUE, "stiff": VERMILLION}
 
 
 def of_manoeuvre(results: Results, name: str) -> Iterator[Drawing]:

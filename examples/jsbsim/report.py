@@ -8,6 +8,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
 
 from emcas_fmu import __version__
+from emcas_fmu.fitting import NAMES
 from emcas_fmu.plots import style, svg
 
 from .convergence import REFERENCE
@@ -17,6 +18,7 @@ from .results import Results, agreements, all_figures
 ROWS = (("attitude_error_rms_deg", "attitude error, RMS", "deg", 2),
         ("attitude_error_end_deg", "attitude error at the end", "deg", 3),
         ("attitude_difference_to_ideal_deg", "largest difference of attitude to the ideal actuator", "deg", 3),
+        ("attitude_difference_to_second_order_deg", "largest difference of attitude to the second-order one", "deg", 3),
         ("attitude_difference_to_stiff_deg", "largest difference of attitude to the stiff bus", "deg", 3),
         ("incidence_largest_deg", "largest incidence", "deg", 1),
         ("lateral_acceleration_largest_m_s2", "largest lateral acceleration at the fins' station", "m/s²", 0),
@@ -44,5 +46,6 @@ def write_report(results: Results, path: Path, command: str) -> None:
     page = environment.get_template("report.html.j2").render(
         results=results, figures=all_figures(results), drawn=drawn, converged=picture, rows=ROWS, labels=results.labels,
         agreements=agreements(results), meaningless=_NO_STEPS, command=command, version=__version__,
-        jsbsim=version("jsbsim"), reference=REFERENCE, valid=VALID)
+        jsbsim=version("jsbsim"), reference=REFERENCE, valid=VALID,
+        second_order=[fit.parameters.values[name] for name in NAMES] if (fit := results.second_order) else None)
     path.write_text(page, encoding="utf-8", newline="\n")

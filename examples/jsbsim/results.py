@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from .actuators import SecondOrderModel
+from emcas_fmu.fitting import NAMES, Fit
+
 from .autopilot import attitude_error
 from .convergence import Convergence
 from .flight import Manoeuvre
@@ -19,10 +20,13 @@ from .vehicle import FINS, Array
 
 Flight = Mapping[str, Array]
 AXES = ("roll", "pitch", "yaw")
-ACTUATORS = ("ideal", "second-order", "nonlinear", "stiff")
+UNDELAYED = "second-order-undelayed"
+ACTUATORS = ("ideal", UNDELAYED, "second-order", "nonlinear", "stiff")
 """The last two are the FMU, on a bus with source resistance and on a stiff one."""
 BUS = ("nonlinear", "stiff")
 """Actuators whose power is that of the electric bus; the others know mechanical power only."""
+_COMPARED = {"ideal": ("ideal",), UNDELAYED: ("ideal",), "second-order": ("ideal",),
+             "nonlinear": ("ideal", "second-order", "stiff"), "stiff": ("ideal", "second-order")}
 WITHOUT_ENCODER = "nonlinear, encoder off"
 WITHOUT_SSP = "without SSP"
 
@@ -35,7 +39,7 @@ class Results:
     """Communication step [s]."""
     flights: Mapping[str, Mapping[str, Flight]]
     manoeuvres: Mapping[str, Manoeuvre]
-    model: SecondOrderModel | None = None
+    second_order: Fit | None = None
     convergence: Mapping[str, Convergence] = field(default_factory=dict)
     guid: str = ""
     unit: str = "EMCAS4.fmu"
@@ -49,7 +53,8 @@ class Results:
     def labels(self) -> dict[str, str]:
         """What the actuators are called in pictures and tables."""
         bus = f", bus of {1e3 * self.bus_resistance:g} mΩ" if self.bus_resistance else ""
-        return {"ideal": "fin = command", "second-order": "second order", "nonlinear": f"{self.unit}{bus}",
+        return {"ideal": "fin = command", UNDELAYED: "second order, no delay",
+                "second-order": "second order", "nonlinear": f"{self.unit}{bus}",
                 "stiff": f"{self.unit}, stiff bus", WITHOUT_SSP: f"{self.unit} under fmpy, no SSP"}
 
 
@@ -69,8 +74,8 @@ def turn_between(first: Array, second: Array) -> Array:
                        for a, b in zip(first.T, second.T, strict=True)])
 
 
-def figures(flight: Flight, step: float, ideal: Flight | None, stiff: Flight | None = None) -> dict[str, float]:
-    """Figures of one flight; names end in their unit. `ideal` and `stiff` are flights to compare with, if any."""
+def figures(flight: Flight, step: float, others: Mapping[str, Flight]) -> dict[str, float]:
+    """Figures of one flight; names end in their unit. `others` are flights to compare with, by actuator."""
     power = flight["power_w"]
     missed = turn_between(angles(flight), angles(flight, "wanted_"))
     found = {
@@ -91,16 +96,15 @@ def figures(flight: Flight, step: float, ideal: Flight | None, stiff: Flight | N
     if "bus_voltage_v" in flight:
         found["bus_voltage_lowest_v"] = float(flight["bus_voltage_v"].min())
         found["bus_current_largest_a"] = float(flight["bus_current_a"].max())
-    for name, other in (("ideal", ideal), ("stiff", stiff)):
-        if other is not None:
-            found[f"attitude_difference_to_{name}_deg"] = float(turn_between(angles(flight), angles(other)).max())
+    for name, other in others.items():
+        apart = turn_between(angles(flight), angles(other))
+        found[f"attitude_difference_to_{name.replace('-', '_')}_deg"] = float(apart.max())
     return found
 
 
 def all_figures(results: Results) -> dict[str, dict[str, dict[str, float]]]:
     """By manoeuvre and actuator."""
-    return {name: {actuator: figures(flight, results.step, flown.get("ideal"),
-                                     flown.get("stiff") if actuator == "nonlinear" else None)
+    return {name: {actuator: figures(flight, results.step, {o: flown[o] for o in _COMPARED[actuator] if o in flown})
                    for actuator, flight in flown.items()} for name, flown in results.flights.items()}
 
 
@@ -112,16 +116,16 @@ def agreements(results: Results) -> dict[str, dict[str, Agreement]]:
 
 def write_json(results: Results, path: Path, command: str) -> None:
     """All figures, the fitted second-order actuator and the convergence."""
-    model = results.model
+    fit = results.second_order
     content: dict[str, Any] = {
         "command": command, "communication_step_s": results.step, "guid": results.guid,
         "bus_resistance_ohm": results.bus_resistance, "flights": all_figures(results),
         "masters": {name: {master: {"fin_difference_rad": a.fins, "attitude_difference_rad": a.attitude,
                                     "identical": a.identical} for master, a in found.items()}
                     for name, found in agreements(results).items()},
-        "second_order": None if model is None else {
-            "natural_frequency_rad_s": model.natural_frequency, "damping": model.damping,
-            "rate_limit_rad_s": model.rate_limit, "angle_limit_rad": model.angle_limit},
+        "second_order": None if fit is None else {
+            "parameters": {name: fit.parameters.values[name] for name in NAMES}, "step_deg": fit.sizes,
+            "largest_difference_percent": fit.largest, "rms_difference_percent": fit.rms},
         "convergence": {name: {"step_s": c.steps.tolist(), "attitude_error_deg": c.attitude.tolist(),
                                "fin_error_deg": c.fins.tolist(), "attitude_order": c.order(c.attitude),
                                "fin_order": c.order(c.fins)} for name, c in results.convergence.items()}}

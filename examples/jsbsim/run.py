@@ -7,17 +7,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.fitting import Fit
 from emcas_fmu.ssp.schema import NOMINAL
 from emcas_fmu.validation.runs import opened
 
-from .actuators import Actuators, Ideal, SecondOrder, SecondOrderModel
+from .actuators import Actuators, Ideal
 from .build import build_unit
 from .convergence import Convergence, measure
-from .fit import fit
 from .flight import AGGRESSIVE, MANOEUVRES, Manoeuvre, fly
 from .fmu import BUS_RESISTANCE, WIRED, Fmu
 from .masters import VARIANT, InMaster, write_archive
-from .results import WITHOUT_ENCODER, WITHOUT_SSP, Flight, Results
+from .results import UNDELAYED, WITHOUT_ENCODER, WITHOUT_SSP, Flight, Results
+from .second_order import SecondOrder, fit, undelayed
 
 Progress = Callable[[str, float], None]
 """Called with what is done now, and its share from 0 to 1."""
@@ -58,8 +59,8 @@ def run(options: Options, folder: Path, progress: Progress) -> Results:
     masters = {name: flier.in_masters(MANOEUVRES[name], flights[name]) for name in options.manoeuvres
                if options.masters}
     converged = flier.converge() if options.convergence else {}
-    return Results(options.step, flights, MANOEUVRES, flier.model, converged, flier.guid, flier.unit, flier.resistance,
-                   masters)
+    return Results(options.step, flights, MANOEUVRES, flier.second_order, converged, flier.guid, flier.unit,
+                   flier.resistance, masters)
 
 
 class _Flier:
@@ -67,7 +68,7 @@ class _Flier:
 
     def __init__(self, options: Options, folder: Path, progress: Progress) -> None:
         self._options, self._progress = options, progress
-        self.model: SecondOrderModel | None = None
+        self.second_order: Fit | None = None
         self.guid, self.unit, self.resistance, self._whole = "", "EMCAS4.fmu", 0.0, False
         actuators = [*options.actuators]
         self.makers: dict[str, Callable[[], Actuators]] = {"ideal": Ideal}
@@ -100,8 +101,10 @@ class _Flier:
             return lambda: Fmu(path, parameters=parameters, bus_resistance=resistance, mixing=options.mixing)
 
         nonlinear(self.resistance)().close()
-        self.model = model = fit(path)
-        self.makers |= {"second-order": lambda: SecondOrder(model), "nonlinear": nonlinear(self.resistance),
+        self.second_order = found = fit(path)
+        second, prompt = found.parameters, undelayed(found.parameters)
+        self.makers |= {"second-order": lambda: SecondOrder(second), UNDELAYED: lambda: SecondOrder(prompt),
+                        "nonlinear": nonlinear(self.resistance),
                         "stiff": nonlinear(0.0),
                         WITHOUT_ENCODER: nonlinear(self.resistance, {**WIRED, "encoder.enabled": False})}
 
@@ -136,8 +139,8 @@ class _Flier:
         return found
 
     def converge(self) -> Mapping[str, Convergence]:
-        """Of every actuator, the stiff bus left out, and of the FMU without encoder."""
-        names: Iterable[str] = [a for a in self.actuators if a != "stiff"]
+        """Of every actuator but variants, the stiff bus and the model without delay, and of the FMU without encoder."""
+        names: Iterable[str] = [a for a in self.actuators if a not in ("stiff", UNDELAYED)]
         if "nonlinear" in self.actuators:
             names = [*names, WITHOUT_ENCODER]
         manoeuvre = replace(AGGRESSIVE, duration=3.0)

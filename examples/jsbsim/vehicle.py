@@ -39,6 +39,8 @@ class Launch:
     """[m/s]."""
     attitude: tuple[float, float, float] = (0.0, 0.5, 1.5)
     """Roll, pitch and yaw (true heading) [rad]."""
+    body_rates: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """[rad/s]."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,8 @@ class Rocket:
                             "ic/u-fps": chosen.speed / FOOT, "ic/phi-deg": roll, "ic/theta-deg": pitch,
                             "ic/psi-true-deg": yaw}.items():
             fdm[name] = value
+        for name, rate in zip("pqr", chosen.body_rates, strict=True):
+            fdm[f"ic/{name}-rad_sec"] = rate
         if not fdm.run_ic():
             raise EmcasError("JSBSim does not accept the launch condition")
 

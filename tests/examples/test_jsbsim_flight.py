@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from math import radians
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from emcas_fmu import fitting
+from emcas_fmu.fmi.package import build
+from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.physics.loads import GRAVITY
-from examples.jsbsim import fit
-from examples.jsbsim.actuators import Demand, Ideal, Response, SecondOrder, SecondOrderModel
+from emcas_fmu.simulation import simulate
+from examples.jsbsim import second_order
+from examples.jsbsim.actuators import Demand, Ideal, Response
 from examples.jsbsim.convergence import measure
 from examples.jsbsim.flight import AGGRESSIVE, GENTLE, TIGHT
 from examples.jsbsim.fmu import WIRED, Fmu
 from examples.jsbsim.results import angles, fins, turn_between
+from examples.jsbsim.second_order import SecondOrder
 from examples.jsbsim.vehicle import AZIMUTHS, Array
 
 from .flying import SHORT, flown
@@ -26,41 +30,47 @@ NO_ENCODER = {**WIRED, "encoder.enabled": False}
 
 
 @pytest.fixture(scope="module")
-def model(four: Path) -> SecondOrderModel:
-    """Fitted to the FMU."""
-    return fit.fit(four)
+def model(four: Path) -> ParameterSet:
+    """The second-order model fitted to the FMU."""
+    return second_order.fit(four).parameters
 
 
-def test_fit_finds_what_it_is_given() -> None:
-    """The second-order actuator's own step response is `unit_step`."""
-    fins_ = SecondOrder(SecondOrderModel(80.0, 0.6, 100.0))
-    demand = Demand(np.full(4, 0.1), np.zeros(4), np.zeros(3), np.zeros(3), 39.0)
-    time = np.arange(1, 101) * 1e-3
-    found = np.array([fins_.step(t, 1e-3, demand).angles[0] for t in time])
-    np.testing.assert_allclose(found, 0.1 * fit.unit_step(time, 80.0, 0.6), atol=1e-12)
+def test_second_order_is_the_packages_own(four: Path, native: Path, model: ParameterSet, tmp_path: Path) -> None:
+    """From an FMU of four or of one, the fit is that of the parameter set it was built of, digit for digit."""
+    sets = [model, second_order.fit(native).parameters, fitting.fit(load_parameters()).parameters]
+    own, single, shipped = ([s.values[name] for name in fitting.NAMES] for s in sets)
+    assert own == single == shipped
+    changed = load_parameters().replace({"drive.transport_delay": 0.005, "drive.supply_voltage": 30.0,
+                                         "encoder.enabled": False})
+    path = build(changed, tmp_path / "other.fmu").path
+    assert dict(second_order.parameters_of(path).values) == dict(changed.values)
+    assert fitted_delay(second_order.fit(path).parameters) > fitted_delay(model) + 0.5e-3  # 1.3 ms more
+    assert second_order.undelayed(model).values == {**model.values, "drive.transport_delay": 0.0}
 
 
-def test_second_order_has_the_actuators_speed(four: Path, model: SecondOrderModel) -> None:
-    """Rate above the 220 deg/s of the thesis's Table 2; half of a small step within 2 ms of the FMU's.
+def fitted_delay(parameters: ParameterSet) -> float:
+    """[s]."""
+    return float(parameters.values["drive.transport_delay"])
 
-    That the transport delay of 3.7 ms is no part of it changes the beginning; the middle is what least squares holds,
-    and a natural frequency wrong by a third misses it.
+
+def test_second_order_moves_as_simulate_does(model: ParameterSet) -> None:
+    """Each fin by its own command and no load, angle, rate and flag: those of the package's simulation.
+
+    1e-12: its kernel in C may round otherwise.
     """
-    assert radians(220.0) < model.rate_limit < radians(330.0)
-    time, small = fit.step_response(four, fit.SMALL)
-
-    def half(response: Array) -> float:
-        return float(np.interp(0.5, response[:20], time[:20]))
-
-    def fitted(share: float) -> float:
-        return half(fit.unit_step(time, share * model.natural_frequency, model.damping))
-
-    expected = half(small / fit.SMALL)
-    assert abs(fitted(1.0) - expected) < 2e-3
-    assert abs(fitted(1.5) - expected) > 2e-3 < abs(fitted(0.67) - expected)
+    commands = np.radians([20.0, -3.0, 0.5, 30.0])
+    actuators = SecondOrder(model)
+    demand = Demand(commands, np.full(4, 50.0), np.zeros(3), np.zeros(3), 39.0)
+    found = [actuators.step(k * 1e-3, 1e-3, demand) for k in range(60)]
+    for k, command in enumerate(commands):
+        wanted = simulate(model.values, 0.06, model=fitting.MODEL, fin_command=float(command))
+        for name, column in (("fin_angle", [r.angles[k] for r in found]), ("fin_rate", [r.rates[k] for r in found]),
+                             ("saturated", [r.saturated[k] for r in found])):
+            np.testing.assert_allclose(column, wanted[name][1:], atol=1e-12)
+    np.testing.assert_allclose([r.power for r in found], [-50.0 * r.rates.sum() for r in found])
 
 
-def test_gentle_flight_needs_no_nonlinear_model(four: Path, model: SecondOrderModel) -> None:
+def test_gentle_flight_needs_no_nonlinear_model(four: Path, model: ParameterSet) -> None:
     """Fins agree within the accuracy of the thesis's Table 2, 0.2 deg; attitude within what that is worth.
 
     In pitch and yaw that is 1.7 deg of attitude for each deg of the fins (their moment over the airframe's stability).
@@ -78,14 +88,18 @@ def test_gentle_flight_needs_no_nonlinear_model(four: Path, model: SecondOrderMo
     assert np.degrees(np.abs(fins(nonlinear, "fin{}_rad")).max()) > 2.0  # something was flown
 
 
-def test_aggressive_flight_does(four: Path, model: SecondOrderModel) -> None:
-    """Limits are active, hinge moments of the order of the rated 100 N.m, and the attitudes differ by degrees."""
+def test_aggressive_flight_does(four: Path, model: ParameterSet) -> None:
+    """Limits are active, hinge moments of the order of the rated 100 N.m, and the attitudes differ by degrees.
+
+    The second-order model, delay and all, is by far nearer to the nonlinear one than the ideal actuator.
+    """
     nonlinear, second, ideal = (flown(a, AGGRESSIVE) for a in (Fmu(four), SecondOrder(model), Ideal()))
     assert fins(nonlinear, "saturated{}").mean() > 0.01
     assert fins(second, "saturated{}").mean() > 0.01
     assert 50.0 < np.abs(fins(nonlinear, "hinge{}_n_m")).max() < 300.0
-    assert turn_between(angles(nonlinear), angles(second)).max() > 1.0
-    assert turn_between(angles(nonlinear), angles(ideal)).max() > 5.0
+    apart, far = (turn_between(angles(nonlinear), angles(other)).max() for other in (second, ideal))
+    assert 1.0 < apart < 0.5 * far
+    assert far > 5.0
     # All keep the attitude in the end: the gains are for real actuators.
     for flight in (nonlinear, second, ideal):
         assert turn_between(angles(flight), angles(flight, "wanted_"))[-1] < 1.0
@@ -94,13 +108,14 @@ def test_aggressive_flight_does(four: Path, model: SecondOrderModel) -> None:
     assert float(np.sum(nonlinear["power_w"]) * 1e-3) > max(work, 0.0) + 100.0
 
 
-def test_higher_gains_show_the_transport_delay(four: Path, model: SecondOrderModel) -> None:
-    """Ideal and second-order fins keep the attitude to a degree in the end; EMCAS.fmu loses it by its delay."""
+def test_higher_gains_show_the_delay(four: Path, model: ParameterSet) -> None:
+    """Fins without delay keep the attitude to a degree in the end, with it they lose it: either model, as it is."""
     prompt = Fmu(four, parameters={**WIRED, "drive.transport_delay": 0.0})
     last = [turn_between(angles(f), angles(f, "wanted_"))[-500:].max()
-            for f in (flown(a, TIGHT) for a in (Ideal(), SecondOrder(model), prompt, Fmu(four)))]
+            for f in (flown(a, TIGHT) for a in (Ideal(), SecondOrder(second_order.undelayed(model)), prompt,
+                                                SecondOrder(model), Fmu(four)))]
     assert max(last[:3]) < 1.0
-    assert last[3] > 5.0
+    assert min(last[3:]) > 5.0
 
 
 class WithoutFeedback:
@@ -124,7 +139,7 @@ class WithoutFeedback:
     ("no feedback", 1.8, 2.2),  # likewise
     ("nonlinear", 1.0, 1.9),  # held hinge moment and acceleration beside JSBSim's error
 ])
-def test_order_of_convergence(kind: str, low: float, high: float, four: Path, model: SecondOrderModel) -> None:
+def test_order_of_convergence(kind: str, low: float, high: float, four: Path, model: ParameterSet) -> None:
     """Slope of the error against the communication step, give or take 0.2 for terms of next order at 2 ms."""
     make: Mapping[str, Callable[[], Any]] = {
         "ideal": Ideal, "second-order": lambda: SecondOrder(model),
