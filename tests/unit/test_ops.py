@@ -51,6 +51,7 @@ def _public(module: ModuleType) -> list[Function]:
 
 # Functions whose arguments are plain values; the others are reached through these.
 STRUCTURED = {loads.specific_force, mechanics.breakaway, mechanics.damping, integrate.advance, control.output,
+              integrate.electrical_mode,
               control.update, friction.coulomb_reference, friction.coulomb_polynomial}
 MODULES = (bus, kinematics, friction, loads, mechanics, drive, sensors, control, integrate, schedule, nonlinear)
 PLAIN = [f for module in MODULES for f in _public(module) if f not in STRUCTURED]
