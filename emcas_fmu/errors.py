@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from typing import Any
+
 
 class EmcasError(Exception):
     """The request cannot be carried out; the message names the thing and the remedy."""
@@ -9,3 +13,16 @@ class EmcasError(Exception):
 
 class BuildError(EmcasError):
     """The FMU cannot be built; the message says why and what to do."""
+
+
+def hint(word: Any, among: Iterable[str]) -> str:
+    """A guess at what was meant by a word that is none of those there are; nothing if none is close."""
+    close = get_close_matches(str(word), list(among), 1)
+    return f", did you mean {close[0]!r}?" if close else ""
+
+
+def require_known(entry: Mapping[str, Any], keys: tuple[str, ...], where: str, error: type[EmcasError]) -> None:
+    """Raise `error` for a key that is none of `keys`, with the nearest that is."""
+    for key in entry:
+        if key not in keys:
+            raise error(f"{where}: unknown key {key!r}{hint(key, keys)}; there is {', '.join(keys)}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import groupby
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from .parameters import ParameterSet, load_parameters
+from .parameters import ParameterSet, entry_line, load_parameters
 from .simulation import simulate
 
 Array = NDArray[np.floating[Any]]
@@ -81,11 +80,6 @@ def write_parameters(found: Fit, path: Path, command: str) -> None:
         group = list(entries)
         if all(e.variable.name not in NAMES and e.value == shipped[e.variable.name] for e in group):
             continue
-        values = [json.dumps(e.value) for e in group]
-        fields = [f"value = [{', '.join(values)}]" if "[" in group[0].variable.name else f"value = {values[0]}"]
-        if group[0].variable.kind != "Boolean":
-            fields.append(f"unit = {json.dumps(group[0].variable.unit.replace('.', '*'))}")
-        if name in NAMES:
-            fields += ['source = "estimate"', 'note = "Fitted to the nonlinear model."']
-        lines.append(f"{name} = {{ {', '.join(fields)} }}")
+        fitted = ("estimate", "Fitted to the nonlinear model.") if name in NAMES else ("", "")
+        lines.append(entry_line(name, [e.value for e in group], group[0].variable.unit, *fitted))
     path.write_text("\n".join([*lines, ""]), encoding="utf-8", newline="\n")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from math import isclose
@@ -267,6 +268,17 @@ def _in_table_unit(name: str, value: object) -> object:
     unit = _VARIABLES[name].unit if name in _VARIABLES else ""
     text = str(int(value)) if isinstance(value, Integral) else repr(float(value))
     return f"{text} {unit}" if unit and unit != "1" else text
+
+
+def entry_line(name: str, values: Sequence[Value], unit: str, source: str = "", note: str = "") -> str:
+    """A line of a parameter file: an entry of one value, or of an array where there are several."""
+    texts = [json.dumps(v) for v in values]
+    fields = [f"value = [{', '.join(texts)}]" if len(texts) > 1 else f"value = {texts[0]}"]
+    if unit and not isinstance(values[0], bool):
+        fields.append(f"unit = {json.dumps(unit)}")
+    fields += [f"{key} = {json.dumps(text, ensure_ascii=False)}" for key, text in (("source", source), ("note", note))
+               if text]
+    return f"{name} = {{ {', '.join(fields)} }}"
 
 
 def _text(fields: Mapping[str, Any]) -> str:

@@ -133,8 +133,11 @@ def _differences(values: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 @contextmanager
-def opened_article(path: Path | None) -> Iterator[Article]:
+def opened_article(path: Path | None, fin: int | None = None, purpose: str = "an acceptance test"
+                   ) -> Iterator[ParameterArticle | FmuArticle]:
     """The article at `path`: an FMU, a parameter file (.toml), or the shipped parameters where there is no path.
+
+    `fin` from 1 on chooses one of a unit of several, the first unless given; `purpose` is what for, in messages.
 
     Raises EmcasError or ParameterError where it cannot be used.
     """
@@ -144,8 +147,8 @@ def opened_article(path: Path | None) -> Iterator[Article]:
     if path.suffix.lower() != ".fmu":
         raise EmcasError(f"{path}: is neither an FMU nor a parameter file by its name; give a file that ends in .fmu "
                          "or .toml")
-    with opened(path) as unit:
-        unit.require_nonlinear("an acceptance test")
+    with opened(path, fin) as unit:
+        unit.require_nonlinear(purpose)
         unit.require([v.name for v in INPUTS], "input")
         unit.require(RECORDED, "output")
         unit.require([v.name for v in PARAMETERS], "parameter")

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..ops.base import Ops, Value
+from ..ops.base import Ops
 from ..tree import changed
 from . import elastic
+from .rewired import rewired
 
 TITLE = "electromechanical actuator after Habibi: cascaded loops, constant ratio, backlash"
 PLANT = elastic.PLANT
@@ -28,36 +29,13 @@ def at_motor(p: Any) -> Any:
         "friction.coulomb.positive": constant, "friction.coulomb.negative": constant})
 
 
-def _wired(p: Any) -> Any:
+def _wired(_: Ops, p: Any) -> Any:
     return changed(at_motor(p), {f"drive_line.{name}": 0.0 for name in (
         "axial_compliance", "axial_damping", "torsional_compliance", "torsional_damping")})
 
 
-def initial(ops: Ops, p: Any) -> tuple[Value, ...]:
-    """See :mod:`emcas_fmu.actuators.elastic`."""
-    return elastic.initial(ops, _wired(p))
-
-
-def sample(ops: Ops, p: Any, angle: Value, speed: Value, integral: Value, counts: Value, command: Value,
-           enable: Value) -> tuple[Value, ...]:
-    """See :mod:`emcas_fmu.actuators.nonlinear`."""
-    return elastic.sample(ops, _wired(p), angle, speed, integral, counts, command, enable)
-
-
+initial = rewired(elastic.initial, _wired)
+sample = rewired(elastic.sample, _wired)
 forces = elastic.forces
-
-
-def step(ops: Ops, p: Any, angle: Value, speed: Value, current: Value, integral: Value, other_angle: Value,
-         other_speed: Value, reference: Value, aero_torque: Value, f_x: Value, f_z: Value, supply: Value,
-         enable: Value, h: Value) -> tuple[Value, ...]:
-    """See :mod:`emcas_fmu.actuators.elastic`."""
-    return elastic.step(ops, _wired(p), angle, speed, current, integral, other_angle, other_speed, reference,
-                        aero_torque, f_x, f_z, supply, enable, h)
-
-
-def outputs(ops: Ops, p: Any, angle: Value, speed: Value, current: Value, integral: Value, other_angle: Value,
-            other_speed: Value, active: Value, reference: Value, measured: Value, limited: Value, command: Value,
-            aero_torque: Value, f_x: Value, f_z: Value, supply: Value, enable: Value) -> tuple[Value, ...]:
-    """See :mod:`emcas_fmu.actuators.elastic`."""
-    return elastic.outputs(ops, _wired(p), angle, speed, current, integral, other_angle, other_speed, active,
-                           reference, measured, limited, command, aero_torque, f_x, f_z, supply, enable)
+step = rewired(elastic.step, _wired)
+outputs = rewired(elastic.outputs, _wired)

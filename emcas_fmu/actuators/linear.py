@@ -12,6 +12,7 @@ from typing import Any
 from ..ops.base import Ops, Value
 from ..tree import changed
 from . import nonlinear
+from .rewired import rewired
 
 TITLE = "linear electromechanical actuator: constant ratio, viscous friction, no limits"
 PLANT = nonlinear.PLANT
@@ -19,7 +20,7 @@ OWN = ()
 _UNLIMITED = 1e12
 
 
-def _linear(p: Any) -> Any:
+def _linear(_: Ops, p: Any) -> Any:
     viscous = 0.5 * (p.friction.viscous.positive + p.friction.viscous.negative)
     none = (0.0,) * 7
     return changed(p, {
@@ -29,24 +30,15 @@ def _linear(p: Any) -> Any:
         "drive.current_limit": _UNLIMITED, "drive.reference_limit": _UNLIMITED, "controller.speed_limit": _UNLIMITED})
 
 
-def initial(ops: Ops, p: Any) -> tuple[Value, ...]:
-    """See :mod:`emcas_fmu.actuators.nonlinear`."""
-    return nonlinear.initial(ops, _linear(p))
-
-
-def sample(ops: Ops, p: Any, angle: Value, speed: Value, integral: Value, counts: Value, command: Value,
-           enable: Value) -> tuple[Value, ...]:
-    """See :mod:`emcas_fmu.actuators.nonlinear`."""
-    return nonlinear.sample(ops, _linear(p), angle, speed, integral, counts, command, enable)
-
-
+initial = rewired(nonlinear.initial, _linear)
+sample = rewired(nonlinear.sample, _linear)
 forces = nonlinear.forces
 
 
 def step(ops: Ops, p: Any, angle: Value, speed: Value, current: Value, integral: Value, reference: Value,
          aero_torque: Value, f_x: Value, f_z: Value, supply: Value, enable: Value, h: Value) -> tuple[Value, ...]:
     """See :mod:`emcas_fmu.actuators.nonlinear`; the supply does not matter."""
-    return nonlinear.step(ops, _linear(p), angle, speed, current, integral, reference, aero_torque, f_x, f_z,
+    return nonlinear.step(ops, _linear(ops, p), angle, speed, current, integral, reference, aero_torque, f_x, f_z,
                           _UNLIMITED, enable, h)
 
 
@@ -54,5 +46,5 @@ def outputs(ops: Ops, p: Any, angle: Value, speed: Value, current: Value, integr
             reference: Value, measured: Value, limited: Value, command: Value, aero_torque: Value, f_x: Value,
             f_z: Value, supply: Value, enable: Value) -> tuple[Value, ...]:
     """See :mod:`emcas_fmu.actuators.nonlinear`."""
-    return nonlinear.outputs(ops, _linear(p), angle, speed, current, integral, active, reference, measured, limited,
-                             command, aero_torque, f_x, f_z, _UNLIMITED, enable)
+    return nonlinear.outputs(ops, _linear(ops, p), angle, speed, current, integral, active, reference, measured,
+                             limited, command, aero_torque, f_x, f_z, _UNLIMITED, enable)

@@ -14,6 +14,7 @@ from ..physics import drive
 from ..tree import changed
 from . import elastic
 from .habibi import at_motor
+from .rewired import rewired
 
 TITLE = "electromechanical actuator after Ozkan: ideal current loop, flexible motor shaft, constant ratio"
 PLANT = elastic.PLANT
@@ -31,17 +32,8 @@ def _wired(ops: Ops, p: Any) -> Any:
         "drive_line.torsional_compliance": ops.maximum(p.drive_line.torsional_compliance, _STIFFEST)})
 
 
-def initial(ops: Ops, p: Any) -> tuple[Value, ...]:
-    """See :mod:`emcas_fmu.actuators.elastic`."""
-    return elastic.initial(ops, _wired(ops, p))
-
-
-def sample(ops: Ops, p: Any, angle: Value, speed: Value, integral: Value, counts: Value, command: Value,
-           enable: Value) -> tuple[Value, ...]:
-    """See :mod:`emcas_fmu.actuators.nonlinear`."""
-    return elastic.sample(ops, _wired(ops, p), angle, speed, integral, counts, command, enable)
-
-
+initial = rewired(elastic.initial, _wired)
+sample = rewired(elastic.sample, _wired)
 forces = elastic.forces
 
 

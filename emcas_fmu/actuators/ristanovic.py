@@ -18,6 +18,7 @@ from ..physics import kinematics
 from ..tree import changed
 from ..variables import Variable
 from . import nonlinear
+from .rewired import rewired
 
 TITLE = "DC motor under PWM without current loop, torsion-bar load, constant ratio (after Ristanovic et al. 2012)"
 PLANT = nonlinear.PLANT
@@ -32,7 +33,7 @@ _LEAST_GAIN = 1e-6
 _UNLIMITED = 1e12
 
 
-def _pwm(p: Any) -> Any:
+def _pwm(_: Ops, p: Any) -> Any:
     return changed(p, {
         "kinematics.constant_ratio": True, "compensation.gain": 0.0, "drive.kp": _LEAST_GAIN, "drive.ki": 0.0,
         "drive.current_gain": p.pwm.gain / _LEAST_GAIN, "drive.current_offset": 0.0, "drive.current_limit": _UNLIMITED})
@@ -43,24 +44,15 @@ def _loaded(ops: Ops, p: Any, angle: Value, aero_torque: Value) -> Value:
     return aero_torque - p.load.torsion_bar * fin
 
 
-def initial(ops: Ops, p: Any) -> tuple[Value, ...]:
-    """See :mod:`emcas_fmu.actuators.nonlinear`."""
-    return nonlinear.initial(ops, _pwm(p))
-
-
-def sample(ops: Ops, p: Any, angle: Value, speed: Value, integral: Value, counts: Value, command: Value,
-           enable: Value) -> tuple[Value, ...]:
-    """See :mod:`emcas_fmu.actuators.nonlinear`."""
-    return nonlinear.sample(ops, _pwm(p), angle, speed, integral, counts, command, enable)
-
-
+initial = rewired(nonlinear.initial, _pwm)
+sample = rewired(nonlinear.sample, _pwm)
 forces = nonlinear.forces
 
 
 def step(ops: Ops, p: Any, angle: Value, speed: Value, current: Value, integral: Value, reference: Value,
          aero_torque: Value, f_x: Value, f_z: Value, supply: Value, enable: Value, h: Value) -> tuple[Value, ...]:
     """See :mod:`emcas_fmu.actuators.nonlinear`; the bar is taken at mid-step, as the mechanics are."""
-    q = _pwm(p)
+    q = _pwm(ops, p)
     torque = _loaded(ops, q, angle + 0.5 * h * speed, aero_torque)
     return nonlinear.step(ops, q, angle, speed, current, integral, reference, torque, f_x, f_z, supply, enable, h)
 
@@ -69,7 +61,7 @@ def outputs(ops: Ops, p: Any, angle: Value, speed: Value, current: Value, integr
             reference: Value, measured: Value, limited: Value, command: Value, aero_torque: Value, f_x: Value,
             f_z: Value, supply: Value, enable: Value) -> tuple[Value, ...]:
     """See :mod:`emcas_fmu.actuators.nonlinear`; hinge_torque has the bar's."""
-    q = _pwm(p)
+    q = _pwm(ops, p)
     torque = _loaded(ops, q, angle, aero_torque)
     return nonlinear.outputs(ops, q, angle, speed, current, integral, active, reference, measured, limited, command,
                              torque, f_x, f_z, supply, enable)

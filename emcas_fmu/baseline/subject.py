@@ -8,12 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..acceptance.article import RECORDED, FmuArticle, Identification, ParameterArticle, row_times
+from ..acceptance.article import (
+    RECORDED,
+    FmuArticle,
+    Identification,
+    ParameterArticle,
+    opened_article,
+    row_times,
+)
 from ..errors import EmcasError
 from ..excitation import Excitation
-from ..parameters import load_parameters
-from ..validation.runs import Run, opened
-from ..variables import INPUTS, PARAMETERS
+from ..validation.runs import Run
 
 
 @dataclass(frozen=True)
@@ -48,18 +53,7 @@ def opened_subject(path: Path, fin: int | None = None) -> Iterator[Subject]:
 
     Raises EmcasError or ParameterError where it cannot be used.
     """
-    suffix = path.suffix.lower()
-    if suffix == ".toml":
-        if fin is not None:
-            raise EmcasError(f"--fin {fin}: {path} is a parameter file, that is one fin; leave --fin out")
-        yield Subject(ParameterArticle(load_parameters(path), path))
-    elif suffix == ".fmu":
-        with opened(path, fin) as unit:
-            unit.require_nonlinear("a baseline")
-            unit.require([v.name for v in INPUTS], "input")
-            unit.require(RECORDED, "output")
-            unit.require([v.name for v in PARAMETERS], "parameter")
-            yield Subject(FmuArticle(unit), fin or 1)
-    else:
-        raise EmcasError(f"{path}: is neither an FMU nor a parameter file by its name; give a file that ends in .fmu "
-                         "or .toml")
+    if fin is not None and path.suffix.lower() == ".toml":
+        raise EmcasError(f"--fin {fin}: {path} is a parameter file, that is one fin; leave --fin out")
+    with opened_article(path, fin, "a baseline") as article:
+        yield Subject(article, None if isinstance(article, ParameterArticle) else fin or 1)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cached_property
 from math import inf, log1p, sqrt
 from typing import Any
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from ..errors import EmcasError
+from ..errors import EmcasError, hint, require_known
 from ..simulation import Array
 from ..units import UnitError, describe, quantity
 
@@ -110,7 +109,8 @@ def distribution(written: Mapping[str, Any], kind: Kind) -> Distribution:
     if name not in KINDS:
         raise CampaignError(f"{kind.where}: distribution = {name!r}{hint(name, KINDS)}; there is {', '.join(KINDS)}")
     keys = KINDS[name]
-    known(written, ("distribution", *keys, *(("weights",) if name == "choice" else ())), kind.where)
+    weights = ("weights",) if name == "choice" else ()
+    require_known(written, ("distribution", *keys, *weights), kind.where, CampaignError)
     if name == "choice":
         return _choice(written, kind)
     if kind.type != "Real":
@@ -213,17 +213,3 @@ def _deviation(written: Any, kind: Kind, mean: float) -> float:
 
 def _plain(written: Any) -> bool:
     return isinstance(written, (int, float)) and not isinstance(written, bool)
-
-
-def known(entry: Mapping[str, Any], keys: tuple[str, ...], where: str) -> None:
-    """Raise CampaignError for a key that is none of `keys`, with the nearest that is."""
-    for key in entry:
-        if key not in keys:
-            raise CampaignError(f"{where}: unknown key {key!r}{hint(key, keys)}; there is {', '.join(keys)}")
-
-
-def hint(word: Any, among: Any) -> str:
-    """A guess at what was meant."""
-    close = get_close_matches(str(word), list(among), 1)
-    return f", did you mean {close[0]!r}?" if close else ""
-

@@ -7,10 +7,11 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from ..errors import hint, require_known
 from ..parameters import ParameterSet
 from ..tuning.experiments import STEP
 from ..variables import FILE_ENTRIES, INPUTS
-from .distributions import MOST_OUTSIDE, CampaignError, Kind, Value, distribution, hint, known, number
+from .distributions import MOST_OUTSIDE, CampaignError, Kind, Value, distribution, number
 from .experiments import COMMAND, EXPERIMENTS, LOAD, OPTIONAL, PROFILES, SAME, Experiment, Profile
 from .plan import Factor
 
@@ -55,7 +56,7 @@ class Reader:
             raise CampaignError(f"{where}: expected a table such as {{ distribution = \"uniform\", low = ..., "
                                 "high = ... }}")
         if "follows" in entry:
-            known(entry, ("follows",), where)
+            require_known(entry, ("follows",), where, CampaignError)
             self.followers[name] = entry["follows"]
             return
         self.setting(name, entry, Kind(where, variable.unit, variable.minimum, variable.maximum,
@@ -102,7 +103,7 @@ class Reader:
 
     def fields(self, where: str, prefix: str, entry: Mapping[str, Any], units: Mapping[str, str], name: str,
                more: tuple[str, ...] = ()) -> None:
-        known(entry, ("kind", *units, *more), where)
+        require_known(entry, ("kind", *units, *more), where, CampaignError)
         for field, unit in units.items():
             if field in entry:
                 self.setting(f"{prefix}.{field}", entry[field], self.of_input(f"{where}.{field}", name, field, unit))
@@ -168,7 +169,7 @@ def _counted(written: Mapping[str, Any], kind: Kind) -> Mapping[str, Any]:
     """`low`, `high` and `count` are levels evenly apart."""
     if "count" not in written or "distribution" in written:
         return written
-    known(written, ("low", "high", "count"), kind.where)
+    require_known(written, ("low", "high", "count"), kind.where, CampaignError)
     count = written["count"]
     if isinstance(count, bool) or not isinstance(count, int) or not 2 <= count <= 1_000_000 or len(written) < 3:
         raise CampaignError(f"{kind.where}: levels are given as low, high and a whole count of at least 2")

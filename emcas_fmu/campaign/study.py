@@ -8,13 +8,14 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
+from ..errors import hint, require_known
 from ..fmi.model_description import start_values
 from ..fmi.package import interface_guid
 from ..parameters import ParameterSet, check_parameters, load_parameters
 from ..toml import tomllib
 from ..unit import MOST_FINS
 from ..variables import INPUTS, OUTPUTS, PARAMETERS
-from .distributions import CampaignError, hint, known
+from .distributions import CampaignError
 from .entries import Reader, table_of
 from .plan import Factor, Plan, varied
 
@@ -46,9 +47,9 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None) -> S
         document = tomllib.loads(text)
     except (OSError, ValueError) as error:
         raise CampaignError(f"{path}: cannot be read: {error}") from error
-    known(document, ("campaign", "base", "vary", "inputs", "experiments"), str(path))
+    require_known(document, ("campaign", "base", "vary", "inputs", "experiments"), str(path), CampaignError)
     about = table_of(document, "campaign", f"{path}")
-    known(about, ("samples", "seed", "method"), f"{path}: campaign")
+    require_known(about, ("samples", "seed", "method"), f"{path}: campaign", CampaignError)
     method = about.get("method", "monte-carlo")
     if method not in METHODS:
         raise CampaignError(f"{path}: campaign.method = {method!r}{hint(method, METHODS)}; there is "
@@ -68,7 +69,7 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None) -> S
 def _base(path: Path, entry: Mapping[str, Any], fmu: Path | None,
           fin: int | None) -> tuple[ParameterSet, str, str, str, int]:
     """Base set, GUID, and of the FMU if one is to run, path, SHA-256 and fin."""
-    known(entry, ("parameters", "fmu", "fin"), f"{path}: base")
+    require_known(entry, ("parameters", "fmu", "fin"), f"{path}: base", CampaignError)
     chosen = fin if fin is not None else _whole(path, entry, "fin", 1, 1, MOST_FINS, "base")
     for key, written in entry.items():
         if key != "fin" and not isinstance(written, str):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +11,7 @@ from uuid import UUID
 
 from .. import __version__
 from ..errors import BuildError
+from ..files import write_zip
 from ..parameters import ParameterSet
 from ..unit import Unit, fin_sets, start_values
 from . import native, python
@@ -20,7 +19,6 @@ from .documentation import documents
 from .model_description import SINGLE, model_description, terminals_and_icons, to_bytes
 
 BACKENDS = ("python", "native")
-_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date a ZIP archive can hold
 
 Progress = Callable[[str, int, int], None]
 
@@ -70,18 +68,6 @@ def _contents(unit: Unit, sets: Sequence[ParameterSet], backend: str, platforms:
     return contents, guid
 
 
-def _archive(contents: Mapping[str, bytes], target: Path) -> None:
-    # modelDescription.xml first: readers that stream find it at once.
-    names = sorted(contents, key=lambda name: (name != "modelDescription.xml", name))
-    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
-        for name in names:
-            info = zipfile.ZipInfo(name, _EPOCH)
-            info.compress_type = zipfile.ZIP_DEFLATED
-            info.create_system = 3
-            info.external_attr = (0o755 if name.startswith("binaries/") else 0o644) << 16
-            archive.writestr(info, contents[name])
-
-
 def build(parameters: ParameterSet, output: Path, backend: str = "python", platforms: Sequence[str] | None = None,
           cc: str | None = None, progress: Progress | None = None, fins: int = 1, layout: str = "cross",
           files: Mapping[int, Path] | None = None) -> Built:
@@ -106,13 +92,10 @@ def build(parameters: ParameterSet, output: Path, backend: str = "python", platf
         raise BuildError("--fin is for a unit of several: give --fins too")
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
     contents, guid = _contents(Unit(fins, parameters.model), sets, backend, platforms, cc, progress)
-    partial = output.with_name(f".{output.name}.{os.getpid()}.part")
     try:
-        _archive(contents, partial)
-        partial.replace(output)
+        # modelDescription.xml first: readers that stream find it at once.
+        write_zip(contents, output, lambda name: (name != "modelDescription.xml", name), "binaries/")
     except OSError as error:
         raise BuildError(f"{output}: cannot be written ({error.strerror or error})") from error
-    finally:
-        partial.unlink(missing_ok=True)
     built_for = sorted({name.split("/")[1] for name in contents if name.startswith("binaries/")})
     return Built(output, output.stat().st_size, guid, tuple(built_for))

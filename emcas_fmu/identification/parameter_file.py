@@ -6,13 +6,12 @@ chained: each starts from the file the one before has written.
 
 from __future__ import annotations
 
-import json
 import re
 from math import floor, log10
 from pathlib import Path
 
 from .. import __version__
-from ..parameters import Entry, ParameterSet, load_parameters
+from ..parameters import Entry, ParameterSet, entry_line, load_parameters
 from .result import Estimate, Identification
 
 SOURCE = "identified"
@@ -80,13 +79,4 @@ def _line(name: str, group: list[Entry], found: dict[str, Estimate], notes: dict
         note = f"1 sigma [{sigmas}]{_spelled(unit)}; {notes[fresh[0]].partition('; ')[2]}"
     else:
         note = notes[fresh[0]] if fresh else group[0].note
-    texts = [json.dumps(v) for v in values]
-    value = f"[{', '.join(texts)}]" if array else texts[0]
-    fields = [f"value = {value}"]
-    if unit and not isinstance(values[0], bool):
-        fields.append(f"unit = {json.dumps(unit)}")
-    fields.append(f"source = {json.dumps(SOURCE if fresh else group[0].source, ensure_ascii=False)}")
-    if note:
-        fields.append(f"note = {json.dumps(note, ensure_ascii=False)}")
-    return f"{name} = {{ {', '.join(fields)} }}"
-
+    return entry_line(name, values, unit, SOURCE if fresh else group[0].source, note)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import zipfile
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
 from ..errors import EmcasError
+from ..files import write_zip
 from .schema import DEFAULT, SspError
-
-_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date a ZIP archive can hold
 
 
 class Archive:
@@ -54,17 +52,7 @@ class Archive:
 
 def write_archive(contents: Mapping[str, bytes], target: Path) -> None:
     """Write files to a ZIP archive, whole or not at all. Raises SspError if that cannot be done."""
-    partial = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
-        with zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
-            for name in sorted(contents, key=lambda name: (name != DEFAULT, "/" in name, name)):
-                info = zipfile.ZipInfo(name, _EPOCH)
-                info.compress_type = zipfile.ZIP_DEFLATED
-                info.create_system = 3
-                info.external_attr = 0o644 << 16
-                archive.writestr(info, contents[name])
-        partial.replace(target)
+        write_zip(contents, target, lambda name: (name != DEFAULT, "/" in name, name))
     except OSError as error:
         raise SspError(f"{target}: cannot be written ({error.strerror or error})") from error
-    finally:
-        partial.unlink(missing_ok=True)

@@ -6,11 +6,10 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from ..errors import EmcasError
+from ..errors import EmcasError, hint, require_known
 from ..parameters import ParameterSet
 from ..toml import tomllib
 from ..units import UnitError, quantity
@@ -87,7 +86,7 @@ def load_study(path: Path, base: ParameterSet) -> Study:
         document = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError) as error:
         raise StudyError(f"{path}: cannot be read: {error}") from error
-    _known(document, ("tunables", "cases", "requirements"), str(path))
+    require_known(document, ("tunables", "cases", "requirements"), str(path), StudyError)
     tunables = tuple(_tunable(path, name, entry) for name, entry in _table(document, "tunables", path).items())
     cases = tuple(_case(path, name, entry, base) for name, entry in _table(document, "cases", path).items())
     names = tuple(case.name for case in cases)
@@ -112,17 +111,6 @@ def _table(document: Mapping[str, Any], key: str, path: Path) -> Mapping[str, An
     return table
 
 
-def _known(entry: Mapping[str, Any], keys: tuple[str, ...], where: str) -> None:
-    for key in entry:
-        if key not in keys:
-            raise StudyError(f"{where}: unknown key {key!r}{_hint(key, keys)}; there is {', '.join(keys)}")
-
-
-def _hint(word: str, known: Any) -> str:
-    close = get_close_matches(word, list(known), 1)
-    return f", did you mean {close[0]!r}?" if close else ""
-
-
 def _number(where: str, written: Any, unit: str) -> float:
     if isinstance(written, bool) or not isinstance(written, (int, float, str)):
         raise StudyError(f"{where}: expected a number with a unit such as {unit}")
@@ -134,7 +122,7 @@ def _number(where: str, written: Any, unit: str) -> float:
 
 def _variable(where: str, name: str) -> Any:
     if name not in _VARIABLES:
-        raise StudyError(f"{where}: there is no parameter {name!r}{_hint(name, _VARIABLES)}")
+        raise StudyError(f"{where}: there is no parameter {name!r}{hint(name, _VARIABLES)}")
     return _VARIABLES[name]
 
 
@@ -173,7 +161,7 @@ def _requirement(path: Path, entry: Any, cases: tuple[str, ...], limit_angle: fl
     where = f"{path}: requirement {entry.get('name', '?') if isinstance(entry, dict) else '?'}"
     if not isinstance(entry, dict):
         raise StudyError(f"{where}: expected a table")
-    _known(entry, ("name", "test", "figure", "maximum", "minimum", "cases", "source"), where)
+    require_known(entry, ("name", "test", "figure", "maximum", "minimum", "cases", "source"), where, StudyError)
     for key in ("name", "test", "figure"):
         if key not in entry:
             raise StudyError(f"{where}: {key} is missing")
@@ -183,7 +171,7 @@ def _requirement(path: Path, entry: Any, cases: tuple[str, ...], limit_angle: fl
     figure = entry["figure"]
     available = [name for name, f in FIGURES.items() if test.kind in f.kinds]
     if figure not in available:
-        raise StudyError(f"{where}: a {test.kind} test has no figure {figure!r}{_hint(figure, available)}; "
+        raise StudyError(f"{where}: a {test.kind} test has no figure {figure!r}{hint(figure, available)}; "
                          f"it has {', '.join(available)}")
     sense = "maximum" if "maximum" in entry else "minimum"
     limit = _number(f"{where}.{sense}", entry[sense], FIGURES[figure].unit)
@@ -206,7 +194,7 @@ def _test(where: str, entry: Any, limit_angle: float) -> Test:
         raise StudyError(f"{where}: test needs a kind, one of {', '.join(KINDS)}")
     kind = entry["kind"]
     units = KINDS[kind]
-    _known(entry, ("kind", *units), f"{where}: test")
+    require_known(entry, ("kind", *units), f"{where}: test", StudyError)
     numbers = {key: _number(f"{where}: test.{key}", entry[key], unit) for key, unit in units.items() if key in entry}
     if numbers.get("amplitude", 0.0) > limit_angle * (1.0 + 1e-9):
         raise StudyError(f"{where}: test.amplitude = {entry['amplitude']} is beyond command.limit = "
