@@ -23,7 +23,6 @@ from emcas_fmu.baseline.subject import Subject
 from emcas_fmu.baseline.table import HEADER, lines, verdict
 from emcas_fmu.excitation import from_case
 from emcas_fmu.kernels import program
-from emcas_fmu.kernels.core import Core
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.simulation import simulate
@@ -86,7 +85,7 @@ class Loop:
         """Fin angle [deg] every `step` [s]."""
         values = dict(load_parameters().values)
         values["encoder.enabled"] = False  # its chatter would be seen as an error of the step, see docs/numerics.md
-        core = Core(program.make()(values))
+        core = program.core(values)
         supply = values["drive.supply_voltage"]
         angle, found = 0.0, [0.0]
         for k in range(round(STOP / step)):

@@ -13,14 +13,15 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from .actuators import NONLINEAR, every_own, get
+from .actuators import NONLINEAR, every_own, get, parts
+from .actuators.model import Actuator
 from .consistency import check_consistency, check_ranges
 from .errors import EmcasError
 from .files import models_directory
 from .toml import tomllib
 from .tree import tree
 from .units import describe, quantity
-from .variables import FILE_ENTRIES, PARAMETERS, Variable
+from .variables import FILE_ENTRIES, Variable
 
 Value = float | int | bool
 
@@ -97,7 +98,7 @@ def load_parameters(path: Path | str | None = None, base: ParameterSet | None = 
     """The default set of a model, or `base`, overridden by the entries of the user's file at `path`, if one is given.
 
     A model's default set is the nonlinear one's with ``models/actuators/MODEL.toml`` over it, which must give every
-    parameter of its own.
+    parameter of its own, and ``models/options/OPTION.toml`` of each of its options.
 
     Raises ParameterError with all problems of a file, FileNotFoundError where the default set is missing.
     """
@@ -111,31 +112,36 @@ def load_parameters(path: Path | str | None = None, base: ParameterSet | None = 
     if problems := problems or missing:
         raise ParameterError(problems)
     defaults = _overridden(tuple(entries[name] for name in _TABLE), {}, str(default), default.name, NONLINEAR)
-    if model != NONLINEAR:
-        defaults = _of_model(defaults, model)
-    return load_parameters(path, defaults)
+    base_model, options = parts(model)
+    files = [] if base_model == NONLINEAR else [models_directory() / "actuators" / f"{base_model}.toml"]
+    files += [models_directory() / "options" / f"{option}.toml" for option in options]
+    return load_parameters(path, _of_model(defaults, get(model), files) if files else defaults)
 
 
-def _of_model(defaults: ParameterSet, model: str) -> ParameterSet:
-    file = models_directory() / "actuators" / f"{model}.toml"
-    own = get(model).own
-    entries, problems = _entries(_document(file), str(file), file.name, "")
-    missing = [f"{file}: {v.name}: missing; it must give every parameter of the model's own" for v in own
-               if v.name not in entries]
-    if problems := problems or missing:
-        raise ParameterError(problems)
+def _of_model(defaults: ParameterSet, actuator: Actuator, files: Sequence[Path]) -> ParameterSet:
+    entries: dict[str, Entry] = {}
+    for file in files:
+        found, problems = _entries(_document(file), str(file), file.name, "")
+        if problems:
+            raise ParameterError(problems)
+        entries |= found
+    where = ", ".join(map(str, files))
+    if missing := [f"{where}: {v.name}: missing; every parameter of the model's own must be given"
+                   for v in actuator.own if v.name not in entries]:
+        raise ParameterError(missing)
     chosen = [entries.get(e.variable.name, e) for e in defaults.entries]
-    return _overridden((*chosen, *(entries[v.name] for v in own)), {}, str(file), file.name, model)
+    return _overridden((*chosen, *(entries[v.name] for v in actuator.own)), {}, where, files[-1].name, actuator.name)
 
 
-def check_parameters(values: Mapping[str, Any]) -> list[str]:
-    """Problems of flat values in the table's units: names missing or unknown, limits, combinations."""
-    missing = [f"{v.name} is missing" for v in PARAMETERS if v.name not in values]
+def check_parameters(values: Mapping[str, Any], model: str = NONLINEAR) -> list[str]:
+    """Problems of a model's flat values in the table's units: names missing or unknown, limits, combinations."""
+    table = get(model).parameters
+    missing = [f"{v.name} is missing" for v in table if v.name not in values]
     unknown = [f"there is no parameter {name}{_hint(name, _NAMES)}" for name in values if name not in _VARIABLES]
     if missing or unknown:
         return missing + unknown
-    limits = [(v.name, v.minimum, v.maximum) for v in PARAMETERS if v.kind != "Boolean"]
-    return check_ranges(values, limits) or check_consistency({v.name: values[v.name] for v in PARAMETERS})
+    limits = [(v.name, v.minimum, v.maximum) for v in table if v.kind != "Boolean"]
+    return check_ranges(values, limits) or check_consistency({v.name: values[v.name] for v in table})
 
 
 def are_defaults(parameters: ParameterSet) -> bool:

@@ -8,18 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .actuators import NONLINEAR
+from .actuators import NONLINEAR, get
 from .errors import EmcasError
 from .kernels import compiled, program
-from .kernels.core import Core
 from .parameters import ParameterError, check_parameters
-from .variables import INPUTS, OUTPUTS
 
 Array = NDArray[Any]
 Signal = float | bool | Sequence[float] | Array | Callable[[float], float | bool]
 KERNELS = ("auto", "compiled", "python")
 MOST_POINTS = 10_000_000  # the outputs of more would not fit in memory
-_INDEX = {v.name: i for i, v in enumerate(INPUTS)}
 
 
 def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel: str = "auto",
@@ -38,16 +35,19 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel:
     if not (0.0 < step < np.inf and step * 0.5 <= stop <= MOST_POINTS * step):
         raise ValueError(f"from 0 to {stop} s every {step} s: both must be above 0, with 1 to {MOST_POINTS:g} steps")
     times: Array = np.arange(round(stop / step) + 1) * step
-    table = np.empty((len(times), len(INPUTS)))
-    for v, column in zip(INPUTS, table.T, strict=True):
+    there_are = get(model).inputs
+    index = {v.name: i for i, v in enumerate(there_are)}
+    table = np.empty((len(times), len(there_are)))
+    for v, column in zip(there_are, table.T, strict=True):
         column[:] = values[v.key] if v.key else v.start or 0.0
     for name, signal in inputs.items():
         known = name.replace("__", ".")
-        if known not in _INDEX:
-            raise TypeError(f"there is no input {known!r}; inputs are {', '.join(_INDEX)}")
+        if known not in index:
+            raise TypeError(f"there is no input {known!r}; inputs are {', '.join(index)}")
         # What is given at the last point acts nowhere.
-        table[:-1, _INDEX[known]] = [signal(t) for t in times[:-1]] if callable(signal) else _held(signal, known, times)
-        table[-1, _INDEX[known]] = table[-2, _INDEX[known]]
+        column = table[:, index[known]]
+        column[:-1] = [signal(t) for t in times[:-1]] if callable(signal) else _held(signal, known, times)
+        column[-1] = column[-2]
     return respond(values, table, step, kernel, model)
 
 
@@ -69,26 +69,28 @@ def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = 
     bad = np.argwhere(~np.isfinite(table))
     if len(bad):
         row, column = bad[0]
-        raise ValueError(f"input {INPUTS[column].name} is {table[row, column]} at {row * step:.6g} s")
+        raise ValueError(f"input {get(model).inputs[column].name} is {table[row, column]} at {row * step:.6g} s")
     fast = kernel == "compiled" or (kernel == "auto" and compiled.available(model))
     rows = compiled.run_table(values, step, table, model) if fast else _by_python(values, table, step, model)
     times = np.arange(len(table)) * step
-    return {"time": times, **{v.name: rows[:, i].copy() for i, v in enumerate(OUTPUTS)}}
+    return {"time": times, **{v.name: rows[:, i].copy() for i, v in enumerate(get(model).outputs)}}
 
 
 def _by_python(values: Mapping[str, Any], table: Array, step: float, model: str) -> Array:
-    if problems := check_parameters(values):
+    if problems := check_parameters(values, model):
         raise ParameterError(problems)
-    core = Core(program.make(model=model)(values))
-    motion = slice(_INDEX["acceleration.x"], _INDEX["attitude.pitch"] + 1)
-    direct = [_INDEX[name] for name in ("fin_command", "aero_torque", "supply_voltage", "enable")]
+    core = program.core(values, model)
+    index = {v.name: i for i, v in enumerate(get(model).inputs)}
+    motion = slice(index["acceleration.x"], index["attitude.pitch"] + 1)
+    direct = [index[name] for name in ("fin_command", "aero_torque", "supply_voltage", "enable")]
+    direct += [index[v.name] for v in get(model).model.inputs]
     rows: list[tuple[Any, ...]] = []
     acting: tuple[Any, ...] = ()
     for k, row in enumerate(table.tolist()):
         if k:
             rows.append(core.run(k * step, acting))
-        command, aero_torque, supply, enable = (row[i] for i in direct)
-        acting = (command, aero_torque, *core.forces(*row[motion]), supply, enable)
+        command, aero_torque, *rest = (row[i] for i in direct)
+        acting = (command, aero_torque, *core.forces(*row[motion]), *rest)
         if not k:
             rows.append(core.outputs(acting))
     return np.array(rows, dtype=float)

@@ -6,13 +6,15 @@ and so on; vehicle motion and supply are shared, and a bus and mixing inputs com
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from .actuators import NONLINEAR, Actuator, get
+from .actuators import NONLINEAR, get
+from .actuators.model import Actuator
 from .errors import EmcasError
 from .kernels import program
 from .parameters import ParameterSet, load_parameters
@@ -69,9 +71,9 @@ class Unit:
 
     @property
     def model(self) -> str:
-        """Name of the model: EMCAS, EMCAS4, EMCAS_second_order."""
+        """Name of the model: EMCAS, EMCAS4, EMCAS_second_order, EMCAS_heat (nonlinear)."""
         several = "" if self.fins == 1 else f"{self.fins}"
-        own = "" if self.kind == NONLINEAR else f"_{self.kind.replace('-', '_')}"
+        own = "" if self.kind == NONLINEAR else f"_{re.sub('[-+]', '_', self.kind.removeprefix(f'{NONLINEAR}+'))}"
         return f"EMCAS{several}{own}"
 
     @property
@@ -92,14 +94,16 @@ class Unit:
 
     @cached_property
     def inputs(self) -> tuple[Variable, ...]:
+        own = self.actuator.inputs
         if self.fins == 1:
-            return INPUTS
-        shared = tuple(replace(v, description=_SHARED.get(v.name, v.description)) for v in INPUTS if v.name in SHARED)
-        return shared + MIXING + self._each([v for v in INPUTS if v.name not in SHARED])
+            return own
+        shared = tuple(replace(v, description=_SHARED.get(v.name, v.description)) for v in own if v.name in SHARED)
+        return shared + MIXING + self._each([v for v in own if v.name not in SHARED])
 
     @cached_property
     def outputs(self) -> tuple[Variable, ...]:
-        return OUTPUTS if self.fins == 1 else BUS_OUTPUTS + self._each(OUTPUTS)
+        own = self.actuator.outputs
+        return own if self.fins == 1 else BUS_OUTPUTS + self._each(own)
 
     @cached_property
     def parameters(self) -> tuple[Variable, ...]:
@@ -121,13 +125,14 @@ class Unit:
 
     @property
     def places(self) -> tuple[tuple[int, ...], ...]:
-        """For each fin, the value references of the variable table's inputs."""
-        return tuple(tuple(self.reference[self.name(v.name, fin)] for v in INPUTS) for fin in range(self.fins))
+        """For each fin, the value references of its actuator's inputs."""
+        return tuple(tuple(self.reference[self.name(v.name, fin)] for v in self.actuator.inputs)
+                     for fin in range(self.fins))
 
     @property
     def first_output(self) -> int:
         """Value reference of the first fin's first output; those of all fins follow one on the other."""
-        return len(self.variables) - len(self.parameters) - self.fins * len(OUTPUTS)
+        return len(self.variables) - len(self.parameters) - self.fins * len(self.actuator.outputs)
 
     @property
     def first_parameter(self) -> int:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from math import inf, radians
 from typing import Literal
 
-Kind = Literal["Real", "Integer", "Boolean"]
+Kind = Literal["Real", "Integer", "Boolean", "Enumeration"]
 Causality = Literal["input", "output", "parameter"]
 Variability = Literal["continuous", "discrete", "fixed", "tunable"]
 
@@ -23,7 +23,7 @@ class Variable:
     ``minimum``/``maximum`` are inclusive; infinite where physics knows no limit.
     ``start`` is given for inputs only: a parameter's comes from its file.
     ``key`` names the parameter-file entry a start value is taken from, where the
-    variable itself is no parameter.
+    variable itself is no parameter. ``items`` are an enumeration's from 1 on, each with what it means.
     """
 
     name: str
@@ -37,6 +37,7 @@ class Variable:
     nominal: float | None = None
     start: float | bool | None = None
     key: str | None = None
+    items: tuple[tuple[str, str], ...] = ()
 
 
 def _input(name: str, unit: str, description: str, **more: object) -> Variable:

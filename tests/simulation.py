@@ -16,4 +16,4 @@ NAMES = [v.name for v in OUTPUTS]
 
 def new_core(values: Mapping[str, Any]) -> Core:
     """A core at its start."""
-    return Core(program.make()(values))
+    return program.core(values)

@@ -1,60 +1,65 @@
-"""The actuators there are, each a wiring of the physics in a module of its own.
+"""The actuators there are: a model, each a module here, and options over it (:mod:`emcas_fmu.options`).
 
-A module has the functions of `FUNCTIONS`, over the operations namespace, and tells its state, title and own
-parameters. A further actuator, electrohydraulic or worm-geared, is a further module and a line in `_MODULES`.
+A module wires the physics into the functions of nonlinear.py, over the operations namespace, and tells its title,
+state and own parameters. A further actuator, electrohydraulic or worm-geared, is a further module and a line in
+`_MODULES`; what may be added to any of them is a further option. They are named together: ``elastic+heat+faults``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
-from types import ModuleType
-from typing import Any
 
-from ..errors import EmcasError
-from ..variables import PARAMETERS, Variable
+from ..errors import EmcasError, hint
+from ..variables import Variable
+from .model import Actuator, of_module
 
 NONLINEAR = "nonlinear"
 _MODULES = {NONLINEAR: "nonlinear", "linear": "linear", "second-order": "second_order", "ristanovic": "ristanovic",
             "elastic": "elastic", "habibi": "habibi", "ozkan": "ozkan"}
 NAMES = tuple(_MODULES)
-# initial() gives the plant, integral, counts and measured fin angle; sample() takes the first two of the plant,
-# integral, counts, command and enable; step() and outputs() the plant and what follows it in nonlinear.py.
-FUNCTIONS = ("initial", "sample", "forces", "step", "outputs")
+# In the order in which one is laid over the other, the first next to the model.
+OPTIONS: tuple[str, ...] = ()
+_SEPARATOR = "+"
 
 
-@dataclass(frozen=True)
-class Actuator:
-    """A model to choose: `plant` names its states, `own` are the parameters it has besides the variable table's.
+def parts(name: str) -> tuple[str, tuple[str, ...]]:
+    """The model and the options, in their order, of a name such as ``elastic+faults+heat``. Raises EmcasError."""
+    model, *options = name.split(_SEPARATOR)
+    if model not in _MODULES:
+        raise EmcasError(f"--model {name}: there is no model {model!r}{hint(model, NAMES)}; there is "
+                         f"{', '.join(NAMES)}")
+    for option in options:
+        if option not in OPTIONS:
+            raise EmcasError(f"--model {name}: there is no option {option!r}{hint(option, OPTIONS)}; there is "
+                             f"{', '.join(OPTIONS)}")
+        if options.count(option) > 1:
+            raise EmcasError(f"--model {name}: option {option!r} is given twice")
+    return model, tuple(option for option in OPTIONS if option in options)
 
-    Parameters of the table that it does not read stay in its interface, so that a host may exchange one model for
-    another.
-    """
 
-    name: str
-    title: str
-    module: ModuleType
-    functions: tuple[Callable[..., Any], ...]
-    plant: tuple[str, ...]
-    own: tuple[Variable, ...]
-
-    @property
-    def parameters(self) -> tuple[Variable, ...]:
-        """All parameters of its interface."""
-        return PARAMETERS + self.own
+def get(name: str) -> Actuator:
+    """The actuator of that name, its options in any order. Raises EmcasError."""
+    return _get(*parts(name))
 
 
 @cache
-def get(name: str) -> Actuator:
-    """The actuator of that name. Raises EmcasError."""
-    if name not in _MODULES:
-        raise EmcasError(f"--model {name}: there is {', '.join(NAMES)}")
-    module = import_module(f".{_MODULES[name]}", __name__)
-    return Actuator(name, module.TITLE, module, tuple(getattr(module, f) for f in FUNCTIONS), module.PLANT, module.OWN)
+def _get(model: str, options: tuple[str, ...]) -> Actuator:
+    module = import_module(f".{_MODULES[model]}", __name__)
+    modules, made, title = [module], of_module(module), [module.TITLE]
+    name = _SEPARATOR.join((model, *options))
+    for option in options:
+        extension = import_module(f"..options.{option.replace('-', '_')}", __name__)
+        if problem := extension.unfit(model, options):
+            raise EmcasError(f"--model {name}: {option} {problem}")
+        modules.append(extension)
+        made = extension.extended(made)
+        title.append(extension.TITLE)
+    return Actuator(name, "; ".join(title), tuple(modules), made)
 
 
 def every_own() -> tuple[Variable, ...]:
-    """Own parameters of all actuators; some may share one."""
-    return tuple({v.name: v for name in NAMES for v in get(name).own}.values())
+    """Own parameters of all models and options; some may share one."""
+    found = [v for name in NAMES for v in get(name).own]
+    found += [v for option in OPTIONS for v in import_module(f"..options.{option}", __name__).PARAMETERS]
+    return tuple({v.name: v for v in found}.values())

@@ -65,7 +65,7 @@ def _between(end: float) -> list[float]:
 
 def _python_core(values: Mapping[str, Any]) -> Core:
     _check(values)  # the compiled one does so itself, in a thousandth of the time
-    return Core(program.make()(values))
+    return program.core(values)
 
 
 def _check(values: Mapping[str, Any]) -> None:

@@ -12,15 +12,16 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from ..actuators import NAMES
+from ..actuators import NAMES, OPTIONS
 from ..errors import EmcasError
 from ..parameters import ParameterError
 
 out = Console()
 err = Console(stderr=True)
 
-ModelOption = Annotated[str, typer.Option("--model", help=f"Which model of the actuator: {', '.join(NAMES)}.",
-                                          metavar="NAME")]
+ModelOption = Annotated[str, typer.Option(
+    "--model", help=f"Which model of the actuator: {', '.join(NAMES)}. Behind it options, as in elastic+heat+faults: "
+                    f"{', '.join(OPTIONS)}.", metavar="NAME[+OPTION...]")]
 ParametersOption = Annotated[Path | None, typer.Option(
     "--parameters", "-p", help="Parameter file (TOML); overrides any subset of the defaults.", metavar="FILE")]
 

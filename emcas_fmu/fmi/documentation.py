@@ -57,7 +57,7 @@ def _page(unit: Unit, sets: Sequence[ParameterSet], guid: str) -> str:
     environment = Environment(loader=PackageLoader("emcas_fmu", "fmi"), undefined=StrictUndefined,
                               trim_blocks=True, lstrip_blocks=True)
     starts = dict(zip(unit.reference, start_values(unit, [p.values for p in sets]), strict=True))
-    equations = [*([] if unit.kind == NONLINEAR else [unit.actuator.module]), *_EQUATIONS,
+    equations = [*([] if unit.kind == NONLINEAR else unit.actuator.modules), *_EQUATIONS,
                  *([] if unit.fins == 1 else [bus])]
     return environment.get_template("documentation.html.j2").render(
         model=unit.model, description=describe(unit), version=__version__, guid=guid, fins=unit.fins,

@@ -19,8 +19,7 @@ static core_inputs acting(const instance *m, size_t fin, const double *values, c
     const double *in = inputs_of(values, fin, room);
     kernel_mixed_command(parameters(m, fin), m->fin[fin].constants, in[INPUT_FIN_COMMAND],
                          values[UNIT_ROLL_COMMAND], values[UNIT_PITCH_COMMAND], values[UNIT_YAW_COMMAND], &command);
-    return (core_inputs){command, in[INPUT_AERO_TORQUE], force[0], force[1], in[INPUT_SUPPLY_VOLTAGE],
-                         in[INPUT_ENABLE]};
+    return core_inputs_of(command, in, force);
 }
 
 static double bus_voltage(const instance *m, double source, double sag)

@@ -22,16 +22,16 @@ class FinsSlave(Slave):
     names: ClassVar[tuple[str, ...]]
     supply_power: ClassVar[int]  # its place among a fin's outputs
     _mixing: ClassVar[list[int]]
-    _own: ClassVar[list[list[int]]]  # command, torque, supply, enable of each fin
+    _each: ClassVar[list[list[int]]]  # command, torque, supply, enable and own inputs of each fin
     _first: ClassVar[int]
 
     @classmethod
     def _place_inputs(cls) -> None:
         cls._mixing = [cls._index[name] for name in ("roll_command", "pitch_command", "yaw_command")]
-        cls._own = []
+        cls._each = []
         for row in cls.places:
             place = {cls.table.rows[i][0].rpartition("].")[2]: i for i in row}
-            cls._own.append([place[name] for name in (_COMMAND, _TORQUE, _SUPPLY, _ENABLE)])
+            cls._each.append([place[name] for name in (_COMMAND, _TORQUE, _SUPPLY, _ENABLE, *cls.own)])
         cls._first = len(cls.table.rows) - len(cls.places) * len(cls.names)
 
     def __init__(self, **kwargs: Any) -> None:
@@ -52,7 +52,7 @@ class FinsSlave(Slave):
 
     def _made(self, values: Mapping[str, Any]) -> Any:
         return Bank(self._bound_functions(values), values["bus.source_resistance"], values["bus.update_time"],
-                    self.supply_power)
+                    self.supply_power, *self.sizes)
 
     def _rebind(self, core: Any, values: Mapping[str, Any]) -> None:
         core.bind(self._bound_functions(values))
@@ -74,7 +74,8 @@ class FinsSlave(Slave):
             self._motion = motion
         mixing = [values[i] for i in self._mixing]
         found = []
-        for mix, force, (command, torque, supply, enable) in zip(self._mixes, self._forces, self._own, strict=True):
+        for mix, force, (command, *direct) in zip(self._mixes, self._forces, self._each, strict=True):
             (mixed,) = mix(values[command], *mixing)
-            found.append((mixed, values[torque], *force, values[supply], values[enable]))
+            torque, *rest = map(values.__getitem__, direct)
+            found.append((mixed, torque, *force, *rest))
         return tuple(found)

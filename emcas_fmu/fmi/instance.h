@@ -221,8 +221,7 @@ static const double *inputs_of(const double *values, size_t fin, double *room)
 static core_inputs acting(const instance *m, size_t fin, const double *in, const double *force)
 {
     (void)m, (void)fin;
-    return (core_inputs){in[INPUT_FIN_COMMAND], in[INPUT_AERO_TORQUE], force[0], force[1],
-                         in[INPUT_SUPPLY_VOLTAGE], in[INPUT_ENABLE]};
+    return core_inputs_of(in[INPUT_FIN_COMMAND], in, force);
 }
 
 static core_result unit_run(instance *m, double end, const core_inputs *in, const core_ramp *ramp)

@@ -39,12 +39,13 @@ _MIXED = tuple(v.name for v in MIXING)
 
 def _dependencies(unit: Unit) -> dict[str, tuple[str, ...]]:
     """For each output, the inputs it depends on at once."""
+    own = {**_DIRECT, **dict(unit.actuator.model.direct)}
     if unit.fins == 1:
-        return _DIRECT
+        return own
     found = {unit.name(output, fin): (*(unit.name(i, fin) for i in inputs),
                                       *(_MIXED if "fin_command" in inputs else ()))
-             for fin in range(unit.fins) for output, inputs in _DIRECT.items()}
-    every = tuple(dict.fromkeys(unit.name(i, fin) for fin in range(unit.fins) for i in _DIRECT["supply_power"]))
+             for fin in range(unit.fins) for output, inputs in own.items()}
+    every = tuple(dict.fromkeys(unit.name(i, fin) for fin in range(unit.fins) for i in own["supply_power"]))
     return {**found, "bus_voltage": ("supply_voltage",), "bus_current": every, "supply_power": every}
 
 
@@ -85,7 +86,24 @@ def _scalar(parent: Element, reference: int, v: Variable, start: Any) -> None:
         typed["nominal"] = _text(v.nominal)
     if v.causality != "output":
         typed["start"] = _text(start)
+    if v.items:
+        typed = {"declaredType": _type_name(v), **typed}
     SubElement(SubElement(parent, "ScalarVariable", attributes), v.kind, typed)
+
+
+def _type_name(v: Variable) -> str:
+    return v.name.rpartition("].")[2]
+
+
+def _type_definitions(root: Element, unit: Unit) -> None:
+    types = {_type_name(v): v for v in unit.variables if v.items}
+    if not types:
+        return
+    definitions = SubElement(root, "TypeDefinitions")
+    for name, v in types.items():
+        listed = SubElement(SubElement(definitions, "SimpleType", {"name": name}), "Enumeration")
+        for value, (item, description) in enumerate(v.items, 1):
+            SubElement(listed, "Item", {"name": item, "value": str(value), "description": description})
 
 
 def _unit_definitions(root: Element, shown: Unit) -> None:
@@ -143,6 +161,7 @@ def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str,
         for name in source_files:
             SubElement(listed, "File", {"name": name})
     _unit_definitions(root, unit)
+    _type_definitions(root, unit)
     categories = SubElement(root, "LogCategories")
     for name, description in Fmi2Slave.log_categories.items():
         SubElement(categories, "Category", {"name": name, "description": description})

@@ -16,7 +16,7 @@ from ..compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local
 from ..errors import BuildError
 from ..kernels.c_sources import c_number, c_text, core_sources, enumerator, written
 from ..unit import Unit
-from ..variables import INPUTS, OUTPUTS
+from ..variables import OUTPUTS
 
 MAIN = "fmi2.c"
 _WRITTEN = (MAIN, "instance.h", "fins.h", "states.h")
@@ -42,7 +42,7 @@ OPTIONS = {"needsExecutionTool": "false", "canHandleVariableCommunicationStepSiz
 def interface_header(unit: Unit, starts: Sequence[Any], guid: str, code: str) -> str:
     """interface.h: the variable table, start values and the unit's identity."""
     rows = ",\n".join(
-        f"    {{{c_text(v.name)}, {v.kind.upper()}, {int(v.variability == 'tunable')}, "
+        f"    {{{c_text(v.name)}, {'INTEGER' if v.items else v.kind.upper()}, {int(v.variability == 'tunable')}, "
         f"{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in unit.variables)
     values = ",\n".join(f"    {c_number(start)}" for start in starts)
     categories = ", ".join(c_text(name) for name in Fmi2Slave.log_categories)
@@ -74,7 +74,7 @@ def _sizes(unit: Unit) -> str:
     numbers["OUTPUT_SUPPLY_POWER"] = [v.name for v in OUTPUTS].index("supply_power")
     rows = ",\n".join(f"    {{{', '.join(map(str, row))}}}" for row in unit.places)
     return (f"{_enum(numbers)}\n/* Where each fin's inputs are, in the order of model.h. */\n"
-            f"static const unsigned char PLACE[FINS][{len(INPUTS)}] = {{\n{rows}\n}};\n")
+            f"static const unsigned char PLACE[FINS][{len(unit.actuator.inputs)}] = {{\n{rows}\n}};\n")
 
 
 def _enum(numbers: Mapping[str, int]) -> str:

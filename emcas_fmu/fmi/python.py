@@ -33,7 +33,9 @@ TOOL = f"PythonFMU {pythonfmu.__version__}"
 
 def _sources(unit: Unit, starts: tuple[Any, ...], guid: str) -> dict[str, str]:
     """The embedded package: file name to text."""
-    rows = [(v.name, v.kind, v.causality, v.variability, v.minimum, v.maximum) for v in unit.variables]
+    # Enumerations are got as integers are.
+    rows = [(v.name, "Integer" if v.items else v.kind, v.causality, v.variability, v.minimum, v.maximum)
+            for v in unit.variables]
     listing = "".join(f"    {row!r},\n" for row in rows).replace("-inf", "-INF").replace(" inf", " INF")
     several = unit.fins > 1
     embedded = _EMBEDDED + _SEVERAL if several else _EMBEDDED
@@ -48,6 +50,8 @@ def _sources(unit: Unit, starts: tuple[Any, ...], guid: str) -> dict[str, str]:
         f"ROWS = (\n{listing})\n\nSTART = {starts!r}\n\n\n"
         f"class {unit.model}({base}):\n    make = staticmethod(kernel.make)\n"
         f"    table = Table(ROWS, START, {guid!r})\n"
+        f"    own = {tuple(v.name for v in unit.actuator.model.inputs)!r}\n"
+        f"    sizes = {(len(unit.actuator.kept), len(unit.actuator.shown))!r}\n"
         + (f"    places = {unit.places!r}\n    names = {tuple(v.name for v in unit.actuator.parameters)!r}\n"
            f"    supply_power = {[v.name for v in OUTPUTS].index('supply_power')}\n" if several else "")
     )

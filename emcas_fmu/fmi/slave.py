@@ -56,6 +56,8 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     make: ClassVar[Callable[[Mapping[str, Any]], Functions]]
     table: ClassVar[Table]
+    own: ClassVar[tuple[str, ...]] = ()  # inputs that the table of a plain actuator does not have
+    sizes: ClassVar[tuple[int, int]] = (2, 2)  # states that samples keep and show
     # Derived from the table once per class.
     _kinds: ClassVar[dict[str, frozenset[int]]]
     _inputs: ClassVar[range]
@@ -64,6 +66,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     _index: ClassVar[dict[str, int]]
     _motion_slice: ClassVar[slice]  # acceleration, roll and pitch stand together
     _direct: ClassVar[list[int]]
+    _own_inputs: ClassVar[list[int]]
     _output_slice: ClassVar[slice]
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -85,6 +88,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     @classmethod
     def _place_inputs(cls) -> None:
         cls._direct = [cls._index[name] for name in ("fin_command", "aero_torque", "supply_voltage", "enable")]
+        cls._own_inputs = [cls._index[name] for name in cls.own]
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
@@ -210,7 +214,8 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             self._force = core.forces(*motion) if isfinite(sum(motion)) else (nan, nan)
             self._motion = motion
         command, aero_torque, supply, enable = self._direct
-        return values[command], values[aero_torque], *self._force, values[supply], values[enable]
+        return (values[command], values[aero_torque], *self._force, values[supply], values[enable],
+                *map(values.__getitem__, self._own_inputs))
 
     def _bind(self) -> Core:
         """Let the core follow the parameters; before the first step it starts anew."""
@@ -230,7 +235,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     # What several fins do otherwise.
 
     def _made(self, values: Mapping[str, Any]) -> Core:
-        return Core(type(self).make(values))
+        return Core(type(self).make(values), *self.sizes)
 
     def _rebind(self, core: Core, values: Mapping[str, Any]) -> None:
         core.bind(type(self).make(values))
@@ -252,7 +257,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         return self._get("Real", vrs, nan)
 
     def get_integer(self, vrs: Sequence[int]) -> list[int]:
-        return self._get("Integer", vrs, 0)
+        return list(map(int, self._get("Integer", vrs, 0)))
 
     def get_boolean(self, vrs: Sequence[int]) -> list[bool]:
         return self._get("Boolean", vrs, False)
@@ -300,7 +305,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
                 return
             outputs = core.outputs(inputs)
         if outputs is None:
-            outputs = (nan if self.table.rows[i][1] == "Real" else False for i in self._outputs)
+            outputs = (nan if self.table.rows[i][1] == "Real" else 0 for i in self._outputs)
         self._values[self._output_slice] = outputs
         self._current = True
 

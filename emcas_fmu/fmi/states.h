@@ -16,11 +16,13 @@ static uint64_t checksum(const void *data, size_t size)
 /* What a fin's core must fulfil at `now`. Gives the reason if it does not. */
 static const char *unsound_core(const core_state *core, const core_schedule *plan, double now)
 {
-    const double *numbers[] = {&core->integral, &core->counts, &core->measured, &core->limited, &core->active};
     for (size_t i = 0; i < CORE_PLANT; ++i)
         if (!core_finite(core->plant.x[i]) || !core_finite(core->tentative.x[i])) return "a number is not finite";
-    for (size_t i = 0; i < sizeof numbers / sizeof *numbers; ++i)
-        if (!core_finite(*numbers[i])) return "a number is not finite";
+    for (size_t i = 0; i < CORE_KEPT; ++i)
+        if (!core_finite(core->kept[i])) return "a number is not finite";
+    for (size_t i = 0; i < CORE_SHOWN; ++i)
+        if (!core_finite(core->shown[i])) return "a number is not finite";
+    if (!core_finite(core->active)) return "a number is not finite";
     for (size_t i = 0; i < core_line_length(plan); ++i)
         if (!core_finite(core->line[i])) return "delay line";
     if (core->period < 0 || core->period > INT64_C(1000000000000) || core->position < 0

@@ -110,10 +110,10 @@ def run(values: Mapping[str, Any], signal: Callable[[float], float], duration: f
                    if name.startswith("friction.coulomb.")}
     schedule, locate, initial, sample, *rest = program.make()(chosen)
 
-    def through_dac(angle: float, speed: float, integral: float, counts: float, command: float,
-                    enable: bool) -> tuple[Any, ...]:
-        reference, *others = sample(angle, speed, integral, counts, 0.0 if open_loop else command, enable)
-        return _converted(command if open_loop else reference), *others
+    def through_dac(*given: Any) -> tuple[Any, ...]:
+        *states, asked, supply, enable = given
+        reference, *others = sample(*states, 0.0 if open_loop else asked, supply, enable)
+        return _converted(asked if open_loop else reference), *others
 
     core = Core((schedule, locate, initial, through_dac, *rest))
     p = tree(chosen)

@@ -18,14 +18,15 @@ class Bank:
 
     `functions` are the kernel's, bound to each fin's parameters. The inputs are a tuple for each fin, supplied
     by the source; the outputs those of the bus (voltage, current, power) and then fin by fin. `supply_power` is
-    the place of the power among a fin's outputs.
+    the place of the power among a fin's outputs; `kept` and `shown` are a core's.
     """
 
     __slots__ = ("_current", "_instant", "_interval", "_inverse_inductance", "_next_sag", "_power", "_resistance",
                  "_sag", "_voltage", "cores")
 
-    def __init__(self, functions: Sequence[Functions], resistance: float, interval: float, supply_power: int) -> None:
-        self.cores = [Core(f[:_OWN]) for f in functions]
+    def __init__(self, functions: Sequence[Functions], resistance: float, interval: float, supply_power: int,
+                 kept: int = 2, shown: int = 2) -> None:
+        self.cores = [Core(f[:_OWN], kept, shown) for f in functions]
         self._resistance, self._interval, self._power = resistance, interval, supply_power
         self._sag = 0.0
         self._instant = 1
@@ -100,7 +101,7 @@ class Bank:
 
     def _supplied(self, inputs: Inputs, sag: float) -> Inputs:
         (voltage,) = self._voltage(inputs[4], sag)
-        return (*inputs[:4], voltage, inputs[5])
+        return (*inputs[:4], voltage, *inputs[5:])
 
     def _total(self, outputs: Sequence[Sequence[float]]) -> float:
         total = 0.0  # in C's order; sum() compensates from Python 3.12 on

@@ -62,17 +62,24 @@ static void outputs(const actuator *a, const core_inputs *in, double *out)
     core_outputs(a->parameters, a->constants, &a->state, core_line_length(&plan), in, out);
 }
 
-/* The core's inputs: command, aero_torque, f_x, f_z, supply, enable. */
+/* The core's inputs as an array: command, aero_torque, f_x, f_z, supply, enable, the model's own. */
+static core_inputs listed(const double *in)
+{
+    core_inputs inputs;
+    memcpy(&inputs, in, sizeof inputs);
+    return inputs;
+}
+
 API void actuator_outputs(const actuator *a, const double *in, double *out)
 {
-    const core_inputs inputs = {in[0], in[1], in[2], in[3], in[4], in[5]};
+    const core_inputs inputs = listed(in);
     outputs(a, &inputs, out);
 }
 
 /* Core.run: to `end` [s] with the core's inputs, held or with the ramp {begin, rates of the first five}. */
 API int actuator_run(actuator *a, double end, const double *in, const double *ramp, double *out)
 {
-    const core_inputs inputs = {in[0], in[1], in[2], in[3], in[4], in[5]};
+    const core_inputs inputs = listed(in);
     core_ramp change = {0};
     if (ramp) change = (core_ramp){ramp[0], ramp[1], ramp[2], ramp[3], ramp[4], ramp[5]};
     return core_run(a->parameters, a->constants, &a->state, end, &inputs, ramp ? &change : NULL, out);
@@ -85,8 +92,7 @@ static core_inputs row(actuator *a, const double *in)
         memcpy(a->motion, in + INPUT_ACCELERATION_X, sizeof a->motion);
         actuator_forces(a, a->motion, a->force);
     }
-    return (core_inputs){in[INPUT_FIN_COMMAND], in[INPUT_AERO_TORQUE], a->force[0], a->force[1],
-                         in[INPUT_SUPPLY_VOLTAGE], in[INPUT_ENABLE]};
+    return core_inputs_of(in[INPUT_FIN_COMMAND], in, a->force);
 }
 
 /* `count` actuators, each to `end` [s] with its own row of the interface's inputs and outputs.

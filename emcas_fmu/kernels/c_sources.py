@@ -7,12 +7,12 @@ import re
 from importlib.resources import files
 
 from .. import consistency
-from ..actuators import NONLINEAR, Actuator, get
+from ..actuators import NONLINEAR, get
+from ..actuators.model import SHOWN, Actuator
 from ..consistency import LONGEST_DELAY
 from ..ops.c_source import c_source
 from ..ops.trace import Tracer
 from ..tree import tree
-from ..variables import INPUTS, OUTPUTS
 from . import core, program
 
 _MOST_NUMBERS = 12  # of a rule's message: as many as instance.h hands to printf
@@ -41,15 +41,23 @@ def enumerator(name: str) -> str:
 
 def model_header(actuator: Actuator) -> str:
     """model.h: sizes, limits and the places of the inputs."""
-    plant = ", ".join(f"(plant)->x[{i}]" for i in range(len(actuator.plant)))
-    inputs = "".join(f"    INPUT_{enumerator(v.name)} = {i},\n" for i, v in enumerate(INPUTS))
+    plant, kept, shown = (", ".join(f"(state)->{array}[{i}]" for i in range(len(names))) for array, names in (
+        ("x", actuator.plant), ("kept", actuator.kept), ("shown", actuator.shown)))
+    # Behind others in a list of arguments, and there may be none.
+    held = "".join(f", (state)->shown[{i}]" for i in range(len(SHOWN), len(actuator.shown)))
+    own = "".join(f", (inputs)->own[{i}]" for i in range(len(actuator.model.inputs)))
+    inputs = "".join(f"    INPUT_{enumerator(v.name)} = {i},\n" for i, v in enumerate(actuator.inputs))
     return (_NOTE.format("Sizes, limits and the order of the inputs")
             + "#ifndef EMCAS_MODEL_H\n#define EMCAS_MODEL_H\n\nenum {\n"
             f"    CORE_LINE = {LONGEST_DELAY + 2},\n    CORE_MOST_EVENTS = {core.MOST_EVENTS},\n"
-            f"    CORE_MOST_TICKS = {core.MOST_TICKS},\n    MODEL_INPUTS = {len(INPUTS)},\n"
-            f"    MODEL_OUTPUTS = {len(OUTPUTS)},\n    MODEL_PARAMETERS = {len(actuator.parameters)},\n"
-            f"    CORE_PLANT = {len(actuator.plant)}\n}};\n\n"
-            f"/* {', '.join(actuator.plant)} */\n#define CORE_PLANT_OF(plant) {plant}\n\n"
+            f"    CORE_MOST_TICKS = {core.MOST_TICKS},\n    MODEL_INPUTS = {len(actuator.inputs)},\n"
+            f"    MODEL_OUTPUTS = {len(actuator.outputs)},\n    MODEL_PARAMETERS = {len(actuator.parameters)},\n"
+            f"    CORE_PLANT = {len(actuator.plant)},\n    CORE_KEPT = {len(actuator.kept)},\n"
+            f"    CORE_SHOWN = {len(actuator.shown)}\n}};\n\n#define CORE_OWN {len(actuator.model.inputs)}\n"
+            f"/* {', '.join(actuator.plant)} */\n#define CORE_PLANT_OF(state) {plant}\n"
+            f"/* {', '.join(actuator.kept)} */\n#define CORE_KEPT_OF(state) {kept}\n"
+            f"/* {', '.join(actuator.shown)} */\n#define CORE_SHOWN_OF(state) {shown}\n"
+            f"#define CORE_HELD_OF(state) {held}\n#define CORE_OWN_OF(inputs) {own}\n\n"
             f"enum {{\n{inputs.rstrip().rstrip(',')}\n}};\n\n#endif\n")
 
 

@@ -20,7 +20,7 @@ from ..actuators import NONLINEAR, every_own, get
 from ..compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers, local_platform
 from ..files import cache_directory
 from ..parameters import ParameterError, check_parameters
-from ..variables import FILE_ENTRIES, INPUTS, OUTPUTS
+from ..variables import FILE_ENTRIES
 from . import core
 from .c_sources import core_sources, written
 
@@ -29,7 +29,6 @@ _KNOWN = frozenset(v.name for v in FILE_ENTRIES + every_own())
 _DOUBLES = ct.POINTER(ct.c_double)
 _REASONS = ("", "the state is no longer finite", f"more than {core.MOST_EVENTS} events in a tick",
             f"more than {core.MOST_TICKS} ticks in one step")
-_FLAGS = {i for i, v in enumerate(OUTPUTS) if v.kind == "Boolean"}
 Array = NDArray[Any]
 
 
@@ -118,24 +117,24 @@ def _numbers(values: Mapping[str, Any], model: str) -> ct.Array[ct.c_double]:
         raise TypeError(f"parameters are a mapping of names to values in SI (.values of a set), not a "
                         f"{type(values).__name__}")
     if not values.keys() <= _KNOWN:
-        raise ParameterError(check_parameters(values))
+        raise ParameterError(check_parameters(values, model))
     table = get(model).parameters
     return (ct.c_double * len(table))(*(float(values[v.name]) for v in table))
 
 
-def _taken(answer: int, values: Mapping[str, Any]) -> None:
+def _taken(answer: int, values: Mapping[str, Any], model: str) -> None:
     """The C side judges parameters by the same limits and rules; the words for it are found here."""
     if not answer:
-        raise ParameterError(check_parameters(values) or ["the parameters are refused"])
+        raise ParameterError(check_parameters(values, model) or ["the parameters are refused"])
 
 
-def _table(rows: Array, shape: tuple[int, ...], what: str) -> Array:
+def _table(rows: Array, shape: tuple[int, ...], what: str, model: str) -> Array:
     found: Array = np.ascontiguousarray(rows, dtype=np.float64)
     if found.shape != shape:
         raise ValueError(f"inputs have shape {found.shape}, not {shape}")
     if not np.isfinite(found).all():
         row, column = np.argwhere(~np.isfinite(found))[0]
-        raise ValueError(f"{what} {row}: {INPUTS[column].name} = {found[row, column]} is not finite")
+        raise ValueError(f"{what} {row}: {get(model).inputs[column].name} = {found[row, column]} is not finite")
     return found
 
 
@@ -154,8 +153,11 @@ class CompiledCore:
         size = ct.c_size_t()
         self._state = self._library.actuator_state(ct.byref(size))
         self._state_size = size.value
-        self._in, self._out = (ct.c_double * 6)(), (ct.c_double * len(OUTPUTS))()
-        _taken(self._library.actuator_start(self._at, _numbers(values, model)), values)
+        chosen = get(model)
+        self._in = (ct.c_double * (6 + len(chosen.model.inputs)))()
+        self._out = (ct.c_double * len(chosen.outputs))()
+        self._flags = {i for i, v in enumerate(chosen.outputs) if v.kind == "Boolean"}
+        _taken(self._library.actuator_start(self._at, _numbers(values, model)), values, model)
         self.schedule = self._scheduled()
 
     def _scheduled(self) -> tuple[Any, ...]:
@@ -183,7 +185,7 @@ class CompiledCore:
 
     def bind(self, values: Mapping[str, Any]) -> None:
         """Take parameter values, anew after a tunable one changed."""
-        _taken(self._library.actuator_bind(self._at, _numbers(values, self._model)), values)
+        _taken(self._library.actuator_bind(self._at, _numbers(values, self._model)), values, self._model)
 
     def forces(self, a_x: float, a_y: float, a_z: float, roll: float, pitch: float) -> tuple[float, float]:
         """Specific force in the fin's frame from acceleration (x, y, z), roll and pitch."""
@@ -207,7 +209,7 @@ class CompiledCore:
         return self._results()
 
     def _results(self) -> tuple[Any, ...]:
-        return tuple(x != 0.0 if i in _FLAGS else x for i, x in enumerate(self._out))
+        return tuple(x != 0.0 if i in self._flags else x for i, x in enumerate(self._out))
 
 
 class Batch:
@@ -227,7 +229,7 @@ class Batch:
         self._memory = ct.create_string_buffer(self._size * len(sets))
         self._at = ct.addressof(self._memory)
         self.count = len(sets)
-        self.outputs: Array = np.empty((self.count, len(OUTPUTS)))
+        self.outputs: Array = np.empty((self.count, len(get(model).outputs)))
         self._results = np.zeros(self.count, dtype=np.intc)
         self.restart(sets)
 
@@ -236,7 +238,8 @@ class Batch:
         if len(sets) != self.count:
             raise ValueError(f"{len(sets)} parameter sets for {self.count} actuators")
         for i, values in enumerate(sets):
-            _taken(self._library.actuator_start(self._at + i * self._size, _numbers(values, self._model)), values)
+            answer = self._library.actuator_start(self._at + i * self._size, _numbers(values, self._model))
+            _taken(answer, values, self._model)
 
     def run(self, end: float, inputs: Array) -> Array:
         """Move every actuator on to `end` [s] from the start with its inputs held.
@@ -245,7 +248,7 @@ class Batch:
         table, in SI; the result likewise for the outputs, and is overwritten by the next call.
         Raises ArithmeticError naming the actuators that cannot be followed; these stay where they were.
         """
-        rows = _table(inputs, (self.count, len(INPUTS)), "actuator")
+        rows = _table(inputs, (self.count, len(get(self._model).inputs)), "actuator", self._model)
         if not isfinite(end):
             raise ValueError(f"the time to move on to is {end} s")
         failed = self._library.actuators_run(self._at, self.count, end, rows.ctypes.data, self.outputs.ctypes.data,
@@ -264,10 +267,10 @@ def run_table(values: Mapping[str, Any], step: float, inputs: Array, model: str 
     where the equations cannot be followed, CompilerError where there is no compiled kernel.
     """
     found = _loaded(model)
-    rows = _table(inputs, (len(inputs), len(INPUTS)), "row")
+    rows = _table(inputs, (len(inputs), len(get(model).inputs)), "row", model)
     memory = ct.create_string_buffer(found.actuator_size())
-    _taken(found.actuator_start(ct.addressof(memory), _numbers(values, model)), values)
-    outputs: Array = np.empty((len(rows), len(OUTPUTS)))
+    _taken(found.actuator_start(ct.addressof(memory), _numbers(values, model)), values, model)
+    outputs: Array = np.empty((len(rows), len(get(model).outputs)))
     result = ct.c_int(0)
     reached = found.actuator_simulate(ct.addressof(memory), len(rows), step, rows.ctypes.data, outputs.ctypes.data,
                                       ct.addressof(result))

@@ -16,15 +16,18 @@
 #include "model.h"
 
 typedef struct {
-    double x[CORE_PLANT]; /* the first two are the angle and the speed that the controllers see */
+    double x[CORE_PLANT];
 } core_plant;
 
-/* Command, loads (with a mean over a tick), and what acts through limits. */
+/* Command, loads (with a mean over a tick), what acts through limits, and a model's own, for samples only. */
 typedef struct {
     double command, aero_torque, f_x, f_z, supply, enable;
+#if CORE_OWN > 0
+    double own[CORE_OWN];
+#endif
 } core_inputs;
 
-/* How the inputs change from those at `begin` [s]; enable does not. */
+/* How the inputs change from those at `begin` [s]; enable and own ones do not. */
 typedef struct {
     double begin, command, aero_torque, f_x, f_z, supply;
 } core_ramp;
@@ -42,7 +45,8 @@ typedef struct {
     int64_t period;
     int32_t position;
     int32_t partial;
-    double integral, counts, measured, limited, active;
+    double kept[CORE_KEPT], shown[CORE_SHOWN]; /* by the samples: the integral and the counts first, measured, limited */
+    double active;
     core_plant plant, tentative;
     core_part part;
     double line[CORE_LINE];
@@ -78,51 +82,66 @@ static inline size_t core_line_length(const core_schedule *plan)
 /* The state at rest at the start. */
 static inline void core_start(const double *p, const double *c, core_state *s)
 {
-    double out[CORE_PLANT + 3];
+    double out[CORE_PLANT + CORE_KEPT + CORE_SHOWN - 1];
     kernel_initial(p, c, out);
     memset(s, 0, sizeof *s);
     memcpy(s->plant.x, out, sizeof s->plant.x);
     s->tentative = s->plant;
-    s->integral = out[CORE_PLANT];
-    s->counts = out[CORE_PLANT + 1];
-    s->measured = out[CORE_PLANT + 2];
+    memcpy(s->kept, out + CORE_PLANT, sizeof s->kept);
+    s->shown[0] = out[CORE_PLANT + CORE_KEPT]; /* no limit is met yet */
+    for (size_t i = 2; i < CORE_SHOWN; ++i) s->shown[i] = out[CORE_PLANT + CORE_KEPT + i - 1];
+}
+
+/* A core's inputs out of an actuator's in the interface's order, but for the command and the forces. */
+static inline core_inputs core_inputs_of(double command, const double *in, const double *force)
+{
+    core_inputs found = {.command = command, .aero_torque = in[INPUT_AERO_TORQUE], .f_x = force[0], .f_z = force[1],
+                         .supply = in[INPUT_SUPPLY_VOLTAGE], .enable = in[INPUT_ENABLE]};
+#if CORE_OWN > 0
+    memcpy(found.own, in + MODEL_INPUTS - CORE_OWN, sizeof found.own);
+#endif
+    return found;
 }
 
 static inline void core_outputs(const double *p, const double *c, const core_state *s, size_t line,
                                 const core_inputs *in, double *out)
 {
     const core_plant *x = &s->tentative;
-    kernel_outputs(p, c, CORE_PLANT_OF(x), s->active, s->line[line - 1], s->measured,
-                   s->limited, in->command, in->aero_torque, in->f_x, in->f_z, in->supply, in->enable, out);
+    kernel_outputs(p, c, CORE_PLANT_OF(x), s->active, s->line[line - 1], CORE_SHOWN_OF(s), in->command,
+                   in->aero_torque, in->f_x, in->f_z, in->supply, in->enable, out);
 }
 
 /* The inputs at a time of a ramp; `ramp` may be null: held. */
 static inline core_inputs core_at(const core_inputs *in, const core_ramp *ramp, double time)
 {
-    if (!ramp) return *in;
+    core_inputs then = *in;
+    if (!ramp) return then;
     const double t = time - ramp->begin;
-    return (core_inputs){in->command + ramp->command * t, in->aero_torque + ramp->aero_torque * t,
-                         in->f_x + ramp->f_x * t, in->f_z + ramp->f_z * t, in->supply + ramp->supply * t,
-                         in->enable};
+    then.command += ramp->command * t;
+    then.aero_torque += ramp->aero_torque * t;
+    then.f_x += ramp->f_x * t;
+    then.f_z += ramp->f_z * t;
+    then.supply += ramp->supply * t;
+    return then;
 }
 
 /* One kernel step; the time it took. */
-static inline double core_step(const double *p, const double *c, core_plant *x, double active,
+static inline double core_step(const double *p, const double *c, const core_state *s, core_plant *x,
                                const core_inputs *in, double h)
 {
     double out[CORE_PLANT + 1];
-    kernel_step(p, c, CORE_PLANT_OF(x), active, in->aero_torque, in->f_x, in->f_z, in->supply, in->enable, h, out);
+    kernel_step(p, c, CORE_PLANT_OF(x) CORE_HELD_OF(s), s->active, in->aero_torque, in->f_x, in->f_z, in->supply, in->enable, h, out);
     memcpy(x->x, out, sizeof x->x);
     return out[CORE_PLANT];
 }
 
-/* Step over what is left of a tick [s], from event to event. */
-static inline bool core_finish(const double *p, const double *c, core_plant *x, double active,
+/* Step a plant of `s` over what is left of a tick [s], from event to event. */
+static inline bool core_finish(const double *p, const double *c, const core_state *s, core_plant *x,
                                const core_inputs *in, double left)
 {
     if (left <= 0.0) return true;
     for (int i = 0; i < CORE_MOST_EVENTS; ++i) {
-        const double used = core_step(p, c, x, active, in, left);
+        const double used = core_step(p, c, s, x, in, left);
         if (used >= left) return true;
         left -= used;
     }
@@ -164,22 +183,21 @@ static inline bool core_split(const double *p, const double *c, core_state *s, c
     if (part->first.supply == in->supply && part->first.enable == in->enable) return true;
     const core_inputs mean = core_mean(part);
     const double covered = part->covered;
-    const bool followed = core_finish(p, c, &s->plant, s->active, &mean, covered - part->origin);
+    const bool followed = core_finish(p, c, s, &s->plant, &mean, covered - part->origin);
     s->part = (core_part){covered, covered, *in, 0.0, 0.0, 0.0};
     return followed;
 }
 
-static inline void core_sample(const double *p, const double *c, core_state *s, size_t line, double command,
-                               double enable)
+static inline void core_sample(const double *p, const double *c, core_state *s, size_t line, const core_inputs *in)
 {
-    double out[5];
-    kernel_sample(p, c, s->plant.x[0], s->plant.x[1], s->integral, s->counts, command, enable, out);
+    double out[1 + CORE_KEPT + CORE_SHOWN];
+    const core_plant *x = &s->plant;
+    kernel_sample(p, c, CORE_PLANT_OF(x), CORE_KEPT_OF(s) CORE_HELD_OF(s), in->command, in->supply,
+                  in->enable CORE_OWN_OF(in), out);
     memmove(s->line, s->line + 1, (line - 1) * sizeof *s->line);
     s->line[line - 1] = out[0];
-    s->integral = out[1];
-    s->counts = out[2];
-    s->measured = out[3];
-    s->limited = out[4];
+    memcpy(s->kept, out + 1, sizeof s->kept);
+    memcpy(s->shown, out + 1 + CORE_KEPT, sizeof s->shown);
 }
 
 /* Up to `until` [s] in the tick that begins at `begun` [s]. A whole one leaves no part behind. */
@@ -189,8 +207,10 @@ static inline bool core_tick(const double *p, const double *c, core_state *s, co
 {
     core_inputs acting = *in;
     if (ramp) acting = core_at(in, ramp, begun + 0.5 * (s->partial ? until + s->part.covered : until));
-    if (s->position == 0 && !s->partial)
-        core_sample(p, c, s, line, ramp ? core_at(in, ramp, begun).command : in->command, in->enable);
+    if (s->position == 0 && !s->partial) {
+        const core_inputs sampled = core_at(in, ramp, begun);
+        core_sample(p, c, s, line, &sampled);
+    }
     s->active = s->line[s->position < (int32_t)plan->before ? 0 : 1];
     double origin = 0.0;
     if (s->partial) {
@@ -203,10 +223,10 @@ static inline bool core_tick(const double *p, const double *c, core_state *s, co
     }
     if (whole) {
         s->partial = 0;
-        return core_finish(p, c, &s->plant, s->active, &acting, until - origin);
+        return core_finish(p, c, s, &s->plant, &acting, until - origin);
     }
     s->tentative = s->plant;
-    return core_finish(p, c, &s->tentative, s->active, &acting, until - origin);
+    return core_finish(p, c, s, &s->tentative, &acting, until - origin);
 }
 
 /* Move on to `end` [s] from the start with the inputs held, or changing as `ramp` says (null:
@@ -253,7 +273,9 @@ static inline core_result core_run(const double *p, const double *c, core_state 
     const core_inputs final = core_at(in, ramp, end);
     double found[MODEL_OUTPUTS];
     core_outputs(p, c, &s, line, &final, found);
-    bool finite = core_finite(s.integral) && core_finite(s.counts);
+    bool finite = true;
+    for (size_t i = 0; i < CORE_KEPT; ++i) finite &= core_finite(s.kept[i]);
+    for (size_t i = 0; i < CORE_SHOWN; ++i) finite &= core_finite(s.shown[i]);
     for (size_t i = 0; i < CORE_PLANT; ++i) finite &= core_finite(s.tentative.x[i]);
     for (size_t i = 0; i < MODEL_OUTPUTS; ++i) finite &= core_finite(found[i]);
     if (!finite) return CORE_NOT_FINITE;

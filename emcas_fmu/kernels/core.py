@@ -23,22 +23,26 @@ Ramp = tuple[float, tuple[float, ...]]
 class Core:
     """One actuator: its state and what moves it on.
 
-    `functions` are those of the kernel bound to the parameters. The inputs are
-    ``command, aero_torque, f_x, f_z, supply, enable``. `state` is everything that
-    changes while running, as nested tuples of numbers; it may be kept and put back.
+    `functions` are those of the kernel bound to the parameters, `kept` and `shown` the numbers of states that a
+    sample keeps to itself and shows. The inputs are ``command, aero_torque, f_x, f_z, supply, enable`` and the
+    model's own. `state` is everything that changes while running, as nested tuples of numbers; it may be kept and
+    put back.
     """
 
-    __slots__ = ("_forces", "_initial", "_locate", "_outputs", "_sample", "_step", "schedule", "state")
+    __slots__ = ("_forces", "_initial", "_kept", "_locate", "_outputs", "_sample", "_step", "schedule", "state")
 
-    def __init__(self, functions: Functions) -> None:
+    def __init__(self, functions: Functions, kept: int = 2, shown: int = 2) -> None:
         self.bind(functions)
+        self._kept = kept
         *_, samples, _ = self.schedule
         # Length of the delay line: the sample in the drive before and after the arrival, and those on their way.
         line = (0.0,) * (int(samples) + 2)
-        *begun, integral, counts, measured = self._initial()
-        plant = tuple(begun)
-        #      tick, plant, I, counts, measured, limited, delay line, active, part of the tick done, tentative plant
-        self.state: tuple[Any, ...] = (0, plant, integral, counts, measured, 0.0, line, 0.0, None, plant)
+        begun = self._initial()
+        plant = begun[:1 - shown - kept]
+        measured, *held = begun[1 - shown:]
+        #      tick, plant, kept, shown, delay line, active, part of the tick done, tentative plant
+        self.state: tuple[Any, ...] = (0, plant, begun[len(plant):len(plant) + kept], (measured, 0.0, *held), line, 0.0,
+                                       None, plant)
 
     def bind(self, functions: Functions) -> None:
         """Take the kernel's functions, anew after a tunable parameter changed."""
@@ -59,17 +63,17 @@ class Core:
 
     def outputs(self, inputs: Inputs) -> tuple[Any, ...]:
         """Outputs in the order of the variable table."""
-        _, _, _, _, measured, limited, line, active, _, plant = self.state
-        return self._outputs(*plant, active, line[-1], measured, limited, *inputs)
+        _, _, _, shown, line, active, _, plant = self.state
+        return self._outputs(*plant, active, line[-1], *shown, *inputs[:_OWN])
 
     def run(self, end: float, inputs: Inputs, ramp: Ramp | None = None) -> tuple[Any, ...]:
         """Move on to `end` [s] from the start, all or nothing; gives the outputs there.
 
-        The inputs are held, or with `ramp` = (begin [s], rates of change of all but ``enable``)
+        The inputs are held, or with `ramp` = (begin [s], rates of change of those before ``enable``)
         are those at `begin` and change at these rates. A tick takes them at its middle.
         Raises ArithmeticError where the equations cannot be followed.
         """
-        tick, plant, integral, counts, measured, limited, line, active, part, tentative = self.state
+        tick, plant, kept, shown, line, active, part, tentative = self.state
         period, before, ticks, arrival, h_before, h_after, _, _ = self.schedule
         step = self._step
         periods, position, rest = self._locate(end)
@@ -78,7 +82,6 @@ class Core:
             target, rest = max((target, rest), (tick, part[1] if part else 0.0))
         if target - tick > MOST_TICKS:
             raise ArithmeticError(f"{target - tick} ticks in one step are more than {MOST_TICKS}")
-        enable = inputs[5]
         acting = inputs
         while tick < target:
             index = tick % ticks
@@ -89,22 +92,19 @@ class Core:
             if part is not None:
                 origin, _, first, _ = part
                 if first[_SWITCHED] != acting[_SWITCHED]:
-                    plant, part = self._split(plant, active, part, acting)
+                    plant, part = self._split(plant, shown, active, part, acting)
                     origin = part[0]
                 acting = _mean(_extended(part, h, acting))
                 part = None
                 h -= origin
             elif index == 0:
-                command = inputs[0] if ramp is None else _ramped(inputs, ramp, begun)[0]
-                reference, integral, counts, measured, limited = self._sample(
-                    plant[0], plant[1], integral, counts, command, enable)
-                line = (*line[1:], reference)
+                kept, shown, line = self._sampled(
+                    plant, kept, shown, line, inputs if ramp is None else _ramped(inputs, ramp, begun))
             active = line[0] if index < before else line[1]
-            _, aero_torque, f_x, f_z, supply, on = acting
-            moved = step(*plant, active, aero_torque, f_x, f_z, supply, on, h)
+            moved = step(*plant, *shown[2:], active, *acting[_ACTING], h)
             plant, used = moved[:-1], moved[-1]
             if used < h:
-                plant = self._finish(plant, active, acting, h - used)
+                plant = self._finish(plant, shown, active, acting, h - used)
             tick += 1
             acting = inputs
         tentative = plant
@@ -115,36 +115,43 @@ class Core:
                     index * h_before if index < before else arrival + (index - before) * h_after)
                 acting = _ramped(inputs, ramp, begun + 0.5 * (rest + part[1] if part else rest))
             if index == 0 and part is None:
-                command = inputs[0] if ramp is None else _ramped(inputs, ramp, begun)[0]
-                reference, integral, counts, measured, limited = self._sample(
-                    plant[0], plant[1], integral, counts, command, enable)
-                line = (*line[1:], reference)
+                kept, shown, line = self._sampled(
+                    plant, kept, shown, line, inputs if ramp is None else _ramped(inputs, ramp, begun))
             active = line[0] if index < before else line[1]
             if part is not None and part[2][_SWITCHED] != acting[_SWITCHED]:
-                plant, part = self._split(plant, active, part, acting)
+                plant, part = self._split(plant, shown, active, part, acting)
             part = _extended(part, rest, acting)
-            tentative = self._finish(plant, active, _mean(part), rest - part[0])
+            tentative = self._finish(plant, shown, active, _mean(part), rest - part[0])
         final = inputs if ramp is None else _ramped(inputs, ramp, end)
-        outputs = self._outputs(*tentative, active, line[-1], measured, limited, *final)
-        total = sum(outputs, sum(tentative, integral + counts))
+        outputs = self._outputs(*tentative, active, line[-1], *shown, *final[:_OWN])
+        total = sum(outputs, sum(tentative, sum(kept, sum(shown))))
         if total - total != 0.0:  # infinite or not a number
             raise ArithmeticError("the state is no longer finite")
-        self.state = (tick, plant, integral, counts, measured, limited, line, active, part, tentative)
+        self.state = (tick, plant, kept, shown, line, active, part, tentative)
         return outputs
 
-    def _split(self, plant: tuple[float, ...], active: float, part: _Part, inputs: Inputs) -> tuple[Any, ...]:
+    def _sampled(self, plant: tuple[float, ...], kept: tuple[float, ...], shown: tuple[float, ...],
+                 line: tuple[float, ...], inputs: Inputs) -> tuple[tuple[float, ...], ...]:
+        """What the controllers keep and show after a sample, and the delay line."""
+        command, _, _, _, *rest = inputs
+        reference, *found = self._sample(*plant, *kept, *shown[2:], command, *rest)
+        return tuple(found[:self._kept]), tuple(found[self._kept:]), (*line[1:], reference)
+
+    def _split(self, plant: tuple[float, ...], shown: tuple[float, ...], active: float, part: _Part,
+               inputs: Inputs) -> tuple[Any, ...]:
         """The plant moved on to where a tick has been covered to, and a part that starts there with the inputs."""
         origin, covered, _, _ = part
-        return self._finish(plant, active, _mean(part), covered - origin), (covered, covered, inputs, _NOTHING)
+        return self._finish(plant, shown, active, _mean(part), covered - origin), (covered, covered, inputs, _NOTHING)
 
-    def _finish(self, plant: tuple[float, ...], active: float, inputs: Inputs, left: float) -> tuple[float, ...]:
+    def _finish(self, plant: tuple[float, ...], shown: tuple[float, ...], active: float, inputs: Inputs,
+                left: float) -> tuple[float, ...]:
         """Step over what is left of a tick [s], from event to event."""
-        _, *acting = inputs
+        held, acting = shown[2:], inputs[_ACTING]
         whole = left
         if left <= 0.0:
             return plant
         for _ in range(MOST_EVENTS):
-            moved = self._step(*plant, active, *acting, left)
+            moved = self._step(*plant, *held, active, *acting, left)
             plant, used = moved[:-1], moved[-1]
             if used >= left:
                 return plant
@@ -156,14 +163,16 @@ class Core:
 # the tick where the plant stands, time covered, inputs there, integrals of the loads' differences).
 _Part = tuple[float, float, tuple[Any, ...], tuple[float, ...]]
 _LOADS = slice(1, 4)  # of the inputs: what has a mean
+_ACTING = slice(1, 6)  # on the plant
+_OWN = 6  # a model's own stand behind; only samples see them
 _SWITCHED = slice(4, 6)  # supply and enable act through limits: where they change, the tick is split
 _NOTHING = (0.0, 0.0, 0.0)
 
 
 def _ramped(inputs: Inputs, ramp: Ramp, time: float) -> Inputs:
     begin, rates = ramp
-    *values, enable = inputs
-    return (*(x + rate * (time - begin) for x, rate in zip(values, rates, strict=True)), enable)
+    changing, rest = inputs[:5], inputs[5:]
+    return (*(x + rate * (time - begin) for x, rate in zip(changing, rates, strict=True)), *rest)
 
 
 def _extended(part: _Part | None, until: float, inputs: Inputs) -> _Part:
@@ -180,4 +189,4 @@ def _mean(part: _Part) -> Inputs:
     if covered <= origin:
         return base
     loads = (b + s / (covered - origin) for b, s in zip(base[_LOADS], sums, strict=True))
-    return (base[0], *loads, *base[_SWITCHED])
+    return (base[0], *loads, *base[4:])

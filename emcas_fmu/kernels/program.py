@@ -16,9 +16,9 @@ from ..ops.trace import Tracer
 from ..ops.usage import Writer
 from ..physics import bus
 from ..tree import tree
+from .core import Core
 
 SCHEDULE = (schedule.schedule, schedule.locate)
-FUNCTIONS = SCHEDULE + get(NONLINEAR).functions
 
 Make = Callable[[Mapping[str, Any]], tuple[Callable[..., tuple[Any, ...]], ...]]
 
@@ -63,10 +63,18 @@ def traced(several: bool = False, model: str = NONLINEAR) -> Tracer:
     chosen = get(model)
     tracer = Tracer()
     p = tree({v.name: tracer.parameter(v.name) for v in chosen.parameters})
-    for function in SCHEDULE + chosen.functions + (SEVERAL if several else ()):
-        arguments = list(signature(function).parameters)[2:]
-        tracer.function(function.__name__, arguments, _bind(function, tracer, p))
+    for name, arguments, function in functions(several, model):
+        tracer.function(name, arguments, _bind(function, tracer, p))
     return tracer
+
+
+def functions(several: bool = False, model: str = NONLINEAR
+              ) -> tuple[tuple[str, tuple[str, ...], Callable[..., tuple[Value, ...]]], ...]:
+    """Name, names of the arguments behind ops and p, and the function of each of a program, in their order."""
+    def described(*plain: Callable[..., tuple[Value, ...]]) -> Any:
+        return tuple((f.__name__, tuple(signature(f).parameters)[2:], f) for f in plain)
+
+    return (*described(*SCHEDULE), *get(model).functions, *described(*SEVERAL if several else ()))
 
 
 @cache
@@ -90,6 +98,12 @@ def source(several: bool = False, model: str = NONLINEAR) -> str:
 def c_kernel(several: bool = False, model: str = NONLINEAR) -> str:
     """The functions as C (:func:`emcas_fmu.ops.c_source.c_source`), named ``kernel_...``."""
     return c_source(traced(several, model), "kernel")
+
+
+def core(values: Mapping[str, Any], model: str = NONLINEAR) -> Core:
+    """A core of a model, in Python, with these parameters."""
+    actuator = get(model)
+    return Core(make(model=model)(values), len(actuator.kept), len(actuator.shown))
 
 
 @cache

@@ -178,7 +178,7 @@ def test_other_models_are_no_articles(tmp_path: Path) -> None:
 
 
 def test_registry_and_files() -> None:
-    with pytest.raises(EmcasError, match="--model hydraulic: there is nonlinear, linear"):
+    with pytest.raises(EmcasError, match="no model 'hydraulic'; there is nonlinear, linear"):
         get("hydraulic")
     # What belongs to one model only has a group of its own: no name of the table's changes its meaning.
     table = {v.name.partition(".")[0] for v in PARAMETERS}

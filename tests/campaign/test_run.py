@@ -138,7 +138,8 @@ def test_killed_and_resumed(write: Write, tmp_path: Path) -> None:
 
 
 def test_ctrl_c_leaves_what_is_done(write: Write, tmp_path: Path) -> None:
-    file, folder = write(LONGER), tmp_path / "out"
+    # Of many samples: a machine busy with other work is late to look, and must not find the run done.
+    file, folder = write(LONGER.replace("samples = 250", "samples = 20_000")), tmp_path / "out"
     process = started(file, folder, "--workers", "1", "--chunk", "2")
     after_parts(process, folder, 2)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to every process
@@ -146,7 +147,7 @@ def test_ctrl_c_leaves_what_is_done(write: Write, tmp_path: Path) -> None:
     assert process.returncode == 130, errors
     assert "the same command goes on" in " ".join(errors.split())
     assert "Traceback" not in errors
-    assert len(Store(folder, load_study(file)).missing()) <= 250 - 2 * 2
+    assert 0 < len(Store(folder, load_study(file)).missing()) <= 20_000 - 2 * 2
 
 
 @pytest.mark.parametrize(("count", "threads", "size"), [(10, 2, 1), (160, 2, 10), (10**6, 4, 666), (1, 64, 1)])

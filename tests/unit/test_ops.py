@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from types import ModuleType
 from typing import Any
 
@@ -31,7 +31,8 @@ RELATIVE, ABSOLUTE = 1e-10, 1e-11
 # Plausible ranges by argument name; anything else is refused below, so no argument goes untested.
 RANGES: dict[str, tuple[float, float]] = {
     "angle": (-25.0, 25.0), "motor_angle": (-25.0, 25.0), "motor": (-25.0, 25.0), "speed": (-300.0, 300.0),
-    "motor_speed": (-300.0, 300.0), "speed_reference": (-3.0, 3.0), "tangent": (-0.4, 0.6), "fin": (-0.4, 0.4),
+    "motor_speed": (-300.0, 300.0), "motor_current": (-40.0, 40.0), "drive_integral": (-1.0, 1.0),
+    "speed_reference": (-3.0, 3.0), "tangent": (-0.4, 0.6), "fin": (-0.4, 0.4),
     "fin_measured": (-0.4, 0.4), "direction": (-1.0, 1.0), "current": (-40.0, 40.0), "integral": (-1.0, 1.0),
     "reference": (-10.0, 10.0), "active": (-10.0, 10.0), "measured": (-0.4, 0.4), "limited": (-1.0, 1.0),
     "command": (-0.5, 0.5), "aero_torque": (-100.0, 100.0), "f_x": (-50.0, 50.0), "f_z": (-50.0, 50.0),
@@ -67,13 +68,17 @@ def _call(function: Function, ops: Any, p: Any, arguments: list[Any]) -> list[An
     return _flat(function(*(head[n] for n in names if n in head), *arguments))
 
 
-def _samples(function: Function, seed: int = 1) -> list[Any]:
+def _samples(function: Function) -> list[Any]:
+    return _columns([name for name in inspect.signature(function).parameters if name not in ("ops", "p")], seed=1)
+
+
+def _columns(names: Iterable[str], seed: int) -> list[Any]:
     random = np.random.default_rng(seed)
     columns: list[Any] = []
-    for name in inspect.signature(function).parameters:
+    for name in names:
         if name in FLAGS:
             columns.append(random.random(LANES) < 0.8)
-        elif name not in ("ops", "p"):
+        else:
             column = random.uniform(*RANGES[name], LANES)
             if name in ("speed", "motor_speed"):
                 column[:10] = 0.0  # stuck lanes
@@ -126,12 +131,11 @@ def _traced(function: Function, columns: list[np.ndarray], values: Mapping[str, 
 def test_the_kernel_is_the_traced_actuator(values: Mapping[str, Any]) -> None:
     kernel = program.make()(values)
     p = tree(values)
-    functions: tuple[Function, ...] = program.FUNCTIONS
-    for function, compiled in zip(functions, kernel, strict=True):
-        columns = _samples(function, seed=2)
+    for (_, names, function), compiled in zip(program.functions(), kernel, strict=True):
+        columns = _columns(names, seed=2)
         for i in range(LANES if columns else 1):
             arguments = [c[i].item() for c in columns]
-            assert tuple(compiled(*arguments)) == tuple(_call(function, FLOATS, p, arguments))
+            assert tuple(compiled(*arguments)) == tuple(_flat(function(FLOATS, p, *arguments)))
 
 
 def test_floats_refuse_symbols() -> None:

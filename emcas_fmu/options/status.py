@@ -1,0 +1,16 @@
+"""The output `status`, one for every option that has something to say about it: the later overrides the earlier."""
+
+from __future__ import annotations
+
+from ..variables import Variable
+
+_ITEMS = (
+    ("disabled", "enable is false: the drive's bridge is open"),
+    ("unreferenced", "the fin's angle is not known: homing is to come"),
+    ("homing", "looking for a stop, or on the way back from it"),
+    ("operational", "in closed loop"),
+    ("degraded", "in closed loop, but a monitor of the built-in test has tripped"),
+    ("failed", "no longer in control of the fin"),
+)
+DISABLED, UNREFERENCED, HOMING, OPERATIONAL, DEGRADED, FAILED = (float(i) for i in range(1, len(_ITEMS) + 1))
+STATUS = Variable("status", "Enumeration", "output", "discrete", "", "what the actuator is doing", items=_ITEMS)
