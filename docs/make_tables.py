@@ -37,7 +37,8 @@ ROUNDING = 1e-9  # deg, a thousand times what rounding grows to
 SHOWN = 6  # rows of the drift table
 
 
-def _markdown(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+def markdown(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """A table."""
     header = list(header)
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
@@ -51,7 +52,7 @@ def _start(v: Variable) -> str:
 
 
 def _wiring(variables: Iterable[Variable], name: Callable[[Variable], str] = lambda v: v.name) -> str:
-    return _markdown(("name", "", "unit", "start", "meaning and sign"),
+    return markdown(("name", "", "unit", "start", "meaning and sign"),
                      ((f"`{name(v)}`", {"input": "in", "output": "out", "parameter": "parameter"}[v.causality],
                        "Boolean" if v.kind == "Boolean" else v.unit, _start(v) if v.causality == "input" else "",
                        v.description) for v in variables))
@@ -117,7 +118,7 @@ def steps() -> str:
             every = round(step / FINE)
             error = max(abs(a - b) for a, b in zip(loop.angles(step), fine[::every], strict=True))
             row.append(f"{error:.2g}°" if error > ROUNDING else "none")
-    return _markdown(("communication step", *(loop.title for loop in LOOPS)), rows)
+    return markdown(("communication step", *(loop.title for loop in LOOPS)), rows)
 
 
 def drift() -> str:
@@ -128,8 +129,8 @@ def drift() -> str:
     changed = shipped.replace({gain: round(1.01 * float(shipped.values[gain]), 6)})
     found = compare(approved, Subject(ParameterArticle(changed)), folder)
     parameters = [(c.name, c.approved, c.now) for c in found.parameters]
-    return (_markdown(HEADER, [line.cells for line in lines(found)][:SHOWN])
-            + "\n\nand ends with\n\n" + _markdown(("parameter", "approved", "now"), parameters)
+    return (markdown(HEADER, [line.cells for line in lines(found)][:SHOWN])
+            + "\n\nand ends with\n\n" + markdown(("parameter", "approved", "now"), parameters)
             + f"\n\n`{verdict(found)}`")
 
 
@@ -144,7 +145,7 @@ def models() -> str:
                                  model=name, **signals)["fin_angle"] for name in NAMES}
         apart = [np.degrees(np.abs(angles[name] - angles[NONLINEAR])) for name in others]
         rows.append([f"`{case.name}`", *(f"{a.max():.2g}°, {np.sqrt(np.mean(a**2)):.2g}°" for a in apart)])
-    return _markdown(("reference case", *others), rows)
+    return markdown(("reference case", *others), rows)
 
 
 TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {
@@ -163,15 +164,16 @@ def renewed(text: str, tables: Mapping[str, Callable[[], str]]) -> str:
     return text
 
 
-def main(check: bool) -> int:
+def main(check: bool, documents: Mapping[str, Mapping[str, Callable[[], str]]] = TABLES,
+         script: str = "make_tables.py") -> int:
     """Renew the documents, or say which are stale; the exit code."""
     stale = 0
-    for name, tables in TABLES.items():
+    for name, tables in documents.items():
         path = HERE / name
         old = path.read_text(encoding="utf-8")
         new = renewed(old, tables)
         if new != old and check:
-            print(f"docs/{name} is stale: run python docs/make_tables.py")
+            print(f"docs/{name} is stale: run python docs/{script}")
             stale = 1
         elif new != old:
             path.write_text(new, encoding="utf-8", newline="\n")

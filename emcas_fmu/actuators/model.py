@@ -107,8 +107,8 @@ def of_module(module: ModuleType) -> Model:
     return Model(module.PLANT, initial, sample, module.forces, step, put_out, parameters=module.OWN)
 
 
-def _identifiers(names: Sequence[str]) -> tuple[str, ...]:
-    return tuple(re.sub(r"\W+", "_", name) for name in names)
+def _identifiers(prefix: str, names: Sequence[str]) -> tuple[str, ...]:
+    return tuple(prefix + re.sub(r"\W+", "_", name) for name in names)
 
 
 @dataclass(frozen=True)
@@ -164,8 +164,8 @@ class Actuator:
         outputs() plant, that reference, the DAC's, shown, command and boundary.
         """
         m = self.model
-        plant, kept, held = _identifiers(self.plant), _identifiers(self.kept), _identifiers(m.held)
-        own = _identifiers([v.name for v in m.inputs])
+        plant, kept = _identifiers("", self.plant), (*KEPT, *_identifiers("kept_", m.kept))
+        held, own = _identifiers("held_", m.held), _identifiers("own_", [v.name for v in m.inputs])
         return (
             ("initial", (), self._initial),
             ("sample", (*plant, *kept, *held, "command", "supply", "enable", *own), self._sample),

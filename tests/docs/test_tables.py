@@ -13,22 +13,30 @@ from emcas_fmu.variables import INPUTS, OUTPUTS
 from .recipes import ROOT
 
 
-@pytest.fixture(scope="module")
-def tables() -> ModuleType:
-    """docs/make_tables.py as a module."""
-    spec = importlib.util.spec_from_file_location("make_tables", ROOT / "docs/make_tables.py")
+def script(name: str) -> ModuleType:
+    """A script of docs as a module."""
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # where its data class looks for its own names
+    sys.modules[spec.name] = module  # where its data class looks for its own names, and other scripts for it
     spec.loader.exec_module(module)
     return module
 
 
-@pytest.mark.parametrize("document", ["hosts.md", "ci.md", "models.md"])
-def test_not_stale(tables: ModuleType, document: str) -> None:
+@pytest.fixture(scope="module")
+def tables() -> ModuleType:
+    return script("make_tables")
+
+
+@pytest.mark.parametrize(("maker", "document"), [
+    ("make_tables", "hosts.md"), ("make_tables", "ci.md"), ("make_tables", "models.md"), ("make_faults", "faults.md"),
+])
+def test_not_stale(tables: ModuleType, maker: str, document: str) -> None:
     text = (ROOT / "docs" / document).read_text(encoding="utf-8")
-    assert tables.renewed(text, tables.TABLES[document]) == text, "run python docs/make_tables.py"
+    assert tables.renewed(text, script(maker).TABLES[document]) == text, f"run python docs/{maker}.py"
 
 
 def test_staleness_is_seen(tables: ModuleType) -> None:

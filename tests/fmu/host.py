@@ -11,6 +11,7 @@ from typing import Any
 
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
 _CTYPES: dict[str, Any] = {"Real": ct.c_double, "Integer": ct.c_int, "Boolean": ct.c_int}
+_GOT_AS = {"Enumeration": "Integer"}
 _LOGGER = ct.CFUNCTYPE(None, ct.c_void_p, ct.c_char_p, ct.c_int, ct.c_char_p, ct.c_char_p)
 
 
@@ -28,7 +29,7 @@ class Fmu:
         self.guid = root.attrib["guid"]
         variables = root.findall("ModelVariables/ScalarVariable")
         self.references = {v.attrib["name"]: int(v.attrib["valueReference"]) for v in variables}
-        self.kinds = {v.attrib["name"]: v[0].tag for v in variables}
+        self.kinds = {v.attrib["name"]: _GOT_AS.get(v[0].tag, v[0].tag) for v in variables}
         self.outputs = [v.attrib["name"] for v in variables if v.attrib["causality"] == "output"]
         identifier = root.find("CoSimulation").attrib["modelIdentifier"]  # type: ignore[union-attr]
         system, suffix = {"Linux": ("linux64", ".so"), "Windows": ("win64", ".dll")}[platform.system()]

@@ -1,0 +1,263 @@
+"""Faults on any model, switched while running or scheduled, and a built-in test that looks for them.
+
+A fault begins and ends with a sample of the controllers (:mod:`emcas_fmu.options.fault_list`). Without one the
+trajectories are those of the model, bit for bit. What the encoder counts is
+
+    seen = angle + offset + bias        offset += (gain - 1)(angle - angle of the sample before)
+
+with gain 0 while it is frozen, -1 reversed, 1 - share with dropped counts: motion that was missed stays missed, as
+in an incremental encoder. A jam holds the rotor; with an elastic drive line the fin may still give. A broken shaft
+(:mod:`emcas_fmu.physics.free_fin`) and a grown gap do not heal: they last until reset.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from .. import control
+from ..actuators.model import Asked, Model, Sampled, Shown, State, Values, replaced, split
+from ..integrate import Boundary
+from ..ops.base import Ops, Value
+from ..physics import free_fin, kinematics
+from ..tree import changed
+from ..variables import OUTPUTS, Variable
+from . import fault_list, monitors
+from .status import DISABLED, OPERATIONAL, STATUS
+
+TITLE = "faults and built-in test"
+PARAMETERS = fault_list.PARAMETERS + monitors.PARAMETERS
+WORDS = (
+    Variable("fault_word", "Integer", "output", "discrete", "", "faults active, a bit each: "
+             + ", ".join(f"{2**i} {fault.name}" for i, fault in enumerate(fault_list.FAULTS))),
+    Variable("built_in_test", "Integer", "output", "discrete", "", "monitors tripped, a bit each: "
+             + ", ".join(f"{2**i} {name}" for i, (name, _) in enumerate(monitors.MONITORS))),
+)
+_HEAVY = 1e9  # kg.m2: a rotor that nothing moves
+_STUB = 1e-3  # of the fin's inertia, left at the fork: some models divide by it
+_PLANT = ("fin broken off", "broken fin angle", "broken fin rate")
+
+
+class _Held(NamedTuple):
+    """What samples tell to steps; `acting` is whether any of the others does anything."""
+
+    acting: Value
+    jam: Value
+    free: Value
+    lost: Value
+    current: Value
+    supply: Value
+    friction: Value
+    gap: Value
+    faults: Value
+    built_in_test: Value
+    verdict: Value
+
+
+_SOUND = _Held(0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, OPERATIONAL)
+_KEPT = 5  # before the monitors' counters and flags, and the commands on their way
+
+
+class _Kept(NamedTuple):
+    """What samples keep: their number, the encoder's side's angle and offset, command and angle of the last."""
+
+    samples: Value
+    angle: Value
+    offset: Value
+    command: Value
+    measured: Value
+
+
+def unfit(model: str, options: tuple[str, ...]) -> str:
+    """Nothing: faults may be laid over any model. What does nothing in one is told in docs/faults.md."""
+    return ""
+
+
+def _at_fin(model: Model) -> bool:
+    """Whether a model's angle is the fin's, and its reference a command."""
+    return model.plant[0] == "fin angle"
+
+
+def _biased(ops: Ops, p: Any, angle: Value) -> Value:
+    fin = kinematics.fin_angle(ops, p, kinematics.lever_tangent(ops, p, angle))
+    return kinematics.motor_angle(ops, p, fin + p.fault.encoder_bias.angle)
+
+
+def _picked(ops: Ops, samples: Value, values: Values) -> Value:
+    """The value that was so many samples ago; `values` from now on back."""
+    found = values[-1]
+    for i in reversed(range(len(values) - 1)):
+        found = ops.where(samples < i + 0.5, values[i], found)
+    return found
+
+
+def _faulted(ops: Ops, p: Any, f: _Held) -> Any:
+    """Parameters of the plant under the faults."""
+    broken = f.free > 0.0
+    friction = p.friction
+    changes = {
+        "inertia.motor": ops.where(f.jam > 0.0, _HEAVY, p.inertia.motor),
+        "inertia.fin": ops.where(broken, _STUB, 1.0) * p.inertia.fin,
+        "inertia.shaft": ops.where(broken, 0.0, p.inertia.shaft),
+        "mass.fin": ops.where(broken, 0.0, p.mass.fin),
+        "mass.shaft": ops.where(broken, 0.0, p.mass.shaft),
+        "friction.coulomb.positive": tuple(f.friction * c for c in friction.coulomb.positive),
+        "friction.coulomb.negative": tuple(f.friction * c for c in friction.coulomb.negative),
+        "friction.viscous.positive": f.friction * friction.viscous.positive,
+        "friction.viscous.negative": f.friction * friction.viscous.negative,
+        "friction.fin_viscous": ops.where(broken, 0.0, f.friction * friction.fin_viscous),
+        "friction.fin_coulomb": ops.where(broken, 0.0, f.friction * friction.fin_coulomb),
+        "drive.current_limit": f.current * p.drive.current_limit,
+    }
+    if hasattr(p, "drive_line") and hasattr(p.drive_line, "backlash"):
+        changes["drive_line.backlash"] = p.drive_line.backlash + f.gap
+    if hasattr(p, "load"):
+        changes["load.torsion_bar"] = ops.where(broken, 0.0, p.load.torsion_bar)
+    return changed(p, changes)
+
+
+def _surroundings(ops: Ops, f: _Held, b: Boundary) -> Boundary:
+    return b._replace(supply=f.supply * b.supply, enabled=ops.both(b.enabled, ops.negate(f.lost > 0.0)),
+                      aero_torque=ops.where(f.free > 0.0, 0.0, b.aero_torque))
+
+
+def _standing(ops: Ops, p: Any, model: Model, plant: Values, jam: Value, then: Values | None = None) -> Values:
+    """A plant whose rotor stands where it is, or where it was `then`, if it is jammed."""
+    elastic = "angle at the other side" in model.plant
+    places = {0: 0, 1: 1}
+    changes = list(plant)
+    if elastic:
+        at = model.plant.index("angle at the other side")
+        places |= {at: 0, at + 1: 1}
+    for place, kind in places.items():
+        rotor = jam
+        if elastic:
+            on_fin = p.encoder.on_fin
+            rotor = ops.both(jam, ops.negate(on_fin) if place < 2 else on_fin)
+        if kind == 1:
+            changes[place] = ops.where(rotor, 0.0, plant[place])
+        elif then is not None:
+            changes[place] = ops.where(rotor, then[place], plant[place])
+    return tuple(changes)
+
+
+def extended(inner: Model) -> Model:
+    """The model with faults and monitors; see the module's docstring."""
+    volts = not _at_fin(inner)
+    current = inner.plant.index("motor current") if "motor current" in inner.plant else None
+    names = [v.name for v in OUTPUTS + inner.outputs]
+    has_status = STATUS.name in names
+    kept = (*_Kept._fields, *(f"{name} {kind}" for kind in ("counter", "flag") for name, _ in monitors.MONITORS),
+            *(f"command {i + 1} ago" for i in range(fault_list.LONGEST_DELAY)))
+
+    def initial(ops: Ops, p: Any) -> tuple[State, Value]:
+        s, measured = inner.initial(ops, p)
+        start = _Kept(0.0, s.plant[0], 0.0, p.fin.start_angle, measured)
+        waiting = (p.fin.start_angle,) * fault_list.LONGEST_DELAY
+        return State((*s.plant, 0.0, 0.0, 0.0), (*s.kept, *start, *(0.0,) * (2 * monitors.COUNT), *waiting),
+                     (*s.held, *_SOUND)), measured
+
+    def sample(ops: Ops, p: Any, s: State, a: Asked) -> Sampled:
+        plant, (broken, fin, _) = split(s.plant, len(_PLANT))
+        inner_kept, own = split(s.kept, len(kept))
+        inner_held, held = split(s.held, len(_SOUND))
+        k, before = _Kept(*own[:_KEPT]), _Held(*held)
+        counters, flags = own[_KEPT:_KEPT + monitors.COUNT], own[_KEPT + monitors.COUNT:_KEPT + 2 * monitors.COUNT]
+        line = own[_KEPT + 2 * monitors.COUNT:]
+        on = fault_list.active(ops, p, k.samples * p.controller.sample_time)
+
+        told = kinematics.motor_angle(ops, p, fin) if volts else fin
+        angle = ops.where(ops.both(broken > 0.0, p.encoder.on_fin), told, plant[0])
+        gain = ops.where(on["encoder_freeze"], 0.0, ops.where(on["encoder_reversed"], -1.0, 1.0)) * ops.where(
+            on["encoder_dropped"], 1.0 - p.fault.encoder_dropped.share, 1.0)
+        offset = k.offset + (gain - 1.0) * (angle - k.angle)
+        counted = angle + offset
+        (seen,) = ops.branch(
+            on["encoder_bias"], lambda: (_biased(ops, p, counted) if volts else counted + p.fault.encoder_bias.angle,),
+            lambda: (counted,))
+
+        late = ops.floor(p.fault.command_delay.time / p.controller.sample_time + 0.5)
+        arriving = ops.where(on["command_delay"], _picked(ops, late, (a.command, *line)), a.command)
+        command = ops.where(on["command_freeze"], k.command, arriving)
+
+        now = _Held(
+            0.0, ops.where(on["jam"], 1.0, 0.0),
+            ops.where(ops.either(on["free_fin"], before.free > 0.0), 1.0, 0.0),
+            ops.where(on["drive_loss"], 1.0, 0.0),
+            ops.where(on["current_derating"], p.fault.current_derating.share, 1.0),
+            ops.where(on["brown_out"], p.fault.brown_out.share, 1.0),
+            ops.where(on["friction_rise"], p.fault.friction_rise.factor, 1.0),
+            ops.maximum(before.gap, ops.where(on["backlash_growth"], p.fault.backlash_growth.gap, 0.0)),
+            0.0, 0.0, 0.0)
+        of_plant = ("jam", "free_fin", "drive_loss", "current_derating", "brown_out", "friction_rise")
+        acting = ops.either(before.free > 0.0, now.gap > 0.0)
+        for name in of_plant:
+            acting = ops.either(acting, on[name])
+        on["free_fin"], on["backlash_growth"] = now.free > 0.0, now.gap > 0.0  # for good
+
+        supply = now.supply * a.supply
+        r = inner.sample(ops, p, State((seen, gain * plant[1], *plant[2:]), inner_kept, inner_held),
+                         a._replace(command=command, supply=supply))
+        full = p.drive.reference_limit if volts else p.fin.stop_angle
+        reference = ops.where(ops.both(on["hard_over"], a.enable), p.fault.hard_over.share * full, r.reference)
+
+        counters, flags = monitors.judged(ops, p, counters, flags, monitors.Watched(
+            command, r.measured, k.measured, reference if volts else None,
+            None if current is None or hasattr(p, "pwm") else plant[current], supply, a.enable))
+        now = now._replace(acting=ops.where(acting, 1.0, 0.0), faults=fault_list.word(ops, on),
+                           built_in_test=monitors.word(flags), verdict=monitors.verdict(ops, flags))
+        keep = _Kept(k.samples + 1.0, angle, offset, command, r.measured)
+        return Sampled(reference, (*r.kept, *keep, *counters, *flags, a.command, *line[:-1]), r.measured, r.limited,
+                       (*r.held, *now))
+
+    def step(ops: Ops, p: Any, plant: Values, held: Values, b: Boundary, h: Value) -> tuple[Values, Value]:
+        inner_plant, own = split(plant, len(_PLANT))
+        inner_held, told = split(held, len(_SOUND))
+        f = _Held(*told)
+
+        def sound() -> Values:
+            moved, used = inner.step(ops, p, inner_plant, inner_held, b, h)
+            return *moved, *own, used
+
+        def faulty() -> Values:
+            jam = f.jam > 0.0
+            begun = _standing(ops, p, inner, inner_plant, jam)
+            moved, used = inner.step(ops, _faulted(ops, p, f), begun, inner_held, _surroundings(ops, f, b), h)
+            moved = _standing(ops, p, inner, moved, jam, begun)
+            return *moved, *ops.branch(f.free > 0.0, lambda: floating(used), lambda: (0.0, 0.0, 0.0)), used
+
+        def floating(used: Value) -> Values:
+            mode, angle, rate = own
+            fin, fin_rate, *_ = inner.put_out(ops, p, inner_plant, inner_held, b, Shown(0.0, 0.0, 0.0, 0.0))
+            whole = ops.equal(mode, 0.0)
+            return 1.0, *free_fin.advance(ops, p, ops.where(whole, fin, angle), ops.where(whole, fin_rate, rate),
+                                          b.aero_torque, b.f_x, b.f_z, used)
+
+        *moved, used = ops.branch(f.acting > 0.0, faulty, sound)
+        return tuple(moved), used
+
+    def put_out(ops: Ops, p: Any, plant: Values, held: Values, b: Boundary, s: Shown) -> Values:
+        inner_plant, (mode, fin, rate) = split(plant, len(_PLANT))
+        inner_held, told = split(held, len(_SOUND))
+        f = _Held(*told)
+        found = inner.put_out(ops, _faulted(ops, p, f), inner_plant, inner_held, _surroundings(ops, f, b), s)
+        by_name = dict(zip(names, found, strict=True))
+        broken = mode > 0.0
+        values = {
+            "fin_angle": fin, "fin_rate": rate,
+            "tracking_error": control.clipped_command(ops, p, s.command) - fin,
+            "hinge_torque": free_fin.moment(ops, p, fin, b.aero_torque, b.f_x, b.f_z),
+            "at_stop": ops.fabs(fin) >= p.fin.stop_angle * (1.0 - 1e-12),
+        }
+        changes = {name: ops.where(broken, value, by_name[name]) for name, value in values.items()}
+        verdict = ops.where(b.enabled, f.verdict, DISABLED)
+        if has_status:
+            known = by_name[STATUS.name]
+            changes[STATUS.name] = ops.where(ops.equal(known, OPERATIONAL), verdict, known)
+        return (*replaced(inner, found, changes), *(() if has_status else (verdict,)), f.faults, f.built_in_test)
+
+    return replace(inner, plant=inner.plant + _PLANT, kept=inner.kept + kept, held=inner.held + _Held._fields,
+                   initial=initial, sample=sample, step=step, put_out=put_out,
+                   parameters=inner.parameters + PARAMETERS,
+                   outputs=inner.outputs + (() if has_status else (STATUS,)) + WORDS,
+                   direct=(*inner.direct, (STATUS.name, ("enable",))))

@@ -1,0 +1,50 @@
+"""A fin whose shaft is broken at the fork: inertia of fin and shaft, friction and stops of the hinge, no drive.
+
+    (J_fin + J_shaft) d2(delta)/dt2 = T_f - b_f d(delta)/dt - C_f sgn(d(delta)/dt)
+
+T_f as in (2.27)-(2.45) without the fork's mass. A load that friction holds moves nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..ops.base import Ops, Value
+from ..tree import changed
+from . import mechanics
+
+_TINY = 1e-300
+
+
+def moment(ops: Ops, p: Any, angle: Value, aero_torque: Value, f_x: Value, f_z: Value) -> Value:
+    """External moment [N.m] on the broken fin at its angle [rad]."""
+    tangent = ops.tan(angle + p.kinematics.initial_angle)
+    bar = p.load.torsion_bar * angle if hasattr(p, "load") else 0.0
+    return mechanics.external_moment(ops, changed(p, {"mass.fork": 0.0}), tangent, aero_torque - bar, f_x, f_z)
+
+
+def _pushed(ops: Ops, p: Any, torque: Value, rate: Value, h: Value) -> Value:
+    """Acceleration [rad/s2], constant over `h` [s]: the midpoint rule's; none of a fin at rest that friction holds."""
+    dry = p.friction.fin_coulomb
+    way = ops.where(rate > 0.0, 1.0, ops.where(rate < 0.0, -1.0, ops.where(torque > 0.0, 1.0, -1.0)))
+    net = torque - way * dry
+    held = ops.both(ops.equal(rate, 0.0), ops.fabs(torque) <= dry)
+    inertia = p.inertia.fin + p.inertia.shaft + 0.5 * h * p.friction.fin_viscous
+    return ops.where(held, 0.0, net - p.friction.fin_viscous * rate) / inertia
+
+
+def advance(ops: Ops, p: Any, angle: Value, rate: Value, aero_torque: Value, f_x: Value, f_z: Value, h: Value
+            ) -> tuple[Value, Value]:
+    """Angle [rad] and rate [rad/s] after `h` [s]; dry friction may bring it to rest on the way, and a stop does."""
+    torque = moment(ops, p, angle + 0.5 * h * rate, aero_torque, f_x, f_z)
+    first = _pushed(ops, p, torque, rate, h)
+    turns = rate * (rate + h * first) < 0.0
+    until = ops.where(turns, ops.clip(-rate / ops.where(ops.fabs(first) > _TINY, first, _TINY), 0.0, h), h)
+    middle = angle + until * (rate + 0.5 * until * first)
+    there = ops.where(turns, 0.0, rate + until * first)
+    rest = h - until
+    second = ops.where(turns, _pushed(ops, p, torque, 0.0, rest), 0.0)
+    end, speed = middle + 0.5 * rest * rest * second, there + rest * second
+    stop = p.fin.stop_angle
+    stopped = ops.either(ops.both(end >= stop, speed > 0.0), ops.both(end <= -stop, speed < 0.0))
+    return ops.clip(end, -stop, stop), ops.where(stopped, 0.0, speed)
