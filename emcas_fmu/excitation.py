@@ -11,13 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from .actuators import NONLINEAR, get
 from .errors import EmcasError
 from .reference.cases import CASES
 from .simulation import MOST_POINTS, Array
-from .variables import INPUTS
 
 STEP_AT = 0.05  # s, after a look at rest
-_NAMES = [v.name for v in INPUTS]
 
 
 @dataclass(frozen=True)
@@ -44,20 +43,21 @@ def from_case(name: str) -> Excitation:
     return Excitation(found.title, found.step, columns, found.overrides)
 
 
-def from_file(path: Path, step: float, stop: float | None) -> Excitation:
-    """A CSV file with a column ``time`` [s] and columns of inputs, SI, as fmpy reads it.
+def from_file(path: Path, step: float, stop: float | None, model: str = NONLINEAR) -> Excitation:
+    """A CSV file with a column ``time`` [s] and columns of inputs of a model, SI, as fmpy reads it.
 
     Between its rows inputs are interpolated; where two rows have the same time they jump. The run
     begins at 0: inputs before the first row are those of it.
     Raises EmcasError for what is no such file.
     """
     found = _columns(path)
+    inputs = [v.name for v in get(model).inputs]
     if "time" not in found:
         raise EmcasError(f"{path}: has no column time; its columns are {', '.join(found)}")
-    if unknown := [name for name in found if name not in (*_NAMES, "time")]:
-        raise EmcasError(f"{path}: {', '.join(unknown)} is no input; inputs are {', '.join(_NAMES)}")
+    if unknown := [name for name in found if name not in (*inputs, "time")]:
+        raise EmcasError(f"{path}: {', '.join(unknown)} is no input; inputs are {', '.join(inputs)}")
     if len(found) < 2:
-        raise EmcasError(f"{path}: has no column of an input; inputs are {', '.join(_NAMES)}")
+        raise EmcasError(f"{path}: has no column of an input; inputs are {', '.join(inputs)}")
     time = np.atleast_1d(found.pop("time"))
     if not np.isfinite(time).all() or np.any(np.diff(time) < 0.0) or time[0] < 0.0:
         raise EmcasError(f"{path}: time must be finite, begin at 0 or later and not run backwards")

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import degrees
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from .errors import EmcasError
 from .excitation import Excitation
-from .plots import BLUE, GRAY, INK, VERMILLION, figure, shade, style, svg
+from .plots import BLUE, GRAY, VERMILLION, figure, shade, style, svg
 from .simulation import Array
+from .variables import Variable
 
 _PANELS = (("fin_rate", "fin rate [deg/s]", degrees(1.0)), ("motor_current", "current [A]", 1.0),
            ("motor_voltage", "voltage [V]", 1.0), ("supply_power", "power [W]", 1.0))
 PICTURES = (".html", ".svg", ".png", ".pdf")
 
 
-def figures_of_merit(result: Mapping[str, Array]) -> dict[str, float]:
-    """What one asks of a response first; units in the names."""
+def figures_of_merit(result: Mapping[str, Array], own: Sequence[Variable] = ()) -> dict[str, float]:
+    """What one asks of a response first, units in the names; of a model's `own` outputs the last value, SI."""
     time, error = result["time"], result["tracking_error"]
     return {
         "fin_angle_final_deg": degrees(float(result["fin_angle"][-1])),
@@ -31,6 +33,7 @@ def figures_of_merit(result: Mapping[str, Array]) -> dict[str, float]:
         "motor_current_rms_a": float(np.sqrt(np.mean(result["motor_current"] ** 2))),
         "supply_energy_j": float(np.trapezoid(result["supply_power"], time)),
         "saturated_share": float(np.mean(result["saturated"])),
+        **{f"{v.name}_final": float(result[v.name][-1]) for v in own},
     }
 
 
@@ -42,10 +45,10 @@ def write_csv(path: Path, excitation: Excitation, result: Mapping[str, Array]) -
     np.savetxt(path, table, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
 
 
-def draw(excitation: Excitation, result: Mapping[str, Array], ink: str = INK) -> Figure:
-    """Command and angle, tracking error, rate, current, voltage, power; limits shaded."""
+def draw(excitation: Excitation, result: Mapping[str, Array], own: Sequence[Variable] = ()) -> Figure:
+    """Command and angle, tracking error, rate, current, voltage, power, a model's `own` outputs; limits shaded."""
     time = result["time"]
-    made, grid = figure(3, 2, width=10.0, sharex=True)
+    made, grid = figure(3 + (len(own) + 1) // 2, 2, width=10.0, sharex=True)
     first, second, *rest = grid.ravel()
     if "fin_command" in excitation.columns:
         first.step(time, np.degrees(excitation.columns["fin_command"]), where="post", color=GRAY, label="command")
@@ -55,9 +58,20 @@ def draw(excitation: Excitation, result: Mapping[str, Array], ink: str = INK) ->
     first.legend(loc="best")
     second.plot(time, np.degrees(result["tracking_error"]), color=VERMILLION)
     second.set_ylabel("tracking error [deg]")
-    for axes, (name, label, scale) in zip(rest, _PANELS, strict=True):
-        axes.plot(time, result[name] * scale, color=BLUE)
+    panels = [*_PANELS, *((v.name, f"{v.name.replace('_', ' ')}{f' [{v.unit}]' if v.kind == 'Real' else ''}", 1.0)
+                          for v in own)]
+    discrete = {v.name for v in own if v.kind != "Real"}
+    for axes, (name, label, scale) in zip(rest, panels, strict=False):
+        axes.plot(time, result[name] * scale, color=BLUE, drawstyle="steps-pre" if name in discrete else "default")
         axes.set_ylabel(label)
+    for v, axes in zip(own, rest[len(_PANELS):], strict=False):
+        if v.items:
+            axes.set_yticks(range(1, len(v.items) + 1), [item for item, _ in v.items])
+            axes.set_ylim(0.5, len(v.items) + 0.5)
+        elif v.kind != "Real":
+            axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    for axes in rest[len(panels):]:
+        axes.set_visible(False)
     for axes in grid.ravel():
         shade(axes, time, result["saturated"] > 0.0)
         axes.margins(x=0.0)
@@ -66,12 +80,13 @@ def draw(excitation: Excitation, result: Mapping[str, Array], ink: str = INK) ->
     return made
 
 
-def write_picture(path: Path, excitation: Excitation, result: Mapping[str, Array]) -> None:
+def write_picture(path: Path, excitation: Excitation, result: Mapping[str, Array],
+                  own: Sequence[Variable] = ()) -> None:
     """The response as ``.html``, ``.svg``, ``.png`` or ``.pdf``. Raises EmcasError for another ending."""
     if path.suffix not in PICTURES:
         raise EmcasError(f"{path}: a plot ends in {', '.join(PICTURES)}")
     with style():
-        made = draw(excitation, result)
+        made = draw(excitation, result, own)
         if path.suffix == ".html":
             path.write_text("<!DOCTYPE html><html lang=\"en\"><meta charset=\"utf-8\"><title>EM-CAS response</title>"
                             "<meta name=\"color-scheme\" content=\"light dark\"><body style=\"margin:1rem\">"

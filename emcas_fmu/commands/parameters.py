@@ -9,19 +9,22 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from ..actuators import NONLINEAR
 from ..parameters import ParameterSet, load_parameters
-from .common import ParametersOption, failures, out
+from .common import ModelOption, ParametersOption, failures, out
 
-EPILOG = "Examples:\n\n  emcas parameters\n\n  emcas parameters -p my_actuator.toml --json"
+EPILOG = ("Examples:\n\n  emcas parameters\n\n  emcas parameters -p my_actuator.toml --json"
+          "\n\n  emcas parameters --model elastic+faults")
 
 
 def show_parameters(
     parameters: ParametersOption = None,
+    model: ModelOption = NONLINEAR,
     as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
 ) -> None:
     """Print the parameter set with units and sources, checked."""
     with failures():
-        chosen = load_parameters(parameters)
+        chosen = load_parameters(parameters, model=model)
     if as_json:
         print(json.dumps(_parameter_records(chosen), indent=1))
         return

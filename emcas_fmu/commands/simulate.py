@@ -3,21 +3,44 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 from rich.markup import escape
 from rich.table import Table
 
-from ..actuators import NONLINEAR
+from ..actuators import NONLINEAR, get
 from ..errors import EmcasError
 from ..parameters import load_parameters
 from .common import ModelOption, ParametersOption, check_outputs, failures, out
 
 EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.html"
                    "\n\n  emcas simulate --case chirp_3p5deg --plot chirp.png --output chirp.csv"
-                   "\n\n  emcas simulate --input flight.csv -p my_actuator.toml --json figures.json")
+                   "\n\n  emcas simulate --input flight.csv -p my_actuator.toml --json figures.json"
+                   "\n\n  emcas simulate --step 10 --model elastic+faults --set fault.jam.begin='80 ms' "
+                   "--set fault.jam.end='1 s' --plot jam.png")
+
+
+def _told(given: Iterable[str], inputs: Iterable[str]) -> tuple[dict[str, object], dict[str, float]]:
+    """Parameters and constant inputs out of NAME=VALUE. Raises EmcasError."""
+    parameters: dict[str, object] = {}
+    held: dict[str, float] = {}
+    for text in given:
+        name, separator, written = (part.strip() for part in text.partition("="))
+        if not (name and separator and written):
+            raise EmcasError(f"--set {text}: expected a name and a value, as in --set controller.position.kp=70")
+        value: object = {"true": True, "false": False}.get(written.lower(), written)
+        if name not in inputs:
+            parameters[name] = value
+        elif isinstance(value, bool):
+            held[name] = float(value)
+        else:
+            raise EmcasError(f"--set {text}: {name} is true or false")
+    return parameters, held
 
 
 def simulate(
@@ -29,6 +52,9 @@ def simulate(
     torque: Annotated[float | None, typer.Option(help="Constant hinge moment with --step, in N.m.")] = None,
     parameters: ParametersOption = None,
     model: ModelOption = NONLINEAR,
+    given: Annotated[list[str] | None, typer.Option(
+        "--set", help="Another value of a parameter, or a constant of an input that the model has besides the common "
+                      "ones (may be given several times).", metavar="NAME=VALUE")] = None,
     stop: Annotated[float | None, typer.Option(help="End in seconds; 0.5 with --step, else that of the input.")] = None,
     interval: Annotated[float | None, typer.Option(help="Communication step in seconds; 0.001, or the case's "
                                                         "own.")] = None,
@@ -59,20 +85,25 @@ def simulate(
         if torque is not None and step is None:
             raise EmcasError("--torque goes with --step: a case or a file has its own loads")
         size = interval or 1e-3
-        chosen = (excitation.from_case(case) if case else excitation.from_file(input_file, size, stop) if input_file
+        chosen = (excitation.from_case(case) if case
+                  else excitation.from_file(input_file, size, stop, model) if input_file
                   else excitation.from_step(step or 0.0, torque or 0.0, size, stop or 0.5))
-        parameters_of = load_parameters(parameters, model=model).replace(chosen.overrides)
+        changes, held = _told(given or [], [v.name for v in get(model).model.inputs])
+        parameters_of = load_parameters(parameters, model=model).replace(chosen.overrides).replace(changes)
         values = parameters_of.values
+        chosen = replace(chosen, columns={**chosen.columns, **{name: np.full(len(next(iter(chosen.columns.values()))),
+                                                                             value) for name, value in held.items()}})
         try:
             result = run(values, chosen.stop, chosen.step, kernel, parameters_of.model,
                          **{name.replace(".", "__"): column for name, column in chosen.columns.items()})
         except (ArithmeticError, ValueError) as error:
             raise EmcasError(f"the response cannot be computed: {error}") from error
-        figures = response.figures_of_merit(result)
+        own = get(model).model.outputs
+        figures = response.figures_of_merit(result, own)
         if output:
             response.write_csv(output, chosen, result)
         if plot:
-            response.write_picture(plot, chosen, result)
+            response.write_picture(plot, chosen, result, own)
         if as_json:
             as_json.write_text(json.dumps({"title": chosen.title, **figures}, indent=1), encoding="utf-8")
     table = Table("figure", "value", title=f"{chosen.title}, {chosen.stop:g} s", title_justify="left")

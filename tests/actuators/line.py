@@ -1,0 +1,40 @@
+"""Runs of the elastic model, for its tests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import tan
+from typing import Any
+
+import numpy as np
+
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.simulation import simulate
+
+MODEL = "elastic"
+BASE = load_parameters(model=MODEL)
+DRY = {f"friction.coulomb.{way}[{n}]": 0.0 for way in ("positive", "negative") for n in range(7)}
+SMOOTH = {**DRY, "friction.viscous.positive": 0.0, "friction.viscous.negative": 0.0}
+RIGID = {"drive_line.axial_compliance": 0.0, "drive_line.torsional_compliance": 0.0, "drive_line.backlash": 0.0}
+
+
+def values_of(overrides: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
+    """Its default values with others over them."""
+    return BASE.replace(overrides or {}).values
+
+
+def run_of(overrides: Mapping[str, Any], stop: float, step: float = 1e-3, **inputs: Any) -> dict[str, Any]:
+    return simulate(values_of(overrides), stop, step, model=MODEL, **inputs)
+
+
+def at_motor(values: Mapping[str, Any], fin: Any) -> Any:
+    """The fin angle [rad] told at the motor."""
+    start = values["kinematics.initial_angle"]
+    return values["kinematics.moment_arm"] / values["screw.lead"] * (np.tan(fin + start) - np.tan(start))
+
+
+def through_motor(angle: Any) -> Any:
+    """The fin angle [rad] that a motor angle tells."""
+    values = values_of()
+    start = values["kinematics.initial_angle"]
+    return np.arctan(values["screw.lead"] / values["kinematics.moment_arm"] * angle + tan(start)) - start
