@@ -92,9 +92,17 @@ class Unit:
     def _each(self, own: Sequence[Variable]) -> tuple[Variable, ...]:
         return tuple(replace(v, name=self.name(v.name, fin)) for fin in range(self.fins) for v in own)
 
+    def _told(self, variables: tuple[Variable, ...], which: int, remark: str) -> tuple[Variable, ...]:
+        """Variables with a remark behind the description of those that are idle, and what is so in this model only."""
+        if self.kind == NONLINEAR:
+            return variables
+        idle, special = program.idle(self.kind)[which], dict(self.actuator.model.descriptions)
+        return tuple(replace(v, description=special.get(v.name, v.description)
+                             + (f" ({remark})" if v.name in idle else "")) for v in variables)
+
     @cached_property
     def inputs(self) -> tuple[Variable, ...]:
-        own = self.actuator.inputs
+        own = self._told(self.actuator.inputs, 0, "not used by this model")
         if self.fins == 1:
             return own
         shared = tuple(replace(v, description=_SHARED.get(v.name, v.description)) for v in own if v.name in SHARED)
@@ -102,7 +110,7 @@ class Unit:
 
     @cached_property
     def outputs(self) -> tuple[Variable, ...]:
-        own = self.actuator.outputs
+        own = self._told(self.actuator.outputs, 1, "always 0 in this model")
         return own if self.fins == 1 else BUS_OUTPUTS + self._each(own)
 
     @cached_property

@@ -21,6 +21,10 @@ from .two_inertias import Pair, advance
 TITLE = "nonlinear electromechanical actuator with elastic drive line and backlash"
 PLANT = ("angle at the encoder's side", "speed at the encoder's side", "motor current", "drive integral",
          "angle at the other side", "speed at the other side")
+DESCRIPTIONS = {
+    "motor_angle": "angle of the rotor (indirect fin angle, by lever and screw)",
+    "nut_position": "nut displacement from the assembly position, before the gap",
+}
 
 
 def _own(name: str, unit: str, minimum: float, maximum: float, description: str) -> Variable:

@@ -16,6 +16,7 @@ from .rewired import rewired
 
 TITLE = "electromechanical actuator after Habibi: cascaded loops, constant ratio, backlash"
 PLANT = elastic.PLANT
+DESCRIPTIONS = elastic.DESCRIPTIONS
 OWN = elastic.GAP
 
 

@@ -65,7 +65,8 @@ class Model:
     `initial(ops, p)` gives a State and the fin angle measured; `sample(ops, p, State, Asked)` a Sampled;
     `forces` as in nonlinear.py; `step(ops, p, plant, held, Boundary, h)` the plant after h [s] or at the first
     event before, and the time that took; `put_out(ops, p, plant, held, Boundary, Shown)` every output.
-    `direct` names the inputs that own outputs depend on at once.
+    `direct` names the inputs that own outputs depend on at once, `descriptions` what a variable of the table is here
+    where that is something else.
     """
 
     plant: tuple[str, ...]
@@ -80,6 +81,7 @@ class Model:
     inputs: tuple[Variable, ...] = ()
     outputs: tuple[Variable, ...] = ()
     direct: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    descriptions: tuple[tuple[str, str], ...] = ()
 
 
 def of_module(module: ModuleType) -> Model:
@@ -104,7 +106,8 @@ def of_module(module: ModuleType) -> Model:
         values: Values = module.outputs(ops, p, *plant, reference, *s, *acting)
         return values
 
-    return Model(module.PLANT, initial, sample, module.forces, step, put_out, parameters=module.OWN)
+    return Model(module.PLANT, initial, sample, module.forces, step, put_out, parameters=module.OWN,
+                 descriptions=tuple(getattr(module, "DESCRIPTIONS", {}).items()))
 
 
 def _identifiers(prefix: str, names: Sequence[str]) -> tuple[str, ...]:

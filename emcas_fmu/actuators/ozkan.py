@@ -18,6 +18,7 @@ from .rewired import rewired
 
 TITLE = "electromechanical actuator after Ozkan: ideal current loop, flexible motor shaft, constant ratio"
 PLANT = elastic.PLANT
+DESCRIPTIONS = elastic.DESCRIPTIONS
 OWN = elastic.TORSIONAL
 # rad/(N.m). Under an ideal current loop a rigid shaft has no step of its own: it gives by 6e-6 deg at the fin
 # under the motor's full torque.

@@ -27,6 +27,11 @@ OWN = (
     Variable("load.torsion_bar", "Real", "parameter", "fixed", "N.m/rad", "stiffness of the torsion bar, k_bar",
              0.0, 1e6),
 )
+DESCRIPTIONS = {
+    "drive_reference": "analogue reference held by the controller's DAC, which sets the PWM",
+    "hinge_torque": "total external moment about the hinge (aerodynamic + torsion bar + gravity + inertial)",
+    "motor_current": "motor current, which no loop controls",
+}
 # V/A. The amplifier is a current controller of so little gain that the current does not matter: at 100 A a ten-
 # thousandth of a volt. So the equations, limits and events of the voltage are the ones there are.
 _LEAST_GAIN = 1e-6

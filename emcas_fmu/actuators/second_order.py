@@ -25,6 +25,14 @@ OWN = (
     Variable("second_order.damping", "Real", "parameter", "fixed", "1", "damping ratio, zeta", 0.0, 100.0),
     Variable("second_order.rate_limit", "Real", "parameter", "fixed", "rad/s", "largest fin rate", 1e-6, 1e6),
 )
+DESCRIPTIONS = {
+    "enable": "false: the fin stands where it is, whatever the load",
+    "aero_torque": "aerodynamic hinge moment on the fin; moves nothing, and is told in hinge_torque",
+    "motor_angle": "motor angle that the kinematics give for the fin's",
+    "motor_speed": "motor speed that the kinematics give for the fin's rate",
+    "measured_fin_angle": "fin angle at the last sample",
+    "saturated": "a limit active: command or rate",
+}
 # Of the damping from 1, relative: closer the two roots are one to the closed form.
 _DOUBLE = 1e-9
 

@@ -85,6 +85,20 @@ def unread(model: str) -> frozenset[str]:
     return frozenset(key for name, key in tracer.parameters if not uses.get(name))
 
 
+_INPUTS = {"fin_command": "command", "aero_torque": "aero_torque", "supply_voltage": "supply", "enable": "enable"}
+
+
+@cache
+def idle(model: str) -> tuple[frozenset[str], frozenset[str]]:
+    """Inputs that nothing of a model depends on, and outputs that are always 0."""
+    tracer = traced(False, model)
+    uses = Writer(tracer, TEMPLATES).uses
+    (outputs,) = (function.results for function in tracer.functions if function.name == "outputs")
+    return (frozenset(name for name, argument in _INPUTS.items() if not uses.get(argument)),
+            frozenset(v.name for v, result in zip(get(model).outputs, outputs, strict=True)
+                      if isinstance(result, float) and result == 0.0))
+
+
 @cache
 def source(several: bool = False, model: str = NONLINEAR) -> str:
     """Python source of a module with ``make(parameters)``.

@@ -1,0 +1,37 @@
+"""Draw docs/models.png: `python docs/make_model_figure.py`."""
+
+from __future__ import annotations
+
+from math import radians
+from pathlib import Path
+
+import numpy as np
+
+from emcas_fmu import plots
+from emcas_fmu.actuators import NAMES, NONLINEAR
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.simulation import simulate
+
+# Step [deg], load [N.m], end [s], the panel's title.
+CASES = ((2.0, 0.0, 0.12, "2°, unloaded"), (15.0, 0.0, 0.2, "15°, unloaded"),
+         (15.0, -100.0, 0.2, "15° against 100 N·m"), (15.0, 100.0, 0.2, "15° with 100 N·m"))
+
+
+def main() -> None:
+    colors = dict(zip((name for name in NAMES if name != NONLINEAR), plots.COLORS, strict=True))
+    with plots.style():
+        figure, axes = plots.figure(2, 2, height=2.9)
+        for (angle, load, stop, title), axis in zip(CASES, axes.flat, strict=True):
+            for name in NAMES:
+                run = simulate(load_parameters(model=name).values, stop, 2.5e-4, model=name, aero_torque=load,
+                               fin_command=lambda t, angle=angle: radians(angle) if t > 0.0199 else 0.0)
+                axis.plot(run["time"], np.degrees(run["fin_angle"]), label=name, color=colors.get(name, plots.GRAY),
+                          linewidth=4.0 if name == NONLINEAR else 1.1, alpha=0.6 if name == NONLINEAR else 1.0)
+            axis.set(title=title, xlabel="time [s]", ylabel="fin angle [deg]", xlim=(0.0, stop),
+                     ylim=(-0.3 * angle, 1.4 * angle))
+        figure.legend(*axes[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=len(NAMES))
+        figure.savefig(Path(__file__).parent / "models.png", dpi=110, facecolor="white", metadata={"Software": None})
+
+
+if __name__ == "__main__":
+    main()
