@@ -104,6 +104,15 @@ def _inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return _broken(ops, total <= 0.0), total
 
 
+def _bristles(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    if not hasattr(p, "lugre"):
+        return 0.0, 0.0, 0.0, 0.0
+    inertia = p.inertia.motor + p.inertia.screw + p.mass.nut * p.screw.lead * p.screw.lead
+    tick, stiffness = longest_tick(ops, p), p.lugre.stiffness
+    largest = inertia / (tick * tick)
+    return _broken(ops, stiffness > largest * (1.0 + _SLACK)), stiffness, largest, tick
+
+
 RULES = (
     Rule(_travel, f"fin.stop_angle = {_ANGLE} must be at least command.limit = {_ANGLE}"),
     Rule(_start, f"fin.start_angle = {_ANGLE} must lie within +-fin.stop_angle = {_ANGLE}"),
@@ -118,6 +127,9 @@ RULES = (
     Rule(_multiplier, "encoder.multiplier = %.6g must be 1, 2 or 4"),
     Rule(_inertia, "inertia.motor + inertia.screw + inertia.fin + inertia.shaft + inertia.fork = %.6g kg.m2 "
                    "must be above 0"),
+    # 1 rad of the rotor's swing on its bristles in a tick: the period is 8 % long there.
+    Rule(_bristles, "lugre.stiffness = %.6g N.m/rad must be at most %.6g N.m/rad, the motor's inertia over the square "
+                    "of the tick of %.6g s; lower it or solver.max_tick"),
 )
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from .ops.base import Ops, Value
-from .physics import drive, kinematics, mechanics
+from .physics import drive, friction, kinematics, mechanics
 
 # Dry friction counts as overcome this close to its limit, so that a step that ended at
 # breakaway does not find itself stuck by a rounding error.
@@ -24,7 +24,7 @@ _EDGE = 1.0 - 1e-9
 # The demanded voltage counts as at its limit this close to it, for the same reason.
 _BAND = 1e-6
 # The least share of a step that is taken, so that every call moves on.
-_PROGRESS = 1e-6
+PROGRESS = 1e-6
 _WALL = 1e30  # N.m, a mechanical stop seen as friction that nothing overcomes
 _TINY = 1e-300
 
@@ -53,7 +53,7 @@ class Boundary(NamedTuple):
     enabled: Value
 
 
-class _Motion(NamedTuple):
+class Motion(NamedTuple):
     """Direction (-1, 0 stuck, 1) and the mechanics along it: (inertia) dw = K_t i + torque."""
 
     direction: Value
@@ -64,7 +64,7 @@ class _Motion(NamedTuple):
     load: Value
 
 
-class _Drive(NamedTuple):
+class Drive(NamedTuple):
     """The electrical mode: L di/dt = source - loop i - back-EMF, clipped on `side` (0: not)."""
 
     side: Value
@@ -79,7 +79,7 @@ class _Drive(NamedTuple):
     at_limit: Value  # 1 where the step starts at the limit
 
 
-class _Current(NamedTuple):
+class Current(NamedTuple):
     """i(t) = final + (start - final) exp(-t/tau); ``mean`` over the step, ``end`` at its end.
 
     ``speed`` is the mean speed of a sliding motor under that current.
@@ -108,12 +108,12 @@ def _sign(ops: Ops, x: Value) -> Value:
     return ops.where(x > 0.0, 1.0, ops.where(x < 0.0, -1.0, 0.0))
 
 
-def _motion(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float) -> _Motion:
-    """Mechanics of a motor that turns one way (heading 1 or -1), or of one at rest (0)."""
+def _motion(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float, at: Value) -> Motion:
+    """Mechanics of a motor that turns one way (heading 1 or -1), or of one at rest (0), under friction of `at`."""
     m = mechanics.coefficients(ops, p, s.angle + 0.5 * h * s.speed, b.aero_torque, b.f_x, b.f_z)
     if heading:
         direction: Value = heading
-        friction = heading * mechanics.breakaway(ops, p, m, heading)
+        dry = heading * mechanics.breakaway(ops, p, m, heading, at)
         high: Value = 0.0
         low: Value = 0.0
     else:
@@ -125,16 +125,19 @@ def _motion(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float) -
         up = ops.both(applied >= high * _EDGE, applied > 0.0)
         down = ops.both(applied <= low * _EDGE, applied < 0.0)
         direction = ops.where(up, 1.0, ops.where(down, -1.0, 0.0))
-        friction = ops.where(up, high, ops.where(down, low, 0.0))
+        dry = ops.where(up, high, ops.where(down, low, 0.0))
+        if friction.falls(p):
+            dry = ops.where(up, mechanics.breakaway(ops, p, m, 1.0, at),
+                            ops.where(down, -mechanics.breakaway(ops, p, m, -1.0, at), 0.0))
     w = s.speed
     damping = mechanics.damping(ops, p, m, direction)
     # Midpoint speed w + h dw/2 in the viscous and (linearised) the centrifugal term.
     inertia = m.inertia + 0.5 * h * damping - h * w * m.centrifugal
-    torque = m.load - friction - damping * w + m.centrifugal * w * w
-    return _Motion(direction, inertia, torque, high, low, m.load)
+    torque = m.load - dry - damping * w + m.centrifugal * w * w
+    return Motion(direction, inertia, torque, high, low, m.load)
 
 
-def electrical_mode(ops: Ops, p: Any, s: Plant, b: Boundary) -> _Drive:
+def electrical_mode(ops: Ops, p: Any, s: Plant, b: Boundary) -> Drive:
     """The electrical mode a step starts in.
 
     A demand at the limit may be driven out while it is free and back while it is
@@ -165,10 +168,10 @@ def electrical_mode(ops: Ops, p: Any, s: Plant, b: Boundary) -> _Drive:
         return (own, loop, inductance / loop, source, gain, ops.where(stays, 1.0, 0.0), ops.where(at_limit, 1.0, 0.0))
 
     side, loop, tau, source, gain, stays, at_limit = ops.branch(inside, free, beyond)
-    return _Drive(side, loop, tau, source, gain, limit, i_ref, b.enabled, stays, at_limit)
+    return Drive(side, loop, tau, source, gain, limit, i_ref, b.enabled, stays, at_limit)
 
 
-def _current(ops: Ops, p: Any, s: Plant, motion: _Motion, d: _Drive, h: Value) -> _Current:
+def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: Drive, h: Value) -> Current:
     """The current's course for the back-EMF of the step's mean speed, and that speed.
 
     Mean speed and mean integral are linear in the final current, which is therefore
@@ -193,29 +196,32 @@ def _current(ops: Ops, p: Any, s: Plant, motion: _Motion, d: _Drive, h: Value) -
         return final, mean, final + (s.current - final) * decay, speed_at_zero + speed_slope * final
 
     final, mean, end, speed = ops.branch(d.enabled, flowing, lambda: (0.0, 0.0, 0.0, drift))
-    return _Current(s.current, final, d.tau, mean, end, speed)
+    return Current(s.current, final, d.tau, mean, end, speed)
 
 
-def _time_to(ops: Ops, c: _Current, value: Value) -> Value:
+def time_to(ops: Ops, c: Current, value: Value) -> Value:
     """When the current reaches a value that lies on its way."""
     rest = value - c.final
     ratio = (c.start - c.final) / ops.where(ops.fabs(rest) > _TINY, rest, _TINY)
     return c.tau * ops.log(ops.maximum(ratio, 1.0))
 
 
-class _Step(NamedTuple):
+class Step(NamedTuple):
     """Where a step leads if nothing but what holds at its start happens, and what it was made of."""
 
     end: Plant
-    motion: _Motion
-    drive: _Drive
-    current: _Current
+    motion: Motion
+    drive: Drive
+    current: Current
 
 
-def _step(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float) -> _Step:
-    motion = _motion(ops, p, s, b, h, heading)
+def _step(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float, at: Value | None = None) -> Step:
+    """A step under the friction of the speed `at`: where it depends on one, that of mid-step as a first step has it."""
+    if at is None:
+        at = _step(ops, p, s, b, h, heading, s.speed).current.speed if friction.falls(p) else s.speed
+    motion = _motion(ops, p, s, b, h, heading, at)
     d = electrical_mode(ops, p, s, b)
-    c = _current(ops, p, s, motion, d, h)
+    c = current_course(ops, p, s, motion, d, h)
 
     def sliding() -> tuple[Value, ...]:
         speed = s.speed + h * (drive.torque(p, c.mean) + motion.torque) / motion.inertia
@@ -227,13 +233,17 @@ def _step(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float) -> 
         return ops.where(starts, angle, s.angle), ops.where(starts, speed, 0.0)
 
     angle, speed = ops.branch(ops.equal(motion.direction, 0.0), lambda: (s.angle, 0.0), sliding)
+    return Step(Plant(angle, speed, c.end, integral_end(ops, p, s, d, c, h)), motion, d, c)
+
+
+def integral_end(ops: Ops, p: Any, s: Plant, d: Drive, c: Current, h: Value) -> Value:
+    """The drive's integral [V] at the end of a step."""
     followed = d.side * d.limit - p.drive.kp * (d.i_ref - c.end)
     moved = s.integral + h * d.integral_gain * (d.i_ref - c.mean)
-    integral = ops.where(d.enabled, ops.where(d.stays > 0.0, followed, moved), 0.0)
-    return _Step(Plant(angle, speed, c.end, integral), motion, d, c)
+    return ops.where(d.enabled, ops.where(d.stays > 0.0, followed, moved), 0.0)
 
 
-class _Events(NamedTuple):
+class Events(NamedTuple):
     """What happens in a step: the voltage meets (``entering``) or leaves its limit, a motor
     at rest breaks away (``up``, ``down``), one that turns comes to rest or gets to a stop."""
 
@@ -245,24 +255,29 @@ class _Events(NamedTuple):
     stopping: Value
 
 
-def _events(ops: Ops, p: Any, s: Plant, step: _Step, heading: float) -> _Events:
-    end, motion, d, _ = step
+def voltage_events(ops: Ops, p: Any, d: Drive, end: Plant) -> tuple[Value, Value]:
+    """Whether the demanded voltage meets its limit on the way to `end`, and whether it leaves it."""
     demand = drive.voltage_demand(p, d.i_ref, end.current, end.integral)
     free = ops.equal(d.side, 0.0)
     # From the limit itself the mode told at the start holds through the step.
     crossing = ops.both(d.enabled, ops.equal(d.at_limit, 0.0))
     entering = ops.both(crossing, ops.both(free, ops.fabs(demand) > d.limit))
-    leaving = ops.both(crossing, ops.both(ops.negate(free), demand * d.side < d.limit))
+    return entering, ops.both(crossing, ops.both(ops.negate(free), demand * d.side < d.limit))
+
+
+def _events(ops: Ops, p: Any, s: Plant, step: Step, heading: float) -> Events:
+    end, motion, d, _ = step
+    entering, leaving = voltage_events(ops, p, d, end)
     stopping = (end.angle - _stop_ahead(ops, p, motion.direction)) * motion.direction >= 0.0
     if heading:
-        return _Events(entering, leaving, False, False, end.speed * heading <= 0.0, stopping)
+        return Events(entering, leaving, False, False, end.speed * heading <= 0.0, stopping)
     stuck = ops.equal(motion.direction, 0.0)
     applied = drive.torque(p, end.current) + motion.load
-    return _Events(entering, leaving, ops.both(stuck, applied > motion.high), ops.both(stuck, applied < motion.low),
+    return Events(entering, leaving, ops.both(stuck, applied > motion.high), ops.both(stuck, applied < motion.low),
                    False, ops.both(ops.negate(stuck), stopping))
 
 
-def _voltage_time(ops: Ops, p: Any, s: Plant, step: _Step, e: _Events, h: Value) -> Value:
+def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, e: Events, h: Value) -> Value:
     """When the demanded voltage crosses the limit, `h` if it does not."""
     _, _, d, c = step
     before = drive.voltage_demand(p, d.i_ref, s.current, s.integral)
@@ -274,18 +289,18 @@ def _voltage_time(ops: Ops, p: Any, s: Plant, step: _Step, e: _Events, h: Value)
     on_course = (boundary - s.current) * (step.end.current - boundary) >= 0.0
     change = ops.where(ops.equal(after, before), 1.0, after - before)
     line = h * ops.clip((side * d.limit - before) / change, 0.0, 1.0)
-    time = ops.where(on_course, ops.minimum(_time_to(ops, c, boundary), h), line)
+    time = ops.where(on_course, ops.minimum(time_to(ops, c, boundary), h), line)
     return ops.where(ops.either(e.entering, e.leaving), time, h)
 
 
-def _breakaway_time(ops: Ops, p: Any, step: _Step, e: _Events, h: Value) -> Value:
+def _breakaway_time(ops: Ops, p: Any, step: Step, e: Events, h: Value) -> Value:
     """When the torque on a motor at rest exceeds its friction, `h` if it does not."""
     edge = ops.where(e.up, step.motion.high, step.motion.low)
-    time = _time_to(ops, step.current, (edge - step.motion.load) / p.motor.torque_constant)
+    time = time_to(ops, step.current, (edge - step.motion.load) / p.motor.torque_constant)
     return ops.where(ops.either(e.up, e.down), time, h)
 
 
-def _stop_time(ops: Ops, s: Plant, step: _Step, e: _Events, stop: Value, h: Value) -> Value:
+def stop_time(ops: Ops, s: Plant, step: Step, e: Events, stop: Value, h: Value) -> Value:
     """When the motor gets to the angle `stop`, `h` if it does not; constant acceleration."""
     travel = stop - s.angle
     acceleration = (step.end.speed - s.speed) / h
@@ -295,12 +310,12 @@ def _stop_time(ops: Ops, s: Plant, step: _Step, e: _Events, stop: Value, h: Valu
     return ops.where(e.stopping, ops.clip(time, 0.0, h), h)
 
 
-def _to_first_event(ops: Ops, p: Any, s: Plant, b: Boundary, step: _Step, e: _Events, h: Value,
+def _to_first_event(ops: Ops, p: Any, s: Plant, b: Boundary, step: Step, e: Events, h: Value,
                     heading: float) -> tuple[Value, ...]:
     """State at the first event and the time it took."""
     stop = _stop_ahead(ops, p, step.motion.direction)
-    voltage = _voltage_time(ops, p, s, step, e, h)
-    stopping = _stop_time(ops, s, step, e, stop, h)
+    voltage = voltage_time(ops, p, s, step, e, h)
+    stopping = stop_time(ops, s, step, e, stop, h)
     if heading:
         # First where the line between the speeds is zero, then on the line to that point.
         slowing = ops.where(e.reversing, s.speed - step.end.speed, 1.0)
@@ -309,16 +324,16 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, b: Boundary, step: _Step, e: _Ev
     else:
         other = _breakaway_time(ops, p, step, e, h)
     first = ops.minimum(ops.minimum(voltage, other), stopping)
-    used = ops.maximum(first, _PROGRESS * h)
+    used = ops.maximum(first, PROGRESS * h)
     part = _step(ops, p, s, b, used, heading).end
     hits = ops.both(e.stopping, stopping <= first)
     rests = ops.either(hits, ops.both(e.reversing, other <= first))
     return (ops.where(hits, stop, part.angle), ops.where(rests, 0.0, part.speed), part.current, part.integral, used)
 
 
-def _refined(ops: Ops, p: Any, s: Plant, b: Boundary, step: _Step, guess: Value, h: Value, heading: float) -> Value:
+def _refined(ops: Ops, p: Any, s: Plant, b: Boundary, step: Step, guess: Value, h: Value, heading: float) -> Value:
     """A better time of zero speed than `guess`, by the secant to the side where it lies."""
-    speed = _step(ops, p, s, b, ops.maximum(guess, _PROGRESS * h), heading).end.speed
+    speed = _step(ops, p, s, b, ops.maximum(guess, PROGRESS * h), heading).end.speed
     late = speed * heading <= 0.0
     other_time, other_speed = ops.where(late, 0.0, h), ops.where(late, s.speed, step.end.speed)
     change = ops.where(ops.equal(speed, other_speed), 1.0, speed - other_speed)

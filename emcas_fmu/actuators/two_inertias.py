@@ -91,7 +91,8 @@ def _beyond(ops: Ops, torque: Value, high: Value, low: Value) -> tuple[Value, Va
     return net, ops.where(torque > high, 1.0, ops.where(torque < low, -1.0, 0.0))
 
 
-def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, b: Boundary, mode: _Mode, h: Value) -> Pair:
+def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, b: Boundary, mode: _Mode, h: Value,
+              at: Value | None = None) -> Pair:
     """The state after `h` [s] if the mode holds.
 
     With mean speeds W and U the midpoint rules are
@@ -99,8 +100,11 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, b: Boundary, mode: 
         (2 J/h + b + K_t K_e' + k) W - k U = r_1 - friction        (2 J_f/h + b_f + k) U - k W = r_2 - friction
 
     where k = h K/2 + D. The matrix is symmetric and its solution under friction the least of a convex function, so
-    the cases below have one answer.
+    the cases below have one answer. Friction that falls with speed is that of the rotor's speed `at`: of mid-step, as
+    a first solution has it.
     """
+    if at is None and friction.falls(p):
+        at = 0.5 * (s.speed + _advanced(ops, p, c, s, b, mode, h, s.speed).speed)
     m = drive_line.fin_side(ops, p, s.fin_angle + 0.5 * h * s.fin_speed, b.aero_torque, b.f_x, b.f_z)
     e = _electric(ops, p, s, mode.drive, h)
     k = ops.where(mode.pressed, 0.5 * h * c.stiffness + c.damping, 0.0)
@@ -128,6 +132,8 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, b: Boundary, mode: 
     stands = ops.equal(way, 0.0)
 
     alone_1 = rotor + friction.viscous(ops, p, way) + drive.torque(p, e.slope)
+    if friction.falls(p):
+        up, down = friction.coulomb(ops, p, 1.0, m.fin, at), -friction.coulomb(ops, p, -1.0, m.fin, at)
     n_1 = r_1 - ops.where(way > 0.0, up, down)
     # The rotor's while the fin stands; from rest it moves on the side its torque points to.
     rotor_alone = n_1 / (alone_1 + k)

@@ -7,6 +7,12 @@ with coefficients c_n and b of the direction of motion. At rest friction is what
 holds the motor there, up to C_m: it sticks exactly. Section 3.3 measures both at 24
 and -6 degC and fits sixth-order polynomials of the fin angle per direction. Between
 the temperatures the ratio is linear, outside them it is held.
+
+Where the parameters have a group `stribeck` (:mod:`emcas_fmu.options.stribeck`), C_m falls with the speed w:
+
+    C_m (1 + (s - 1) exp(-(w/w_s)^2))
+
+The bristle of :mod:`emcas_fmu.options.lugre` is solved in :mod:`emcas_fmu.integrate_bristle`.
 """
 
 from __future__ import annotations
@@ -17,6 +23,7 @@ from typing import Any
 from ..ops.base import Ops, Value
 
 WARM, COLD = 24.0, -6.0  # degC, the temperatures of the measurements
+_LEAST = 1e-12  # N.m, bristles of less are none: they slip at once
 POLYNOMIAL_SPAN = radians(20.0)  # the polynomials' variable is fin_angle / POLYNOMIAL_SPAN
 
 
@@ -39,8 +46,22 @@ def coulomb_reference(ops: Ops, coefficients: Any, fin: Value) -> Value:
     return ops.maximum(coulomb_polynomial(coefficients, fin), 0.0)
 
 
-def coulomb(ops: Ops, p: Any, direction: Value, fin: Value) -> Value:
-    """Coulomb torque magnitude C_m [N.m] at the motor for motion along the sign of `direction`."""
+def falls(p: Any) -> bool:
+    """Whether dry friction at the motor depends on the speed: known when the model is wired, no parameter."""
+    return hasattr(p, "stribeck")
+
+
+def stribeck(ops: Ops, static_ratio: Value, stribeck_speed: Value, speed: Value) -> Value:
+    """Dry friction at a speed [rad/s] over that of fast sliding [-]: `static_ratio` at rest."""
+    share = speed / stribeck_speed
+    return 1.0 + (static_ratio - 1.0) * ops.exp(-share * share)
+
+
+def coulomb(ops: Ops, p: Any, direction: Value, fin: Value, speed: Value = 0.0) -> Value:
+    """Dry friction's magnitude C_m [N.m] at the motor for motion along the sign of `direction`, at a speed [rad/s].
+
+    At a speed against the direction it is that at rest.
+    """
     factor = _temperature_factor(ops, p, p.friction.cold_coulomb_ratio)
     polynomials = p.friction.coulomb
     (value,) = ops.branch(
@@ -48,7 +69,23 @@ def coulomb(ops: Ops, p: Any, direction: Value, fin: Value) -> Value:
         lambda: (coulomb_reference(ops, polynomials.positive, fin),),
         lambda: (coulomb_reference(ops, polynomials.negative, fin),),
     )
+    if falls(p):
+        own = p.stribeck
+        along = ops.maximum(ops.where(direction > 0.0, speed, -speed), 0.0)
+        return value * factor * stribeck(ops, own.static_ratio, own.speed, along)
     return value * factor
+
+
+def bristles(ops: Ops, p: Any, fin: Value, ratio: Value, speed: Value) -> tuple[Value, Value]:
+    """Of LuGre bristles at a motor speed w [rad/s]: a = sigma_0 |w|/g [1/s] and the damping sigma_1 [N.m.s/rad].
+
+    g is C_m with its excess at low speed and the Coulomb friction about the hinge, at the motor.
+    """
+    own, turning = p.lugre, ops.fabs(speed)
+    level = (coulomb(ops, p, speed, fin) * stribeck(ops, own.static_ratio, own.stribeck_speed, turning)
+             + p.friction.fin_coulomb / ratio)
+    level = ops.maximum(level, _LEAST)
+    return own.stiffness * turning / level, own.damping / (1.0 + own.damping * turning / (4.0 * level))
 
 
 def viscous(ops: Ops, p: Any, direction: Value) -> Value:

@@ -65,9 +65,9 @@ def coefficients(ops: Ops, p: Any, motor_angle: Value, aero_torque: Value, f_x: 
     )
 
 
-def breakaway(ops: Ops, p: Any, m: Mechanics, direction: Value) -> Value:
-    """T_c/R [N.m]: dry friction at the motor for motion along the sign of `direction`."""
-    return friction.coulomb(ops, p, direction, m.fin) + p.friction.fin_coulomb / m.ratio
+def breakaway(ops: Ops, p: Any, m: Mechanics, direction: Value, speed: Value = 0.0) -> Value:
+    """T_c/R [N.m]: dry friction at the motor for motion along the sign of `direction`, at a motor speed [rad/s]."""
+    return friction.coulomb(ops, p, direction, m.fin, speed) + p.friction.fin_coulomb / m.ratio
 
 
 def damping(ops: Ops, p: Any, m: Mechanics, direction: Value) -> Value:

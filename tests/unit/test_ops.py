@@ -41,6 +41,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "i_ref": (-60.0, 60.0), "cold_ratio": (1.0, 2.0), "time": (0.0, 2.0),
     "yaw": (-3.0, 3.0), "source": (0.0, 45.0), "sag": (-5.0, 50.0), "power": (-1e3, 9e3), "at": (-5.0, 45.0),
     "resistance": (0.0, 1.0), "drawn": (-50.0, 200.0), "admittance": (0.0, 2.0),
+    "static_ratio": (1.0, 2.0), "stribeck_speed": (0.5, 300.0),
 }
 FLAGS = {"enable"}
 
@@ -52,7 +53,8 @@ def _public(module: ModuleType) -> list[Function]:
 
 # Functions whose arguments are plain values; the others are reached through these.
 STRUCTURED = {loads.specific_force, mechanics.breakaway, mechanics.damping, integrate.advance, control.output,
-              integrate.electrical_mode,
+              integrate.electrical_mode, integrate.current_course, integrate.integral_end, integrate.stop_time,
+              integrate.time_to, integrate.voltage_events, integrate.voltage_time, friction.bristles, friction.falls,
               control.update, friction.coulomb_reference, friction.coulomb_polynomial}
 MODULES = (bus, kinematics, friction, loads, mechanics, drive, sensors, control, integrate, schedule, nonlinear)
 PLAIN = [f for module in MODULES for f in _public(module) if f not in STRUCTURED]
