@@ -1,0 +1,167 @@
+"""Table and figures of docs/friction.md.
+
+    python docs/make_friction.py           # writes the table between its markers, and the figures
+    python docs/make_friction.py --check   # exit code 1 where the table is stale
+    python docs/make_friction.py --cost    # prints what a simulated second costs here
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Mapping
+from math import pi, radians, sin
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from make_tables import renewed
+
+from emcas_fmu import plots
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.simulation import simulate
+
+HERE = Path(__file__).parent
+PAGE = HERE / "friction.md"
+NONE = {f"friction.coulomb.{way}[{n}]": 0.0 for way in ("positive", "negative") for n in range(7)}
+# Title, model, overrides, colour.
+CHOICES: tuple[tuple[str, str, Mapping[str, float], str], ...] = (
+    ("none", "nonlinear", NONE, plots.GRAY),
+    ("Coulomb", "nonlinear", {}, plots.BLUE),
+    ("Stribeck", "nonlinear+stribeck", {}, plots.VERMILLION),
+    ("LuGre", "nonlinear+lugre", {}, plots.GREEN),
+)
+ROUGH: tuple[tuple[str, str, Mapping[str, float], str], ...] = (
+    ("Stribeck, s = 2", "nonlinear+stribeck", {"stribeck.static_ratio": 2.0}, ""),
+    ("LuGre, s = 2", "nonlinear+lugre", {"lugre.static_ratio": 2.0}, ""),
+)
+AMPLITUDE, FREQUENCY = 0.5, 0.2  # deg, Hz
+STEP, BAND = 0.1, 0.01  # deg
+FASTEST = 0.25  # s before the sine's zero, where it is fastest
+SETTLED, LONG = 20.0, 300.0  # s
+STUCK = 0.02  # rad/s at the motor, 3 % of the sine's largest
+
+
+def _sine(t: float) -> float:
+    return radians(AMPLITUDE) * sin(2.0 * pi * FREQUENCY * t)
+
+
+def _run(model: str, overrides: Mapping[str, Any], stop: float, step: float = 1e-3, **inputs: Any) -> dict[str, Any]:
+    return simulate(load_parameters(model=model).replace(overrides).values, stop, step, model=model, **inputs)
+
+
+def _row(title: str, model: str, overrides: Mapping[str, float], gain: float) -> str:
+    given = {**overrides, "compensation.gain": gain}
+    slow = _run(model, given, 3.0 / FREQUENCY, fin_command=_sine)
+    last = slice(round(2e3 / FREQUENCY), None)
+    error = np.degrees(slow["tracking_error"][last])
+    fast = slow["time"] >= 3.0 / FREQUENCY - FASTEST
+    times, there = slow["time"][fast], np.degrees(slow["tracking_error"][fast])
+    ripple = np.ptp(there - np.polyval(np.polyfit(times, there, 1), times))
+    stuck = np.mean(np.abs(slow["motor_speed"][last]) < STUCK)
+    angle = np.degrees(_run(model, given, LONG, fin_command=radians(STEP))["fin_angle"])
+    settling = (np.flatnonzero(np.abs(angle - STEP) > BAND)[-1] + 1) * 1e-3
+    late = angle[round(SETTLED * 1e3):]
+    return (f"| {title} | {np.sqrt(np.mean(error**2)):.4f}° | {np.abs(error).max():.3f}° | {100.0 * stuck:.0f} % "
+            f"| {ripple:.3f}° | {max(angle.max() - STEP, 0.0):.3f}° | {settling:.2f} s | {np.mean(late) - STEP:+.4f}° "
+            f"| {np.ptp(late):.4f}° |")
+
+
+def table() -> str:
+    """What each choice does to a slow sine and a small step, without compensation and with it."""
+    lines = ["| | sine: rms error | peak | stuck | ripple | step: overshoot | settling | mean error "
+             "| hunting |", "|---" * 9 + "|"]
+    for gain, words in ((0.0, ""), (1.0, ", fed forward")):
+        lines += [_row(title + words, model, overrides, gain) for title, model, overrides, _ in CHOICES + ROUGH
+                  if title != "none" or not gain]
+    return "\n".join(lines)
+
+
+TABLES: Mapping[str, Callable[[], str]] = {"friction": table}
+
+
+def _save(figure: Any, name: str) -> None:
+    figure.savefig(HERE / name, dpi=110, facecolor="white", metadata={"Software": None})
+
+
+def _tracking() -> None:
+    with plots.style():
+        figure, axes = plots.figure(1, 2, height=3.2, sharey=True)
+        for (axis,), gain, words in ((axes[:, 0], 0.0, "no compensation"), (axes[:, 1], 1.0, "Coulomb fed forward")):
+            for title, model, overrides, color in CHOICES:
+                run = _run(model, {**overrides, "compensation.gain": gain}, 3.0 / FREQUENCY, fin_command=_sine)
+                last = slice(round(2e3 / FREQUENCY), None)
+                axis.plot(run["time"][last] - 2.0 / FREQUENCY, np.degrees(run["tracking_error"][last]), color=color,
+                          label=title, linewidth=1.0)
+            axis.set(xlabel="time in the cycle [s]", title=f"Slow sine, {words}")
+        axes[0][0].set(ylabel="tracking error [deg]")
+        axes[0][1].legend(loc="upper right")
+        _save(figure, "friction_tracking.png")
+
+
+def _loops() -> None:
+    """At one position's friction in both directions, so that the loops are the bristles' alone."""
+    level = 0.2
+    even = {**NONE, "friction.coulomb.positive[0]": level, "friction.coulomb.negative[0]": level}
+    smooth = {"encoder.enabled": False, "compensation.gain": 0.0}
+    values = load_parameters(model="nonlinear+lugre").values
+    ratio = values["kinematics.moment_arm"] / values["screw.lead"] / np.cos(values["kinematics.initial_angle"])**2
+    with plots.style():
+        figure, axes = plots.figure(1, 2, height=3.2)
+        for share, color in ((0.4, plots.SKY), (0.8, plots.BLUE), (1.2, plots.VERMILLION)):
+            run = _run("nonlinear+lugre", even, 20.0, enable=False,
+                       aero_torque=lambda t, share=share: share * level * ratio * sin(0.2 * pi * t))
+            axes[0][0].plot(1e3 * run["motor_angle"], run["friction_torque"], color=color,
+                            label=f"load of {share:g} Coulomb")
+        axes[0][0].set(xlabel="motor angle [mrad]", ylabel="friction torque [N·m]", title="LuGre: presliding")
+        axes[0][0].legend(loc="lower right")
+        speed = np.linspace(-8.0, 8.0, 801)
+        excess = 1.0 + (values["lugre.static_ratio"] - 1.0) * np.exp(-(speed / values["lugre.stribeck_speed"])**2)
+        axes[0][1].plot(speed, level * np.sign(speed), color=plots.GRAY, label="Coulomb")
+        axes[0][1].plot(speed, level * excess * np.sign(speed), color=plots.VERMILLION, label="Stribeck")
+        for frequency, color in ((0.5, plots.GREEN), (4.0, plots.SKY)):
+            amplitude = 8.0 / (2.0 * pi * frequency) / ratio
+            run = _run("nonlinear+lugre", {**even, **smooth}, 4.0 / frequency, 2e-4,
+                       fin_command=lambda t, a=amplitude, f=frequency: a * sin(2.0 * pi * f * t))
+            last = run["time"] >= 3.0 / frequency
+            axes[0][1].plot(run["motor_speed"][last], run["friction_torque"][last], color=color,
+                            label=f"LuGre at {frequency:g} Hz")
+        axes[0][1].set(xlabel="motor speed [rad/s]", ylabel="friction torque [N·m]", title="Friction against speed",
+                       xlim=(-5.0, 5.0))
+        axes[0][1].legend(loc="lower right")
+        _save(figure, "friction_loops.png")
+
+
+def _cost() -> None:
+    for title, model, overrides, _ in CHOICES:
+        taken = []
+        for kernel, stop in (("compiled", 10.0), ("python", 2.0)):
+            values = load_parameters(model=model).replace(overrides).values
+            runs = []
+            for _ in range(3):
+                begun = time.process_time()
+                simulate(values, stop, model=model, kernel=kernel, fin_command=_sine)
+                runs.append((time.process_time() - begun) / stop * 1e3)
+            taken.append(min(runs))
+        print(f"{title}: {taken[0]:.2f} ms of CPU per simulated second compiled, {taken[1]:.0f} ms in Python")
+
+
+def main(check: bool) -> int:
+    """Renew page and figures, or say whether the page is stale; the exit code."""
+    old = PAGE.read_text(encoding="utf-8")
+    new = renewed(old, TABLES)
+    if check:
+        if new != old:
+            print("docs/friction.md is stale: run python docs/make_friction.py")
+        return int(new != old)
+    PAGE.write_text(new, encoding="utf-8", newline="\n")
+    _tracking()
+    _loops()
+    return 0
+
+
+if __name__ == "__main__":
+    if "--cost" in sys.argv[1:]:
+        _cost()
+    else:
+        sys.exit(main("--check" in sys.argv[1:]))
