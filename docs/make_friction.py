@@ -15,14 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from make_tables import renewed
+from make_tables import main, markdown
 
 from emcas_fmu import plots
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 
 HERE = Path(__file__).parent
-PAGE = HERE / "friction.md"
 NONE = {f"friction.coulomb.{way}[{n}]": 0.0 for way in ("positive", "negative") for n in range(7)}
 # Title, model, overrides, colour.
 CHOICES: tuple[tuple[str, str, Mapping[str, float], str], ...] = (
@@ -50,7 +49,7 @@ def _run(model: str, overrides: Mapping[str, Any], stop: float, step: float = 1e
     return simulate(load_parameters(model=model).replace(overrides).values, stop, step, model=model, **inputs)
 
 
-def _row(title: str, model: str, overrides: Mapping[str, float], gain: float) -> str:
+def _row(title: str, model: str, overrides: Mapping[str, float], gain: float) -> list[str]:
     given = {**overrides, "compensation.gain": gain}
     slow = _run(model, given, 3.0 / FREQUENCY, fin_command=_sine)
     last = slice(round(2e3 / FREQUENCY), None)
@@ -62,22 +61,20 @@ def _row(title: str, model: str, overrides: Mapping[str, float], gain: float) ->
     angle = np.degrees(_run(model, given, LONG, fin_command=radians(STEP))["fin_angle"])
     settling = (np.flatnonzero(np.abs(angle - STEP) > BAND)[-1] + 1) * 1e-3
     late = angle[round(SETTLED * 1e3):]
-    return (f"| {title} | {np.sqrt(np.mean(error**2)):.4f}° | {np.abs(error).max():.3f}° | {100.0 * stuck:.0f} % "
-            f"| {ripple:.3f}° | {max(angle.max() - STEP, 0.0):.3f}° | {settling:.2f} s | {np.mean(late) - STEP:+.4f}° "
-            f"| {np.ptp(late):.4f}° |")
+    return [title, f"{np.sqrt(np.mean(error**2)):.4f}°", f"{np.abs(error).max():.3f}°", f"{100.0 * stuck:.0f} %",
+            f"{ripple:.3f}°", f"{max(angle.max() - STEP, 0.0):.3f}°", f"{settling:.2f} s",
+            f"{np.mean(late) - STEP:+.4f}°", f"{np.ptp(late):.4f}°"]
 
 
 def table() -> str:
     """What each choice does to a slow sine and a small step, without compensation and with it."""
-    lines = ["| | sine: rms error | peak | stuck | ripple | step: overshoot | settling | mean error "
-             "| hunting |", "|---" * 9 + "|"]
-    for gain, words in ((0.0, ""), (1.0, ", fed forward")):
-        lines += [_row(title + words, model, overrides, gain) for title, model, overrides, _ in CHOICES + ROUGH
-                  if title != "none" or not gain]
-    return "\n".join(lines)
+    rows = [_row(title + words, model, overrides, gain) for gain, words in ((0.0, ""), (1.0, ", fed forward"))
+            for title, model, overrides, _ in CHOICES + ROUGH if title != "none" or not gain]
+    return markdown(("", "sine: rms error", "peak", "stuck", "ripple", "step: overshoot", "settling", "mean error",
+                     "hunting"), rows)
 
 
-TABLES: Mapping[str, Callable[[], str]] = {"friction": table}
+TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {"friction.md": {"friction": table}}
 
 
 def _save(figure: Any, name: str) -> None:
@@ -146,22 +143,12 @@ def _cost() -> None:
         print(f"{title}: {taken[0]:.2f} ms of CPU per simulated second compiled, {taken[1]:.0f} ms in Python")
 
 
-def main(check: bool) -> int:
-    """Renew page and figures, or say whether the page is stale; the exit code."""
-    old = PAGE.read_text(encoding="utf-8")
-    new = renewed(old, TABLES)
-    if check:
-        if new != old:
-            print("docs/friction.md is stale: run python docs/make_friction.py")
-        return int(new != old)
-    PAGE.write_text(new, encoding="utf-8", newline="\n")
-    _tracking()
-    _loops()
-    return 0
-
-
 if __name__ == "__main__":
     if "--cost" in sys.argv[1:]:
         _cost()
-    else:
-        sys.exit(main("--check" in sys.argv[1:]))
+        sys.exit()
+    check = "--check" in sys.argv[1:]
+    if not check:
+        _tracking()
+        _loops()
+    sys.exit(main(check, TABLES, "make_friction.py"))

@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
-
-import pytest
-
 from ..docs.recipes import ROOT
+from ..docs.test_tables import script
 
 
-def test_not_stale(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(ROOT / "docs")  # where the script finds its helper
-    spec = importlib.util.spec_from_file_location("make_friction", ROOT / "docs/make_friction.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+def test_not_stale() -> None:
+    tables, maker = script("make_tables"), script("make_friction")
     text = (ROOT / "docs/friction.md").read_text(encoding="utf-8")
-    assert module.renewed(text, module.TABLES) == text, "run python docs/make_friction.py"
+    assert tables.renewed(text, maker.TABLES["friction.md"]) == text, "run python docs/make_friction.py"
