@@ -12,6 +12,7 @@ course a little different from it.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from ..actuators.model import Asked, Model, Sampled, Shown, State, Values, split
@@ -117,5 +118,5 @@ def extended(inner: Model) -> Model:
         q = _followed(ops, p, winding, case, load)
         return *inner.put_out(ops, q, plant, held, b, s), winding, case, load, q.drive.current_limit
 
-    return Model(inner.plant + _OWN, initial, sample, inner.forces, step, put_out, inner.kept, inner.held,
-                 inner.parameters + PARAMETERS, inner.inputs, inner.outputs + OUTPUTS, inner.direct)
+    return replace(inner, plant=inner.plant + _OWN, initial=initial, sample=sample, step=step, put_out=put_out,
+                   parameters=inner.parameters + PARAMETERS, outputs=inner.outputs + OUTPUTS)

@@ -19,13 +19,10 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.simulation import simulate
 
-MODEL = "nonlinear+heat"
+from .held import HELD, MODEL
+
 BASE = load_parameters(model=MODEL)
 NO_I2T = {"heat.continuous_current": 60.0}
-# The rotor held by friction, the current that of drive.current_offset; see test_heat.py.
-HELD = {"friction.coulomb.positive[0]": 10.0, "friction.coulomb.negative[0]": 10.0, "controller.position.kp": 0.0,
-        "controller.position.ki": 0.0, "controller.velocity.kp": 0.0, "compensation.gain": 0.0, "drive.ki": 0.0,
-        "drive.kp": 1e4, "drive.supply_voltage": 1000.0, "motor.inductance": 1e-6}
 
 
 def _emcas(*arguments: str) -> Result:
@@ -67,7 +64,7 @@ def test_the_simulated_winding_gets_there_in_the_duration(preload: float) -> Non
     rise = 0.6 * 0.25 * square / (1.0 - 0.6 * 0.25 * 0.00387 * square)
     current = short_term_current(before, 20.0, preload)
     assert found.short_term.currents["heat"] == current
-    values = _set({**HELD, **NO_I2T, "drive.current_limit": 1e3, "heat.continuous_current": 1e3,
+    values = _set({**HELD, "drive.kp": 1e4, **NO_I2T, "drive.current_limit": 1e3, "heat.continuous_current": 1e3,
                    "drive.current_offset": current * (1.0 + 0.25e-4), "heat.winding_start_rise": rise,
                    "heat.case_start_rise": rise * 0.4 / 0.6}).values
     run = simulate(values, 20.0, 1.0, model=MODEL)
@@ -81,7 +78,7 @@ def test_i2t_for_a_while_is_the_closed_form_and_simulated() -> None:
     current = found.short_term.currents["i2t"]
     assert current == pytest.approx(sqrt(400.0 + 3200.0 * 2.0 / 10.0), rel=1e-9)
     assert envelope(BASE, 1.9).short_term.currents["i2t"] == 60.0
-    run = simulate(_set({**HELD, "drive.current_offset": current}).values, 11.0, 0.01, model=MODEL)
+    run = simulate(_set({**HELD, "drive.kp": 1e4, "drive.current_offset": current}).values, 11.0, 0.01, model=MODEL)
     folds = run["time"][np.flatnonzero(run["current_limit"] < 60.0)[0]]
     assert folds == pytest.approx(10.0, abs=0.02)  # of the points, and 5e-5 of the current
 
