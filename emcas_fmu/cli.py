@@ -13,6 +13,7 @@ from .commands import (
     baseline,
     build,
     campaign,
+    envelope,
     fit,
     identify,
     parameters,
@@ -31,6 +32,7 @@ app.command(epilog=analyse.EPILOG)(analyse.analyse)
 app.add_typer(baseline.app, name="baseline")
 app.command(epilog=build.EPILOG)(build.build)
 app.command(epilog=campaign.EPILOG)(campaign.campaign)
+app.command(epilog=envelope.EPILOG)(envelope.envelope)
 app.command(epilog=fit.EPILOG)(fit.fit)
 app.add_typer(identify.app, name="identify")
 app.command(name="parameters", epilog=parameters.EPILOG)(parameters.show_parameters)

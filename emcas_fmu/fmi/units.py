@@ -48,4 +48,8 @@ UNITS: dict[str, Unit] = {
     "H": Unit({"kg": 1, "m": 2, "s": -2, "A": -2}),
     "W": Unit({"kg": 1, "m": 2, "s": -3}),
     "degC": Unit({"K": 1}, offset=273.15),
+    "K": Unit({"K": 1}),
+    "1/K": Unit({"K": -1}),
+    "J/K": Unit({"kg": 1, "m": 2, "s": -2, "K": -1}),
+    "K/W": Unit({"kg": -1, "m": -2, "s": 3, "K": 1}),
 }

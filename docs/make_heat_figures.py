@@ -1,0 +1,84 @@
+"""Draw and compute what docs/heat.md shows: `python docs/make_heat_figures.py` writes docs/heat_duty_cycle.png and
+docs/heat_envelope.png and prints the numbers."""
+
+from __future__ import annotations
+
+from math import degrees, sin, tau
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from emcas_fmu import plots
+from emcas_fmu.analysis.envelope import draw, envelope
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.simulation import simulate
+
+MODEL = "nonlinear+heat"
+BASE = load_parameters(model=MODEL)
+FOLDER = Path(__file__).parent
+PERIOD, BUSY, STOP = 12.0, 6.0, 120.0
+
+
+def _command(t: float) -> float:
+    """Half the time a square wave of 15 deg at 4 Hz, the other half still."""
+    if t % PERIOD >= BUSY:
+        return 0.0
+    return 0.26 if sin(tau * 4.0 * t) > 0.0 else -0.26
+
+
+def _duty_cycle() -> None:
+    inputs: dict[str, Any] = {"fin_command": _command, "aero_torque": lambda t: -120.0 if t % PERIOD < BUSY else -20.0}
+    run = simulate(BASE.values, STOP, 2e-3, model=MODEL, **inputs)
+    time, current = run["time"], np.abs(run["motor_current"])
+    with plots.style():
+        figure, axes = plots.figure(3, 1, height=1.9, sharex=True)
+        (first,), (second,), (third,) = axes
+        # The largest of each 0.25 s: the cycles themselves are too many for the width of the page.
+        parts = 125
+        most = current[:len(current) // parts * parts].reshape(-1, parts).max(axis=1)
+        first.fill_between(time[:len(most) * parts:parts], most, step="post", color=plots.SKY, linewidth=0.0,
+                           label="motor current, largest in 0.25 s")
+        first.plot(time, run["current_limit"], color=plots.VERMILLION, label="limit")
+        first.set(ylabel="current [A]", ylim=(0.0, 75.0))
+        first.legend(loc="upper right", ncols=2)
+        second.plot(time, run["i2t_load"], color=plots.PURPLE)
+        second.axhline(0.9, color=plots.GRAY, linestyle="--", linewidth=0.8)
+        second.text(1.0, 0.92, "the limit folds back from here", va="bottom", fontsize=8, color=plots.GRAY)
+        second.set(ylabel="I2t load", ylim=(0.0, 1.08))
+        third.plot(time, run["winding_temperature"], color=plots.VERMILLION, label="winding")
+        third.plot(time, run["case_temperature"], color=plots.BLUE, label="case")
+        third.set(ylabel="temperature [°C]", xlabel="time [s]", xlim=(0.0, STOP))
+        third.legend(loc="upper left", ncols=2)
+        figure.savefig(FOLDER / "heat_duty_cycle.png", dpi=110, facecolor="white", metadata={"Software": None})
+    winding, case = (run[f"{name}_temperature"][-1] for name in ("winding", "case"))
+    print(f"duty cycle: winding {winding:.1f} degC, case {case:.1f} degC, "
+          f"least limit {run['current_limit'].min():.1f} A, rms current {np.sqrt(np.mean(current**2)):.1f} A")
+
+
+def _warm() -> None:
+    """A step of 20 deg against 60 N.m, cold and with winding and case warm."""
+    runs = []
+    for winding, case in ((0.0, 0.0), (100.0, 60.0)):
+        values = BASE.replace({"heat.winding_start_rise": winding, "heat.case_start_rise": case}).values
+        runs.append(simulate(values, 0.4, model=MODEL, fin_command=0.349, aero_torque=-60.0))
+    for name, run in zip(("cold", "warm"), runs, strict=True):
+        print(f"step of 20 deg against 60 N.m, {name}: peak rate {degrees(run['fin_rate'].max()):.1f} deg/s, "
+              f"18 deg after {1e3 * np.interp(18.0, np.degrees(run['fin_angle'][:150]), run['time'][:150]):.1f} ms")
+    print(f"  largest difference {degrees(np.abs(runs[0]['fin_angle'] - runs[1]['fin_angle']).max()):.2f} deg")
+
+
+def _envelope() -> None:
+    with plots.style():
+        draw(envelope(BASE, 10.0)).savefig(FOLDER / "heat_envelope.png", dpi=110, facecolor="white",
+                                           metadata={"Software": None})
+
+
+def main() -> None:
+    _duty_cycle()
+    _warm()
+    _envelope()
+
+
+if __name__ == "__main__":
+    main()

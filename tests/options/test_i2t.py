@@ -1,0 +1,116 @@
+"""The drive's I2t limit: against closed forms, and never exceeded whatever is asked of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from emcas_fmu.kernels import compiled
+from emcas_fmu.ops.floats import FLOATS
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.physics import heat
+from emcas_fmu.simulation import simulate
+
+from .held import HELD, MODEL, NO_COEFFICIENTS, held, values_of
+
+BASE = load_parameters(model=MODEL)
+_FOLD = {**NO_COEFFICIENTS, "heat.peak_time": 0.5, "heat.continuous_current": 20.0}
+
+
+def test_time_at_peak_and_folding_back_are_closed_forms() -> None:
+    """Demand far above: the peak for its time, then i^2 falls on an exponential to the continuous one."""
+    _, run = held(500.0, 1.2, 1e-4, _FOLD)
+    share = (1e3 / (1e3 + 0.25))**2  # of the square of the reference that flows
+    reserve, continuous, budget = 3200.0, 400.0, 3200.0 * 0.5 / 0.9
+    full = 0.9 * budget / (share * 3600.0 - continuous)
+    assert full == pytest.approx(0.5, rel=1e-3)
+    limit, time = run["current_limit"], run["time"]
+    folds = time[np.flatnonzero(limit < 60.0)[0]]
+    assert folds == pytest.approx(full, abs=1.5e-4)  # between two points; folding takes effect within a tick before
+    # ds/dt = (share (I_c^2 + x reserve) - I_c^2)/budget where x = (1 - s)/0.1.
+    rate = share * reserve / (0.1 * budget)
+    rest = (1.0 - share) * continuous / (share * reserve)
+    after = time >= full
+    x = rest + (1.0 - rest) * np.exp(-rate * (time[after] - full))
+    # Less than a tick of 0.7 ms late, at up to 480 A/s.
+    assert limit[after] == pytest.approx(np.sqrt(continuous + np.minimum(x, 1.0) * reserve), abs=0.3)
+    assert limit[-1] == pytest.approx(20.0, abs=0.02)
+    assert np.all(np.diff(limit) <= 0.0)
+    assert run["i2t_load"].max() < 1.0
+    assert np.all(run["motor_current"] <= limit)
+
+
+def test_the_limit_converges_from_the_safe_side() -> None:
+    """Less heat, so less load, the longer the tick: of first order."""
+    _, fine = held(500.0, 0.6, 1e-3, {**_FOLD, "solver.max_tick": 1e-6})
+    errors = []
+    for tick in (5e-4, 2.5e-4, 1.25e-4):
+        _, run = held(500.0, 0.6, 1e-3, {**_FOLD, "solver.max_tick": tick, "drive.transport_delay": 0.0})
+        short = (fine["i2t_load"] - run["i2t_load"])[510:]
+        assert np.all(short > 0.0)
+        errors.append(short.max())
+    assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx(1.0, abs=0.2), errors
+
+
+def test_the_peak_comes_back() -> None:
+    """Down from a full load at I_c^2 while nothing flows: the time until all of the peak is there again."""
+    values = values_of({**HELD, **_FOLD, "drive.current_offset": 500.0})
+    run = simulate(values, 3.0, 1e-3, model=MODEL, enable=lambda t: t < 1.5)
+    load, limit = run["i2t_load"], run["current_limit"]
+    budget = 3200.0 * 0.5 / 0.9
+    begun = load[1500]
+    assert begun == pytest.approx(1.0, abs=1e-3)
+    assert load[1500:] == pytest.approx(np.maximum(begun - 400.0 / budget * (run["time"][1500:] - 1.5), 0.0), abs=1e-9)
+    back = run["time"][1500 + np.flatnonzero(limit[1500:] >= 60.0)[0]]
+    assert back - 1.5 == pytest.approx((begun - 0.9) * budget / 400.0, abs=1.1e-3)
+    assert limit[-1] == 60.0
+
+
+def test_a_pulse_within_the_budget_never_folds() -> None:
+    _, run = held(500.0, 0.49, 1e-3, _FOLD)
+    assert np.all(run["current_limit"] == 60.0)
+    assert run["i2t_load"][-1] == pytest.approx(0.9 * 0.49 / 0.5, rel=1e-3)
+
+
+@pytest.mark.parametrize("continuous", [60.0, 200.0])
+def test_without_reserve_there_is_no_i2t(continuous: float) -> None:
+    _, run = held(500.0, 0.3, 1e-3, {**_FOLD, "heat.peak_time": 0.05, "heat.continuous_current": continuous})
+    assert np.all(run["current_limit"] == 60.0)
+    assert np.all(run["i2t_load"] == 0.0)
+
+
+@settings(derandomize=True, max_examples=100)
+@given(demands=st.lists(st.floats(0.0, 500.0), min_size=1, max_size=40), continuous=st.floats(0.01, 60.0),
+       h=st.floats(1e-5, 1e-3), each=st.integers(1, 50))
+def test_the_load_never_passes_one(demands: list[float], continuous: float, h: float, each: int) -> None:
+    """Where the current is what the drive asks for, however demands go; at the shortest peak time."""
+    p = BASE.replace({"heat.continuous_current": continuous, "heat.peak_time": 0.05}).nested()
+    load = 0.0
+    for demand in (demand for demand in demands for _ in range(each)):
+        limit = heat.current_limit(FLOATS, p, load)
+        assert continuous * (1.0 - 1e-12) <= limit <= 60.0
+        load = heat.loaded(FLOATS, p, load, min(demand, limit)**2, h)
+        assert 0.0 <= load <= 1.0 + 1e-12
+
+
+@pytest.mark.skipif(not compiled.available(MODEL), reason="no C compiler")
+@settings(deadline=None, derandomize=True, max_examples=40)
+@given(demands=st.lists(st.tuples(st.floats(-0.4, 0.4), st.floats(-80.0, 80.0), st.integers(5, 60)), min_size=3,
+                        max_size=8),
+       peak_time=st.sampled_from([0.05, 0.2]), continuous=st.sampled_from([15.0, 30.0, 50.0]),
+       model=st.sampled_from(["nonlinear", "elastic"]))
+def test_never_above_the_limit(demands: list[Any], peak_time: float, continuous: float, model: str) -> None:
+    commands, torques = (np.repeat([d[i] for d in demands], [d[2] for d in demands]) for i in (0, 1))
+    v = values_of({"heat.peak_time": peak_time, "heat.continuous_current": continuous}, f"{model}+heat")
+    run = simulate(v, (len(commands) - 1) * 1e-3, model=f"{model}+heat", fin_command=commands, aero_torque=torques)
+    limit, current, speed = run["current_limit"], np.abs(run["motor_current"]), np.abs(run["motor_speed"])
+    assert np.all((limit >= continuous * (1.0 - 1e-12)) & (limit <= 60.0))
+    # References of the last millisecond were no larger than the larger limit at its ends. The drive's loop has next
+    # to no integral action: the back-EMF, R counted for nothing, drives it beyond while braking. Its integral is worth
+    # 1e-3 A in these times, and the speed in the millisecond no more than 10 rad/s, 0.2 A, beyond those at its ends.
+    braking = 0.11 * (np.maximum(speed[1:], speed[:-1]) + 10.0) / v["drive.kp"]
+    assert np.all(current[1:] <= np.maximum(limit[1:], limit[:-1]) + braking)
