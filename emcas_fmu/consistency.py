@@ -113,6 +113,21 @@ def _bristles(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return _broken(ops, stiffness > largest * (1.0 + _SLACK)), stiffness, largest, tick
 
 
+def _homing_push(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    if not hasattr(p, "homing"):
+        return 0.0, 0.0, 0.0
+    push, most = p.homing.reference_limit, p.drive.reference_limit
+    return _broken(ops, push > most * (1.0 + _SLACK)), push, most
+
+
+def _homing_time(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    if not hasattr(p, "homing"):
+        return 0.0, 0.0, 0.0
+    # To one stop, to the other and back to the middle, each held for the time of a stall.
+    least = 5.0 * p.fin.stop_angle / p.homing.speed + 3.0 * p.homing.stall_time
+    return _broken(ops, p.homing.timeout <= least), p.homing.timeout, least
+
+
 RULES = (
     Rule(_travel, f"fin.stop_angle = {_ANGLE} must be at least command.limit = {_ANGLE}"),
     Rule(_start, f"fin.start_angle = {_ANGLE} must lie within +-fin.stop_angle = {_ANGLE}"),
@@ -130,6 +145,9 @@ RULES = (
     # 1 rad of the rotor's swing on its bristles in a tick: the period is 8 % long there.
     Rule(_bristles, "lugre.stiffness = %.6g N.m/rad must be at most %.6g N.m/rad, the motor's inertia over the square "
                     "of the tick of %.6g s; lower it or solver.max_tick"),
+    Rule(_homing_push, "homing.reference_limit = %.6g V must be at most drive.reference_limit = %.6g V"),
+    Rule(_homing_time, "homing.timeout = %.6g s must be above the longest run, 5 fin.stop_angle/homing.speed + "
+                       "3 homing.stall_time = %.6g s"),
 )
 
 

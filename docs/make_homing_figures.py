@@ -1,0 +1,114 @@
+"""Draw and compute what docs/homing.md shows: `python docs/make_homing_figures.py` writes docs/homing.png and prints
+the tables."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from math import degrees, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from emcas_fmu import plots
+from emcas_fmu.actuators import get
+from emcas_fmu.kernels import program
+from emcas_fmu.options.status import OPERATIONAL, STATUS
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.simulation import simulate
+
+MODEL = "nonlinear+homing"
+START, COMMAND, HOME = radians(-8.0), radians(10.0), (0.5, 7.5)
+MODELS = ("nonlinear", "elastic", "habibi", "ozkan", "ristanovic")
+STARTS = np.radians(np.linspace(-25.0, 25.0, 41))
+
+
+def _run(obstacle: Callable[[float, float], float], stop: float) -> dict[str, Any]:
+    """Outputs every 1 ms under a torque [N.m] of time [s] and fin angle [rad]; `home` rises at the times `HOME`."""
+    core = program.core(load_parameters(model=MODEL).replace({"fin.start_angle": START}).values, MODEL)
+    rows = []
+    angle = START
+    for k in range(round(stop / 1e-3)):
+        t = k * 1e-3
+        home = any(0.0 <= t - rise < 0.5 for rise in HOME)
+        rows.append(core.run(t + 1e-3, (COMMAND, obstacle(t, angle), 0.0, 0.0, 39.0, True, home)))
+        angle = rows[-1][0]
+    names = [v.name for v in get(MODEL).outputs]
+    return {"time": np.arange(1, len(rows) + 1) * 1e-3, **dict(zip(names, np.array(rows, float).T, strict=True))}
+
+
+def _column(axes: Any, run: Mapping[str, Any], title: str) -> None:
+    t = run["time"]
+    axes[0].plot(t, np.degrees(run["fin_angle"]), color=plots.BLUE, label="true")
+    axes[0].plot(t, np.degrees(run["measured_fin_angle"]), color=plots.VERMILLION, linestyle="--",
+                 label="believed")
+    axes[0].axhline(degrees(COMMAND), color=plots.GRAY, linestyle=":", linewidth=1.0, label="command")
+    for stop in (-25.0, 25.0):
+        axes[0].axhline(stop, color=plots.GRAY, linewidth=0.8)
+    axes[0].set(title=title, ylabel="fin angle [deg]", ylim=(-48.0, 48.0))
+    axes[1].plot(t, run["motor_current"], color=plots.GREEN)
+    for limit in (-8.19, 8.19):
+        axes[1].axhline(limit, color=plots.GRAY, linestyle=":", linewidth=1.0)
+    axes[1].set(ylabel="motor current [A]", ylim=(-12.0, 12.0))
+    axes[2].step(t, run["status"], where="pre", color=plots.PURPLE)
+    axes[2].set(xlabel="time [s]", yticks=range(1, 7), ylim=(0.6, 6.4),
+                yticklabels=[item for item, _ in STATUS.items])
+    for rise in HOME:
+        if rise < t[-1]:
+            for each in axes:
+                each.axvline(rise, color=plots.ORANGE, linewidth=1.0)
+            axes[0].text(rise, 47.0, " home", color=plots.ORANGE, va="top")
+
+
+def _draw() -> None:
+    clear = _run(lambda *_: 0.0, 7.4)
+    blocked = _run(lambda t, angle: -3e3 * max(angle - radians(12.0), 0.0) if t < 6.8 else 0.0, 15.5)
+    with plots.style():
+        figure, axes = plots.figure(3, 2, height=2.0, sharex="col")
+        _column(axes[:, 0], clear, "From −8°")
+        _column(axes[:, 1], blocked, "Obstacle at 12°, taken away at 6.8 s")
+        axes[0][0].legend(loc="lower left", ncols=3)
+        figure.savefig(Path(__file__).parent / "homing.png", dpi=110, facecolor="white", metadata={"Software": None})
+
+
+def _zeros() -> None:
+    """Largest error of the zero and of the fin, shortest and longest run, over start angles."""
+    print("| model | motor's belief, both stops | one stop only | shortest and longest run |\n|---|---|---|---|")
+    for name in MODELS:
+        row, times = [], []
+        for verify in (True, False):
+            errors = []
+            for start in STARTS:
+                values = load_parameters(model=f"{name}+homing").replace({
+                    "fin.start_angle": start, "homing.verify": verify}).values
+                run = simulate(values, 7.2, model=f"{name}+homing", home=True)
+                assert run["status"][-1] == OPERATIONAL, (name, start)
+                motor = run["motor_angle"][-2] * values["screw.lead"] / values["kinematics.moment_arm"]
+                errors.append(degrees(run["measured_fin_angle"][-1] - motor))  # small angles, near zero
+                if verify:
+                    times.append(run["time"][np.argmax(run["status"] == OPERATIONAL)])
+            row.append(f"{np.abs(errors).max():.4f}°")
+        print(f"| `{name}` | {row[0]} | {row[1]} | {min(times):.2f} s, {max(times):.2f} s |")
+
+
+def _cost() -> None:
+    """CPU of a second in closed loop, in Python [ms]."""
+    for model, more in (("nonlinear", {}), (MODEL, {"homing.required": False})):
+        values = load_parameters(model=model).replace(more).values
+        least = []
+        for _ in range(5):
+            begun = time.process_time()
+            simulate(values, 2.0, kernel="python", model=model, fin_command=0.1)
+            least.append(time.process_time() - begun)
+        print(f"{model}: {min(least) * 500.0:.1f} ms")
+
+
+def main() -> None:
+    _draw()
+    _zeros()
+    _cost()
+
+
+if __name__ == "__main__":
+    main()
