@@ -78,7 +78,7 @@ def loss(ops: Ops, p: Any, plant: Values, b: Boundary, shown: dict[str, Value]) 
         transmitted, e = screw.transmitted(ops, p, net, inertia, load, direction)
         return ((e - 1.0) * transmitted * speed,)
 
-    return ops.branch(ops.equal(speed, 0.0), lambda: (0.0,), turning)[0]
+    return ops.branch(ops.fabs(speed) > 0.0, turning, lambda: (0.0,))[0]
 
 
 def extended(inner: Model) -> Model:

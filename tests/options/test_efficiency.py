@@ -1,4 +1,4 @@
-"""The screw's efficiency: against closed forms, an independent integration, and by its balance of energy."""
+"""The screw's efficiency: against closed forms, an independent integration, and the model without."""
 
 from __future__ import annotations
 
@@ -9,43 +9,21 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from emcas_fmu.actuators import get
-from emcas_fmu.actuators.two_inertias import Pair, advance
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.integrate import Boundary
-from emcas_fmu.kernels import compiled
 from emcas_fmu.ops.arrays import ARRAYS
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.ops.symbols import SYMBOLS
-from emcas_fmu.parameters import ParameterError, load_parameters
-from emcas_fmu.physics import drive_line, mechanics, screw
+from emcas_fmu.parameters import ParameterError
+from emcas_fmu.physics import screw
 from emcas_fmu.simulation import simulate
-from emcas_fmu.tree import changed, tree
+from emcas_fmu.tree import tree
 
 from .screw_reference import fin_angle
+from .screw_values import DRY, ELASTIC, MODEL, OPTION, coulomb, efficiencies, ratio, values
 
-MODEL, ELASTIC, OPTION = "nonlinear+efficiency", "elastic+efficiency", "+efficiency"
-DRY = {f"friction.coulomb.{way}[{n}]": 0.0 for way in ("positive", "negative") for n in range(7)}
 _IDEAL = {"encoder.enabled": False, "compensation.gain": 0.0, "drive.transport_delay": 3e-3}
-
-
-def _values(overrides: Mapping[str, Any] | None = None, model: str = MODEL) -> Mapping[str, Any]:
-    return load_parameters(model=model).replace(overrides or {}).values
-
-
-def _efficiencies(forward: float, backward: float) -> dict[str, float]:
-    return {"efficiency.forward": forward, "efficiency.backward": backward}
-
-
-def _ratio(values: Mapping[str, Any], fin: Any) -> Any:
-    return values["kinematics.moment_arm"] / values["screw.lead"] / np.cos(fin + values["kinematics.initial_angle"])**2
-
-
-def _coulomb(values: Mapping[str, Any], way: str, fin: Any) -> Any:
-    return np.polyval([values[f"friction.coulomb.{way}[{n}]"] for n in range(6, -1, -1)], fin / radians(20.0))
 
 
 # -- closed forms -----------------------------------------------------------------
@@ -57,16 +35,16 @@ def _coulomb(values: Mapping[str, Any], way: str, fin: Any) -> Any:
 def test_torque_in_steady_sliding(way: str, opposing: bool, forward: float, backward: float) -> None:
     """C_m + b_m w + L/forward against the load, C_m + b_m w - backward |L| with it: the means over a ramp."""
     sign = 1.0 if way == "positive" else -1.0
-    values = _values({**_efficiencies(forward, backward), "encoder.enabled": False, "drive.transport_delay": 0.0,
-                      "fin.start_angle": radians(-15.0 * sign), "friction.fin_coulomb": 5.0})
+    v = values({**efficiencies(forward, backward), "encoder.enabled": False, "drive.transport_delay": 0.0,
+                "fin.start_angle": radians(-15.0 * sign), "friction.fin_coulomb": 5.0})
     torque = -60.0 * sign if opposing else 60.0 * sign
-    run = simulate(values, 1.2, model=MODEL, aero_torque=torque,
+    run = simulate(v, 1.2, model=MODEL, aero_torque=torque,
                    fin_command=lambda t: sign * radians(25.0 * t - 15.0))
     steady = slice(200, None)
     fin, speed = run["fin_angle"][steady], run["motor_speed"][steady]
-    load = sign * (5.0 - sign * torque) / _ratio(values, fin)
+    load = sign * (5.0 - sign * torque) / ratio(v, fin)
     felt = load / forward if opposing else load * backward
-    expected = sign * _coulomb(values, way, fin) + values[f"friction.viscous.{way}"] * speed + felt
+    expected = sign * coulomb(v, way, fin) + v[f"friction.viscous.{way}"] * speed + felt
     # The mean of J dw/dt is 3e-4 kg.m2 times a few rad/s over a second.
     assert np.mean(run["motor_torque"][steady]) == pytest.approx(np.mean(expected), abs=2e-3)
     lost = np.abs((felt - load) * speed)
@@ -80,13 +58,13 @@ def test_threshold_of_back_driving(model: str, way: str, backward: float) -> Non
     """backward (T_f - C_f)/R = C_m at rest, at an angle other than zero."""
     sign, start = (1.0 if way == "positive" else -1.0), 0.1
     # A gap would be crossed at a speed.
-    values = _values({**_efficiencies(0.9, backward), "fin.start_angle": start, "friction.fin_coulomb": 3.0,
-                      **({"drive_line.backlash": 0.0} if model == ELASTIC else {})}, model)
-    least = 3.0 + _ratio(values, start) * _coulomb(values, way, start) / backward
+    v = values({**efficiencies(0.9, backward), "fin.start_angle": start, "friction.fin_coulomb": 3.0,
+                **({"drive_line.backlash": 0.0} if model == ELASTIC else {})}, model)
+    least = 3.0 + ratio(v, start) * coulomb(v, way, start) / backward
     # Raised slowly: the end of the ramp sets the elastic line swinging by a thousandth of the load.
     near = 1e-2 if model == ELASTIC else 1e-6
     for share, moves in ((1.0 - near, False), (1.0 + near, True)):
-        run = simulate(values, 0.6, model=model, enable=False,
+        run = simulate(v, 0.6, model=model, enable=False,
                        aero_torque=sign * share * least * np.minimum(np.arange(601) / 400.0, 1.0))
         moved = run["motor_angle"][-1] - run["motor_angle"][0]
         assert (moved * sign > 0.0) if moves else moved == 0.0
@@ -97,12 +75,12 @@ def test_threshold_of_back_driving(model: str, way: str, backward: float) -> Non
 @pytest.mark.parametrize("torque", [1.0, -1.0, 300.0, -300.0, 1e6, -1e6])
 def test_self_locking_holds_exactly(model: str, dry: bool, torque: float) -> None:
     """No creep, not by a last bit, with friction besides or none; what moves comes to rest and stays."""
-    values = _values({**_efficiencies(0.45, 0.0), **({} if dry else DRY)}, model)
-    run = simulate(values, 0.2, model=model, enable=False, aero_torque=torque)
+    v = values({**efficiencies(0.45, 0.0), **({} if dry else DRY)}, model)
+    run = simulate(v, 0.2, model=model, enable=False, aero_torque=torque)
     assert np.all(run["motor_angle"] == 0.0)
     assert np.all(run["screw_loss"] == 0.0)
     if abs(torque) <= 300.0:
-        run = simulate(values, 0.4, model=model, enable=lambda t: t < 0.03, aero_torque=torque,
+        run = simulate(v, 0.4, model=model, enable=lambda t: t < 0.03, aero_torque=torque,
                        fin_command=0.2 if torque > 0.0 else -0.2)
         assert run["motor_angle"][-1] != 0.0
         assert np.ptp(run["motor_angle"][200:]) == 0.0
@@ -110,20 +88,20 @@ def test_self_locking_holds_exactly(model: str, dry: bool, torque: float) -> Non
 
 def test_a_screw_that_jams_holds_too() -> None:
     for torque in (300.0, -300.0):
-        run = simulate(_values(_efficiencies(0.3, -1.5)), 0.1, model=MODEL, enable=False, aero_torque=torque)
+        run = simulate(values(efficiencies(0.3, -1.5)), 0.1, model=MODEL, enable=False, aero_torque=torque)
         assert np.all(run["motor_angle"] == 0.0)
 
 
 @pytest.mark.parametrize("aiding", [True, False])
 def test_torque_that_moves_a_self_locking_screw(aiding: bool) -> None:
     """With the load it takes C_m + |backward| L, against it C_m + L/forward, by the current that flows at breakaway."""
-    values = _values({**_efficiencies(0.5, -0.5), "encoder.enabled": False, "controller.position.ki": 20.0,
-                      "controller.position.kp": 0.5, "compensation.gain": 0.0})
+    v = values({**efficiencies(0.5, -0.5), "encoder.enabled": False, "controller.position.ki": 20.0,
+                "controller.position.kp": 0.5, "compensation.gain": 0.0})
     torque = 50.0 if aiding else -50.0
-    run = simulate(values, 3.0, model=MODEL, fin_command=0.02, aero_torque=torque)
+    run = simulate(v, 3.0, model=MODEL, fin_command=0.02, aero_torque=torque)
     first = int(np.argmax(run["motor_angle"] != 0.0))
-    load = 50.0 / _ratio(values, 0.0)
-    expected = _coulomb(values, "positive", 0.0) + load * (0.5 if aiding else 2.0)
+    load = 50.0 / ratio(v, 0.0)
+    expected = coulomb(v, "positive", 0.0) + load * (0.5 if aiding else 2.0)
     # The current rises by less than 0.5 % between two samples.
     assert run["motor_torque"][first] == pytest.approx(expected, rel=0.01)
 
@@ -136,8 +114,8 @@ def test_without_losses_it_is_the_model(model: str) -> None:
     """The same step is taken: bit for bit."""
     inputs: dict[str, Any] = {"fin_command": lambda t: 0.2 if sin(20.0 * t) > 0.0 else -0.2,
               "aero_torque": lambda t: 60.0 * sin(50.0 * t), "enable": lambda t: not 0.3 < t < 0.35}
-    lossless = simulate(_values(_efficiencies(1.0, 1.0), model + OPTION), 0.5, model=model + OPTION, **inputs)
-    for name, expected in simulate(_values({}, model), 0.5, model=model, **inputs).items():
+    lossless = simulate(values(efficiencies(1.0, 1.0), model + OPTION), 0.5, model=model + OPTION, **inputs)
+    for name, expected in simulate(values({}, model), 0.5, model=model, **inputs).items():
         assert np.array_equal(lossless[name], expected), name
     assert np.all(lossless["screw_loss"] == 0.0)
 
@@ -149,10 +127,10 @@ def test_default_tick_is_within_two_thousandths_of_a_degree(model: str, command:
                                                             backward: float) -> None:
     """Against SciPy on independently written equations, whose softened friction alone leaves 1e-4 deg."""
     line = {"drive_line.backlash": 0.0, "drive_line.torsional_compliance": 0.0} if model == ELASTIC else {}
-    values = _values({**_efficiencies(0.7, backward), **_IDEAL, **line}, model)
-    exact = fin_angle(values, 0.1, command, torque, model == ELASTIC)
-    found = simulate(values, 0.1, model=model, fin_command=command, aero_torque=torque)["fin_angle"]
-    plain = simulate({**values, **_efficiencies(1.0, 1.0)}, 0.1, model=model, fin_command=command, aero_torque=torque)
+    v = values({**efficiencies(0.7, backward), **_IDEAL, **line}, model)
+    exact = fin_angle(v, 0.1, command, torque, model == ELASTIC)
+    found = simulate(v, 0.1, model=model, fin_command=command, aero_torque=torque)["fin_angle"]
+    plain = simulate({**v, **efficiencies(1.0, 1.0)}, 0.1, model=model, fin_command=command, aero_torque=torque)
     assert np.degrees(np.abs(found - exact).max()) < 0.002
     assert np.degrees(np.abs(plain["fin_angle"] - exact).max()) > 0.05  # what the losses do to it
 
@@ -161,10 +139,10 @@ def test_default_tick_is_within_two_thousandths_of_a_degree(model: str, command:
                                               (ELASTIC, (1e-4, 5e-5, 2.5e-5, 1.25e-5))])
 def test_convergence_is_of_second_order(model: str, ticks: tuple[float, ...]) -> None:
     """Through reversals of the load and, by the controllers, of the speed."""
-    values = _values({**_efficiencies(0.7, 0.3), **_IDEAL, **DRY}, model)
+    v = values({**efficiencies(0.7, 0.3), **_IDEAL, **DRY}, model)
 
     def angle(tick: float) -> Any:
-        return simulate({**values, "solver.max_tick": tick}, 0.15, model=model, fin_command=0.1,
+        return simulate({**v, "solver.max_tick": tick}, 0.15, model=model, fin_command=0.1,
                         aero_torque=lambda t: 50.0 * cos(60.0 * t))["fin_angle"]
 
     exact = angle(1e-6)
@@ -174,11 +152,11 @@ def test_convergence_is_of_second_order(model: str, ticks: tuple[float, ...]) ->
 
 def test_stiff_it_tends_to_the_rigid_one() -> None:
     def apart(share: float) -> float:
-        values = _values({**_efficiencies(0.6, 0.2), "drive_line.axial_compliance": 1.2e-8 * share,
-                          "drive_line.torsional_compliance": 0.0, "drive_line.backlash": 0.0}, ELASTIC)
-        plain = {name: value for name, value in values.items() if not name.startswith("drive_line.")}
-        runs = [simulate(v, 0.3, model=m, fin_command=0.1, aero_torque=-50.0)
-                for v, m in ((values, ELASTIC), (plain, MODEL))]
+        v = values({**efficiencies(0.6, 0.2), "drive_line.axial_compliance": 1.2e-8 * share,
+                    "drive_line.torsional_compliance": 0.0, "drive_line.backlash": 0.0}, ELASTIC)
+        plain = {name: value for name, value in v.items() if not name.startswith("drive_line.")}
+        runs = [simulate(w, 0.3, model=m, fin_command=0.1, aero_torque=-50.0)
+                for w, m in ((v, ELASTIC), (plain, MODEL))]
         return float(np.degrees(np.abs(runs[0]["fin_angle"] - runs[1]["fin_angle"]).max()))
 
     # 50 N.m on 2.1e5 N.m/rad give 0.014 deg, in proportion to the compliance; counts of 7e-4 deg remain.
@@ -186,92 +164,9 @@ def test_stiff_it_tends_to_the_rigid_one() -> None:
     assert apart(1e-3) < 1e-3
 
 
-# -- energy -----------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("torque", [100.0, -100.0])
-def test_energy_of_a_stroke(torque: float) -> None:
-    """Work of the load and of the bus = losses of screw, friction and copper + what is stored at the end."""
-    values = _values({"solver.max_tick": 1e-5})
-    step = 2e-6
-    run = simulate(values, 0.2, step, model=MODEL, fin_command=0.25, aero_torque=torque)
-    speed, current = run["motor_speed"], run["motor_current"]
-    way = [np.where(speed > 0.0, a, b) for a, b in (
-        (_coulomb(values, "positive", run["fin_angle"]), _coulomb(values, "negative", run["fin_angle"])),
-        (values["friction.viscous.positive"], values["friction.viscous.negative"]))]
-    powers = {"load": run["hinge_torque"] * run["fin_rate"], "bus": run["supply_power"], "screw": run["screw_loss"],
-              "friction": way[0] * np.abs(speed) + way[1] * speed**2,
-              "copper": values["motor.resistance"] * current**2}
-    work = {name: float(np.trapezoid(power, dx=step)) for name, power in powers.items()}
-    rotor = values["inertia.motor"] + values["inertia.screw"] + values["mass.nut"] * values["screw.lead"]**2
-    fin = values["inertia.fin"] + values["inertia.shaft"] + values["inertia.fork"]
-    stored = 0.5 * (rotor * speed[-1]**2 + fin * run["fin_rate"][-1]**2 + values["motor.inductance"] * current[-1]**2)
-    # The voltage jumps with each sample's reference, and the sum over a jump is off by up to half a step of it: the
-    # difference is of first order in the step, 0.022 J at 1e-5 s and 0.004 J at 2e-6 s, of 45 J.
-    assert work["load"] + work["bus"] == pytest.approx(
-        work["screw"] + work["friction"] + work["copper"] + stored, abs=0.01)
-    assert work["screw"] > 1.0
-    returned = -np.trapezoid(np.minimum(run["supply_power"], 0.0), dx=step)
-    assert (returned > 10.0) == (torque > 0.0)
-
-
-_OFF = Boundary(0.0, 0.0, 0.0, 0.0, 39.0, False)
-
-
-@settings(deadline=None, derandomize=True, max_examples=30)
-@given(forward=st.floats(0.05, 1.0), backward=st.floats(0.0, 1.0), gap=st.sampled_from([0.0, 1e-4, 1e-3]),
-       speeds=st.tuples(st.floats(-300, 300), st.floats(-300, 300)), h=st.sampled_from([5e-6, 5e-5, 3e-4]))
-def test_elastic_screw_creates_no_energy(forward: float, backward: float, gap: float, speeds: tuple[float, float],
-                                         h: float) -> None:
-    values = _values({**DRY, **_efficiencies(forward, backward), "drive_line.backlash": gap, "mass.nut": 0.0,
-                      "friction.viscous.positive": 0.0, "friction.viscous.negative": 0.0,
-                      "drive_line.axial_damping": 0.0, "drive_line.torsional_damping": 0.0,
-                      "drive_line.contact_damping": 0.0, "fin.stop_angle": radians(70.0)}, ELASTIC)
-    p = changed(tree(values), {"kinematics.constant_ratio": True})
-    c = drive_line.line(FLOATS, p)
-    fin = drive_line.fin_side(FLOATS, p, 0.0, 0.0, 0.0, 0.0).inertia
-
-    def energy(s: Pair) -> float:
-        deflection = s.angle - s.fin_angle
-        pressed, flank = drive_line.pressed(FLOATS, c, deflection, s.speed - s.fin_speed)
-        kinetic = mechanics.screw_inertia(p) * s.speed**2 + fin * s.fin_speed**2
-        return float(0.5 * (kinetic + (c.stiffness * (deflection - flank)**2 if pressed else 0.0)))
-
-    s = Pair(0.0, speeds[0], 0.0, 0.0, 0.0, speeds[1])
-    before = start = energy(s)
-    for _ in range(200):
-        s, _ = advance(FLOATS, p, s, _OFF, h)
-        # A flank is met within a share of 1e-6 of a tick: far below 1e-6 of the energy.
-        now = energy(s)
-        assert now <= before + 1e-6 * start + 1e-15
-        before = now
-
-
-_levels = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-300.0, 300.0), st.booleans()), min_size=2, max_size=8)
-
-
-@pytest.mark.skipif(not compiled.available(MODEL), reason="no C compiler")
-@settings(deadline=None, derandomize=True, max_examples=120)
-@given(levels=_levels, forward=st.floats(0.01, 1.0), backward=st.floats(-5.0, 1.0), dry=st.sampled_from([0.0, 5.0]),
-       on_fin=st.booleans(), model=st.sampled_from([MODEL, ELASTIC, "ristanovic+efficiency"]))
-def test_anything_goes(levels: list[Any], forward: float, backward: float, dry: float, on_fin: bool,
-                       model: str) -> None:
-    """Finite, within the stops and without jumps; the screw never gives power."""
-    commands, torques, enables = (np.repeat(column, 20) for column in zip(*levels, strict=True))
-    backward = max(backward, 0.0) if model == ELASTIC else backward
-    values = _values({**_efficiencies(forward, backward), "friction.fin_coulomb": dry, "encoder.on_fin": on_fin}, model)
-    run = simulate(values, (len(commands) - 1) * 1e-3, model=model, fin_command=commands, aero_torque=torques,
-                   enable=enables)
-    assert all(np.isfinite(column).all() for column in run.values())
-    assert run["screw_loss"].min() >= 0.0
-    assert np.abs(run["fin_angle"]).max() <= radians(25.0) * (1.0 + 1e-12)
-    # 300 N.m and the motor's 6.6 N.m times 63 over 50 deg are 620 J, 32 rad/s of 1.2 kg.m2; a step is 1 ms.
-    assert np.abs(np.diff(run["fin_angle"])).max() < 0.04
-
-
 def test_every_namespace_gives_the_same() -> None:
     """Arrays and symbols for the closed forms of the screw, at every combination of signs."""
-    p = tree(_values(_efficiencies(0.7, 0.3)))
+    p = tree(values(efficiencies(0.7, 0.3)))
     cases = np.array([(net, load, way) for net in (-2.0, 0.0, 2.0) for load in (-1.0, 0.0, 1.0) for way in (-1.0, 1.0)])
     forms: tuple[Any, ...] = (lambda ops, net, load, way: screw.transmitted(ops, p, net, 1.5e-5, load, way),
                               lambda ops, net, load, way: (screw.hold(ops, p, load, way),))
@@ -297,7 +192,7 @@ def test_every_namespace_gives_the_same() -> None:
     ({"efficiency.backward": -0.01}, ELASTIC, "efficiency.backward = -0.01 must not be below 0 with an elastic")])
 def test_bad_values_are_refused(overrides: Mapping[str, float], model: str, told: str) -> None:
     with pytest.raises(ParameterError, match=told):
-        _values(overrides, model)
+        values(overrides, model)
 
 
 @pytest.mark.parametrize("model", ["linear", "second-order", "habibi", "ozkan"])

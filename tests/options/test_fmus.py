@@ -22,7 +22,7 @@ from emcas_fmu.options.status import DISABLED, OPERATIONAL, STATUS
 from emcas_fmu.parameters import load_parameters
 
 ROOT = Path(__file__).resolve().parents[2]
-MODELS = ["nonlinear+faults", "elastic+faults"]
+MODELS = ["nonlinear+efficiency+faults", "elastic+faults"]
 
 
 @pytest.fixture(scope="module", params=MODELS)
