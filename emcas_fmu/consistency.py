@@ -25,6 +25,8 @@ MOST_TICKS = 20_000
 SCAN = 100  # points on each side of zero
 # Relative. Equal limits may differ in the last digit when they were given in different units.
 _SLACK = 1e-12
+# Of the rotor's inertia, that of the load side times -efficiency.backward: the rest is left to accelerate.
+MOST_JAMMING = 0.9
 
 NOT_FINITE = "%s = %.9g is not a finite number"
 BELOW = "%s = %.9g is below its minimum %.9g"
@@ -128,6 +130,22 @@ def _homing_time(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return _broken(ops, p.homing.timeout <= least), p.homing.timeout, least
 
 
+def _jamming(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    """J_r + e J_l > 0 in every tick, with the hinge's viscous friction in the midpoint rule; R is least at d/l."""
+    if not hasattr(p, "efficiency"):
+        return 0.0, 0.0, 0.0, 0.0
+    lead, lever = p.screw.lead, p.screw.lead / p.kinematics.moment_arm
+    fin = p.inertia.fork + p.inertia.shaft + p.inertia.fin + 0.5 * longest_tick(ops, p) * p.friction.fin_viscous
+    load, rotor = p.mass.nut * lead * lead + lever * lever * fin, p.inertia.motor + p.inertia.screw
+    return _broken(ops, -p.efficiency.backward * load > MOST_JAMMING * rotor), p.efficiency.backward, rotor, load
+
+
+def _jamming_line(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    if not (hasattr(p, "efficiency") and hasattr(p, "drive_line")):
+        return 0.0, 0.0
+    return _broken(ops, p.efficiency.backward < 0.0), p.efficiency.backward
+
+
 RULES = (
     Rule(_travel, f"fin.stop_angle = {_ANGLE} must be at least command.limit = {_ANGLE}"),
     Rule(_start, f"fin.start_angle = {_ANGLE} must lie within +-fin.stop_angle = {_ANGLE}"),
@@ -148,6 +166,10 @@ RULES = (
     Rule(_homing_push, "homing.reference_limit = %.6g V must be at most drive.reference_limit = %.6g V"),
     Rule(_homing_time, "homing.timeout = %.6g s must be above the longest run, 5 fin.stop_angle/homing.speed + "
                        "3 homing.stall_time = %.6g s"),
+    Rule(_jamming, f"efficiency.backward = %.6g must not be below minus {MOST_JAMMING:g} times the inertia of motor "
+                   "and screw over that of the load at the motor, %.6g over %.6g kg.m2"),
+    Rule(_jamming_line, "efficiency.backward = %.6g must not be below 0 with an elastic drive line; 0 is a screw that "
+                        "the load cannot drive"),
 )
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from .ops.base import Ops, Value
-from .physics import drive, friction, kinematics, mechanics
+from .physics import drive, friction, kinematics, mechanics, screw
 
 # Dry friction counts as overcome this close to its limit, so that a step that ended at
 # breakaway does not find itself stuck by a rounding error.
@@ -108,8 +108,12 @@ def _sign(ops: Ops, x: Value) -> Value:
     return ops.where(x > 0.0, 1.0, ops.where(x < 0.0, -1.0, 0.0))
 
 
-def _motion(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float, at: Value) -> Motion:
-    """Mechanics of a motor that turns one way (heading 1 or -1), or of one at rest (0), under friction of `at`."""
+def _motion(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float, at: Value,
+            felt: Value = 1.0) -> Motion:
+    """Mechanics of a motor that turns one way (heading 1 or -1), or of one at rest (0), under friction of `at`.
+
+    `felt` is the share of the load that a screw with losses leaves it to feel.
+    """
     m = mechanics.coefficients(ops, p, s.angle + 0.5 * h * s.speed, b.aero_torque, b.f_x, b.f_z)
     if heading:
         direction: Value = heading
@@ -120,6 +124,8 @@ def _motion(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float, a
         low_stop, high_stop = stops(ops, p)
         high = ops.where(s.angle >= high_stop, _WALL, mechanics.breakaway(ops, p, m, 1.0))
         low = -ops.where(s.angle <= low_stop, _WALL, mechanics.breakaway(ops, p, m, -1.0))
+        if screw.lossy(p):
+            high, low = _held_by_screw(ops, p, m, high, low)
         applied = drive.torque(p, s.current) + m.load
         # Strictly beyond: without friction and without torque a motor at rest stays at rest.
         up = ops.both(applied >= high * _EDGE, applied > 0.0)
@@ -129,12 +135,36 @@ def _motion(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float, a
         if friction.falls(p):
             dry = ops.where(up, mechanics.breakaway(ops, p, m, 1.0, at),
                             ops.where(down, -mechanics.breakaway(ops, p, m, -1.0, at), 0.0))
-    w = s.speed
+    w, load = s.speed, m.load
+    if screw.lossy(p):
+        p, m = screw.felt(p, m, felt)
+        dry = direction * mechanics.breakaway(ops, p, m, direction, at)
     damping = mechanics.damping(ops, p, m, direction)
     # Midpoint speed w + h dw/2 in the viscous and (linearised) the centrifugal term.
     inertia = m.inertia + 0.5 * h * damping - h * w * m.centrifugal
     torque = m.load - dry - damping * w + m.centrifugal * w * w
-    return Motion(direction, inertia, torque, high, low, m.load)
+    return Motion(direction, inertia, torque, high, low, load)
+
+
+def _held_by_screw(ops: Ops, p: Any, m: mechanics.Mechanics, high: Value, low: Value) -> tuple[Value, Value]:
+    """The torques that move a motor at rest, with the friction of a loaded screw."""
+    hinge = p.friction.fin_coulomb / m.ratio
+    return high + screw.hold(ops, p, hinge - m.load, 1.0), low - screw.hold(ops, p, -hinge - m.load, -1.0)
+
+
+def _through_screw(ops: Ops, p: Any, s: Plant, b: Boundary, d: Drive, h: Value, heading: float, at: Value) -> Motion:
+    """The motion by the efficiency that the step's mean torques ask for: forward where they drive the load.
+
+    Its sign is the same whichever of the two it is found with (:mod:`emcas_fmu.physics.screw`).
+    """
+    driving = _motion(ops, p, s, b, h, heading, at, screw.forward(p))
+    driven = _motion(ops, p, s, b, h, heading, at, p.efficiency.backward)
+    alone = _motion(ops, p, s, b, h, heading, at, 0.0)
+    torque = drive.torque(p, current_course(ops, p, s, driving, d, h).mean)
+    rate = (torque + driving.torque) / driving.inertia
+    forward = (torque + alone.torque - alone.inertia * rate) * driving.direction > 0.0
+    return driving._replace(inertia=ops.where(forward, driving.inertia, driven.inertia),
+                            torque=ops.where(forward, driving.torque, driven.torque))
 
 
 def electrical_mode(ops: Ops, p: Any, s: Plant, b: Boundary) -> Drive:
@@ -221,6 +251,8 @@ def _step(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float, at:
         at = _step(ops, p, s, b, h, heading, s.speed).current.speed if friction.falls(p) else s.speed
     motion = _motion(ops, p, s, b, h, heading, at)
     d = electrical_mode(ops, p, s, b)
+    if screw.lossy(p):
+        motion = _through_screw(ops, p, s, b, d, h, heading, at)
     c = current_course(ops, p, s, motion, d, h)
 
     def sliding() -> tuple[Value, ...]:

@@ -19,7 +19,7 @@ _MODULES = {NONLINEAR: "nonlinear", "linear": "linear", "second-order": "second_
             "elastic": "elastic", "habibi": "habibi", "ozkan": "ozkan"}
 NAMES = tuple(_MODULES)
 # In the order in which one is laid over the other, the first next to the model.
-OPTIONS: tuple[str, ...] = ("stribeck", "lugre", "heat", "homing", "faults")
+OPTIONS: tuple[str, ...] = ("stribeck", "lugre", "efficiency", "heat", "homing", "faults")
 _SEPARATOR = "+"
 
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from .. import integrate
 from ..integrate import Boundary, Plant, stops
 from ..ops.base import Ops, Value
-from ..physics import drive, drive_line, friction, loads, mechanics
+from ..physics import drive, drive_line, friction, loads, mechanics, screw
 
 _PROGRESS = 1e-6  # the least share of a step that is taken, so that every call moves on
 # The same of a step in which a flank is left: in less, a slow motion may not get beyond the rounding of its angle.
@@ -105,15 +105,42 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, b: Boundary, mode: 
     """
     if at is None and friction.falls(p):
         at = 0.5 * (s.speed + _advanced(ops, p, c, s, b, mode, h, s.speed).speed)
+    if not screw.lossy(p):
+        return _solved(ops, p, c, s, b, mode, h, at)[0]
+    # The load L on the screw grows with W, whatever friction does at the fin: its sign is the same by either
+    # efficiency, since e >= 0.
+    (driving, load, way), (driven, _, _) = (
+        _solved(ops, p, c, s, b, mode, h, at, e) for e in (screw.forward(p), p.efficiency.backward))
+    forward = load * way > 0.0
+    return Pair(*(ops.where(forward, x, y) for x, y in zip(driving, driven, strict=True)))
+
+
+def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, b: Boundary, mode: _Mode, h: Value, at: Value | None,
+            felt: Value | None = None) -> tuple[Pair, Value, Value]:
+    """The end of :func:`_advanced`, the load on the screw [N.m] and the rotor's way (-1, 0, 1).
+
+    A rotor that feels e times the load has in its row of the equations, J = J_r + e J_n with the nut's J_n,
+
+        (2 J/h + b + K_t K_e' + e k) W - e k U = r_1 - friction
+    """
+    def seen(x: Value) -> Value:
+        return x if felt is None else felt * x
+
+    def body_force() -> Value:
+        return p.screw.lead * loads.nut_force(ops, p, b.f_x)
+
     m = drive_line.fin_side(ops, p, s.fin_angle + 0.5 * h * s.fin_speed, b.aero_torque, b.f_x, b.f_z)
     e = _electric(ops, p, s, mode.drive, h)
     k = ops.where(mode.pressed, 0.5 * h * c.stiffness + c.damping, 0.0)
     given = ops.where(mode.pressed, c.stiffness * (s.angle - s.fin_angle - mode.flank), 0.0)
-    rotor, fin = 2.0 * mechanics.screw_inertia(p) / h, 2.0 * m.inertia / h
+    inertia = mechanics.screw_inertia(p)
+    if felt is not None:
+        inertia = inertia + (felt - 1.0) * screw.nut_inertia(p)
+    rotor, fin = 2.0 * inertia / h, 2.0 * m.inertia / h
     # Linearised about the speed at the start, u^2 -> 2 u U - u^2 for the mean.
     swing = m.centrifugal * s.fin_speed
     alone_2 = fin + p.friction.fin_viscous / (m.ratio * m.ratio) - 2.0 * swing
-    r_1 = (rotor * s.speed + drive.torque(p, e.at_rest) + p.screw.lead * loads.nut_force(ops, p, b.f_x)) - given
+    r_1 = (rotor * s.speed + drive.torque(p, e.at_rest) + seen(body_force())) - seen(given)
     r_2 = (fin - swing) * s.fin_speed + m.load + given
 
     low_stop, high_stop = stops(ops, p)
@@ -127,7 +154,12 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, b: Boundary, mode: 
     # The fin's mean speed while the rotor stands, and what it then asks of the rotor.
     free, _ = _beyond(ops, r_2, high, low)
     fin_alone = ops.where(fin_rests, free, r_2 - sliding) / (alone_2 + k)
-    _, started = _beyond(ops, r_1 + k * fin_alone, up, down)
+    if felt is None:
+        _, started = _beyond(ops, r_1 + k * fin_alone, up, down)
+    else:
+        standing = given - k * fin_alone - body_force()  # the load on the screw of a rotor at rest
+        _, started = _beyond(ops, ((drive.torque(p, e.at_rest) + body_force()) - given) + k * fin_alone,
+                             up + screw.hold(ops, p, standing, 1.0), down - screw.hold(ops, p, standing, -1.0))
     way = ops.where(rotor_rests, started, ops.where(s.speed > 0.0, 1.0, -1.0))
     stands = ops.equal(way, 0.0)
 
@@ -136,19 +168,22 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, b: Boundary, mode: 
         up, down = friction.coulomb(ops, p, 1.0, m.fin, at), -friction.coulomb(ops, p, -1.0, m.fin, at)
     n_1 = r_1 - ops.where(way > 0.0, up, down)
     # The rotor's while the fin stands; from rest it moves on the side its torque points to.
-    rotor_alone = n_1 / (alone_1 + k)
+    rotor_alone = n_1 / (alone_1 + seen(k))
     rotor_alone = ops.where(ops.both(rotor_rests, rotor_alone * way < 0.0), 0.0, rotor_alone)
     _, pushed = _beyond(ops, r_2 + k * rotor_alone, high, low)
     fin_held = ops.both(fin_rests, ops.equal(pushed, 0.0))
     n_2 = r_2 - ops.where(fin_rests, ops.where(pushed > 0.0, high, low), sliding)
     # The products of k cancel by hand.
-    determinant = alone_1 * alone_2 + k * (alone_1 + alone_2)
-    w = ops.where(fin_held, rotor_alone, ((alone_2 + k) * n_1 + k * n_2) / determinant)
-    u = ops.where(fin_held, 0.0, ((alone_1 + k) * n_2 + k * n_1) / determinant)
+    determinant = alone_1 * alone_2 + k * (alone_1 + seen(alone_2))
+    w = ops.where(fin_held, rotor_alone, ((alone_2 + k) * n_1 + seen(k) * n_2) / determinant)
+    u = ops.where(fin_held, 0.0, ((alone_1 + seen(k)) * n_2 + k * n_1) / determinant)
     w, u = ops.where(stands, 0.0, w), ops.where(stands, fin_alone, u)
 
     current, integral = _electric_end(ops, p, s, mode.drive, e, e.at_rest - e.slope * w, h)
-    return Pair(s.angle + h * w, 2.0 * w - s.speed, current, integral, s.fin_angle + h * u, 2.0 * u - s.fin_speed)
+    end = Pair(s.angle + h * w, 2.0 * w - s.speed, current, integral, s.fin_angle + h * u, 2.0 * u - s.fin_speed)
+    if felt is None:
+        return end, 0.0, way
+    return end, given + k * (w - u) + screw.nut_inertia(p) * 2.0 * (w - s.speed) / h - body_force(), way
 
 
 def _margins(ops: Ops, p: Any, c: drive_line.Line, start: Pair, s: Pair, mode: _Mode) -> tuple[Value, ...]:

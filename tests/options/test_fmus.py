@@ -22,7 +22,7 @@ from emcas_fmu.options.status import DISABLED, OPERATIONAL, STATUS
 from emcas_fmu.parameters import load_parameters
 
 ROOT = Path(__file__).resolve().parents[2]
-MODELS = ["nonlinear+lugre+heat+homing+faults", "elastic+stribeck+heat+homing+faults"]
+MODELS = ["nonlinear+lugre+heat+homing+faults", "elastic+stribeck+efficiency+heat+homing+faults"]
 
 
 @pytest.fixture(scope="module", params=MODELS)

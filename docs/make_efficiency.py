@@ -1,0 +1,111 @@
+"""What docs/efficiency.md shows: its table and its figure.
+
+    python docs/make_efficiency.py           # writes docs/efficiency.png and the table between its markers
+    python docs/make_efficiency.py --check   # exit code 1 where the table is stale
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from math import cos, pi, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from emcas_fmu import plots
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.simulation import simulate
+
+HERE = Path(__file__).parent
+MODEL = "nonlinear+efficiency"
+LOAD = 100.0  # N.m
+RATE, REACH = 100.0, 10.0  # deg/s, deg on either side of zero
+BASE = load_parameters(model=MODEL)
+# Forward, backward: by backward = 2 - 1/forward.
+SCREWS = ((1.0, 1.0), (0.9, 0.889), (0.7, 0.571), (0.5, 0.0))
+_MARKED = re.compile(r"(<!-- strokes -->\n).*?(<!-- /strokes -->)", re.DOTALL)
+
+
+def _run(screw: tuple[float, float], command: Any, torque: float, stop: float, **more: Any) -> dict[str, Any]:
+    forward, backward = screw
+    values = BASE.replace({"efficiency.forward": forward, "efficiency.backward": backward, **more}).values
+    return simulate(values, stop, 1e-4, model=MODEL, fin_command=command, aero_torque=torque)
+
+
+def _stroke(screw: tuple[float, float], torque: float) -> list[str]:
+    """Means from -REACH to REACH at RATE: current, bus power, screw loss, and the energy from the bus."""
+    # A run-up of 9 deg and as much behind; without an integral, which would catch up with the ramp meanwhile.
+    start = -REACH - 9.0
+    run = _run(screw, lambda t: radians(start + RATE * t), torque, -2.0 * start / RATE,
+               **{"fin.start_angle": radians(start), "controller.position.ki": 0.0})
+    fin = np.degrees(run["fin_angle"])
+    inside = (fin >= -REACH) & (fin <= REACH)
+    seconds = np.count_nonzero(inside) * 1e-4
+    power = np.mean(run["supply_power"][inside])
+    return [f"{np.mean(run['motor_current'][inside]):.1f} A", f"{power:.0f} W",
+            f"{np.mean(run['screw_loss'][inside]):.0f} W", f"{power * seconds:.1f} J"]
+
+
+def _holding(screw: tuple[float, float]) -> str:
+    """Least current that holds LOAD at angle zero, in closed form: (backward L - C_m)/K_t, or none."""
+    v, (_, backward) = BASE.values, screw
+    ratio = v["kinematics.moment_arm"] / v["screw.lead"] / cos(v["kinematics.initial_angle"])**2
+    least = (backward * LOAD / ratio - v["friction.coulomb.positive[0]"]) / v["motor.torque_constant"]
+    return f"{max(least, 0.0):.1f} A"
+
+
+def strokes() -> str:
+    """The table of docs/efficiency.md."""
+    head = ["forward / backward", *(f"{way}: {what}" for way in ("against", "with") for what in (
+        "current", "bus power", "screw loss", "energy from the bus")), "holding current"]
+    rows = [[f"{screw[0]:g} / {screw[1]:g}", *_stroke(screw, -LOAD), *_stroke(screw, LOAD), _holding(screw)]
+            for screw in SCREWS]
+    return "\n".join(f"| {' | '.join(row)} |" for row in [head, ["---"] * len(head), *rows])
+
+
+def renewed(text: str) -> str:
+    """The document with the table that is made now."""
+    return _MARKED.sub(lambda match: f"{match[1]}\n{strokes()}\n\n{match[2]}", text)
+
+
+def _move(time: float) -> float:
+    """Command [rad]: from -15 to 15 deg in 0.3 s, at 0 speed on both sides; then it is held."""
+    return -radians(15.0) * cos(pi * min(max(time - 0.1, 0.0), 0.3) / 0.3)
+
+
+def _draw() -> None:
+    with plots.style():
+        figure, axes = plots.figure(2, 2, height=2.5, sharex=True, sharey="row")
+        shown = ((SCREWS[0], plots.GREEN, "no loss"), (SCREWS[1], plots.BLUE, "0.9 / 0.889"),
+                 (SCREWS[3], plots.VERMILLION, "0.5 / 0, self-locking"))
+        for column, (way, torque) in enumerate((("against", -LOAD), ("with", LOAD))):
+            for screw, color, label in shown:
+                run = _run(screw, _move, torque, 0.6, **{"fin.start_angle": radians(-15.0), "encoder.enabled": False})
+                axes[0][column].plot(run["time"], run["motor_current"], color=color, label=label, lw=1.0)
+                axes[1][column].plot(run["time"], run["supply_power"] * 1e-3, color=color, label=label, lw=1.0)
+            axes[0][column].set_title(f"30 deg {way} {LOAD:.0f} N.m")
+            axes[1][column].set_xlabel("time [s]")
+        axes[0][0].set_ylabel("motor current [A]")
+        axes[1][0].set_ylabel("bus power [kW]")
+        axes[0][1].legend(loc="upper right")
+        figure.savefig(HERE / "efficiency.png", dpi=110, facecolor="white", metadata={"Software": None})
+
+
+def main(check: bool) -> int:
+    """Renew document and figure, or say that the document is stale; the exit code."""
+    path = HERE / "efficiency.md"
+    old = path.read_text(encoding="utf-8")
+    new = renewed(old)
+    if check:
+        if new != old:
+            print("docs/efficiency.md is stale: run python docs/make_efficiency.py")
+        return int(new != old)
+    path.write_text(new, encoding="utf-8", newline="\n")
+    _draw()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main("--check" in sys.argv[1:]))

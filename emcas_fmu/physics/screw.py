@@ -1,0 +1,70 @@
+"""Efficiency of the screw: what of the load the rotor feels.
+
+Between the screw's torque and its axial force F stands the load told at the motor, L = F l (l lead per radian):
+all that is on the load side of the screw, positive where it resists positive motion. The rotor feels e L,
+
+    J_r dw/dt = T_m - C_m sgn w - b_m w - e L            J_r of motor and screw
+    L = J_l dw/dt + L_0        J_l = m_nut l^2 + J_ft/R^2        L_0 = C_f sgn w/R + b_f w/R^2 - T_f/R - l P_n - ...
+    e = 1/forward where the motor drives the load, L sgn w > 0        e = backward where the load drives the motor
+
+The screw turns (e - 1) L w >= 0 into heat. e L has a kink at L = 0 and no jump. Of the two lines that make it the one
+that resists more holds, so that the acceleration is unique while J_r + e J_l > 0; L has the sign of J_l net + J_r L_0,
+net = T_m - C_m sgn w - b_m w. A backward efficiency of 0 or less is a screw that the load cannot drive.
+
+The screw has losses where its efficiencies are among the parameters: known when the model is wired.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..ops.base import Ops, Value
+from ..tree import changed
+from .mechanics import Mechanics
+
+
+def lossy(p: Any) -> bool:
+    """Whether the screw has losses of its own: known when the model is wired, no parameter."""
+    return hasattr(p, "efficiency")
+
+
+def forward(p: Any) -> Value:
+    """e [-] where the motor drives the load."""
+    return 1.0 / p.efficiency.forward
+
+
+def share(ops: Ops, p: Any, transmitted: Value, direction: Value) -> Value:
+    """e [-] under a load [N.m] of that sign along `direction`."""
+    return ops.where(transmitted * direction > 0.0, forward(p), p.efficiency.backward)
+
+
+def hold(ops: Ops, p: Any, load: Value, direction: Value) -> Value:
+    """Torque [N.m], 0 or more, by which the screw under a load [N.m] adds to the friction that keeps it at rest."""
+    return (share(ops, p, load, direction) - 1.0) * load * direction
+
+
+def rotor_inertia(p: Any) -> Value:
+    """J_r [kg.m2] on the motor's side of the screw."""
+    return p.inertia.motor + p.inertia.screw
+
+
+def nut_inertia(p: Any) -> Value:
+    """Share [kg.m2] of the nut in J_l."""
+    return p.mass.nut * p.screw.lead * p.screw.lead
+
+
+def felt(p: Any, m: Mechanics, e: Value) -> tuple[Any, Mechanics]:
+    """Parameters and coefficients with `e` times what is on the load side."""
+    load_inertia = nut_inertia(p) + (p.inertia.fork + p.inertia.shaft + p.inertia.fin) / (m.ratio * m.ratio)
+    hinge = {"friction.fin_coulomb": e * p.friction.fin_coulomb, "friction.fin_viscous": e * p.friction.fin_viscous}
+    return changed(p, hinge), m._replace(inertia=m.inertia + (e - 1.0) * load_inertia, load=e * m.load,
+                                         centrifugal=e * m.centrifugal)
+
+
+def transmitted(ops: Ops, p: Any, net: Value, load_inertia: Value, load: Value, direction: Value
+                ) -> tuple[Value, Value]:
+    """L [N.m] of a turning screw, and e [-], from `net` [N.m], J_l [kg.m2], L_0 [N.m]."""
+    rotor = rotor_inertia(p)
+    weighed = load_inertia * net + rotor * load
+    e = share(ops, p, weighed, direction)
+    return weighed / (rotor + e * load_inertia), e
