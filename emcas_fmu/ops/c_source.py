@@ -41,6 +41,16 @@ def c_source(tracer: Tracer, prefix: str) -> str:
     return "\n".join(text)
 
 
+def _bare(text: str) -> str:
+    """A condition without parentheses around the whole: compilers take ((a == b)) for a slip."""
+    depth = 0
+    for i, character in enumerate(text):
+        depth += (character == "(") - (character == ")")
+        if depth == 0 and i < len(text) - 1:
+            return text
+    return text[1:-1] if text.startswith("(") else text
+
+
 class _CWriter(Writer):
     def __init__(self, tracer: Tracer) -> None:
         super().__init__(tracer, TEMPLATES)
@@ -89,7 +99,7 @@ class _CWriter(Writer):
             if both:
                 self._conditions.add(statement.names[i])
         lines = [f"{indent}{kind} {', '.join(names)};" for kind, names in kinds.items() if names]
-        lines.append(f"{indent}if ({self.operand(statement.condition)}) {{")
+        lines.append(f"{indent}if ({_bare(self.operand(statement.condition))}) {{")
         for inner, values, end in ((yes, statement.yes_values, "} else {"), (no, statement.no_values, "}")):
             lines += inner
             lines += [f"{indent}    {statement.names[i]} = {self.operand(values[i])};" for i in live]

@@ -201,14 +201,25 @@ def extended(inner: Model) -> Model:
         full = p.drive.reference_limit if volts else p.fin.stop_angle
         reference = ops.where(ops.both(on["hard_over"], a.enable), p.fault.hard_over.share * full, r.reference)
 
+        # An actuator that is not in closed loop follows no command.
+        here = Boundary(0.0, 0.0, 0.0, 0.0, supply, a.enable)
+        watching = ops.both(a.enable, ops.equal(status(ops, p, s.plant, r.held, here), OPERATIONAL))
         counters, flags = monitors.judged(ops, p, counters, flags, monitors.Watched(
             command, r.measured, k.measured, reference if volts else None,
-            None if current is None or hasattr(p, "pwm") else plant[current], supply, a.enable))
+            None if current is None or hasattr(p, "pwm") else plant[current], supply, watching))
         now = now._replace(acting=ops.where(acting, 1.0, 0.0), faults=fault_list.word(ops, on),
                            built_in_test=monitors.word(flags), verdict=monitors.verdict(ops, flags))
         keep = _Kept(k.samples + 1.0, angle, offset, command, r.measured)
         return Sampled(reference, (*r.kept, *keep, *counters, *flags, a.command, *line[:-1]), r.measured, r.limited,
                        (*r.held, *now))
+
+    def status(ops: Ops, p: Any, plant: Values, inner_held: Values, b: Boundary) -> Value:
+        """What the model says of itself where it is sound; the bridge open by a fault is unknown to it."""
+        if not has_status:
+            return OPERATIONAL
+        inner_plant, _ = split(plant, len(_PLANT))
+        found = inner.put_out(ops, p, inner_plant, inner_held, b, Shown(0.0, 0.0, 0.0, 0.0))
+        return found[names.index(STATUS.name)]
 
     def step(ops: Ops, p: Any, plant: Values, held: Values, b: Boundary, h: Value) -> tuple[Values, Value]:
         inner_plant, own = split(plant, len(_PLANT))
@@ -252,7 +263,7 @@ def extended(inner: Model) -> Model:
         changes = {name: ops.where(broken, value, by_name[name]) for name, value in values.items()}
         verdict = ops.where(b.enabled, f.verdict, DISABLED)
         if has_status:
-            known = by_name[STATUS.name]
+            known = status(ops, p, plant, inner_held, b)
             changes[STATUS.name] = ops.where(ops.equal(known, OPERATIONAL), verdict, known)
         return (*replaced(inner, found, changes), *(() if has_status else (verdict,)), f.faults, f.built_in_test)
 

@@ -322,7 +322,7 @@ def test_travel_beyond_the_stops_fails() -> None:
     assert angle == pytest.approx(least * (_motor(STOP) - _motor(-STOP)) / (2.0 * STOP), abs=0.05)
 
 
-@pytest.mark.parametrize("fault", ["jam", "encoder_freeze", "encoder_reversed"])
+@pytest.mark.parametrize("fault", ["jam", "drive_loss", "encoder_freeze", "encoder_reversed"])
 def test_faults_in_a_run_fail_it(fault: str) -> None:
     """Of the option `faults`, from amid the second way on: the way between the stops is not what it should be."""
     run = _run({"fin.start_angle": 0.2, f"fault.{fault}.begin": 1.0, f"fault.{fault}.end": 99.0}, 4.0,
@@ -331,6 +331,13 @@ def test_faults_in_a_run_fail_it(fault: str) -> None:
     assert run["status"][-1] == FAILED
     assert not np.any(run["homed"])
     assert not np.any(run["motor_current"][-100:])
+
+
+def test_monitors_rest_until_it_is_homed() -> None:
+    """A command far from where the run takes the fin trips nothing; afterwards it is followed within persistence."""
+    run = _run({"fin.start_angle": -0.3}, 7.0, f"{MODEL}+faults", home=True, fin_command=radians(-19.0))
+    assert run["status"][-1] == OPERATIONAL
+    assert not run["built_in_test"].any()
 
 
 # -- refusals ---------------------------------------------------------------------
