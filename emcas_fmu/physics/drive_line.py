@@ -27,7 +27,7 @@ from ..tree import changed
 from . import mechanics
 
 # A flank counts as met this close to it: both angles are rounded.
-MET = 1e-12  # rad at the motor
+MET = 1e-9  # rad at the motor, 1e-12 m: far above the rounding of its angle
 _NO_ROTOR = {"inertia.motor": 0.0, "inertia.screw": 0.0, "mass.nut": 0.0}
 
 

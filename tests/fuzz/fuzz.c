@@ -83,11 +83,13 @@ static void check(const instance *m)
     if (!m || m->s.phase != RUNNING) return;
     for (size_t fin = 0; fin < FINS; ++fin) {
         const core_state *core = &m->s.core[fin];
-        const double all[] = {core->integral, core->counts, m->s.now};
         for (size_t i = 0; i < CORE_PLANT; ++i)
             if (!core_finite(core->plant.x[i]) || !core_finite(core->tentative.x[i])) abort();
-        for (size_t i = 0; i < sizeof all / sizeof *all; ++i)
-            if (!core_finite(all[i])) abort();
+        for (size_t i = 0; i < CORE_KEPT; ++i)
+            if (!core_finite(core->kept[i])) abort();
+        for (size_t i = 0; i < CORE_SHOWN; ++i)
+            if (!core_finite(core->shown[i])) abort();
+        if (!core_finite(core->active) || !core_finite(m->s.now)) abort();
     }
 }
 
