@@ -20,6 +20,8 @@ from .tree import tree
 LARGEST_LEVER_ANGLE = radians(85.0)
 # Of the drive's transport delay, in sample times.
 LONGEST_DELAY = 64
+# Of a faulty command, in sample times: each is a state.
+LONGEST_COMMAND_DELAY = 50
 # Beyond it a sample time would cost seconds.
 MOST_TICKS = 20_000
 SCAN = 100  # points on each side of zero
@@ -146,6 +148,15 @@ def _jamming_line(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return _broken(ops, p.efficiency.backward < 0.0), p.efficiency.backward
 
 
+def _command_delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    """A delay that is switched on or scheduled; others may wait for a longer sample time."""
+    if not hasattr(p, "fault"):
+        return 0.0, 0.0, 0.0
+    own, period = p.fault.command_delay, p.controller.sample_time
+    used = ops.either(own.active, own.end > own.begin)
+    return _broken(ops, ops.both(used, own.time > LONGEST_COMMAND_DELAY * period * (1.0 + _SLACK))), own.time, period
+
+
 RULES = (
     Rule(_travel, f"fin.stop_angle = {_ANGLE} must be at least command.limit = {_ANGLE}"),
     Rule(_start, f"fin.start_angle = {_ANGLE} must lie within +-fin.stop_angle = {_ANGLE}"),
@@ -170,6 +181,8 @@ RULES = (
                    "and screw over that of the load at the motor, %.6g over %.6g kg.m2"),
     Rule(_jamming_line, "efficiency.backward = %.6g must not be below 0 with an elastic drive line; 0 is a screw that "
                         "the load cannot drive"),
+    Rule(_command_delay, f"fault.command_delay.time = %.6g s must be at most {LONGEST_COMMAND_DELAY} times "
+                         "controller.sample_time = %.6g s"),
 )
 
 

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from functools import reduce
 from typing import Any
 
+from ..consistency import LONGEST_COMMAND_DELAY
 from ..ops.base import Ops, Value
 from ..variables import Variable
 
-# Longest delay of the command, in samples: each is a state.
-LONGEST_DELAY = 50
 _SLACK = 1e-6  # of a sample time: a fault that begins at a sample begins with it, whatever rounding says
 
 
@@ -49,13 +48,13 @@ FAULTS = (
     Fault("encoder_freeze", "the encoder counts no motion"),
     Fault("encoder_bias", "the encoder reads too much", (
         _tunable("encoder_bias.angle", "rad", -0.5, 0.5, "of the fin that the encoder reads too much"),)),
-    Fault("encoder_dropped", "the encoder misses counts", (
-        _tunable("encoder_dropped.share", "1", 0.0, 1.0, "of the counts that are missed"),)),
+    Fault("encoder_dropped", "the encoder misses counts of positive motion", (
+        _tunable("encoder_dropped.share", "1", 0.0, 1.0, "of the counts of positive motion that are missed"),)),
     Fault("encoder_reversed", "the encoder counts backwards"),
     Fault("command_freeze", "commands no longer arrive: the last one holds"),
     Fault("command_delay", "commands arrive late", (
         _tunable("command_delay.time", "s", 0.0, 5.0, "by which commands are late, in whole samples, at most "
-                                                      f"{LONGEST_DELAY} of them"),)),
+                                                      f"{LONGEST_COMMAND_DELAY} of them"),)),
     Fault("friction_rise", "friction at motor and fin rises", (
         _tunable("friction_rise.factor", "1", 1.0, 1e4, "by which it rises"),)),
     Fault("backlash_growth", "the gap between nut and fork grows, for good", (

@@ -3,11 +3,12 @@
 A fault begins and ends with a sample of the controllers (:mod:`emcas_fmu.options.fault_list`). Without one the
 trajectories are those of the model, bit for bit. What the encoder counts is
 
-    seen = angle + offset + bias        offset += (gain - 1)(angle - angle of the sample before)
+    seen = angle + offset + bias        offset += gain (moved - share max(moved, 0)) - moved
 
-with gain 0 while it is frozen, -1 reversed, 1 - share with dropped counts: motion that was missed stays missed, as
-in an incremental encoder. A jam holds the rotor; with an elastic drive line the fin may still give. A broken shaft
-(:mod:`emcas_fmu.physics.free_fin`) and a grown gap do not heal: they last until reset.
+with `moved` since the sample before, gain 0 while it is frozen and -1 reversed, and a share of the counts of positive
+motion dropped: motion that was missed stays missed, as in an incremental encoder. A jam holds the rotor; with an
+elastic drive line the fin may still give. A broken shaft (:mod:`emcas_fmu.physics.free_fin`) and a grown gap do not
+heal: they last until reset.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import Any, NamedTuple
 
 from .. import control
 from ..actuators.model import Asked, Model, Sampled, Shown, State, Values, replaced, split
+from ..consistency import LONGEST_COMMAND_DELAY
 from ..integrate import Boundary
 from ..ops.base import Ops, Value
 from ..physics import free_fin, kinematics
@@ -55,17 +57,17 @@ class _Held(NamedTuple):
 
 
 _SOUND = _Held(0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, OPERATIONAL)
-_KEPT = 5  # before the monitors' counters and flags, and the commands on their way
 
 
 class _Kept(NamedTuple):
-    """What samples keep: their number, the encoder's side's angle and offset, command and angle of the last."""
+    """What samples keep: their number; of the last the encoder's angle and offset, command, angle, modelled angle."""
 
     samples: Value
     angle: Value
     offset: Value
     command: Value
     measured: Value
+    modelled: Value
 
 
 def unfit(model: str, options: tuple[str, ...]) -> str:
@@ -78,9 +80,8 @@ def _at_fin(model: Model) -> bool:
     return model.plant[0] == "fin angle"
 
 
-def _biased(ops: Ops, p: Any, angle: Value) -> Value:
-    fin = kinematics.fin_angle(ops, p, kinematics.lever_tangent(ops, p, angle))
-    return kinematics.motor_angle(ops, p, fin + p.fault.encoder_bias.angle)
+def _fin(ops: Ops, p: Any, motor: Value) -> Value:
+    return kinematics.fin_angle(ops, p, kinematics.lever_tangent(ops, p, motor))
 
 
 def _picked(ops: Ops, samples: Value, values: Values) -> Value:
@@ -148,12 +149,24 @@ def extended(inner: Model) -> Model:
     names = [v.name for v in OUTPUTS + inner.outputs]
     has_status = STATUS.name in names
     kept = (*_Kept._fields, *(f"{name} {kind}" for kind in ("counter", "flag") for name, _ in monitors.MONITORS),
-            *(f"command {i + 1} ago" for i in range(fault_list.LONGEST_DELAY)))
+            *(f"command {i + 1} ago" for i in range(LONGEST_COMMAND_DELAY)))
+
+    def encoder(ops: Ops, p: Any, angle: Value) -> Value:
+        """What an encoder turns with, the motor or the fin, at the model's first angle [rad]."""
+        return ops.where(p.encoder.on_fin, _fin(ops, p, angle), angle) if volts else angle
+
+    def read(ops: Ops, p: Any, counted: Value, bias: Value) -> Value:
+        """The model's first angle [rad] that an encoder's counts tell, and too much by `bias` [rad] of the fin."""
+        if not volts:
+            return counted + bias
+        fin = ops.where(p.encoder.on_fin, counted, _fin(ops, p, counted)) + bias
+        at_motor = kinematics.motor_angle(ops, p, fin)
+        return ops.where(ops.both(ops.equal(bias, 0.0), ops.negate(p.encoder.on_fin)), counted, at_motor)
 
     def initial(ops: Ops, p: Any) -> tuple[State, Value]:
         s, measured = inner.initial(ops, p)
-        start = _Kept(0.0, s.plant[0], 0.0, p.fin.start_angle, measured)
-        waiting = (p.fin.start_angle,) * fault_list.LONGEST_DELAY
+        start = _Kept(0.0, encoder(ops, p, s.plant[0]), 0.0, p.fin.start_angle, measured, measured)
+        waiting = (p.fin.start_angle,) * LONGEST_COMMAND_DELAY
         return State((*s.plant, 0.0, 0.0, 0.0), (*s.kept, *start, *(0.0,) * (2 * monitors.COUNT), *waiting),
                      (*s.held, *_SOUND)), measured
 
@@ -161,20 +174,25 @@ def extended(inner: Model) -> Model:
         plant, (broken, fin, _) = split(s.plant, len(_PLANT))
         inner_kept, own = split(s.kept, len(kept))
         inner_held, held = split(s.held, len(_SOUND))
-        k, before = _Kept(*own[:_KEPT]), _Held(*held)
-        counters, flags = own[_KEPT:_KEPT + monitors.COUNT], own[_KEPT + monitors.COUNT:_KEPT + 2 * monitors.COUNT]
-        line = own[_KEPT + 2 * monitors.COUNT:]
+        first = len(_Kept._fields)
+        k, before, watched = _Kept(*own[:first]), _Held(*held), own[first:first + 2 * monitors.COUNT]
+        counters, flags = watched[:monitors.COUNT], watched[monitors.COUNT:]
+        line = own[first + 2 * monitors.COUNT:]
         on = fault_list.active(ops, p, k.samples * p.controller.sample_time)
 
-        told = kinematics.motor_angle(ops, p, fin) if volts else fin
-        angle = ops.where(ops.both(broken > 0.0, p.encoder.on_fin), told, plant[0])
-        gain = ops.where(on["encoder_freeze"], 0.0, ops.where(on["encoder_reversed"], -1.0, 1.0)) * ops.where(
-            on["encoder_dropped"], 1.0 - p.fault.encoder_dropped.share, 1.0)
-        offset = k.offset + (gain - 1.0) * (angle - k.angle)
-        counted = angle + offset
-        (seen,) = ops.branch(
-            on["encoder_bias"], lambda: (_biased(ops, p, counted) if volts else counted + p.fault.encoder_bias.angle,),
-            lambda: (counted,))
+        angle = encoder(ops, p, plant[0])
+        if volts:
+            angle = ops.where(ops.both(broken > 0.0, p.encoder.on_fin), fin, angle)
+        moved = angle - k.angle
+        gain = ops.where(on["encoder_freeze"], 0.0, ops.where(on["encoder_reversed"], -1.0, 1.0))
+        missed = ops.where(on["encoder_dropped"], p.fault.encoder_dropped.share, 0.0)
+        offset = k.offset + (gain * (moved - missed * ops.maximum(moved, 0.0)) - moved)
+        counting = gain * (1.0 - ops.where(plant[1] > 0.0, missed, 0.0))
+        wrong = ops.either(ops.either(on["encoder_bias"], ops.negate(ops.equal(offset, 0.0))),
+                           ops.both(broken > 0.0, p.encoder.on_fin))
+        bias = ops.where(on["encoder_bias"], p.fault.encoder_bias.angle, 0.0)
+        # Where nothing is wrong the angle goes through as it is, to the bit.
+        (seen,) = ops.branch(wrong, lambda: (read(ops, p, angle + offset, bias),), lambda: (plant[0],))
 
         late = ops.floor(p.fault.command_delay.time / p.controller.sample_time + 0.5)
         arriving = ops.where(on["command_delay"], _picked(ops, late, (a.command, *line)), a.command)
@@ -196,7 +214,7 @@ def extended(inner: Model) -> Model:
         on["free_fin"], on["backlash_growth"] = now.free > 0.0, now.gap > 0.0  # for good
 
         supply = now.supply * a.supply
-        r = inner.sample(ops, p, State((seen, gain * plant[1], *plant[2:]), inner_kept, inner_held),
+        r = inner.sample(ops, p, State((seen, counting * plant[1], *plant[2:]), inner_kept, inner_held),
                          a._replace(command=command, supply=supply))
         full = p.drive.reference_limit if volts else p.fin.stop_angle
         reference = ops.where(ops.both(on["hard_over"], a.enable), p.fault.hard_over.share * full, r.reference)
@@ -204,12 +222,13 @@ def extended(inner: Model) -> Model:
         # An actuator that is not in closed loop follows no command.
         here = Boundary(0.0, 0.0, 0.0, 0.0, supply, a.enable)
         watching = ops.both(a.enable, ops.equal(status(ops, p, s.plant, r.held, here), OPERATIONAL))
-        counters, flags = monitors.judged(ops, p, counters, flags, monitors.Watched(
-            command, r.measured, k.measured, reference if volts else None,
-            None if current is None or hasattr(p, "pwm") else plant[current], supply, watching))
+        seen_by = monitors.Watched(
+            command, r.measured, k.measured, k.modelled, reference if volts else None,
+            None if current is None or hasattr(p, "pwm") else plant[current], supply, watching)
+        counters, flags = monitors.judged(ops, p, counters, flags, seen_by)
         now = now._replace(acting=ops.where(acting, 1.0, 0.0), faults=fault_list.word(ops, on),
                            built_in_test=monitors.word(flags), verdict=monitors.verdict(ops, flags))
-        keep = _Kept(k.samples + 1.0, angle, offset, command, r.measured)
+        keep = _Kept(k.samples + 1.0, angle, offset, command, r.measured, monitors.modelled(ops, p, seen_by))
         return Sampled(reference, (*r.kept, *keep, *counters, *flags, a.command, *line[:-1]), r.measured, r.limited,
                        (*r.held, *now))
 
@@ -239,9 +258,11 @@ def extended(inner: Model) -> Model:
 
         def floating(used: Value) -> Values:
             mode, angle, rate = own
+            rubbing = changed(p, {"friction.fin_viscous": f.friction * p.friction.fin_viscous,
+                                  "friction.fin_coulomb": f.friction * p.friction.fin_coulomb})
             fin, fin_rate, *_ = inner.put_out(ops, p, inner_plant, inner_held, b, Shown(0.0, 0.0, 0.0, 0.0))
             whole = ops.equal(mode, 0.0)
-            return 1.0, *free_fin.advance(ops, p, ops.where(whole, fin, angle), ops.where(whole, fin_rate, rate),
+            return 1.0, *free_fin.advance(ops, rubbing, ops.where(whole, fin, angle), ops.where(whole, fin_rate, rate),
                                           b.aero_torque, b.f_x, b.f_z, used)
 
         *moved, used = ops.branch(f.acting > 0.0, faulty, sound)

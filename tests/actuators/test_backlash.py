@@ -127,15 +127,16 @@ def test_limit_cycle_with_gap_and_gain_only() -> None:
     """
     gain = values_of()["controller.position.kp"]
 
-    def width(gap: float, share: float, on_fin: bool = True, **more: float) -> float:
+    def width(gap: float, share: float, on_fin: bool = True, ki: float | None = None) -> float:
         run = run_of({"drive_line.backlash": gap, "controller.position.kp": share * gain, "encoder.on_fin": on_fin,
-                      "encoder.enabled": False, "friction.fin_viscous": 5.0, **more}, 20.0,
+                      "encoder.enabled": False, "friction.fin_viscous": 5.0,
+                      "controller.position.ki": values_of()["controller.position.ki"] if ki is None else ki}, 20.0,
                      fin_command=lambda t: 0.02 if t > 0.05 else 0.0)
         return float(np.degrees(np.ptp(run["fin_angle"][17000:])))
 
     assert width(0.0, 2.0) < 1e-3
     assert width(1e-4, 2.0, on_fin=False) < 1e-3
-    assert width(1e-4, 0.5, **{"controller.position.ki": 0.0}) < 1e-3
+    assert width(1e-4, 0.5, ki=0.0) < 1e-3
     assert width(1e-4, 0.5) > 5e-2
     small, large = width(1e-4, 2.0), width(2e-4, 2.0)
     assert small > np.degrees(1e-4 / 0.05)  # wider than the gap
