@@ -65,7 +65,7 @@ def test_breakaway_is_the_static_ratio_and_sliding_is_coulomb() -> None:
         speeds = (0.0, 0.5, 1.0, 1e3)
         shares = [friction.coulomb(FLOATS, p, way, 0.1, way * w) / friction.coulomb(FLOATS, p, way, 0.1, way * 1e3)
                   for w in speeds]
-        assert shares == pytest.approx([1.5, 1.0 + 0.5 * np.exp(-0.25), 1.0 + 0.5 / np.e, 1.0], rel=1e-12)
+        assert shares == pytest.approx([1.5, 1.0 + 0.5 * np.exp(-0.25), 1.0 + 0.5 * np.exp(-1.0), 1.0], rel=1e-12)
         # Against the direction, as a prediction beyond a reversal may be.
         assert friction.coulomb(FLOATS, p, way, 0.1, -way) == friction.coulomb(FLOATS, p, way, 0.1, 0.0)
 
