@@ -1,4 +1,4 @@
-"""Cost of a 1 ms step of each model, over the nonlinear one's, in one run: `python benchmarks/models.py`."""
+"""Cost of a 1 ms step of each model and option, over the nonlinear model's: `python benchmarks/models.py`."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from time import process_time
 
 import numpy as np
 
-from emcas_fmu.actuators import NAMES, NONLINEAR
+from emcas_fmu.actuators import NAMES, NONLINEAR, OPTIONS, get
 from emcas_fmu.kernels.compiled import Batch
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.variables import INPUTS
 
 COUNT, STEPS, ROUNDS = 200, 400, 5
 
 
 def cost(model: str) -> float:
     """Least CPU time [ns] of a step, of several rounds; a square wave of 5 deg at 5 Hz."""
-    values = load_parameters(model=model).values
-    names = [v.name for v in INPUTS]
-    inputs = np.zeros((COUNT, len(INPUTS)))
+    parameters = load_parameters(model=model)
+    values = (parameters.replace({"homing.required": False}) if "homing" in model else parameters).values
+    names = [v.name for v in get(model).inputs]
+    inputs = np.zeros((COUNT, len(names)))
     inputs[:, names.index("supply_voltage")] = values["drive.supply_voltage"]
     inputs[:, names.index("enable")] = 1.0
     best = np.inf
@@ -36,10 +36,11 @@ def cost(model: str) -> float:
 def main() -> None:
     """Print the table."""
     base = cost(NONLINEAR)
-    print(f"{'model':<14}{'ns a step':>10}{'of nonlinear':>14}")
-    for name in NAMES:
+    print(f"{'model':<56}{'ns a step':>10}{'of nonlinear':>14}")
+    together = [option for option in OPTIONS if option != "lugre"]  # which goes with few
+    for name in (*NAMES, *(f"{NONLINEAR}+{option}" for option in OPTIONS), "+".join((NONLINEAR, *together))):
         found = cost(name)
-        print(f"{name:<14}{found:>10.0f}{found / base:>14.2f}")
+        print(f"{name:<56}{found:>10.0f}{found / base:>14.2f}")
 
 
 if __name__ == "__main__":
