@@ -81,7 +81,7 @@ def test_both_kernels_with_all_of_them(model: str) -> None:
 @pytest.mark.parametrize("model", ["nonlinear+lugre+heat+homing+faults",
                                    "elastic+stribeck+efficiency+heat+homing+faults", "second-order+faults"])
 def test_steps_of_the_host_do_not_matter(model: str) -> None:
-    """Inputs held, every fault in turn: at common times what steps of 10, 1 and 0.37 ms give is the same, to the bit."""
+    """Inputs held, every fault in turn: at common times steps of 10, 1 and 0.37 ms give the same, to the bit."""
     windows = {f"fault.{fault.name}.{edge}": 0.05 + 0.03 * i + late for i, fault in enumerate(FAULTS)
                for edge, late in (("begin", 0.0), ("end", 0.02))}
     known = {"homing.required": False} if "homing" in model else {}
