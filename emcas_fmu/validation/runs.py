@@ -25,7 +25,7 @@ from fmpy.model_description import read_model_description
 from fmpy.simulation import instantiate_fmu
 from numpy.typing import NDArray
 
-from ..actuators import NAMES, OPTIONS
+from ..actuators import NAMES, OPTIONS, get
 from ..errors import EmcasError
 from ..unit import Unit as Interface
 
@@ -157,12 +157,16 @@ class Unit:
 def model_of(name: str) -> str | None:
     """The model and options, as in ``elastic+faults``, of an FMU by its modelName; None for a name of no such FMU."""
     found = _NAME.fullmatch(name)
-    return None if found is None else _models().get("".join(found.groups()))
+    kind = None if found is None else _models().get("".join(found.groups()))
+    try:
+        return None if kind is None else get(kind).name
+    except EmcasError:  # options that do not go together
+        return None
 
 
 @cache
 def _models() -> Mapping[str, str]:
-    """Models with any of the options, those that do not go together too, by the modelName of one fin."""
+    """Models with any of the options by the modelName of one fin."""
     chosen = [subset for n in range(len(OPTIONS) + 1) for subset in combinations(OPTIONS, n)]
     kinds = ["+".join((model, *options)) for options in reversed(chosen) for model in reversed(NAMES)]
     return {Interface(1, kind).model: kind for kind in kinds}
