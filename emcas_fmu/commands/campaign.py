@@ -197,11 +197,12 @@ def _faults(summary: Any) -> Table:
     """What was injected, and what was found."""
     from ..campaign.report import seconds
 
-    table = Table("fault, alone", "samples", "found", "after", "tripped before", "by", title_justify="left",
+    table = Table("fault, alone", "samples", "found", "after", "before", "by", title_justify="left",
                   title="Faults, and what the built-in test found")
+    table.columns[0].no_wrap = True
+    several = len({f.experiment for f in summary.findings}) > 1
     for f in summary.findings:
         by = ", ".join(f"{name} {n}" for name, n in f.monitors.items() if n)
-        several = len({g.experiment for g in summary.findings}) > 1
         table.add_row(f"{f.experiment}: {f.fault}" if several else f.fault, str(f.samples), str(f.found),
                       seconds(f.delay), str(f.before), by)
     return table
