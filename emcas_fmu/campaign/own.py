@@ -76,6 +76,14 @@ def bits(word: str, value: int) -> tuple[str, ...]:
     return tuple(name for i, name in enumerate(WORDS[word]) if value >> i & 1)
 
 
+def told(column: str, value: object) -> str:
+    """An observation for people: of a word the bits that are set, by name."""
+    word = column.rpartition(".")[2].rpartition("_")[0]
+    if word in WORDS and isinstance(value, int):
+        return f"{value} ({', '.join(bits(word, value))})" if value else "0"
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
 def reduced(experiment: Experiment, model: str, made: Excitation, response: Mapping[str, Array]) -> dict[str, Any]:
     """Figures and observations of a response by column name; `response` has an array per output."""
     acting = made.time > -STEP / 2

@@ -142,7 +142,8 @@ def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chu
 
 def _one(study: Any, index: int, as_json: Path | None) -> None:
     """One sample again, here."""
-    from ..campaign.sample import rows
+    from ..campaign.own import told
+    from ..campaign.sample import observed, rows
     from ..campaign.sampling import Sampler
     from ..validation.results import finite
 
@@ -156,7 +157,8 @@ def _one(study: Any, index: int, as_json: Path | None) -> None:
     table.columns[1].justify = "right"
     for name, value in row.items():
         if value != "":
-            table.add_row(escape(name), escape(f"{value:.8g}" if isinstance(value, float) else str(value)),
+            said = told(name, value) if name in observed(study.plan) else str(value)
+            table.add_row(escape(name), escape(f"{value:.8g}" if isinstance(value, float) else said),
                           units.get(name, ""))
     out.print(table)
     if row["error"]:

@@ -253,6 +253,8 @@ def test_the_shipped_campaign(tmp_path: Path) -> None:
     assert summary["model"] == "nonlinear+heat+faults"
     assert sum(f["samples"] for f in summary["findings"]) == 30
     assert {t["name"] for t in summary["tallies"]} >= {"fly.status_last", "fly.built_in_test_ever"}
+    one = CliRunner().invoke(app, ["campaign", str(file), "--only", "3"])
+    assert "512 (encoder_reversed)" in one.output
     page = (folder / "summary.html").read_text(encoding="utf-8")
     assert "Faults, and what the built-in test found" in page
     assert "--model nonlinear+heat+faults" in page
