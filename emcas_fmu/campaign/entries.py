@@ -7,10 +7,11 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from ..actuators import NAMES, NONLINEAR, OPTIONS, get
 from ..errors import hint, require_known
 from ..parameters import ParameterSet
 from ..tuning.experiments import STEP
-from ..variables import FILE_ENTRIES, INPUTS
+from ..variables import START_ENTRIES, Variable
 from .distributions import MOST_OUTSIDE, CampaignError, Kind, Value, distribution, number
 from .experiments import COMMAND, EXPERIMENTS, LOAD, OPTIONAL, PROFILES, SAME, Experiment, Profile
 from .plan import Factor
@@ -18,15 +19,16 @@ from .plan import Factor
 LONGEST = 300.0  # s, of an experiment: half a gigabyte of rows
 # Of what is no input: rows are a millisecond apart, a spring is coupled once in each.
 _LIMITS = {"Hz": (1e-3, 500.0), "s": (-LONGEST, LONGEST), "N.m/rad": (-1e6, 1e6)}
-_PARAMETERS = {v.name: v for v in FILE_ENTRIES}
-_INPUTS = {v.name: v for v in INPUTS if v.name != COMMAND}
 
 
 class Reader:
     """Collects factors, numbers, followers and experiments from a document."""
 
     def __init__(self, path: Path, base: ParameterSet) -> None:
-        self.path, self.base = path, base.values
+        self.path, self.base, self.model = path, base.values, base.model
+        chosen = get(base.model)
+        self._parameters = {v.name: v for v in chosen.parameters + START_ENTRIES}
+        self._inputs = {v.name: v for v in chosen.inputs}
         self.factors: list[Factor] = []
         self.numbers: dict[str, Value] = {}
         self.followers: dict[str, str] = {}
@@ -34,7 +36,7 @@ class Reader:
 
     def read(self, document: Mapping[str, Any]) -> None:
         varying = table_of(document, "vary", f"{self.path}")
-        for name, entry in _leaves(varying):
+        for name, entry in _leaves(varying, self._parameters):
             self.parameter(name, entry)
         for name, leader in self.followers.items():
             self.check_follower(name, leader)
@@ -47,9 +49,10 @@ class Reader:
 
     def parameter(self, name: str, entry: Any) -> None:
         where = f"{self.path}: vary.{name}"
-        variable = _PARAMETERS.get(name)
+        variable = self._parameters.get(name)
         if variable is None:
-            raise CampaignError(f"{where}: there is no parameter {name!r}{hint(name, _PARAMETERS)}")
+            raise CampaignError(f"{where}: there is no parameter {name!r}"
+                                f"{_elsewhere(name, self.model) or hint(name, self._parameters)}")
         if name in self.followers or name in [f.name for f in self.factors]:
             raise CampaignError(f"{where}: is given twice")
         if not isinstance(entry, Mapping):
@@ -66,7 +69,7 @@ class Reader:
         where, leaders = f"{self.path}: vary.{name}.follows", [f.name for f in self.factors if f.type == "Real"]
         if leader not in leaders:
             raise CampaignError(f"{where} = {leader!r}: is no number that varies{hint(leader, leaders)}")
-        if _PARAMETERS[name].kind != "Real" or not self.base[leader]:
+        if self._parameters[name].kind != "Real" or not self.base[leader]:
             raise CampaignError(f"{where} = {leader!r}: there is no ratio to keep")
 
     def setting(self, name: str, written: Any, kind: Kind) -> None:
@@ -81,13 +84,15 @@ class Reader:
 
     def profiles(self, entries: Mapping[str, Any], prefix: str) -> dict[str, Profile]:
         found = {}
-        for name, entry in _leaves(entries):
+        known = {name: v for name, v in self._inputs.items() if name != COMMAND}
+        for name, entry in _leaves(entries, known):
             where = f"{self.path}: {prefix}.{name}"
-            if name not in _INPUTS:
+            if name not in known:
                 what = "the command is that of an experiment" if name == COMMAND else f"there is no input {name!r}"
-                raise CampaignError(f"{where}: {what}{hint(name, _INPUTS)}; inputs are {', '.join(_INPUTS)}")
+                raise CampaignError(f"{where}: {what}{_elsewhere(name, self.model) or hint(name, known)}; inputs are "
+                                    f"{', '.join(known)}")
             kinds = [k for k in PROFILES if k != "spring" or name == LOAD]
-            kinds = ["constant", "step", "window"] if _INPUTS[name].kind == "Boolean" else kinds
+            kinds = ["constant", "step", "window"] if known[name].kind == "Boolean" else kinds
             profile = Profile(name, self.kind(where, entry, kinds), f"{prefix}.{name}")
             self.fields(where, profile.prefix, entry, PROFILES[profile.kind], name)
             if profile.kind == "window":
@@ -111,7 +116,7 @@ class Reader:
                 raise CampaignError(f"{where}: {field} is missing; a {entry['kind']} has {', '.join(units)}")
 
     def of_input(self, where: str, name: str, field: str, unit: str) -> Kind:
-        variable = next(v for v in INPUTS if v.name == name)
+        variable = self._inputs[name]
         if unit != SAME:
             return Kind(where, unit, *_LIMITS[unit])
         if name == COMMAND:
@@ -154,15 +159,23 @@ class Reader:
         self.experiments.append(Experiment(name, kind, duration, tuple({**common, **own}.values())))
 
 
-def _leaves(entries: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def _leaves(entries: Mapping[str, Any], known: Mapping[str, Variable], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Names with dots, quoted or not, with their tables."""
     for key, entry in entries.items():
         name = f"{prefix}{key}"
         nested = isinstance(entry, Mapping) and entry and all(isinstance(e, Mapping) for e in entry.values())
-        if nested and name not in _PARAMETERS and name not in _INPUTS:
-            yield from _leaves(entry, f"{name}.")
+        if nested and name not in known:
+            yield from _leaves(entry, known, f"{name}.")
         else:
             yield name, entry
+
+
+def _elsewhere(name: str, model: str) -> str:
+    """What to say of a parameter or input that another model, or one with an option, has."""
+    for kind in (*NAMES, *(f"{NONLINEAR}+{option}" for option in OPTIONS)):
+        if any(v.name == name for v in (*get(kind).own, *get(kind).model.inputs)):
+            return f" of the {model} model; {kind} has one: name the model in [base], or with --model"
+    return ""
 
 
 def _counted(written: Mapping[str, Any], kind: Kind) -> Mapping[str, Any]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..actuators import NONLINEAR, get
 from ..simulation import Array
 from ..tuning.experiments import REST, STEP
 from ..variables import INPUTS
@@ -34,7 +35,7 @@ COMMAND, LOAD, POWER = "fin_command", "aero_torque", "supply_power"
 # Power is looked at more often than the rest: the drive's short transients follow the controller's samples.
 POWER_ROWS = 5
 POWER_STEP = STEP / POWER_ROWS
-INDEX = {v.name: i for i, v in enumerate(INPUTS)}
+INDEX = {v.name: i for i, v in enumerate(INPUTS)}  # a model's own inputs stand behind these
 
 
 @dataclass(frozen=True)
@@ -72,18 +73,22 @@ class Excitation:
     told: Array
 
 
-def excitation(experiment: Experiment, values: Mapping[str, Any], numbers: Mapping[str, Any]) -> Excitation:
+def excitation(experiment: Experiment, values: Mapping[str, Any], numbers: Mapping[str, Any],
+               model: str = NONLINEAR) -> Excitation:
     """The rows of inputs of an experiment, STEP apart, each held until the next; the command begins after REST.
 
-    `values` are flat parameters in SI, `numbers` those of profiles and commands by name.
+    `values` are flat parameters in SI, `numbers` those of profiles and commands by name; the table's columns are the
+    inputs of the `model`.
     """
+    inputs = get(model).inputs
     time = np.arange(round((REST + experiment.duration) / STEP) + 1) * STEP - REST
-    table = np.empty((len(time), len(INPUTS)))
-    starts = [float(values[v.key] if v.key else v.start or 0.0) for v in INPUTS]
+    table = np.empty((len(time), len(inputs)))
+    starts = [float(values[v.key] if v.key else v.start or 0.0) for v in inputs]
+    index = {v.name: i for i, v in enumerate(inputs)}
     table[:] = starts
     stiffness = 0.0
     for profile in experiment.profiles:
-        column = INDEX[profile.variable]
+        column = index[profile.variable]
         number = _finder(numbers, profile.prefix, starts[column])
         if profile.kind == "spring":
             table[:, column] = number("offset")

@@ -67,11 +67,6 @@ def names(experiment: Experiment) -> list[str]:
     return [f"{experiment.name}.{name}" for name, figure in FIGURES.items() if experiment.kind in figure.kinds]
 
 
-def figure_of(column: str) -> Figure:
-    """What the figure of a column is."""
-    return FIGURES[column.rpartition(".")[2]]
-
-
 def figures(experiment: Experiment, numbers: Mapping[str, float], made: Excitation,
             response: Mapping[str, Array]) -> dict[str, float]:
     """Figures of a response by column name; nan where there is none (a level never reached).

@@ -6,11 +6,9 @@ import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ..variables import FILE_ENTRIES
+from ..actuators import NONLINEAR
 from .distributions import Distribution, Value
 from .experiments import Experiment
-
-_PARAMETERS = frozenset(v.name for v in FILE_ENTRIES)
 
 
 @dataclass(frozen=True)
@@ -32,7 +30,8 @@ class Plan:
     """All a worker needs: flat parameters (SI), numbers of profiles by name, what varies, what is done.
 
     `followers` are parameters that keep their ratio to one that varies. `fmu` is the path of an FMU,
-    with its SHA-256, or empty for the kernel; `fin`, from 1, which of a unit of several.
+    with its SHA-256, or empty for the kernel; `fin`, from 1, which of a unit of several. `model` is one of
+    :mod:`emcas_fmu.actuators`, whose parameters `base` has.
     """
 
     base: Mapping[str, Value]
@@ -44,6 +43,7 @@ class Plan:
     fmu: str = ""
     fmu_sha256: str = ""
     fin: int = 1
+    model: str = NONLINEAR
 
     def packed(self) -> bytes:
         """For sending."""
@@ -54,7 +54,7 @@ def varied(plan: Plan, drawn: Mapping[str, Value]) -> tuple[dict[str, Value], di
     """Parameters (flat, SI) and numbers of profiles of a sample in which the factors have the values `drawn`."""
     values, numbers = dict(plan.base), dict(plan.numbers)
     for name, value in drawn.items():
-        (values if name in _PARAMETERS else numbers)[name] = value
+        (values if name in plan.base else numbers)[name] = value
     values.update(followed(plan, drawn))
     return values, numbers
 

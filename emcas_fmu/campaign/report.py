@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
@@ -10,7 +11,7 @@ from .. import __version__
 from ..plots import style, svg
 from .distributions import Distribution
 from .figures import all_figures
-from .measure import figure_of
+from .own import figure_of
 from .plan import Factor
 from .summary import PERCENTILES, Summary, angles, shown, text
 
@@ -31,6 +32,11 @@ def _line(found: Distribution, scale: float) -> str:
     return f"{found.kind}, {', '.join(f'{name} {value * scale:.4g}' for name, value in found.numbers.items())}"
 
 
+def seconds(value: float) -> str:
+    """A time [s] for people."""
+    return f"{value:.2f} s" if isfinite(value) else "–"
+
+
 def write_report(summary: Summary, path: Path, command: str) -> None:
     """Write the page; the same rows give the same bytes. `command` runs the campaign."""
     environment = Environment(loader=PackageLoader("emcas_fmu", "campaign"), undefined=StrictUndefined,
@@ -40,5 +46,5 @@ def write_report(summary: Summary, path: Path, command: str) -> None:
     page = environment.get_template("report.html.j2").render(
         s=summary, study=summary.study, plan=summary.study.plan, version=__version__, command=command,
         pictures=pictures, percentiles=PERCENTILES, text=text, described=described, figure_of=figure_of,
-        unit=lambda name: shown(name, 1.0)[1])
+        unit=lambda name: shown(name, 1.0)[1], seconds=seconds)
     path.write_text(page, encoding="utf-8", newline="\n")

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import __version__
+from ..actuators import NONLINEAR
 from ..kernels import compiled
 from ..simulation import Array
 from .distributions import CampaignError
@@ -72,12 +73,12 @@ def in_process(study: Study, missing: Indices, keep: Keep, chunk: int | None = N
 
 
 @contextmanager
-def local_client(workers: int) -> Iterator[Any]:
-    """A Dask client with worker processes of its own on this machine, gone when it ends."""
+def local_client(workers: int, model: str = NONLINEAR) -> Iterator[Any]:
+    """A Dask client with worker processes of its own on this machine, for a campaign of a model; gone when it ends."""
     import dask
 
     distributed = _distributed()
-    compiled.available()  # compile once, not once a worker
+    compiled.available(model)  # compile once, not once a worker
     # Any free port, of this machine only: two campaigns may run at a time.
     # Restarted workers are reported by rows, not by log lines between the progress bar's.
     options = {"distributed.scheduler.allowed-failures": ALLOWED_DEATHS, "distributed.admin.tick.limit": "1h"}

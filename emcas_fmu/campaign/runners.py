@@ -6,18 +6,20 @@ import atexit
 from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
+from ..actuators import NONLINEAR, get
+from ..actuators.model import Actuator
 from ..kernels import compiled, program
 from ..kernels.core import Core
 from ..parameters import ParameterError, check_parameters
 from ..simulation import Array, respond
 from ..tuning.experiments import STEP
-from ..variables import INPUTS, OUTPUTS, PARAMETERS
+from ..variables import OUTPUTS
 from .distributions import CampaignError
 from .experiments import INDEX, LOAD, POWER, POWER_ROWS, POWER_STEP, Excitation
 from .plan import Plan
@@ -35,27 +37,31 @@ class Runner(Protocol):
 
 def runner(plan: Plan) -> Runner:
     """The kernel, or the FMU of a plan. Raises CampaignError where the FMU is not what the campaign began with."""
-    return _unit(plan.fmu, plan.fmu_sha256, plan.fin) if plan.fmu else by_kernel
+    if plan.fmu:
+        return _unit(plan.fmu, plan.fmu_sha256, plan.fin, plan.model)
+    return by_kernel if plan.model == NONLINEAR else partial(by_kernel, model=plan.model)
 
 
-def by_kernel(values: Mapping[str, Any], made: Excitation) -> dict[str, Array]:
-    """Response of the kernel, compiled if there is a compiler."""
+def by_kernel(values: Mapping[str, Any], made: Excitation, model: str = NONLINEAR) -> dict[str, Array]:
+    """Response of the kernel of a model, compiled if there is a compiler."""
     if not made.stiffness:
-        found = respond(values, np.repeat(made.table, POWER_ROWS, axis=0)[:1 - POWER_ROWS], POWER_STEP)
+        found = respond(values, np.repeat(made.table, POWER_ROWS, axis=0)[:1 - POWER_ROWS], POWER_STEP,
+                        model=model)
         return {name: column if name == POWER else column[::POWER_ROWS] for name, column in found.items()}
-    core: Any = compiled.CompiledCore(values) if compiled.available() else _python_core(values)
+    actuator, own = get(model), len(INDEX)
+    core: Any = compiled.CompiledCore(values, model) if compiled.available(model) else _python_core(values, model)
 
     def at(row: Array) -> tuple[Any, ...]:
         x, y, z, roll, pitch = row[_MOTION].tolist()
         return (float(row[0]), float(row[1]), *core.forces(x, y, z, roll, pitch), float(row[INDEX["supply_voltage"]]),
-                bool(row[INDEX["enable"]]))
+                bool(row[INDEX["enable"]]), *row[own:].tolist())
 
     def move(end: float, row: Array) -> tuple[Any, list[float]]:
         acting = at(row)
         powers = [core.run(time, acting)[_POWER] for time in _between(end)]
         return core.run(end, acting), powers
 
-    return _coupled(made, lambda row: core.outputs(at(row)), move)
+    return _coupled(actuator, made, lambda row: core.outputs(at(row)), move)
 
 
 def _between(end: float) -> list[float]:
@@ -63,24 +69,24 @@ def _between(end: float) -> list[float]:
     return [end - (POWER_ROWS - k) * POWER_STEP for k in range(1, POWER_ROWS)]
 
 
-def _python_core(values: Mapping[str, Any]) -> Core:
-    _check(values)  # the compiled one does so itself, in a thousandth of the time
-    return program.core(values)
+def _python_core(values: Mapping[str, Any], model: str) -> Core:
+    _check(values, model)  # the compiled one does so itself, in a thousandth of the time
+    return program.core(values, model)
 
 
-def _check(values: Mapping[str, Any]) -> None:
-    if problems := check_parameters({v.name: values[v.name] for v in PARAMETERS}):
+def _check(values: Mapping[str, Any], model: str) -> None:
+    if problems := check_parameters({v.name: values[v.name] for v in get(model).parameters}, model):
         raise ParameterError(problems)
 
 
-def _coupled(made: Excitation, first: Callable[[Array], Any],
+def _coupled(actuator: Actuator, made: Excitation, first: Callable[[Array], Any],
              move: Callable[[float, Array], tuple[Any, list[float]]]) -> dict[str, Array]:
     """Step by step, the spring's moment by the fin angle at the beginning of each step.
 
     `move` gives the outputs at a step's end, and the powers on the way.
     """
     power = np.empty((len(made.table) - 1) * POWER_ROWS + 1)
-    outputs = np.empty((len(made.table), len(OUTPUTS)))
+    outputs = np.empty((len(made.table), len(actuator.outputs)))
     row = made.table[0].copy()
     outputs[0] = first(row)
     for k in range(1, len(made.table)):
@@ -88,25 +94,25 @@ def _coupled(made: Excitation, first: Callable[[Array], Any],
         row[INDEX[LOAD]] -= made.stiffness * outputs[k - 1, _ANGLE]
         outputs[k], power[(k - 1) * POWER_ROWS + 1:k * POWER_ROWS] = move(k * STEP, row)
     power[::POWER_ROWS] = outputs[:, _POWER]
-    return {v.name: power if v.name == POWER else outputs[:, i] for i, v in enumerate(OUTPUTS)}
+    return {v.name: power if v.name == POWER else outputs[:, i] for i, v in enumerate(actuator.outputs)}
 
 
 class _FmuRunner:
     """One instance of an FMU, reset between responses and made anew after one that failed."""
 
-    def __init__(self, unit: Any) -> None:
-        self._unit = unit
+    def __init__(self, unit: Any, model: str) -> None:
+        self._unit, self._actuator = unit, get(model)
         self._instance: Any = None
         self._said: deque[str] = deque(maxlen=3)
         references = {v.name: v.valueReference for v in unit.description.modelVariables}
         # Those of the fin chosen; another fin of the unit stays at its start values.
-        self._in = [references[unit.names[v.name]] for v in INPUTS]
-        self._out = [references[unit.names[v.name]] for v in OUTPUTS]
-        self._parameters = [(v, references[unit.names[v.name]]) for v in PARAMETERS]
+        self._in = [references[unit.names[v.name]] for v in self._actuator.inputs]
+        self._out = [references[unit.names[v.name]] for v in self._actuator.outputs]
+        self._parameters = [(v, references[unit.names[v.name]]) for v in self._actuator.parameters]
 
     def __call__(self, values: Mapping[str, Any], made: Excitation) -> dict[str, Array]:
         """Response of the FMU."""
-        _check(values)  # an FMU refuses, too, in words of its own or by not stepping
+        _check(values, self._actuator.name)  # an FMU refuses, too, in words of its own or by not stepping
         self._said.clear()
         try:
             return self._run(values, made)
@@ -145,10 +151,10 @@ class _FmuRunner:
             unit.doStep(now, end - now)
             return self._get(), powers
 
-        return _coupled(made, lambda _: self._get(), move)
+        return _coupled(self._actuator, made, lambda _: self._get(), move)
 
     def _set(self, row: Array, before: Array | None) -> None:
-        for i, v in enumerate(INPUTS):
+        for i, v in enumerate(self._actuator.inputs):
             if before is None or row[i] != before[i]:
                 if v.kind == "Boolean":
                     self._instance.setBoolean([self._in[i]], [bool(row[i])])
@@ -156,10 +162,12 @@ class _FmuRunner:
                     self._instance.setReal([self._in[i]], [float(row[i])])
 
     def _get(self) -> list[float]:
-        flags = [r for r, v in zip(self._out, OUTPUTS, strict=True) if v.kind == "Boolean"]
-        reals = [r for r, v in zip(self._out, OUTPUTS, strict=True) if v.kind != "Boolean"]
-        found = dict(zip([*reals, *flags], [*self._instance.getReal(reals), *self._instance.getBoolean(flags)],
-                         strict=True))
+        unit = self._instance
+        found: dict[int, float] = {}
+        for kinds, read in (("Real",), unit.getReal), (("Boolean",), unit.getBoolean), (
+                ("Integer", "Enumeration"), unit.getInteger):
+            asked = [r for r, v in zip(self._out, self._actuator.outputs, strict=True) if v.kind in kinds]
+            found |= dict(zip(asked, read(asked), strict=True)) if asked else {}
         return [float(found[r]) for r in self._out]
 
     def _log(self, _component: Any, _instance: bytes, status: int, _category: bytes, message: bytes) -> None:
@@ -174,7 +182,7 @@ class _FmuRunner:
 
 
 @lru_cache(maxsize=2)
-def _unit(path: str, sha256: str, fin: int) -> _FmuRunner:
+def _unit(path: str, sha256: str, fin: int, model: str) -> _FmuRunner:
     """The FMU of this process, unpacked once."""
     from ..validation.runs import opened
 
@@ -184,7 +192,7 @@ def _unit(path: str, sha256: str, fin: int) -> _FmuRunner:
         stack.close()
         raise CampaignError(f"{path}: is not the FMU the campaign began with (SHA-256 {unit.sha256[:16]}, not "
                             f"{sha256[:16]}); every worker must see the same file")
-    made = _FmuRunner(unit)
+    made = _FmuRunner(unit, model)
     stack.callback(made.close)
     atexit.register(stack.close)
     return made

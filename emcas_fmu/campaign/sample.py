@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Any
 
 from ..simulation import Array
-from . import measure
+from . import measure, own
 from .experiments import excitation
 from .plan import Plan, followed, varied
 from .runners import Runner, runner
@@ -19,7 +19,14 @@ Row = dict[str, Any]
 
 def columns(plan: Plan) -> list[str]:
     """Names of a row's figures."""
-    return [name for experiment in plan.experiments for name in measure.names(experiment)]
+    return [name for experiment in plan.experiments
+            for name in (*measure.names(experiment), *own.names(experiment, plan.model))]
+
+
+def observed(plan: Plan) -> dict[str, str]:
+    """Names of what a row tells besides figures, with the kind of each: Integer, Boolean or String."""
+    return {name: kind for experiment in plan.experiments
+            for name, kind in own.observed(experiment, plan.model).items()}
 
 
 def row(plan: Plan, index: int, drawn: Sequence[float], run: Runner) -> Row:
@@ -36,16 +43,19 @@ def row(plan: Plan, index: int, drawn: Sequence[float], run: Runner) -> Row:
 
 def failed(plan: Plan, about: Row, error: str) -> Row:
     """The row of a sample without figures."""
-    return {**about, **dict.fromkeys(columns(plan), float("nan")), "status": FAILED, "error": error}
+    return {**about, **dict.fromkeys(columns(plan), float("nan")), **dict.fromkeys(observed(plan)),
+            "status": FAILED, "error": error}
 
 
-def _figures(plan: Plan, chosen: dict[str, Any], run: Runner) -> dict[str, float]:
+def _figures(plan: Plan, chosen: dict[str, Any], run: Runner) -> Row:
     values, numbers = varied(plan, chosen)
-    found: dict[str, float] = {}
+    found: Row = {}
     for experiment in plan.experiments:
-        made = excitation(experiment, values, numbers)
-        found |= measure.figures(experiment, numbers, made, run(values, made))
-    return found
+        made = excitation(experiment, values, numbers, plan.model)
+        response = run(values, made)
+        found |= measure.figures(experiment, numbers, made, response)
+        found |= own.reduced(experiment, plan.model, made, response)
+    return {name: found[name] for name in (*columns(plan), *observed(plan))}
 
 
 @lru_cache(maxsize=4)

@@ -15,21 +15,23 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from .. import __version__
+from ..actuators import NONLINEAR
 from .distributions import CampaignError
 from .lock import LOCK, OWNER, Lock
-from .sample import Row, columns
+from .sample import Row, columns, observed
 from .study import Study
 
 SCHEMA = "emcas-campaign/1"
 MANIFEST, PARTS = "campaign.json", "samples"
-_TYPES = {"Real": pa.float64(), "Integer": pa.int64(), "Boolean": pa.bool_()}
+_TYPES = {"Real": pa.float64(), "Integer": pa.int64(), "Boolean": pa.bool_(), "String": pa.string()}
 _MOST_NAMED = 6  # changes told in a refusal
 
 
 def identity(study: Study) -> dict[str, Any]:
     """All that decides the rows, as JSON: the campaign, base parameters, what runs, the program's version."""
     plan = study.plan
-    return {"schema": SCHEMA, "version": __version__, "guid": study.guid, "fmu_sha256": plan.fmu_sha256,
+    model = {} if plan.model == NONLINEAR else {"model": plan.model}
+    return {"schema": SCHEMA, "version": __version__, "guid": study.guid, "fmu_sha256": plan.fmu_sha256, **model,
             "fin": plan.fin, "campaign": json.loads(json.dumps(study.document)), "parameters": dict(plan.base)}
 
 
@@ -129,7 +131,9 @@ def _schema(study: Study, about: Mapping[str, Any]) -> pa.Schema:
     plan = study.plan
     fields = [("index", pa.int64()), ("seed", pa.int64()), *((f.name, _TYPES[f.type]) for f in plan.factors),
               *((name, pa.float64()) for name in plan.followers),
-              *((name, pa.float64()) for name in columns(plan)), ("status", pa.string()), ("error", pa.string())]
+              *((name, pa.float64()) for name in columns(plan)),
+              *((name, _TYPES[kind]) for name, kind in observed(plan).items()),
+              ("status", pa.string()), ("error", pa.string())]
     text = study.text.encode()
     metadata = {"emcas.schema": SCHEMA, "emcas.version": __version__, "emcas.guid": study.guid,
                 "emcas.fmu_sha256": plan.fmu_sha256, "emcas.campaign": study.text,

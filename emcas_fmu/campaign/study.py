@@ -8,13 +8,13 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
-from ..errors import hint, require_known
-from ..fmi.model_description import start_values
+from ..actuators import NONLINEAR, get
+from ..errors import EmcasError, hint, require_known
 from ..fmi.package import interface_guid
 from ..parameters import ParameterSet, check_parameters, load_parameters
 from ..toml import tomllib
-from ..unit import MOST_FINS
-from ..variables import INPUTS, OUTPUTS, PARAMETERS
+from ..unit import MOST_FINS, Unit, start_values
+from ..variables import INPUTS
 from .distributions import CampaignError
 from .entries import Reader, table_of
 from .plan import Factor, Plan, varied
@@ -37,10 +37,11 @@ class Study:
     plan: Plan
 
 
-def load_study(path: Path, fmu: Path | None = None, fin: int | None = None) -> Study:
+def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, model: str | None = None) -> Study:
     """The campaign of a TOML file (see models/campaign.toml). Raises CampaignError.
 
-    `fmu`, and `fin` of a unit of several, counted from 1, replace the file's own.
+    `fmu`, and `fin` of a unit of several, counted from 1, replace the file's own, and so does `model`, one of
+    :mod:`emcas_fmu.actuators`.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -54,45 +55,75 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None) -> S
     if method not in METHODS:
         raise CampaignError(f"{path}: campaign.method = {method!r}{hint(method, METHODS)}; there is "
                             f"{', '.join(METHODS)}")
-    base, guid, unit, digest, chosen = _base(path, table_of(document, "base", f"{path}"), fmu, fin)
+    base, guid, unit, digest, chosen = _base(path, table_of(document, "base", f"{path}"), fmu, fin,
+                                           model)
     reader = Reader(path, base)
     reader.read(document)
     if not reader.factors:
         raise CampaignError(f"{path}: nothing varies; give at least one [vary.\"NAME\"] with a distribution")
     plan = Plan(dict(base.values), reader.numbers, tuple(reader.factors), reader.followers,
-                tuple(reader.experiments), _whole(path, about, "seed", 1, 0, 2**63 - 1), unit, digest, chosen)
+                tuple(reader.experiments), _whole(path, about, "seed", 1, 0, 2**63 - 1), unit, digest, chosen,
+                base.model)
     samples = _samples(path, about, method, plan.factors)
     _check_middle(path, plan)
     return Study(path, text, document, method, samples, plan.seed, guid, plan)
 
 
-def _base(path: Path, entry: Mapping[str, Any], fmu: Path | None,
-          fin: int | None) -> tuple[ParameterSet, str, str, str, int]:
+def _base(path: Path, entry: Mapping[str, Any], fmu: Path | None, fin: int | None,
+          model: str | None) -> tuple[ParameterSet, str, str, str, int]:
     """Base set, GUID, and of the FMU if one is to run, path, SHA-256 and fin."""
-    require_known(entry, ("parameters", "fmu", "fin"), f"{path}: base", CampaignError)
+    require_known(entry, ("model", "parameters", "fmu", "fin"), f"{path}: base", CampaignError)
     chosen = fin if fin is not None else _whole(path, entry, "fin", 1, 1, MOST_FINS, "base")
     for key, written in entry.items():
         if key != "fin" and not isinstance(written, str):
-            raise CampaignError(f"{path}: base.{key}: expected the name of a file")
+            raise CampaignError(f"{path}: base.{key}: expected the name of a {'model' if key == 'model' else 'file'}")
+    kind = _model(path, entry, model)
     # Files are named as seen from the campaign's own, which can then be run from anywhere.
-    own = load_parameters(path.parent / entry["parameters"]) if "parameters" in entry else None
+    file = path.parent / entry["parameters"] if "parameters" in entry else None
     unit = fmu if fmu is not None else path.parent / entry["fmu"] if "fmu" in entry else None
     if unit is None:
         if fin is not None or "fin" in entry:
             raise CampaignError(f"{path}: fin {chosen} is one of an FMU; name it with --fmu or base.fmu")
-        base = own or load_parameters()
-        return base, interface_guid(start_values(base.values)), "", "", 1
-    from ..acceptance.article import FmuArticle
+        base = load_parameters(file, model=kind or NONLINEAR)
+        shown = Unit(1, base.model)
+        return base, interface_guid(start_values(shown, [base.values]), shown), "", "", 1
     from ..validation.runs import opened
 
     if unit.suffix.lower() != ".fmu":
         raise CampaignError(f"{unit}: is no FMU by its name; give a file that ends in .fmu")
     with opened(unit, chosen) as there:
-        for names, causality in (([v.name for v in INPUTS], "input"), ([v.name for v in OUTPUTS], "output"),
-                                 ([v.name for v in PARAMETERS], "parameter")):
-            there.require(names, causality)
-        guid, values = there.description.guid, dict(FmuArticle(there).values)
-    return own or load_parameters().replace(values), guid, str(unit.resolve()), there.sha256, chosen
+        kind = _of_fmu(unit, there.model, there.description.modelName, kind)
+        actuator = get(kind)
+        for variables, causality in ((actuator.inputs, "input"), (actuator.outputs, "output"),
+                                     (actuator.parameters, "parameter")):
+            there.require([v.name for v in variables], causality)
+        guid, values = there.description.guid, {v.name: there.starts[v.name] for v in actuator.parameters}
+        values |= {v.key: there.starts[v.name] for v in INPUTS if v.key}
+    base = load_parameters(file, model=kind)
+    return base if file else base.replace(values), guid, str(unit.resolve()), there.sha256, chosen
+
+
+def _model(path: Path, entry: Mapping[str, Any], given: str | None) -> str | None:
+    """The model asked for, its options in their order; nothing if none is."""
+    asked = given or entry.get("model")
+    if asked is None:
+        return None
+    try:
+        return get(asked).name
+    except EmcasError as error:
+        where = f"{path}: base.model = " if given is None else "--model "
+        raise CampaignError(where + str(error).removeprefix("--model ")) from error
+
+
+def _of_fmu(file: Path, told: str | None, name: str, asked: str | None) -> str:
+    """The model of an FMU: what its name says, or where it says nothing what is asked for."""
+    if told is None and asked is None:
+        raise CampaignError(f"{file}: is named {name}, which does not tell its model; name it with --model or "
+                            "base.model, such as elastic+faults, or build the FMU anew with emcas build")
+    if told is not None and asked not in (None, told):
+        raise CampaignError(f"{file}: is of the model {told}, and {asked} is asked for; leave the model out, or build "
+                            f"the FMU with emcas build --model {asked}")
+    return str(told or asked)
 
 
 def _whole(path: Path, about: Mapping[str, Any], key: str, default: int, low: int, high: int,
@@ -127,5 +158,5 @@ def _check_middle(path: Path, plan: Plan) -> None:
     """With everything at its median the parameters must go together: what does not there seldom does anywhere."""
     drawn = {f.name: f.value(float(f.distribution.at(0.5))) for f in plan.factors}
     values, _ = varied(plan, drawn)
-    if problems := check_parameters({v.name: values[v.name] for v in PARAMETERS}):
+    if problems := check_parameters({v.name: values[v.name] for v in get(plan.model).parameters}, plan.model):
         raise CampaignError(f"{path}: with everything at its median: {'; '.join(problems)}")

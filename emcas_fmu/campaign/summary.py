@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from math import atanh, degrees, isfinite, nan, sqrt, tanh
 from pathlib import Path
 from typing import Any
@@ -15,9 +15,11 @@ import pyarrow as pa
 from scipy import stats
 
 from .. import __version__
+from ..actuators import NONLINEAR
 from ..simulation import Array
 from ..validation.results import finite
-from .measure import figure_of
+from . import found as words
+from .own import figure_of
 from .sample import OK, columns
 from .study import Study
 
@@ -78,6 +80,8 @@ class Summary:
     spreads: tuple[Spread, ...]
     failures: tuple[tuple[str, int, int], ...]
     """Message, how many samples, and the first of them."""
+    tallies: tuple[words.Tally, ...] = ()
+    findings: tuple[words.Finding, ...] = ()
 
     @property
     def done(self) -> int:
@@ -98,7 +102,8 @@ def summarise(study: Study, table: pa.Table) -> Summary:
     index = good["index"].to_numpy()
     spreads = tuple(_spread(name, good[name].to_numpy(), index, factors)
                     for name in columns(study.plan)) if good.num_rows else ()
-    return Summary(study, table, spreads, _failures(table))
+    return Summary(study, table, spreads, _failures(table), words.tallies(study.plan, good),
+                   words.findings(study.plan, good))
 
 
 def _failures(table: pa.Table) -> tuple[tuple[str, int, int], ...]:
@@ -202,6 +207,15 @@ def text(name: str, value: float) -> str:
     return "–" if value != value else "beyond the sweep" if value > 0.0 else "no response"
 
 
+def _of_model(summary: Summary) -> dict[str, Any]:
+    """What a model besides the nonlinear one tells."""
+    if summary.study.plan.model == NONLINEAR:
+        return {}
+    return {"model": summary.study.plan.model,
+            "tallies": [{"name": t.name, "samples": dict(t.counts)} for t in summary.tallies],
+            "findings": [{**asdict(f), "monitors": dict(f.monitors)} for f in summary.findings]}
+
+
 def as_dict(summary: Summary, command: str) -> dict[str, Any]:
     """For JSON; SI units."""
     study, plan = summary.study, summary.study.plan
@@ -209,7 +223,7 @@ def as_dict(summary: Summary, command: str) -> dict[str, Any]:
         "schema": "emcas-campaign-summary/1", "version": __version__, "guid": study.guid, "command": command,
         "method": study.method, "seed": study.seed, "samples": study.samples, "done": summary.done,
         "failed": summary.failed, "runs": "FMU" if plan.fmu else "kernel", "fmu_sha256": plan.fmu_sha256,
-        "fin": plan.fin,
+        "fin": plan.fin, **_of_model(summary),
         "factors": [{"name": f.name, "unit": f.unit, "distribution": f.distribution.kind,
                      **f.distribution.numbers, **({"levels": list(f.distribution.levels)}
                                                   if f.distribution.levels else {})} for f in plan.factors],

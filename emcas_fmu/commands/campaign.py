@@ -12,10 +12,12 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from ..actuators import NAMES, OPTIONS
 from ..errors import EmcasError
 from .common import check_outputs, err, failures, out, progress_bar
 
 EPILOG = ("Examples:\n\n  emcas campaign models/campaign.toml --output results"
+          "\n\n  emcas campaign models/campaign_faults.toml --model elastic+faults"
           "\n\n  emcas campaign mine.toml --fmu EMCAS.fmu --workers 8"
           "\n\n  emcas campaign mine.toml --fmu EMCAS4.fmu --fin 2"
           "\n\n  emcas campaign mine.toml --scheduler tcp://head:8786"
@@ -35,6 +37,10 @@ def campaign(
                                              metavar="FILE.fmu")] = None,
     fin: Annotated[int | None, typer.Option(help="Which fin of an FMU of several; the first unless given.", min=1,
                                             metavar="N")] = None,
+    model: Annotated[str | None, typer.Option(help="Which model of the actuator, instead of the file's: "
+                                              f"{', '.join(NAMES)}. Behind it options, as in elastic+heat+faults: "
+                                              f"{', '.join(OPTIONS)}. Of an FMU it is the FMU's.",
+                                              metavar="NAME[+OPTION...]")] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given. 0: in "
                                                      "this process, without Dask.", min=0)] = None,
     scheduler: Annotated[str | None, typer.Option(help="Of a Dask cluster that is running, instead of processes "
@@ -54,7 +60,7 @@ def campaign(
         if workers is not None and scheduler is not None:
             raise EmcasError("--workers are processes here, --scheduler is another cluster: give one of them")
         check_outputs(report, as_json, output.parent / "x" if output else None, inputs=(file, fmu))
-        study = load_study(file, fmu, fin)
+        study = load_study(file, fmu, fin, model)
         folder = output or Path(f"{file.stem}_results")
         if only is not None:
             _one(study, only, as_json)
@@ -74,11 +80,13 @@ def campaign(
 
             found = summarise(study, store.table())
             command = shlex.join(["emcas", "campaign", str(file), *(["--fmu", str(fmu)] if fmu else []),
-                                  *(["--fin", str(fin)] if fin else [])])
+                                  *(["--fin", str(fin)] if fin else []), *(["--model", model] if model else [])])
             page, figures = report or folder / "summary.html", as_json or folder / "summary.json"
             write_json(found, figures, command)
             write_report(found, page, command)
     out.print(_table(found))
+    if found.findings:
+        out.print(_faults(found))
     failed = f", {found.failed} failed" if found.failed else ""
     out.print(f"{found.done} samples{failed}; GUID {study.guid}", highlight=False)
     for reason, count, first in found.failures:
@@ -123,7 +131,8 @@ def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chu
             if workers == 0:
                 run.in_process(study, missing, keep, chunk)
             else:
-                client = run.remote_client(scheduler) if scheduler else run.local_client(workers or os.cpu_count() or 1)
+                client = run.remote_client(scheduler) if scheduler else run.local_client(
+                    workers or os.cpu_count() or 1, study.plan.model)
                 with client as ready:
                     run.by_dask(ready, study, missing, keep, chunk)
         except KeyboardInterrupt:
@@ -133,7 +142,8 @@ def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chu
 
 def _one(study: Any, index: int, as_json: Path | None) -> None:
     """One sample again, here."""
-    from ..campaign.sample import rows
+    from ..campaign.own import told
+    from ..campaign.sample import observed, rows
     from ..campaign.sampling import Sampler
     from ..validation.results import finite
 
@@ -147,7 +157,8 @@ def _one(study: Any, index: int, as_json: Path | None) -> None:
     table.columns[1].justify = "right"
     for name, value in row.items():
         if value != "":
-            table.add_row(escape(name), escape(f"{value:.8g}" if isinstance(value, float) else str(value)),
+            said = told(name, value) if name in observed(study.plan) else str(value)
+            table.add_row(escape(name), escape(f"{value:.8g}" if isinstance(value, float) else said),
                           units.get(name, ""))
     out.print(table)
     if row["error"]:
@@ -155,11 +166,13 @@ def _one(study: Any, index: int, as_json: Path | None) -> None:
 
 
 def _units(study: Any) -> dict[str, str]:
-    from ..campaign.measure import figure_of
+    from ..actuators import get
+    from ..campaign.own import figure_of
     from ..campaign.sample import columns
-    from ..variables import FILE_ENTRIES
+    from ..variables import START_ENTRIES
 
-    units = {v.name: v.unit for v in FILE_ENTRIES} | {f.name: f.unit for f in study.plan.factors}
+    table = (*get(study.plan.model).parameters, *START_ENTRIES)
+    units = {v.name: v.unit for v in table} | {f.name: f.unit for f in study.plan.factors}
     return {name: "" if unit == "1" else unit for name, unit in
             {**units, **{name: figure_of(name).unit for name in columns(study.plan)}}.items()}
 
@@ -179,6 +192,21 @@ def _table(summary: Any) -> Table:
         figures = [text(s.name, s.percentiles[PERCENTILES.index(p)]) for p in chosen]
         table.add_row(s.name, shown(s.name, 1.0)[1], *figures,
                       f"{_short(first.factor)} ({first.rank:+.2f})" if first and first.sure else "")
+    return table
+
+
+def _faults(summary: Any) -> Table:
+    """What was injected, and what was found."""
+    from ..campaign.report import seconds
+
+    table = Table("fault, alone", "samples", "found", "after", "before", "by", title_justify="left",
+                  title="Faults, and what the built-in test found")
+    table.columns[0].no_wrap = True
+    several = len({f.experiment for f in summary.findings}) > 1
+    for f in summary.findings:
+        by = ", ".join(f"{name} {n}" for name, n in f.monitors.items() if n)
+        table.add_row(f"{f.experiment}: {f.fault}" if several else f.fault, str(f.samples), str(f.found),
+                      seconds(f.delay), str(f.before), by)
     return table
 
 

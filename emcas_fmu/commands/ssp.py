@@ -9,9 +9,11 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from ..actuators import NAMES, OPTIONS
 from .common import ParametersOption, check_outputs, failures, out, progress_bar, stepper
 
 EPILOG = ("Examples:\n\n  emcas ssp --output EMCAS.ssp\n\n  emcas ssp --fmu EMCAS.fmu --layout plus"
+          "\n\n  emcas ssp --model elastic+faults --variant jammed=jammed.toml"
           "\n\n  emcas ssp -p my_actuator.toml --fin 2=second.toml --variant hot=hot.toml"
           "\n\n  emcas ssp check EMCAS.ssp\n\n  emcas ssp check vehicle.ssp --fmu EMCAS.fmu --json findings.json")
 _CHECK = ("Examples:\n\n  emcas ssp check EMCAS.ssp\n\n  emcas ssp check vehicle.ssp --fmu EMCAS.fmu"
@@ -28,6 +30,9 @@ def write(
                                              metavar="FMU")] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Archive to write.",
                                          metavar="FILE.ssp")] = Path("EMCAS.ssp"),
+    model: Annotated[str | None, typer.Option(help=f"Which model of the actuator to build: {', '.join(NAMES)}. Behind "
+                                              f"it options, as in elastic+heat+faults: {', '.join(OPTIONS)}. Of an "
+                                              "FMU it is the FMU's.", metavar="NAME[+OPTION...]")] = None,
     parameters: ParametersOption = None,
     fins: Annotated[int, typer.Option(help="Number of fins, evenly about the body, 1 to 8.")] = 4,
     layout: Annotated[str, typer.Option(help="cross: the first fin half a pitch from body y (45 deg with four); plus: "
@@ -50,7 +55,7 @@ def write(
 
     with failures(), progress_bar() as progress:
         written = write_ssp(output, fmu, parameters, fins=fins, layout=layout, fin_files=fin_files(fin or []),
-                            variant_files=variant_files(variant or []), prefix=prefix,
+                            variant_files=variant_files(variant or []), prefix=prefix, model=model,
                             progress=stepper(progress, "compile"))
     out.print(f"written {escape(str(written.path))}  {written.size / 1024:.0f} KiB  {fins} fins, FMU {written.guid}",
               highlight=False, soft_wrap=True)

@@ -22,6 +22,7 @@ from pathlib import Path
 from posixpath import normpath
 from tempfile import TemporaryDirectory
 from types import TracebackType
+from typing import Any
 
 from lxml import etree
 
@@ -29,7 +30,7 @@ from ..compiler import local_platform
 from .archive import Archive, write_archive
 from .check import check
 from .findings import nearest
-from .schema import DEFAULT, NOMINAL, SSD, SspError, parse
+from .schema import DEFAULT, NOMINAL, SSC, SSD, SspError, parse
 from .structure import Connection, Structure, read_structure
 
 HOSTS = ("fmpy", "libcosimpy", "ecospy")
@@ -37,7 +38,7 @@ _MODULES = {"fmpy": "in_fmpy", "libcosimpy": "in_libcosim", "ecospy": "in_ecos"}
 _NEEDS = {"fmpy": "pip install fmpy", "libcosimpy": "pip install libcosimpy",
           "ecospy": "pip install ecospy; on Debian also apt-get install libtbb12"}
 End = tuple[str, str]  # component and variable
-Value = float | bool
+Value = float | int | bool
 
 
 class System(ABC):
@@ -49,6 +50,7 @@ class System(ABC):
         self._outputs: dict[str, End] = {}
         self._inner: list[tuple[End, End]] = []
         self._pending: dict[End, Value] = {}
+        self._withheld: dict[str, str] = {}  # outputs this host cannot read, and why
         for connection in structure.system.connections:
             self._wire(structure, connection)
 
@@ -78,8 +80,8 @@ class System(ABC):
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Names that can be read."""
-        return tuple(self._outputs)
+        """Names that can be read in this host."""
+        return tuple(name for name in self._outputs if name not in self._withheld)
 
     @property
     def time(self) -> float:
@@ -105,6 +107,8 @@ class System(ABC):
 
     def get(self, name: str) -> Value:
         """An output at the end of the last step; before the first there is none, in no host. Raises SspError."""
+        if name in self._withheld:
+            raise SspError(f"{name}: {self._withheld[name]}")
         if name not in self._outputs:
             raise SspError(f"the system has no output {name!r}; {nearest(name, self._outputs, 'see outputs')}")
         if self._closed:
@@ -196,7 +200,8 @@ def _prepared(archive: Archive, file: str, host: str) -> dict[str, bytes]:
     """The archive with one variant, as the structure hosts open. All three know SystemStructure.ssd only.
 
     For libcosim and Ecos without the connections of the system's own connectors, which they cannot have, and with
-    the others under the one prefix they know.
+    the others under the one prefix they know; for libcosim without connectors of enumerations. Raises SspError for a
+    connection between two of those.
     """
     contents = {name: data for name, data in archive.contents().items()
                 if not (name in archive.structures and name != file)}
@@ -208,9 +213,26 @@ def _prepared(archive: Archive, file: str, host: str) -> dict[str, bytes]:
     for connection in list(found):
         if not (connection.get("startElement") and connection.get("endElement")):
             found.remove(connection)
+    if host == "libcosimpy":
+        _without_enumerations(root, found, file)
     prefix = found.prefix
     if len(found) == 0:
         found.getparent().remove(found)
     text = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
     contents[DEFAULT] = re.sub(rf"(</?){prefix}:Connections\b".encode(), rb"\1ssd:Connections", text)
     return contents
+
+
+def _without_enumerations(root: Any, connections: Any, file: str) -> None:
+    """Take out what libcosim ends the process over."""
+    gone = set()
+    for component in root.iterfind(f".//{{{SSD}}}Component"):
+        for connector in component.findall(f"{{{SSD}}}Connectors/{{{SSD}}}Connector"):
+            if connector.find(f"{{{SSC}}}Enumeration") is not None:
+                gone.add((component.get("name"), connector.get("name")))
+                connector.getparent().remove(connector)
+    for connection in connections:
+        ends = [(connection.get(f"{side}Element"), connection.get(f"{side}Connector")) for side in ("start", "end")]
+        if gone.intersection(ends):
+            raise SspError(f"{file}: connection {' -> '.join('.'.join(map(str, end)) for end in ends)} is of an "
+                           "enumeration, which libcosim does not know; wire an Integer, or take fmpy")

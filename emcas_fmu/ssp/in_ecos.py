@@ -23,6 +23,8 @@ class Running(System):
         super().__init__(structure, step)
         self._kinds = {(name, c.name): c.type for name, component in structure.system.elements.items()
                        for c in component.connectors.values()}
+        self._withheld = {name: "Ecos knows no enumerations; read another output, or take fmpy"
+                          for name, end in self._outputs.items() if self._kinds.get(end) == "Enumeration"}
         names = sorted({c.bindings[0].name for c in structure.system.elements.values() if c.bindings})
         if len(names) > 1:
             raise SspError(f"the components' parameter sets are named {', '.join(names)}, and Ecos applies those of "
@@ -43,6 +45,8 @@ class Running(System):
         for (component, variable), value in pending.items():
             if self._kinds[component, variable] == "Boolean":
                 self._simulation.set_bool(f"{component}::{variable}", bool(value))
+            elif self._kinds[component, variable] == "Integer":
+                self._simulation.set_integer(f"{component}::{variable}", int(value))
             else:
                 self._simulation.set_real(f"{component}::{variable}", float(value))
         before = self._simulation.get_time()
@@ -53,6 +57,8 @@ class Running(System):
     def _read(self, component: str, variable: str) -> Value:
         if self._kinds[component, variable] == "Boolean":
             return bool(self._simulation.get_bool(f"{component}::{variable}"))
+        if self._kinds[component, variable] == "Integer":
+            return int(self._simulation.get_integer(f"{component}::{variable}"))
         return float(self._simulation.get_real(f"{component}::{variable}"))
 
     def _free(self) -> None:

@@ -39,16 +39,23 @@ class Running(System):
         self._index = {slave.name.decode(): slave.index for slave in execution.slave_infos()}
         self._variables = {(name, v.name.decode()): (v.reference, CosimVariableType(v.type))
                            for name, index in self._index.items() for v in execution.slave_variables(index)}
+        # Those of an enumeration it leaves out of an FMU's variables.
+        self._withheld = {name: "libcosim knows no enumerations; read another output, or take fmpy"
+                          for name, end in self._outputs.items() if end not in self._variables}
 
     def _advance(self, pending: dict[End, Value]) -> None:
-        given: dict[tuple[str, bool], dict[int, Value]] = defaultdict(dict)
+        given: dict[tuple[str, CosimVariableType], dict[int, Value]] = defaultdict(dict)
         for end, value in pending.items():
             reference, kind = self._variables[end]
-            given[end[0], kind is CosimVariableType.BOOLEAN][reference] = value
-        for (name, boolean), values in given.items():
-            manipulate = self._manipulator.slave_boolean_values if boolean else self._manipulator.slave_real_values
-            convert = bool if boolean else float
-            manipulate(self._index[name], list(values), [convert(value) for value in values.values()])
+            given[end[0], kind][reference] = value
+        for (name, kind), values in given.items():
+            index, references = self._index[name], list(values)
+            if kind is CosimVariableType.BOOLEAN:
+                self._manipulator.slave_boolean_values(index, references, [bool(v) for v in values.values()])
+            elif kind is CosimVariableType.INTEGER:
+                self._manipulator.slave_integer_values(index, references, [int(v) for v in values.values()])
+            else:
+                self._manipulator.slave_real_values(index, references, [float(v) for v in values.values()])
         self._execution.step()  # what it returns means nothing before version 0.0.6
         if self._execution.status().state == CosimExecutionState.ERROR.value:
             raise SspError(f"libcosim: step from {self.time:.9g} s failed (its log says why)")
@@ -58,6 +65,8 @@ class Running(System):
         index = self._index[component]
         if kind is CosimVariableType.BOOLEAN:
             return bool(self._observer.last_boolean_values(index, [reference])[0])
+        if kind is CosimVariableType.INTEGER:
+            return int(self._observer.last_integer_values(index, [reference])[0])
         return float(self._observer.last_real_values(index, [reference])[0])
 
     def _free(self) -> None:

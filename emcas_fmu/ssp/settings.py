@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from ..actuators import NONLINEAR, get
 from ..parameters import check_parameters
-from ..variables import PARAMETERS
+from ..validation.runs import model_of
 from .findings import Log, nearest
 from .interface import Interface
 from .structure import Binding, Element, Setting, Structure, systems
@@ -171,12 +172,16 @@ def _sense(structure: Structure, interfaces: Mapping[int, Interface], log: Log) 
     for path, system in systems(structure.system):
         for element in system.elements.values():
             interface = interfaces.get(id(element))
-            if interface is None or any(v.name not in interface.ports for v in PARAMETERS):
+            if interface is None:
+                continue
+            model = model_of(interface.model) or NONLINEAR
+            table = get(model).parameters
+            if any(v.name not in interface.ports for v in table):
                 continue
             numbers: dict[str, Value] = {}
-            for v in PARAMETERS:
+            for v in table:
                 start = interface.ports[v.name].start or "0"
                 numbers[v.name] = values.get((f"{path}{element.name}", v.name), Setting(
                     v.name, v.kind, start.lower() if v.kind == "Boolean" else start, "").typed)
-            for problem in check_parameters(numbers):
+            for problem in check_parameters(numbers, model):
                 log.error(structure.file, f"component {path}{element.name}", problem, "change one of them")

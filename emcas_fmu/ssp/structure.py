@@ -18,12 +18,13 @@ _TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration", "Binary")
 
 @dataclass(frozen=True)
 class Connector:
-    """An end for connections, as declared. Type and unit are empty where the structure leaves them to the FMU."""
+    """An end for connections, as declared, under an XML prefix. Type and unit are empty where left to the FMU."""
 
     name: str
     kind: str
     type: str
     unit: str
+    prefix: str = ""
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,7 @@ def _element(node: Any, archive: Archive, file: str, report: Report) -> Element:
         node.tag.rpartition("}")[2], node.get("type", "application/x-fmu-sharedlibrary"))
     element = Element(node.get("name", ""), kind, node.get("source", ""))
     for found in node.iterfind(f"{{{SSD}}}Connectors/{{{SSD}}}Connector"):
-        connector = Connector(found.get("name", ""), found.get("kind", ""), *_typed(found))
+        connector = Connector(found.get("name", ""), found.get("kind", ""), *_typed(found), found.prefix or "")
         if connector.name in element.connectors:
             report(file, f"{element.name}: connector {connector.name} is declared twice")
         element.connectors[connector.name] = connector

@@ -10,15 +10,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from xml.etree.ElementTree import Element, SubElement
 
-from ..fmi.model_description import DESCRIPTION, STEP_SIZE, STOP_TIME
-from ..variables import INPUTS, OUTPUTS, Variable
+from ..actuators import NONLINEAR
+from ..fmi.model_description import STEP_SIZE, STOP_TIME, describe
+from ..unit import Unit
+from ..variables import INPUTS, Variable
 from .schema import ANNOTATION, EMCAS, OSP, SSC, SSD, SSV
 from .sets import TOOL, text, unit_definitions
 from .variants import fin_name
 
-OWN_INPUTS = ("fin_command", "aero_torque")  # of each fin; the vehicle gives all fins the others
+# Of each fin, as are a model's own; the vehicle gives all fins the others.
+OWN_INPUTS = ("fin_command", "aero_torque")
 # libcosim and Ecos look for "ssd:Connections" letter by letter and refuse a file with connections of the system's own
-# connectors in it. Under another prefix for the same namespace they pass it over, and readers of XML see no difference.
+# connectors in it, and libcosim ends the process over a connector of an enumeration. Under another prefix for the same
+# namespace they pass both over, and readers of XML see no difference.
 PREFIX = "wiring"
 
 
@@ -27,32 +31,47 @@ def outer_name(number: int, name: str) -> str:
     return name if any(v.name == name for v in INPUTS) and name not in OWN_INPUTS else f"fin[{number}].{name}"
 
 
-def _connector(parent: Element, name: str, v: Variable) -> None:
-    connector = SubElement(parent, "ssd:Connector", {"name": name, "kind": v.causality, "description": v.description})
-    SubElement(connector, f"ssc:{v.kind}", {"unit": v.unit} if v.kind == "Real" else {})
+def _connector(parent: Element, name: str, v: Variable, prefix: str) -> None:
+    tag = f"{prefix if v.items else 'ssd'}:Connector"
+    connector = SubElement(parent, tag, {"name": name, "kind": v.causality, "description": v.description})
+    named = {"Real": {"unit": v.unit}, "Enumeration": {"name": v.name}}
+    SubElement(connector, f"ssc:{v.kind}", named.get(v.kind, {}))
 
 
-def _component(parent: Element, name: str, fmu: str, guid: str, parameters: str) -> None:
+def _component(parent: Element, unit: Unit, name: str, fmu: str, guid: str, parameters: str,
+               prefix: str) -> None:
     component = SubElement(parent, "ssd:Component", {"name": name, "type": "application/x-fmu-sharedlibrary",
                                                      "source": f"resources/{fmu}"})
     connectors = SubElement(component, "ssd:Connectors")
-    for v in INPUTS + OUTPUTS:
-        _connector(connectors, v.name, v)
+    for v in unit.inputs + unit.outputs:
+        _connector(connectors, v.name, v, prefix)
     bindings = SubElement(component, "ssd:ParameterBindings")
     SubElement(bindings, "ssd:ParameterBinding", {"source": f"resources/{parameters}"})
     annotation = SubElement(SubElement(component, "ssd:Annotations"), "ssc:Annotation", {"type": ANNOTATION})
     SubElement(annotation, "emcas:Fmu", {"guid": guid})
 
 
-def _connections(parent: Element, fins: int, prefix: str) -> None:
+def _connections(parent: Element, unit: Unit, fins: int, prefix: str) -> None:
     connections = SubElement(parent, f"{prefix}:Connections")
     for number in range(1, fins + 1):
-        for v in INPUTS:
+        for v in unit.inputs:
             SubElement(connections, "ssd:Connection", {
                 "startConnector": outer_name(number, v.name), "endElement": fin_name(number), "endConnector": v.name})
-        for v in OUTPUTS:
+        for v in unit.outputs:
             SubElement(connections, "ssd:Connection", {
                 "startElement": fin_name(number), "startConnector": v.name, "endConnector": outer_name(number, v.name)})
+
+
+def _enumerations(root: Element, variables: Sequence[Variable]) -> None:
+    """The items of the enumerations among these."""
+    listed = {v.name: v for v in variables if v.items}
+    if not listed:
+        return
+    enumerations = SubElement(root, "ssd:Enumerations")
+    for name, v in listed.items():
+        enumeration = SubElement(enumerations, "ssc:Enumeration", {"name": name, "description": v.description})
+        for value, (item, _) in enumerate(v.items, start=1):
+            SubElement(enumeration, "ssc:Item", {"name": item, "value": str(value)})
 
 
 def _experiment(root: Element) -> None:
@@ -65,34 +84,36 @@ def _experiment(root: Element) -> None:
 
 
 def system_structure(name: str, fmu: str, guid: str, system_sets: Sequence[tuple[str, str]], fin_sets: Sequence[str],
-                     prefix: str = PREFIX) -> Element:
+                     prefix: str = PREFIX, model: str = NONLINEAR) -> Element:
     """The SystemStructureDescription element of a variant.
 
     `fmu` is the FMU's file below resources/ and `guid` its GUID; `system_sets` are prefixes and files of parameter
-    sets bound at the system, `fin_sets` the file bound to each fin's component; `prefix` is that of Connections.
+    sets bound at the system, `fin_sets` the file bound to each fin's component; `prefix` is that of Connections,
+    `model` the FMU's.
     """
-    fins = len(fin_sets)
+    fins, unit = len(fin_sets), Unit(1, model)
     root = Element("ssd:SystemStructureDescription", {
         "xmlns:ssd": SSD, "xmlns:ssc": SSC, "xmlns:ssv": SSV, "xmlns:osp": OSP, "xmlns:emcas": EMCAS,
         **({f"xmlns:{prefix}": SSD} if prefix != "ssd" else {}),
-        "version": "1.0", "name": name, "description": DESCRIPTION, "generationTool": TOOL})
+        "version": "1.0", "name": name, "description": describe(unit), "generationTool": TOOL})
     system = SubElement(root, "ssd:System", {"name": "EMCAS", "description": f"{fins} fins, {name}"})
     connectors = SubElement(system, "ssd:Connectors")
-    for v in INPUTS:
-        if v.name not in OWN_INPUTS:
-            _connector(connectors, v.name, v)
+    for v in unit.inputs:
+        if outer_name(1, v.name) == v.name:
+            _connector(connectors, v.name, v, prefix)
     for number in range(1, fins + 1):
-        for v in INPUTS + OUTPUTS:
+        for v in unit.inputs + unit.outputs:
             if (outer := outer_name(number, v.name)) != v.name:
-                _connector(connectors, outer, v)
+                _connector(connectors, outer, v, prefix)
     # Those bound at the system count before those bound to a component, where both are read.
     bindings = SubElement(system, "ssd:ParameterBindings")
     for at, file in system_sets:
         SubElement(bindings, "ssd:ParameterBinding", {"source": f"resources/{file}", **({"prefix": at} if at else {})})
     elements = SubElement(system, "ssd:Elements")
     for number, file in enumerate(fin_sets, start=1):
-        _component(elements, fin_name(number), fmu, guid, file)
-    _connections(system, fins, prefix)
-    unit_definitions(root, "ssd", {v.unit for v in INPUTS + OUTPUTS if v.kind == "Real"})
+        _component(elements, unit, fin_name(number), fmu, guid, file, prefix)
+    _connections(system, unit, fins, prefix)
+    _enumerations(root, unit.inputs + unit.outputs)
+    unit_definitions(root, "ssd", {v.unit for v in unit.inputs + unit.outputs if v.kind == "Real"})
     _experiment(root)
     return root

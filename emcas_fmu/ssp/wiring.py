@@ -54,7 +54,7 @@ class _Wiring:
         self.unused(system, used)
 
     def hosts(self, system: Element) -> None:
-        """What libcosim and Ecos, which compare prefixes letter by letter, make of the connections."""
+        """What libcosim and Ecos, which compare prefixes letter by letter, make of connections and connectors."""
         if self.prefix:
             self.log.warning(self.file, f"system {self.prefix[:-1]}", "is within a system, which libcosim refuses and "
                              "Ecos passes over", "put its components into the outermost one for these")
@@ -67,6 +67,14 @@ class _Wiring:
             self.log.warning(self.file, "ssd:Connections", "has connections of the system's own connectors, with which "
                              "libcosim and Ecos refuse the file", "load it through emcas_fmu.ssp.hosts for these, or "
                              "give the element another prefix for the same namespace")
+
+        for element in system.elements.values():
+            for c in element.connectors.values():
+                if element.type != "system" and c.type == "Enumeration" and c.prefix == "ssd":
+                    self.log.warning(self.file, f"connector {self.prefix}{element.name}.{c.name}", "is of an "
+                                     "enumeration, over which libcosim ends the process", "load the archive through "
+                                     "emcas_fmu.ssp.hosts for it, or give the element another prefix for the same "
+                                     "namespace")
 
     def place(self, connection: Connection) -> str:
         """How to call a connection."""

@@ -9,11 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from ..actuators import NONLINEAR, get
 from ..errors import EmcasError
 from ..fmi.model_description import to_bytes
 from ..fmi.package import Progress, build
 from ..parameters import Value, load_parameters
-from ..variables import FILE_ENTRIES, INPUTS, VARIABLES
+from ..validation.runs import model_of
+from ..variables import INPUTS, START_ENTRIES
 from .archive import write_archive
 from .check import check
 from .findings import Report
@@ -38,12 +40,13 @@ class Written:
 def write_ssp(output: Path, fmu: Path | None = None, parameters: Path | None = None, *, fins: int = 4,
               layout: str = "cross", fin_files: Mapping[int, Path] | None = None,
               variant_files: Mapping[str, Path] | None = None, prefix: str = PREFIX,
-              progress: Progress | None = None) -> Written:
+              model: str | None = None, progress: Progress | None = None) -> Written:
     """Write the archive of a system of `fins` actuators to `output`, whole or not at all, and check it.
 
-    `fmu` is built, native, from the parameters if not given; the fins' parameters are those of the file
-    `parameters`, or those the FMU starts with. `fin_files` and `variant_files` are parameter files by number of the
-    fin and by name of the variant. Raises EmcasError; SspError if what was written does not pass its own check.
+    `fmu` is built, native, of the `model` (:mod:`emcas_fmu.actuators`) and the parameters if not given; the fins'
+    parameters are those of the file `parameters`, or those the FMU starts with. `fin_files` and `variant_files` are
+    parameter files by number of the fin and by name of the variant. Raises EmcasError; SspError if what was written
+    does not pass its own check.
     """
     if output.suffix != ".ssp":
         raise SspError(f"{output}: the output must end in .ssp")
@@ -51,10 +54,12 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Path | None = N
         raise SspError(f"{output}: {'is a folder' if output.is_dir() else f'there is no folder {output.parent}'}")
     if not re.fullmatch(r"[A-Za-z]\w*", prefix) or prefix in ("ssc", "ssv", "osp", "emcas", "xml", "xmlns"):
         raise SspError(f"--connections-prefix {prefix}: expected a word other than ssc, ssv, osp, emcas and xml")
-    base = load_parameters(parameters)
     content = b"" if fmu is None else _content(fmu)
+    if fmu is not None:
+        model = _model(read_interface(content, str(fmu)), str(fmu), model)
+    base = load_parameters(parameters, model=model or NONLINEAR)
     if fmu is not None and parameters is None:
-        starts = _starts(read_interface(content, str(fmu)), str(fmu))
+        starts = _starts(read_interface(content, str(fmu)), str(fmu), base.model)
         base = base.replace({name: value for name, value in starts.items() if value != base.values[name]})
     built = nominal(base, fins, layout, fin_files or {})
     variants = [built, *(derived(name, file, built) for name, file in (variant_files or {}).items())]
@@ -63,14 +68,14 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Path | None = N
         with TemporaryDirectory() as folder:
             content = build(base, Path(folder) / "EMCAS.fmu", "native", progress=progress).path.read_bytes()
     interface = read_interface(content, str(fmu or "EMCAS.fmu"))
-    starts = _starts(interface, str(fmu))
+    starts = _starts(interface, str(fmu), base.model)
     sets = parameter_sets(variants, starts, base)
     name = f"{interface.model}.fmu"
     contents = {f"resources/{file}": data for file, data in sets.files.items()}
     contents[f"resources/{name}"] = content
     for variant in variants:
         structure = system_structure(variant.name, name, interface.guid, sets.system[variant.name],
-                                     sets.fins[variant.name], prefix)
+                                     sets.fins[variant.name], prefix, base.model)
         contents[DEFAULT if variant.name == NOMINAL else f"{variant.name}.ssd"] = to_bytes(structure)
     partial = output.with_name(f".{output.stem}.{os.getpid()}.ssp")
     try:
@@ -91,14 +96,30 @@ def _content(fmu: Path) -> bytes:
         raise EmcasError(f"{fmu}: cannot be read: {error.strerror or error}") from error
 
 
-def _starts(interface: Interface, file: str) -> dict[str, Value]:
+def _model(interface: Interface, file: str, asked: str | None) -> str:
+    """The model of an FMU: what its name says, or where it says nothing what is asked for. Raises EmcasError."""
+    told = model_of(interface.model)
+    wanted = None if asked is None else get(asked).name
+    if told is None and wanted is None:
+        raise SspError(f"{file}: is named {interface.model}, which does not tell its model; name it with --model, such "
+                       "as elastic+faults, or build the FMU anew with emcas build")
+    if told is not None and wanted not in (None, told):
+        raise SspError(f"{file}: is of the model {told}, and --model asks for {wanted}; leave it out, or build the FMU "
+                       f"with emcas build --model {wanted}")
+    return str(told or wanted)
+
+
+def _starts(interface: Interface, file: str, model: str) -> dict[str, Value]:
     """The FMU's start values by entry of the parameter file. Raises SspError if it is no actuator of this model."""
-    if missing := [v.name for v in VARIABLES if v.name not in interface.ports]:
-        raise SspError(f"{file}: is not an FMU of one actuator: it lacks {', '.join(missing[:3])}"
+    actuator = get(model)
+    table = (*actuator.inputs, *actuator.outputs, *actuator.parameters)
+    if missing := [v.name for v in table if v.name not in interface.ports]:
+        of = "" if model == NONLINEAR else f" of the model {model}"
+        raise SspError(f"{file}: is not an FMU of one actuator{of}: it lacks {', '.join(missing[:3])}"
                        f"{' and more' if len(missing) > 3 else ''}; build one with emcas build")
     keys = {v.key: v.name for v in INPUTS if v.key is not None}
     values: dict[str, Value] = {}
-    for entry in FILE_ENTRIES:
+    for entry in (*START_ENTRIES, *actuator.parameters):
         written = interface.ports[keys.get(entry.name, entry.name)].start
         if written is None:
             raise SspError(f"{file}: {entry.name} has no start value; build the FMU with emcas build")

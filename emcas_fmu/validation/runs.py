@@ -12,6 +12,8 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
+from itertools import combinations
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -23,11 +25,14 @@ from fmpy.model_description import read_model_description
 from fmpy.simulation import instantiate_fmu
 from numpy.typing import NDArray
 
+from ..actuators import NAMES, OPTIONS, get
 from ..errors import EmcasError
+from ..unit import Unit as Interface
 
 Array = NDArray[np.floating[Any]]
 Columns = Mapping[str, Array]
 
+_NAME = re.compile(r"(EMCAS)\d*(|_\w+)")
 _FIN = re.compile(r"fin\[\d+\]\.")
 _LAST_MESSAGES = 20  # kept of a run's log
 _STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
@@ -129,6 +134,11 @@ class Unit:
             signals[v.name] = given.get(v.name, _start(v))
         return signals
 
+    @property
+    def model(self) -> str | None:
+        """Name of the model (:mod:`emcas_fmu.actuators`) it was built of; None where it is none of `emcas build`."""
+        return model_of(self.description.modelName)
+
     def require_nonlinear(self, purpose: str) -> None:
         """Raise EmcasError for an FMU of one of the simpler models: its figures would pass for an actuator's."""
         name = self.description.modelName
@@ -142,6 +152,24 @@ class Unit:
         if missing := [name for name in names if self.names.get(name, name) not in present]:
             raise EmcasError(f"{self.path}: has no {causality} named {', '.join(missing)}; "
                              "an EM-CAS FMU is needed, such as `emcas build` makes")
+
+
+def model_of(name: str) -> str | None:
+    """The model and options, as in ``elastic+faults``, of an FMU by its modelName; None for a name of no such FMU."""
+    found = _NAME.fullmatch(name)
+    kind = None if found is None else _models().get("".join(found.groups()))
+    try:
+        return None if kind is None else get(kind).name
+    except EmcasError:  # options that do not go together
+        return None
+
+
+@cache
+def _models() -> Mapping[str, str]:
+    """Models with any of the options by the modelName of one fin."""
+    chosen = [subset for n in range(len(OPTIONS) + 1) for subset in combinations(OPTIONS, n)]
+    kinds = ["+".join((model, *options)) for options in reversed(chosen) for model in reversed(NAMES)]
+    return {Interface(1, kind).model: kind for kind in kinds}
 
 
 @contextmanager

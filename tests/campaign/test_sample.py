@@ -81,7 +81,7 @@ def test_a_sweep_has_the_validations_bandwidth(values: Mapping[str, Any]) -> Non
 def test_a_spring_pulls_by_the_angle_a_step_ago(values: Mapping[str, Any], monkeypatch: pytest.MonkeyPatch,
                                                 machine: bool) -> None:
     if not machine:  # both kernels are stepped the same
-        monkeypatch.setattr(compiled, "available", lambda: False)
+        monkeypatch.setattr(compiled, "available", lambda *_: False)
     experiment = Experiment("a", "step", 0.2, (Profile("aero_torque", "spring", "inputs.aero_torque"),))
     numbers = {"experiments.a.amplitude": radians(10.0), "inputs.aero_torque.stiffness": 200.0,
                "inputs.aero_torque.offset": -3.0}

@@ -1,0 +1,260 @@
+"""Campaigns over models and options: own variables, FMUs, stores, and what was found of faults."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from math import isnan, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from typer.testing import CliRunner
+
+from emcas_fmu.campaign import found, own, sample
+from emcas_fmu.campaign.distributions import CampaignError
+from emcas_fmu.campaign.experiments import excitation
+from emcas_fmu.campaign.runners import by_kernel, runner
+from emcas_fmu.campaign.sampling import Sampler
+from emcas_fmu.campaign.store import Store, identity
+from emcas_fmu.campaign.study import load_study
+from emcas_fmu.cli import app
+from emcas_fmu.compiler import local_platform
+from emcas_fmu.files import models_directory
+from emcas_fmu.fmi.package import build
+from emcas_fmu.kernels import compiled
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.simulation import simulate
+from emcas_fmu.tuning.experiments import REST
+
+from .conftest import SMALL
+
+Write = Callable[[str], Path]
+FAULTS = """
+[campaign]
+samples = 6
+[base]
+model = "nonlinear+faults"
+[vary."fault.jam.begin"]
+distribution = "uniform"
+low = "0.1 s"
+high = "0.2 s"
+[vary."fault.jam.end"]
+levels = ["0 s", "1000 s"]
+[experiments.fly]
+kind = "sine"
+amplitude = "10 deg"
+frequency = "2 Hz"
+duration = "1 s"
+"""
+HOMED = """
+[campaign]
+samples = 2
+[base]
+model = "nonlinear+homing"
+[vary."fin.start_angle"]
+distribution = "uniform"
+low = "-5 deg"
+high = "5 deg"
+[inputs.home]
+kind = "step"
+before = false
+after = true
+at = "20 ms"
+[inputs.aero_torque]
+kind = "spring"
+stiffness = "50 N.m/rad"
+[experiments.home]
+kind = "hold"
+amplitude = "2 deg"
+duration = "0.3 s"
+"""
+
+
+def built(model: str, folder: Path) -> Path:
+    """The native FMU of a model, for this platform."""
+    local = local_platform()
+    assert local is not None
+    return build(load_parameters(model=model), folder / "unit.fmu", "native", [local.name]).path
+
+
+@pytest.fixture(scope="module")
+def faulty(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An FMU with faults, under a file name that says nothing."""
+    return built("nonlinear+faults", tmp_path_factory.mktemp("faulty"))
+
+
+def test_the_nonlinear_model_is_as_ever(write: Write) -> None:
+    """A store of a campaign without a model goes on: nothing new is in its identity or its rows."""
+    study = load_study(write(SMALL))
+    assert study.plan.model == "nonlinear"
+    assert "model" not in identity(study)
+    assert sample.observed(study.plan) == {}
+    assert runner(study.plan) is by_kernel
+
+
+def test_a_fault_shows_in_words_state_and_time(write: Write) -> None:
+    """Against the outputs of the same run, made here."""
+    study = load_study(write(FAULTS))
+    rows = sample.rows(study.plan.packed(), [0, 1], np.array([[0.15, 1000.0], [0.15, 0.0]]))
+    jammed, sound = rows
+    angle = radians(10.0)
+    values = load_parameters(model="nonlinear+faults").replace(
+        {"fault.jam.begin": 0.15, "fault.jam.end": 1000.0}).values
+    direct = simulate(values, REST + 1.0, model="nonlinear+faults",
+                      fin_command=lambda t: angle * np.sin(4.0 * np.pi * max(t - REST, 0.0)))
+    first = np.argmax(direct["built_in_test"] > 0.0)
+    assert jammed["fly.fault_word_first"] == pytest.approx(0.15 - REST, abs=1.01e-3)
+    assert jammed["fly.built_in_test_first"] == pytest.approx(direct["time"][first] - REST, abs=1e-9)
+    assert jammed["fly.fault_word_ever"] == jammed["fly.fault_word_last"] == 1
+    ever = np.bitwise_or.reduce(direct["built_in_test"].astype(int))
+    assert jammed["fly.built_in_test_ever"] == ever != 0
+    assert "tracking" in own.bits("built_in_test", int(ever))
+    assert jammed["fly.status_last"] == "failed"
+    assert (sound["fly.fault_word_ever"], sound["fly.built_in_test_ever"]) == (0, 0)
+    assert isnan(sound["fly.fault_word_first"])
+    assert sound["fly.status_last"] == "operational"
+
+
+@pytest.mark.parametrize("machine", [True, False])
+def test_an_own_input_and_a_flag(write: Write, monkeypatch: pytest.MonkeyPatch, machine: bool) -> None:
+    """Stepped with a spring, by both kernels: `home` arrives, and nothing is homed before."""
+    if not machine:
+        monkeypatch.setattr(compiled, "available", lambda *_: False)
+    plan = load_study(write(HOMED)).plan
+    (row,) = sample.rows(plan.packed(), [0], np.array([[0.02]]))
+    assert (row["status"], row["error"]) == ("ok", "")
+    assert (row["home.status_last"], row["home.homed_last"], row["home.homed_share"]) == ("homing", False, 0.0)
+    made = excitation(plan.experiments[0], plan.base, plan.numbers, plan.model)
+    assert made.table.shape[1] == 11
+    status = runner(plan)(plan.base, made)["status"]
+    assert status[np.searchsorted(made.time, 0.015)] == 2.0  # unreferenced
+    assert status[np.searchsorted(made.time, 0.03)] == 3.0
+
+
+def test_own_real_outputs_are_reduced(write: Write) -> None:
+    text = FAULTS.replace("nonlinear+faults", "nonlinear+heat")
+    text = text.replace("fault.jam.begin", "heat.case_start_rise").replace("0.1 s", "0 K").replace("0.2 s", "60 K")
+    head, rest = text.split('[vary."fault.jam.end"]')
+    plan = load_study(write(head + rest[rest.index("[experiments"):])).plan
+    cold, warm = sample.rows(plan.packed(), [0, 1], np.array([[0.0], [60.0]]))
+    rise = warm["fly.case_temperature_last"] - cold["fly.case_temperature_last"]
+    assert rise == pytest.approx(60.0, abs=1.0)  # some of it goes into the winding
+    for row in (cold, warm):
+        low, last, high = (row[f"fly.winding_temperature_{end}"] for end in ("smallest", "last", "largest"))
+        assert low <= last <= high
+    assert own.figure_of("fly.winding_temperature_last").unit == "degC"
+
+
+def test_a_model_is_another_campaign(write: Write, tmp_path: Path) -> None:
+    study = load_study(write(FAULTS))
+    with Store(tmp_path / "out", study) as store:
+        store.write(sample.rows(study.plan.packed(), [0, 1], Sampler(study).draw([0, 1])))
+        told = store.table()
+    assert told.schema.field("fly.status_last").type == pa.string()
+    assert told.schema.field("fly.fault_word_ever").type == pa.int64()
+    other = load_study(write(FAULTS), model="elastic+faults")
+    assert other.guid != study.guid
+    with pytest.raises(CampaignError, match=r"model: 'nonlinear\+faults' then, 'elastic\+faults' now"):
+        Store(tmp_path / "out", other)
+    with Store(tmp_path / "out", load_study(write(FAULTS))) as again:  # with the same one it goes on
+        assert again.missing().tolist() == [2, 3, 4, 5]
+
+
+def test_a_sample_that_cannot_be_has_no_words(write: Write, tmp_path: Path) -> None:
+    study = load_study(write(FAULTS))
+    (row,) = sample.rows(study.plan.packed(), [0], np.array([[-1.0, 0.0]]))
+    assert row["status"] == "failed"
+    assert "fault.jam.begin = -1 is below its minimum" in row["error"]
+    assert row["fly.status_last"] is row["fly.fault_word_ever"] is None
+    with Store(tmp_path / "out", study) as store:
+        store.write([row])
+        assert store.table().num_rows == 1
+
+
+@pytest.mark.fmu
+def test_an_fmu_tells_its_model(write: Write, faulty: Path) -> None:
+    """Not by its file's name; figures, words and states are the kernel's."""
+    plain = FAULTS.replace('[base]\nmodel = "nonlinear+faults"\n', "")
+    by_unit, by_model = load_study(write(plain), faulty), load_study(write(FAULTS))
+    assert by_unit.plan.model == "nonlinear+faults"
+    assert by_unit.guid == by_model.guid
+    drawn = [[0.15, 1000.0], [0.12, 0.0]]
+    pairs = zip(*(sample.rows(s.plan.packed(), [0, 1], np.array(drawn)) for s in (by_unit, by_model)), strict=True)
+    for one, other in pairs:
+        texts = [name for name in one if not isinstance(one[name], float)]
+        assert {name: one.pop(name) for name in texts} == {name: other.pop(name) for name in texts}
+        assert one == pytest.approx(other, rel=1e-6, abs=1e-9, nan_ok=True)
+    with pytest.raises(CampaignError, match=r"is of the model nonlinear\+faults, and nonlinear\+heat is asked for"):
+        load_study(write(plain), faulty, model="nonlinear+heat")
+
+
+@pytest.mark.fmu
+def test_an_fmu_that_does_not_tell(write: Write, faulty: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("emcas_fmu.validation.runs.model_of", lambda name: None)
+    plain = FAULTS.replace('[base]\nmodel = "nonlinear+faults"\n', "")
+    with pytest.raises(CampaignError, match=r"does not tell its model; name it with --model or base\.model"):
+        load_study(write(plain), faulty)
+    assert load_study(write(FAULTS), faulty).plan.model == "nonlinear+faults"
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    (SMALL + '[vary."fault.jam.begin"]\ndistribution = "uniform"\nlow = "0 s"\nhigh = "1 s"\n',
+     "'fault.jam.begin' of the nonlinear model; nonlinear+faults has one"),
+    (SMALL + '[inputs.home]\nkind = "constant"\nvalue = true\n', "'home' of the nonlinear model; nonlinear+homing has"),
+    ('[base]\nmodel = "nonlinear+fault"\n' + SMALL, "base.model = nonlinear+fault: there is no option 'fault', did"),
+    ('[base]\nmodel = "linear+lugre"\n' + SMALL, "base.model = linear+lugre"),
+    ('[base]\nmodel = 3\n' + SMALL, "base.model: expected the name of a model"),
+])
+def test_refusals(write: Write, text: str, said: str) -> None:
+    with pytest.raises(CampaignError) as caught:
+        load_study(write(text))
+    assert said in str(caught.value)
+
+
+def row(faults: int, tripped: int, begin: float, first: float) -> Mapping[str, Any]:
+    """What is told of a sample's words."""
+    return {"fly.fault_word_ever": faults, "fly.built_in_test_ever": tripped, "fly.fault_word_first": begin,
+            "fly.built_in_test_first": first, "fly.fault_word_last": faults, "fly.built_in_test_last": tripped,
+            "fly.status_last": "failed" if tripped else "operational"}
+
+
+def test_findings_on_rows_with_known_answers(write: Write) -> None:
+    never = float("nan")
+    table = pa.Table.from_pylist([
+        row(0, 0, never, never), row(0, 2, never, 0.4),  # a false alarm
+        row(1, 3, 0.2, 0.5), row(1, 1, 0.3, 0.4), row(1, 0, 0.3, never), row(1, 1, 0.3, 0.1),  # the last one too soon
+        row(5, 8, 0.1, 0.9)])
+    plan = load_study(write(FAULTS)).plan
+    none, jam, several = found.findings(plan, table)
+    assert (none.fault, none.samples, none.found) == (found.NONE, 2, 1)
+    assert (jam.fault, jam.samples, jam.found, jam.before) == ("jam", 4, 2, 1)
+    assert (jam.delay, jam.longest) == pytest.approx((0.2, 0.3))
+    assert (jam.monitors["tracking"], jam.monitors["stall"]) == (3, 1)
+    assert (several.fault, several.samples, several.found) == (found.SEVERAL, 1, 1)
+    told = {t.name: dict(t.counts) for t in found.tallies(plan, table)}
+    assert told["fly.status_last"] == {"failed": 5, "operational": 2}
+    assert told["fly.fault_word_ever"] == {"jam": 5, "none": 2, "hard_over": 1}
+    assert found.findings(load_study(write(SMALL)).plan, table) == ()
+
+
+def test_the_shipped_campaign(tmp_path: Path) -> None:
+    """As a user calls it, with fewer samples: page, JSON and table tell faults; --model is told in how to run it."""
+    text = (models_directory() / "campaign_faults.toml").read_text(encoding="utf-8")
+    file, folder = tmp_path / "few.toml", tmp_path / "out"
+    file.write_text(text.replace("samples = 2000", "samples = 30"), encoding="utf-8")
+    done = CliRunner().invoke(app, ["campaign", str(file), "--output", str(folder), "--workers", "0", "--model",
+                                    "nonlinear+heat+faults"])
+    assert done.exit_code == 0, done.output
+    assert "what the built-in test found" in done.output
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    assert summary["model"] == "nonlinear+heat+faults"
+    assert sum(f["samples"] for f in summary["findings"]) == 30
+    assert {t["name"] for t in summary["tallies"]} >= {"fly.status_last", "fly.built_in_test_ever"}
+    one = CliRunner().invoke(app, ["campaign", str(file), "--only", "3"])
+    assert "512 (encoder_reversed)" in one.output
+    page = (folder / "summary.html").read_text(encoding="utf-8")
+    assert "Faults, and what the built-in test found" in page
+    assert "--model nonlinear+heat+faults" in page

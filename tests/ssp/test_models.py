@@ -1,0 +1,193 @@
+"""Archives of a model with options: own variables, enumerations, variants of faults, and what each host makes of it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from math import radians
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from emcas_fmu.actuators import get
+from emcas_fmu.cli import app
+from emcas_fmu.compiler import local_platform
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.package import build
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.ssp import hosts
+from emcas_fmu.ssp.archive import Archive, write_archive
+from emcas_fmu.ssp.check import check
+from emcas_fmu.ssp.schema import SSC, SSD, SSV, SspError, parse, violations
+from emcas_fmu.ssp.settings import effective
+from emcas_fmu.ssp.structure import Structure, read_structure
+from emcas_fmu.ssp.variants import variant_files
+from emcas_fmu.ssp.write import write_ssp
+from tests.hosts.host import difference
+
+from .test_hosts import OTHERS, SAME, printed, run
+
+pytestmark = pytest.mark.fmu
+MODEL = "nonlinear+homing+faults"
+JAMMED = """
+[fin2.fault.jam]
+begin = "0.05 s"
+end = "0.2 s"
+[fin3.fault.drive_loss]
+active = true
+"""
+
+
+@pytest.fixture(scope="module")
+def unit(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The native FMU of the model, for this platform, whose fins stand known at zero."""
+    folder, local = tmp_path_factory.mktemp("options"), local_platform()
+    assert local is not None
+    (folder / "known.toml").write_text("[homing]\nrequired = false\n", encoding="utf-8")
+    known = load_parameters(folder / "known.toml", model=MODEL)
+    return build(known, folder / "unit.fmu", "native", [local.name]).path
+
+
+@pytest.fixture(scope="module")
+def archive(unit: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An archive with a variant in which fin 2 is jammed for a while and fin 3 has no drive."""
+    folder = tmp_path_factory.mktemp("archive")
+    (folder / "jammed.toml").write_text(JAMMED, encoding="utf-8")
+    files = variant_files([f"jammed={folder / 'jammed.toml'}"])
+    return write_ssp(folder / "own.ssp", unit, variant_files=files).path
+
+
+def structure(ssp: Path, variant: str) -> Structure:
+    """A variant as read back; nothing may be wrong with it."""
+    def refuse(file: str, problem: str) -> None:
+        raise AssertionError(f"{file}: {problem}")
+
+    return read_structure(Archive(ssp), f"{variant}.ssd", refuse)
+
+
+def test_own_variables_are_connectors_of_their_types(archive: Path) -> None:
+    """The model is told by the FMU. Items of enumerations stand in the structure, under the name connectors give."""
+    read = structure(archive, "jammed")
+    actuator = get(MODEL)
+    for element in read.system.elements.values():
+        assert {(c.name, c.kind, c.type) for c in element.connectors.values()} == {
+            (v.name, v.causality, v.kind) for v in actuator.inputs + actuator.outputs}
+    outer = {name: (c.kind, c.type) for name, c in read.system.connectors.items()}
+    assert outer["fin[4].home"] == ("input", "Boolean")
+    assert outer["fin[4].status"] == ("output", "Enumeration")
+    assert outer["fin[4].built_in_test"] == ("output", "Integer")
+    files = Archive(archive)
+    for name in files.names:
+        if name.endswith((".ssd", ".ssv")):
+            assert violations(parse(files.read(name), name), SSD if name.endswith(".ssd") else SSV) == []
+    root = parse(files.read("SystemStructure.ssd"), "")
+    (listed,) = root.iterfind(f"{{{SSD}}}Enumerations/{{{SSC}}}Enumeration")
+    assert listed.get("name") == "status"
+    assert [(i.get("name"), i.get("value")) for i in listed][3] == ("operational", "4")
+
+
+def test_a_variant_of_faults(archive: Path) -> None:
+    values = effective(structure(archive, "jammed"))
+    assert values["fin2", "fault.jam.end"] == 0.2
+    assert values["fin1", "fault.jam.end"] == 0.0
+    assert values["fin3", "fault.drive_loss.active"] is True
+    assert check(archive).findings == ()
+
+
+@pytest.fixture(scope="module")
+def expected(archive: Path) -> dict[str, Any]:
+    """The jammed system in fmpy."""
+    return run("fmpy", archive, "jammed")
+
+
+def test_faults_show_in_the_system(expected: dict[str, Any]) -> None:
+    words = {i: [row[k] for k in (40, 100, 240) for row in [expected[f"fin[{i}].fault_word"]]] for i in (1, 2, 3)}
+    assert words == {1: [0, 0, 0], 2: [0, 1, 0], 3: [8, 8, 8]}
+    stuck = expected["fin[2].motor_angle"][60:190]
+    assert max(stuck) == min(stuck)
+    assert set(expected["fin[1].status"][:249]) == {4.0}
+    assert expected["fin[1].status"][-1] == 1.0  # disabled at the end
+    assert expected["fin[1].homed"][0] == 1.0
+
+
+@pytest.mark.parametrize("host", OTHERS)
+def test_the_same_in_the_other_hosts(host: str, archive: Path, expected: dict[str, Any]) -> None:
+    """But for enumerations, which neither knows."""
+    found = run(host, archive, "jammed")
+    states = {f"fin[{i}].status" for i in range(1, 5)}
+    assert set(expected) - set(found) == states
+    assert difference({name: values for name, values in expected.items() if name not in states}, found) < SAME
+
+
+def test_enumerations_under_the_usual_prefix(archive: Path, expected: dict[str, Any], tmp_path: Path) -> None:
+    """Over which libcosim would end the process; the check says so."""
+    contents = Archive(archive).contents()
+    for name in list(contents):
+        if name.endswith(".ssd"):
+            contents[name] = contents[name].replace(b"wiring:Connector ", b"ssd:Connector ").replace(
+                b"wiring:Connector>", b"ssd:Connector>")
+    write_archive(contents, tmp_path / "usual.ssp")
+    told = [f for f in check(tmp_path / "usual.ssp").warnings if f.place == "connector fin1.status"]
+    assert "over which libcosim ends the process" in told[0].message
+    found = run("libcosimpy", tmp_path / "usual.ssp", "jammed")
+    assert found["fin[2].fin_angle"] == expected["fin[2].fin_angle"]
+
+
+def test_the_file_as_it_is_in_libcosim_and_ecos(archive: Path) -> None:
+    rows = [line.split()[0] for line in printed("plain_in.py", "libcosimpy", archive, "-").splitlines()]
+    assert [float(row) for row in rows] == pytest.approx([radians(a) for a in (45, 135, 225, 315)])
+    assert len(printed("plain_in.py", "ecospy", archive, "nominal").splitlines()) == 4
+
+
+@pytest.mark.parametrize("host", hosts.HOSTS)
+def test_a_state_is_read_or_refused_with_a_reason(host: str, archive: Path) -> None:
+    """In a process of its own: Ecos and libcosim do not end well in this one after others."""
+    program = ("import sys; from pathlib import Path; from emcas_fmu.ssp import hosts\n"
+               "from emcas_fmu.ssp.schema import SspError\n"
+               f"try:\n  system = hosts.open(Path({str(archive)!r}), {host!r})\n"
+               "except SspError as error:\n  print('absent', error); sys.exit()\n"
+               "system.set('fin[1].home', False)\nsystem.step()\n"
+               "try:\n  print('state', system.get('fin[1].status'), type(system.get('fin[1].fault_word')).__name__)\n"
+               "except SspError as error:\n  print(error)\nsystem.close()\n")
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr[-2000:]
+    if "absent" in done.stdout:
+        pytest.skip(done.stdout)
+    assert ("state 4 int" if host == "fmpy" else "knows no enumerations") in done.stdout
+
+
+def test_the_command_and_its_refusals(unit: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def call(*arguments: str | Path) -> str:
+        done = CliRunner().invoke(app, ["ssp", *map(str, arguments)])
+        assert done.exit_code == 2, done.output
+        return " ".join(done.output.split())
+
+    monkeypatch.chdir(tmp_path)
+    assert f"is of the model {MODEL}, and --model asks for nonlinear+faults" in call(
+        "--fmu", unit, "--model", "nonlinear+faults")
+    assert "there is no option 'fault'" in call("--model", "elastic+fault")
+    (tmp_path / "hot.toml").write_text('[fin1.heat]\ncase_start_rise = "40 K"\n', encoding="utf-8")
+    assert f"the {MODEL} model has no such parameter" in call("--fmu", unit, "--variant", "hot=hot.toml")
+    monkeypatch.setattr("emcas_fmu.ssp.write.model_of", lambda name: None)
+    with pytest.raises(EmcasError, match="does not tell its model; name it with --model"):
+        write_ssp(tmp_path / "a.ssp", unit)
+    with pytest.raises(SspError, match=r"is not an FMU of one actuator of the model nonlinear\+heat: it lacks"):
+        write_ssp(tmp_path / "a.ssp", unit, model="nonlinear+heat")
+    assert write_ssp(tmp_path / "a.ssp", unit, model=MODEL).report.findings == ()
+
+
+def test_without_an_fmu_one_of_the_model_is_built(tmp_path: Path, unit: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def instead(parameters: Any, output: Path, *_: Any, **__: Any) -> Any:
+        asked.append(parameters.model)
+        output.write_bytes(unit.read_bytes())
+        return type("Built", (), {"path": output})
+
+    monkeypatch.setattr("emcas_fmu.ssp.write.build", instead)
+    done = CliRunner().invoke(app, ["ssp", "--model", "nonlinear+faults+homing", "-o", str(tmp_path / "a.ssp")])
+    assert done.exit_code == 0, done.output
+    assert asked == [MODEL]
+    assert "resources/EMCAS_homing_faults.fmu" in Archive(tmp_path / "a.ssp").names
