@@ -26,6 +26,8 @@ _SEPARATOR = "+"
 def parts(name: str) -> tuple[str, tuple[str, ...]]:
     """The model and the options, in their order, of a name such as ``elastic+faults+heat``. Raises EmcasError."""
     model, *options = name.split(_SEPARATOR)
+    if model in OPTIONS:
+        raise EmcasError(f"--model {name}: {model} is an option over a model: {_SEPARATOR.join((NONLINEAR, name))}")
     if model not in _MODULES:
         raise EmcasError(f"--model {name}: there is no model {model!r}{hint(model, NAMES)}; there is "
                          f"{', '.join(NAMES)}")
