@@ -109,7 +109,9 @@ def test_order_does_not_matter() -> None:
     ("nonlinear+heet", "did you mean 'heat'"), ("nonlinear+heat+heat", "given twice"),
     ("elastc", "did you mean 'elastic'"),
     ("nonlinear+stribeck+lugre", "lugre"), ("nonlinear+lugre+efficiency", "efficiency"), ("linear+stribeck", "no dry"),
-    ("elastic+lugre", "lugre"), ("heat+faults", r"heat is an option over a model: nonlinear\+heat\+faults"), ("nonlinear+", "no option ''"), ("second-order+heat", "heat"),
+    ("elastic+lugre", "lugre"),
+    ("heat+faults", r"heat is an option over a model: nonlinear\+heat\+faults"),
+    ("nonlinear+", "no option ''"), ("second-order+heat", "heat"),
 ])
 def test_what_there_is_not(name: str, said: str) -> None:
     with pytest.raises(EmcasError, match=said):
