@@ -51,6 +51,11 @@ def _duty_cycle() -> None:
         third.set(ylabel="temperature [°C]", xlabel="time [s]", xlim=(0.0, STOP))
         third.legend(loc="upper left", ncols=2)
         figure.savefig(FOLDER / "heat_duty_cycle.png", dpi=110, facecolor="white", metadata={"Software": None})
+    folds = np.flatnonzero(run["current_limit"] < BASE.values["drive.current_limit"])[0]
+    print(f"folds back from {time[folds]:.1f} s, burst {1 + int(time[folds] // PERIOD)}, winding "
+          f"{run['winding_temperature'][folds]:.1f} degC; least limit from each burst to the next [A]: "
+          + ", ".join(f"{run['current_limit'][(time >= t) & (time < t + PERIOD)].min():.1f}"
+                      for t in np.arange(0.0, STOP, PERIOD)))
     winding, case = (run[f"{name}_temperature"][-1] for name in ("winding", "case"))
     print(f"duty cycle: winding {winding:.1f} degC, case {case:.1f} degC, "
           f"least limit {run['current_limit'].min():.1f} A, rms current {np.sqrt(np.mean(current**2)):.1f} A")

@@ -1,31 +1,35 @@
 """What motor and drive give at each speed for long and for a while: torque-speed envelopes (thesis, Figure 3.2).
 
-The largest torque in steady motion is K_t times the least of these currents:
+The largest torque in steady motion is that of a current no larger than the least of these:
 
 - heat, continuous: in the steady state it makes the winding is at heat.winding_limit;
-- heat, short-term: with it the winding gets there in the duration, from the steady state of a preload;
+- heat, short-term: with it the winding gets there in the duration, from the steady state of a preload, a share of
+  the least continuous one, so that the I2t load is empty then;
 - I2t: heat.continuous_current; short-term what the drive allows through the duration without folding back;
 - peak: drive.current_limit;
 - voltage: V = R i + K_e w at the supply.
 
 R, K_t and K_e are those of the temperatures that the current itself has made at the end, steady state or duration.
-Losses other than in the winding are left out.
+With magnets that lose much by heat a smaller current may give the larger torque; then it is that one's. Losses other
+than in the winding are left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from math import isfinite, pi
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.linalg import expm
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize_scalar
 
+from ..actuators import parts
 from ..errors import EmcasError
+from ..kernels import program
 from ..ops.floats import FLOATS
 from ..parameters import ParameterSet
 from ..physics import drive, heat
@@ -35,6 +39,8 @@ from .capability import limit_torque
 from .linear import Array
 
 _POINTS = 201
+_CURRENTS = 101  # among which turning points of torque and voltage are looked for
+_SHORTEST, _LONGEST = 1e-6, 1e9  # s
 _UNLIMITED = 1e12  # A
 _MOLTEN = 1e9  # degC, for what no longer is a number
 CAUSES = ("heat", "i2t", "peak")
@@ -46,9 +52,9 @@ Temperatures = tuple[float, float]  # of winding and case [degC]
 class Curve:
     """One envelope: currents [A] that each of CAUSES allows, and the torque [N.m] at each speed of the Envelope.
 
-    `winding` and `case` [degC] are the temperatures that the least of these currents makes, below `corner_speed`
-    [rad/s], from which the voltage binds (0: at all speeds). `limits` are the torques [N.m] of each cause by itself,
-    and of the voltage at the temperatures of the start.
+    `winding` and `case` [degC] are the temperatures that the least of these currents makes; the voltage leaves room
+    for it up to `corner_speed` [rad/s] (0: at no speed). `limits` are the torques [N.m] of each cause's current by
+    itself, and of the voltage at the temperatures of the start.
     """
 
     currents: Mapping[str, float]
@@ -73,7 +79,7 @@ class Curve:
 class Envelope:
     """Torque against motor speed [rad/s] from 0 to that without load, for any time and for `duration` [s].
 
-    `preload` [1] is the share of the heat's continuous current that flowed before the duration, for long.
+    `preload` [1] is the share of the continuous current, :attr:`Curve.current`, that flowed before, for long.
     """
 
     speed: Array
@@ -88,8 +94,11 @@ def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) ->
     p = tree(parameters.values)
     if not hasattr(p, "heat"):
         raise EmcasError(f"--model {parameters.model}: an envelope needs the option heat, as in nonlinear+heat")
-    if not 0.0 < duration < np.inf:
-        raise EmcasError(f"--duration {duration:g} s: must be above 0")
+    if missing := _without(parts(parameters.model)[0]):
+        raise EmcasError(f"--model {parameters.model}: an envelope needs a drive with a limit of current and one of "
+                         f"voltage: this model has none of {missing}")
+    if not _SHORTEST <= duration <= _LONGEST:
+        raise EmcasError(f"--duration {duration:g} s: must be from {_SHORTEST:g} to {_LONGEST:g} s")
     if not 0.0 <= preload < 1.0:
         raise EmcasError(f"--preload {preload:g}: must be from 0 to below 1")
     for name, value in (("motor.back_emf_constant", p.motor.back_emf_constant),
@@ -99,17 +108,28 @@ def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) ->
     ambient, limit = p.friction.temperature, p.heat.winding_limit
     if ambient >= limit:
         raise EmcasError(f"friction.temperature = {ambient:g} degC must be below heat.winding_limit = {limit:g} degC")
-    steady = continuous_current(p)
+    lasting = _lasting(p)
     cold = settled(p, 0.0)
-    start = settled(p, preload * steady)
+    start = settled(p, preload * min(lasting))
     free = [p.drive.supply_voltage / heat.at_temperatures(FLOATS, p, *t).motor.back_emf_constant for t in (cold, start)]
     speed = np.linspace(0.0, max(free), _POINTS)
-    peak = p.drive.current_limit
     return Envelope(
         speed, duration, preload,
-        _curve(p, speed, (steady, min(p.heat.continuous_current, peak), peak), cold, lambda i: settled(p, i)),
-        _curve(p, speed, (short_term_current(p, duration, preload), i2t_current(p, duration), peak), start,
-               lambda i: warmed(p, i, duration, start)))
+        _curve(p, speed, lasting, cold, lambda i: settled(p, i)),
+        _curve(p, speed, (short_term_current(p, duration, preload), i2t_current(p, duration), p.drive.current_limit),
+               start, lambda i: warmed(p, i, duration, start)))
+
+
+def _without(model: str) -> str:
+    """Which limits of the drive do not act in a model, in words; nothing if all do."""
+    missing = {"drive.current_limit": program.unread(model), "supply_voltage": program.idle(model)[0]}
+    return " and ".join(name for name, idle in missing.items() if name in idle)
+
+
+def _lasting(p: Any) -> tuple[float, float, float]:
+    """Currents [A] for any time that each of CAUSES allows."""
+    peak = float(p.drive.current_limit)
+    return continuous_current(p), min(float(p.heat.continuous_current), peak), peak
 
 
 def continuous_current(p: Any) -> float:
@@ -121,10 +141,10 @@ def continuous_current(p: Any) -> float:
 def short_term_current(p: Any, duration: float, preload: float = 0.0) -> float:
     """Constant current [A] that brings the winding to heat.winding_limit in `duration` [s].
 
-    Before, `preload` times the continuous current has flowed for long.
+    Before, `preload` times the least continuous current has flowed for long.
     """
     low = continuous_current(p)
-    start = settled(p, preload * low)
+    start = settled(p, preload * min(_lasting(p)))
 
     def excess(current: float) -> float:
         return warmed(p, current, duration, start)[0] - float(p.heat.winding_limit)
@@ -168,11 +188,14 @@ def settled(p: Any, current: float) -> Temperatures:
 
 
 def warmed(p: Any, current: float, time: float, start: Temperatures) -> Temperatures:
-    """Temperatures after `time` [s] of a constant current [A], exact; _MOLTEN where they overflow."""
+    """Temperatures after `time` [s] of a constant current [A], exact for any time; _MOLTEN where they overflow."""
     a, b = _rates(p, current)
+    # Nodes that warm each other have two real rates, and not the same.
+    rates, modes = np.linalg.eig(a)
     with np.errstate(all="ignore"):
-        moved = expm(np.block([[a, b[:, None]], [np.zeros((1, 3))]]) * time) @ np.array([*start, 1.0])
-    winding, case = (float(x) if isfinite(x) else _MOLTEN for x in moved[:2])
+        grown = np.where(rates == 0.0, time, np.expm1(rates * time) / rates)
+        moved = np.array(start) + modes @ (grown * np.linalg.solve(modes, a @ np.array(start) + b))
+    winding, case = (float(x) if isfinite(x) else _MOLTEN for x in moved)
     return winding, case
 
 
@@ -182,24 +205,40 @@ def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures
     currents = dict(zip(CAUSES, allowed, strict=True))
     largest, supply = min(allowed), p.drive.supply_voltage
 
+    @cache
+    def motor(current: float) -> Any:
+        return heat.at_temperatures(FLOATS, p, *heated(current))
+
     def torque_of(current: float) -> float:
         # Of a current that heat does not allow, at the temperatures of what it allows.
-        return float(drive.torque(heat.at_temperatures(FLOATS, p, *heated(min(current, allowed[0]))), current))
+        return float(drive.torque(motor(min(current, allowed[0])), current))
 
     def excess(current: float, at: float) -> float:
-        q = heat.at_temperatures(FLOATS, p, *heated(current))
+        q = motor(current)
         return float(q.motor.resistance * current + drive.back_emf(q, at) - supply)
 
-    def current_at(at: float) -> float:
-        if excess(largest, at) <= 0.0:
-            return largest
-        return 0.0 if excess(0.0, at) >= 0.0 else float(brentq(excess, 0.0, largest, (at,), xtol=1e-9))
+    # The torque is largest where the voltage leaves no more room, at the largest current, or at a peak of its own.
+    tried = [float(i) for i in np.linspace(0.0, largest, _CURRENTS)]
+    torques = [torque_of(i) for i in tried]
+    ends = [largest]
+    for before, here, after, around in zip(torques, torques[1:], torques[2:], zip(tried, tried[2:], strict=False),
+                                           strict=False):
+        if here >= max(before, after):
+            ends.append(float(minimize_scalar(lambda i: -torque_of(i), bounds=around, method="bounded").x))
 
-    hot = heat.at_temperatures(FLOATS, p, *heated(largest))
+    def largest_torque(at: float) -> float:
+        over = [excess(i, at) for i in tried]
+        found = [i for i in ends if excess(i, at) <= 0.0]
+        found += [brentq(excess, low, high, (at,), xtol=1e-9)
+                  for low, high, one, other in zip(tried, tried[1:], over, over[1:], strict=False)
+                  if (one > 0.0) is not (other > 0.0)]
+        return max((torque_of(i) for i in found), default=0.0)
+
+    hot = motor(largest)
     cold = changed(heat.at_temperatures(FLOATS, p, *start), {"drive.current_limit": _UNLIMITED})
     return Curve(currents, *heated(largest),
                  max((supply - hot.motor.resistance * largest) / hot.motor.back_emf_constant, 0.0),
-                 np.array([torque_of(current_at(at)) for at in speed]),
+                 np.array([largest_torque(float(at)) for at in speed]),
                  {**{cause: np.full(len(speed), torque_of(current)) for cause, current in currents.items()},
                   "voltage": np.maximum(limit_torque(cold, speed, 1.0), 0.0)})
 

@@ -29,8 +29,8 @@ def envelope(
     model: ModelOption = "nonlinear+heat",
     duration: Annotated[str, typer.Option(help="How long the short-term torque is wanted, with its unit.",
                                           metavar="TIME")] = "10 s",
-    preload: Annotated[float, typer.Option(help="Share of the continuous current that flowed before, for long. 0: from "
-                                                "ambient.", metavar="SHARE")] = 0.0,
+    preload: Annotated[float, typer.Option(help="Share of the continuous current, the least there is, that flowed "
+                                                "before, for long. 0: from ambient.", metavar="SHARE")] = 0.0,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the curves to this CSV file, SI.",
                                                 metavar="FILE")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the envelopes: .html, .svg, .png or .pdf.",

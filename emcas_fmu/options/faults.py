@@ -93,7 +93,7 @@ def _picked(ops: Ops, samples: Value, values: Values) -> Value:
 
 
 def _faulted(ops: Ops, p: Any, f: _Held) -> Any:
-    """Parameters of the plant under the faults."""
+    """Parameters of the plant under the faults; drive.sound_current_limit [A] is its current limit without."""
     broken = f.free > 0.0
     friction = p.friction
     changes = {
@@ -109,6 +109,7 @@ def _faulted(ops: Ops, p: Any, f: _Held) -> Any:
         "friction.fin_viscous": ops.where(broken, 0.0, f.friction * friction.fin_viscous),
         "friction.fin_coulomb": ops.where(broken, 0.0, f.friction * friction.fin_coulomb),
         "drive.current_limit": f.current * p.drive.current_limit,
+        "drive.sound_current_limit": p.drive.current_limit,
     }
     if hasattr(p, "drive_line") and hasattr(p.drive_line, "backlash"):
         changes["drive_line.backlash"] = p.drive_line.backlash + f.gap

@@ -59,7 +59,7 @@ OUTPUTS = (
     _output("case_temperature", "degC", "case temperature", 100.0),
     _output("i2t_load", "1", "share of the I2t budget that is spent; the current limit folds back from "
             f"{heat.FOLDING:g} to 1", 1.0),
-    _output("current_limit", "A", "limit of the current reference that I2t leaves", 10.0),
+    _output("current_limit", "A", "limit of the current reference that I2t, and a derated drive, leaves", 10.0),
 )
 
 

@@ -11,7 +11,8 @@ The drive counts the squares of its current beyond the continuous one I_c, as se
 
 From s = 0 the peak I_p (drive.current_limit) is there for t_p; from s = F on the limit folds back to I_c, which it
 has at s = 1. It is a continuous function of a state, so that it neither jumps nor chatters: under a demand beyond it
-i^2 - I_c^2 falls exponentially, with the time constant t_p (1 - F)/F.
+i^2 - I_c^2 falls exponentially, with the time constant t_p (1 - F)/F. The budget is the drive's own: a fault that
+lowers drive.current_limit leaves I_p and s alone, and the lower of the two limits acts.
 """
 
 from __future__ import annotations
@@ -90,9 +91,19 @@ def mean_square(ops: Ops, start: Value, end: Value, ratio: Value) -> Value:
     return start * start + way * (2.0 * start * first + way * second)
 
 
+def _derated(p: Any) -> bool:
+    """Whether a fault may have lowered drive.current_limit, which then is drive.sound_current_limit no longer."""
+    return hasattr(p.drive, "sound_current_limit")
+
+
+def peak_current(p: Any) -> Value:
+    """I_p [A], the sound drive's largest current reference."""
+    return p.drive.sound_current_limit if _derated(p) else p.drive.current_limit
+
+
 def _squares(ops: Ops, p: Any) -> tuple[Value, Value]:
     """I_c^2 and I_p^2 - I_c^2 [A^2]; no more is continuous than the peak."""
-    peak = p.drive.current_limit
+    peak = peak_current(p)
     continuous = ops.minimum(p.heat.continuous_current, peak)
     return continuous * continuous, peak * peak - continuous * continuous
 
@@ -106,8 +117,9 @@ def loaded(ops: Ops, p: Any, load: Value, square: Value, h: Value) -> Value:
 
 
 def current_limit(ops: Ops, p: Any, load: Value) -> Value:
-    """Largest current reference [A] at an I2t load s [1]."""
+    """Largest current reference [A] at an I2t load s [1], and within a derated drive's limit."""
     continuous, reserve = _squares(ops, p)
     left = (1.0 - load) / (1.0 - FOLDING)
     folded = ops.sqrt(continuous + ops.clip(left, 0.0, 1.0) * reserve)
-    return ops.where(left >= 1.0, p.drive.current_limit, folded)
+    limit = ops.where(left >= 1.0, peak_current(p), folded)
+    return ops.minimum(limit, p.drive.current_limit) if _derated(p) else limit

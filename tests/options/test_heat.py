@@ -18,6 +18,7 @@ from scipy.linalg import expm
 from emcas_fmu.actuators import get
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.package import build
+from emcas_fmu.integrate import Boundary
 from emcas_fmu.kernels import compiled, program
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters
@@ -110,6 +111,19 @@ def test_resistance_and_constants_follow() -> None:
     turning = simulate(values_of({"heat.case_start_rise": 50.0}), 0.05, model=MODEL, enable=False, aero_torque=100.0)
     assert turning["motor_speed"][-1] > 10.0
     assert turning["motor_voltage"] == pytest.approx(0.11 * 0.945 * turning["motor_speed"], rel=1e-4)  # it cools
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_disabled_drive_loses_nothing(model: str) -> None:
+    """Its bridge is open, whatever current the state still holds; enabled, that current warms."""
+    actuator, p = get(f"{model}+heat"), load_parameters(model=f"{model}+heat").nested()
+    plant = list(actuator.model.initial(FLOATS, p)[0].plant)
+    plant[2] = 50.0
+    for enabled in (False, True):
+        b = Boundary(0.0, 0.0, 0.0, 0.0, 39.0, enabled)
+        moved, _ = actuator.model.step(FLOATS, p, tuple(plant), (), b, 1e-4)
+        winding, _, load = moved[-3:]
+        assert (winding > 24.0, load > 0.0) == (enabled, enabled)
 
 
 def test_below_a_tenth_the_lines_are_left() -> None:

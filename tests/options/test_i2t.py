@@ -18,6 +18,7 @@ from emcas_fmu.simulation import simulate
 from .held import HELD, MODEL, NO_COEFFICIENTS, held, values_of
 
 BASE = load_parameters(model=MODEL)
+_FAULTY = f"{MODEL}+faults"
 _FOLD = {**NO_COEFFICIENTS, "heat.peak_time": 0.5, "heat.continuous_current": 20.0}
 
 
@@ -81,6 +82,55 @@ def test_without_reserve_there_is_no_i2t(continuous: float) -> None:
     _, run = held(500.0, 0.3, 1e-3, {**_FOLD, "heat.peak_time": 0.05, "heat.continuous_current": continuous})
     assert np.all(run["current_limit"] == 60.0)
     assert np.all(run["i2t_load"] == 0.0)
+
+
+def _derated(share: float, begin: float, end: float, stop: float, **more: Any) -> Any:
+    """A held motor that is asked for 500 A, its drive derated for a while [s]."""
+    values = values_of({**HELD, **_FOLD, "drive.current_offset": 500.0, "fault.current_derating.share": share,
+                        "fault.current_derating.begin": begin, "fault.current_derating.end": end}, _FAULTY)
+    return simulate(values, stop, 1e-3, model=_FAULTY, **more)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.0])
+def test_a_derated_drive_keeps_its_load(share: float) -> None:
+    """18 A and none, below the continuous 20: the load falls as they let it, and no peak flows afterwards."""
+    run = _derated(share, 0.6, 0.7, 0.9)
+    load, limit = run["i2t_load"], run["current_limit"]
+    derated = (run["time"] > 0.6) & (run["time"] < 0.7)
+    assert np.all(limit[derated] == share * 60.0)
+    assert np.all(np.abs(run["motor_current"][derated][1:]) <= share * 60.0)
+    budget = 3200.0 * 0.5 / 0.9
+    falls = -np.diff(load)
+    assert np.all(falls <= 400.0 / budget * 1e-3 + 1e-12)
+    # What flows is less than its reference by R/(R + kp); the fault begins and ends with a sample, each 1 ms.
+    expected = (400.0 - (share * 60.0 * 1e3 / (1e3 + 0.25))**2) / budget
+    assert falls[derated[1:]][2:].sum() == pytest.approx(expected * 1e-3 * (derated.sum() - 2), rel=1e-6)
+    # At rest 0.1 s give back 0.0225 of the budget; 45 A are 0.051 of it.
+    assert load[run["time"] > 0.6].min() > 1.0 - 0.051
+    assert limit[run["time"] > 0.7].max() < 45.0
+
+
+def test_a_derated_drive_folds_when_a_sound_one_does() -> None:
+    """At 30 A, as half of 60 and as the demand: the same load until it folds back, at the same time."""
+    _, sound = held(30.0, 4.0, 1e-3, _FOLD)
+    found = _derated(0.5, 0.0, 1e9, 4.0)
+    # The limit is 30 A where 500/3200 of the last tenth of the budget are left.
+    budget, flowing = 3200.0 * 0.5 / 0.9, 30.0 * 1e3 / (1e3 + 0.25)
+    expected = (1.0 - 0.1 * 500.0 / 3200.0) * budget / (flowing**2 - 400.0)
+    late = {name: run["time"][np.flatnonzero(run["current_limit"] < 30.0)[0]]
+            for name, run in (("sound", sound), ("derated", found))}
+    assert late["sound"] == pytest.approx(expected, abs=1.5e-3)  # the drive's delay and a point
+    assert late["derated"] == pytest.approx(late["sound"], abs=1.5e-3)  # a tick and a point
+    before = (found["time"] > 0.0) & (found["time"] < late["sound"] - 2e-3)
+    assert np.all(found["current_limit"][before] == 30.0)
+    # The fault begins with the first sample and takes effect a delay after: 1 ms of 60 A at most.
+    assert found["i2t_load"][before] == pytest.approx(sound["i2t_load"][before], abs=2e-3)
+
+
+@pytest.mark.skipif(not compiled.available(_FAULTY), reason="no C compiler")
+def test_kernels_agree_on_a_derated_drive() -> None:
+    one, other = (_derated(0.5, 0.6, 0.7, 0.8, kernel=kernel) for kernel in ("python", "compiled"))
+    assert all(np.array_equal(one[name], other[name]) for name in one)
 
 
 @settings(derandomize=True, max_examples=100)
