@@ -91,6 +91,8 @@ def test_preload_is_a_share_of_the_least_continuous_current(overrides: Mapping[s
     assert found.continuous.current == pytest.approx(least, rel=1e-12)
     winding, case = _steady((0.9 * least)**2)
     constant = 0.11 * (1.0 - 0.0011 * (case - 24.0))
+    reached = warmed(_set(overrides).nested(), found.short_term.currents["heat"], 5.0, (winding, case))
+    assert reached[0] == pytest.approx(130.0, abs=1e-6)
     # Closed forms to rounding.
     assert found.speed[-1] == pytest.approx(39.0 / constant, rel=1e-9)
     for curve, k, r in ((found.short_term, constant, _resistance(winding)), (found.continuous, 0.11, 0.25)):
