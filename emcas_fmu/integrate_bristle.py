@@ -9,9 +9,10 @@ means over a step of length h are linear in the step's mean speed W:
     f1 = (1 - e^-x)/x         f2 = (1 - f1)/x
 
 So friction is a torque and a viscous coefficient to the midpoint step of the motion, which is solved with the current
-as ever. With sigma_1 a <= 4 sigma_0 the step is passive whatever the prediction: the friction's work h W (mean torque)
-is at least the change of sigma_0 z^2/2, for it is that of the exact z under a constant W. Of events there are the
-voltage's limit and the stops; a motor pressed against a stop stays there exactly, its bristles as they are.
+as ever. With sigma_1 a <= 4 sigma_0 (it is below sigma_0) the step is passive whatever the prediction: the friction's
+work h W (mean torque) is at least the change of sigma_0 z^2/2, for it is that of the exact z under a constant W. Of
+events there are the voltage's limit and the stops; a motor pressed against a stop stays there exactly, its bristles as
+they are.
 """
 
 from __future__ import annotations

@@ -1,12 +1,17 @@
 """LuGre bristles instead of exact stick at the motor: presliding, frictional lag, breakaway that depends on the rate.
 
     dz/dt = w - sigma_0 |w| z/g(w)            g = C_m (1 + (s - 1) exp(-(w/w_s)^2)) + C_f/R
-    torque = sigma_0 z + sigma_1(w) dz/dt     sigma_1(w) = sigma_1/(1 + sigma_1 |w|/(4 g))
+    torque = sigma_0 z + sigma_1(w) dz/dt     sigma_1(w) = sigma_1/(1 + sigma_1 |w|/g)
 
 after Canudas de Wit, Olsson, Astrom and Lischinsky (1995), "A new model for control of systems with friction", IEEE
 Transactions on Automatic Control 40 (3), 419-425, besides the viscous friction there is; C_f is that about the hinge.
 Friction's power less the rate of sigma_0 z^2/2 is a quadratic form of dz/dt and z that is never negative where
-sigma_1 |w| <= 4 g: hence a damping that fades with speed, which keeps to that for any sigma_1. Without friction, g = 0,
+sigma_1 |w| <= 4 g. A damping that fades with speed keeps to q = sigma_1(w) |w|/g < 1 for any sigma_1, and then
+
+    torque = (1 - q) sigma_0 z + q g sgn w
+
+lies between the bristles' spring and sliding friction: no larger than the largest g on the way, at a reversal too.
+Without friction, g = 0,
 bristles slip at once and carry nothing. Solved in :mod:`emcas_fmu.integrate_bristle`.
 """
 
@@ -31,7 +36,7 @@ def _own(name: str, unit: str, minimum: float, maximum: float, description: str)
 
 PARAMETERS = (
     _own("stiffness", "N.m/rad", 1e-3, 1e6, "stiffness of the bristles at the motor, sigma_0"),
-    _own("damping", "N.m.s/rad", 0.0, 100.0, "damping of the bristles at rest, sigma_1; it fades with speed"),
+    _own("damping", "N.m.s/rad", 0.0, 10.0, "damping of the bristles at rest, sigma_1; it fades with speed"),
     _own("static_ratio", "1", 1.0, 10.0, "breakaway over Coulomb friction at the motor, s"),
     _own("stribeck_speed", "rad/s", 1e-3, 1e3,
          "motor speed at which the excess over Coulomb friction has fallen to 1/e of itself, w_s"),

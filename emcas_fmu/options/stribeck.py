@@ -2,7 +2,8 @@
 
     C_m (1 + (s - 1) exp(-(w/w_s)^2))
 
-Stick stays exact, up to s C_m. The integrators take the friction of the speed predicted for mid-step. Dry friction
+Stick stays exact, up to s C_m. The integrators take the friction of the speed predicted for mid-step, of
+second order where a tick is short beside J w_s/((s - 1) C_m), in which a motor of inertia J passes the excess. Dry friction
 about the hinge stays as it is, and so does what the controller feeds forward: it knows the friction identified.
 """
 
@@ -19,7 +20,7 @@ PARAMETERS = (
     Variable("stribeck.static_ratio", "Real", "parameter", "fixed", "1",
              "breakaway over Coulomb friction at the motor, s", 1.0, 10.0),
     Variable("stribeck.speed", "Real", "parameter", "fixed", "rad/s",
-             "motor speed at which the excess over Coulomb friction has fallen to 1/e of itself, w_s", 1e-3, 1e3),
+             "motor speed at which the excess over Coulomb friction has fallen to 1/e of itself, w_s", 0.1, 1e3),
 )
 _WITHOUT = {"linear": "the linear model has no dry friction", "second-order": "the second-order model has no friction"}
 

@@ -79,13 +79,13 @@ def coulomb(ops: Ops, p: Any, direction: Value, fin: Value, speed: Value = 0.0) 
 def bristles(ops: Ops, p: Any, fin: Value, ratio: Value, speed: Value) -> tuple[Value, Value]:
     """Of LuGre bristles at a motor speed w [rad/s]: a = sigma_0 |w|/g [1/s] and the damping sigma_1 [N.m.s/rad].
 
-    g is C_m with its excess at low speed and the Coulomb friction about the hinge, at the motor.
+    g is C_m with its excess at low speed and the Coulomb friction about the hinge, at the motor. sigma_1 |w| < g.
     """
     own, turning = p.lugre, ops.fabs(speed)
     level = (coulomb(ops, p, speed, fin) * stribeck(ops, own.static_ratio, own.stribeck_speed, turning)
              + p.friction.fin_coulomb / ratio)
     level = ops.maximum(level, _LEAST)
-    return own.stiffness * turning / level, own.damping / (1.0 + own.damping * turning / (4.0 * level))
+    return own.stiffness * turning / level, own.damping / (1.0 + own.damping * turning / level)
 
 
 def viscous(ops: Ops, p: Any, direction: Value) -> Value:

@@ -143,7 +143,7 @@ class Bristle(Plant):
         level = (self.coulomb(y[0], speed) * excess(own["static_ratio"], own["stribeck_speed"], speed)
                  + self.v["friction.fin_coulomb"] / ratio)
         rate = speed - own["stiffness"] * abs(speed) / level * z
-        damping = own["damping"] / (1.0 + own["damping"] * abs(speed) / (4.0 * level))
+        damping = own["damping"] / (1.0 + own["damping"] * abs(speed) / level)
         return rate, own["stiffness"] * z + damping * rate
 
     def move(self, interval: float) -> None:

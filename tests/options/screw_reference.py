@@ -1,103 +1,154 @@
-"""An actuator with screw losses, independently written: forces along the screw, the fin's own angle, SciPy's Radau.
+"""An actuator with screw losses and Stribeck friction, independently written: the fin's angle, stick by events.
 
-Dry friction, of the screw too, is softened: sgn w -> tanh(w/1e-3 rad/s).
+DOP853 at 1e-10 between events, which are rest and breakaway of motor and fin. The elastic line is a screw that
+stretches, without a gap.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import cos, radians, tan, tanh
+from math import cos, exp, radians, tan
 from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
-
-def _felt(force: float, v: Mapping[str, Any], way: float) -> float:
-    """Axial force times what of it the rotor feels, between the lines of either efficiency for |way| < 1."""
-    pushing, pushed = 1.0 / v["efficiency.forward"], v["efficiency.backward"]
-    return float(0.5 * (pushing + pushed) * force + 0.5 * (pushing - pushed) * abs(force) * way)
+_MET = 1e-9  # N.m, a torque that counts as that of breakaway: events are found to rounding
 
 
-def _dry(v: Mapping[str, Any], fin: float, w: float) -> float:
-    side = "positive" if w > 0.0 else "negative"
-    return float(sum(v[f"friction.coulomb.{side}[{n}]"] * (fin / radians(20.0))**n for n in range(7)))
+class Screw:
+    """State: fin angle and rate, current [A], drive integral [V]; elastic besides: motor angle and speed. In rad, s."""
+
+    def __init__(self, v: Mapping[str, Any], torque: float, line: bool) -> None:
+        self.v, self.torque, self.line = v, torque, line
+        self.arm, self.lead, self.start = v["kinematics.moment_arm"], v["screw.lead"], v["kinematics.initial_angle"]
+        self.rotor, self.nut = v["inertia.motor"] + v["inertia.screw"], v["mass.nut"]
+        self.fin = v["inertia.fin"] + v["inertia.shaft"] + v["inertia.fork"]
+        self.cold = {name: 1.0 + (v[f"friction.cold_{name}_ratio"] - 1.0) * (24.0 - v["friction.temperature"]) / 30.0
+                     for name in ("coulomb", "viscous")}
+        self.y = np.zeros(6 if line else 4)
+        self.i_ref = 0.0
+        self.way = self.fin_way = 0.0  # of motion, 0 at rest; a rigid line has one way
+
+    def lever(self, fin: float) -> float:
+        """Of the fork: nut speed over fin rate [m]."""
+        return float(self.arm / cos(fin + self.start)**2)
+
+    def turned(self, fin: float) -> float:
+        """Motor angle [rad] of a rigid line at a fin angle."""
+        return float(self.arm / self.lead * (tan(fin + self.start) - tan(self.start)))
+
+    def motor(self, y: Any) -> tuple[float, float]:
+        """Motor angle and speed."""
+        return (y[4], y[5]) if self.line else (self.turned(y[0]), self.lever(y[0]) / self.lead * y[1])
+
+    def net(self, y: Any, way: float) -> float:
+        """Torque [N.m] on the rotor but for the screw's, for motion that way."""
+        v, side, w = self.v, "positive" if way > 0.0 else "negative", self.motor(y)[1]
+        level = sum(v[f"friction.coulomb.{side}[{n}]"] * (y[0] / radians(20.0))**n for n in range(7))
+        excess = (v.get("stribeck.static_ratio", 1.0) - 1.0) * exp(-(w / v.get("stribeck.speed", 1.0))**2)
+        dry = level * self.cold["coulomb"] * (1.0 + excess)
+        return float(v["motor.torque_constant"] * y[2] - way * dry
+                     - v[f"friction.viscous.{side}"] * self.cold["viscous"] * w)
+
+    def felt(self, force: float, way: float) -> float:
+        """Torque [N.m] on the rotor against positive motion by an axial force [N]."""
+        share = 1.0 / self.v["efficiency.forward"] if force * way > 0.0 else self.v["efficiency.backward"]
+        return float(share * force * self.lead)
+
+    def stretched(self, y: Any) -> float:
+        """Force [N] of the screw on the fork."""
+        stretch = self.lead * (y[4] - self.turned(y[0]))
+        rate = self.lead * y[5] - self.lever(y[0]) * y[1]
+        return float(stretch / self.v["drive_line.axial_compliance"] + self.v["drive_line.axial_damping"] * rate)
+
+    def resisting(self, y: Any, way: float) -> float:
+        """Moment [N.m] about the hinge against positive motion but for inertia and screw."""
+        return float(self.v["friction.fin_viscous"] * y[1] + way * self.v["friction.fin_coulomb"] - self.torque)
+
+    def accelerated(self, at_rest: float, mass: float, bend: float, net: float) -> float:
+        """Nut acceleration less `bend` [m/s2], x in (rotor/lead) (x + bend) = net - felt(at_rest + mass x)."""
+        found = [(net - self.rotor * bend / self.lead - share * self.lead * at_rest)
+                / (self.rotor / self.lead + share * self.lead * mass)
+                for share in (1.0 / self.v["efficiency.forward"], self.v["efficiency.backward"])]
+        return found[0] if (at_rest + mass * found[0]) * self.way > 0.0 else found[1]
+
+    def slope(self, y: Any) -> list[float]:
+        """The state's rate of change in the present ways."""
+        v, way, (fin, rate, i, xi) = self.v, self.way, y[:4]
+        lever, w = self.lever(fin), self.motor(y)[1]
+        demand = v["drive.kp"] * (self.i_ref - i) + xi
+        limit = v["drive.supply_voltage"]
+        winding = [(min(max(demand, -limit), limit) - v["motor.resistance"] * i - v["motor.back_emf_constant"] * w)
+                   / v["motor.inductance"], v["drive.ki"] * (self.i_ref - i) if abs(demand) < limit else 0.0]
+        if not self.line:
+            # x is the nut's acceleration less that at a constant fin rate.
+            bend = 2.0 * lever * tan(fin + self.start) * rate**2
+            force = self.resisting(y, way) / lever + self.nut * bend
+            x = self.accelerated(force, self.fin / lever**2 + self.nut, bend, self.net(y, way)) if way else 0.0
+            return [rate if way else 0.0, x / lever, *winding]
+        force = self.stretched(y)
+        x = self.accelerated(force, self.nut, 0.0, self.net(y, way)) if way else 0.0
+        turning = (lever * force - self.resisting(y, self.fin_way)) / self.fin if self.fin_way else 0.0
+        return [rate if self.fin_way else 0.0, turning, *winding, w, x / self.lead]
+
+    def margin(self, y: Any, way: float) -> float:
+        """Torque [N.m] beyond what holds the motor at rest against motion that way."""
+        force = self.stretched(y) if self.line else self.resisting(y, way) / self.lever(y[0])
+        return way * (self.net(y, way) - self.felt(force, way))
+
+    def fin_margin(self, y: Any, way: float) -> float:
+        """The same moment [N.m] about the hinge for the fin of an elastic line."""
+        return way * (self.lever(y[0]) * self.stretched(y) - self.resisting(y, way))
+
+    def move(self, interval: float) -> None:
+        """On by an interval [s]."""
+        left = interval
+        while left > 1e-14:
+            for way in (1.0, -1.0):
+                if not self.way and self.margin(self.y, way) >= -_MET:
+                    self.way = way
+                if self.line and not self.fin_way and self.fin_margin(self.y, way) >= -1e3 * _MET:
+                    self.fin_way = way
+            events: list[Any] = []
+            if self.way:
+                events.append(lambda _, y: -self.way * self.motor(y)[1])
+            else:
+                events += [lambda _, y, way=way: self.margin(y, way) for way in (1.0, -1.0)]
+            dry = self.line and self.v["friction.fin_coulomb"] > 0.0
+            if dry and self.fin_way:
+                events.append(lambda _, y: -self.fin_way * y[1])
+            elif dry:
+                events += [lambda _, y, way=way: self.fin_margin(y, way) for way in (1.0, -1.0)]
+            for event in events:
+                event.terminal, event.direction = True, 1.0
+            done = solve_ivp(lambda _, y: self.slope(y), (0.0, left), self.y, "DOP853", events=events, rtol=1e-10,
+                             atol=1e-12, max_step=left / 3.0)
+            self.y, left = done.y[:, -1].copy(), left - done.t[-1]
+            met = [bool(len(times)) for times in done.t_events]
+            own = 5 if self.line else 1
+            # Also a start that leads nowhere.
+            if self.way and (met[0] or self.way * self.y[own] < 0.0):
+                self.way, self.y[own] = 0.0, 0.0
+            if dry and self.fin_way and (met[-1] or self.fin_way * self.y[1] < 0.0):
+                self.fin_way, self.y[1] = 0.0, 0.0
 
 
-def _winding(v: Mapping[str, Any], w: float, i: float, xi: float, i_ref: float) -> list[float]:
-    demand = v["drive.kp"] * (i_ref - i) + xi
-    volts = max(-v["drive.supply_voltage"], min(v["drive.supply_voltage"], demand))
-    return [(volts - v["motor.resistance"] * i - v["motor.back_emf_constant"] * w) / v["motor.inductance"],
-            v["drive.ki"] * (i_ref - i) if abs(demand) < v["drive.supply_voltage"] else 0.0]
+def motion(v: Mapping[str, Any], stop: float, command: Any, torque: float, line: bool = False) -> Any:
+    """Fin angle [rad] and motor speed [rad/s] at the samples under a command of time [rad] and a moment [N.m].
 
-
-def _motor(v: Mapping[str, Any], fin: float, w: float, i: float, way: float) -> float:
-    side = "positive" if w > 0.0 else "negative"
-    return float(v["motor.torque_constant"] * i - v[f"friction.viscous.{side}"] * w - _dry(v, fin, w) * way)
-
-
-def rigid(_: float, y: Any, v: Mapping[str, Any], i_ref: float, torque: float) -> list[float]:
-    """Slopes of fin angle, fin rate, current, drive integral."""
-    fin, rate, i, xi = y
-    arm, lead, tangent = v["kinematics.moment_arm"], v["screw.lead"], tan(fin + v["kinematics.initial_angle"])
-    lever = arm * (1.0 + tangent**2)  # of the fork: nut speed over fin rate
-    w = lever * rate / lead
-    way = tanh(w / 1e-3)
-    rotor, inertia = v["inertia.motor"] + v["inertia.screw"], v["inertia.fin"] + v["inertia.shaft"] + v["inertia.fork"]
-    swing = 2.0 * lever * tangent * rate**2  # nut acceleration at a constant fin rate
-    resisting = v["friction.fin_viscous"] * rate + v["friction.fin_coulomb"] * way - torque
-    drive = _motor(v, fin, w, i, way)
-
-    def left(rate_of_rate: float) -> Any:
-        nut = lever * rate_of_rate + swing
-        force = (inertia * rate_of_rate + resisting) / lever + v["mass.nut"] * nut
-        return drive - rotor * nut / lead - lead * _felt(force, v, way)
-
-    # Linear on either side of the force's zero: where it is, and the slope on the side where the answer lies.
-    kink = -(resisting / lever + v["mass.nut"] * swing) / (inertia / lever + v["mass.nut"] * lever)
-    at_kink = left(kink)
-    sign = 1.0 if at_kink > 0.0 else -1.0
-    slope = (left(kink + sign) - at_kink) / sign
-    return [rate, kink - at_kink / slope, *_winding(v, w, i, xi, i_ref)]
-
-
-def elastic(_: float, y: Any, v: Mapping[str, Any], i_ref: float, torque: float) -> list[float]:
-    """Slopes of fin angle, fin rate, current, integral, motor angle, motor speed; a screw that stretches, no gap.
-
-    The nut's mass is on the load side, though it moves with the screw.
+    Encoder and compensation are off, the delay is whole samples.
     """
-    fin, rate, i, xi, theta, w = y
-    arm, lead, start = v["kinematics.moment_arm"], v["screw.lead"], v["kinematics.initial_angle"]
-    lever = arm / cos(fin + start)**2
-    way = tanh(w / 1e-3)
-    stretch = lead * theta - arm * (tan(fin + start) - tan(start))
-    compliance = v["drive_line.axial_compliance"]
-    force = stretch / compliance + v["drive_line.axial_damping"] * (lead * w - lever * rate)
-    rotor, nut = v["inertia.motor"] + v["inertia.screw"], v["mass.nut"] * lead
-    drive = _motor(v, fin, w, i, way)
-    kink = -force / nut
-    at_kink = drive - rotor * kink
-    sign = 1.0 if at_kink > 0.0 else -1.0
-    slope = -rotor - sign * lead * _felt(sign * nut, v, way)
-    inertia = v["inertia.fin"] + v["inertia.shaft"] + v["inertia.fork"]
-    return [rate, (lever * force + torque) / inertia, *_winding(v, w, i, xi, i_ref), w, kink - at_kink / slope]
-
-
-def fin_angle(v: Mapping[str, Any], stop: float, command: float, torque: float, line: bool = False) -> Any:
-    """Fin angle [rad] at the samples, encoder and compensation off, the delay whole samples."""
-    arm, lead, start = v["kinematics.moment_arm"], v["screw.lead"], v["kinematics.initial_angle"]
-    y, integral, period, found = np.zeros(6 if line else 4), 0.0, v["controller.sample_time"], [0.0]
-    delayed = [0.0] * round(v["drive.transport_delay"] / period)
-    for _ in range(round(stop / period)):
-        theta = y[4] if line else arm / lead * (tan(y[0] + start) - tan(start))
-        w = y[5] if line else arm / lead / cos(y[0] + start)**2 * y[1]
-        error = arm / lead * (tan(command + start) - tan(start)) - theta
-        raw = v["controller.position.kp"] * error + integral
+    plant, integral, period = Screw(v, torque, line), 0.0, v["controller.sample_time"]
+    found, delayed = [(0.0, 0.0)], [0.0] * round(v["drive.transport_delay"] / period)
+    for k in range(round(stop / period)):
+        theta, w = plant.motor(plant.y)
+        raw = v["controller.position.kp"] * (plant.turned(command(k * period)) - theta) + integral
         speed = float(np.clip(raw, -v["controller.speed_limit"], v["controller.speed_limit"]))
-        integral += period * (v["controller.position.ki"] * error + v["controller.antiwindup"] * (speed - raw))
+        integral += period * (v["controller.position.ki"] * (plant.turned(command(k * period)) - theta)
+                              + v["controller.antiwindup"] * (speed - raw))
         delayed.append(float(np.clip(v["controller.velocity.kp"] * (speed - w), -10.0, 10.0)))
-        i_ref = float(np.clip(v["drive.current_gain"] * delayed.pop(0) + v["drive.current_offset"], -60.0, 60.0))
-        y = solve_ivp(elastic if line else rigid, (0.0, period), y, "Radau", args=(v, i_ref, torque), rtol=1e-8,
-                      atol=1e-9).y[:, -1]
-        found.append(y[0])
-    return np.array(found)
+        plant.i_ref = float(np.clip(v["drive.current_gain"] * delayed.pop(0) + v["drive.current_offset"], -60.0, 60.0))
+        plant.move(period)
+        found.append((plant.y[0], plant.motor(plant.y)[1]))
+    return np.array(found).T
