@@ -36,7 +36,7 @@ def _own(name: str, unit: str, minimum: float, maximum: float, description: str)
 
 PARAMETERS = (
     _own("stiffness", "N.m/rad", 1e-3, 1e6, "stiffness of the bristles at the motor, sigma_0"),
-    _own("damping", "N.m.s/rad", 0.0, 10.0, "damping of the bristles at rest, sigma_1; it fades with speed"),
+    _own("damping", "N.m.s/rad", 0.0, 1.0, "damping of the bristles at rest, sigma_1; it fades with speed"),
     _own("static_ratio", "1", 1.0, 10.0, "breakaway over Coulomb friction at the motor, s"),
     _own("stribeck_speed", "rad/s", 1e-3, 1e3,
          "motor speed at which the excess over Coulomb friction has fallen to 1/e of itself, w_s"),

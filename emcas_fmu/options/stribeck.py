@@ -2,9 +2,9 @@
 
     C_m (1 + (s - 1) exp(-(w/w_s)^2))
 
-Stick stays exact, up to s C_m. The integrators take the friction of the speed predicted for mid-step, of
-second order where a tick is short beside J w_s/((s - 1) C_m), in which a motor of inertia J passes the excess. Dry friction
-about the hinge stays as it is, and so does what the controller feeds forward: it knows the friction identified.
+Stick stays exact, up to s C_m. The integrators take the friction of the speed predicted for mid-step: of second order
+where a tick is short beside J w_s/((s - 1) C_m), in which a motor of inertia J passes the excess. Dry friction about
+the hinge stays as it is, and so does what the controller feeds forward: it knows the friction identified.
 """
 
 from __future__ import annotations

@@ -73,15 +73,16 @@ def test_threshold_of_back_driving(model: str, way: str, backward: float) -> Non
 @pytest.mark.parametrize("model", [MODEL, ELASTIC])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_threshold_of_a_body_force(model: str, sign: float) -> None:
-    """backward l m a = C_m: a nut's own load passes the screw too."""
+    """backward (l m a + T_f/R) = C_m: a nut's own load passes the screw too. Half is the nut's."""
     heavy, backward = 100.0, 0.3
     v = values({**efficiencies(0.9, backward), "mass.nut": heavy, "mass.fin": 0.0, "mass.shaft": 0.0, "mass.fork": 0.0,
                 "loads.gravity": False, **({"drive_line.backlash": 0.0} if model == ELASTIC else {})}, model)
-    least = coulomb(v, "positive" if sign > 0.0 else "negative", 0.0) / (backward * v["screw.lead"] * heavy)
-    # The fin hangs on the line unloaded: nothing swings before it breaks away.
+    half = 0.5 * sign * coulomb(v, "positive" if sign > 0.0 else "negative", 0.0) / backward
+    # Raised slowly: the line turns the fin, and with it the ratio, by a thousandth.
     for share, moves in ((0.99, False), (1.01, True)):
-        ramp = -sign * share * least * np.minimum(np.arange(601) / 400.0, 1.0)
-        run = simulate(v, 0.6, model=model, enable=False, **{"acceleration.x": ramp})
+        ramp = share * half * np.minimum(np.arange(601) / 400.0, 1.0)
+        inputs = {"aero_torque": ramp * ratio(v, 0.0), "acceleration.x": -ramp / (v["screw.lead"] * heavy)}
+        run = simulate(v, 0.6, model=model, enable=False, **inputs)
         assert (run["motor_angle"][-1] * sign > 0.0) if moves else np.all(run["motor_angle"] == 0.0)
 
 

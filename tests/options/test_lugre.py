@@ -109,7 +109,7 @@ def test_breakaway_is_the_static_ratio_in_a_slow_ramp() -> None:
     assert largest[1] < largest[0]  # a faster ramp breaks away earlier: the model's known trait
 
 
-@pytest.mark.parametrize("damping", [0.0, 0.046, 1.0, 10.0])
+@pytest.mark.parametrize("damping", [0.0, 0.046, 1.0])
 @pytest.mark.parametrize("ratio", [1.0, 1.5])
 def test_torque_is_bounded_by_breakaway(damping: float, ratio: float) -> None:
     """s C at most, at reversals at speed too: a damping of more than g/|w| would add to it there."""
@@ -204,7 +204,7 @@ _OFF = Boundary(0.0, 0.0, 0.0, 0.0, 39.0, False)
 
 
 @settings(deadline=None, derandomize=True, max_examples=150)
-@given(stiffness=st.floats(1e-3, 1e6), damping=st.sampled_from([0.0, 1e-3, 0.05, 1.0, 10.0]),
+@given(stiffness=st.floats(1e-3, 1e6), damping=st.sampled_from([0.0, 1e-3, 0.05, 1.0]),
        ratio=st.floats(1.0, 10.0), width=st.sampled_from([1e-3, 1.0, 1e3]),
        level=st.sampled_from([0.0, 1e-6, 0.2, 5.0]),
        speed=st.floats(-300.0, 300.0), stretch=st.floats(-1.5, 1.5), h=st.sampled_from([1e-6, 1e-4, 1e-3]))
@@ -297,7 +297,7 @@ _levels = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-300.0, 300.0), st.
 
 @pytest.mark.skipif(not compiled.available(MODEL), reason="no C compiler")
 @settings(deadline=None, derandomize=True, max_examples=100)
-@given(levels=_levels, stiffness=st.sampled_from([1e-3, 0.5, 20.0, 250.0]), damping=st.sampled_from([0.0, 0.05, 10.0]),
+@given(levels=_levels, stiffness=st.sampled_from([1e-3, 0.5, 20.0, 250.0]), damping=st.sampled_from([0.0, 0.05, 1.0]),
        ratio=st.floats(1.0, 10.0), dry=st.sampled_from([0.0, 50.0]), cold=st.sampled_from([0.0, 1.25]),
        tick=st.sampled_from([2e-5, 1e-4, 1e-3]))
 def test_anything_goes(levels: list[Any], stiffness: float, damping: float, ratio: float, dry: float, cold: float,
@@ -328,7 +328,8 @@ def test_back_ends_are_one() -> None:
 
 @pytest.mark.parametrize(("name", "value"), [
     ("lugre.stiffness", 0.0), ("lugre.stiffness", -20.0), ("lugre.stiffness", "20 N/m"), ("lugre.damping", -1e-3),
-    ("lugre.damping", 10.1),    ("lugre.static_ratio", 0.9), ("lugre.stribeck_speed", 0.0), ("lugre.damping", float("inf"))])
+    ("lugre.damping", 1.01), ("lugre.damping", float("inf")), ("lugre.static_ratio", 0.9),
+    ("lugre.stribeck_speed", 0.0)])
 def test_bad_values_are_refused(name: str, value: object) -> None:
     with pytest.raises(ParameterError, match=name):
         _values({name: value})
