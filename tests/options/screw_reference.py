@@ -71,7 +71,7 @@ class Screw:
         found = [(net - self.rotor * bend / self.lead - share * self.lead * at_rest)
                 / (self.rotor / self.lead + share * self.lead * mass)
                 for share in (1.0 / self.v["efficiency.forward"], self.v["efficiency.backward"])]
-        return found[0] if (at_rest + mass * found[0]) * self.way > 0.0 else found[1]
+        return float(found[0] if (at_rest + mass * found[0]) * self.way > 0.0 else found[1])
 
     def slope(self, y: Any) -> list[float]:
         """The state's rate of change in the present ways."""
