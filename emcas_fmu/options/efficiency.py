@@ -46,9 +46,8 @@ def _load_side(ops: Ops, p: Any, speed: Value, fin: Value, moment: Value, f_x: V
     wired = changed(p, {"kinematics.constant_ratio": True}) if hasattr(p, "pwm") else p
     motor_angle = kinematics.motor_angle(ops, wired, fin)
     m = mechanics.coefficients(ops, wired, motor_angle, 0.0, 0.0, 0.0)
-    hinge = direction * p.friction.fin_coulomb / m.ratio + p.friction.fin_viscous / (m.ratio * m.ratio) * speed
-    external = moment / m.ratio + p.screw.lead * loads.nut_force(ops, p, f_x)
-    return m.inertia - screw.rotor_inertia(p), hinge - external - m.centrifugal * speed * speed
+    m = m._replace(load=moment / m.ratio + p.screw.lead * loads.nut_force(ops, p, f_x))
+    return screw.load_inertia(p, m.ratio), screw.load(p, m, speed, direction)
 
 
 def _line_load(ops: Ops, p: Any, plant: Values, f_x: Value) -> tuple[Value, Value]:

@@ -20,7 +20,7 @@ from typing import Any
 
 from ..ops.base import Ops, Value
 from ..tree import changed
-from .mechanics import Mechanics
+from .mechanics import Mechanics, fin_inertia
 
 
 def lossy(p: Any) -> bool:
@@ -38,9 +38,9 @@ def share(ops: Ops, p: Any, transmitted: Value, direction: Value) -> Value:
     return ops.where(transmitted * direction > 0.0, forward(p), p.efficiency.backward)
 
 
-def hold(ops: Ops, p: Any, load: Value, direction: Value) -> Value:
+def hold(ops: Ops, p: Any, transmitted: Value, direction: Value) -> Value:
     """Torque [N.m], 0 or more, by which the screw under a load [N.m] adds to the friction that keeps it at rest."""
-    return (share(ops, p, load, direction) - 1.0) * load * direction
+    return (share(ops, p, transmitted, direction) - 1.0) * transmitted * direction
 
 
 def rotor_inertia(p: Any) -> Value:
@@ -53,18 +53,28 @@ def nut_inertia(p: Any) -> Value:
     return p.mass.nut * p.screw.lead * p.screw.lead
 
 
+def load_inertia(p: Any, ratio: Value) -> Value:
+    """J_l [kg.m2] of nut and fin behind a rigid line of a ratio R."""
+    return nut_inertia(p) + fin_inertia(p) / (ratio * ratio)
+
+
+def load(p: Any, m: Mechanics, speed: Value, direction: Value) -> Value:
+    """L_0 [N.m] behind a rigid line at a motor speed [rad/s]."""
+    hinge = direction * p.friction.fin_coulomb / m.ratio + p.friction.fin_viscous / (m.ratio * m.ratio) * speed
+    return hinge - m.load - m.centrifugal * speed * speed
+
+
 def felt(p: Any, m: Mechanics, e: Value) -> tuple[Any, Mechanics]:
     """Parameters and coefficients with `e` times what is on the load side."""
-    load_inertia = nut_inertia(p) + (p.inertia.fork + p.inertia.shaft + p.inertia.fin) / (m.ratio * m.ratio)
     hinge = {"friction.fin_coulomb": e * p.friction.fin_coulomb, "friction.fin_viscous": e * p.friction.fin_viscous}
-    return changed(p, hinge), m._replace(inertia=m.inertia + (e - 1.0) * load_inertia, load=e * m.load,
-                                         centrifugal=e * m.centrifugal)
+    inertia = m.inertia + (e - 1.0) * load_inertia(p, m.ratio)
+    return changed(p, hinge), m._replace(inertia=inertia, load=e * m.load, centrifugal=e * m.centrifugal)
 
 
-def transmitted(ops: Ops, p: Any, net: Value, load_inertia: Value, load: Value, direction: Value
-                ) -> tuple[Value, Value]:
-    """L [N.m] of a turning screw, and e [-], from `net` [N.m], J_l [kg.m2], L_0 [N.m]."""
+def transmitted(ops: Ops, p: Any, net: Value, inertia: Value, at_rest: Value,
+                direction: Value) -> tuple[Value, Value]:
+    """L [N.m] of a turning screw, and e [-], from `net` [N.m], J_l [kg.m2] and L_0 [N.m]."""
     rotor = rotor_inertia(p)
-    weighed = load_inertia * net + rotor * load
+    weighed = inertia * net + rotor * at_rest
     e = share(ops, p, weighed, direction)
-    return weighed / (rotor + e * load_inertia), e
+    return weighed / (rotor + e * inertia), e
