@@ -141,9 +141,9 @@ def test_without_losses_it_is_the_model(model: str) -> None:
     (ELASTIC, 0.05, -60.0, 0.3), (ELASTIC, 0.05, 60.0, 0.0)])
 def test_default_tick_is_within_a_thousandth_of_a_degree(model: str, command: float, torque: float, backward: float
                                                          ) -> None:
-    """Against SciPy on independently written equations; a fall of 16 from the default tick to a fourth is second order.
+    """Against SciPy on independently written equations, with events.
 
-    Some steps end at the voltage's limit or at rest, which may fall anywhere in a tick: hence 6 and not 16.
+    A quarter of the tick gives a sixteenth of the error, of second order, or a sixth where a sign changes within one.
     """
     line = {"drive_line.backlash": 0.0, "drive_line.torsional_compliance": 0.0} if model == ELASTIC else {}
     v = values({**efficiencies(0.7, backward), **_IDEAL, **line}, model)

@@ -62,7 +62,8 @@ def test_energy_of_a_sine_in_every_model(model: str, overrides: Mapping[str, flo
     """Work of motor, nut's body force and load = losses of screw, friction, hinge and line + what is stored."""
     v, step = values({**_LOADED, **overrides}, model), 1e-5
     # The body's acceleration turns the load on the screw, by what acts on the nut.
-    inputs: dict[str, Any] = {"fin_command": lambda t: 0.05 * sin(40.0 * t), "aero_torque": 60.0, "acceleration.x": 10.0}
+    inputs: dict[str, Any] = {"fin_command": lambda t: 0.05 * sin(40.0 * t), "aero_torque": 60.0,
+                              "acceleration.x": 10.0}
     run = simulate(v, 0.15, step, model=model, **inputs)
     speed, rate, fin = run["motor_speed"], run["fin_rate"], run["fin_angle"]
     over = v["kinematics.moment_arm"] / v["screw.lead"] if "ristanovic" in model else ratio(v, fin)
