@@ -92,6 +92,27 @@ def _zeros() -> None:
         print(f"| `{name}` | {row[0]} | {row[1]} | {min(times):.2f} s, {max(times):.2f} s |")
 
 
+def _homes(name: str, temperature: float, load: float) -> bool:
+    """Whether it homes from zero under a constant load [N.m] at a temperature [degC], either way round."""
+    for first in (True, False):
+        values = load_parameters(model=f"{name}+homing").replace({
+            "friction.temperature": temperature, "homing.positive_first": first}).values
+        if simulate(values, 15.1, model=f"{name}+homing", home=True, aero_torque=load)["status"][-1] != OPERATIONAL:
+            return False
+    return True
+
+
+def _loads() -> None:
+    """Largest load before the first failure, in steps of 1 N.m."""
+    print("| model | 24 °C | -6 °C |\n|---|---|---|")
+    for name in MODELS:
+        row = []
+        for temperature in (24.0, -6.0):
+            most = [next(k for k in range(100) if not _homes(name, temperature, sign * (k + 1.0))) for sign in (1, -1)]
+            row.append(f"+{most[0]}, -{most[1]} N·m")
+        print(f"| `{name}` | {row[0]} | {row[1]} |")
+
+
 def _cost() -> None:
     """CPU of a second in closed loop, in Python [ms]."""
     for model, more in (("nonlinear", {}), (MODEL, {"homing.required": False})):
@@ -107,6 +128,7 @@ def _cost() -> None:
 def main() -> None:
     _draw()
     _zeros()
+    _loads()
     _cost()
 
 

@@ -27,6 +27,8 @@ MOST_TICKS = 20_000
 SCAN = 100  # points on each side of zero
 # Relative. Equal limits may differ in the last digit when they were given in different units.
 _SLACK = 1e-12
+# Of a homing run, to start, to turn and to settle at zero [s]: an estimate, three times what a clear way takes.
+HOMING_SETTLES = 0.3
 # Of the rotor's inertia, that of the load side times -efficiency.backward: the rest is left to accelerate.
 MOST_JAMMING = 0.9
 
@@ -127,18 +129,43 @@ def _homing_push(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 def _homing_time(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     if not hasattr(p, "homing"):
         return 0.0, 0.0, 0.0
-    # To one stop, to the other and back to the middle, each held for the time of a stall.
-    least = 5.0 * p.fin.stop_angle / p.homing.speed + 3.0 * p.homing.stall_time
+    # From one stop to the other, back to the first and to zero, each held for the time of a stall. At a constant motor
+    # speed zero is not the middle in time. A way may be longer than that between the stops by the tolerance.
+    stop, initial = p.fin.stop_angle, p.kinematics.initial_angle
+    zero, high, low = ops.tan(initial), ops.tan(initial + stop), ops.tan(initial - stop)
+    back = ops.maximum(high - zero, zero - low) / (high - low)
+    way = (2.0 + back) * 2.0 * stop + 2.5 * p.homing.travel_tolerance
+    least = way / p.homing.speed + 3.0 * p.homing.stall_time + HOMING_SETTLES
     return _broken(ops, p.homing.timeout <= least), p.homing.timeout, least
+
+
+def _homing_stall(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    """The push, less friction at a stop, brings the motor to homing.speed after the drive's delay: till then it stands
+    still as at a stop. Of the lever the least ratio, d/l: the least time."""
+    if not hasattr(p, "homing"):
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    limit = p.homing.reference_limit
+    current = p.pwm.gain * limit / p.motor.resistance if hasattr(p, "pwm") else p.drive.current_gain * limit
+    push, stop, coulomb = p.motor.torque_constant * current, p.fin.stop_angle, p.friction.coulomb
+    friction = ops.maximum(coulomb_polynomial(coulomb.positive, stop), coulomb_polynomial(coulomb.negative, -stop))
+    load, rotor = _inertias(p, 0.0)
+    needed = (load + rotor) * p.homing.speed * p.kinematics.moment_arm / p.screw.lead
+    lasts = p.homing.stall_time - p.drive.transport_delay
+    return _broken(ops, needed >= lasts * (push - friction)), p.homing.stall_time, push, friction, p.homing.speed
+
+
+def _inertias(p: Any, viscous: Value) -> tuple[Value, Value]:
+    """At the motor [kg.m2]: of nut and hinge, with `viscous` [kg.m2] beside the latter's, and of motor and screw."""
+    lead, lever = p.screw.lead, p.screw.lead / p.kinematics.moment_arm
+    fin = p.inertia.fork + p.inertia.shaft + p.inertia.fin + viscous
+    return p.mass.nut * lead * lead + lever * lever * fin, p.inertia.motor + p.inertia.screw
 
 
 def _jamming(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     """J_r + e J_l > 0 in every tick, with the hinge's viscous friction in the midpoint rule; R is least at d/l."""
     if not hasattr(p, "efficiency"):
         return 0.0, 0.0, 0.0, 0.0
-    lead, lever = p.screw.lead, p.screw.lead / p.kinematics.moment_arm
-    fin = p.inertia.fork + p.inertia.shaft + p.inertia.fin + 0.5 * longest_tick(ops, p) * p.friction.fin_viscous
-    load, rotor = p.mass.nut * lead * lead + lever * lever * fin, p.inertia.motor + p.inertia.screw
+    load, rotor = _inertias(p, 0.5 * longest_tick(ops, p) * p.friction.fin_viscous)
     return _broken(ops, -p.efficiency.backward * load > MOST_JAMMING * rotor), p.efficiency.backward, rotor, load
 
 
@@ -175,8 +202,13 @@ RULES = (
     Rule(_bristles, "lugre.stiffness = %.6g N.m/rad must be at most %.6g N.m/rad, the motor's inertia over the square "
                     "of the tick of %.6g s; lower it or solver.max_tick"),
     Rule(_homing_push, "homing.reference_limit = %.6g V must be at most drive.reference_limit = %.6g V"),
-    Rule(_homing_time, "homing.timeout = %.6g s must be above the longest run, 5 fin.stop_angle/homing.speed + "
-                       "3 homing.stall_time = %.6g s"),
+    Rule(_homing_time, "homing.timeout = %.6g s must be above %.6g s: two ways between the stops and one to zero at "
+                       "homing.speed, each with homing.travel_tolerance, 3 homing.stall_time, and "
+                       f"{HOMING_SETTLES:g} s to settle"),
+    Rule(_homing_stall, "homing.stall_time = %.6g s is over before the push of %.6g N.m at the motor, less friction of "
+                        "%.6g N.m at a stop, brings it from rest to homing.speed = %.6g rad/s at the fin, "
+                        "drive.transport_delay included; raise homing.stall_time or homing.reference_limit, or lower "
+                        "homing.speed"),
     Rule(_jamming, f"efficiency.backward = %.6g must not be below minus {MOST_JAMMING:g} times the inertia of motor "
                    "and screw over that of the load at the motor, %.6g over %.6g kg.m2"),
     Rule(_jamming_line, "efficiency.backward = %.6g must not be below 0 with an elastic drive line; 0 is a screw that "

@@ -40,7 +40,7 @@ PARAMETERS = (
     _switch("required", "true: the start angle is not known and no command followed until homed; false: it is known"),
     _switch("positive_first", "true: the positive stop is sought first; false: the negative one"),
     _switch("verify", "true: the other stop is sought too, and the way between them judged; false: any stall is one"),
-    _own("speed", "rad/s", radians(0.1), radians(500.0), "mean fin rate towards the stops and back"),
+    _own("speed", "rad/s", radians(0.1), radians(100.0), "mean fin rate towards the stops and back"),
     _own("reference_limit", "V", 1e-3, 1e3, "largest DAC output while homing: the push against a stop"),
     _own("stall_time", "s", 1e-3, 10.0, "time at reference_limit without motion that makes a stall; also at zero, the "
          "time that ends the return"),
