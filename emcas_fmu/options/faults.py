@@ -25,6 +25,7 @@ from ..physics import free_fin, kinematics
 from ..tree import changed
 from ..variables import OUTPUTS, Variable
 from . import fault_list, monitors
+from .fault_effects import SOUND, Held, faulted, standing, surroundings
 from .status import DISABLED, OPERATIONAL, STATUS
 
 TITLE = "faults and built-in test"
@@ -35,28 +36,7 @@ WORDS = (
     Variable("built_in_test", "Integer", "output", "discrete", "", "monitors tripped, a bit each: "
              + ", ".join(f"{2**i} {name}" for i, (name, _) in enumerate(monitors.MONITORS))),
 )
-_HEAVY = 1e9  # kg.m2: a rotor that nothing moves
-_STUB = 1e-3  # of the fin's inertia, left at the fork: some models divide by it
 _PLANT = ("fin broken off", "broken fin angle", "broken fin rate")
-
-
-class _Held(NamedTuple):
-    """What samples tell to steps; `acting` is whether any of the others does anything."""
-
-    acting: Value
-    jam: Value
-    free: Value
-    lost: Value
-    current: Value
-    supply: Value
-    friction: Value
-    gap: Value
-    faults: Value
-    built_in_test: Value
-    verdict: Value
-
-
-_SOUND = _Held(0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0, OPERATIONAL)
 
 
 class _Kept(NamedTuple):
@@ -92,57 +72,6 @@ def _picked(ops: Ops, samples: Value, values: Values) -> Value:
     return found
 
 
-def _faulted(ops: Ops, p: Any, f: _Held) -> Any:
-    """Parameters of the plant under the faults; drive.sound_current_limit [A] is its current limit without."""
-    broken = f.free > 0.0
-    friction = p.friction
-    changes = {
-        "inertia.motor": ops.where(f.jam > 0.0, _HEAVY, p.inertia.motor),
-        "inertia.fin": ops.where(broken, _STUB, 1.0) * p.inertia.fin,
-        "inertia.shaft": ops.where(broken, 0.0, p.inertia.shaft),
-        "mass.fin": ops.where(broken, 0.0, p.mass.fin),
-        "mass.shaft": ops.where(broken, 0.0, p.mass.shaft),
-        "friction.coulomb.positive": tuple(f.friction * c for c in friction.coulomb.positive),
-        "friction.coulomb.negative": tuple(f.friction * c for c in friction.coulomb.negative),
-        "friction.viscous.positive": f.friction * friction.viscous.positive,
-        "friction.viscous.negative": f.friction * friction.viscous.negative,
-        "friction.fin_viscous": ops.where(broken, 0.0, f.friction * friction.fin_viscous),
-        "friction.fin_coulomb": ops.where(broken, 0.0, f.friction * friction.fin_coulomb),
-        "drive.current_limit": f.current * p.drive.current_limit,
-        "drive.sound_current_limit": p.drive.current_limit,
-    }
-    if hasattr(p, "drive_line") and hasattr(p.drive_line, "backlash"):
-        changes["drive_line.backlash"] = p.drive_line.backlash + f.gap
-    if hasattr(p, "load"):
-        changes["load.torsion_bar"] = ops.where(broken, 0.0, p.load.torsion_bar)
-    return changed(p, changes)
-
-
-def _surroundings(ops: Ops, f: _Held, b: Boundary) -> Boundary:
-    return b._replace(supply=f.supply * b.supply, enabled=ops.both(b.enabled, ops.negate(f.lost > 0.0)),
-                      aero_torque=ops.where(f.free > 0.0, 0.0, b.aero_torque))
-
-
-def _standing(ops: Ops, p: Any, model: Model, plant: Values, jam: Value, then: Values | None = None) -> Values:
-    """A plant whose rotor stands where it is, or where it was `then`, if it is jammed."""
-    elastic = "angle at the other side" in model.plant
-    places = {0: 0, 1: 1}
-    changes = list(plant)
-    if elastic:
-        at = model.plant.index("angle at the other side")
-        places |= {at: 0, at + 1: 1}
-    for place, kind in places.items():
-        rotor = jam
-        if elastic:
-            on_fin = p.encoder.on_fin
-            rotor = ops.both(jam, ops.negate(on_fin) if place < 2 else on_fin)
-        if kind == 1:
-            changes[place] = ops.where(rotor, 0.0, plant[place])
-        elif then is not None:
-            changes[place] = ops.where(rotor, then[place], plant[place])
-    return tuple(changes)
-
-
 def extended(inner: Model) -> Model:
     """The model with faults and monitors; see the module's docstring."""
     volts = not _at_fin(inner)
@@ -169,14 +98,14 @@ def extended(inner: Model) -> Model:
         start = _Kept(0.0, encoder(ops, p, s.plant[0]), 0.0, p.fin.start_angle, measured, measured)
         waiting = (p.fin.start_angle,) * LONGEST_COMMAND_DELAY
         return State((*s.plant, 0.0, 0.0, 0.0), (*s.kept, *start, *(0.0,) * (2 * monitors.COUNT), *waiting),
-                     (*s.held, *_SOUND)), measured
+                     (*s.held, *SOUND)), measured
 
     def sample(ops: Ops, p: Any, s: State, a: Asked) -> Sampled:
         plant, (broken, fin, _) = split(s.plant, len(_PLANT))
         inner_kept, own = split(s.kept, len(kept))
-        inner_held, held = split(s.held, len(_SOUND))
+        inner_held, held = split(s.held, len(SOUND))
         first = len(_Kept._fields)
-        k, before, watched = _Kept(*own[:first]), _Held(*held), own[first:first + 2 * monitors.COUNT]
+        k, before, watched = _Kept(*own[:first]), Held(*held), own[first:first + 2 * monitors.COUNT]
         counters, flags = watched[:monitors.COUNT], watched[monitors.COUNT:]
         line = own[first + 2 * monitors.COUNT:]
         on = fault_list.active(ops, p, k.samples * p.controller.sample_time)
@@ -199,7 +128,7 @@ def extended(inner: Model) -> Model:
         arriving = ops.where(on["command_delay"], _picked(ops, late, (a.command, *line)), a.command)
         command = ops.where(on["command_freeze"], k.command, arriving)
 
-        now = _Held(
+        now = Held(
             0.0, ops.where(on["jam"], 1.0, 0.0),
             ops.where(ops.either(on["free_fin"], before.free > 0.0), 1.0, 0.0),
             ops.where(on["drive_loss"], 1.0, 0.0),
@@ -243,8 +172,8 @@ def extended(inner: Model) -> Model:
 
     def step(ops: Ops, p: Any, plant: Values, held: Values, b: Boundary, h: Value) -> tuple[Values, Value]:
         inner_plant, own = split(plant, len(_PLANT))
-        inner_held, told = split(held, len(_SOUND))
-        f = _Held(*told)
+        inner_held, told = split(held, len(SOUND))
+        f = Held(*told)
 
         def sound() -> Values:
             moved, used = inner.step(ops, p, inner_plant, inner_held, b, h)
@@ -252,9 +181,9 @@ def extended(inner: Model) -> Model:
 
         def faulty() -> Values:
             jam = f.jam > 0.0
-            begun = _standing(ops, p, inner, inner_plant, jam)
-            moved, used = inner.step(ops, _faulted(ops, p, f), begun, inner_held, _surroundings(ops, f, b), h)
-            moved = _standing(ops, p, inner, moved, jam, begun)
+            begun = standing(ops, p, inner, inner_plant, jam)
+            moved, used = inner.step(ops, faulted(ops, p, f), begun, inner_held, surroundings(ops, f, b), h)
+            moved = standing(ops, p, inner, moved, jam, begun)
             return *moved, *ops.branch(f.free > 0.0, lambda: floating(used), lambda: (0.0, 0.0, 0.0)), used
 
         def floating(used: Value) -> Values:
@@ -271,9 +200,9 @@ def extended(inner: Model) -> Model:
 
     def put_out(ops: Ops, p: Any, plant: Values, held: Values, b: Boundary, s: Shown) -> Values:
         inner_plant, (mode, fin, rate) = split(plant, len(_PLANT))
-        inner_held, told = split(held, len(_SOUND))
-        f = _Held(*told)
-        found = inner.put_out(ops, _faulted(ops, p, f), inner_plant, inner_held, _surroundings(ops, f, b), s)
+        inner_held, told = split(held, len(SOUND))
+        f = Held(*told)
+        found = inner.put_out(ops, faulted(ops, p, f), inner_plant, inner_held, surroundings(ops, f, b), s)
         by_name = dict(zip(names, found, strict=True))
         broken = mode > 0.0
         values = {
@@ -289,7 +218,7 @@ def extended(inner: Model) -> Model:
             changes[STATUS.name] = ops.where(ops.equal(known, OPERATIONAL), verdict, known)
         return (*replaced(inner, found, changes), *(() if has_status else (verdict,)), f.faults, f.built_in_test)
 
-    return replace(inner, plant=inner.plant + _PLANT, kept=inner.kept + kept, held=inner.held + _Held._fields,
+    return replace(inner, plant=inner.plant + _PLANT, kept=inner.kept + kept, held=inner.held + Held._fields,
                    initial=initial, sample=sample, step=step, put_out=put_out,
                    parameters=inner.parameters + PARAMETERS,
                    outputs=inner.outputs + (() if has_status else (STATUS,)) + WORDS,
