@@ -11,7 +11,9 @@ import hashlib
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from html import escape
 from io import StringIO
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -20,11 +22,14 @@ from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from .errors import EmcasError
+
 # Okabe & Ito (2008), "Color universal design": told apart with every common colour blindness. Black and
 # yellow are left out, they vanish on a dark or a light page.
 BLUE, VERMILLION, GREEN, SKY, ORANGE, PURPLE = "#0072b2", "#d55e00", "#009e73", "#56b4e9", "#e69f00", "#cc79a7"
 COLORS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
 GRAY = "#8a8f98"
+PICTURES = (".html", ".svg", ".png", ".pdf")
 # Written by matplotlib, then replaced by the page's own text colour.
 INK = "#010203"
 
@@ -69,6 +74,23 @@ def svg(drawn: Figure, label: str = "") -> str:
     body = _own_ids(body).replace(INK, "currentColor")
     escaped = label.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
     return body.replace("<svg", f'<svg role="img" aria-label="{escaped}"', 1).rstrip()
+
+
+def write(drawn: Figure, path: Path, title: str) -> None:
+    """The figure as ``.html``, ``.svg``, ``.png`` or ``.pdf``, in a `style()`. Raises EmcasError for another ending."""
+    check_ending(path)
+    if path.suffix == ".html":
+        path.write_text(f"<!DOCTYPE html><html lang=\"en\"><meta charset=\"utf-8\"><title>{escape(title)}</title>"
+                        "<meta name=\"color-scheme\" content=\"light dark\"><body style=\"margin:1rem\">"
+                        f"{svg(drawn, title)}</body></html>\n", encoding="utf-8")
+    else:
+        drawn.savefig(path, dpi=150, facecolor="white")
+
+
+def check_ending(path: Path | None) -> None:
+    """Raise EmcasError for the name of a picture that cannot be written; no path is none."""
+    if path is not None and path.suffix not in PICTURES:
+        raise EmcasError(f"{path}: a plot ends in {', '.join(PICTURES)}")
 
 
 def shade(axes: Axes, time: Any, active: Any, **more: Any) -> None:

@@ -10,15 +10,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from .errors import EmcasError
 from .excitation import Excitation
-from .plots import BLUE, GRAY, VERMILLION, figure, shade, style, svg
+from .plots import BLUE, GRAY, VERMILLION, figure, shade, style, write
 from .simulation import Array
 from .variables import Variable
 
 _PANELS = (("fin_rate", "fin rate [deg/s]", degrees(1.0)), ("motor_current", "current [A]", 1.0),
            ("motor_voltage", "voltage [V]", 1.0), ("supply_power", "power [W]", 1.0))
-PICTURES = (".html", ".svg", ".png", ".pdf")
 
 
 def figures_of_merit(result: Mapping[str, Array], own: Sequence[Variable] = ()) -> dict[str, float]:
@@ -83,13 +81,5 @@ def draw(excitation: Excitation, result: Mapping[str, Array], own: Sequence[Vari
 def write_picture(path: Path, excitation: Excitation, result: Mapping[str, Array],
                   own: Sequence[Variable] = ()) -> None:
     """The response as ``.html``, ``.svg``, ``.png`` or ``.pdf``. Raises EmcasError for another ending."""
-    if path.suffix not in PICTURES:
-        raise EmcasError(f"{path}: a plot ends in {', '.join(PICTURES)}")
     with style():
-        made = draw(excitation, result, own)
-        if path.suffix == ".html":
-            path.write_text("<!DOCTYPE html><html lang=\"en\"><meta charset=\"utf-8\"><title>EM-CAS response</title>"
-                            "<meta name=\"color-scheme\" content=\"light dark\"><body style=\"margin:1rem\">"
-                            f"{svg(made, excitation.title)}</body></html>\n", encoding="utf-8")
-        else:
-            made.savefig(path, dpi=150, facecolor="white")
+        write(draw(excitation, result, own), path, excitation.title)

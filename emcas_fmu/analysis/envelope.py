@@ -33,7 +33,7 @@ from ..kernels import program
 from ..ops.floats import FLOATS
 from ..parameters import ParameterSet
 from ..physics import drive, heat
-from ..plots import BLUE, GREEN, INK, PURPLE, VERMILLION, figure, style, svg
+from ..plots import BLUE, GREEN, INK, PURPLE, VERMILLION, figure, style, write
 from ..tree import changed, tree
 from .capability import limit_torque
 from .linear import Array
@@ -264,10 +264,4 @@ def draw(e: Envelope) -> Figure:
 def write_picture(e: Envelope, path: Path) -> None:
     """The picture of :func:`draw` as ``.html``, ``.svg``, ``.png`` or ``.pdf``."""
     with style():
-        made = draw(e)
-        if path.suffix == ".html":
-            path.write_text("<!DOCTYPE html><html lang=\"en\"><meta charset=\"utf-8\"><title>EM-CAS envelope</title>"
-                            "<meta name=\"color-scheme\" content=\"light dark\"><body style=\"margin:1rem\">"
-                            f"{svg(made, 'Torque-speed envelope')}</body></html>\n", encoding="utf-8")
-        else:
-            made.savefig(path, dpi=150, facecolor="white")
+        write(draw(e), path, "Torque-speed envelope")

@@ -87,12 +87,12 @@ def _base(path: Path, entry: Mapping[str, Any], fmu: Path | None, fin: int | Non
         base = load_parameters(file, model=kind or NONLINEAR)
         shown = Unit(1, base.model)
         return base, interface_guid(start_values(shown, [base.values]), shown), "", "", 1
-    from ..validation.runs import opened
+    from ..validation.runs import chosen_model, opened
 
     if unit.suffix.lower() != ".fmu":
         raise CampaignError(f"{unit}: is no FMU by its name; give a file that ends in .fmu")
     with opened(unit, chosen) as there:
-        kind = _of_fmu(unit, there.model, there.description.modelName, kind)
+        kind = chosen_model(str(unit), there.description.modelName, kind, CampaignError)
         actuator = get(kind)
         for variables, causality in ((actuator.inputs, "input"), (actuator.outputs, "output"),
                                      (actuator.parameters, "parameter")):
@@ -113,17 +113,6 @@ def _model(path: Path, entry: Mapping[str, Any], given: str | None) -> str | Non
     except EmcasError as error:
         where = f"{path}: base.model = " if given is None else "--model "
         raise CampaignError(where + str(error).removeprefix("--model ")) from error
-
-
-def _of_fmu(file: Path, told: str | None, name: str, asked: str | None) -> str:
-    """The model of an FMU: what its name says, or where it says nothing what is asked for."""
-    if told is None and asked is None:
-        raise CampaignError(f"{file}: is named {name}, which does not tell its model; name it with --model or "
-                            "base.model, such as elastic+faults, or build the FMU anew with emcas build")
-    if told is not None and asked not in (None, told):
-        raise CampaignError(f"{file}: is of the model {told}, and {asked} is asked for; leave the model out, or build "
-                            f"the FMU with emcas build --model {asked}")
-    return str(told or asked)
 
 
 def _whole(path: Path, about: Mapping[str, Any], key: str, default: int, low: int, high: int,

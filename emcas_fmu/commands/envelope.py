@@ -47,11 +47,10 @@ def envelope(
             seconds = quantity(duration, "", "s")
         except UnitError as error:
             raise EmcasError(f"--duration {duration}: {error}") from error
-        from .. import response
         from ..analysis.envelope import envelope as compute
+        from ..plots import check_ending
 
-        if plot and plot.suffix not in response.PICTURES:
-            raise EmcasError(f"{plot}: a plot ends in {', '.join(response.PICTURES)}")
+        check_ending(plot)
         found = compute(load_parameters(parameters, model=model), seconds, preload)
         if output:
             _write_csv(found, output)

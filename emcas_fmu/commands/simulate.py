@@ -69,13 +69,13 @@ def simulate(
 ) -> None:
     """Run the actuator on a case, a file of inputs or a step, without an FMU."""
     from .. import excitation, response
+    from ..plots import check_ending
     from ..simulation import simulate as run
 
     with failures():
         if [case, input_file, step].count(None) != 2:
             raise EmcasError("give one of --case, --input and --step")
-        if plot and plot.suffix not in response.PICTURES:
-            raise EmcasError(f"{plot}: a plot ends in {', '.join(response.PICTURES)}")
+        check_ending(plot)
         check_outputs(output, plot, as_json, inputs=(parameters, input_file))
         for name, value in (("--stop", stop), ("--interval", interval)):
             if value is not None and not 0.0 < value < float("inf"):

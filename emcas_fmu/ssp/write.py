@@ -14,7 +14,7 @@ from ..errors import EmcasError
 from ..fmi.model_description import to_bytes
 from ..fmi.package import Progress, build
 from ..parameters import Value, load_parameters
-from ..validation.runs import model_of
+from ..validation.runs import chosen_model
 from ..variables import INPUTS, START_ENTRIES
 from .archive import write_archive
 from .check import check
@@ -56,7 +56,8 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Path | None = N
         raise SspError(f"--connections-prefix {prefix}: expected a word other than ssc, ssv, osp, emcas and xml")
     content = b"" if fmu is None else _content(fmu)
     if fmu is not None:
-        model = _model(read_interface(content, str(fmu)), str(fmu), model)
+        asked = None if model is None else get(model).name
+        model = chosen_model(str(fmu), read_interface(content, str(fmu)).model, asked, SspError)
     base = load_parameters(parameters, model=model or NONLINEAR)
     if fmu is not None and parameters is None:
         starts = _starts(read_interface(content, str(fmu)), str(fmu), base.model)
@@ -94,19 +95,6 @@ def _content(fmu: Path) -> bytes:
         return fmu.read_bytes()
     except OSError as error:
         raise EmcasError(f"{fmu}: cannot be read: {error.strerror or error}") from error
-
-
-def _model(interface: Interface, file: str, asked: str | None) -> str:
-    """The model of an FMU: what its name says, or where it says nothing what is asked for. Raises EmcasError."""
-    told = model_of(interface.model)
-    wanted = None if asked is None else get(asked).name
-    if told is None and wanted is None:
-        raise SspError(f"{file}: is named {interface.model}, which does not tell its model; name it with --model, such "
-                       "as elastic+faults, or build the FMU anew with emcas build")
-    if told is not None and wanted not in (None, told):
-        raise SspError(f"{file}: is of the model {told}, and --model asks for {wanted}; leave it out, or build the FMU "
-                       f"with emcas build --model {wanted}")
-    return str(told or wanted)
 
 
 def _starts(interface: Interface, file: str, model: str) -> dict[str, Value]:

@@ -164,6 +164,21 @@ def model_of(name: str) -> str | None:
         return None
 
 
+def chosen_model(file: str, name: str, asked: str | None, error: type[EmcasError] = EmcasError) -> str:
+    """The model of the FMU `file` with that modelName, or where it tells none the one `asked` for.
+
+    Raises `error` where neither is, or they are not the same.
+    """
+    told = model_of(name)
+    if told is None and asked is None:
+        raise error(f"{file}: is named {name}, which does not tell its model; name it with --model, such as "
+                    "elastic+faults, or build the FMU anew with emcas build")
+    if told is not None and asked not in (None, told):
+        raise error(f"{file}: is of the model {told}, and {asked} is asked for; leave the model out, or build the FMU "
+                    f"with emcas build --model {asked}")
+    return str(told or asked)
+
+
 @cache
 def _models() -> Mapping[str, str]:
     """Models with any of the options by the modelName of one fin."""
