@@ -134,11 +134,6 @@ class Unit:
             signals[v.name] = given.get(v.name, _start(v))
         return signals
 
-    @property
-    def model(self) -> str | None:
-        """Name of the model (:mod:`emcas_fmu.actuators`) it was built of; None where it is none of `emcas build`."""
-        return model_of(self.description.modelName)
-
     def require_nonlinear(self, purpose: str) -> None:
         """Raise EmcasError for an FMU of one of the simpler models: its figures would pass for an actuator's."""
         name = self.description.modelName
