@@ -190,8 +190,8 @@ def settled(p: Any, current: float) -> Temperatures:
 def warmed(p: Any, current: float, time: float, start: Temperatures) -> Temperatures:
     """Temperatures after `time` [s] of a constant current [A], exact for any time; _MOLTEN where they overflow."""
     a, b = _rates(p, current)
-    # Nodes that warm each other have two real rates, and not the same.
-    rates, modes = np.linalg.eig(a)
+    # Nodes that warm each other have two real rates, and not the same; NumPy may tell them as complex numbers.
+    rates, modes = (found.real for found in np.linalg.eig(a))
     with np.errstate(all="ignore"):
         grown = np.where(rates == 0.0, time, np.expm1(rates * time) / rates)
         moved = np.array(start) + modes @ (grown * np.linalg.solve(modes, a @ np.array(start) + b))
