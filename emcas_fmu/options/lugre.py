@@ -11,8 +11,7 @@ sigma_1 |w| <= 4 g. A damping that fades with speed keeps to q = sigma_1(w) |w|/
     torque = (1 - q) sigma_0 z + q g sgn w
 
 lies between the bristles' spring and sliding friction: no larger than the largest g on the way, at a reversal too.
-Without friction, g = 0,
-bristles slip at once and carry nothing. Solved in :mod:`emcas_fmu.integrate_bristle`.
+Without friction, g = 0, bristles slip at once and carry nothing. Solved in :mod:`emcas_fmu.integrate_bristle`.
 """
 
 from __future__ import annotations

@@ -18,7 +18,6 @@ from typer.testing import CliRunner
 
 from emcas_fmu.actuators import NAMES, NONLINEAR, every_own, get
 from emcas_fmu.cli import app
-from emcas_fmu.compiler import local_platform
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fitting import MODEL, fit, write_parameters
 from emcas_fmu.fmi.model_description import SINGLE
@@ -31,6 +30,7 @@ from emcas_fmu.unit import Unit, start_values
 from emcas_fmu.validation.linear import LinearModel
 from emcas_fmu.variables import OUTPUTS, PARAMETERS
 
+from ..fmu.built import both
 from ..fmu.host import OK, Fmu, Instance
 
 OTHERS = [name for name in NAMES if name != NONLINEAR]
@@ -201,12 +201,7 @@ def model(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture(scope="module")
 def built(model: str, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
-    folder = tmp_path_factory.mktemp("models")
-    local = local_platform()
-    assert local is not None
-    parameters = load_parameters(model=model)
-    return {"python": build(parameters, folder / "python.fmu").path,
-            "native": build(parameters, folder / "native.fmu", "native", [local.name]).path}
+    return both(load_parameters(model=model), tmp_path_factory.mktemp("models"))
 
 
 @pytest.mark.fmu

@@ -18,7 +18,6 @@ from fmpy.validation import validate_fmu
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from emcas_fmu.compiler import local_platform
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.fins import FinsSlave
 from emcas_fmu.fmi.package import build
@@ -28,6 +27,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.unit import AZIMUTH, BUS_OUTPUTS, Unit, azimuths, fin_files, start_values
 from emcas_fmu.variables import OUTPUTS, PARAMETERS
 
+from .built import both
 from .host import ERROR, OK, Fmu, Instance
 
 pytestmark = pytest.mark.fmu
@@ -45,11 +45,7 @@ def unpacked(path: Path, folder: Path) -> Fmu:
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
     """EMCAS4.fmu by back end."""
-    folder = tmp_path_factory.mktemp("four")
-    local = local_platform()
-    assert local is not None
-    return {"python": build(load_parameters(), folder / "python.fmu", fins=4).path,
-            "native": build(load_parameters(), folder / "native.fmu", "native", [local.name], fins=4).path}
+    return both(load_parameters(), tmp_path_factory.mktemp("four"), fins=4)
 
 
 @pytest.fixture(scope="module")

@@ -15,11 +15,11 @@ from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 
 from emcas_fmu.actuators import OPTIONS, get
-from emcas_fmu.compiler import local_platform
-from emcas_fmu.fmi.package import build
 from emcas_fmu.options.fault_list import FAULTS
 from emcas_fmu.options.status import DISABLED, OPERATIONAL, STATUS
 from emcas_fmu.parameters import load_parameters
+
+from ..fmu.built import both
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ["nonlinear+lugre+heat+homing+faults", "elastic+stribeck+efficiency+heat+homing+faults"]
@@ -33,12 +33,9 @@ def model(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture(scope="module")
 def built(model: str, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
-    folder, local = tmp_path_factory.mktemp("options"), local_platform()
-    assert local is not None
     # These runs are of closed loop: the angle is known.
     parameters = load_parameters(model=model).replace({"homing.required": False})
-    return {"python": build(parameters, folder / "python.fmu").path,
-            "native": build(parameters, folder / "native.fmu", "native", [local.name]).path}
+    return both(parameters, tmp_path_factory.mktemp("options"))
 
 
 @pytest.mark.fmu
