@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from .actuators import fin_port
 from .ops.base import Ops, Value
 from .physics import friction, kinematics
 from .sensors import Measurement
@@ -24,22 +25,6 @@ class Output(NamedTuple):
     speed_reference: Value
     error: Value
     limited: Value
-
-
-def mixed_command(ops: Ops, p: Any, command: Value, roll: Value, pitch: Value, yaw: Value) -> Value:
-    """Command [rad] of one of several fins with the mixing inputs' share.
-
-    A positive deflection of a panel at mounting.azimuth turns its leading edge up as seen with the hinge
-    pointing out to the right; behind the centre of mass its lift then makes negative moments about the body
-    axes, in proportion 1 : cos(azimuth) : sin(azimuth). So positive mixing inputs ask for positive moments.
-    """
-    azimuth = p.mounting.azimuth
-    return command - (roll + pitch * ops.cos(azimuth) + yaw * ops.sin(azimuth))
-
-
-def clipped_command(ops: Ops, p: Any, command: Value) -> Value:
-    """Fin command [rad] within +-command.limit."""
-    return ops.clip(command, -p.command.limit, p.command.limit)
 
 
 def friction_compensation(ops: Ops, p: Any, fin_measured: Value, speed_reference: Value) -> Value:
@@ -60,7 +45,7 @@ def friction_compensation(ops: Ops, p: Any, fin_measured: Value, speed_reference
 
 def output(ops: Ops, p: Any, integral: Value, measured: Measurement, command: Value) -> Output:
     """The controllers' outputs at a sample; `integral` I [rad/s], `command` [rad] before its limit."""
-    target = kinematics.motor_angle(ops, p, clipped_command(ops, p, command))
+    target = kinematics.motor_angle(ops, p, fin_port.clipped_command(ops, p, command))
     error = target - measured.motor_angle
     position, limit = p.controller.position, p.controller.speed_limit
     speed_raw = position.kp * error + integral

@@ -7,7 +7,8 @@ whatever the delay, samples and arrivals fall on tick boundaries.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
 
 from .ops.base import Ops, Value
 
@@ -15,8 +16,6 @@ from .ops.base import Ops, Value
 # add up their steps in floating point, and a point just short of a sample would put the
 # command off by a whole one. Never more than a quarter of the shortest tick.
 TOLERANCE = 1e-3
-# The drive's integral is taken at mid-tick; this keeps its own oscillation resolved.
-_INTEGRAL_PHASE = 0.07
 # A tick may be this much longer than the longest, relative: rounding asks for no further tick.
 _ROUNDING = 1e-9
 
@@ -38,22 +37,21 @@ class Schedule(NamedTuple):
     slack: Value
 
 
-def longest_tick(ops: Ops, p: Any) -> Value:
-    """Upper bound [s] of a tick."""
-    longest = p.solver.max_tick
-    gain = ops.where(p.drive.ki > 0.0, p.drive.ki, 1.0)
-    resolved = _INTEGRAL_PHASE * ops.sqrt(p.motor.inductance / gain)
-    return ops.where(p.drive.ki > 0.0, ops.minimum(resolved, longest), longest)
+class Timed(Protocol):
+    """What a schedule asks of an actuator: the largest tick [s], and the delay from a sample to the drive [s]."""
+
+    longest_tick: Callable[[Ops, Any], Value]
+    transport_delay: Callable[[Ops, Any], Value] | None
 
 
-def schedule(ops: Ops, p: Any) -> Schedule:
-    """The sample period of a parameter set."""
+def schedule(ops: Ops, p: Any, actuator: Timed) -> Schedule:
+    """Return the sample period of an actuator with parameters `p`."""
     period = p.controller.sample_time
-    delay = p.drive.transport_delay / period
+    delay = 0.0 if actuator.transport_delay is None else actuator.transport_delay(ops, p) / period
     delay_samples = ops.floor(delay + TOLERANCE)
     late = delay - delay_samples
     fraction = ops.where(late < TOLERANCE, 0.0, late)  # the last tick of a sample is no shorter either
-    longest = longest_tick(ops, p)
+    longest = actuator.longest_tick(ops, p)
 
     def ticks(width: Value) -> Value:
         return -ops.floor(-(width * period / longest * (1.0 - _ROUNDING)))
@@ -66,9 +64,12 @@ def schedule(ops: Ops, p: Any) -> Schedule:
     return Schedule(period, before, after, fraction * period, h_before, h_after, delay_samples, slack)
 
 
-def locate(ops: Ops, p: Any, time: Value) -> tuple[Value, ...]:
-    """Whole periods and whole ticks beyond them in a time [s] from the start, and the rest [s]; 0 within the slack."""
-    s = schedule(ops, p)
+def locate(ops: Ops, p: Any, actuator: Timed, time: Value) -> tuple[Value, ...]:
+    """Return whole periods and whole ticks beyond them in a time [s] from the start, and the rest [s].
+
+    The rest is 0 within the slack.
+    """
+    s = schedule(ops, p, actuator)
     periods = ops.floor((time + s.slack) / s.sample_time)
     within = time - periods * s.sample_time
     late = within + s.slack  # not negative but for rounding

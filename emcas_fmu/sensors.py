@@ -3,8 +3,8 @@
     n_k = floor(angle/q)    measured angle = n_k q    measured speed = (n_k - n_k-1) q/T_s
     q = 2 pi/(pulses multiplier)
 
-An incremental encoder knows no zero of its own. Options that find it set `encoder.offset` in their parameters: counts
-added to those from the true zero.
+An incremental encoder knows no zero of its own: `offset` are counts added to those from the true zero, None where
+its zero is the true one.
 """
 
 from __future__ import annotations
@@ -30,32 +30,33 @@ def resolution(p: Any) -> Value:
     return 2.0 * pi / (p.encoder.pulses * p.encoder.multiplier)
 
 
-def _shifted(p: Any, value: Value, unit: Value) -> Value:
-    """`value` with the offset, whose counts are of `unit`; that there is one is known when the model is wired."""
-    return value + p.encoder.offset * unit if hasattr(p.encoder, "offset") else value
+def _shifted(value: Value, offset: Value | None, unit: Value) -> Value:
+    """Return `value` with an offset whose counts are of `unit`."""
+    return value if offset is None else value + offset * unit
 
 
-def counts(ops: Ops, p: Any, motor_angle: Value) -> Value:
-    """Whole counts at a motor angle [rad], of the encoder on the motor or on the fin."""
+def counts(ops: Ops, p: Any, motor_angle: Value, offset: Value | None = None) -> Value:
+    """Return whole counts at a motor angle [rad], of the encoder on the motor or on the fin."""
     (angle,) = ops.branch(
         p.encoder.on_fin,
         lambda: (kinematics.fin_angle(ops, p, kinematics.lever_tangent(ops, p, motor_angle)),),
         lambda: (motor_angle,),
     )
-    return _shifted(p, ops.floor(angle / resolution(p)), 1.0)
+    return _shifted(ops.floor(angle / resolution(p)), offset, 1.0)
 
 
-def measure(ops: Ops, p: Any, motor_angle: Value, motor_speed: Value, previous_counts: Value) -> Measurement:
-    """A sample of true angle [rad] and speed [rad/s]; `previous_counts` are those of the sample before."""
+def measure(ops: Ops, p: Any, motor_angle: Value, motor_speed: Value, previous_counts: Value,
+            offset: Value | None = None) -> Measurement:
+    """Return a sample of true angle [rad] and speed [rad/s]; `previous_counts` are those of the sample before."""
 
     def true_values() -> tuple[Value, ...]:
-        seen = _shifted(p, motor_angle, resolution(p))
+        seen = _shifted(motor_angle, offset, resolution(p))
         fin = kinematics.fin_angle(ops, p, kinematics.lever_tangent(ops, p, seen))
         return seen, motor_speed, fin, previous_counts
 
     def quantised() -> tuple[Value, ...]:
         q = resolution(p)
-        now = counts(ops, p, motor_angle)
+        now = counts(ops, p, motor_angle, offset)
         angle, rate = now * q, (now - previous_counts) * q / p.controller.sample_time
 
         def from_fin() -> tuple[Value, ...]:

@@ -1,67 +1,111 @@
-"""The actuators there are: a model, each a module here, and options over it (:mod:`emcas_fmu.options`).
+"""The actuators there are, by name: those shipped, those of installed packages, and those in a user's own file.
 
-A module wires the physics into the functions of nonlinear.py, over the operations namespace, and tells its title,
-state and own parameters. A further actuator, electrohydraulic or worm-geared, is a further module and a line in
-`_MODULES`; what may be added to any of them is a further option. They are named together: ``elastic+heat+faults``.
+A shipped one is a module here with its ACTUATOR, a line in `_MODULES`, and a parameter file in ``models/actuators``.
+Extensions (:mod:`emcas_fmu.extensions`) are laid over any that provides what they need. They are named together:
+``elastic+heat+faults``, ``my_actuator.py+faults``.
 """
 
 from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..errors import EmcasError, hint
-from ..variables import Variable
-from .model import Actuator, of_module
+from ..files import models_directory
+from .declaration import Actuator
+
+if TYPE_CHECKING:
+    from ..extensions.declaration import Extension
 
 NONLINEAR = "nonlinear"
-_MODULES = {NONLINEAR: "nonlinear", "linear": "linear", "second-order": "second_order", "ristanovic": "ristanovic",
-            "elastic": "elastic", "habibi": "habibi", "ozkan": "ozkan"}
+_MODULES = {
+    NONLINEAR: "electromechanical.nonlinear", "linear": "electromechanical.linear", "second-order": "second_order",
+    "ristanovic": "electromechanical.ristanovic", "elastic": "electromechanical.elastic",
+    "habibi": "electromechanical.habibi", "ozkan": "electromechanical.ozkan",
+}
 NAMES = tuple(_MODULES)
-# In the order in which one is laid over the other, the first next to the model.
-OPTIONS: tuple[str, ...] = ("stribeck", "lugre", "efficiency", "heat", "homing", "faults")
+# In the order in which one is laid over the other, the first next to the actuator.
+EXTENSIONS: tuple[str, ...] = ("stribeck", "lugre", "efficiency", "heat", "homing", "faults")
 _SEPARATOR = "+"
 
 
 def parts(name: str) -> tuple[str, tuple[str, ...]]:
-    """The model and the options, in their order, of a name such as ``elastic+faults+heat``. Raises EmcasError."""
-    model, *options = name.split(_SEPARATOR)
-    if model in OPTIONS:
-        raise EmcasError(f"--model {name}: {model} is an option over a model: {_SEPARATOR.join((NONLINEAR, name))}")
-    if model not in _MODULES:
-        raise EmcasError(f"--model {name}: there is no model {model!r}{hint(model, NAMES)}; there is "
-                         f"{', '.join(NAMES)}")
-    for option in options:
-        if option not in OPTIONS:
-            raise EmcasError(f"--model {name}: there is no option {option!r}{hint(option, OPTIONS)}; there is "
-                             f"{', '.join(OPTIONS)}")
-        if options.count(option) > 1:
-            raise EmcasError(f"--model {name}: option {option!r} is given twice")
-    return model, tuple(option for option in OPTIONS if option in options)
+    """Return the actuator and the extensions, in their order, of a name such as ``elastic+faults+heat``.
+
+    Raises EmcasError for one there is not.
+    """
+    actuator, *extensions = name.split(_SEPARATOR)
+    if actuator in EXTENSIONS:
+        raise EmcasError(f"--model {name}: {actuator} is an extension of an actuator: {_SEPARATOR.join((NONLINEAR, name))}")
+    for extension in extensions:
+        if extension not in EXTENSIONS:
+            raise EmcasError(f"--model {name}: there is no extension {extension!r}{hint(extension, EXTENSIONS)}; there is "
+                             f"{', '.join(EXTENSIONS)}")
+        if extensions.count(extension) > 1:
+            raise EmcasError(f"--model {name}: extension {extension!r} is given twice")
+    return _known(actuator, name), tuple(each for each in EXTENSIONS if each in extensions)
+
+
+def _known(actuator: str, name: str) -> str:
+    from . import external
+
+    if actuator in _MODULES:
+        return actuator
+    if actuator.endswith(".py"):
+        return str(Path(actuator).resolve())
+    installed = external.installed()
+    if actuator not in installed:
+        there_is = (*NAMES, *installed)
+        raise EmcasError(f"--model {name}: there is no actuator {actuator!r}{hint(actuator, there_is)}; there is "
+                         f"{', '.join(there_is)}, or a file of yours that ends in .py")
+    return actuator
+
+
+def full_name(name: str) -> str:
+    """Return the name that tells an actuator from all others, its extensions in their order. Raises EmcasError."""
+    actuator, extensions = parts(name)
+    return _SEPARATOR.join((actuator, *extensions))
 
 
 def get(name: str) -> Actuator:
-    """The actuator of that name, its options in any order. Raises EmcasError."""
+    """Return the actuator of a name, its extensions in any order. Raises EmcasError."""
     return _get(*parts(name))
 
 
+def get_extension(name: str) -> Extension:
+    """Return the extension of a name."""
+    found: Extension = import_module(f"..extensions.{name}", __name__).EXTENSION
+    return found
+
+
 @cache
-def _get(model: str, options: tuple[str, ...]) -> Actuator:
-    module = import_module(f".{_MODULES[model]}", __name__)
-    modules, made, title = [module], of_module(module), [module.TITLE]
-    name = _SEPARATOR.join((model, *options))
-    for option in options:
-        extension = import_module(f"..options.{option.replace('-', '_')}", __name__)
-        if problem := extension.unfit(model, options):
-            raise EmcasError(f"--model {name}: {option} {problem}")
-        modules.append(extension)
-        made = extension.extended(made)
-        title.append(extension.TITLE)
-    return Actuator(name, "; ".join(title), tuple(modules), made)
+def _get(name: str, extensions: tuple[str, ...]) -> Actuator:
+    if extensions:
+        *below, last = extensions
+        return _extended(_get(name, tuple(below)), get_extension(last), name, extensions)
+    if name in _MODULES:
+        shipped: Actuator = import_module(f".{_MODULES[name]}", __name__).ACTUATOR
+        return shipped
+    from . import external
+
+    return external.load(Path(name)) if name.endswith(".py") else external.installed()[name].load()
 
 
-def every_own() -> tuple[Variable, ...]:
-    """Own parameters of all models and options; some may share one."""
-    found = [v for name in NAMES for v in get(name).own]
-    found += [v for option in OPTIONS for v in import_module(f"..options.{option}", __name__).PARAMETERS]
-    return tuple({v.name: v for v in found}.values())
+def _extended(actuator: Actuator, extension: Extension, name: str, extensions: tuple[str, ...]) -> Actuator:
+    for need in extension.missing(actuator):
+        asked = _SEPARATOR.join((name, *extensions))
+        if taken := [each for each in extensions if need in get_extension(each).replaces]:
+            raise EmcasError(f"--model {asked}: {extension.name} needs {need}, which {taken[0]} replaces")
+        having = [each for each in NAMES if need in get(each).provides]
+        raise EmcasError(f"--model {asked}: {extension.name} needs {need}; {name} has none, "
+                         f"{', '.join(having)} {'has' if len(having) == 1 else 'have'}")
+    return extension.over(actuator)
+
+
+def default_files(name: str) -> tuple[Path, ...]:
+    """Return the parameter files with the defaults of an actuator, the later over the earlier."""
+    base, extensions = parts(name)
+    shipped = () if base == NONLINEAR else (models_directory() / "actuators" / f"{base}.toml",)
+    return (*(shipped if base in _MODULES else get(base).files), *(models_directory() / "options" / f"{each}.toml" for each in extensions))

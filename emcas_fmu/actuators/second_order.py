@@ -4,53 +4,37 @@
 
 No load moves it. Between the limits it is solved exactly; at the rate limit it moves at that rate until the
 linear equation takes it off, and a stop takes its speed away. ``drive.transport_delay`` delays the command, which
-is taken at the samples. What belongs to a motor is 0 but for angles and speed, which the kinematics give.
+is taken at the samples.
 """
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
-from .. import control
+from ..namespace import Record
 from ..ops.base import Ops, Value
-from ..physics import kinematics, mechanics
-from ..variables import Variable
-from . import nonlinear
+from ..variables import parameter
+from . import capabilities, fin_port
+from .declaration import Acting, Actuator, Asked, State, Values
 
-TITLE = "second-order actuator with limits of rate and position"
-PLANT = ("fin angle", "fin rate")
-OWN = (
-    Variable("second_order.natural_frequency", "Real", "parameter", "fixed", "rad/s", "natural frequency, w_n",
-             1e-3, 1e5),
-    Variable("second_order.damping", "Real", "parameter", "fixed", "1", "damping ratio, zeta", 0.0, 100.0),
-    Variable("second_order.rate_limit", "Real", "parameter", "fixed", "rad/s", "largest fin rate", 1e-6, 1e6),
+PARAMETERS = (
+    *fin_port.PARAMETERS,
+    parameter("drive.transport_delay", "s", 0.0, 0.1, "delay from the sampled command to the fin"),
+    parameter("second_order.natural_frequency", "rad/s", 1e-3, 1e5, "natural frequency, w_n"),
+    parameter("second_order.damping", "1", 0.0, 100.0, "damping ratio, zeta"),
+    parameter("second_order.rate_limit", "rad/s", 1e-6, 1e6, "largest fin rate"),
 )
-DESCRIPTIONS = {
-    "enable": "false: the fin stands where it is, whatever the load",
-    "aero_torque": "aerodynamic hinge moment on the fin; moves nothing, and is told in hinge_torque",
-    "motor_angle": "motor angle that the kinematics give for the fin's",
-    "motor_speed": "motor speed that the kinematics give for the fin's rate",
-    "measured_fin_angle": "fin angle at the last sample",
-    "saturated": "a limit active: command or rate",
-}
 # Of the damping from 1, relative: closer the two roots are one to the closed form.
 _DOUBLE = 1e-9
 
 
-def initial(ops: Ops, p: Any) -> tuple[Value, ...]:
-    """At rest at fin.start_angle: angle, rate, integral and counts (none), fin angle measured."""
-    return p.fin.start_angle, 0.0, 0.0, 0.0, p.fin.start_angle
-
-
-def sample(ops: Ops, p: Any, angle: Value, rate: Value, integral: Value, counts: Value, command: Value,
-           enable: Value) -> tuple[Value, ...]:
-    """The command [rad] on its way; a disabled fin's is where it stands."""
-    reference = ops.where(enable, control.clipped_command(ops, p, command), angle)
-    limited = ops.where(ops.fabs(command) > p.command.limit, 1.0, 0.0)
-    return reference, 0.0, 0.0, angle, ops.where(enable, limited, 0.0)
-
-
-forces = nonlinear.forces
+def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+    """Return the command [rad] on its way; a disabled fin's is where it stands."""
+    command = fin_port.clipped_command(ops, p, asked.command)
+    limited = ops.where(ops.fabs(asked.command) > p.command.limit, 1.0, 0.0)
+    return {"reference": ops.where(asked.enable, command, x.fin_angle),
+            "limited": ops.where(asked.enable, limited, 0.0)}
 
 
 def _free(ops: Ops, p: Any, angle: Value, rate: Value, target: Value, h: Value) -> tuple[Value, ...]:
@@ -74,13 +58,14 @@ def _free(ops: Ops, p: Any, angle: Value, rate: Value, target: Value, h: Value) 
     return target + c * x + s * (rate + zeta * w * x), c * rate - s * (zeta * w * rate + w * w * x)
 
 
-def step(ops: Ops, p: Any, angle: Value, rate: Value, reference: Value, aero_torque: Value, f_x: Value, f_z: Value,
-         supply: Value, enable: Value, h: Value) -> tuple[Value, ...]:
-    """Angle and rate after h [s], and h: events within a step are met to its order, the second.
+def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+    """Return angle and rate after h [s], and h: events within a step are met to its order, the second.
 
     Disabled, the fin stands at once and stays, whatever command is on its way.
     """
-    return ops.branch(enable, lambda: _driven(ops, p, angle, rate, reference, h), lambda: (angle, 0.0, h))
+    angle, rate = ops.branch(u.enabled, lambda: _driven(ops, p, x.fin_angle, x.fin_rate, u.reference, h),
+                             lambda: (x.fin_angle, 0.0))
+    return {"fin_angle": angle, "fin_rate": rate}, h
 
 
 def _driven(ops: Ops, p: Any, angle: Value, rate: Value, reference: Value, h: Value) -> tuple[Value, ...]:
@@ -95,30 +80,44 @@ def _driven(ops: Ops, p: Any, angle: Value, rate: Value, reference: Value, h: Va
     new_angle = ops.where(slewing, angle + h * mean, free_angle)
     beyond = ops.fabs(new_angle) >= stop
     outward = new_rate * new_angle > 0.0
-    return (ops.clip(new_angle, -stop, stop), ops.where(ops.both(beyond, outward), 0.0, new_rate), h)
+    return (ops.clip(new_angle, -stop, stop), ops.where(ops.both(beyond, outward), 0.0, new_rate))
 
 
-def outputs(ops: Ops, p: Any, angle: Value, rate: Value, active: Value, reference: Value, measured: Value,
-            limited: Value, command: Value, aero_torque: Value, f_x: Value, f_z: Value, supply: Value,
-            enable: Value) -> tuple[Value, ...]:
-    """Every output, in the order of the variable table."""
-    motor = kinematics.motor_angle(ops, p, angle)
-    tangent = kinematics.lever_tangent(ops, p, motor)
-    at_rate = ops.fabs(rate) >= p.second_order.rate_limit * (1.0 - 1e-12)
-    return (
-        angle,
-        rate,
-        motor,
-        rate * kinematics.reduction_ratio(ops, p, tangent),
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        kinematics.nut_position(ops, p, motor),
-        mechanics.external_moment(ops, p, tangent, aero_torque, f_x, f_z),
-        0.0,
-        control.clipped_command(ops, p, command) - angle,
-        measured,
-        ops.either(at_rate, limited > 0.0),
-        ops.fabs(angle) >= p.fin.stop_angle * (1.0 - 1e-12),
-    )
+def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return every output."""
+    at_rate = ops.fabs(x.fin_rate) >= p.second_order.rate_limit * (1.0 - 1e-12)
+    return {
+        "fin_angle": x.fin_angle,
+        "fin_rate": x.fin_rate,
+        "hinge_torque": fin_port.hinge_torque(ops, p, x.fin_angle, u.aero_torque, u.f_x, u.f_z),
+        "tracking_error": fin_port.clipped_command(ops, p, u.command) - x.fin_angle,
+        "measured_fin_angle": u.measured_fin_angle,
+        "saturated": ops.either(at_rate, u.limited > 0.0),
+        "at_stop": ops.fabs(x.fin_angle) >= fin_port.stop_edge(p),
+    }
+
+
+def _transport_delay(ops: Ops, p: Any) -> Value:
+    return p.drive.transport_delay
+
+
+ACTUATOR = Actuator(
+    name="second-order",
+    title="second-order actuator with limits of rate and position",
+    states=(State("fin_angle", "rad"), State("fin_rate", "rad/s")),
+    outputs=fin_port.described({
+        "measured_fin_angle": "fin angle at the last sample",
+        "saturated": "a limit active: command or rate",
+    }),
+    parameters=PARAMETERS,
+    descriptions={
+        "enable": "false: the fin stands where it is, whatever the load",
+        "aero_torque": "aerodynamic hinge moment on the fin; moves nothing, and counts in hinge_torque",
+    },
+    provides=frozenset({capabilities.COMMAND_REFERENCE}),
+    sample=sample,
+    step=step,
+    output_values=output_values,
+    transport_delay=_transport_delay,
+    modules=(sys.modules[__name__],),
+)

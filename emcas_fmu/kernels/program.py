@@ -3,29 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, partial
 from inspect import signature
 from typing import Any
 
-from .. import control, schedule
-from ..actuators import NONLINEAR, get
+from .. import schedule
+from ..actuators import NONLINEAR, fin_port, get
+from ..actuators.declaration import Actuator
 from ..ops.base import Ops, Value
 from ..ops.c_source import c_source
-from ..ops.python_source import TEMPLATES, python_source
+from ..ops.python_source import python_source
 from ..ops.trace import Tracer
-from ..ops.usage import Writer
+from ..ops.usage import dependencies
 from ..physics import bus
-from ..tree import tree
 from .core import Core
 
-SCHEDULE = (schedule.schedule, schedule.locate)
-
 Make = Callable[[Mapping[str, Any]], tuple[Callable[..., tuple[Any, ...]], ...]]
+Traced = tuple[str, tuple[str, ...], Callable[..., tuple[Value, ...]]]
 
 
 def mixed_command(ops: Ops, p: Any, command: Value, roll: Value, pitch: Value, yaw: Value) -> tuple[Value, ...]:
-    """:func:`emcas_fmu.control.mixed_command`."""
-    return (control.mixed_command(ops, p, command, roll, pitch, yaw),)
+    """:func:`emcas_fmu.actuators.fin_port.mixed_command`."""
+    return (fin_port.mixed_command(ops, p, command, roll, pitch, yaw),)
 
 
 def bus_voltage(ops: Ops, p: Any, source: Value, sag: Value) -> tuple[Value, ...]:
@@ -44,64 +43,59 @@ def bus_sag(ops: Ops, p: Any, resistance: Value, sag: Value, drawn: Value, inter
     return (bus.next_sag(ops, resistance, sag, drawn, interval * inverse_inductance),)
 
 
-def inverse_inductance(ops: Ops, p: Any) -> tuple[Value, ...]:
-    """1/L [1/H] of one motor."""
-    return (1.0 / p.motor.inductance,)
+# What several fins on one bus need besides, and the 1/L [1/H] of one of them.
+BUS = (bus_voltage, bus_current, bus_sag)
 
 
-# What several actuators in one unit need besides.
-SEVERAL = (mixed_command, bus_voltage, bus_current, bus_sag, inverse_inductance)
+def functions(actuator: Actuator, several: bool = False) -> tuple[Traced, ...]:
+    """Return name, names of the arguments behind ops and p, and the function of each of a program, in their order."""
+    def described(*plain: Callable[..., tuple[Value, ...]]) -> tuple[Traced, ...]:
+        return tuple((f.__name__, tuple(signature(f).parameters)[2:], f) for f in plain)
 
-
-def _bind(function: Callable[..., Any], tracer: Tracer, p: Any) -> Callable[..., Any]:
-    return lambda *arguments: function(tracer, p, *arguments)
+    several_fins: tuple[Traced, ...] = ()
+    if several:
+        several_fins = described(mixed_command)
+        if supply := actuator.supply:
+            loads = ("inverse_inductance", (), lambda ops, p: (supply.inverse_inductance(ops, p),))
+            several_fins = (*several_fins, *described(*BUS), loads)
+    return (("schedule", (), lambda ops, p: schedule.schedule(ops, p, actuator)),
+            ("locate", ("time",), lambda ops, p, time: schedule.locate(ops, p, actuator, time)),
+            *actuator.functions, *several_fins)
 
 
 @cache
 def traced(several: bool = False, model: str = NONLINEAR) -> Tracer:
-    """The schedule and a model's functions, and `SEVERAL` if asked for, of the model's parameters in their order."""
-    chosen = get(model)
+    """Return an actuator's functions, and those of several fins if asked for, of its parameters in their order."""
+    actuator = get(model)
     tracer = Tracer()
-    p = tree({v.name: tracer.parameter(v.name) for v in chosen.parameters})
-    for name, arguments, function in functions(several, model):
-        tracer.function(name, arguments, _bind(function, tracer, p))
+    p = actuator.namespace({v.name: tracer.parameter(v.name) for v in actuator.parameters})
+    for name, arguments, function in functions(actuator, several):
+        tracer.function(name, arguments, partial(function, tracer, p))
     return tracer
 
 
-def functions(several: bool = False, model: str = NONLINEAR
-              ) -> tuple[tuple[str, tuple[str, ...], Callable[..., tuple[Value, ...]]], ...]:
-    """Name, names of the arguments behind ops and p, and the function of each of a program, in their order."""
-    def described(*plain: Callable[..., tuple[Value, ...]]) -> Any:
-        return tuple((f.__name__, tuple(signature(f).parameters)[2:], f) for f in plain)
-
-    return (*described(*SCHEDULE), *get(model).functions, *described(*SEVERAL if several else ()))
-
-
 @cache
-def unread(model: str) -> frozenset[str]:
-    """Parameters that nothing of a model depends on."""
-    tracer = traced(False, model)
-    uses = Writer(tracer, TEMPLATES).uses
-    return frozenset(key for name, key in tracer.parameters if not uses.get(name))
-
-
-_INPUTS = {"fin_command": "command", "aero_torque": "aero_torque", "supply_voltage": "supply", "enable": "enable"}
-
-
-@cache
-def idle(model: str) -> tuple[frozenset[str], frozenset[str]]:
-    """Inputs that nothing of a model depends on, and outputs that are always 0."""
-    tracer = traced(False, model)
-    uses = Writer(tracer, TEMPLATES).uses
-    (outputs,) = (function.results for function in tracer.functions if function.name == "outputs")
-    return (frozenset(name for name, argument in _INPUTS.items() if not uses.get(argument)),
-            frozenset(v.name for v, result in zip(get(model).outputs, outputs, strict=True)
-                      if isinstance(result, float) and result == 0.0))
+def direct_inputs(model: str) -> Mapping[str, tuple[str, ...]]:
+    """Return for each output that depends at once on inputs which these are; the states integrate the rest."""
+    actuator, tracer = get(model), traced(False, model)
+    arguments = {"command": ("fin_command",), "aero_torque": ("aero_torque",), "enable": ("enable",),
+                 **({"supply": (actuator.supply.input.name,)} if actuator.supply else {}),
+                 **{v.name: (v.name,) for v in actuator.acting_inputs}}
+    by_name = {function.name: function for function in tracer.functions}
+    motion = dict(zip(by_name["forces"].arguments, (v.name for v in fin_port.MOTION), strict=False))
+    for force, needed in zip(("f_x", "f_z"), dependencies(by_name["forces"]), strict=True):
+        arguments[force] = tuple(name for argument, name in motion.items() if argument in needed)
+    order = {v.name: i for i, v in enumerate(actuator.inputs)}
+    found = {}
+    for v, needed in zip(actuator.outputs, dependencies(by_name["outputs"]), strict=True):
+        names = {name for argument in needed for name in arguments.get(argument, ())}
+        found[v.name] = tuple(sorted(names, key=order.__getitem__))
+    return {name: inputs for name, inputs in found.items() if inputs}
 
 
 @cache
 def source(several: bool = False, model: str = NONLINEAR) -> str:
-    """Python source of a module with ``make(parameters)``.
+    """Return the Python source of a module with ``make(parameters)``.
 
     `make` takes the flat parameter mapping and gives the functions in their order, bound to it.
     """
@@ -110,19 +104,34 @@ def source(several: bool = False, model: str = NONLINEAR) -> str:
 
 
 def c_kernel(several: bool = False, model: str = NONLINEAR) -> str:
-    """The functions as C (:func:`emcas_fmu.ops.c_source.c_source`), named ``kernel_...``."""
+    """Return the functions as C (:func:`emcas_fmu.ops.c_source.c_source`), named ``kernel_...``."""
     return c_source(traced(several, model), "kernel")
 
 
-def core(values: Mapping[str, Any], model: str = NONLINEAR) -> Core:
-    """A core of a model, in Python, with these parameters."""
+@cache
+def traced_rules(model: str = NONLINEAR) -> Tracer:
+    """Return the checks of an actuator's rules, ``check_0`` and so on, each of a share of the travel."""
     actuator = get(model)
-    return Core(make(model=model)(values), len(actuator.kept), len(actuator.shown))
+    tracer = Tracer()
+    p = actuator.namespace({v.name: tracer.parameter(v.name) for v in actuator.parameters})
+    for i, rule in enumerate(actuator.all_rules):
+        tracer.function(f"check_{i}", ["share"], partial(rule.check, tracer, p))
+    return tracer
+
+
+def core(values: Mapping[str, Any], model: str = NONLINEAR) -> Core:
+    """Return a core of an actuator, in Python, with these parameters."""
+    return Core(make(model=model)(values), *sizes(get(model)))
+
+
+def sizes(actuator: Actuator) -> tuple[int, int, int]:
+    """Return the numbers of states, of controller states and of further inputs that act on the plant."""
+    return len(actuator.states), len(actuator.controller_states), len(actuator.acting_inputs)
 
 
 @cache
 def make(several: bool = False, model: str = NONLINEAR) -> Make:
-    """The compiled program's `make`."""
+    """Return the compiled program's `make`."""
     namespace: dict[str, Any] = {}
     exec(compile(source(several, model), "<emcas kernel>", "exec"), namespace)
     result: Make = namespace["make"]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from math import isinf
 from typing import Any, Union
 
 from .base import Thunk, Value
@@ -66,17 +67,19 @@ class Expr:
     def __neg__(self) -> Value:
         return self.tracer.emit("negative", self)
 
+    # Every value is below infinity: a limit there is none.
+
     def __lt__(self, other: Value) -> Value:
-        return self.tracer.emit("less", self, other)
+        return other > 0.0 if _infinite(other) else self.tracer.emit("less", self, other)
 
     def __le__(self, other: Value) -> Value:
-        return self.tracer.emit("less_equal", self, other)
+        return other > 0.0 if _infinite(other) else self.tracer.emit("less_equal", self, other)
 
     def __gt__(self, other: Value) -> Value:
-        return self.tracer.emit("greater", self, other)
+        return other < 0.0 if _infinite(other) else self.tracer.emit("greater", self, other)
 
     def __ge__(self, other: Value) -> Value:
-        return self.tracer.emit("greater_equal", self, other)
+        return other < 0.0 if _infinite(other) else self.tracer.emit("greater_equal", self, other)
 
 
 @dataclass
@@ -199,13 +202,13 @@ class Tracer:
         return self.emit("floor", x)
 
     def minimum(self, a: Value, b: Value) -> Value:
-        return self.emit("minimum", a, b)
+        return min(a, b) if _infinite(a) and not _traced(b) else self.emit("minimum", a, b)
 
     def maximum(self, a: Value, b: Value) -> Value:
-        return self.emit("maximum", a, b)
+        return max(a, b) if _infinite(a) and not _traced(b) else self.emit("maximum", a, b)
 
     def clip(self, x: Value, low: Value, high: Value) -> Value:
-        return self.emit("clip", x, low, high)
+        return x if _infinite(low) and _infinite(high) else self.emit("clip", x, low, high)
 
     def equal(self, a: Value, b: Value) -> Value:
         return self.emit("equal", a, b) if _traced(a, b) else a == b
@@ -245,6 +248,10 @@ class Tracer:
         outer.statements.append(
             If(condition, tuple(r.name for r in results), yes_block, no_block, yes_values, no_values))
         return results
+
+
+def _infinite(value: Value) -> bool:
+    return isinstance(value, float) and isinf(value)
 
 
 def _traced(*values: Value) -> bool:

@@ -28,9 +28,37 @@ def voltage_demand(p: Any, i_ref: Value, current: Value, integral: Value) -> Val
     return p.drive.kp * (i_ref - current) + integral
 
 
+def applied_voltage(ops: Ops, p: Any, reference: Value, current: Value, integral: Value, limit: Value
+                    ) -> tuple[Value, Value]:
+    """Return the voltage [V] on the winding within +-`limit` [V], and whether it or the current reference is limited.
+
+    `reference` is the analogue one [V] in the drive. A PWM amplifier has no current reference.
+    """
+    if p.structure.current == "pwm":
+        demand = pwm_voltage(p, reference)
+        return ops.clip(demand, -limit, limit), ops.fabs(demand) > limit
+    i_ref = current_reference(ops, p, reference)
+    demand = voltage_demand(p, i_ref, current, integral)
+    clipped = ops.either(ops.fabs(demand) > limit,
+                         ops.fabs(current_reference_raw(p, reference)) > p.drive.current_limit)
+    return ops.clip(demand, -limit, limit), clipped
+
+
+def pwm_voltage(p: Any, reference: Value) -> Value:
+    """Return the voltage [V] a PWM amplifier puts on the winding for an analogue reference [V], before the limit."""
+    return p.pwm.gain * reference
+
+
 def back_emf(p: Any, speed: Value) -> Value:
     """Back-EMF [V] at a motor speed [rad/s]."""
     return p.motor.back_emf_constant * speed
+
+
+def stall_torque(p: Any, reference: Value) -> Value:
+    """Return the torque [N.m] of a motor at rest under an analogue reference [V], without offset and limits."""
+    current = (p.pwm.gain * reference / p.motor.resistance if p.structure.current == "pwm"
+               else p.drive.current_gain * reference)
+    return p.motor.torque_constant * current
 
 
 def torque(p: Any, current: Value) -> Value:

@@ -23,7 +23,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ..ops.base import Ops, Value
-from ..tree import changed
+from ..namespace import with_values
 from . import mechanics
 
 # A flank counts as met this close to it: both angles are rounded.
@@ -98,4 +98,4 @@ def nut_lag(ops: Ops, c: Line, deflection: Value) -> Value:
 
 def fin_side(ops: Ops, p: Any, angle: Value, aero_torque: Value, f_x: Value, f_z: Value) -> mechanics.Mechanics:
     """Coefficients of the fin side's equation alone, at the motor: those of an actuator without rotor and nut."""
-    return mechanics.coefficients(ops, changed(p, _NO_ROTOR), angle, aero_torque, f_x, f_z)
+    return mechanics.coefficients(ops, with_values(p, _NO_ROTOR), angle, aero_torque, f_x, f_z)

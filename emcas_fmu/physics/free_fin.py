@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..ops.base import Ops, Value
-from ..tree import changed
+from ..namespace import with_values
 from . import mechanics
 
 _TINY = 1e-300
@@ -19,8 +19,8 @@ _TINY = 1e-300
 def moment(ops: Ops, p: Any, angle: Value, aero_torque: Value, f_x: Value, f_z: Value) -> Value:
     """External moment [N.m] on the broken fin at its angle [rad]."""
     tangent = ops.tan(angle + p.kinematics.initial_angle)
-    bar = p.load.torsion_bar * angle if hasattr(p, "load") else 0.0
-    return mechanics.external_moment(ops, changed(p, {"mass.fork": 0.0}), tangent, aero_torque - bar, f_x, f_z)
+    bar = p.load.torsion_bar * angle if p.structure.torsion_bar else 0.0
+    return mechanics.external_moment(ops, with_values(p, {"mass.fork": 0.0}), tangent, aero_torque - bar, f_x, f_z)
 
 
 def _pushed(ops: Ops, p: Any, torque: Value, rate: Value, h: Value) -> Value:

@@ -8,11 +8,11 @@ holds the motor there, up to C_m: it sticks exactly. Section 3.3 measures both a
 and -6 degC and fits sixth-order polynomials of the fin angle per direction. Between
 the temperatures the ratio is linear, outside them it is held.
 
-Where the parameters have a group `stribeck` (:mod:`emcas_fmu.options.stribeck`), C_m falls with the speed w:
+With :mod:`emcas_fmu.extensions.stribeck` C_m falls with the speed w:
 
     C_m (1 + (s - 1) exp(-(w/w_s)^2))
 
-The bristle of :mod:`emcas_fmu.options.lugre` is solved in :mod:`emcas_fmu.integrate_bristle`.
+The bristle of :mod:`emcas_fmu.extensions.lugre` is solved in :mod:`emcas_fmu.integrate_bristle`.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ def coulomb_reference(ops: Ops, coefficients: Any, fin: Value) -> Value:
 
 
 def falls(p: Any) -> bool:
-    """Whether dry friction at the motor depends on the speed: known when the model is wired, no parameter."""
-    return hasattr(p, "stribeck")
+    """Return whether dry friction at the motor depends on the speed."""
+    return bool(p.structure.stribeck)
 
 
 def stribeck(ops: Ops, static_ratio: Value, stribeck_speed: Value, speed: Value) -> Value:

@@ -20,7 +20,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..ops.base import Ops, Value
-from ..tree import changed
+from ..namespace import with_values
 
 FOLDING = 0.9  # F, the share of the I2t budget from which the limit folds back
 # Lines fitted about T_0 are not followed below this share of what they have there.
@@ -47,9 +47,9 @@ def magnets(ops: Ops, p: Any, case: Value) -> Value:
 def at_temperatures(ops: Ops, p: Any, winding: Value, case: Value) -> Any:
     """Parameters with the motor's resistance and constants at temperatures [degC] of winding and case."""
     flux = magnets(ops, p, case)
-    return changed(p, {"motor.resistance": resistance(ops, p, winding),
-                       "motor.torque_constant": p.motor.torque_constant * flux,
-                       "motor.back_emf_constant": p.motor.back_emf_constant * flux})
+    return with_values(p, {"motor.resistance": resistance(ops, p, winding),
+                           "motor.torque_constant": p.motor.torque_constant * flux,
+                           "motor.back_emf_constant": p.motor.back_emf_constant * flux})
 
 
 def flows(p: Any, winding: Value, case: Value) -> tuple[Value, Value]:
@@ -91,35 +91,28 @@ def mean_square(ops: Ops, start: Value, end: Value, ratio: Value) -> Value:
     return start * start + way * (2.0 * start * first + way * second)
 
 
-def _derated(p: Any) -> bool:
-    """Whether a fault may have lowered drive.current_limit, which then is drive.sound_current_limit no longer."""
-    return hasattr(p.drive, "sound_current_limit")
-
-
-def peak_current(p: Any) -> Value:
-    """I_p [A], the sound drive's largest current reference."""
-    return p.drive.sound_current_limit if _derated(p) else p.drive.current_limit
-
-
-def _squares(ops: Ops, p: Any) -> tuple[Value, Value]:
-    """I_c^2 and I_p^2 - I_c^2 [A^2]; no more is continuous than the peak."""
-    peak = peak_current(p)
+def _squares(ops: Ops, p: Any, peak: Value) -> tuple[Value, Value]:
+    """Return I_c^2 and I_p^2 - I_c^2 [A^2]; no more is continuous than the peak."""
     continuous = ops.minimum(p.heat.continuous_current, peak)
     return continuous * continuous, peak * peak - continuous * continuous
 
 
-def loaded(ops: Ops, p: Any, load: Value, square: Value, h: Value) -> Value:
-    """The I2t load s [1] after `h` [s] of a mean square of the current [A^2]; 0 where all of the peak is continuous."""
-    continuous, reserve = _squares(ops, p)
+def loaded(ops: Ops, p: Any, load: Value, square: Value, h: Value, rated: Value | None = None) -> Value:
+    """Return the I2t load s [1] after `h` [s] of a mean square of the current [A^2].
+
+    0 where all of the peak is continuous. `rated` [A] is the peak of a drive that a fault derates, None of a sound one.
+    """
+    continuous, reserve = _squares(ops, p, p.drive.current_limit if rated is None else rated)
     there_is = reserve > 0.0
     budget = ops.where(there_is, reserve, 1.0) * p.heat.peak_time / FOLDING
     return ops.where(there_is, ops.maximum(load + h * (square - continuous) / budget, 0.0), 0.0)
 
 
-def current_limit(ops: Ops, p: Any, load: Value) -> Value:
-    """Largest current reference [A] at an I2t load s [1], and within a derated drive's limit."""
-    continuous, reserve = _squares(ops, p)
+def current_limit(ops: Ops, p: Any, load: Value, rated: Value | None = None) -> Value:
+    """Return the largest current reference [A] at an I2t load s [1], within a derated drive's limit."""
+    peak = p.drive.current_limit if rated is None else rated
+    continuous, reserve = _squares(ops, p, peak)
     left = (1.0 - load) / (1.0 - FOLDING)
     folded = ops.sqrt(continuous + ops.clip(left, 0.0, 1.0) * reserve)
-    limit = ops.where(left >= 1.0, peak_current(p), folded)
-    return ops.minimum(limit, p.drive.current_limit) if _derated(p) else limit
+    limit = ops.where(left >= 1.0, peak, folded)
+    return limit if rated is None else ops.minimum(limit, p.drive.current_limit)

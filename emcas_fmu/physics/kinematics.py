@@ -9,7 +9,7 @@ motor angle, so everything the equation of motion needs follows from it by
 arithmetic alone.
 
 Simpler models take the ratio for constant, that of an assembly angle of zero and small angles (2.18):
-theta = (d/l) fin_angle. They set `kinematics.constant_ratio` in their parameters.
+theta = (d/l) fin_angle.
 """
 
 from __future__ import annotations
@@ -19,15 +19,10 @@ from typing import Any
 from ..ops.base import Ops, Value
 
 
-def constant_ratio(p: Any) -> bool:
-    """Whether the model takes the ratio for constant: known when it is wired, no parameter."""
-    return bool(getattr(p.kinematics, "constant_ratio", False))
-
-
 def lever_tangent(ops: Ops, p: Any, motor_angle: Value) -> Value:
     """tan(phi) at a motor angle [rad]; (2.1)-(2.5) solved for it."""
     gain = p.screw.lead / p.kinematics.moment_arm
-    if constant_ratio(p):
+    if p.structure.constant_ratio:
         return ops.tan(gain * motor_angle + p.kinematics.initial_angle)
     return gain * motor_angle + ops.tan(p.kinematics.initial_angle)
 
@@ -41,14 +36,14 @@ def motor_angle(ops: Ops, p: Any, fin: Value) -> Value:
     """Motor angle [rad] at a fin angle [rad], (2.5); zero at fin angle zero."""
     ratio = p.kinematics.moment_arm / p.screw.lead
     initial = p.kinematics.initial_angle
-    if constant_ratio(p):
+    if p.structure.constant_ratio:
         return ratio * fin
     return ratio * (ops.tan(fin + initial) - ops.tan(initial))
 
 
 def reduction_ratio(ops: Ops, p: Any, tangent: Value) -> Value:
     """R = d(motor angle)/d(fin angle) [-], (2.6), with 1/cos^2 = 1 + tan^2."""
-    if constant_ratio(p):
+    if p.structure.constant_ratio:
         return p.kinematics.moment_arm / p.screw.lead
     return p.kinematics.moment_arm / p.screw.lead * (1.0 + tangent * tangent)
 

@@ -42,16 +42,34 @@ def hinge_moment(ops: Ops, p: Any, tangent: Value, f_x: Value, f_z: Value) -> Va
                       lambda: (0.0 * tangent,), lambda: (_moment(ops, p, tangent, f_x, f_z),))[0]
 
 
-def _moment(ops: Ops, p: Any, tangent: Value, f_x: Value, f_z: Value) -> Value:
+def hinge_moment_at(ops: Ops, p: Any, fin_angle: Value, f_x: Value, f_z: Value) -> Value:
+    """Return the same at a fin angle [rad], for actuators without a lever."""
+    def moment() -> tuple[Value, ...]:
+        return (_turned(_first_moments(p), ops.cos(fin_angle), ops.sin(fin_angle), f_x, f_z),)
+
+    return ops.branch(ops.both(ops.equal(f_x, 0.0), ops.equal(f_z, 0.0)), lambda: (0.0 * fin_angle,), moment)[0]
+
+
+def _first_moments(p: Any) -> tuple[Value, Value]:
+    """Return sum m_i r_i [kg.m] along x and z at fin_angle 0."""
     centers, mass = p.center_of_mass, p.mass
-    s_x = mass.fin * centers.fin.x + mass.shaft * centers.shaft.x + mass.fork * centers.fork.x
-    s_z = mass.fin * centers.fin.z + mass.shaft * centers.shaft.z + mass.fork * centers.fork.z
+    return (mass.fin * centers.fin.x + mass.shaft * centers.shaft.x + mass.fork * centers.fork.x,
+            mass.fin * centers.fin.z + mass.shaft * centers.shaft.z + mass.fork * centers.fork.z)
+
+
+def _moment(ops: Ops, p: Any, tangent: Value, f_x: Value, f_z: Value) -> Value:
+    s_x, s_z = _first_moments(p)
     # fin_angle = phi - initial_angle; the turn by -initial_angle depends on parameters only.
     sin_0, cos_0 = ops.sin(p.kinematics.initial_angle), ops.cos(p.kinematics.initial_angle)
-    u_x, u_z = cos_0 * s_x - sin_0 * s_z, sin_0 * s_x + cos_0 * s_z
+    at_lever = cos_0 * s_x - sin_0 * s_z, sin_0 * s_x + cos_0 * s_z
     cos_phi = 1.0 / ops.sqrt(1.0 + tangent * tangent)
-    sin_phi = tangent * cos_phi
-    r_x, r_z = cos_phi * u_x + sin_phi * u_z, cos_phi * u_z - sin_phi * u_x
+    return _turned(at_lever, cos_phi, tangent * cos_phi, f_x, f_z)
+
+
+def _turned(moments: tuple[Value, Value], cosine: Value, sine: Value, f_x: Value, f_z: Value) -> Value:
+    """Return the y component of r x m f [N.m] of first moments [kg.m] turned about +y."""
+    u_x, u_z = moments
+    r_x, r_z = cosine * u_x + sine * u_z, cosine * u_z - sine * u_x
     return r_z * f_x - r_x * f_z
 
 

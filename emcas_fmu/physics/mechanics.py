@@ -59,7 +59,7 @@ def coefficients(ops: Ops, p: Any, motor_angle: Value, aero_torque: Value, f_x: 
     return Mechanics(
         inertia=screw_inertia(p) + reflected,
         load=moment / ratio + p.screw.lead * loads.nut_force(ops, p, f_x),
-        centrifugal=0.0 if kinematics.constant_ratio(p) else 2.0 * tangent * reflected / ratio,
+        centrifugal=0.0 if p.structure.constant_ratio else 2.0 * tangent * reflected / ratio,
         ratio=ratio,
         fin=kinematics.fin_angle(ops, p, tangent),
     )

@@ -10,8 +10,6 @@ all that is on the load side of the screw, positive where it resists positive mo
 The screw turns (e - 1) L w >= 0 into heat. e L has a kink at L = 0 and no jump. Of the two lines that make it the one
 that resists more holds, so that the acceleration is unique while J_r + e J_l > 0; L has the sign of J_l net + J_r L_0,
 net = T_m - C_m sgn w - b_m w. A backward efficiency of 0 or less is a screw that the load cannot drive.
-
-The screw has losses where its efficiencies are among the parameters: known when the model is wired.
 """
 
 from __future__ import annotations
@@ -19,13 +17,13 @@ from __future__ import annotations
 from typing import Any
 
 from ..ops.base import Ops, Value
-from ..tree import changed
+from ..namespace import with_values
 from .mechanics import Mechanics, fin_inertia
 
 
 def lossy(p: Any) -> bool:
-    """Whether the screw has losses of its own: known when the model is wired, no parameter."""
-    return hasattr(p, "efficiency")
+    """Return whether the screw has losses."""
+    return bool(p.structure.screw_losses)
 
 
 def forward(p: Any) -> Value:
@@ -68,7 +66,7 @@ def felt(p: Any, m: Mechanics, e: Value) -> tuple[Any, Mechanics]:
     """Parameters and coefficients with `e` times what is on the load side."""
     hinge = {"friction.fin_coulomb": e * p.friction.fin_coulomb, "friction.fin_viscous": e * p.friction.fin_viscous}
     inertia = m.inertia + (e - 1.0) * load_inertia(p, m.ratio)
-    return changed(p, hinge), m._replace(inertia=inertia, load=e * m.load, centrifugal=e * m.centrifugal)
+    return with_values(p, hinge), m._replace(inertia=inertia, load=e * m.load, centrifugal=e * m.centrifugal)
 
 
 def transmitted(ops: Ops, p: Any, net: Value, inertia: Value, at_rest: Value,

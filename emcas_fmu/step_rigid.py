@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from .namespace import Record
 from .ops.base import Ops, Value
 from .physics import drive, friction, kinematics, mechanics, screw
 
@@ -36,21 +37,6 @@ class Plant(NamedTuple):
     speed: Value
     current: Value
     integral: Value
-
-
-class Boundary(NamedTuple):
-    """What acts on the plant through a step.
-
-    ``reference`` [V] active in the drive, ``aero_torque`` [N.m], ``f_x`` and ``f_z``
-    [m/s2] (specific force in the fin's frame), ``supply`` [V], ``enabled``.
-    """
-
-    reference: Value
-    aero_torque: Value
-    f_x: Value
-    f_z: Value
-    supply: Value
-    enabled: Value
 
 
 class Motion(NamedTuple):
@@ -108,13 +94,13 @@ def _sign(ops: Ops, x: Value) -> Value:
     return ops.where(x > 0.0, 1.0, ops.where(x < 0.0, -1.0, 0.0))
 
 
-def _motion(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float, at: Value,
+def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at: Value,
             felt: Value = 1.0) -> Motion:
     """Mechanics of a motor that turns one way (heading 1 or -1), or of one at rest (0), under friction of `at`.
 
     `felt` is the share of the load that a screw with losses leaves it to feel.
     """
-    m = mechanics.coefficients(ops, p, s.angle + 0.5 * h * s.speed, b.aero_torque, b.f_x, b.f_z)
+    m = mechanics.coefficients(ops, p, s.angle + 0.5 * h * s.speed, u.aero_torque, u.f_x, u.f_z)
     if heading:
         direction: Value = heading
         dry = heading * mechanics.breakaway(ops, p, m, heading, at)
@@ -152,14 +138,14 @@ def _held_by_screw(ops: Ops, p: Any, m: mechanics.Mechanics, high: Value, low: V
     return high + screw.hold(ops, p, hinge - m.load, 1.0), low - screw.hold(ops, p, -hinge - m.load, -1.0)
 
 
-def _through_screw(ops: Ops, p: Any, s: Plant, b: Boundary, d: Drive, h: Value, heading: float, at: Value) -> Motion:
+def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: Drive, h: Value, heading: float, at: Value) -> Motion:
     """The motion by the efficiency that the step's mean torques ask for: forward where they drive the load.
 
     Its sign is the same whichever of the two it is found with (:mod:`emcas_fmu.physics.screw`).
     """
-    driving = _motion(ops, p, s, b, h, heading, at, screw.forward(p))
-    driven = _motion(ops, p, s, b, h, heading, at, p.efficiency.backward)
-    alone = _motion(ops, p, s, b, h, heading, at, 0.0)
+    driving = _motion(ops, p, s, u, h, heading, at, screw.forward(p))
+    driven = _motion(ops, p, s, u, h, heading, at, p.efficiency.backward)
+    alone = _motion(ops, p, s, u, h, heading, at, 0.0)
     torque = drive.torque(p, current_course(ops, p, s, driving, d, h).mean)
     rate = (torque + driving.torque) / driving.inertia
     forward = (torque + alone.torque - alone.inertia * rate) * driving.direction > 0.0
@@ -167,16 +153,18 @@ def _through_screw(ops: Ops, p: Any, s: Plant, b: Boundary, d: Drive, h: Value, 
                             torque=ops.where(forward, driving.torque, driven.torque))
 
 
-def electrical_mode(ops: Ops, p: Any, s: Plant, b: Boundary) -> Drive:
+def electrical_mode(ops: Ops, p: Any, s: Plant, u: Record) -> Drive:
     """The electrical mode a step starts in.
 
     A demand at the limit may be driven out while it is free and back while it is
     clipped (its integral held): then it stays there, the integral following the
     current (Filippov's sliding solution).
     """
-    i_ref = drive.current_reference(ops, p, b.reference)
+    if p.structure.current == "pwm":
+        return _pwm_mode(ops, p, u)
+    i_ref = drive.current_reference(ops, p, u.reference)
     demand = drive.voltage_demand(p, i_ref, s.current, s.integral)
-    limit = ops.maximum(b.supply, 0.0)
+    limit = ops.maximum(u.supply, 0.0)
     inside = ops.fabs(demand) < limit * (1.0 - _BAND)
     resistance, inductance = p.motor.resistance, p.motor.inductance
 
@@ -198,7 +186,15 @@ def electrical_mode(ops: Ops, p: Any, s: Plant, b: Boundary) -> Drive:
         return (own, loop, inductance / loop, source, gain, ops.where(stays, 1.0, 0.0), ops.where(at_limit, 1.0, 0.0))
 
     side, loop, tau, source, gain, stays, at_limit = ops.branch(inside, free, beyond)
-    return Drive(side, loop, tau, source, gain, limit, i_ref, b.enabled, stays, at_limit)
+    return Drive(side, loop, tau, source, gain, limit, i_ref, u.enabled, stays, at_limit)
+
+
+def _pwm_mode(ops: Ops, p: Any, u: Record) -> Drive:
+    """Return the mode of a PWM amplifier: its voltage, within the supply, holds through the step."""
+    limit = ops.maximum(u.supply, 0.0)
+    source = ops.clip(drive.pwm_voltage(p, u.reference), -limit, limit)
+    resistance = p.motor.resistance
+    return Drive(0.0, resistance, p.motor.inductance / resistance, source, 0.0, limit, 0.0, u.enabled, 0.0, 1.0)
 
 
 def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: Drive, h: Value) -> Current:
@@ -245,14 +241,14 @@ class Step(NamedTuple):
     current: Current
 
 
-def _step(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float, at: Value | None = None) -> Step:
+def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at: Value | None = None) -> Step:
     """A step under the friction of the speed `at`: where it depends on one, that of mid-step as a first step has it."""
     if at is None:
-        at = _step(ops, p, s, b, h, heading, s.speed).current.speed if friction.falls(p) else s.speed
-    motion = _motion(ops, p, s, b, h, heading, at)
-    d = electrical_mode(ops, p, s, b)
+        at = _step(ops, p, s, u, h, heading, s.speed).current.speed if friction.falls(p) else s.speed
+    motion = _motion(ops, p, s, u, h, heading, at)
+    d = electrical_mode(ops, p, s, u)
     if screw.lossy(p):
-        motion = _through_screw(ops, p, s, b, d, h, heading, at)
+        motion = _through_screw(ops, p, s, u, d, h, heading, at)
     c = current_course(ops, p, s, motion, d, h)
 
     def sliding() -> tuple[Value, ...]:
@@ -269,7 +265,9 @@ def _step(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float, at:
 
 
 def integral_end(ops: Ops, p: Any, s: Plant, d: Drive, c: Current, h: Value) -> Value:
-    """The drive's integral [V] at the end of a step."""
+    """Return the drive's integral [V] at the end of a step."""
+    if p.structure.current == "pwm":
+        return s.integral
     followed = d.side * d.limit - p.drive.kp * (d.i_ref - c.end)
     moved = s.integral + h * d.integral_gain * (d.i_ref - c.mean)
     return ops.where(d.enabled, ops.where(d.stays > 0.0, followed, moved), 0.0)
@@ -288,7 +286,9 @@ class Events(NamedTuple):
 
 
 def voltage_events(ops: Ops, p: Any, d: Drive, end: Plant) -> tuple[Value, Value]:
-    """Whether the demanded voltage meets its limit on the way to `end`, and whether it leaves it."""
+    """Return whether the demanded voltage meets its limit on the way to `end`, and whether it leaves it."""
+    if p.structure.current == "pwm":
+        return False, False
     demand = drive.voltage_demand(p, d.i_ref, end.current, end.integral)
     free = ops.equal(d.side, 0.0)
     # From the limit itself the mode told at the start holds through the step.
@@ -310,7 +310,9 @@ def _events(ops: Ops, p: Any, s: Plant, step: Step, heading: float) -> Events:
 
 
 def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, e: Events, h: Value) -> Value:
-    """When the demanded voltage crosses the limit, `h` if it does not."""
+    """Return when the demanded voltage crosses the limit, `h` if it does not."""
+    if p.structure.current == "pwm":
+        return h
     _, _, d, c = step
     before = drive.voltage_demand(p, d.i_ref, s.current, s.integral)
     after = drive.voltage_demand(p, d.i_ref, step.end.current, step.end.integral)
@@ -342,7 +344,7 @@ def stop_time(ops: Ops, s: Plant, step: Step, e: Events, stop: Value, h: Value) 
     return ops.where(e.stopping, ops.clip(time, 0.0, h), h)
 
 
-def _to_first_event(ops: Ops, p: Any, s: Plant, b: Boundary, step: Step, e: Events, h: Value,
+def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events, h: Value,
                     heading: float) -> tuple[Value, ...]:
     """State at the first event and the time it took."""
     stop = _stop_ahead(ops, p, step.motion.direction)
@@ -352,44 +354,44 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, b: Boundary, step: Step, e: Even
         # First where the line between the speeds is zero, then on the line to that point.
         slowing = ops.where(e.reversing, s.speed - step.end.speed, 1.0)
         guess = ops.where(e.reversing, h * s.speed / slowing, h)
-        (other,) = ops.branch(e.reversing, lambda: (_refined(ops, p, s, b, step, guess, h, heading),), lambda: (h,))
+        (other,) = ops.branch(e.reversing, lambda: (_refined(ops, p, s, u, step, guess, h, heading),), lambda: (h,))
     else:
         other = _breakaway_time(ops, p, step, e, h)
     first = ops.minimum(ops.minimum(voltage, other), stopping)
     used = ops.maximum(first, PROGRESS * h)
-    part = _step(ops, p, s, b, used, heading).end
+    part = _step(ops, p, s, u, used, heading).end
     hits = ops.both(e.stopping, stopping <= first)
     rests = ops.either(hits, ops.both(e.reversing, other <= first))
     return (ops.where(hits, stop, part.angle), ops.where(rests, 0.0, part.speed), part.current, part.integral, used)
 
 
-def _refined(ops: Ops, p: Any, s: Plant, b: Boundary, step: Step, guess: Value, h: Value, heading: float) -> Value:
+def _refined(ops: Ops, p: Any, s: Plant, u: Record, step: Step, guess: Value, h: Value, heading: float) -> Value:
     """A better time of zero speed than `guess`, by the secant to the side where it lies."""
-    speed = _step(ops, p, s, b, ops.maximum(guess, PROGRESS * h), heading).end.speed
+    speed = _step(ops, p, s, u, ops.maximum(guess, PROGRESS * h), heading).end.speed
     late = speed * heading <= 0.0
     other_time, other_speed = ops.where(late, 0.0, h), ops.where(late, s.speed, step.end.speed)
     change = ops.where(ops.equal(speed, other_speed), 1.0, speed - other_speed)
     return ops.clip(guess - speed * (guess - other_time) / change, 0.0, h)
 
 
-def _follow(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value, heading: float) -> tuple[Value, ...]:
-    step = _step(ops, p, s, b, h, heading)
+def _follow(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float) -> tuple[Value, ...]:
+    step = _step(ops, p, s, u, h, heading)
     e = _events(ops, p, s, step, heading)
     any_motion = ops.either(ops.either(e.up, e.down), ops.either(e.reversing, e.stopping))
     return ops.branch(ops.either(ops.either(e.entering, e.leaving), any_motion),
-                      lambda: _to_first_event(ops, p, s, b, step, e, h, heading), lambda: (*step.end, h))
+                      lambda: _to_first_event(ops, p, s, u, step, e, h, heading), lambda: (*step.end, h))
 
 
-def advance(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value) -> tuple[Plant, Value]:
+def advance(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Plant, Value]:
     """The state after `h` [s] or at the first event before, and the time that took [s].
 
     While the drive is disabled its bridge is open: no current, the integral at zero.
     """
-    s = Plant(s.angle, s.speed, *ops.branch(b.enabled, lambda: (s.current, s.integral), lambda: (0.0, 0.0)))
+    s = Plant(s.angle, s.speed, *ops.branch(u.enabled, lambda: (s.current, s.integral), lambda: (0.0, 0.0)))
     *plant, used = ops.branch(
         s.speed > 0.0,
-        lambda: _follow(ops, p, s, b, h, 1.0),
-        lambda: ops.branch(s.speed < 0.0, lambda: _follow(ops, p, s, b, h, -1.0),
-                           lambda: _follow(ops, p, s, b, h, 0.0)),
+        lambda: _follow(ops, p, s, u, h, 1.0),
+        lambda: ops.branch(s.speed < 0.0, lambda: _follow(ops, p, s, u, h, -1.0),
+                           lambda: _follow(ops, p, s, u, h, 0.0)),
     )
     return Plant(*plant), used

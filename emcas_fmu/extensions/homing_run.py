@@ -17,9 +17,9 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from .. import sensors
-from ..actuators.model import KEPT, Asked, Model, Sampled, State, Values
+from ..actuators.declaration import Actuator, Asked
+from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
-from ..tree import changed
 
 UNKNOWN, SEEKING, CROSSING, RETURNING, READY, FAILED = (float(i) for i in range(6))
 # Of the target's way within the time of a stall: less is none. Of that time: how long the target moves on without the
@@ -41,10 +41,10 @@ class Progress(NamedTuple):
     elapsed: Value
 
 
-class Found(NamedTuple):
-    """A sample of the controllers, the phase after it, and what is handed on."""
+class Sampled(NamedTuple):
+    """What a sample of the controllers gave, by name, the phase after it, and what is handed on."""
 
-    sampled: Sampled
+    given: dict[str, Value]
     phase: Value
     progress: Progress
 
@@ -70,57 +70,54 @@ def driven(ops: Ops, phase: Value) -> Value:
     return ops.both(phase >= SEEKING, phase <= READY)
 
 
-def reading(ops: Ops, p: Any, s: State, offset: Value = 0.0) -> Value:
-    """The encoder's reading [counts]; `offset` is that of true angles, whole counts have theirs in them."""
-    return ops.where(p.encoder.enabled, s.kept[1], s.plant[0] / sensors.resolution(p) + offset)
+def reading(ops: Ops, p: Any, actuator: Actuator, x: Record, counts: Value, offset: Value = 0.0) -> Value:
+    """Return the encoder's reading [counts]; `offset` is that of true angles, whole counts have theirs in them."""
+    angle = getattr(x, actuator.encoder[0])
+    return ops.where(p.encoder.enabled, counts, angle / sensors.resolution(p) + offset)
 
 
 def _whole(ops: Ops, p: Any, x: Value) -> Value:
     return ops.where(p.encoder.enabled, ops.floor(x), x)
 
 
-def _way(ops: Ops, p: Any, model: Model) -> _Way:
-    """The model itself tells what its encoder reads at a stop, whatever its kinematics."""
+def _way(ops: Ops, p: Any, actuator: Actuator) -> _Way:
+    """Return what the actuator's encoder reads from stop to stop, whatever its kinematics."""
     stop = p.fin.stop_angle
-    high, low = (model.initial(ops, changed(p, {"fin.start_angle": angle}))[0] for angle in (stop, -stop))
-    top, bottom = reading(ops, p, high), reading(ops, p, low)
+    high, low = (Record(**actuator.start(ops, p, angle)) for angle in (stop, -stop))
+    top, bottom = (reading(ops, p, actuator, x, x.counts) for x in (high, low))
     span = top - bottom
+    angle = actuator.encoder[0]
     return _Way(span, 0.5 * (top + bottom), ops.where(p.homing.positive_first, top, bottom), span / (2.0 * stop),
-                (high.plant[0] - low.plant[0]) / span)
+                (getattr(high, angle) - getattr(low, angle)) / span)
 
 
-def sample(ops: Ops, p: Any, model: Model, s: State, a: Asked, edge: Value, phase: Value,
-           progress: Progress) -> Found:
-    """One sample: `s` and `a` are the model's own, `edge` whether home has risen, `phase` and `progress` as they were.
+def sample(ops: Ops, p: Any, actuator: Actuator, x: Record, asked: Asked, edge: Value, phase: Value,
+           progress: Progress) -> Sampled:
+    """Return one sample: `edge` is whether home has risen, `phase` and `progress` are as they were.
 
-    Outside a run it is the model's sample, disabled unless ready, with the encoder's offset.
+    Outside a run it is the actuator's sample, disabled unless ready, with the encoder's offset.
     """
     running = moving(ops, phase)
-    starts = ops.both(ops.both(edge, a.enable), ops.negate(running))
-    phase = ops.where(starts, SEEKING, ops.where(ops.both(running, ops.negate(a.enable)), UNKNOWN, phase))
-    follows = ops.both(a.enable, ops.equal(phase, READY))
-    seen = model.sample(ops, changed(p, {"encoder.offset": progress.offset}), s, a._replace(enable=follows))
+    starts = ops.both(ops.both(edge, asked.enable), ops.negate(running))
+    phase = ops.where(starts, SEEKING, ops.where(ops.both(running, ops.negate(asked.enable)), UNKNOWN, phase))
+    follows = ops.both(asked.enable, ops.equal(phase, READY))
+    seen = actuator.sampled(ops, p, x, asked.replace(enable=follows, encoder_offset=progress.offset))
+    names = ("reference", "measured_fin_angle", "limited",
+             *(s.name for s in (*actuator.controller_states, *actuator.sampled_states)))
 
-    def homing() -> Values:
-        found = _homing(ops, p, model, s, a, seen, starts, phase, progress)
-        return *_flat(found.sampled), found.phase, *found.progress
+    def homing() -> tuple[Value, ...]:
+        run = _homing(ops, p, actuator, x, asked, seen, starts, phase, progress)
+        return *(run.given[name] for name in names), run.phase, *run.progress
 
-    values = ops.branch(moving(ops, phase), homing, lambda: (*_flat(seen), phase, *progress))
-    kept = len(KEPT) + len(model.kept)
-    reference, measured, limited, *rest = values
-    held = len(model.held)
-    return Found(Sampled(reference, tuple(rest[:kept]), measured, limited, tuple(rest[kept:kept + held])),
-                 rest[kept + held], Progress(*rest[kept + held + 1:]))
-
-
-def _flat(s: Sampled) -> Values:
-    return s.reference, s.measured, s.limited, *s.kept, *s.held
+    values = ops.branch(moving(ops, phase), homing, lambda: (*(seen[name] for name in names), phase, *progress))
+    count = len(names)
+    return Sampled(dict(zip(names, values, strict=False)), values[count], Progress(*values[count + 1:]))
 
 
-def _homing(ops: Ops, p: Any, model: Model, s: State, a: Asked, seen: Sampled, starts: Value, phase: Value,
-            g: Progress) -> Found:
-    way, period, limit = _way(ops, p, model), p.controller.sample_time, p.homing.reference_limit
-    at = reading(ops, p, s._replace(kept=seen.kept), g.offset)
+def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, asked: Asked, seen: dict[str, Value], starts: Value,
+            phase: Value, g: Progress) -> Sampled:
+    way, period, limit = _way(ops, p, actuator), p.controller.sample_time, p.homing.reference_limit
+    at = reading(ops, p, actuator, x, seen["counts"], g.offset)
     target, origin, mark = (ops.where(starts, at, x) for x in (g.target, g.origin, g.mark))
     stalled, elapsed = (ops.where(starts, 0.0, x) for x in (g.stalled, g.elapsed))
     seeks, crosses, returns = (ops.equal(phase, x) for x in (SEEKING, CROSSING, RETURNING))
@@ -132,12 +129,12 @@ def _homing(ops: Ops, p: Any, model: Model, s: State, a: Asked, seen: Sampled, s
     target = ops.where(stalled > _WAITS * p.homing.stall_time, target, target + rate * period)
     frame = _whole(ops, p, target)
     forward = rate * way.motor
-    integral, previous, *more = s.kept
-    moved = model.sample(
-        ops, changed(p, {"encoder.offset": g.offset - frame, "drive.reference_limit": limit}),
-        State(s.plant, (integral + forward, previous - frame, *more), s.held), a._replace(command=0.0))
+    moved = actuator.sampled(
+        ops, with_values(p, {"drive.reference_limit": limit}),
+        x.replace(integral=x.integral + forward, counts=x.counts - frame),
+        asked.replace(command=0.0, encoder_offset=g.offset - frame))
 
-    pressed = ops.fabs(moved.reference) >= limit * _EDGE
+    pressed = ops.fabs(moved["reference"]) >= limit * _EDGE
     window = _STILL * speed * p.homing.stall_time
     # A count to and fro is none either.
     window = ops.where(p.encoder.enabled, ops.maximum(window, 1.0), window)
@@ -165,8 +162,8 @@ def _homing(ops: Ops, p: Any, model: Model, s: State, a: Asked, seen: Sampled, s
     shift = ops.where(sets, ops.where(p.encoder.enabled, ops.floor(wrong + 0.5), wrong), 0.0)
     here = at + shift
     target, origin, mark = (ops.where(turns, here, x) for x in (target, origin, mark))
-    integral = ops.where(ops.either(turns, fails), 0.0, moved.kept[0] - forward)
-    return Found(
-        Sampled(ops.where(fails, 0.0, moved.reference), (integral, seen.kept[1] + shift, *moved.kept[2:]),
-                seen.measured, moved.limited, moved.held),
+    integral = ops.where(ops.either(turns, fails), 0.0, moved["integral"] - forward)
+    return Sampled(
+        {**moved, "reference": ops.where(fails, 0.0, moved["reference"]), "integral": integral,
+         "counts": seen["counts"] + shift, "measured_fin_angle": seen["measured_fin_angle"]},
         after, Progress(g.offset + shift, target, origin, ops.where(turns, 0.0, stalled), mark, elapsed))

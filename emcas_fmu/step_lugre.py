@@ -1,4 +1,4 @@
-"""One step of the plant on LuGre bristles (:mod:`emcas_fmu.options.lugre`): :mod:`emcas_fmu.integrate` without stick.
+"""One step of the plant on LuGre bristles (:mod:`emcas_fmu.extensions.lugre`): :mod:`emcas_fmu.step_rigid` without stick.
 
     dz/dt = w - a z        a = sigma_0 |w|/g        torque = sigma_0 z + sigma_1 dz/dt
 
@@ -19,8 +19,9 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from . import integrate
-from .integrate import PROGRESS, Boundary, Events, Motion, Plant, Step
+from . import step_rigid
+from .step_rigid import PROGRESS, Events, Motion, Plant, Step
+from .namespace import Record
 from .ops.base import Ops, Value
 from .physics import drive, friction, mechanics
 
@@ -69,45 +70,45 @@ def bristles(ops: Ops, p: Any, m: mechanics.Mechanics, deflection: Value, at: Va
                     stiffness * h * second + damping * first, kept, h * first)
 
 
-def _mechanics(ops: Ops, p: Any, s: Plant, b: Boundary, h: Value) -> mechanics.Mechanics:
-    return mechanics.coefficients(ops, p, s.angle + 0.5 * h * s.speed, b.aero_torque, b.f_x, b.f_z)
+def _mechanics(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> mechanics.Mechanics:
+    return mechanics.coefficients(ops, p, s.angle + 0.5 * h * s.speed, u.aero_torque, u.f_x, u.f_z)
 
 
-def _step(ops: Ops, p: Any, s: Plant, deflection: Value, b: Boundary, h: Value, at: Value | None = None) -> _Way:
+def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at: Value | None = None) -> _Way:
     """A step of a free motor with the friction of the speed `at`: that of mid-step, as a first step has it."""
     if at is None:
-        at = _step(ops, p, s, deflection, b, h, s.speed).step.current.speed
-    m = _mechanics(ops, p, s, b, h)
+        at = _step(ops, p, s, deflection, u, h, s.speed).step.current.speed
+    m = _mechanics(ops, p, s, u, h)
     own = bristles(ops, p, m, deflection, at, h)
     damping = mechanics.damping(ops, p, m, at) + own.slope
     w = s.speed
-    # As in integrate.py: mid-step speed in what is viscous, linearised in the centrifugal term.
+    # As in step_rigid.py: mid-step speed in what is viscous, linearised in the centrifugal term.
     inertia = m.inertia + 0.5 * h * damping - h * w * m.centrifugal
     torque = m.load - own.at_rest - damping * w + m.centrifugal * w * w
     motion = Motion(1.0, inertia, torque, 0.0, 0.0, m.load)
-    d = integrate.electrical_mode(ops, p, s, b)
-    c = integrate.current_course(ops, p, s, motion, d, h)
+    d = step_rigid.electrical_mode(ops, p, s, u)
+    c = step_rigid.current_course(ops, p, s, motion, d, h)
     speed = w + h * (drive.torque(p, c.mean) + torque) / inertia
-    end = Plant(s.angle + h * c.speed, speed, c.end, integrate.integral_end(ops, p, s, d, c, h))
+    end = Plant(s.angle + h * c.speed, speed, c.end, step_rigid.integral_end(ops, p, s, d, c, h))
     motion = motion._replace(direction=ops.where(end.angle > s.angle, 1.0, -1.0))
     return _Way(Step(end, motion, d, c), own.kept * deflection + own.gain * c.speed)
 
 
-def _free(ops: Ops, p: Any, s: Plant, deflection: Value, b: Boundary, h: Value, way: _Way) -> tuple[Value, ...]:
+def _free(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, way: _Way) -> tuple[Value, ...]:
     """State and deflection at the end of a free motor's step or at the first event in it, and the time that took."""
     step = way.step
     side = step.motion.direction
-    low, high = integrate.stops(ops, p)
+    low, high = step_rigid.stops(ops, p)
     stop = ops.where(side > 0.0, high, low)
     stopping = (step.end.angle - stop) * side >= 0.0
-    entering, leaving = integrate.voltage_events(ops, p, step.drive, step.end)
+    entering, leaving = step_rigid.voltage_events(ops, p, step.drive, step.end)
 
     def to_event() -> tuple[Value, ...]:
         e = Events(entering, leaving, False, False, False, stopping)
-        arrival = integrate.stop_time(ops, s, step, e, stop, h)
-        first = ops.minimum(integrate.voltage_time(ops, p, s, step, e, h), arrival)
+        arrival = step_rigid.stop_time(ops, s, step, e, stop, h)
+        first = ops.minimum(step_rigid.voltage_time(ops, p, s, step, e, h), arrival)
         used = ops.maximum(first, PROGRESS * h)
-        part = _step(ops, p, s, deflection, b, used)
+        part = _step(ops, p, s, deflection, u, used)
         end, hits = part.step.end, ops.both(stopping, arrival <= first)
         return (ops.where(hits, stop, end.angle), ops.where(hits, 0.0, end.speed), end.current, end.integral,
                 part.deflection, used)
@@ -116,53 +117,53 @@ def _free(ops: Ops, p: Any, s: Plant, deflection: Value, b: Boundary, h: Value, 
                       lambda: (*step.end, way.deflection, h))
 
 
-def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, b: Boundary, h: Value, side: Value) -> tuple[Value, ...]:
+def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, side: Value) -> tuple[Value, ...]:
     """The same of a motor at rest at the stop on this side."""
-    m = _mechanics(ops, p, s, b, h)
+    m = _mechanics(ops, p, s, u, h)
     spring = p.lugre.stiffness * deflection
 
     def pressing(current: Value) -> Value:
         return side * (drive.torque(p, current) + m.load - spring)
 
     pressed = pressing(s.current) >= 0.0
-    way = _step(ops, p, s, deflection, b, h)
-    # A start that leads nowhere is none, as from rest in integrate.py.
+    way = _step(ops, p, s, deflection, u, h)
+    # A start that leads nowhere is none, as from rest in step_rigid.py.
     nowhere = side * (way.step.end.angle - s.angle) >= 0.0
 
     def held(h: Value) -> Step:
         motion = Motion(0.0, 1.0, 0.0, 0.0, 0.0, m.load)
-        d = integrate.electrical_mode(ops, p, s, b)
-        c = integrate.current_course(ops, p, s, motion, d, h)
-        return Step(Plant(s.angle, 0.0, c.end, integrate.integral_end(ops, p, s, d, c, h)), motion, d, c)
+        d = step_rigid.electrical_mode(ops, p, s, u)
+        c = step_rigid.current_course(ops, p, s, motion, d, h)
+        return Step(Plant(s.angle, 0.0, c.end, step_rigid.integral_end(ops, p, s, d, c, h)), motion, d, c)
 
     def stays() -> tuple[Value, ...]:
         step = held(h)
-        entering, leaving = integrate.voltage_events(ops, p, step.drive, step.end)
+        entering, leaving = step_rigid.voltage_events(ops, p, step.drive, step.end)
         released = ops.both(pressed, pressing(step.end.current) < 0.0)
 
         def to_event() -> tuple[Value, ...]:
             e = Events(entering, leaving, False, False, False, False)
-            balance = integrate.time_to(ops, step.current, (spring - m.load) / p.motor.torque_constant)
-            first = ops.minimum(integrate.voltage_time(ops, p, s, step, e, h), ops.where(released, balance, h))
+            balance = step_rigid.time_to(ops, step.current, (spring - m.load) / p.motor.torque_constant)
+            first = ops.minimum(step_rigid.voltage_time(ops, p, s, step, e, h), ops.where(released, balance, h))
             used = ops.maximum(first, PROGRESS * h)
             return *held(used).end, deflection, used
 
         return ops.branch(ops.either(released, ops.either(entering, leaving)), to_event,
                           lambda: (*step.end, deflection, h))
 
-    return ops.branch(ops.either(pressed, nowhere), stays, lambda: _free(ops, p, s, deflection, b, h, way))
+    return ops.branch(ops.either(pressed, nowhere), stays, lambda: _free(ops, p, s, deflection, u, h, way))
 
 
-def advance(ops: Ops, p: Any, s: Plant, deflection: Value, b: Boundary, h: Value) -> tuple[Plant, Value, Value]:
+def advance(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value) -> tuple[Plant, Value, Value]:
     """State and bristle deflection [rad] after `h` [s] or at the first event before, and the time that took [s].
 
     While the drive is disabled its bridge is open: no current, the integral at zero.
     """
-    s = Plant(s.angle, s.speed, *ops.branch(b.enabled, lambda: (s.current, s.integral), lambda: (0.0, 0.0)))
-    low, high = integrate.stops(ops, p)
+    s = Plant(s.angle, s.speed, *ops.branch(u.enabled, lambda: (s.current, s.integral), lambda: (0.0, 0.0)))
+    low, high = step_rigid.stops(ops, p)
     side = ops.where(s.angle >= high, 1.0, ops.where(s.angle <= low, -1.0, 0.0))
     resting = ops.both(ops.equal(s.speed, 0.0), ops.negate(ops.equal(side, 0.0)))
     *plant, deflection, used = ops.branch(
-        resting, lambda: _at_stop(ops, p, s, deflection, b, h, side),
-        lambda: _free(ops, p, s, deflection, b, h, _step(ops, p, s, deflection, b, h)))
+        resting, lambda: _at_stop(ops, p, s, deflection, u, h, side),
+        lambda: _free(ops, p, s, deflection, u, h, _step(ops, p, s, deflection, u, h)))
     return Plant(*plant), deflection, used

@@ -1,0 +1,292 @@
+"""What an actuator declares: its states, variables, rules and equations. Every tool reads this and nothing else.
+
+The equations are functions of ``ops`` (:class:`emcas_fmu.ops.base.Ops`), ``p``, the parameters by name
+(``p.motor.resistance``), and named values; all SI.
+
+    initial(ops, p, start)     states at rest: ``start.fin_angle`` [rad], ``start.encoder_offset``
+    sample(ops, p, x, asked)   what the sampled controllers do, every controller.sample_time
+    step(ops, p, x, u, h)      the plant after h [s] or at the first event before, and the time that took
+    outputs(ops, p, x, u)      every output
+
+``x`` has the states by name, ``u`` what acts and is held through a step (:class:`Acting`). The functions give a
+mapping of names to values; `sample`, `step` and `initial` leave out what does not change (from 0, for `initial`).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from ..errors import EmcasError
+from ..namespace import Record, namespace
+from ..ops.base import Ops, Value
+from ..rules import Rule
+from ..variables import Variable
+from . import fin_port
+
+Values = Mapping[str, Value]
+Parameters = Any
+"""Parameters as attributes by their dotted names, with the actuator's `structure`."""
+Acting = Record
+"""What acts on the plant through a step. To `step` and `outputs`:
+
+``reference``, as it has arrived in the drive; ``aero_torque`` [N.m]; ``f_x`` and ``f_z`` [m/s2], the specific force in
+the fin's frame; ``supply``; ``enabled``; the actuator's further inputs; its sampled states;
+``rated_current_limit`` [A], the drive's without a fault, None where that is drive.current_limit.
+To `outputs` besides: ``command`` [rad]; ``sampled_reference``, the last sample's; ``measured_fin_angle`` [rad];
+``limited``, whether the last sample met a limit.
+"""
+Asked = Record
+"""What a sample is asked for: ``command`` [rad], ``supply``, ``enable``, the further inputs, and ``encoder_offset``
+[counts], None of an encoder whose zero is the fin's."""
+
+
+@dataclass(frozen=True)
+class State:
+    """A state by name, a Python identifier, with its unit."""
+
+    name: str
+    unit: str = ""
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.name.isidentifier():
+            raise EmcasError(f"state {self.name!r}: a state's name is a Python identifier, such as fin_rate")
+
+
+@dataclass(frozen=True)
+class Terminal:
+    """Inputs and outputs that belong to one connector."""
+
+    name: str
+    description: str
+    members: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Supply:
+    """The line that feeds the actuator: its input, and for several fins on one line what loads it.
+
+    `power` is the output that tells the power drawn [W]; `inverse_inductance(ops, p)` is 1/L [1/H] of what the line's
+    voltage drives, 0 of what it drives at once.
+    """
+
+    input: Variable
+    power: Variable
+    inverse_inductance: Callable[[Ops, Parameters], Value] = lambda ops, p: 0.0
+
+
+def _at_start_angle(ops: Ops, p: Parameters, start: Record) -> Values:
+    return {"fin_angle": start.fin_angle, "measured_fin_angle": start.fin_angle}
+
+
+def _unchanged(ops: Ops, p: Parameters) -> Parameters:
+    return p
+
+
+def identifier(name: str) -> str:
+    """Return a variable's name as an identifier: ``acceleration.x`` gives acceleration_x."""
+    return re.sub(r"\W+", "_", name)
+
+
+def _where(function: Callable[..., Any]) -> str:
+    code = getattr(function, "__code__", None)
+    return f"{code.co_filename}, line {code.co_firstlineno}: {code.co_name}()" if code else repr(function)
+
+
+def _complete(function: Callable[..., Any], given: Any, names: Iterable[str], optional: Iterable[str] = ()
+              ) -> Mapping[str, Value]:
+    """Return what an actuator's function gave, if these are all the names it has. Raises EmcasError."""
+    if not isinstance(given, Mapping):
+        raise EmcasError(f"{_where(function)} gives {type(given).__name__}; a mapping of names to values is needed")
+    needed = list(names)
+    known = {*needed, *optional}
+    if missing := [name for name in needed if name not in given]:
+        raise EmcasError(f"{_where(function)} gives no {', '.join(missing)}")
+    if unknown := [name for name in given if name not in known]:
+        raise EmcasError(f"{_where(function)} gives {', '.join(map(str, unknown))}, which is not declared; there is "
+                         f"{', '.join(sorted(known))}")
+    return given
+
+@dataclass(frozen=True)
+class Actuator:
+    """An actuator behind the fin port (:mod:`emcas_fmu.actuators.fin_port`).
+
+    `states` are moved by steps; `controller_states` by samples, which alone see them; `sampled_states` are set by
+    samples and seen by everything. `encoder` names the states, angle and speed, that the sensors read.
+    `further_inputs` are those besides the port's: a Boolean is seen by samples only, a Real by everything.
+    `outputs` and `parameters` are complete, the port's among them, in the interface's order; `descriptions` are of
+    port variables that mean something else here. `rules` are those besides the port's.
+    `provides` names what extensions and tools ask for (:mod:`emcas_fmu.actuators.capabilities`), `structure` what the
+    equations of a family are put together from; `equation_parameters` has constants in place of parameters that others
+    of the family have and this one does not. `longest_tick` bounds the internal tick [s], by `tick_remedy` it gets
+    longer; `transport_delay` is the time from a sample to the drive [s]. `files` are parameter files with the
+    defaults, the later over the earlier, all over ``models/emcas.toml``; `modules` document the equations.
+    """
+
+    name: str
+    title: str
+    states: tuple[State, ...]
+    outputs: tuple[Variable, ...]
+    parameters: tuple[Variable, ...]
+    sample: Callable[[Ops, Parameters, Record, Asked], Values]
+    step: Callable[[Ops, Parameters, Record, Acting, Value], tuple[Values, Value]]
+    output_values: Callable[[Ops, Parameters, Record, Acting], Values]
+    initial: Callable[[Ops, Parameters, Record], Values] = _at_start_angle
+    controller_states: tuple[State, ...] = ()
+    sampled_states: tuple[State, ...] = ()
+    encoder: tuple[str, str] = ("fin_angle", "fin_rate")
+    further_inputs: tuple[Variable, ...] = ()
+    supply: Supply | None = None
+    descriptions: Mapping[str, str] = field(default_factory=dict)
+    rules: tuple[Rule, ...] = ()
+    terminals: tuple[Terminal, ...] = ()
+    provides: frozenset[str] = frozenset()
+    structure: Any = None
+    equation_parameters: Callable[[Ops, Parameters], Parameters] = _unchanged
+    longest_tick: Callable[[Ops, Parameters], Value] = fin_port.max_tick
+    tick_remedy: str = "raise solver.max_tick"
+    transport_delay: Callable[[Ops, Parameters], Value] | None = None
+    files: tuple[Path, ...] = ()
+    modules: tuple[Any, ...] = ()
+
+    def __post_init__(self) -> None:
+        arguments = [a for _, names, _ in self.functions for a in names]
+        repeated = [name for _, names, _ in self.functions for name in names if names.count(name) > 1]
+        if repeated:
+            raise EmcasError(f"actuator {self.name}: {repeated[0]} is the name of two things; states, inputs and what "
+                             f"acts ({', '.join(dict.fromkeys(arguments))}) have names of their own")
+        for kind, variables in (("output", self.outputs), ("parameter", self.parameters)):
+            names = [v.name for v in variables]
+            if twice := [name for name in names if names.count(name) > 1]:
+                raise EmcasError(f"actuator {self.name}: {kind} {twice[0]} is declared twice")
+            needed = fin_port.OUTPUTS if kind == "output" else fin_port.PARAMETERS
+            if missing := [v.name for v in needed if v.name not in names]:
+                raise EmcasError(f"actuator {self.name}: {kind} {missing[0]} of the fin port is missing; the fin port's "
+                                 f"{kind}s are {', '.join(v.name for v in needed)}")
+
+    # -- interface -------------------------------------------------------------
+
+    @cached_property
+    def inputs(self) -> tuple[Variable, ...]:
+        """The fin port's inputs, the supply, the further ones."""
+        port = fin_port.inputs(None if self.supply is None else self.supply.input, self.further_inputs)
+        return tuple(replace(v, description=self.descriptions.get(v.name, v.description)) for v in port)
+
+    @cached_property
+    def acting_inputs(self) -> tuple[Variable, ...]:
+        """Those of the further inputs that steps and outputs see."""
+        return tuple(v for v in self.further_inputs if v.kind == "Real")
+
+    @cached_property
+    def file_entries(self) -> tuple[Variable, ...]:
+        """What a parameter file may give: the parameters, and start values of inputs."""
+        starts = (Variable(v.key, v.kind, "parameter", "fixed", v.unit, f"start value of {v.name}", v.minimum, v.maximum)
+                  for v in self.inputs if v.key is not None)
+        return (*self.parameters, *starts)
+
+    @cached_property
+    def all_rules(self) -> tuple[Rule, ...]:
+        """The fin port's rules and the actuator's."""
+        return (*fin_port.RULES, *self.rules,
+                *fin_port.schedule_rules(self.longest_tick, self.transport_delay, self.tick_remedy))
+
+    def namespace(self, values: Mapping[str, Any]) -> Parameters:
+        """Return parameters by name as what the equations take."""
+        return namespace(values, self.structure)
+
+    # -- what is traced ----------------------------------------------------------
+
+    @cached_property
+    def functions(self) -> tuple[tuple[str, tuple[str, ...], Callable[..., tuple[Value, ...]]], ...]:
+        """Name, names of the arguments, and the function of each that is traced, with one argument for each value.
+
+        initial() gives states, controller states, measured angle and sampled states; sample() the reference,
+        controller states, measured angle, whether a limit was met, sampled states; step() states and the time it took.
+        """
+        plant, kept, held = (tuple(s.name for s in states)
+                             for states in (self.states, self.controller_states, self.sampled_states))
+        acting = ("aero_torque", "f_x", "f_z", "supply", "enable", *(v.name for v in self.acting_inputs))
+        return (
+            ("initial", (), self._initial),
+            ("sample", (*plant, *kept, *held, "command", "supply", "enable",
+                        *(identifier(v.name) for v in self.further_inputs)), self._sample),
+            ("forces", ("a_x", "a_y", "a_z", "roll", "pitch"), fin_port.specific_force),
+            ("step", (*plant, *held, "active", *acting, "h"), self._step),
+            ("outputs", (*plant, "active", "reference", "measured", "limited", *held, "command", *acting),
+             self._output_values),
+        )
+
+    def start(self, ops: Ops, p: Parameters, fin_angle: Value | None = None,
+              encoder_offset: Value | None = None) -> dict[str, Value]:
+        """Return every state by name, and ``measured_fin_angle`` [rad], at rest at a fin angle [rad].
+
+        fin.start_angle unless given; the encoder's zero is `encoder_offset` [counts] off.
+        """
+        at = Record(fin_angle=p.fin.start_angle if fin_angle is None else fin_angle, encoder_offset=encoder_offset)
+        names = self._state_names
+        given = _complete(self.initial, self.initial(ops, p, at), ("measured_fin_angle",), names)
+        return {**dict.fromkeys(names, 0.0), **given}
+
+    @cached_property
+    def _state_names(self) -> tuple[str, ...]:
+        return tuple(s.name for s in (*self.states, *self.controller_states, *self.sampled_states))
+
+    def _initial(self, ops: Ops, p: Parameters) -> tuple[Value, ...]:
+        begun = self.start(ops, p)
+        return tuple(begun[name] for name in (
+            *(s.name for s in (*self.states, *self.controller_states)), "measured_fin_angle",
+            *(s.name for s in self.sampled_states)))
+
+    def _sample(self, ops: Ops, p: Parameters, *arguments: Value) -> tuple[Value, ...]:
+        names = self._state_names
+        x = Record(**dict(zip(names, arguments, strict=False)))
+        command, supply, enable, *further = arguments[len(names):]
+        asked = Record(command=command, supply=supply, enable=enable, encoder_offset=None,
+                       **{identifier(v.name): value for v, value in zip(self.further_inputs, further, strict=True)})
+        given = self.sampled(ops, p, x, asked)
+        kept, held = (tuple(s.name for s in states) for states in (self.controller_states, self.sampled_states))
+        return tuple(given[name] for name in ("reference", *kept, "measured_fin_angle", "limited", *held))
+
+    def sampled(self, ops: Ops, p: Parameters, x: Record, asked: Asked) -> dict[str, Value]:
+        """Return all that a sample gives: ``reference``, ``measured_fin_angle``, ``limited``, controller states and
+        sampled states."""
+        names = tuple(s.name for s in (*self.controller_states, *self.sampled_states))
+        given = _complete(self.sample, self.sample(ops, p, x, asked), ("reference",),
+                          ("measured_fin_angle", "limited", *names))
+        before = {name: getattr(x, name) for name in names}
+        return {"measured_fin_angle": getattr(x, self.encoder[0]), "limited": 0.0, **before, **given}
+
+    def _acting(self, held: Iterable[Value], active: Value, acting: Iterable[Value]) -> dict[str, Value]:
+        names = (*(s.name for s in self.sampled_states), "reference", "aero_torque", "f_x", "f_z", "supply", "enabled",
+                 *(identifier(v.name) for v in self.acting_inputs))
+        return {**dict(zip(names, (*held, active, *acting), strict=True)), "rated_current_limit": None}
+
+    def _step(self, ops: Ops, p: Parameters, *arguments: Value) -> tuple[Value, ...]:
+        plant = tuple(s.name for s in self.states)
+        x = Record(**dict(zip(plant, arguments, strict=False)))
+        split = len(plant) + len(self.sampled_states)
+        active, *acting, h = arguments[split:]
+        moved, used = self.step(ops, p, x, Record(**self._acting(arguments[len(plant):split], active, acting)), h)
+        moved = {**vars(x), **_complete(self.step, moved, (), plant)}
+        return (*(moved[name] for name in plant), used)
+
+    def _output_values(self, ops: Ops, p: Parameters, *arguments: Value) -> tuple[Value, ...]:
+        plant = tuple(s.name for s in self.states)
+        x = Record(**dict(zip(plant, arguments, strict=False)))
+        active, reference, measured, limited, *rest = arguments[len(plant):]
+        held, (command, *acting) = rest[:len(self.sampled_states)], rest[len(self.sampled_states):]
+        u = Record(**self._acting(held, active, acting), command=command, sampled_reference=reference,
+                   measured_fin_angle=measured, limited=limited)
+        given = _complete(self.output_values, self.output_values(ops, p, x, u), (v.name for v in self.outputs))
+        return tuple(given[v.name] for v in self.outputs)
+
+
+def with_outputs(outputs: tuple[Variable, ...], further: tuple[Variable, ...]) -> tuple[Variable, ...]:
+    """Return outputs with further ones behind them, each once."""
+    names = {v.name for v in outputs}
+    return (*outputs, *(v for v in further if v.name not in names))

@@ -1,0 +1,139 @@
+"""The nonlinear actuator with an elastic drive line and a gap between nut and fork.
+
+The rotor and the fin have an angle each (:mod:`emcas_fmu.physics.drive_line`), the fin's referred to the motor. The
+first states are those of the encoder's side: the rotor, or with ``encoder.on_fin`` the fin. Without compliance and gap
+it is the nonlinear actuator, step for step.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from typing import Any
+
+from ... import step_elastic, step_rigid
+from ...step_rigid import Plant
+from ...namespace import Record
+from ...ops.base import Ops, Value
+from ...physics import drive_line, kinematics, mechanics
+from ...physics.structure import Structure
+from ...step_elastic import Pair
+from ...variables import Variable, parameter
+from .. import capabilities, fin_port
+from ..declaration import Acting, Asked, State, Values
+from . import interface, nonlinear
+
+STATES = (State("angle_at_encoder", "rad"), State("speed_at_encoder", "rad/s"), *interface.DRIVE,
+          State("other_angle", "rad", "of the side away from the encoder"),
+          State("other_speed", "rad/s", "of the side away from the encoder"))
+DESCRIPTIONS = {
+    "motor_angle": "angle of the rotor (indirect fin angle, by lever and screw)",
+    "nut_position": "nut displacement from the assembly position, before the gap",
+}
+
+
+def _line(name: str, unit: str, minimum: float, maximum: float, description: str) -> Variable:
+    return parameter(f"drive_line.{name}", unit, minimum, maximum, description)
+
+
+AXIAL = (
+    _line("axial_compliance", "m/N", 0.0, 1e-3, "compliance of screw, nut and thrust bearing in tension (0: rigid)"),
+    _line("axial_damping", "N.s/m", 0.0, 1e7, "structural damping of screw, nut and thrust bearing"),
+)
+TORSIONAL = (
+    _line("torsional_compliance", "rad/(N.m)", 0.0, 1e3, "compliance of motor shaft and screw in torsion (0: rigid)"),
+    _line("torsional_damping", "N.m.s/rad", 0.0, 10.0, "structural damping of motor shaft and screw in torsion"),
+)
+GAP = (
+    _line("backlash", "m", 0.0, 0.01, "whole gap between nut and fork along the screw (0: preloaded, no contact)"),
+    _line("contact_stiffness", "N/m", 1e4, 1e10, "stiffness of the flanks of nut and fork"),
+    _line("contact_damping", "N.s/m", 0.0, 1e7, "damping of the flanks of nut and fork"),
+)
+
+
+def sides(ops: Ops, p: Any, x: Record) -> Pair:
+    """Return rotor and fin from the side the encoder sees and the other."""
+    return _swapped(ops, p, x.angle_at_encoder, x.speed_at_encoder, x.motor_current, x.drive_integral, x.other_angle,
+                    x.other_speed)
+
+
+def _swapped(ops: Ops, p: Any, angle: Value, speed: Value, current: Value, integral: Value, other_angle: Value,
+             other_speed: Value) -> Pair:
+    """Return both sides in their order where the encoder is on the motor, else the other way round."""
+    at_fin = p.encoder.on_fin
+    return Pair(ops.where(at_fin, other_angle, angle), ops.where(at_fin, other_speed, speed), current, integral,
+                ops.where(at_fin, angle, other_angle), ops.where(at_fin, speed, other_speed))
+
+
+def _states(values: Pair) -> Values:
+    return dict(zip((s.name for s in STATES), values, strict=True))
+
+
+def initial(ops: Ops, p: Any, start: Record) -> Values:
+    """Return plant and controller at rest at a fin angle, the nut amid its gap."""
+    begun = dict(nonlinear.initial(ops, p, start))
+    angle = begun.pop("motor_angle")
+    return {**begun, "angle_at_encoder": angle, "other_angle": angle}
+
+
+def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+    """Return a sample of the controllers."""
+    return nonlinear.controlled(ops, p, x.angle_at_encoder, x.speed_at_encoder, x, asked)
+
+
+def yielding(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+    """Return :func:`step` of a drive line that is not rigid."""
+    moved, used = step_elastic.advance(ops, p, sides(ops, p, x), u, h)
+    return _states(_swapped(ops, p, *moved)), used
+
+
+def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+    """Return the plant after h [s] or at the first event before, and the time that took."""
+    def as_one() -> tuple[Value, ...]:
+        plant, used = step_rigid.advance(
+            ops, p, Plant(x.angle_at_encoder, x.speed_at_encoder, x.motor_current, x.drive_integral), u, h)
+        return *plant, plant.angle, plant.speed, used
+
+    def as_two() -> tuple[Value, ...]:
+        moved, used = yielding(ops, p, x, u, h)
+        return *moved.values(), used
+
+    *moved, used = ops.branch(drive_line.rigid(ops, p), as_one, as_two)
+    return _states(Pair(*moved)), used
+
+
+def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return every output: the fin's of the fin, the others of the motor."""
+    s = sides(ops, p, x)
+    motor = nonlinear.output_values(ops, p, Record(motor_angle=s.angle, motor_speed=s.speed, **vars(x)), u)
+    tangent = kinematics.lever_tangent(ops, p, s.fin_angle)
+    fin = kinematics.fin_angle(ops, p, tangent)
+    lag = drive_line.nut_lag(ops, drive_line.line(ops, p), s.angle - s.fin_angle)
+    return {
+        **motor,
+        "fin_angle": fin,
+        "fin_rate": s.fin_speed / kinematics.reduction_ratio(ops, p, tangent),
+        "nut_position": kinematics.nut_position(ops, p, s.angle - lag),
+        "hinge_torque": mechanics.external_moment(ops, p, tangent, u.aero_torque, u.f_x, u.f_z),
+        "tracking_error": fin_port.clipped_command(ops, p, u.command) - fin,
+        "at_stop": ops.fabs(fin) >= fin_port.stop_edge(p),
+    }
+
+
+ACTUATOR = replace(
+    nonlinear.ACTUATOR,
+    name="elastic",
+    title="nonlinear electromechanical actuator with elastic drive line and backlash",
+    states=STATES,
+    encoder=("angle_at_encoder", "speed_at_encoder"),
+    outputs=fin_port.described(DESCRIPTIONS, interface.OUTPUTS),
+    parameters=interface.PARAMETERS + AXIAL + TORSIONAL + GAP,
+    provides=nonlinear.ACTUATOR.provides - {capabilities.RIGID_DRIVE_LINE} | {
+        capabilities.DRIVE_LINE, capabilities.BACKLASH},
+    structure=Structure(drive_line=True),
+    initial=initial,
+    sample=sample,
+    step=step,
+    output_values=output_values,
+    modules=(sys.modules[__name__], drive_line, step_elastic, *nonlinear.EQUATIONS),
+)

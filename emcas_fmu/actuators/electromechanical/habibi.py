@@ -1,0 +1,52 @@
+"""The actuator after Habibi, Roach and Luecke, as the thesis describes it in section 1.1.1.1.
+
+Loops of current, velocity and position in cascade, a gap between nut and fork, every component rigid, inertia and
+friction reduced to the motor shaft at a constant ratio: viscous and constant Coulomb friction, the same in both
+directions. The flanks of the gap have the stiffness and damping of
+:mod:`emcas_fmu.actuators.electromechanical.elastic`.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from typing import Any
+
+from ...namespace import with_values
+from ...ops.base import Ops
+from ...physics.structure import Structure
+from .. import capabilities
+from . import elastic, interface
+from .rewired import rewired
+
+_RIGID = {f"drive_line.{name}": 0.0 for name in (
+    "axial_compliance", "axial_damping", "torsional_compliance", "torsional_damping")}
+
+
+def at_motor(p: Any) -> Any:
+    """Return parameters with one viscous and one Coulomb coefficient at the motor."""
+    viscous, coulomb = p.friction.viscous, p.friction.coulomb
+    mean = 0.5 * (viscous.positive + viscous.negative)
+    constant = (0.5 * (coulomb.positive[0] + coulomb.negative[0]), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return with_values(p, {
+        "friction.viscous.positive": mean, "friction.viscous.negative": mean,
+        "friction.coulomb.positive": constant, "friction.coulomb.negative": constant})
+
+
+def _habibi(_: Ops, p: Any) -> Any:
+    return with_values(at_motor(p), _RIGID)
+
+
+ACTUATOR = replace(
+    elastic.ACTUATOR,
+    name="habibi",
+    title="electromechanical actuator after Habibi: cascaded loops, constant ratio, backlash",
+    parameters=interface.PARAMETERS + elastic.GAP,
+    provides=elastic.ACTUATOR.provides - {capabilities.SCREW_LOAD},
+    structure=Structure(constant_ratio=True, drive_line=True),
+    initial=rewired(elastic.initial, _habibi),
+    sample=rewired(elastic.sample, _habibi),
+    step=rewired(elastic.step, _habibi),
+    output_values=rewired(elastic.output_values, _habibi),
+    modules=(sys.modules[__name__], *elastic.ACTUATOR.modules),
+)

@@ -1,0 +1,175 @@
+"""Variables, states and rules that the electromechanical actuators share."""
+
+from __future__ import annotations
+
+from math import degrees, radians
+from typing import Any
+
+from ...ops.base import Ops, Value
+from ...physics.friction import coulomb_polynomial
+from ...rules import ANGLE, SLACK, Rule, in_degrees, when
+from ...variables import Variable, integer_parameter, parameter, real_input, real_output, switch, tunable
+from .. import fin_port
+from ..declaration import State, Supply, Terminal
+
+# -- states ------------------------------------------------------------------------
+
+MOTOR = (State("motor_angle", "rad"), State("motor_speed", "rad/s"))
+DRIVE = (State("motor_current", "A"), State("drive_integral", "V", "integral of the current controller, xi"))
+CONTROLLER = (State("integral", "rad/s", "integral of the position controller"),
+              State("counts", "1", "encoder counts at the last sample"))
+
+# -- inputs and outputs ------------------------------------------------------------
+
+SUPPLY_VOLTAGE = real_input("supply_voltage", "V", "bus voltage of the drive", minimum=0.0, maximum=1000.0,
+                            nominal=10.0, start=None, key="drive.supply_voltage")
+SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn by the motor; negative while regenerating",
+                           100.0)
+OUTPUTS = (
+    fin_port.FIN_ANGLE,
+    fin_port.FIN_RATE,
+    real_output("motor_angle", "rad", "motor angle", 10.0),
+    real_output("motor_speed", "rad/s", "motor speed", 100.0),
+    real_output("motor_current", "A", "motor current", 10.0),
+    real_output("motor_voltage", "V", "voltage the drive applies (back-EMF while disabled)", 10.0),
+    real_output("motor_torque", "N.m", "motor torque", 1.0),
+    real_output("drive_reference", "V", "analogue reference held by the controller's DAC", 1.0),
+    real_output("nut_position", "m", "nut displacement from the assembly position", 0.01),
+    fin_port.HINGE_TORQUE,
+    SUPPLY_POWER,
+    fin_port.TRACKING_ERROR,
+    fin_port.MEASURED_FIN_ANGLE,
+    fin_port.SATURATED,
+    fin_port.AT_STOP,
+)
+
+TERMINALS = (
+    Terminal("motor", "motor and drive",
+             ("motor_angle", "motor_speed", "motor_current", "motor_voltage", "motor_torque", "drive_reference",
+              "nut_position")),
+)
+
+# -- parameters --------------------------------------------------------------------
+
+_COULOMB = tuple(
+    parameter(f"friction.coulomb.{direction}[{power}]", "N.m", -10.0, 10.0,
+              f"Coulomb friction at the motor for {direction} motion: coefficient of (fin_angle/20 deg)^{power}")
+    for direction in ("positive", "negative") for power in range(7)
+)
+PARAMETERS: tuple[Variable, ...] = (
+    parameter("kinematics.moment_arm", "m", 1e-3, 1.0, "distance of the hinge from the screw axis, d"),
+    parameter("kinematics.initial_angle", "rad", radians(-60), radians(60),
+              "assembly angle of the lever at fin_angle 0"),
+    parameter("screw.lead", "m/rad", 1e-6, 1e-1, "screw lead per radian"),
+    parameter("inertia.motor", "kg.m2", 1e-9, 10.0, "rotor inertia"),
+    parameter("inertia.screw", "kg.m2", 0.0, 10.0, "screw inertia about its axis"),
+    parameter("inertia.fin", "kg.m2", 1e-9, 1e3, "fin inertia about the hinge"),
+    parameter("inertia.shaft", "kg.m2", 0.0, 1e3, "fin shaft inertia about the hinge"),
+    parameter("inertia.fork", "kg.m2", 0.0, 1e3, "fork inertia about the hinge"),
+    parameter("mass.nut", "kg", 0.0, 1e3, "nut mass"),
+    *fin_port.MASSES,
+    *fin_port.CENTERS,
+    parameter("motor.torque_constant", "N.m/A", 1e-6, 100.0, "torque constant"),
+    parameter("motor.back_emf_constant", "V.s/rad", 0.0, 100.0, "back-EMF constant"),
+    parameter("motor.resistance", "Ohm", 1e-6, 1e4, "winding resistance"),
+    parameter("motor.inductance", "H", 1e-7, 10.0, "winding inductance"),
+    parameter("drive.current_limit", "A", 1e-3, 1e4, "largest current reference"),
+    parameter("drive.current_gain", "A/V", 1e-3, 1e4, "current demanded per volt of reference"),
+    parameter("drive.current_offset", "A", -1e3, 1e3, "current demanded at zero reference"),
+    parameter("drive.transport_delay", "s", 0.0, 0.1, "delay from DAC to current reference"),
+    parameter("drive.kp", "V/A", 1e-6, 1e4, "proportional gain of the current loop"),
+    parameter("drive.ki", "V/(A.s)", 0.0, 1e6, "integral gain of the current loop"),
+    parameter("drive.reference_limit", "V", 1e-3, 1e3, "largest DAC output"),
+    fin_port.SAMPLE_TIME,
+    tunable("controller.position.kp", "1/s", 0.0, 1e5, "proportional gain of the position loop"),
+    tunable("controller.position.ki", "1/s2", 0.0, 1e6, "integral gain of the position loop (0: P control)"),
+    tunable("controller.velocity.kp", "V.s/rad", 0.0, 1e4, "proportional gain of the velocity loop"),
+    tunable("controller.antiwindup", "1/s", 0.0, 1e5, "back-calculation gain of the anti-windup"),
+    parameter("controller.speed_limit", "rad/s", 1e-3, 1e5, "largest motor speed reference"),
+    *fin_port.TRAVEL,
+    parameter("friction.viscous.positive", "N.m.s/rad", 0.0, 10.0, "viscous friction at the motor, positive motion"),
+    parameter("friction.viscous.negative", "N.m.s/rad", 0.0, 10.0, "viscous friction at the motor, negative motion"),
+    *_COULOMB,
+    parameter("friction.cold_viscous_ratio", "1", 0.0, 100.0, "viscous friction at -6 degC over that at 24 degC"),
+    parameter("friction.cold_coulomb_ratio", "1", 0.0, 100.0, "Coulomb friction at -6 degC over that at 24 degC"),
+    tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature; held outside -6..24 degC"),
+    parameter("friction.fin_viscous", "N.m.s/rad", 0.0, 1e4, "viscous friction about the hinge"),
+    parameter("friction.fin_coulomb", "N.m", 0.0, 1e4, "Coulomb friction about the hinge"),
+    tunable("compensation.gain", "1", 0.0, 10.0, "share of the Coulomb friction fed forward (0: none)"),
+    tunable("compensation.speed_band", "rad/s", 1e-6, 1e4, "speed reference at which compensation is full"),
+    switch("encoder.enabled", "false feeds true angle and speed to the controllers"),
+    integer_parameter("encoder.pulses", 1, 1_000_000, "pulses per revolution"),
+    integer_parameter("encoder.multiplier", 1, 4, "edge multiplier: 1, 2 or 4"),
+    switch("encoder.on_fin", "true: the encoder sits on the fin shaft; false: on the motor"),
+    *fin_port.MOUNTING,
+    fin_port.MAX_TICK,
+)
+
+
+def _inverse_inductance(ops: Ops, p: Any) -> Value:
+    return 1.0 / p.motor.inductance
+
+
+def transport_delay(ops: Ops, p: Any) -> Value:
+    """Return the time [s] from the DAC to the current reference."""
+    return p.drive.transport_delay
+
+
+SUPPLY = Supply(SUPPLY_VOLTAGE, SUPPLY_POWER, _inverse_inductance)
+TICK_REMEDY = "raise solver.max_tick or motor.inductance, or lower drive.ki"
+
+# -- rules -------------------------------------------------------------------------
+
+# The lever's tangent grows without bound towards 90 deg.
+LARGEST_LEVER_ANGLE = radians(85.0)
+
+
+def _lever(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    initial, stop = ops.fabs(p.kinematics.initial_angle), p.fin.stop_angle
+    return (when(ops, initial + stop >= LARGEST_LEVER_ANGLE * (1.0 - SLACK)), initial, in_degrees(initial),
+            stop, in_degrees(stop), initial + stop, in_degrees(initial + stop))
+
+
+def _friction(direction: str) -> Rule:
+    def check(ops: Ops, p: Any, share: Value) -> tuple[Value, ...]:
+        coefficients, stop = getattr(p.friction.coulomb, direction), p.fin.stop_angle
+        angle = stop * share
+        value = coulomb_polynomial(coefficients, angle)
+        largest = coulomb_polynomial([ops.fabs(c) for c in coefficients], stop)
+        below = -value - SLACK * largest
+        return below, *coefficients, value, angle, in_degrees(angle), stop, in_degrees(stop)
+
+    return Rule(check, f"friction.coulomb.{direction} = [{', '.join(['%.6g'] * 7)}] N.m gives a friction of %.6g N.m "
+                       f"at fin_angle = {ANGLE}; it must not be below 0 within +-fin.stop_angle = {ANGLE}", True)
+
+
+def _multiplier(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    value = p.encoder.multiplier
+    known = ops.either(ops.equal(value, 1.0), ops.either(ops.equal(value, 2.0), ops.equal(value, 4.0)))
+    return when(ops, ops.negate(known)), value
+
+
+def _inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    parts = p.inertia
+    total = parts.motor + parts.screw + parts.fin + parts.shaft + parts.fork
+    return when(ops, total <= 0.0), total
+
+
+def inertias(p: Any, viscous: Value) -> tuple[Value, Value]:
+    """Return inertias at the motor [kg.m2]: of nut and hinge, and of motor and screw, with the ratio d/l.
+
+    `viscous` [kg.m2] counts beside the hinge's.
+    """
+    lead, lever = p.screw.lead, p.screw.lead / p.kinematics.moment_arm
+    fin = p.inertia.fork + p.inertia.shaft + p.inertia.fin + viscous
+    return p.mass.nut * lead * lead + lever * lever * fin, p.inertia.motor + p.inertia.screw
+
+
+LEVER_RULE = Rule(
+    _lever, f"|kinematics.initial_angle| = {ANGLE} and fin.stop_angle = {ANGLE} add up to {ANGLE}; the sum "
+            f"must be below {LARGEST_LEVER_ANGLE:.6g} rad ({degrees(LARGEST_LEVER_ANGLE):.6g} deg)")
+FRICTION_RULES = (_friction("positive"), _friction("negative"))
+ENCODER_RULE = Rule(_multiplier, "encoder.multiplier = %.6g must be 1, 2 or 4")
+INERTIA_RULE = Rule(_inertia, "inertia.motor + inertia.screw + inertia.fin + inertia.shaft + inertia.fork = %.6g kg.m2 "
+                              "must be above 0")
+RULES = (LEVER_RULE, *FRICTION_RULES, ENCODER_RULE, INERTIA_RULE)

@@ -1,0 +1,67 @@
+"""The thesis's linear model, (2.18)-(2.26): the nonlinear actuator without what makes it so.
+
+A constant ratio, one viscous coefficient for both directions, no dry friction and no compensation of it, no
+encoder, and none of the limits of speed, reference, current and voltage. Command limit and mechanical stops stay,
+and so do loads, drive delay and sampling. With ``controller.position.ki`` = 0 it is the thesis's P control, else PI.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from math import inf
+from typing import Any
+
+from ...namespace import Record, with_values
+from ...ops.base import Ops, Value
+from ...physics.structure import Structure
+from ...variables import without
+from .. import capabilities
+from ..declaration import Acting, Values
+from . import interface, nonlinear
+from .rewired import rewired
+
+_CONSTANTS = {
+    "friction.coulomb.positive": (0.0,) * 7, "friction.coulomb.negative": (0.0,) * 7, "friction.fin_coulomb": 0.0,
+    "friction.cold_coulomb_ratio": 1.0, "compensation.gain": 0.0, "compensation.speed_band": 1.0,
+    "encoder.enabled": False, "encoder.on_fin": False, "encoder.pulses": 1, "encoder.multiplier": 1,
+    "drive.current_offset": 0.0, "drive.current_limit": inf, "drive.reference_limit": inf,
+    "controller.speed_limit": inf, "controller.antiwindup": 0.0,
+}
+
+
+def _linear(_: Ops, p: Any) -> Any:
+    viscous = 0.5 * (p.friction.viscous.positive + p.friction.viscous.negative)
+    return with_values(p, {**_CONSTANTS, "friction.viscous.positive": viscous, "friction.viscous.negative": viscous})
+
+
+def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+    """Return the plant after h [s] or at the first event before, and the time that took; no supply limits it."""
+    return nonlinear.step(ops, _linear(ops, p), x, u.replace(supply=inf), h)
+
+
+def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return every output."""
+    return nonlinear.output_values(ops, _linear(ops, p), x, u.replace(supply=inf))
+
+
+ACTUATOR = replace(
+    nonlinear.ACTUATOR,
+    name="linear",
+    title="linear electromechanical actuator: constant ratio, viscous friction, no limits",
+    parameters=without(
+        interface.PARAMETERS, "drive.current_limit", "drive.current_offset", "drive.reference_limit",
+        "controller.speed_limit", "controller.antiwindup", "friction.coulomb.", "friction.cold_coulomb_ratio",
+        "friction.fin_coulomb", "compensation.", "encoder."),
+    rules=(interface.LEVER_RULE, interface.INERTIA_RULE),
+    descriptions={"supply_voltage": "bus voltage of the drive; limits nothing here"},
+    provides=frozenset({capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE,
+                        capabilities.SCREW_DRIVE, capabilities.POSITION_LOOP, capabilities.SUPPLY_VOLTAGE}),
+    structure=Structure(constant_ratio=True),
+    initial=rewired(nonlinear.initial, _linear),
+    equation_parameters=_linear,
+    sample=rewired(nonlinear.sample, _linear),
+    step=step,
+    output_values=output_values,
+    modules=(sys.modules[__name__], *nonlinear.EQUATIONS),
+)

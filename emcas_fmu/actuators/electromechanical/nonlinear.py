@@ -1,0 +1,127 @@
+"""The nonlinear electromechanical actuator: motor, current-mode drive, ball screw, lever and fin."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ... import control, schedule, sensors, step_rigid
+from ...step_rigid import Plant, advance
+from ...namespace import Record
+from ...ops.base import Ops, Value
+from ...physics import drive, friction, kinematics, loads, mechanics
+from ...physics.structure import Structure
+from .. import capabilities, fin_port
+from ..declaration import Acting, Actuator, Asked, Values
+from . import interface
+
+# The drive's integral is taken at mid-tick; this keeps its oscillation resolved.
+_INTEGRAL_PHASE = 0.07
+EQUATIONS = (kinematics, mechanics, friction, loads, drive, sensors, control, schedule, step_rigid)
+
+
+def initial(ops: Ops, p: Any, start: Record) -> Values:
+    """Return plant and controller at rest at a fin angle."""
+    angle = kinematics.motor_angle(ops, p, start.fin_angle)
+    counts = sensors.counts(ops, p, angle, start.encoder_offset)
+    measured = sensors.measure(ops, p, angle, 0.0, counts, start.encoder_offset)
+    return {"motor_angle": angle, "counts": counts, "measured_fin_angle": measured.fin_angle}
+
+
+def controlled(ops: Ops, p: Any, angle: Value, speed: Value, x: Record, asked: Asked) -> Values:
+    """Return a sample of the controllers, which sense a motor angle [rad] and speed [rad/s].
+
+    While the drive is disabled the controllers are held in reset.
+    """
+    measured = sensors.measure(ops, p, angle, speed, x.counts, asked.encoder_offset)
+
+    def running() -> tuple[Value, ...]:
+        out = control.output(ops, p, x.integral, measured, asked.command)
+        return out.reference, control.update(ops, p, x.integral, out), ops.where(out.limited, 1.0, 0.0)
+
+    reference, integral, limited = ops.branch(asked.enable, running, lambda: (0.0, 0.0, 0.0))
+    return {"reference": reference, "integral": integral, "counts": measured.counts,
+            "measured_fin_angle": measured.fin_angle, "limited": limited}
+
+
+def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+    """Return a sample of the controllers."""
+    return controlled(ops, p, x.motor_angle, x.motor_speed, x, asked)
+
+
+def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+    """Return the plant after h [s] or at the first event before, and the time that took."""
+    plant, used = advance(ops, p, Plant(x.motor_angle, x.motor_speed, x.motor_current, x.drive_integral), u, h)
+    return {"motor_angle": plant.angle, "motor_speed": plant.speed, "motor_current": plant.current,
+            "drive_integral": plant.integral}, used
+
+
+def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return every output."""
+    angle, speed = x.motor_angle, x.motor_speed
+    tangent = kinematics.lever_tangent(ops, p, angle)
+    fin = kinematics.fin_angle(ops, p, tangent)
+    voltage, flowing, clipped = electrical(ops, p, speed, x, u)
+    stop = fin_port.stop_edge(p)
+    return {
+        "fin_angle": fin,
+        "fin_rate": speed / kinematics.reduction_ratio(ops, p, tangent),
+        "motor_angle": angle,
+        "motor_speed": speed,
+        "motor_current": flowing,
+        "motor_voltage": voltage,
+        "motor_torque": drive.torque(p, flowing),
+        "drive_reference": u.sampled_reference,
+        "nut_position": kinematics.nut_position(ops, p, angle),
+        "hinge_torque": mechanics.external_moment(ops, p, tangent, u.aero_torque, u.f_x, u.f_z),
+        "supply_power": voltage * flowing,
+        "tracking_error": fin_port.clipped_command(ops, p, u.command) - fin,
+        "measured_fin_angle": u.measured_fin_angle,
+        "saturated": ops.either(clipped > 0.0, u.limited > 0.0),
+        "at_stop": ops.fabs(fin) >= stop,
+    }
+
+
+def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: Acting) -> tuple[Value, ...]:
+    """Return motor voltage [V] and current [A] at a motor speed [rad/s], and whether a limit is met (above 0)."""
+    limit = ops.maximum(u.supply, 0.0)
+
+    def powered() -> tuple[Value, ...]:
+        voltage, clipped = drive.applied_voltage(ops, p, u.reference, x.motor_current, x.drive_integral, limit)
+        return voltage, x.motor_current, ops.where(clipped, 1.0, 0.0)
+
+    return ops.branch(u.enabled, powered, lambda: (drive.back_emf(p, speed), 0.0, 0.0))
+
+
+def longest_tick(ops: Ops, p: Any) -> Value:
+    """Return the largest tick [s] that resolves the current loop's integral action."""
+    longest = p.solver.max_tick
+    gain = ops.where(p.drive.ki > 0.0, p.drive.ki, 1.0)
+    resolved = _INTEGRAL_PHASE * ops.sqrt(p.motor.inductance / gain)
+    return ops.where(p.drive.ki > 0.0, ops.minimum(resolved, longest), longest)
+
+
+ACTUATOR = Actuator(
+    name="nonlinear",
+    title="nonlinear electromechanical actuator",
+    states=interface.MOTOR + interface.DRIVE,
+    controller_states=interface.CONTROLLER,
+    encoder=("motor_angle", "motor_speed"),
+    outputs=interface.OUTPUTS,
+    parameters=interface.PARAMETERS,
+    supply=interface.SUPPLY,
+    rules=interface.RULES,
+    terminals=interface.TERMINALS,
+    provides=frozenset({
+        capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT,
+        capabilities.COULOMB_FRICTION, capabilities.RIGID_DRIVE_LINE, capabilities.SCREW_LOAD, capabilities.REFERENCE_LIMIT,
+        capabilities.ENCODER, capabilities.SCREW_DRIVE, capabilities.POSITION_LOOP, capabilities.SUPPLY_VOLTAGE}),
+    structure=Structure(),
+    initial=initial,
+    sample=sample,
+    step=step,
+    output_values=output_values,
+    longest_tick=longest_tick,
+    tick_remedy=interface.TICK_REMEDY,
+    transport_delay=interface.transport_delay,
+    modules=EQUATIONS,
+)

@@ -1,0 +1,73 @@
+"""After Ristanovic, Cojbasic and Lazic (2012): a brush DC motor under PWM, with no current loop.
+
+"Intelligent control of DC motor driven electromechanical fin actuator", Control Engineering Practice 20 (6),
+610-617. The amplifier puts a voltage on the winding in proportion to the controllers' reference, the speed demanded
+saturates, a torsion bar stands for the hinge moment, and the ratio is constant:
+
+    L di/dt = clip(K_pwm u, +-V) - R i - K_e w        T = T_aero - k_bar fin_angle
+
+Friction, sampling, encoder and stops are the nonlinear actuator's. No friction is fed forward.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from typing import Any
+
+from ...namespace import Record, with_values
+from ...ops.base import Ops, Value
+from ...physics import kinematics
+from ...physics.structure import Structure
+from ...variables import parameter, without
+from .. import capabilities, fin_port
+from ..declaration import Acting, Values
+from . import interface, nonlinear
+from .rewired import rewired
+
+PARAMETERS = (
+    *without(interface.PARAMETERS, "drive.kp", "drive.ki", "drive.current_", "compensation."),
+    parameter("pwm.gain", "1", 1e-6, 1e4, "motor voltage per volt of reference, K_pwm"),
+    parameter("load.torsion_bar", "N.m/rad", 0.0, 1e6, "stiffness of the torsion bar, k_bar"),
+)
+
+
+def _uncompensated(_: Ops, p: Any) -> Any:
+    return with_values(p, {"compensation.gain": 0.0, "compensation.speed_band": 1.0, "drive.current_gain": 1.0})
+
+
+def _loaded(ops: Ops, p: Any, angle: Value, u: Acting) -> Acting:
+    fin = kinematics.fin_angle(ops, p, kinematics.lever_tangent(ops, p, angle))
+    return u.replace(aero_torque=u.aero_torque - p.load.torsion_bar * fin)
+
+
+def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+    """Return the plant after h [s] or at the first event before, and the time that took; the bar acts of mid-step."""
+    return nonlinear.step(ops, p, x, _loaded(ops, p, x.motor_angle + 0.5 * h * x.motor_speed, u), h)
+
+
+def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return every output; hinge_torque has the bar's."""
+    return nonlinear.output_values(ops, p, x, _loaded(ops, p, x.motor_angle, u))
+
+
+ACTUATOR = replace(
+    nonlinear.ACTUATOR,
+    name="ristanovic",
+    title="DC motor under PWM without current loop, torsion-bar load, constant ratio (after Ristanovic et al. 2012)",
+    outputs=fin_port.described({
+        "drive_reference": "analogue reference held by the controller's DAC, which sets the PWM",
+        "hinge_torque": "total external moment about the hinge (aerodynamic + torsion bar + gravity + inertial)",
+        "motor_current": "motor current, which no loop controls",
+        "saturated": "any limit active: command, speed, DAC or voltage",
+    }, interface.OUTPUTS),
+    parameters=PARAMETERS,
+    provides=nonlinear.ACTUATOR.provides - {capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT},
+    structure=Structure(constant_ratio=True, current="pwm", torsion_bar=True),
+    sample=rewired(nonlinear.sample, _uncompensated),
+    step=step,
+    output_values=output_values,
+    longest_tick=fin_port.max_tick,
+    tick_remedy="raise solver.max_tick",
+    modules=(sys.modules[__name__], *nonlinear.EQUATIONS),
+)

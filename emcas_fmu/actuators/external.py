@@ -1,0 +1,60 @@
+"""Actuators that are not shipped: in a user's own Python file, or in an installed package."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import sys
+import traceback
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+
+from ..errors import EmcasError
+from .declaration import Actuator
+
+GROUP = "emcas.actuators"
+
+
+@cache
+def installed() -> Mapping[str, EntryPoint]:
+    """Return the entry points of installed packages that give an actuator, by the actuator's name."""
+    return {point.name: point for point in entry_points(group=GROUP)}
+
+
+def load(path: Path) -> Actuator:
+    """Return the actuator that a Python file declares as ACTUATOR, with the parameter file beside it.
+
+    Raises EmcasError naming file and line where it cannot be used.
+    """
+    if not path.is_file():
+        raise EmcasError(f"{path}: there is no such file; --model takes an actuator's name or a Python file with its "
+                         "ACTUATOR")
+    name = f"emcas_actuator_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise EmcasError(f"{path}: cannot be imported")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        del sys.modules[name]
+        raise EmcasError(f"{located(error, path)}: {type(error).__name__}: {error}") from error
+    actuator = getattr(module, "ACTUATOR", None)
+    if not isinstance(actuator, Actuator):
+        raise EmcasError(f"{path}: gives no ACTUATOR; end it with ACTUATOR = Actuator(name=..., ...)")
+    beside = path.with_suffix(".toml")
+    if not actuator.files and not beside.is_file():
+        raise EmcasError(f"{beside}: there is no such file; it gives the parameters of {path.name} with unit and source")
+    return replace(actuator, files=actuator.files or (beside,), modules=actuator.modules or (module,))
+
+
+def located(error: BaseException, path: Path) -> str:
+    """Return file and line of the last place of an error's traceback that is in a file; the file where there is none."""
+    if isinstance(error, SyntaxError) and error.filename == str(path):
+        return f"{path}, line {error.lineno}"
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
+    return f"{path}, line {lines[-1]}" if lines else str(path)

@@ -1,0 +1,159 @@
+"""The fin port: what every actuator shows a flight simulation, so that one can be exchanged for another.
+
+Command, hinge moment, vehicle motion and enable in; angle, rate, moment, error and flags out; and the parameters that
+go with them: limits of command and travel, the parts that gravity acts on, sampling.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from math import radians
+from typing import Any
+
+from ..ops.base import Ops, Value
+from ..physics import loads
+from ..rules import ANGLE, SLACK, Rule, in_degrees, when
+from ..variables import Variable, boolean_input, boolean_output, parameter, real_input, real_output, switch
+
+# -- inputs ------------------------------------------------------------------------
+
+MOTION = (
+    real_input("acceleration.x", "m/s2", "vehicle acceleration along body x (forward, along the screw)", nominal=10.0),
+    real_input("acceleration.y", "m/s2", "vehicle acceleration along body y", nominal=10.0),
+    real_input("acceleration.z", "m/s2", "vehicle acceleration along body z (down)", nominal=10.0),
+    real_input("attitude.roll", "rad", "vehicle roll angle, for gravity"),
+    real_input("attitude.pitch", "rad", "vehicle pitch angle, for gravity"),
+    real_input("attitude.yaw", "rad", "vehicle yaw angle (gravity does not depend on it)"),
+)
+COMMAND = real_input("fin_command", "rad", "commanded fin angle; clipped to +-command.limit", nominal=0.1)
+AERO_TORQUE = real_input(
+    "aero_torque", "N.m", "aerodynamic hinge moment on the fin, positive along positive fin_angle "
+    "(a restoring moment is negative at positive angle)", nominal=100.0)
+ENABLE = boolean_input("enable", "false opens the drive's bridge: the fin is driven by loads and friction only", True)
+
+# -- outputs -----------------------------------------------------------------------
+
+FIN_ANGLE = real_output("fin_angle", "rad", "fin angle", 0.1)
+FIN_RATE = real_output("fin_rate", "rad/s", "fin angular rate", 1.0)
+HINGE_TORQUE = real_output(
+    "hinge_torque", "N.m", "total external moment about the hinge (aerodynamic + gravity + inertial)", 100.0)
+TRACKING_ERROR = real_output("tracking_error", "rad", "clipped command minus fin angle", 0.01)
+MEASURED_FIN_ANGLE = real_output(
+    "measured_fin_angle", "rad", "fin angle the controller reads from its encoder at the last sample", 0.1)
+SATURATED = boolean_output("saturated", "any limit active: command, speed, DAC, current or voltage")
+AT_STOP = boolean_output("at_stop", "the fin rests against a mechanical stop")
+OUTPUTS = (FIN_ANGLE, FIN_RATE, HINGE_TORQUE, TRACKING_ERROR, MEASURED_FIN_ANGLE, SATURATED, AT_STOP)
+
+
+
+def described(descriptions: Mapping[str, str], outputs: tuple[Variable, ...] = OUTPUTS) -> tuple[Variable, ...]:
+    """Return outputs, the port's unless given, with other descriptions by name."""
+    return tuple(replace(v, description=descriptions.get(v.name, v.description)) for v in outputs)
+
+
+# -- parameters --------------------------------------------------------------------
+
+MASSES = tuple(parameter(f"mass.{part}", "kg", 0.0, 1e3, f"{name} mass")
+               for part, name in (("fin", "fin"), ("shaft", "fin shaft"), ("fork", "fork")))
+CENTERS = tuple(
+    parameter(f"center_of_mass.{part}.{axis}", "m", -5.0, 5.0,
+              f"centre of mass of the {part} from the hinge at fin_angle 0, along {axis}")
+    for part in ("fin", "shaft", "fork") for axis in ("x", "z"))
+SAMPLE_TIME = parameter("controller.sample_time", "s", 5e-5, 0.1, "sample time of the digital controllers")
+TRAVEL = (
+    parameter("command.limit", "rad", radians(0.1), radians(80), "largest fin command"),
+    parameter("fin.stop_angle", "rad", radians(0.1), radians(80), "mechanical stop, both sides, inelastic"),
+    parameter("fin.start_angle", "rad", radians(-80), radians(80), "fin angle at the start, at rest"),
+)
+MOUNTING = (
+    switch("loads.gravity", "true: gravity acts on fin, shaft, fork and nut (wire the attitude inputs)"),
+    parameter("mounting.azimuth", "rad", radians(-360), radians(360), "roll of the fin's frame about body x"),
+)
+MAX_TICK = parameter("solver.max_tick", "s", 1e-7, 1e-3, "longest internal tick")
+PARAMETERS = (*MASSES, *CENTERS, SAMPLE_TIME, *TRAVEL, *MOUNTING, MAX_TICK)
+
+_AT = 1.0 - 1e-12  # of an angle or a rate: as close to a limit as rounding comes
+LONGEST_DELAY = 64  # of the transport delay, in sample times
+MOST_TICKS = 20_000  # in a sample time; beyond it one would cost seconds
+
+
+def max_tick(ops: Ops, p: Any) -> Value:
+    """Return solver.max_tick [s], the bound of the tick of an actuator that has no other."""
+    return p.solver.max_tick
+
+
+def inputs(supply: Variable | None = None, further: tuple[Variable, ...] = ()) -> tuple[Variable, ...]:
+    """Return the inputs of an actuator, the supply's among them where it has one, and its further ones."""
+    return (COMMAND, AERO_TORQUE, *MOTION, *(() if supply is None else (supply,)), ENABLE, *further)
+
+
+# -- equations ---------------------------------------------------------------------
+
+
+def specific_force(ops: Ops, p: Any, a_x: Value, a_y: Value, a_z: Value, roll: Value, pitch: Value
+                   ) -> tuple[Value, Value]:
+    """Return the specific force [m/s2] in the fin's frame, x and z, from acceleration and attitude."""
+    return loads.specific_force(ops, p, (a_x, a_y, a_z), roll, pitch)
+
+
+def clipped_command(ops: Ops, p: Any, command: Value) -> Value:
+    """Return a fin command [rad] within +-command.limit."""
+    return ops.clip(command, -p.command.limit, p.command.limit)
+
+
+def mixed_command(ops: Ops, p: Any, command: Value, roll: Value, pitch: Value, yaw: Value) -> Value:
+    """Return the command [rad] of one of several fins with the mixing inputs' share.
+
+    A positive deflection of a panel at mounting.azimuth turns its leading edge up as seen with the hinge
+    pointing out to the right; behind the centre of mass its lift then makes negative moments about the body
+    axes, in proportion 1 : cos(azimuth) : sin(azimuth). So positive mixing inputs ask for positive moments.
+    """
+    azimuth = p.mounting.azimuth
+    return command - (roll + pitch * ops.cos(azimuth) + yaw * ops.sin(azimuth))
+
+
+def stop_edge(p: Any) -> Value:
+    """Return the fin angle [rad] from which on the fin counts as at a mechanical stop, either side."""
+    return p.fin.stop_angle * _AT
+
+
+def hinge_torque(ops: Ops, p: Any, fin_angle: Value, aero_torque: Value, f_x: Value, f_z: Value) -> Value:
+    """Return the external moment about the hinge [N.m] at a fin angle [rad]."""
+    return aero_torque + loads.hinge_moment_at(ops, p, fin_angle, f_x, f_z)
+
+
+# -- rules -------------------------------------------------------------------------
+
+
+def _travel(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    stop, limit = p.fin.stop_angle, p.command.limit
+    return when(ops, limit > stop * (1.0 + SLACK)), stop, in_degrees(stop), limit, in_degrees(limit)
+
+
+def _start(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    start, stop = p.fin.start_angle, p.fin.stop_angle
+    return when(ops, ops.fabs(start) > stop * (1.0 + SLACK)), start, in_degrees(start), stop, in_degrees(stop)
+
+
+RULES = (
+    Rule(_travel, f"fin.stop_angle = {ANGLE} must be at least command.limit = {ANGLE}"),
+    Rule(_start, f"fin.start_angle = {ANGLE} must lie within +-fin.stop_angle = {ANGLE}"),
+)
+
+
+def schedule_rules(tick: Any, transport_delay: Any, tick_remedy: str) -> tuple[Rule, ...]:
+    """Return the rules for sampling, with an actuator's bound of the tick [s] and its delay [s], None without."""
+    def delayed(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+        delay, period = transport_delay(ops, p), p.controller.sample_time
+        return when(ops, delay > LONGEST_DELAY * period * (1.0 + SLACK)), delay, period
+
+    def ticks(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+        longest, period = tick(ops, p), p.controller.sample_time
+        return when(ops, period > MOST_TICKS * longest), period, longest
+
+    most = Rule(ticks, f"controller.sample_time = %.6g s needs over {MOST_TICKS} ticks of %.6g s; {tick_remedy}, or lower "
+                       "controller.sample_time")
+    latest = Rule(delayed, f"drive.transport_delay = %.6g s must be at most {LONGEST_DELAY} times "
+                           "controller.sample_time = %.6g s")
+    return (most,) if transport_delay is None else (latest, most)

@@ -1,0 +1,132 @@
+"""Heat: winding and case get warm, resistance and torque constant follow, the drive folds its current back (I2t).
+
+The equations are :mod:`emcas_fmu.physics.heat`'s. Over a step the motor is that of the temperatures at its middle,
+which the current at its start leads to, and the heat is what the current's own equation loses in that resistance: of
+second order. The current limit errs to the safe side instead, by less than a tick of its folding back. The controllers
+do not know of any of it: friction compensation keeps the torque constant it was told.
+
+The mean of i^2 follows the course :mod:`emcas_fmu.step_rigid` gives the current between the ends of a step, an
+exponential. Actuators with another current loop (linear, ristanovic, ozkan) have the same ends and a course a
+little different from it.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from typing import Any
+
+from ..actuators import capabilities
+from ..actuators.declaration import Acting, Actuator, State, Values
+from ..namespace import Record, with_values
+from ..ops.base import Ops, Value
+from ..physics import heat
+from ..step_rigid import Plant, electrical_mode
+from ..variables import Variable, parameter, real_output
+from .declaration import Extension
+
+STATES = (State("winding_temperature", "degC"), State("case_temperature", "degC"))
+I2T_LOAD = State("i2t_load", "1")
+
+
+def _heat(name: str, unit: str, minimum: float, maximum: float, description: str) -> Variable:
+    return parameter(f"heat.{name}", unit, minimum, maximum, description)
+
+
+PARAMETERS = (
+    _heat("winding_capacity", "J/K", 1e-2, 1e6, "heat capacity of the winding"),
+    _heat("case_capacity", "J/K", 1e-2, 1e7, "heat capacity of the case with stator iron and magnets"),
+    _heat("winding_to_case", "K/W", 1e-4, 1e4, "thermal resistance between winding and case"),
+    _heat("case_to_ambient", "K/W", 1e-4, 1e4, "thermal resistance between case and ambient "
+               "(friction.temperature)"),
+    _heat("winding_start_rise", "K", -100.0, 250.0, "winding temperature at the start above ambient"),
+    _heat("case_start_rise", "K", -100.0, 250.0, "case temperature at the start above ambient"),
+    _heat("reference_temperature", "degC", -100.0, 200.0, "temperature that resistance and constants of motor.* "
+          "are given for"),
+    _heat("resistance_coefficient", "1/K", 0.0, 0.01, "rise of the winding resistance with its temperature"),
+    _heat("torque_coefficient", "1/K", -0.01, 0.0, "change of torque and back-EMF constant with the case "
+               "temperature (magnets)"),
+    _heat("winding_limit", "degC", -100.0, 400.0, "largest winding temperature, for the torque-speed envelope: "
+               "nothing acts on it in the simulation"),
+)
+I2T_PARAMETERS = (
+    _heat("continuous_current", "A", 1e-3, 1e4, "current the drive allows for any time (I2t); that and above "
+               "drive.current_limit: no I2t limit"),
+    _heat("peak_time", "s", 0.05, 1e4, "time for which I2t allows drive.current_limit, from rest"),
+)
+OUTPUTS = (
+    real_output("winding_temperature", "degC", "winding temperature", 100.0),
+    real_output("case_temperature", "degC", "case temperature", 100.0),
+)
+I2T_OUTPUTS = (
+    real_output("i2t_load", "1", "share of the I2t budget that is spent; the current limit folds back from "
+            f"{heat.FOLDING:g} to 1", 1.0),
+    real_output("current_limit", "A", "limit of the current reference that I2t, and a derated drive, leaves", 10.0),
+)
+
+
+def _limits_current(actuator: Actuator) -> bool:
+    return capabilities.CURRENT_LIMIT in actuator.provides
+
+
+def extend(actuator: Actuator) -> Actuator:
+    """Return `actuator` with heat, and with the I2t limit where it limits its current."""
+    angle, speed = actuator.encoder
+    limits = _limits_current(actuator)
+
+    def at(ops: Ops, p: Any, u: Acting, winding: Value, case: Value, load: Value) -> Any:
+        warm = heat.at_temperatures(ops, p, winding, case)
+        return warm if not limits else with_values(
+            warm, {"drive.current_limit": heat.current_limit(ops, p, load, u.rated_current_limit)})
+
+    def through(ops: Ops, p: Any, x: Record, u: Acting, current: Value, h: Value) -> Any:
+        """Return parameters through a step of `h` [s] that starts with a current [A].
+
+        Temperatures are those of its middle. The limit is that of its end if all of the limit at its start flowed: so
+        the reference is never above what the limit is at any time of the step.
+        """
+        winding, case, later = x.winding_temperature, x.case_temperature, None
+        loss = heat.resistance(ops, p, winding) * current * current
+        if limits:
+            load, rated = x.i2t_load, u.rated_current_limit
+            most = heat.current_limit(ops, p, load, rated)
+            later = ops.maximum(load, heat.loaded(ops, p, load, most * most, h, rated))
+        return at(ops, p, u, *heat.warmed(p, winding, case, loss, 0.5 * h), later)
+
+    def initial(ops: Ops, p: Any, start: Record) -> Values:
+        begun, ambient = actuator.initial(ops, p, start), p.friction.temperature
+        return {**begun, "winding_temperature": ambient + p.heat.winding_start_rise,
+                "case_temperature": ambient + p.heat.case_start_rise}
+
+    def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+        current = ops.where(u.enabled, x.motor_current, 0.0)  # a disabled drive's bridge is open
+        q = through(ops, p, x, u, current, h)
+        moved, used = actuator.step(ops, q, x, u, h)
+        plant = Plant(getattr(x, angle), getattr(x, speed), x.motor_current, x.drive_integral)
+        tau = electrical_mode(ops, actuator.equation_parameters(ops, q), plant, u).tau
+        square = heat.mean_square(ops, current, moved["motor_current"], used / tau)
+        winding, case = heat.warmed(p, x.winding_temperature, x.case_temperature, q.motor.resistance * square, used)
+        moved = {**moved, "winding_temperature": winding, "case_temperature": case}
+        if limits:
+            moved["i2t_load"] = heat.loaded(ops, p, x.i2t_load, square, used, u.rated_current_limit)
+        return moved, used
+
+    def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+        load = x.i2t_load if limits else None
+        q = at(ops, p, u, x.winding_temperature, x.case_temperature, load)
+        outputs = {**actuator.output_values(ops, q, x, u), "winding_temperature": x.winding_temperature,
+                   "case_temperature": x.case_temperature}
+        return {**outputs, "i2t_load": load, "current_limit": q.drive.current_limit} if limits else outputs
+
+    return replace(
+        actuator, states=(*actuator.states, *STATES, *((I2T_LOAD,) if limits else ())),
+        outputs=actuator.outputs + (OUTPUTS + I2T_OUTPUTS if limits else OUTPUTS), initial=initial, step=step,
+        output_values=output_values)
+
+
+def _parameters(actuator: Actuator) -> tuple[Variable, ...]:
+    return PARAMETERS + I2T_PARAMETERS if _limits_current(actuator) else PARAMETERS
+
+
+EXTENSION = Extension("heat", "motor heat and I2t limit", extend, needs=(capabilities.MOTOR_CURRENT,),
+                      parameters=_parameters, module=sys.modules[__name__])

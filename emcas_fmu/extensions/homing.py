@@ -1,0 +1,140 @@
+"""Homing on the hard stops: a drive with an incremental encoder finds out where its fin stands.
+
+At power-on the controllers believe the fin at zero, wherever it is: their counts are the true ones plus an offset
+that is -(those of fin.start_angle). A rising edge of `home` starts a run (:mod:`emcas_fmu.extensions.homing_run`):
+
+    unreferenced -> seeking (one stop) -> crossing (to the other) -> returning (to zero) -> ready
+                    any of them -> failed (not the travel there is, no way back, too late) or unreferenced (disabled)
+
+Only a ready actuator follows its command. Unreferenced or failed, the drive's bridge is open, as it is while disabled,
+whatever is on its way in the drive. The thesis (section 5.3.1, Figure 5.12) homes its actuator too; the steps are lost.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from math import radians
+from typing import Any
+
+from ..actuators import capabilities
+from ..actuators.declaration import Acting, Actuator, Asked, State, Values
+from ..actuators.electromechanical.interface import inertias
+from ..namespace import Record
+from ..ops.base import Ops, Value
+from ..physics import drive
+from ..physics.friction import coulomb_polynomial
+from ..rules import SLACK, Rule, when
+from ..variables import Variable, boolean_input, boolean_output, parameter, switch
+from . import homing_run as run
+from .declaration import Extension
+from .status import DISABLED, FAILED, HOMING, OPERATIONAL, STATUS, UNREFERENCED
+
+
+def _homing(name: str, unit: str, minimum: float, maximum: float, description: str) -> Variable:
+    return parameter(f"homing.{name}", unit, minimum, maximum, description)
+
+
+def _switch(name: str, description: str) -> Variable:
+    return switch(f"homing.{name}", description)
+
+
+PARAMETERS = (
+    _switch("required", "true: the start angle is not known and no command followed until homed; false: it is known"),
+    _switch("positive_first", "true: the positive stop is sought first; false: the negative one"),
+    _switch("verify", "true: the other stop is sought too, and the way between them judged; false: any stall is one"),
+    _homing("speed", "rad/s", radians(0.1), radians(100.0), "mean fin rate towards the stops and back"),
+    _homing("reference_limit", "V", 1e-3, 1e3, "largest DAC output while homing: the push against a stop"),
+    _homing("stall_time", "s", 1e-3, 10.0, "time at reference_limit without motion that makes a stall; also at zero, the "
+         "time that ends the return"),
+    _homing("travel_tolerance", "rad", radians(1e-3), radians(20.0),
+         "largest difference of the way between the stops from 2 fin.stop_angle"),
+    _homing("return_tolerance", "rad", radians(1e-3), radians(20.0), "largest angle from zero that ends the return"),
+    _homing("timeout", "s", 1e-2, 1e4, "longest homing run"),
+)
+HOME = boolean_input("home", "a rising edge while enabled and not homing starts a homing run", False)
+HOMED = boolean_output("homed", "the controllers know the fin's angle and follow the command when enabled")
+# To start, to turn and to settle at zero [s]: an estimate, three times what a clear way takes.
+SETTLES = 0.3
+PROGRESS = tuple(f"homing_{name}" for name in run.Progress._fields)
+
+
+def extend(actuator: Actuator) -> Actuator:
+    """Return `actuator` with the offset of its encoder, and the state machine that finds it, before its controllers."""
+    has_status = STATUS in actuator.outputs  # by an extension below
+
+    def initial(ops: Ops, p: Any, start: Record) -> Values:
+        x = Record(**actuator.start(ops, p, start.fin_angle))
+        offset = ops.where(p.homing.required, -run.reading(ops, p, actuator, x, x.counts), 0.0)
+        begun = actuator.start(ops, p, start.fin_angle, offset)
+        phase = ops.where(p.homing.required, run.UNKNOWN, run.READY)
+        return {**begun, "homing_offset": offset, "homing_phase": phase}
+
+    def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+        edge = ops.both(asked.home, ops.negate(x.home_before))
+        progress = run.Progress(*(getattr(x, name) for name in PROGRESS))
+        now = run.sample(ops, p, actuator, x, asked, edge, x.homing_phase, progress)
+        return {**now.given, "home_before": ops.where(asked.home, 1.0, 0.0),
+                **dict(zip(PROGRESS, now.progress, strict=True)), "homing_phase": now.phase}
+
+    def powered(ops: Ops, u: Acting) -> Acting:
+        return u.replace(enabled=ops.both(u.enabled, run.driven(ops, u.homing_phase)))
+
+    def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+        return actuator.step(ops, p, x, powered(ops, u), h)
+
+    def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+        values = actuator.output_values(ops, p, x, powered(ops, u))
+        phase = u.homing_phase
+        ready = ops.equal(phase, run.READY)
+        well = values[STATUS.name] if has_status else OPERATIONAL
+        status = ops.where(ready, well, ops.where(
+            run.moving(ops, phase), HOMING, ops.where(ops.equal(phase, run.FAILED), FAILED, UNREFERENCED)))
+        return {**values, STATUS.name: ops.where(u.enabled, status, DISABLED), HOMED.name: ready}
+
+    return replace(
+        actuator, initial=initial, sample=sample, step=step, output_values=output_values,
+        controller_states=(*actuator.controller_states, State("home_before"), *map(State, PROGRESS)),
+        sampled_states=(*actuator.sampled_states, State("homing_phase")),
+        further_inputs=(*actuator.further_inputs, HOME))
+
+
+def _rules(actuator: Actuator) -> tuple[Rule, ...]:
+    def push(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+        limit, most = p.homing.reference_limit, p.drive.reference_limit
+        return when(ops, limit > most * (1.0 + SLACK)), limit, most
+
+    def time(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+        # From one stop to the other, back to the first and to zero, each held for the time of a stall. At a constant
+        # motor speed zero is not the middle in time. A way may be longer than between the stops by the tolerance.
+        stop, initial = p.fin.stop_angle, p.kinematics.initial_angle
+        zero, high, low = ops.tan(initial), ops.tan(initial + stop), ops.tan(initial - stop)
+        back = ops.maximum(high - zero, zero - low) / (high - low)
+        way = (2.0 + back) * 2.0 * stop + 2.5 * p.homing.travel_tolerance
+        least = way / p.homing.speed + 3.0 * p.homing.stall_time + SETTLES
+        return when(ops, p.homing.timeout <= least), p.homing.timeout, least
+
+    def stall(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+        """The push, less friction at a stop, brings the motor to homing.speed after the drive's delay: till then it
+        stands still as at a stop. Of the lever the least ratio, d/l: the least time."""
+        push, stop, coulomb = drive.stall_torque(p, p.homing.reference_limit), p.fin.stop_angle, p.friction.coulomb
+        friction = ops.maximum(coulomb_polynomial(coulomb.positive, stop), coulomb_polynomial(coulomb.negative, -stop))
+        load, rotor = inertias(p, 0.0)
+        needed = (load + rotor) * p.homing.speed * p.kinematics.moment_arm / p.screw.lead
+        lasts = p.homing.stall_time - p.drive.transport_delay
+        return when(ops, needed >= lasts * (push - friction)), p.homing.stall_time, push, friction, p.homing.speed
+
+    return (
+        Rule(push, "homing.reference_limit = %.6g V must be at most drive.reference_limit = %.6g V"),
+        Rule(time, "homing.timeout = %.6g s must be above %.6g s: two ways between the stops and one to zero at "
+                   f"homing.speed, each with homing.travel_tolerance, 3 homing.stall_time, and {SETTLES:g} s to settle"),
+        Rule(stall, "homing.stall_time = %.6g s is over before the push of %.6g N.m at the motor, less friction of "
+                    "%.6g N.m at a stop, brings it from rest to homing.speed = %.6g rad/s at the fin, "
+                    "drive.transport_delay included; raise homing.stall_time or homing.reference_limit, or lower "
+                    "homing.speed"),
+    )
+
+
+EXTENSION = Extension(
+    "homing", "homing on the hard stops", extend, needs=(capabilities.REFERENCE_LIMIT, capabilities.ENCODER),
+    parameters=lambda actuator: PARAMETERS, outputs=(STATUS, HOMED), rules=_rules, module=sys.modules[__name__])

@@ -1,0 +1,88 @@
+"""LuGre bristles instead of exact stick at the motor: presliding, frictional lag, breakaway that depends on the rate.
+
+    dz/dt = w - sigma_0 |w| z/g(w)            g = C_m (1 + (s - 1) exp(-(w/w_s)^2)) + C_f/R
+    torque = sigma_0 z + sigma_1(w) dz/dt     sigma_1(w) = sigma_1/(1 + sigma_1 |w|/g)
+
+after Canudas de Wit, Olsson, Astrom and Lischinsky (1995), "A new model for control of systems with friction", IEEE
+Transactions on Automatic Control 40 (3), 419-425, besides the viscous friction there is; C_f is that about the hinge.
+Friction's power less the rate of sigma_0 z^2/2 is a quadratic form of dz/dt and z that is never negative where
+sigma_1 |w| <= 4 g. A damping that fades with speed keeps to q = sigma_1(w) |w|/g < 1 for any sigma_1, and then
+
+    torque = (1 - q) sigma_0 z + q g sgn w
+
+lies between the bristles' spring and sliding friction: no larger than the largest g on the way, at a reversal too.
+Without friction, g = 0, bristles slip at once and carry nothing. Solved in :mod:`emcas_fmu.step_lugre`.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from typing import Any
+
+from ..actuators import capabilities
+from ..actuators.declaration import Acting, Actuator, State, Values
+from ..namespace import Record
+from ..ops.base import Ops, Value
+from ..physics import friction, mechanics
+from ..rules import SLACK, Rule, when
+from ..step_lugre import advance
+from ..step_rigid import Plant
+from ..variables import Variable, parameter, real_output
+from .declaration import Extension
+
+
+def _lugre(name: str, unit: str, minimum: float, maximum: float, description: str) -> Variable:
+    return parameter(f"lugre.{name}", unit, minimum, maximum, description)
+
+
+PARAMETERS = (
+    _lugre("stiffness", "N.m/rad", 1e-3, 1e6, "stiffness of the bristles at the motor, sigma_0"),
+    _lugre("damping", "N.m.s/rad", 0.0, 1.0, "damping of the bristles at rest, sigma_1; it fades with speed"),
+    _lugre("static_ratio", "1", 1.0, 10.0, "breakaway over Coulomb friction at the motor, s"),
+    _lugre("stribeck_speed", "rad/s", 1e-3, 1e3,
+           "motor speed at which the excess over Coulomb friction has fallen to 1/e of itself, w_s"),
+)
+OUTPUTS = (
+    real_output("bristle_deflection", "rad", "mean deflection of the bristles at the motor", 0.01),
+    real_output("friction_torque", "N.m", "friction at the motor without the viscous, positive against positive motion",
+                0.1),
+)
+
+
+def extend(actuator: Actuator) -> Actuator:
+    """Return `actuator` on bristles, one more state."""
+    def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+        plant = Plant(x.motor_angle, x.motor_speed, x.motor_current, x.drive_integral)
+        moved, deflection, used = advance(ops, p, plant, x.bristle_deflection, u, h)
+        return {"motor_angle": moved.angle, "motor_speed": moved.speed, "motor_current": moved.current,
+                "drive_integral": moved.integral, "bristle_deflection": deflection}, used
+
+    def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+        m = mechanics.coefficients(ops, p, x.motor_angle, u.aero_torque, u.f_x, u.f_z)
+        rate, damping = friction.bristles(ops, p, m.fin, m.ratio, x.motor_speed)
+        torque = p.lugre.stiffness * x.bristle_deflection + damping * (x.motor_speed - rate * x.bristle_deflection)
+        return {**actuator.output_values(ops, p, x, u), "bristle_deflection": x.bristle_deflection,
+                "friction_torque": torque}
+
+    return replace(actuator, states=(*actuator.states, State("bristle_deflection", "rad")), step=step,
+                   output_values=output_values)
+
+
+def _rules(actuator: Actuator) -> tuple[Rule, ...]:
+    def resolved(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+        inertia = p.inertia.motor + p.inertia.screw + p.mass.nut * p.screw.lead * p.screw.lead
+        tick, stiffness = actuator.longest_tick(ops, p), p.lugre.stiffness
+        largest = inertia / (tick * tick)
+        return when(ops, stiffness > largest * (1.0 + SLACK)), stiffness, largest, tick
+
+    # 1 rad of the rotor's swing on its bristles in a tick: the period is 8 % long there.
+    return (Rule(resolved, "lugre.stiffness = %.6g N.m/rad must be at most %.6g N.m/rad, the motor's inertia over the "
+                           "square of the tick of %.6g s; lower it or solver.max_tick"),)
+
+
+EXTENSION = Extension(
+    "lugre", "LuGre friction at the motor", extend,
+    needs=(capabilities.RIGID_DRIVE_LINE, capabilities.CURRENT_LOOP, capabilities.COULOMB_FRICTION),
+    replaces=(capabilities.COULOMB_FRICTION, capabilities.SCREW_LOAD), parameters=lambda actuator: PARAMETERS,
+    outputs=OUTPUTS, rules=_rules, module=sys.modules[__name__])

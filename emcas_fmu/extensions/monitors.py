@@ -1,0 +1,155 @@
+"""The built-in test: what an actuator detects by itself, from what it measures. It knows nothing of faults.
+
+A monitor trips when its condition has held without a break for ``monitor.persistence``, and clears when it has been
+gone for as long. Those of an actuator that does not follow its command, disabled or homing, are reset. Tracking is
+judged against a model of what the command asks for,
+
+    dm/dt = clip(K (command - m), +-rate)
+
+with the gain K of the position loop, or of monitor.response, so that the lag of a loop that follows, v/K, and the time of a large step trip nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+from math import radians
+from typing import Any, NamedTuple
+
+from ..actuators import capabilities, fin_port
+from ..actuators.declaration import Actuator
+from ..ops.base import Ops, Value
+from ..physics import drive
+from ..variables import Variable, tunable
+from .status import DEGRADED, FAILED, OPERATIONAL
+
+_SLACK = 1e-6  # of a sample: whole numbers of samples are counted whole
+
+
+def _monitor(name: str, unit: str, minimum: float, maximum: float, description: str) -> Variable:
+    return tunable(f"monitor.{name}", unit, minimum, maximum, description)
+
+
+@dataclass(frozen=True)
+class Monitor:
+    """A condition that is watched: what it says, its parameters, and the capabilities it needs, all of them."""
+
+    name: str
+    description: str
+    parameters: tuple[Variable, ...] = ()
+    needs: tuple[str, ...] = ()
+
+
+_PERSISTENCE = _monitor("persistence", "s", 0.0, 100.0,
+                        "time a condition must hold for its monitor to trip or to clear")
+_RESPONSE = _monitor("response", "1/s", 1e-3, 1e5, "rate at which the model of the response takes an error away")
+# Bits of the built-in test's word, the first the least.
+MONITORS = (
+    Monitor("tracking", "the measured angle is not where the command should have taken it", (
+        _monitor("tracking_limit", "rad", 0.0, radians(180.0),
+                 "modelled less measured angle, beyond which tracking trips"),
+        _monitor("rate", "rad/s", 1e-3, 1e3, "fin rate that the model of the response takes for possible"))),
+    Monitor("stall", "a large reference moves nothing", (
+        _monitor("stall_share", "1", 0.0, 1.0, "of drive.reference_limit that the DAC puts out at a stall"),
+        _monitor("stall_rate", "rad/s", 0.0, 100.0, "measured rate below which the fin is taken to stand")),
+        (capabilities.REFERENCE_LIMIT,)),
+    Monitor("drive", "the current does not follow its reference", (
+        _monitor("current_limit", "A", 0.0, 1e4,
+                 "current reference less current, beyond which the drive does not respond"),),
+        (capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP)),
+    Monitor("supply", "the bus voltage is too low", (
+        _monitor("minimum_supply", "V", 0.0, 1e3, "bus voltage below which the supply is too low"),),
+        (capabilities.SUPPLY_VOLTAGE,)),
+    Monitor("command", "the command is beyond command.limit"),
+)
+
+
+def possible(actuator: Actuator) -> tuple[Monitor, ...]:
+    """Return the monitors an actuator can have."""
+    return tuple(monitor for monitor in MONITORS if actuator.provides.issuperset(monitor.needs))
+
+
+def parameters(actuator: Actuator) -> tuple[Variable, ...]:
+    """Return the parameters of an actuator's monitors."""
+    response = () if capabilities.POSITION_LOOP in actuator.provides else (_RESPONSE,)
+    return (_PERSISTENCE, *response, *(v for monitor in possible(actuator) for v in monitor.parameters))
+
+
+class Watched(NamedTuple):
+    """What the monitors see at a sample: `command` [rad] as received, `measured` angle [rad] now and before, the
+    `modelled` one of the sample before, `reference` of the drive, motor `current` [A], `supply` [V], `enabled`."""
+
+    command: Value
+    measured: Value
+    before: Value
+    modelled: Value
+    reference: Value
+    current: Value
+    supply: Value
+    enabled: Value
+
+
+def modelled(ops: Ops, p: Any, response: Value, w: Watched) -> Value:
+    """Return where [rad] the command should have taken the fin by now; of one that is not watched, where it is.
+
+    `response` [1/s] is that of the model.
+    """
+    period = p.controller.sample_time
+    share = ops.minimum(response * period, 1.0)
+    asked = share * (fin_port.clipped_command(ops, p, w.command) - w.modelled)
+    most = p.monitor.rate * period
+    return ops.where(w.enabled, w.modelled + ops.clip(asked, -most, most), w.measured)
+
+
+def response(p: Any, actuator: Actuator) -> Value:
+    """Return K [1/s] of the model of an actuator's response: the position loop's gain where it has one."""
+    return p.controller.position.kp if capabilities.POSITION_LOOP in actuator.provides else p.monitor.response
+
+
+def _conditions(ops: Ops, p: Any, watched: tuple[Monitor, ...], gain: Value, w: Watched) -> list[Value]:
+    names = {monitor.name for monitor in watched}
+    error = ops.fabs(modelled(ops, p, gain, w) - w.measured)
+    rate = ops.fabs(w.measured - w.before) / p.controller.sample_time
+    conditions: dict[str, Value] = {}
+    if "stall" in names:
+        pushing = ops.fabs(w.reference) >= p.monitor.stall_share * p.drive.reference_limit
+        conditions["stall"] = ops.both(pushing, rate < p.monitor.stall_rate)
+    if "drive" in names:
+        # The reference that the drive has is a transport delay older: persistence covers it.
+        asked = drive.current_reference(ops, p, w.reference)
+        conditions["drive"] = ops.fabs(asked - w.current) > p.monitor.current_limit
+    conditions["tracking"] = error > p.monitor.tracking_limit
+    if "supply" in names:
+        conditions["supply"] = w.supply < p.monitor.minimum_supply
+    conditions["command"] = ops.fabs(w.command) > p.command.limit
+    return [conditions[monitor.name] for monitor in watched]
+
+
+def judged(ops: Ops, p: Any, watched: tuple[Monitor, ...], gain: Value, counters: Sequence[Value],
+           tripped: Sequence[Value], w: Watched) -> tuple[tuple[Value, ...], tuple[Value, ...]]:
+    """Return counters and flags (1 tripped, 0 clear) of the monitors after a sample.
+
+    A counter says for how many samples on end the condition has not been what the flag says.
+    """
+    most = p.monitor.persistence / p.controller.sample_time - _SLACK
+    most = ops.maximum(-ops.floor(-most), 1.0)
+    counted, flags = [], []
+    for condition, counter, flag in zip(_conditions(ops, p, watched, gain, w), counters, tripped, strict=True):
+        holds = ops.where(condition, 1.0, 0.0)
+        now = ops.where(ops.equal(holds, flag), 0.0, counter + 1.0)
+        counted.append(ops.where(ops.both(w.enabled, now < most), now, 0.0))
+        flags.append(ops.where(w.enabled, ops.where(now >= most, holds, flag), 0.0))
+    return tuple(counted), tuple(flags)
+
+
+def word(watched: tuple[Monitor, ...], tripped: Sequence[Value]) -> Value:
+    """Return a bit for each monitor that has tripped, the first in MONITORS the least."""
+    bits = (float(2**MONITORS.index(monitor)) for monitor in watched)
+    return reduce(lambda total, pair: total + pair[0] * pair[1], zip(bits, tripped, strict=True), 0.0)
+
+
+def verdict(ops: Ops, tripped: Sequence[Value]) -> Value:
+    """Return the status of an enabled actuator: failed if it does not track, degraded if another monitor tripped."""
+    any_tripped: Value = reduce(lambda any_, flag: ops.either(any_, flag > 0.0), tripped, False)
+    return ops.where(tripped[0] > 0.0, FAILED, ops.where(any_tripped, DEGRADED, OPERATIONAL))

@@ -1,0 +1,77 @@
+"""Limits of parameters and rules for their combinations. Standard library only: it is embedded in the FMU.
+
+A rule is written over the operations namespace like the physics, beside the equations that need it, so that both
+back ends judge by the same one. Messages are printf formats of numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from math import inf, isfinite, pi
+from typing import Any, NamedTuple
+
+SCAN = 100  # points on each side of zero
+# Relative. Equal limits may differ in the last digit when they were given in different units.
+SLACK = 1e-12
+
+NOT_FINITE = "%s = %.9g is not a finite number"
+BELOW = "%s = %.9g is below its minimum %.9g"
+ABOVE = "%s = %.9g is above its maximum %.9g"
+ANGLE = "%.6g rad (%.6g deg)"
+
+
+class Rule(NamedTuple):
+    """A combination of parameters that must not be.
+
+    `check(ops, p, share)` gives how far the rule is broken (broken above zero) and the numbers of the `message`.
+    A `scanned` one is asked for every share of the travel from -1 to 1, and the worst place is reported.
+    """
+
+    check: Callable[[Any, Any, Any], tuple[Any, ...]]
+    message: str
+    scanned: bool = False
+
+
+Check = tuple[Callable[[float], tuple[Any, ...]], str, bool]
+"""A rule bound to parameters: its check of a share of the travel, its message, whether it is scanned."""
+
+
+def in_degrees(angle: Any) -> Any:
+    """Convert an angle [rad] to degrees, of numbers and traced values alike."""
+    return angle * (180.0 / pi)
+
+
+def when(ops: Any, condition: Any) -> Any:
+    """Return how far a rule is broken that holds or does not: 1 where `condition` is met."""
+    return ops.where(condition, 1.0, 0.0)
+
+
+def check_ranges(values: Mapping[str, float], table: Iterable[tuple[str, float, float]]) -> list[str]:
+    """Return the problems of single values: not finite, or outside the inclusive limits of (name, minimum, maximum).
+
+    Raises KeyError where `values` lacks a name.
+    """
+    problems = []
+    for name, minimum, maximum in table:
+        value = values[name]
+        if not isfinite(value):
+            problems.append(NOT_FINITE % (name, value))
+        elif value < minimum:
+            problems.append(BELOW % (name, value, minimum))
+        elif value > maximum:
+            problems.append(ABOVE % (name, value, maximum))
+    return problems
+
+
+def check_rules(checks: Iterable[Check]) -> list[str]:
+    """Return a message for each rule that is broken, with the numbers of the worst place."""
+    problems = []
+    for check, message, scanned in checks:
+        worst, numbers = -inf, ()  # type: float, tuple[float, ...]
+        for share in (i / SCAN for i in range(-SCAN, SCAN + 1)) if scanned else (0.0,):
+            broken, *rest = check(share)
+            if broken > worst:
+                worst, numbers = broken, tuple(rest)
+        if worst > 0.0:
+            problems.append(message % numbers)
+    return problems
