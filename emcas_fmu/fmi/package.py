@@ -25,12 +25,14 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Built:
-    """What was built: the file, its size [bytes], the GUID and the platforms it has binaries for."""
+    """What was built: the file, its size [bytes], the GUID, the platforms it has binaries for, and the warnings of its
+    parameters."""
 
     path: Path
     size: int
     guid: str
     platforms: tuple[str, ...]
+    warnings: tuple[str, ...]
 
 
 def interface_guid(starts: tuple[Any, ...], unit: Unit = SINGLE) -> str:
@@ -98,4 +100,5 @@ def build(parameters: ParameterSet, output: Path, backend: str = "python", platf
     except OSError as error:
         raise BuildError(f"{output}: cannot be written ({error.strerror or error})") from error
     built_for = sorted({name.split("/")[1] for name in contents if name.startswith("binaries/")})
-    return Built(output, output.stat().st_size, guid, tuple(built_for))
+    warnings = tuple(dict.fromkeys(warning for p in sets for warning in p.warnings))
+    return Built(output, output.stat().st_size, guid, tuple(built_for), warnings)

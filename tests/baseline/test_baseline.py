@@ -86,7 +86,8 @@ def test_a_drift_in_every_output(folder: Path) -> None:
     drifted = [row for row in document["comparisons"] if not row["passed"]]
     assert drifted
     assert not document["passed"]
-    assert [c["name"] for c in document["changed_parameters"]] == ["motor.torque_constant"]
+    assert [c["name"] for c in document["changed_parameters"]] == ["motor.torque_constant",
+                                                                      "motor.back_emf_constant"]
     suites = junitparser.JUnitXml.fromfile(str(files["junit"]))
     assert suites.failures == len(drifted)
     assert suites.tests == len(document["comparisons"])
