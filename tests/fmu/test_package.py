@@ -254,6 +254,23 @@ def test_both_back_ends_have_one_interface(units: Mapping[str, Path]) -> None:
     assert texts[0] == texts[1]
 
 
+def test_the_page_is_of_its_back_end(unit: Path, backend: str, description: Element) -> None:
+    """What a host needs and is answered differs; the page tells that of the unit it lies in, and of no other."""
+    with zipfile.ZipFile(unit) as archive:
+        page = " ".join(archive.read("documentation/index.html").decode().split())
+        names = archive.namelist()
+    said = {"python": ("Python 3.10 or later", "does not interpolate", "takes no input derivatives", "is logged",
+                       "every step is then discarded", "A wrong GUID is not noticed"),
+            "native": ("needs nothing in its host", "fmi2SetRealInputDerivatives", "fmi2Error", "repeat the call",
+                       "A wrong GUID is refused")}
+    assert {fact for facts in said.values() for fact in facts if fact in page} == set(said[backend])
+    options = description.find("CoSimulation")
+    assert options is not None
+    assert ("ramp through it" in page) == (options.attrib["canInterpolateInputs"] == "true")
+    assert ("externalDependencies.txt" in page) == ("documentation/externalDependencies.txt" in names)
+    assert f"Binaries are here for {', '.join(sorted(read_platforms(unit)))}." in page
+
+
 def test_native_contents(native: Path) -> None:
     with zipfile.ZipFile(native) as archive:
         names = set(archive.namelist())
