@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from emcas_fmu.actuators import NONLINEAR
 from emcas_fmu.baseline.excite import Case
 from emcas_fmu.baseline.measure import figures
 from emcas_fmu.parameters import load_parameters
@@ -99,7 +100,7 @@ def test_time_to_accuracy_is_the_same_for_everyone(command: float, expected: flo
     case = Case("tiny", "step", {"command": command, "duration": 0.5})
     excitation = case.excitation(Path())
     values = load_parameters().replace({"command.limit": "15 deg"}).values
-    run = simulate(values, excitation.stop, excitation.step, **excitation.columns)
+    run = simulate(values, excitation.stop, excitation.step, "auto", NONLINEAR, **excitation.columns)
     columns = {name: np.asarray(run[name], dtype=float) for name in run}
     inputs = {"time": columns["time"], **excitation.columns}
     done = Run(columns, None, (), 0.0)
