@@ -20,6 +20,7 @@ from make_tables import main, markdown
 from emcas_fmu import plots
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
+from emcas_fmu.validation.metrics import time_to_accuracy
 
 HERE = Path(__file__).parent
 NONE = {f"friction.coulomb.{way}[{n}]": 0.0 for way in ("positive", "negative") for n in range(7)}
@@ -58,8 +59,9 @@ def _row(title: str, model: str, overrides: Mapping[str, float], gain: float) ->
     times, there = slow["time"][fast], np.degrees(slow["tracking_error"][fast])
     ripple = np.ptp(there - np.polyval(np.polyfit(times, there, 1), times))
     stuck = np.mean(np.abs(slow["motor_speed"][last]) < STUCK)
-    angle = np.degrees(_run(model, given, LONG, fin_command=radians(STEP))["fin_angle"])
-    settling = (np.flatnonzero(np.abs(angle - STEP) > BAND)[-1] + 1) * 1e-3
+    step = _run(model, given, LONG, fin_command=radians(STEP))
+    angle = np.degrees(step["fin_angle"])
+    settling = time_to_accuracy(step["time"], angle, 0.0, STEP, BAND)
     late = angle[round(SETTLED * 1e3):]
     return [title, f"{np.sqrt(np.mean(error**2)):.4f}°", f"{np.abs(error).max():.3f}°", f"{100.0 * stuck:.0f} %",
             f"{ripple:.3f}°", f"{max(angle.max() - STEP, 0.0):.3f}°", f"{settling:.2f} s",

@@ -33,6 +33,11 @@ _GROUPS = {"", *(name.rsplit(".", i)[0] for name in _NAMES for i in range(1, nam
 _FIELDS = ("value", "unit", "source", "note")
 # A limit that reached the file through another unit is still that limit.
 _ROUNDING = 1e-12
+# One constant of the motor: K_t i w = K_e w i, the power that leaves the circuit and the one on the shaft.
+_TORQUE, _BACK_EMF = "motor.torque_constant", "motor.back_emf_constant"
+_FOLLOWS = {_TORQUE: _BACK_EMF, _BACK_EMF: _TORQUE}
+# Measured ones differ by saturation and by iron losses, a slip (rms for peak, phase for line to line) by 22 % or more.
+_APART = 1.2
 
 
 class ParameterError(EmcasError, ValueError):
@@ -78,11 +83,22 @@ class ParameterSet:
         """Read-only values by name, in the variable table's units (SI, temperature in degC)."""
         return MappingProxyType({e.variable.name: e.value for e in self.entries})
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is allowed and most likely a mistake, one line each."""
+        torque, back_emf = (next(e for e in self.entries if e.variable.name == name) for name in (_TORQUE, _BACK_EMF))
+        low, high = sorted((torque.value, back_emf.value))
+        if high <= _APART * low:
+            return ()
+        return (f"{_TORQUE} = {torque.text} and {_BACK_EMF} = {back_emf.text} are {torque.value:.6g} and "
+                f"{back_emf.value:.6g} in SI units, where they are equal for one motor: check rms or peak, phase or "
+                "line to line; or give only one, and the other follows",)
+
     def replace(self, overrides: Mapping[str, object] | None = None, /, **more: object) -> ParameterSet:
         """A new checked set with some values replaced; the old one stays as it is.
 
         Numbers are in the variable table's units, strings carry their own ("50 mm"); arrays may be
-        given whole. Raises ParameterError.
+        given whole. Nothing else changes, unlike with a file. Raises ParameterError.
         """
         given = {**(overrides or {}), **more}
         document = {name: _in_table_unit(name, value) for name, value in given.items()}
@@ -99,6 +115,8 @@ def load_parameters(path: Path | str | None = None, base: ParameterSet | None = 
 
     A model's default set is the nonlinear one's with ``models/actuators/MODEL.toml`` over it, which must give every
     parameter of its own, and ``models/options/OPTION.toml`` of each of its options.
+
+    Torque and back-EMF constant are equal in SI units: where the user's file gives one of them, the other follows.
 
     Raises ParameterError with all problems of a file, FileNotFoundError where the default set is missing.
     """
@@ -166,6 +184,8 @@ def _overridden(base: tuple[Entry, ...], document: Mapping[str, Any], label: str
                 model: str) -> ParameterSet:
     """`base` with the entries of a document, checked as a whole once each entry is sound."""
     entries, problems = _entries(document, label, file, "user")
+    if file:
+        _follow(entries, problems, label)
     known = {e.variable.name for e in base}
     problems += [f"{label}: {name}: the {model} model has no such parameter" for name in entries if name not in known]
     chosen = ParameterSet(tuple(entries.get(e.variable.name, e) for e in base), model)
@@ -173,6 +193,21 @@ def _overridden(base: tuple[Entry, ...], document: Mapping[str, Any], label: str
     if problems:
         raise ParameterError(problems)
     return chosen
+
+
+def _follow(entries: dict[str, Entry], problems: list[str], label: str) -> None:
+    """Add the torque or back-EMF constant to a file's entries where it gives only the other."""
+    for given, name in _FOLLOWS.items():
+        if given not in entries or name in entries:
+            continue
+        value, variable = entries[given].value, _VARIABLES[name]
+        if value < variable.minimum:
+            problems.append(f"{label}: {given} = {entries[given].text}: {name}, which follows from it, must be at "
+                            f"least {variable.minimum:.6g} {variable.unit}; give that too")
+        entries[name] = Entry(variable, value, f"as {given}", "derived",
+                              f"Follows from {given}, to which it is equal in SI units; the file does not give it.",
+                              entries[given].file)
+        return
 
 
 def _entries(

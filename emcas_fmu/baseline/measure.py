@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf, nan
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -63,10 +63,7 @@ def figures(case: Case, excitation: Excitation, run: Columns) -> dict[str, float
 def _motion(time: Any, angle: Any, rate: Any, begin: float, command: float) -> dict[str, float]:
     step = metrics.step_metrics(time, angle, begin, command)
     slew = metrics.slew(time, angle, rate, begin, command)
-    after = time >= begin - 1e-9
-    outside = np.flatnonzero(~(np.abs(angle - command) <= ACCURACY) & after)
-    last = int(outside[-1]) if len(outside) else 0
-    accurate = 0.0 if not len(outside) else inf if last == len(time) - 1 else float(time[last + 1] - begin)
+    accurate = metrics.time_to_accuracy(time, angle, begin, command, ACCURACY)
     return {"rise_time": step.rise_time * 1e3, "settling_time": step.settling_time * 1e3,
             "time_to_accuracy": accurate * 1e3, "overshoot": step.overshoot, "steady_error": step.steady_error,
             "sustained_rate": slew.sustained, "peak_rate": slew.peak}

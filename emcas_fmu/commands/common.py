@@ -36,6 +36,12 @@ def failures() -> Iterator[None]:
         raise typer.Exit(2) from error
 
 
+def warn(warnings: Iterable[str]) -> None:
+    """Print warnings on standard error, so that what a program reads from standard output stays clean."""
+    for warning in warnings:
+        err.print(f"[bold yellow]warning:[/] {escape(warning)}", highlight=False, soft_wrap=True)
+
+
 def check_outputs(*paths: Path | None, inputs: Iterable[Path | None] = ()) -> None:
     """Before long work: files to be written must have a folder, and be neither inputs nor each other.
 

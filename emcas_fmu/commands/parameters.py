@@ -11,7 +11,7 @@ from rich.table import Table
 
 from ..actuators import NONLINEAR
 from ..parameters import ParameterSet, load_parameters
-from .common import ModelOption, ParametersOption, failures, out
+from .common import ModelOption, ParametersOption, failures, out, warn
 
 EPILOG = ("Examples:\n\n  emcas parameters\n\n  emcas parameters -p my_actuator.toml --json"
           "\n\n  emcas parameters --model elastic+faults")
@@ -25,6 +25,7 @@ def show_parameters(
     """Print the parameter set with units and sources, checked."""
     with failures():
         chosen = load_parameters(parameters, model=model)
+    warn(chosen.warnings)
     if as_json:
         print(json.dumps(_parameter_records(chosen), indent=1))
         return

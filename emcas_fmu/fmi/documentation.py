@@ -18,10 +18,12 @@ from ..physics import bus, drive, friction, kinematics, loads, mechanics
 from ..reference import files
 from ..unit import Unit, start_values
 from ..variables import Variable
+from . import native, python
 from .figures import icon, response_figures
 from .model_description import describe
 
 _EQUATIONS = (kinematics, mechanics, friction, loads, drive, sensors, control, schedule, integrate)
+_NOTES = {"python": python.NOTES, "native": native.NOTES}
 _EXTERNAL = """This FMU computes in Python. Its binaries (linux64, win64) load into a process that has Python 3.10 or
 later loaded; they bring no Python of their own. From a Python host (fmpy) nothing is to do. From another host
 on Linux, preload the Python library, for example
@@ -53,7 +55,7 @@ def _rows(unit: Unit, variables: tuple[Variable, ...], sets: Sequence[ParameterS
     return rows
 
 
-def _page(unit: Unit, sets: Sequence[ParameterSet], guid: str) -> str:
+def _page(unit: Unit, sets: Sequence[ParameterSet], guid: str, backend: str, platforms: Sequence[str]) -> str:
     environment = Environment(loader=PackageLoader("emcas_fmu", "fmi"), undefined=StrictUndefined,
                               trim_blocks=True, lstrip_blocks=True)
     starts = dict(zip(unit.reference, start_values(unit, [p.values for p in sets]), strict=True))
@@ -61,6 +63,7 @@ def _page(unit: Unit, sets: Sequence[ParameterSet], guid: str) -> str:
                  *([] if unit.fins == 1 else [bus])]
     return environment.get_template("documentation.html.j2").render(
         model=unit.model, description=describe(unit), version=__version__, guid=guid, fins=unit.fins,
+        notes=_NOTES[backend], platforms=platforms,
         step_ms=_text(sets[0].values["controller.sample_time"] * 1e3),
         figures=response_figures(sets[0]), equations=[inspect.getdoc(module) for module in equations],
         tables=[(title, _rows(unit, variables, sets, starts)) for title, variables in (
@@ -93,17 +96,18 @@ def _references(parameters: ParameterSet) -> Mapping[str, bytes]:
     return {f"extra/reference/{path.name}": path.read_bytes() for path in paths if path.is_file()}
 
 
-def documents(unit: Unit, sets: Sequence[ParameterSet], guid: str, backend: str) -> dict[str, bytes]:
-    """Archive name to content of everything that is documentation."""
+def documents(unit: Unit, sets: Sequence[ParameterSet], guid: str, backend: str,
+              platforms: Sequence[str]) -> dict[str, bytes]:
+    """Archive name to content of everything that is documentation, of a unit with binaries for `platforms`."""
     picture = icon()
     licenses = [("emcas-fmu", "LICENSE.txt")]
-    python = {}
+    external = {}
     if backend == "python":
         licenses.append(("pythonfmu", "pythonfmu-LICENSE.txt"))
-        python["documentation/externalDependencies.txt"] = _EXTERNAL.encode()
+        external["documentation/externalDependencies.txt"] = _EXTERNAL.encode()
     return {
-        "documentation/index.html": _page(unit, sets, guid).encode(),
-        **python,
+        "documentation/index.html": _page(unit, sets, guid, backend, platforms).encode(),
+        **external,
         "model.png": picture,
         "terminalsAndIcons/icon.png": picture,
         **_licenses(*licenses),

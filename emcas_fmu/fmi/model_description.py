@@ -92,7 +92,8 @@ def _scalar(parent: Element, reference: int, v: Variable, start: Any) -> None:
 
 
 def _type_name(v: Variable) -> str:
-    return v.name.rpartition("].")[2]
+    """Name of an enumeration's type, one for all fins; it must not be that of a variable (FMI 2.0.5, section 2.2.3)."""
+    return v.name.rpartition("].")[2] + "_type"
 
 
 def _type_definitions(root: Element, unit: Unit) -> None:

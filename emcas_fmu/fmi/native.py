@@ -38,6 +38,18 @@ OPTIONS = {"needsExecutionTool": "false", "canHandleVariableCommunicationStepSiz
            "canBeInstantiatedOnlyOncePerProcess": "false", "canNotUseMemoryManagementFunctions": "false",
            "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true", "providesDirectionalDerivative": "false"}
 
+# For the page in the FMU: how this back end answers its host.
+NOTES = (
+    "This unit is compiled from C and needs nothing in its host; <code>sources</code> has the code.",
+    "Inputs are held over a step, or ramp through it with the first derivatives that "
+    "<code>fmi2SetRealInputDerivatives</code> gives; derivatives hold for one step.",
+    "A call out of place or with an unknown reference is answered with <code>fmi2Error</code> at once, nothing "
+    "changed; an input that is not finite with <code>fmi2Error</code> from the step. The instance may be used on.",
+    "A step that cannot be followed is answered with <code>fmi2Discard</code>, the state unchanged.",
+    "Parameters out of range give <code>fmi2Error</code> at the end of initialization; correct them and repeat the "
+    "call. A wrong GUID is refused by <code>fmi2Instantiate</code>.",
+)
+
 
 def interface_header(unit: Unit, starts: Sequence[Any], guid: str, code: str) -> str:
     """interface.h: the variable table, start values and the unit's identity."""

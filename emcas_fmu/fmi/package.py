@@ -25,12 +25,14 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Built:
-    """What was built: the file, its size [bytes], the GUID and the platforms it has binaries for."""
+    """What was built: the file, its size [bytes], the GUID, the platforms it has binaries for, and the warnings of its
+    parameters."""
 
     path: Path
     size: int
     guid: str
     platforms: tuple[str, ...]
+    warnings: tuple[str, ...]
 
 
 def interface_guid(starts: tuple[Any, ...], unit: Unit = SINGLE) -> str:
@@ -49,7 +51,7 @@ def _native(unit: Unit, starts: tuple[Any, ...], guid: str, platforms: Sequence[
 
 
 def _contents(unit: Unit, sets: Sequence[ParameterSet], backend: str, platforms: Sequence[str] | None, cc: str | None,
-              progress: Progress | None) -> tuple[dict[str, bytes], str]:
+              progress: Progress | None) -> tuple[dict[str, bytes], str, tuple[str, ...]]:
     starts = start_values(unit, [p.values for p in sets])
     guid = interface_guid(starts, unit)
     # Neither Python's nor the compiler's version: any that is supported gives the same FMU but for the binaries.
@@ -64,8 +66,9 @@ def _contents(unit: Unit, sets: Sequence[ParameterSet], backend: str, platforms:
     contents["modelDescription.xml"] = to_bytes(
         model_description(starts, guid, options=options, tool=tool, source_files=source_files, unit=unit))
     contents["terminalsAndIcons/terminalsAndIcons.xml"] = to_bytes(terminals_and_icons(unit))
-    contents.update(documents(unit, sets, guid, backend))
-    return contents, guid
+    built_for = tuple(sorted({name.split("/")[1] for name in contents if name.startswith("binaries/")}))
+    contents.update(documents(unit, sets, guid, backend, built_for))
+    return contents, guid, built_for
 
 
 def build(parameters: ParameterSet, output: Path, backend: str = "python", platforms: Sequence[str] | None = None,
@@ -91,11 +94,11 @@ def build(parameters: ParameterSet, output: Path, backend: str = "python", platf
     if fins == 1 and files:
         raise BuildError("--fin is for a unit of several: give --fins too")
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
-    contents, guid = _contents(Unit(fins, parameters.model), sets, backend, platforms, cc, progress)
+    contents, guid, built_for = _contents(Unit(fins, parameters.model), sets, backend, platforms, cc, progress)
     try:
         # modelDescription.xml first: readers that stream find it at once.
         write_zip(contents, output, lambda name: (name != "modelDescription.xml", name), "binaries/")
     except OSError as error:
         raise BuildError(f"{output}: cannot be written ({error.strerror or error})") from error
-    built_for = sorted({name.split("/")[1] for name in contents if name.startswith("binaries/")})
-    return Built(output, output.stat().st_size, guid, tuple(built_for))
+    warnings = tuple(dict.fromkeys(warning for p in sets for warning in p.warnings))
+    return Built(output, output.stat().st_size, guid, built_for, warnings)

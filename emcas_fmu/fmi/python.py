@@ -28,6 +28,16 @@ _SEVERAL = ("fmi/fins.py", "kernels/bank.py")
 _PACKAGE = Path(__file__).resolve().parent.parent
 _OPTIONS = {"needsExecutionTool": True, "canHandleVariableCommunicationStepSize": True, "canInterpolateInputs": False,
             "canBeInstantiatedOnlyOncePerProcess": False, "canGetAndSetFMUstate": True, "canSerializeFMUstate": True}
+# For the page in the FMU: how this back end answers its host.
+NOTES = (
+    "This unit computes in Python: its host's process must have Python 3.10 or later loaded, as "
+    "<code>externalDependencies.txt</code> says.",
+    "Inputs are held over a step: this unit does not interpolate them and takes no input derivatives.",
+    "A call out of place or an input that is not finite is logged, and the next step is answered with "
+    "<code>fmi2Discard</code>, the state unchanged. So is a step that cannot be followed.",
+    "Parameters out of range are logged at the end of initialization, which returns <code>fmi2OK</code>; every step is "
+    "then discarded. A wrong GUID is not noticed.",
+)
 TOOL = f"PythonFMU {pythonfmu.__version__}"
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from math import inf, nan, pi, radians
+from math import nan, pi, radians
 from typing import Any
 
 import numpy as np
@@ -138,14 +138,12 @@ def _move(test: Test, values: Mapping[str, Any], sign: float) -> dict[str, float
     time, angle, command = result["time"], result["fin_angle"], sign * test.amplitude
     step = metrics.step_metrics(time, angle, 0.0, command)
     rates = metrics.slew(time, angle, result["fin_rate"], 0.0, command)
-    outside = np.flatnonzero((np.abs(angle - command) > radians(ACCURACY)) & (time >= 0.0))
-    last = int(outside[-1]) if len(outside) else 0
     tail = angle[time > time[-1] - _TAIL]
     current = result["motor_current"][time >= 0.0]
     return {
         "rise_time": step.rise_time, "settling_time": step.settling_time, "overshoot": step.overshoot / 100.0,
         "steady_error": abs(step.steady_error), "peak_rate": rates.peak, "sustained_rate": rates.sustained,
-        "time_to_accuracy": inf if last == len(time) - 1 else float(time[last + 1]),
+        "time_to_accuracy": metrics.time_to_accuracy(time, angle, 0.0, command, radians(ACCURACY)),
         "ripple": float(np.ptp(tail)), "peak_current": float(np.abs(current).max()),
         "rms_current": float(np.sqrt(np.mean(current**2))),
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from math import degrees
+from math import degrees, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,11 @@ def shown(requirement: Requirement, value: float) -> tuple[float, str]:
     """A figure in the unit people read it in."""
     unit, factor = _SHOWN.get(requirement.unit, (requirement.unit, 1.0))
     return value * factor, unit
+
+
+def text(value: float, unit: str = "") -> str:
+    """A figure for people."""
+    return f"{value:.3g} {unit}".rstrip() if isfinite(value) else "not reached"
 
 
 def rows(result: Result, evaluation: Evaluation) -> list[dict[str, Any]]:
@@ -50,7 +55,7 @@ def summary(result: Result) -> Table:
     for column in table.columns[2:5]:
         column.justify = "right"
     for row in rows(result, result.best):
-        table.add_row(row["requirement"], row["case"], f"{row['measured']:.3g} {row['unit']}",
+        table.add_row(row["requirement"], row["case"], text(row["measured"], row["unit"]),
                       f"{'≤' if row['sense'] == 'maximum' else '≥'} {row['limit']:.3g}", f"{row['margin']:.0%}",
                       "ok" if row["met"] else "MISSED")
     return table
@@ -88,5 +93,4 @@ def write_json(result: Result, path: Path, command: str) -> None:
         "judgements": [{"requirement": j.requirement, "case": j.case, "measured_si": j.measured, "share": j.share}
                        for j in result.best.judgements],
     }
-    text = json.dumps(finite(document), indent=1, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8", newline="\n")
+    path.write_text(json.dumps(finite(document), indent=1, allow_nan=False) + "\n", encoding="utf-8", newline="\n")

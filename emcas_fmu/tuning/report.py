@@ -10,7 +10,7 @@ from .. import __version__
 from ..plots import style, svg
 from .figures import all_figures
 from .optimise import Result
-from .output import rows, shown, verdict
+from .output import rows, shown, text, verdict
 from .pareto import conflict
 
 
@@ -25,5 +25,5 @@ def write_report(result: Result, path: Path, command: str, pair: tuple[str, str]
     page = environment.get_template("report.html.j2").render(
         result=result, version=__version__, command=command, verdict=verdict(result), figures=figures,
         rows=list(zip(rows(result, result.best), rows(result, result.before), strict=True)), by_case=by_case,
-        shown=shown)
+        shown=shown, text=text)
     path.write_text(page, encoding="utf-8", newline="\n")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import isnan
+from math import isinf
 
 import numpy as np
 
@@ -57,7 +57,7 @@ def accuracy(runs: Mapping[str, Series]) -> list[Finding]:
     for name, what in (("hold_plus20", "a step to 20 deg"), ("hold_loaded", "the same step against 100 N.m")):
         if name in runs and runs[name].run.stopped is None:
             took = requirements.time_to_accuracy(runs[name])
-            when = f"not within {requirements.HOLD:g} s" if isnan(took) else f"{took:.3f} s after the command"
+            when = f"not within {requirements.HOLD:g} s" if isinf(took) else f"{took:.3f} s after the command"
             left = f"{requirements.held_error(runs[name]):+.4f} deg are left after {requirements.HOLD:g} s"
             found.append(Finding(f"time_to_accuracy_{name}", "The error stays within "
                                  f"±{requirements.ACCURACY} deg after {what}: {when}; {left}"))

@@ -96,6 +96,20 @@ def _settling(time: Array, share: Array, band: float) -> float:
     return float(time[k] + (distance[k] - band) / (distance[k] - distance[k + 1]) * (time[k + 1] - time[k]))
 
 
+def time_to_accuracy(time: Array, response: Array, start: float, command: float, accuracy: float) -> float:
+    """Time [s] from a command at `start` [s] until the response stays within ±`accuracy` of it for good.
+
+    It is that of the first row which all later ones are within, too: 0 where no row from `start` on is outside, inf
+    where the last one is. A row that is not a number is outside.
+    """
+    time, response = _since(time, response, start)
+    outside = np.flatnonzero(~(np.abs(response - command) <= accuracy))
+    if not len(outside):
+        return 0.0
+    last = int(outside[-1])
+    return inf if last == len(time) - 1 else float(time[last + 1] - start)
+
+
 def _since(time: Array, values: Array, start: float) -> tuple[Array, Array]:
     # Communication times carry rounding: a nanosecond early is on time.
     begin = int(np.searchsorted(time, start - 1e-9))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from math import degrees, nan
+from math import degrees
 from typing import Any, Literal
 
 import numpy as np
@@ -180,8 +180,7 @@ def figures(kind: str, series: Series) -> dict[str, float]:
 
 
 def time_to_accuracy(series: Series, number: int = 0) -> float:
-    """Time [s] from a step until the angle stays within the accuracy of the command; nan if it does not."""
+    """Time [s] from a step until the angle stays within the accuracy of the command; inf if it does not."""
     start, level, end = step_at(series, number)
     time, angle, _ = columns(series, end)
-    outside = np.flatnonzero(~(np.abs(angle - level) <= ACCURACY) & (time >= start - 1e-9))
-    return nan if len(outside) and outside[-1] == len(time) - 1 else float(time[outside[-1] + 1] - start)
+    return metrics.time_to_accuracy(time, angle, start, level, ACCURACY)

@@ -29,8 +29,6 @@ class Demand:
     """Of the vehicle at the fins, body axes [m/s2], shape (3,)."""
     attitude: Array
     """Roll, pitch, yaw [rad], shape (3,)."""
-    supply_voltage: float
-    """[V]."""
     axes: Array | None = None
     """Roll, pitch, yaw deflections that mix to the commands, before their limit [rad], shape (3,); for actuators that
     mix by themselves."""

@@ -22,7 +22,6 @@ from .actuators import Actuators, Demand
 from .autopilot import PERIOD, Autopilot, Gains
 from .vehicle import FINS, Array, Launch, Rocket
 
-SUPPLY_VOLTAGE = 39.0  # V
 Progress = Callable[[float], None]
 
 
@@ -119,7 +118,7 @@ def fly(actuators: Actuators, manoeuvre: Manoeuvre, step: float, launch: Launch 
             if progress:
                 progress(time)
         moved = actuators.step(time, step, Demand(command.fins, state.hinge_moments, state.acceleration,
-                                                  state.attitude, SUPPLY_VOLTAGE, command.axes))
+                                                  state.attitude, command.axes))
         state = rocket.advance(moved.angles, manoeuvre.wind(time + step))
         table[row] = np.concatenate([
             state.attitude, wanted, state.body_rates, command.fins, moved.angles, moved.rates, state.hinge_moments,

@@ -63,6 +63,8 @@ def fly(
     manoeuvre: Annotated[Flown, typer.Option(help="What is flown; tight is aggressive with higher gains.")] = Flown.ALL,
     bus_resistance: Annotated[float | None, typer.Option(
         help="Of the bus's source in Ohm, 0 to 1; 0.02 for EMCAS4.fmu if not given.", metavar="OHM")] = None,
+    bus_voltage: Annotated[float | None, typer.Option(
+        help="Of the bus's source in V; what the FMU, or the archive, starts with if not given.", metavar="V")] = None,
     mixing: Annotated[bool, typer.Option("--mixing", help="Let EMCAS4.fmu mix roll, pitch and yaw.")] = False,
     host: Annotated[Host | None, typer.Option(help="Fly four EMCAS.fmu wired by an SSP in this master, too.")] = None,
     ssp: Annotated[Path | None, typer.Option(help="The archive for --host; made of EMCAS.fmu if not given.",
@@ -92,7 +94,7 @@ def fly(
         return tuple(each.value for each in kind if each.value != "all" and one and one.value in ("all", each.value))
 
     options = Options(chosen(Flown, manoeuvre), chosen(Actuator, actuator), step * 1e-3, fmu, guid, bus_resistance,
-                      mixing, chosen(Host, host), ssp, variant, convergence)
+                      bus_voltage, mixing, chosen(Host, host), ssp, variant, convergence)
     with failures():
         if output.exists() and not output.is_dir():
             raise EmcasError(f"{output}: is a file; --output names a folder")

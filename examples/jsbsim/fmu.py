@@ -26,9 +26,9 @@ BUS_RESISTANCE = 0.02
 # Where from, variable, its unit, and where its value is in `flattened` (of what a fin has of its own: of fin 1).
 OWN_INPUTS = (("autopilot", "fin_command", "rad", 0), ("rocket", "aero_torque", "N.m", 4))
 SHARED_INPUTS = (*(("rocket", f"acceleration.{n}", "m/s2", 8 + k) for k, n in enumerate("xyz")),
-                 *(("rocket", f"attitude.{n}", "rad", 11 + k) for k, n in enumerate(("roll", "pitch", "yaw"))),
-                 ("battery", "supply_voltage", "V", 14))
-_MIXING = tuple(("autopilot", f"{n}_command", "rad", 15 + k) for k, n in enumerate(("roll", "pitch", "yaw")))
+                 *(("rocket", f"attitude.{n}", "rad", 11 + k) for k, n in enumerate(("roll", "pitch", "yaw"))))
+_MIXING = tuple(("autopilot", f"{n}_command", "rad", 14 + k) for k, n in enumerate(("roll", "pitch", "yaw")))
+SUPPLY = "supply_voltage"
 OUTPUTS = (("fin_angle", "rad"), ("fin_rate", "rad/s"), ("supply_power", "W"))
 FLAG = "saturated"
 _BUS_OUTPUTS = (("bus_voltage", "V"), ("bus_current", "A"))
@@ -38,11 +38,16 @@ _NONLINEAR = re.compile(r"EMCAS\d*")  # modelName, whatever the number of fins
 
 
 def flattened(demand: Demand) -> Array:
-    """Commands, hinge moments, acceleration, attitude, supply voltage and, where there are, axes; shape (15,) or (18,).
-    """
+    """Commands, hinge moments, acceleration, attitude and, where there are, axes; shape (14,) or (17,)."""
     axes = () if demand.axes is None else demand.axes
-    return np.concatenate([demand.commands, demand.hinge_moments, demand.acceleration, demand.attitude,
-                           [demand.supply_voltage], axes])
+    return np.concatenate([demand.commands, demand.hinge_moments, demand.acceleration, demand.attitude, axes])
+
+
+def require_supply(path: Path, voltage: float) -> float:
+    """A supply voltage [V] that fins can be moved with. Raises EmcasError."""
+    if not (isfinite(voltage) and voltage > 0.0):
+        raise EmcasError(f"{path}: a bus voltage of {voltage:g} V: must be above 0; give --bus-voltage")
+    return voltage
 
 
 def fins_of(names: Mapping[str, Any]) -> int:
@@ -55,12 +60,14 @@ class Fmu:
     """A unit whose variables are fin[1].fin_command ... fin[4].fin_command, or four of one with fin_command."""
 
     def __init__(self, path: Path, guid: str | None = None, parameters: Mapping[str, bool | float] = WIRED, *,
-                 bus_resistance: float | None = None, mixing: bool = False) -> None:
+                 bus_resistance: float | None = None, bus_voltage: float | None = None,
+                 mixing: bool = False) -> None:
         """Load and initialize with `parameters` of each fin, in the FMU's units, besides its mounting.azimuth.
 
-        A unit of four has a bus with `bus_resistance` [Ohm] (0 if not given) and, with `mixing`, takes the demand's
-        axes instead of commands. Raises EmcasError naming the connection where a variable is missing or has another
-        unit, and where a single actuator is asked for what only the unit of four has.
+        The supply is of `bus_voltage` [V], or of the unit's start value if not given. A unit of four has a bus with
+        `bus_resistance` [Ohm] (0 if not given) and, with `mixing`, takes the demand's axes instead of commands. Raises
+        EmcasError naming the connection where a variable is missing or has another unit, and where a single actuator is
+        asked for what only the unit of four has.
         """
         if bus_resistance is not None and not (isfinite(bus_resistance) and 0.0 <= bus_resistance <= 1.0):
             raise EmcasError(f"a bus resistance of {bus_resistance:g} Ohm: must be 0 to 1")
@@ -84,7 +91,9 @@ class Fmu:
             groups = [[(k, f"fin[{k + 1}].") for k in range(4)]] if self.whole else [[(k, "")] for k in range(4)]
             self._path, self._mixing = path, mixing
             self._units = [_Unit(stack, _Wiring(path, known, self.whole), unit, group, parameters,
-                                 bus_resistance or 0.0, mixing) for group in groups]
+                                 bus_resistance or 0.0, bus_voltage, mixing) for group in groups]
+            self.supply = self._units[0].supply
+            """Voltage of the source [V]."""
             self._stack = stack.pop_all()
 
     def step(self, time: float, step: float, demand: Demand) -> Response:
@@ -99,7 +108,7 @@ class Fmu:
             raise EmcasError(f"{self._path}: refuses the step at {time:g} s ({error})") from error
         power = float(reals[:, 2].sum())
         # Four single actuators are each at the supply: a stiff bus.
-        voltage, current = bus[0] if self.whole else (demand.supply_voltage, power / demand.supply_voltage)
+        voltage, current = bus[0] if self.whole else (self.supply, power / self.supply)
         return Response(reals[:, 0], reals[:, 1], power, flags, voltage, current)
 
     def close(self) -> None:
@@ -128,7 +137,8 @@ class _Unit:
     """One instance and the fins it moves."""
 
     def __init__(self, stack: ExitStack, wire: _Wiring, unit: Any, fins: Sequence[tuple[int, str]],
-                 parameters: Mapping[str, bool | float], bus_resistance: float, mixing: bool) -> None:
+                 parameters: Mapping[str, bool | float], bus_resistance: float, bus_voltage: float | None,
+                 mixing: bool) -> None:
         self._fins = [fin for fin, _ in fins]
         sources = {wire(prefix + name, "Real", si, f"{origin} -> {prefix}{name}"): place + fin
                    for fin, prefix in fins for origin, name, si, place in OWN_INPUTS
@@ -150,6 +160,9 @@ class _Unit:
         if len(fins) > 1:
             self._outputs += [wire(name, "Real", si, f"{name} -> figures") for name, si in _BUS_OUTPUTS]
             reals[wire(_RESISTANCE, "Real", "Ohm", f"setting -> {_RESISTANCE}")] = bus_resistance
+        supply = wire(SUPPLY, "Real", "V", f"battery -> {SUPPLY}")
+        if bus_voltage is not None:
+            reals[supply] = require_supply(unit.path, bus_voltage)
         try:
             self._slave = slave = instantiate_fmu(str(unit.folder), unit.description, "CoSimulation")
             stack.callback(slave.freeInstance)
@@ -159,9 +172,11 @@ class _Unit:
             slave.enterInitializationMode()
             slave.exitInitializationMode()
             stack.callback(slave.terminate)
+            voltage = float(slave.getReal([supply])[0])
         # fmpy reports a failed load or instantiation as OSError or as a bare Exception.
         except Exception as error:
             raise EmcasError(f"{unit.path}: does not start ({error})") from error
+        self.supply = require_supply(unit.path, voltage)
 
     def step(self, time: float, step: float, flat: Array, reals: Array, flags: Array) -> list[float]:
         """Advance, and put the outputs into the fins' rows; gives the bus's, where it has one."""

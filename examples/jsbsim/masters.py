@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import nan
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,12 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.ssp import hosts
 from emcas_fmu.ssp.archive import Archive
 from emcas_fmu.ssp.schema import NOMINAL, SspError
-from emcas_fmu.ssp.structure import read_structure
+from emcas_fmu.ssp.settings import effective
+from emcas_fmu.ssp.structure import Structure, read_structure
 from emcas_fmu.ssp.write import write_ssp
 
 from .actuators import Demand, Response
-from .fmu import FLAG, OUTPUTS, OWN_INPUTS, SHARED_INPUTS, flattened
+from .fmu import FLAG, OUTPUTS, OWN_INPUTS, SHARED_INPUTS, SUPPLY, flattened, require_supply
 from .vehicle import AZIMUTHS, FINS, Array
 
 MASTERS = {"fmpy": "fmpy", "libcosim": "libcosimpy", "ecos": "ecospy"}
@@ -38,15 +40,18 @@ def write_archive(path: Path, fmu: Path) -> Path:
 class InMaster:
     """Four fins of an archive, stepped by one of MASTERS with a fixed step."""
 
-    def __init__(self, ssp: Path, master: str, step: float, variant: str = NOMINAL) -> None:
-        """Start `variant` with a step [s].
+    def __init__(self, ssp: Path, master: str, step: float, variant: str = NOMINAL,
+                 bus_voltage: float | None = None) -> None:
+        """Start `variant` with a step [s] on a supply of `bus_voltage` [V], or of what the variant starts with.
 
         Raises EmcasError where the master is unknown, absent or refuses, and naming the connection where the archive's
         system has no connector for it, or one in another unit.
         """
         if master not in MASTERS:
             raise EmcasError(f"there is no master {master!r}; there is {', '.join(MASTERS)}")
-        _check_connectors(ssp, variant)
+        structure = _checked(ssp, variant)
+        start = effective(structure).get(("", SUPPLY), nan)
+        self._supply = require_supply(ssp, float(start) if bus_voltage is None else bus_voltage)
         self._ssp, self._system = ssp, hosts.open(ssp, MASTERS[master], variant, step)
 
     def step(self, time: float, step: float, demand: Demand) -> Response:
@@ -56,18 +61,20 @@ class InMaster:
         flat = flattened(demand)
         for _, name, _, place in _INPUTS:
             self._system.set(name, float(flat[place]))
+        self._system.set(SUPPLY, self._supply)  # a master may not pass the variant's on
         self._system.step()
         reals = np.array([self._system.get(name) for name, _ in _OUTPUTS]).reshape(len(FINS), -1)
         flags = np.array([self._system.get(name) for name in _FLAGS], dtype=bool)
         power = float(reals[:, 2].sum())
-        return Response(reals[:, 0], reals[:, 1], power, flags, demand.supply_voltage, power / demand.supply_voltage)
+        return Response(reals[:, 0], reals[:, 1], power, flags, self._supply, power / self._supply)
 
     def close(self) -> None:
         """End the master's system."""
         self._system.close()
 
 
-def _check_connectors(ssp: Path, variant: str) -> None:
+def _checked(ssp: Path, variant: str) -> Structure:
+    """The variant's structure, with all that is wired."""
     def refuse(file: str, problem: str) -> None:
         raise SspError(f"{ssp}: {file}: {problem}; see emcas ssp check")
 
@@ -77,6 +84,7 @@ def _check_connectors(ssp: Path, variant: str) -> None:
         raise SspError(f"{ssp}: has no variant {variant!r}; it has {', '.join(found) or 'none'}")
     connectors = found[variant].system.connectors
     wanted = [*((f"{origin} -> {name}", name, "input", unit) for origin, name, unit, _ in _INPUTS),
+              (f"battery -> {SUPPLY}", SUPPLY, "input", "V"),
               *((f"{name} -> rocket", name, "output", unit) for name, unit in _OUTPUTS),
               *((f"{name} -> figures", name, "output", "") for name in _FLAGS)]
     for what, name, kind, unit in wanted:
@@ -87,6 +95,7 @@ def _check_connectors(ssp: Path, variant: str) -> None:
         if connector.unit not in ("", unit):  # without a unit it is the FMU's, which the check compares
             raise SspError(f"{ssp}: connection {what}: {name} is in {connector.unit}, not {unit or 'no unit'}; "
                            "declare the unit of the FMU")
+    return found[variant]
 
 
 @dataclass(frozen=True)

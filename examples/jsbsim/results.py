@@ -46,6 +46,8 @@ class Results:
     """What the FMU is called."""
     bus_resistance: float = 0.0
     """Of the source [Ohm]; 0: stiff."""
+    bus_voltage: float | None = None
+    """Of the source of the FMU [V]."""
     masters: Mapping[str, Mapping[str, Flight]] = field(default_factory=dict)
     """Flights by manoeuvre, then master; the first is what the others are compared with."""
 
@@ -119,7 +121,8 @@ def write_json(results: Results, path: Path, command: str) -> None:
     fit = results.second_order
     content: dict[str, Any] = {
         "command": command, "communication_step_s": results.step, "guid": results.guid,
-        "bus_resistance_ohm": results.bus_resistance, "flights": all_figures(results),
+        "bus_resistance_ohm": results.bus_resistance, "bus_voltage_v": results.bus_voltage,
+        "flights": all_figures(results),
         "masters": {name: {master: {"fin_difference_rad": a.fins, "attitude_difference_rad": a.attitude,
                                     "identical": a.identical} for master, a in found.items()}
                     for name, found in agreements(results).items()},

@@ -26,7 +26,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Options:
-    """What is asked for; `bus_resistance` in Ohm, `step` in s."""
+    """What is asked for; `bus_resistance` in Ohm, `bus_voltage` in V, `step` in s."""
 
     manoeuvres: tuple[str, ...]
     actuators: tuple[str, ...]
@@ -37,6 +37,8 @@ class Options:
     guid: str | None = None
     bus_resistance: float | None = None
     """BUS_RESISTANCE for a unit of four if not given."""
+    bus_voltage: float | None = None
+    """The unit's, or the archive's, start value if not given."""
     mixing: bool = False
     masters: tuple[str, ...] = ()
     """Of masters.MASTERS."""
@@ -60,7 +62,7 @@ def run(options: Options, folder: Path, progress: Progress) -> Results:
                if options.masters}
     converged = flier.converge() if options.convergence else {}
     return Results(options.step, flights, MANOEUVRES, flier.second_order, converged, flier.guid, flier.unit,
-                   flier.resistance, masters)
+                   flier.resistance, flier.voltage, masters)
 
 
 class _Flier:
@@ -70,6 +72,7 @@ class _Flier:
         self._options, self._progress = options, progress
         self.second_order: Fit | None = None
         self.guid, self.unit, self.resistance, self._whole = "", "EMCAS4.fmu", 0.0, False
+        self.voltage: float | None = None
         actuators = [*options.actuators]
         self.makers: dict[str, Callable[[], Actuators]] = {"ideal": Ideal}
         if actuators != ["ideal"]:
@@ -88,9 +91,9 @@ class _Flier:
         if options.fmu is None:
             self._progress("build", 0.0)
         path = options.fmu or build_unit(folder, 4)
-        trial = Fmu(path, options.guid)
+        trial = Fmu(path, options.guid, bus_voltage=options.bus_voltage)
         trial.close()
-        self._whole = trial.whole
+        self._whole, self.voltage = trial.whole, trial.supply
         chosen = options.bus_resistance
         self.resistance = chosen if chosen is not None else BUS_RESISTANCE if trial.whole else 0.0
         self.unit = "EMCAS4.fmu" if trial.whole else "EMCAS.fmu"
@@ -98,7 +101,8 @@ class _Flier:
             self.guid = unit.description.guid
 
         def nonlinear(resistance: float, parameters: Mapping[str, bool | float] = WIRED) -> Callable[[], Actuators]:
-            return lambda: Fmu(path, parameters=parameters, bus_resistance=resistance, mixing=options.mixing)
+            return lambda: Fmu(path, parameters=parameters, bus_resistance=resistance,
+                               bus_voltage=options.bus_voltage, mixing=options.mixing)
 
         nonlinear(self.resistance)().close()
         self.second_order = found = fit(path)
@@ -119,7 +123,7 @@ class _Flier:
     def _in(self, master: str) -> Callable[[], Actuators]:
         assert self._archive is not None
         archive, variant, step = self._archive, self._variant, self._options.step
-        return lambda: InMaster(archive, master, step, variant)
+        return lambda: InMaster(archive, master, step, variant, self._options.bus_voltage)
 
     def fly(self, manoeuvre: Manoeuvre, name: str, make: Callable[[], Actuators]) -> Flight:
         """One flight."""

@@ -45,12 +45,13 @@ class SecondOrder:
     def __init__(self, parameters: ParameterSet) -> None:
         """`parameters` are of the second-order model."""
         functions = program.make(model=MODEL)(parameters.values)
+        self._supply = parameters.values["drive.supply_voltage"]
         self._cores = [Core(functions) for _ in FINS]
 
     def step(self, time: float, step: float, demand: Demand) -> Response:
         """The power is mechanical, against the hinge moments, which do not move the fins."""
         loads = zip(demand.commands.tolist(), demand.hinge_moments.tolist(), strict=True)
-        rows = np.array([core.run(time + step, (command, moment, 0.0, 0.0, demand.supply_voltage, True))
+        rows = np.array([core.run(time + step, (command, moment, 0.0, 0.0, self._supply, True))
                          for core, (command, moment) in zip(self._cores, loads, strict=True)], dtype=float)
         rates = rows[:, _RATE]
         return Response(rows[:, _ANGLE], rates, -float(rates @ demand.hinge_moments), rows[:, _SATURATED] > 0.5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from math import inf, nan
@@ -80,13 +81,15 @@ def test_a_drift_in_every_output(folder: Path) -> None:
     options = [part for key, path in files.items() for part in (f"--{key}", path)]
     printed = emcas("check", folder / "changed.toml", "--baseline", folder / "baseline", *options, code=1)
     assert "DRIFT" in printed
-    assert "0.11 N.m/A  0.1 N.m/A" in printed
+    assert re.search(r"0\.11 N\.m/A +0\.1 N\.m/A", printed)
+    assert re.search(r"0\.11 V\.s/rad +0\.1 V\.s/rad", printed)  # the motor's other constant follows
     assert "If this is intended: emcas baseline record" in printed
     document = json.loads(files["json"].read_text())
     drifted = [row for row in document["comparisons"] if not row["passed"]]
     assert drifted
     assert not document["passed"]
-    assert [c["name"] for c in document["changed_parameters"]] == ["motor.torque_constant"]
+    assert [c["name"] for c in document["changed_parameters"]] == ["motor.torque_constant",
+                                                                      "motor.back_emf_constant"]
     suites = junitparser.JUnitXml.fromfile(str(files["junit"]))
     assert suites.failures == len(drifted)
     assert suites.tests == len(document["comparisons"])

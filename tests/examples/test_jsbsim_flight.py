@@ -60,7 +60,7 @@ def test_second_order_moves_as_simulate_does(model: ParameterSet) -> None:
     """
     commands = np.radians([20.0, -3.0, 0.5, 30.0])
     actuators = SecondOrder(model)
-    demand = Demand(commands, np.full(4, 50.0), np.zeros(3), np.zeros(3), 39.0)
+    demand = Demand(commands, np.full(4, 50.0), np.zeros(3), np.zeros(3))
     found = [actuators.step(k * 1e-3, 1e-3, demand) for k in range(60)]
     for k, command in enumerate(commands):
         wanted = simulate(model.values, 0.06, model=fitting.MODEL, fin_command=float(command))
@@ -126,7 +126,7 @@ class WithoutFeedback:
 
     def step(self, time: float, step: float, demand: Demand) -> Response:
         """With no load."""
-        return self._fmu.step(time, step, Demand(demand.commands, np.zeros(4), np.zeros(3), np.zeros(3), 39.0))
+        return self._fmu.step(time, step, Demand(demand.commands, np.zeros(4), np.zeros(3), np.zeros(3)))
 
     def close(self) -> None:
         """Free."""
@@ -164,7 +164,7 @@ def test_azimuth_and_gravity_are_wired(four: Path) -> None:
 
     In free fall nothing weighs. 20 ms after a step the fin is on its way, and what its load does is seen.
     """
-    still = Demand(np.full(4, 0.1), np.zeros(4), np.zeros(3), np.zeros(3), 39.0)
+    still = Demand(np.full(4, 0.1), np.zeros(4), np.zeros(3), np.zeros(3))
     falling = replace(still, acceleration=np.array([0.0, 0.0, GRAVITY]))
 
     def moved(demand: Demand, parameters: Mapping[str, bool | float]) -> Array:

@@ -85,17 +85,19 @@ def test_program_needs_no_fmu(tmp_path: Path) -> None:
 
 def test_program_takes_single_units(native: Path, tmp_path: Path) -> None:
     done = program("--fmu", native, "--manoeuvre", "gentle", "--no-convergence", "--step", "4", "-o", tmp_path,
-                   "--format", "npz")
+                   "--format", "npz", "--bus-voltage", "36")
     assert done.returncode == 0, done.stderr
     # On a stiff bus as they are, so that there is no second flight with one.
     assert sorted(p.name for p in tmp_path.glob("*.npz")) == [
         "gentle_ideal.npz", "gentle_nonlinear.npz", "gentle_second-order-undelayed.npz", "gentle_second-order.npz"]
-    assert np.all(np.load(tmp_path / "gentle_nonlinear.npz")["bus_voltage_v"] == 39.0)
+    assert np.all(np.load(tmp_path / "gentle_nonlinear.npz")["bus_voltage_v"] == 36.0)
+    assert json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))["bus_voltage_v"] == 36.0
 
 
 @pytest.mark.parametrize(("arguments", "message"), [
     (["--fmu", "no-such.fmu"], "no-such.fmu: there is no such file; build one"),
     (["--host", "omsimulator"], "'omsimulator' is not one of 'fmpy', 'libcosim', 'ecos', 'all'"),
+    (["--bus-voltage", "0"], "a bus voltage of 0 V: must be above 0"),
     (["--actuator", "ideal", "--step", "3", "--no-convergence"], "does not divide"),
     (["--actuator", "ideal", "-o", str(Path(__file__))], "is a file; --output names a folder"),
 ])

@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from emcas_fmu.compiler import CompilerError, local_compilers
+from emcas_fmu.compiler import CompilerError, local_compilers, local_platform
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from examples.jsbsim import build as building
 from examples.jsbsim.actuators import LIMIT
-from examples.jsbsim.flight import SUPPLY_VOLTAGE, Turn
+from examples.jsbsim.flight import Turn
 from examples.jsbsim.fmu import WIRED, Fmu
+from examples.jsbsim.masters import VARIANT, InMaster, write_archive
 from examples.jsbsim.results import fins
 from tests.hosts.host import missing
 
@@ -24,6 +25,7 @@ from .conftest import Doctor
 from .flying import SHORT, apart, flown
 
 RESISTANCE = 0.02  # Ohm
+SUPPLY_VOLTAGE = load_parameters().values["drive.supply_voltage"]
 DESCRIPTION = "modelDescription.xml"
 
 
@@ -36,6 +38,32 @@ def test_four_in_one_are_four_single_ones(native: Path, four: Path) -> None:
     # Each sums or divides in its own order: rounding of up to 8 kW.
     np.testing.assert_allclose(together["power_w"], single["power_w"], rtol=0, atol=1e-9)
     np.testing.assert_allclose(together["bus_current_a"], single["bus_current_a"], rtol=0, atol=1e-9)
+
+
+def test_the_supply_is_the_units(tmp_path: Path) -> None:
+    """A unit of 28 V flies on 28 V, one of four fins, four of one or in an archive, unless another voltage is given."""
+    local = local_platform()
+    assert local is not None
+    parameters = load_parameters().replace({"drive.supply_voltage": 28.0})
+    single, whole = (build(parameters, tmp_path / f"{n}.fmu", "native", [local.name], fins=n).path for n in (1, 4))
+    archive = write_archive(tmp_path / "EMCAS.ssp", single)
+    manoeuvre = replace(SHORT, duration=0.2)
+    flights = {}
+    for given, expected in ((None, 28.0), (24.0, 24.0)):
+        actuators = (Fmu(whole, bus_voltage=given), Fmu(single, bus_voltage=given),
+                     InMaster(archive, "fmpy", 1e-3, VARIANT, given))
+        flights[expected] = [flown(each, manoeuvre) for each in actuators]
+        for flight in flights[expected]:
+            assert np.all(flight["bus_voltage_v"] == expected)
+            assert apart(flight, flights[expected][0]) < 1e-12
+    assert apart(flights[28.0][0], flights[24.0][0]) > 1e-3  # what 4 V are worth while fins move
+
+
+@pytest.mark.parametrize("voltage", [0.0, -1.0, float("nan")])
+def test_impossible_supply_is_refused(voltage: float, four: Path, ssp: Path) -> None:
+    for make in (lambda: Fmu(four, bus_voltage=voltage), lambda: InMaster(ssp, "fmpy", 1e-3, VARIANT, voltage)):
+        with pytest.raises(EmcasError, match=r"a bus voltage of .* must be above 0; give --bus-voltage"):
+            make()
 
 
 def test_bus_sags_by_its_current(four: Path) -> None:

@@ -8,6 +8,8 @@ import sys
 import textwrap
 import zipfile
 from collections.abc import Mapping
+from importlib import import_module
+from itertools import combinations
 from pathlib import Path
 from xml.etree.ElementTree import Element, fromstring, tostring
 
@@ -16,9 +18,12 @@ from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
 from emcas_fmu import compiler
+from emcas_fmu.actuators import NAMES, OPTIONS
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.model_description import model_description
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.unit import Unit
 from emcas_fmu.variables import INPUTS, OUTPUTS, PARAMETERS, VARIABLES
 
 pytestmark = pytest.mark.fmu
@@ -39,6 +44,26 @@ def unit(units: Mapping[str, Path], backend: str) -> Path:
 def description(unit: Path) -> Element:
     with zipfile.ZipFile(unit) as archive:
         return fromstring(archive.read("modelDescription.xml"))
+
+
+@pytest.mark.parametrize("model", NAMES)
+@pytest.mark.parametrize("fins", [1, 2])
+def test_no_type_has_the_name_of_a_variable(model: str, fins: int) -> None:
+    """FMI 2.0.5, section 2.2.3: of every model with each option that it takes, and with as many as go together."""
+    modules = {option: import_module(f"emcas_fmu.options.{option}") for option in OPTIONS}
+    fit = [options for n in range(len(OPTIONS) + 1) for options in combinations(OPTIONS, n)
+           if not any(modules[option].unfit(model, options) for option in options)]
+    assert ("faults",) in fit
+    for options in fit:
+        if 1 < len(options) < len(fit[-1]):
+            continue
+        unit = Unit(fins, "+".join((model, *options)))
+        root = model_description([0] * len(unit.variables), "", options={}, tool="", unit=unit)
+        types = {t.attrib["name"] for t in root.findall("TypeDefinitions/SimpleType")}
+        assert types == {v[0].attrib["declaredType"] for v in root.findall("ModelVariables/ScalarVariable")
+                         if "declaredType" in v[0].attrib}
+        assert bool(types) == bool({"homing", "faults"} & set(options))
+        assert not types & {v.name for v in unit.variables}
 
 
 def test_fmpy_finds_nothing(unit: Path) -> None:
@@ -227,6 +252,23 @@ def test_both_back_ends_have_one_interface(units: Mapping[str, Path]) -> None:
         root.attrib.pop("generationTool")
         texts.append(tostring(root))
     assert texts[0] == texts[1]
+
+
+def test_the_page_is_of_its_back_end(unit: Path, backend: str, description: Element) -> None:
+    """What a host needs and is answered differs; the page tells that of the unit it lies in, and of no other."""
+    with zipfile.ZipFile(unit) as archive:
+        page = " ".join(archive.read("documentation/index.html").decode().split())
+        names = archive.namelist()
+    said = {"python": ("Python 3.10 or later", "does not interpolate", "takes no input derivatives", "is logged",
+                       "every step is then discarded", "A wrong GUID is not noticed"),
+            "native": ("needs nothing in its host", "fmi2SetRealInputDerivatives", "fmi2Error", "repeat the call",
+                       "A wrong GUID is refused")}
+    assert {fact for facts in said.values() for fact in facts if fact in page} == set(said[backend])
+    options = description.find("CoSimulation")
+    assert options is not None
+    assert ("ramp through it" in page) == (options.attrib["canInterpolateInputs"] == "true")
+    assert ("externalDependencies.txt" in page) == ("documentation/externalDependencies.txt" in names)
+    assert f"Binaries are here for {', '.join(sorted(read_platforms(unit)))}." in page
 
 
 def test_native_contents(native: Path) -> None:

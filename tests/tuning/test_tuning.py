@@ -334,6 +334,22 @@ def test_command_writes_parameters_that_load(small: Path, tmp_path: Path) -> Non
     assert "binds" in done.output.replace("\n", " ")
 
 
+def test_what_is_never_reached_is_said(tmp_path: Path) -> None:
+    """Of a step of 2 deg a case lets only 1 deg be commanded."""
+    path = tmp_path / "never.toml"
+    text = SMALL.replace('"rise_time"', '"time_to_accuracy"') % "20 ms"
+    path.write_text(text.replace("[cases.nominal]", '[cases.nominal]\n"command.limit" = "1 deg"'), encoding="utf-8")
+    done = emcas(path, "--report", tmp_path / "t.html", "--json", tmp_path / "t.json", "--generations", 1,
+                 "--workers", 1)
+    assert done.exit_code == 1, done.output
+    page = (tmp_path / "t.html").read_text(encoding="utf-8")
+    for said in (done.output, page):
+        assert "not reached" in said
+        assert "inf ms" not in said
+    (row, _) = json.loads((tmp_path / "t.json").read_text(encoding="utf-8"))["requirements"]
+    assert (row["figure"], row["measured"]) == ("time_to_accuracy", None)
+
+
 def test_what_cannot_be_met_is_said(tmp_path: Path) -> None:
     path = tmp_path / "hard.toml"
     path.write_text(SMALL % "1 ms", encoding="utf-8")

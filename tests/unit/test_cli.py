@@ -52,6 +52,22 @@ def test_bad_parameter_file(tmp_path: Path) -> None:
     assert "Traceback" not in said
 
 
+def test_warnings_leave_standard_output_alone(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text('[motor]\ntorque_constant = "0.1 N*m/A"\nback_emf_constant = "0.173 V*s/rad"\n', encoding="utf-8")
+    said = "warning: motor.torque_constant = 0.1 N*m/A and motor.back_emf_constant = 0.173 V*s/rad"
+    listed = emcas("parameters", "-p", str(file), "--json")
+    assert listed.exit_code == 0
+    assert said in listed.stderr
+    assert json.loads(listed.stdout)
+    one = emcas("build", "-p", str(file), "-o", str(tmp_path / "one.fmu"))
+    single = emcas("build", "--fins", "3", "--fin", f"2={file}", "-o", str(tmp_path / "three.fmu"))
+    for built in (one, single):
+        assert built.exit_code == 0
+        assert built.stderr.count(said) == 1
+    assert "warning" not in emcas("parameters").stderr
+
+
 def test_build_and_its_refusals(tmp_path: Path) -> None:
     target = tmp_path / "EMCAS.fmu"
     done = emcas("build", "--output", str(target))

@@ -59,6 +59,18 @@ def test_the_contract_of_the_core(values: Mapping[str, Any]) -> None:
         fast.state = b"short"
 
 
+@pytest.mark.parametrize("kernel", [CompiledCore, new_core])
+def test_time_never_goes_back(values: Mapping[str, Any], kernel: Any) -> None:
+    """A point before the last, a whole sample or a part of a tick, is the last one: nothing moves."""
+    moved, straight = kernel(values), kernel(values)
+    for now, earlier in ((0.01, 0.009), (0.02005, 0.02002), (0.03005, 0.029)):
+        expected = straight.run(now, COMMAND)
+        assert moved.run(now, COMMAND) == expected
+        assert moved.run(earlier, COMMAND) == expected
+        assert moved.state == straight.state
+    assert moved.run(0.05, COMMAND) == straight.run(0.05, COMMAND)
+
+
 def test_what_cannot_be_followed_changes_nothing(values: Mapping[str, Any]) -> None:
     core = CompiledCore(values)
     core.run(0.01, COMMAND)

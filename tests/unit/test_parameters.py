@@ -194,6 +194,47 @@ def test_everything_else_stays_default(load: Load) -> None:
     assert [e.variable.name for e in changed] == ["mass.fin"]
 
 
+@pytest.mark.parametrize(("given", "follows", "unit"), [
+    ("torque_constant", "back_emf_constant", "N*m/A"), ("back_emf_constant", "torque_constant", "V*s/rad")])
+def test_the_constants_of_one_motor_follow_each_other(load: Load, given: str, follows: str, unit: str) -> None:
+    entries = {e.variable.name: e for e in load(f'motor.{given} = "94 m{unit}"').entries}
+    follower = entries[f"motor.{follows}"]
+    assert follower.value == entries[f"motor.{given}"].value == 0.094
+    assert (follower.text, follower.source, follower.file) == (f"as motor.{given}", "derived", "mine.toml")
+    assert f"Follows from motor.{given}" in follower.note
+    assert {name for name, e in entries.items() if e.value != DEFAULTS.values[name]} == {
+        f"motor.{given}", f"motor.{follows}"}
+
+
+def test_constants_that_are_both_given_stay(load: Load) -> None:
+    chosen = load('motor.torque_constant = "0.094 N*m/A"\nmotor.back_emf_constant = "0.1 V*s/rad"')
+    assert (chosen.values["motor.torque_constant"], chosen.values["motor.back_emf_constant"]) == (0.094, 0.1)
+
+
+def test_a_program_changes_what_it_names_alone() -> None:
+    """Cases of a tuning study and samples of a campaign say which parameters they change."""
+    changed = DEFAULTS.replace({"motor.torque_constant": 0.1})
+    assert changed.values["motor.back_emf_constant"] == DEFAULTS.values["motor.back_emf_constant"]
+
+
+def test_a_torque_constant_cannot_follow_to_zero(load: Load) -> None:
+    (problem,) = problems(load, 'motor.back_emf_constant = "0 V*s/rad"')
+    for fragment in ("mine.toml: motor.back_emf_constant = 0 V*s/rad", "motor.torque_constant", "1e-06 N.m/A", "give"):
+        assert fragment in problem
+    both = load('motor.back_emf_constant = "0 V*s/rad"\nmotor.torque_constant = "0.1 N*m/A"')
+    assert len(both.warnings) == 1
+
+
+@pytest.mark.parametrize(("back_emf", "warned"), [
+    (0.11 * 1.19, False), (0.11 * 1.21, True), (0.11 / 1.19, False), (0.11 / 1.21, True)])
+def test_constants_of_no_one_motor_are_warned_of(load: Load, back_emf: float, warned: bool) -> None:
+    found = load(f'motor.torque_constant = "110 mN*m/A"\nmotor.back_emf_constant = "{back_emf} V*s/rad"').warnings
+    assert len(found) == warned
+    for line in found:
+        for fragment in ("motor.torque_constant = 110 mN*m/A", f"{back_emf:.6g}", "give only one"):
+            assert fragment in line
+
+
 def test_empty_file_and_default_file_are_the_defaults(load: Load) -> None:
     assert load("[kinematics]\n").entries == DEFAULTS.entries
     assert load_parameters(models_directory() / "emcas.toml").values == DEFAULTS.values

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from emcas_fmu.integrate import Boundary, Plant, electrical_mode
 from emcas_fmu.ops import FLOATS
 from emcas_fmu.physics import drive, friction, kinematics, loads, mechanics
 from emcas_fmu.tree import tree
@@ -139,3 +140,25 @@ def test_disabled_drive_is_open(values: Mapping[str, Any]) -> None:
     assert np.all(result["supply_power"][off] == 0.0)
     assert np.any(result["motor_current"][~off] != 0.0)
     np.testing.assert_allclose(result["motor_voltage"][off], 0.11 * result["motor_speed"][off], rtol=1e-12)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("share", "stays"), [(0.99, False), (1.01, True)])
+def test_the_demand_slides_along_its_limit_where_it_grows(values: Mapping[str, Any], side: float, share: float,
+                                                          stays: bool) -> None:
+    """At the limit, with a current that rises, d(demand)/dt = K_i (i_ref - i) - K_p di/dt of the free demand decides.
+
+    `share` is that of the first of its terms in the second.
+    """
+    i_ref, current, supply = 30.0, 24.0, 39.0
+    case = {**values, "drive.kp": 5.0, "motor.resistance": 0.25, "motor.inductance": 6e-4, "drive.current_limit": 60.0,
+            "motor.back_emf_constant": 0.11}
+    speed = 240.0
+    rise = (supply - 0.25 * current - 0.11 * speed) / 6e-4  # 11 kA/s
+    case["drive.ki"] = share * 5.0 * rise / (i_ref - current)
+    p = tree(case)
+    plant = Plant(0.0, side * speed, side * current, side * (supply - 5.0 * (i_ref - current)))
+    reference = (side * i_ref - p.drive.current_offset) / p.drive.current_gain
+    mode = electrical_mode(FLOATS, p, plant, Boundary(reference, 0.0, 0.0, 0.0, supply, True))
+    assert mode.at_limit == 1.0
+    assert (mode.stays, mode.side) == (float(stays), side * stays)
