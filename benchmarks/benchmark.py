@@ -35,7 +35,7 @@ from emcas_fmu.ops.python_source import python_source
 from emcas_fmu.ops.trace import Tracer
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import drive, kinematics, mechanics
-from emcas_fmu.tree import tree
+from tests.default_actuator import namespace
 
 STOP, STEP = 2.0, 1e-3
 INPUTS = ("fin_command", "aero_torque")
@@ -97,7 +97,7 @@ def _under_fmpy(path: Path) -> Callable[[], None]:
 def _equations(values: Any) -> Any:
     """Right-hand side and controllers' sample, traced; Coulomb friction smoothed by tanh, as LSODA needs."""
     tracer = Tracer()
-    p = tree({name: tracer.parameter(name) for name in values})
+    p = namespace({name: tracer.parameter(name) for name in values})
 
     def right_hand_side(angle: Any, speed: Any, current: Any, xi: Any, reference: Any, load: Any, supply: Any) -> Any:
         m = mechanics.coefficients(tracer, p, angle, load, 0.0, 0.0)

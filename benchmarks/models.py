@@ -6,7 +6,7 @@ from time import process_time
 
 import numpy as np
 
-from emcas_fmu.actuators import NAMES, NONLINEAR, OPTIONS, get
+from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, get
 from emcas_fmu.kernels.compiled import Batch
 from emcas_fmu.parameters import load_parameters
 
@@ -37,8 +37,8 @@ def main() -> None:
     """Print the table."""
     base = cost(NONLINEAR)
     print(f"{'model':<56}{'ns a step':>10}{'of nonlinear':>14}")
-    together = [option for option in OPTIONS if option != "lugre"]  # which goes with few
-    for name in (*NAMES, *(f"{NONLINEAR}+{option}" for option in OPTIONS), "+".join((NONLINEAR, *together))):
+    together = [option for option in EXTENSIONS if option != "lugre"]  # which goes with few
+    for name in (*NAMES, *(f"{NONLINEAR}+{option}" for option in EXTENSIONS), "+".join((NONLINEAR, *together))):
         found = cost(name)
         print(f"{name:<56}{found:>10.0f}{found / base:>14.2f}")
 

@@ -27,6 +27,7 @@ import native_build
 import native_hosts
 import numpy as np
 
+from emcas_fmu.actuators import NONLINEAR, get
 from emcas_fmu.files import models_directory
 from emcas_fmu.fmi.model_description import start_values
 from emcas_fmu.fmi.package import build
@@ -34,7 +35,8 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference import files
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.validation.runs import opened
-from emcas_fmu.variables import INPUTS
+
+INPUTS = get(NONLINEAR).inputs
 
 SOURCES, SHIPPED, YARDSTICK, LEAN = "EMCAS, sources", "EMCAS, as shipped", "yardstick", "yardstick without cos"
 RATIO_TARGET, MEMORY_TARGET = 1.0, 2048  # at most; bytes of an instance

@@ -12,8 +12,8 @@ from make_tables import main, markdown
 
 from emcas_fmu import plots
 from emcas_fmu.actuators import NAMES
-from emcas_fmu.options.fault_list import FAULTS
-from emcas_fmu.options.monitors import MONITORS
+from emcas_fmu.extensions.fault_list import FAULTS
+from emcas_fmu.extensions.monitors import MONITORS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from emcas_fmu import plots
 from emcas_fmu.actuators import get
+from emcas_fmu.extensions.status import OPERATIONAL, STATUS
 from emcas_fmu.kernels import program
-from emcas_fmu.options.status import OPERATIONAL, STATUS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 

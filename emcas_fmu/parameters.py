@@ -6,36 +6,30 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from dataclasses import replace as dataclass_replace
 from difflib import get_close_matches
+from functools import cache, partial
 from math import isclose
 from numbers import Integral, Real
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from .actuators import NONLINEAR, every_own, get, parts
-from .actuators.model import Actuator
-from .consistency import check_consistency, check_ranges
+from .actuators import EXTENSIONS, NAMES, NONLINEAR, default_files, full_name, get, get_extension
+from .actuators.declaration import Actuator
 from .errors import EmcasError
 from .files import models_directory
+from .ops.floats import FLOATS
+from .rules import check_ranges, check_rules
 from .toml import tomllib
-from .tree import tree
 from .units import describe, quantity
-from .variables import FILE_ENTRIES, Variable
+from .variables import Variable
 
 Value = float | int | bool
 
-_VARIABLES = {v.name: v for v in FILE_ENTRIES + every_own()}
-_TABLE = tuple(v.name for v in FILE_ENTRIES)
-_LENGTHS = Counter(name.partition("[")[0] for name in _VARIABLES if "[" in name)  # of the arrays
-_NAMES = [*_VARIABLES, *_LENGTHS]
-_GROUPS = {"", *(name.rsplit(".", i)[0] for name in _NAMES for i in range(1, name.count(".") + 1))}
 _FIELDS = ("value", "unit", "source", "note")
 # A limit that reached the file through another unit is still that limit.
 _ROUNDING = 1e-12
-# One constant of the motor: K_t i w = K_e w i, the power that leaves the circuit and the one on the shaft.
-_TORQUE, _BACK_EMF = "motor.torque_constant", "motor.back_emf_constant"
-_FOLLOWS = {_TORQUE: _BACK_EMF, _BACK_EMF: _TORQUE}
 # Measured ones differ by saturation and by iron losses, a slip (rms for peak, phase for line to line) by 22 % or more.
 _APART = 1.2
 
@@ -49,6 +43,30 @@ class ParameterError(EmcasError, ValueError):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.problems,)
+
+
+class _Known:
+    """Names a parameter file may use: those of an actuator, and those of all that are shipped."""
+
+    def __init__(self, variables: Iterable[Variable]) -> None:
+        self.variables = {v.name: v for v in variables}
+        self.lengths = Counter(name.partition("[")[0] for name in self.variables if "[" in name)  # of the arrays
+        self.names = [*self.variables, *self.lengths]
+        self.groups = {"", *(name.rsplit(".", i)[0] for name in self.names for i in range(1, name.count(".") + 1))}
+
+
+@cache
+def _shipped() -> tuple[Variable, ...]:
+    actuators = [get(name) for name in NAMES]
+    extensions = [get_extension(name) for name in EXTENSIONS]
+    return (*(v for actuator in actuators for v in actuator.file_entries),
+            *(v for extension in extensions for actuator in actuators for v in extension.parameters(actuator)))
+
+
+@cache
+def _known(model: str) -> _Known:
+    """An actuator's names are its own, whatever others mean by them."""
+    return _Known((*_shipped(), *get(model).file_entries))
 
 
 @dataclass(frozen=True)
@@ -70,100 +88,105 @@ class Entry:
 
 @dataclass(frozen=True)
 class ParameterSet:
-    """A complete, checked set of a model's parameters.
+    """A complete, checked set of an actuator's parameters.
 
-    `entries` are in the order of the variable table's FILE_ENTRIES, then of the model's own.
+    `entries` are in the actuator's order. `unused` names what a user's file gives and this actuator does not have,
+    though another one has it.
     """
 
     entries: tuple[Entry, ...]
     model: str = NONLINEAR
+    unused: tuple[str, ...] = ()
+
+    @property
+    def actuator(self) -> Actuator:
+        """Whose parameters they are."""
+        return get(self.model)
 
     @property
     def values(self) -> Mapping[str, Value]:
-        """Read-only values by name, in the variable table's units (SI, temperature in degC)."""
+        """Read-only values by name, in the variables' units (SI, temperature in degC)."""
         return MappingProxyType({e.variable.name: e.value for e in self.entries})
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is allowed and most likely a mistake, one line each."""
-        torque, back_emf = (next(e for e in self.entries if e.variable.name == name) for name in (_TORQUE, _BACK_EMF))
-        low, high = sorted((torque.value, back_emf.value))
-        if high <= _APART * low:
-            return ()
-        return (f"{_TORQUE} = {torque.text} and {_BACK_EMF} = {back_emf.text} are {torque.value:.6g} and "
-                f"{back_emf.value:.6g} in SI units, where they are equal for one motor: check rms or peak, phase or "
-                "line to line; or give only one, and the other follows",)
+        entries = {e.variable.name: e for e in self.entries}
+        warnings = [_apart(entries[name], entries[other]) for name, other in self.actuator.equal_parameters]
+        if self.unused:
+            warnings.append(f"the {self.actuator.name} actuator has no {', '.join(self.unused)}: not used")
+        return tuple(filter(None, warnings))
 
     def replace(self, overrides: Mapping[str, object] | None = None, /, **more: object) -> ParameterSet:
-        """A new checked set with some values replaced; the old one stays as it is.
+        """Return a new checked set with some values replaced; the old one stays as it is.
 
-        Numbers are in the variable table's units, strings carry their own ("50 mm"); arrays may be
+        Numbers are in the variables' units, strings carry their own ("50 mm"); arrays may be
         given whole. Nothing else changes, unlike with a file. Raises ParameterError.
         """
         given = {**(overrides or {}), **more}
-        document = {name: _in_table_unit(name, value) for name, value in given.items()}
-        return _overridden(self.entries, document, "replaced value", "", self.model)
+        document = {name: _in_variables_unit(name, value, self.model) for name, value in given.items()}
+        return _overridden(self, document, "replaced value", "")
+
+    def having(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return those of the values whose parameters this actuator has."""
+        names = {e.variable.name for e in self.entries}
+        return {name: value for name, value in values.items() if name in names}
 
     def nested(self) -> Any:
-        """The values as attributes, ``p.kinematics.moment_arm``; arrays are tuples."""
-        return tree(self.values)
+        """Return the values as attributes, ``p.kinematics.moment_arm``; arrays are tuples."""
+        return self.actuator.namespace(self.values)
 
 
 def load_parameters(path: Path | str | None = None, base: ParameterSet | None = None,
                     model: str = NONLINEAR) -> ParameterSet:
-    """The default set of a model, or `base`, overridden by the entries of the user's file at `path`, if one is given.
+    """Return the default set of an actuator, or `base`, overridden by the user's file at `path`, if one is given.
 
-    A model's default set is the nonlinear one's with ``models/actuators/MODEL.toml`` over it, which must give every
-    parameter of its own, and ``models/options/OPTION.toml`` of each of its options.
-
-    Torque and back-EMF constant are equal in SI units: where the user's file gives one of them, the other follows.
+    The defaults are those of ``models/emcas.toml`` that the actuator has, with its parameter files over them, and
+    those of its extensions. Of parameters that are equal in SI units, such as torque and back-EMF constant, one follows
+    where the user's file gives only the other.
 
     Raises ParameterError with all problems of a file, FileNotFoundError where the default set is missing.
     """
-    if base is not None:
-        return base if path is None else _overridden(base.entries, _document(Path(path)), str(path), Path(path).name,
-                                                     base.model)
-    default = models_directory() / "emcas.toml"
-    entries, problems = _entries(_document(default), str(default), default.name, "")
-    missing = [f"{default}: {name}: missing; the default file must give every parameter"
-               for name in _TABLE if name not in entries]
-    if problems := problems or missing:
-        raise ParameterError(problems)
-    defaults = _overridden(tuple(entries[name] for name in _TABLE), {}, str(default), default.name, NONLINEAR)
-    base_model, options = parts(model)
-    files = [] if base_model == NONLINEAR else [models_directory() / "actuators" / f"{base_model}.toml"]
-    files += [models_directory() / "options" / f"{option}.toml" for option in options]
-    return load_parameters(path, _of_model(defaults, get(model), files) if files else defaults)
+    chosen = base if base is not None else _defaults(full_name(model))
+    return chosen if path is None else _overridden(chosen, _document(Path(path)), str(path), Path(path).name)
 
 
-def _of_model(defaults: ParameterSet, actuator: Actuator, files: Sequence[Path]) -> ParameterSet:
+def _defaults(model: str) -> ParameterSet:
+    actuator = get(model)
+    files = [models_directory() / "emcas.toml", *default_files(model)]
     entries: dict[str, Entry] = {}
     for file in files:
-        found, problems = _entries(_document(file), str(file), file.name, "")
+        given, problems = _entries(_document(file), str(file), file.name, "", _known(model))
         if problems:
             raise ParameterError(problems)
-        entries |= found
-    where = ", ".join(map(str, files))
-    if missing := [f"{where}: {v.name}: missing; every parameter of the model's own must be given"
-                   for v in actuator.own if v.name not in entries]:
+        entries |= given
+    where = files[-1] if len(files) > 1 else files[0]
+    if missing := [f"{where}: {v.name}: missing; the defaults must give every parameter of the {actuator.name} actuator"
+                   for v in actuator.file_entries if v.name not in entries]:
         raise ParameterError(missing)
-    chosen = [entries.get(e.variable.name, e) for e in defaults.entries]
-    return _overridden((*chosen, *(entries[v.name] for v in actuator.own)), {}, where, files[-1].name, actuator.name)
+    return _checked(tuple(entries[v.name] for v in actuator.file_entries), model, str(where))
 
 
 def check_parameters(values: Mapping[str, Any], model: str = NONLINEAR) -> list[str]:
-    """Problems of a model's flat values in the table's units: names missing or unknown, limits, combinations."""
-    table = get(model).parameters
-    missing = [f"{v.name} is missing" for v in table if v.name not in values]
-    unknown = [f"there is no parameter {name}{_hint(name, _NAMES)}" for name in values if name not in _VARIABLES]
+    """Return the problems of an actuator's flat values: names missing or unknown, limits, combinations."""
+    actuator = get(model)
+    known = {v.name for v in actuator.file_entries}
+    missing = [f"{v.name} is missing" for v in actuator.parameters if v.name not in values]
+    unknown = [f"there is no parameter {name}{_hint(name, known)}" for name in values if name not in known]
     if missing or unknown:
         return missing + unknown
-    limits = [(v.name, v.minimum, v.maximum) for v in table if v.kind != "Boolean"]
-    return check_ranges(values, limits) or check_consistency({v.name: values[v.name] for v in table})
+    limits = [(v.name, v.minimum, v.maximum) for v in actuator.parameters if v.kind != "Boolean"]
+    return check_ranges(values, limits) or check_combinations(values, actuator)
+
+
+def check_combinations(values: Mapping[str, Any], actuator: Actuator) -> list[str]:
+    """Return a message for each rule of the actuator that its values, within their ranges, break."""
+    p = actuator.namespace(values)
+    return check_rules((partial(rule.check, FLOATS, p), rule.message, rule.scanned) for rule in actuator.all_rules)
 
 
 def are_defaults(parameters: ParameterSet) -> bool:
-    """Whether a set is the nonlinear model's with its default values, wherever they come from."""
+    """Return whether a set is the nonlinear actuator's with its default values, wherever they come from."""
     return parameters.model == NONLINEAR and dict(parameters.values) == dict(load_parameters().values)
 
 
@@ -180,49 +203,72 @@ def _document(path: Path) -> dict[str, Any]:
     return document
 
 
-def _overridden(base: tuple[Entry, ...], document: Mapping[str, Any], label: str, file: str,
-                model: str) -> ParameterSet:
-    """`base` with the entries of a document, checked as a whole once each entry is sound."""
-    entries, problems = _entries(document, label, file, "user")
+def _overridden(base: ParameterSet, document: Mapping[str, Any], label: str, file: str) -> ParameterSet:
+    """Return `base` with the entries of a document, checked as a whole once each entry is sound.
+
+    A user's file may give what other actuators have; a program may not.
+    """
+    known = _known(base.model)
+    entries, problems = _entries(document, label, file, "user", known)
     if file:
-        _follow(entries, problems, label)
-    known = {e.variable.name for e in base}
-    problems += [f"{label}: {name}: the {model} model has no such parameter" for name in entries if name not in known]
-    chosen = ParameterSet(tuple(entries.get(e.variable.name, e) for e in base), model)
-    problems = problems or [f"{label}: {problem}" for problem in check_consistency(chosen.values)]
+        _follow(entries, problems, label, base.actuator)
+    have = {e.variable.name for e in base.entries}
+    unused = tuple(name for name in entries if name not in have)
+    if unused and not file:
+        problems += [f"{label}: {name}: the {base.actuator.name} actuator has no such parameter" for name in unused]
     if problems:
         raise ParameterError(problems)
+    chosen = _checked(tuple(entries.get(e.variable.name, e) for e in base.entries), base.model, label)
+    return dataclass_replace(chosen, unused=tuple(dict.fromkeys((*base.unused, *unused))))
+
+
+def _checked(entries: tuple[Entry, ...], model: str, label: str) -> ParameterSet:
+    chosen = ParameterSet(entries, model)
+    if problems := check_combinations(chosen.values, get(model)):
+        raise ParameterError([f"{label}: {problem}" for problem in problems])
     return chosen
 
 
-def _follow(entries: dict[str, Entry], problems: list[str], label: str) -> None:
-    """Add the torque or back-EMF constant to a file's entries where it gives only the other."""
-    for given, name in _FOLLOWS.items():
-        if given not in entries or name in entries:
-            continue
-        value, variable = entries[given].value, _VARIABLES[name]
-        if value < variable.minimum:
-            problems.append(f"{label}: {given} = {entries[given].text}: {name}, which follows from it, must be at "
-                            f"least {variable.minimum:.6g} {variable.unit}; give that too")
-        entries[name] = Entry(variable, value, f"as {given}", "derived",
-                              f"Follows from {given}, to which it is equal in SI units; the file does not give it.",
-                              entries[given].file)
-        return
+def _follow(entries: dict[str, Entry], problems: list[str], label: str, actuator: Actuator) -> None:
+    """Add the one of two equal parameters to a file's entries where it gives only the other."""
+    variables = {v.name: v for v in actuator.parameters}
+    for pair in actuator.equal_parameters:
+        for given, name in (pair, pair[::-1]):
+            if given not in entries or name in entries:
+                continue
+            value, variable = entries[given].value, variables[name]
+            if value < variable.minimum:
+                problems.append(f"{label}: {given} = {entries[given].text}: {name}, which follows from it, must be at "
+                                f"least {variable.minimum:.6g} {variable.unit}; give that too")
+            entries[name] = Entry(variable, value, f"as {given}", "derived",
+                                  f"Follows from {given}, to which it is equal in SI units; the file does not give it.",
+                                  entries[given].file)
+            break
+
+
+def _apart(one: Entry, other: Entry) -> str:
+    """Return a warning where two parameters that are equal in SI units are far apart; else nothing."""
+    low, high = sorted((one.value, other.value))
+    if high <= _APART * low:
+        return ""
+    return (f"{one.variable.name} = {one.text} and {other.variable.name} = {other.text} are {one.value:.6g} and "
+            f"{other.value:.6g} in SI units, where they are equal for one motor: check rms or peak, phase or "
+            "line to line; or give only one, and the other follows")
 
 
 def _entries(
-    document: Mapping[str, Any], label: str, file: str, source: str,
+    document: Mapping[str, Any], label: str, file: str, source: str, known: _Known,
 ) -> tuple[dict[str, Entry], list[str]]:
     """The sound entries of a document and the problems of the others."""
     entries: dict[str, Entry] = {}
     problems = []
-    for key, written in _leaves(document):
+    for key, written in _leaves(document, known):
         try:
-            for name, fields in _scalars(key, written):
+            for name, fields in _scalars(key, written, known):
                 try:
                     if name in entries:
                         raise ValueError("given twice")
-                    entries[name] = _entry(_VARIABLES[name], fields, source, file)
+                    entries[name] = _entry(known.variables[name], fields, source, file)
                 except ValueError as error:
                     problems.append(f"{label}: {name} = {_text(fields)}: {error}")
         except ValueError as error:
@@ -230,33 +276,33 @@ def _entries(
     return entries, problems
 
 
-def _leaves(node: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, Any]]:
+def _leaves(node: Mapping[str, Any], known: _Known, path: str = "") -> Iterator[tuple[str, Any]]:
     """Dotted keys with what is written there; tables that are no entry are descended into."""
     for part, written in node.items():
         key = f"{path}.{part}" if path else part
-        descend = isinstance(written, Mapping) and key not in _NAMES and "value" not in written
-        if descend and (written or key in _GROUPS):
-            yield from _leaves(written, key)
+        descend = isinstance(written, Mapping) and key not in known.names and "value" not in written
+        if descend and (written or key in known.groups):
+            yield from _leaves(written, known, key)
         else:
             yield key, written
 
 
-def _scalars(key: str, written: Any) -> Iterator[tuple[str, Mapping[str, Any]]]:
+def _scalars(key: str, written: Any, known: _Known) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Names and fields of a key's scalars: one, or one an element of an array."""
     fields = written if isinstance(written, Mapping) else {"value": written}
-    if key in _VARIABLES:
+    if key in known.variables:
         yield key, fields
-    elif key in _LENGTHS:
+    elif key in known.lengths:
         elements = fields.get("value")
-        if not isinstance(elements, (list, tuple)) or len(elements) != _LENGTHS[key]:
-            raise ValueError(f"expected an array of {_LENGTHS[key]} values")
+        if not isinstance(elements, (list, tuple)) or len(elements) != known.lengths[key]:
+            raise ValueError(f"expected an array of {known.lengths[key]} values")
         for i, element in enumerate(elements):
             yield f"{key}[{i}]", {**fields, "value": element}
-    elif key in _GROUPS:
+    elif key in known.groups:
         raise ValueError("is a group of parameters; expected a table such as "
-                         f"{next(name for name in _NAMES if name.startswith(key + '.'))}")
+                         f"{next(name for name in known.names if name.startswith(key + '.'))}")
     else:
-        raise ValueError(f"unknown parameter{_hint(key, _NAMES)}")
+        raise ValueError(f"unknown parameter{_hint(key, known.names)}")
 
 
 def _entry(variable: Variable, fields: Mapping[str, Any], source: str, file: str) -> Entry:
@@ -300,13 +346,14 @@ def _number(variable: Variable, written: Any, written_unit: str) -> float | int:
     return int(value) if variable.kind == "Integer" else value
 
 
-def _in_table_unit(name: str, value: object) -> object:
+def _in_variables_unit(name: str, value: object, model: str) -> object:
     """What a parameter file would say for a value given in a program."""
     if isinstance(value, (list, tuple)):
-        return [_in_table_unit(f"{name}[{i}]", element) for i, element in enumerate(value)]
+        return [_in_variables_unit(f"{name}[{i}]", element, model) for i, element in enumerate(value)]
     if isinstance(value, bool) or not isinstance(value, Real):
         return value
-    unit = _VARIABLES[name].unit if name in _VARIABLES else ""
+    variable = _known(model).variables.get(name)
+    unit = variable.unit if variable else ""
     text = str(int(value)) if isinstance(value, Integral) else repr(float(value))
     return f"{text} {unit}" if unit and unit != "1" else text
 

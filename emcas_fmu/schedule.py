@@ -40,8 +40,10 @@ class Schedule(NamedTuple):
 class Timed(Protocol):
     """What a schedule asks of an actuator: the largest tick [s], and the delay from a sample to the drive [s]."""
 
-    longest_tick: Callable[[Ops, Any], Value]
-    transport_delay: Callable[[Ops, Any], Value] | None
+    @property
+    def longest_tick(self) -> Callable[[Ops, Any], Value]: ...
+    @property
+    def transport_delay(self) -> Callable[[Ops, Any], Value] | None: ...
 
 
 def schedule(ops: Ops, p: Any, actuator: Timed) -> Schedule:

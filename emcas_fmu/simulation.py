@@ -79,18 +79,13 @@ def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = 
 def _by_python(values: Mapping[str, Any], table: Array, step: float, model: str) -> Array:
     if problems := check_parameters(values, model):
         raise ParameterError(problems)
-    core = program.core(values, model)
-    index = {v.name: i for i, v in enumerate(get(model).inputs)}
-    motion = slice(index["acceleration.x"], index["attitude.pitch"] + 1)
-    direct = [index[name] for name in ("fin_command", "aero_torque", "supply_voltage", "enable")]
-    direct += [index[v.name] for v in get(model).model.inputs]
+    core, places = program.core(values, model), program.places(model)
     rows: list[tuple[Any, ...]] = []
     acting: tuple[Any, ...] = ()
     for k, row in enumerate(table.tolist()):
         if k:
             rows.append(core.run(k * step, acting))
-        command, aero_torque, *rest = (row[i] for i in direct)
-        acting = (command, aero_torque, *core.forces(*row[motion]), *rest)
+        acting = places.arrange(row, core.forces)
         if not k:
             rows.append(core.outputs(acting))
     return np.array(rows, dtype=float)

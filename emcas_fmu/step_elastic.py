@@ -14,10 +14,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from . import step_rigid
-from .step_rigid import Plant, stops
 from .namespace import Record
 from .ops.base import Ops, Value
 from .physics import drive, drive_line, friction, loads, mechanics, screw
+from .step_rigid import Plant, stops
 
 _PROGRESS = 1e-6  # the least share of a step that is taken, so that every call moves on
 # The same of a step in which a flank is left: in less, a slow motion may not get beyond the rounding of its angle.
@@ -92,7 +92,7 @@ def _beyond(ops: Ops, torque: Value, high: Value, low: Value) -> tuple[Value, Va
     return net, ops.where(torque > high, 1.0, ops.where(torque < low, -1.0, 0.0))
 
 
-def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, u: Record, mode: _Mode, h: Value,
+def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value,
               at: Value | None = None) -> Pair:
     """The state after `h` [s] if the mode holds.
 
@@ -105,18 +105,18 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, u: Record, mode: _M
     a first solution has it.
     """
     if at is None and friction.falls(p):
-        at = 0.5 * (s.speed + _advanced(ops, p, c, s, u, mode, h, s.speed).speed)
+        at = 0.5 * (s.speed + _advanced(ops, p, c, s, acting, mode, h, s.speed).speed)
     if not screw.lossy(p):
-        return _solved(ops, p, c, s, u, mode, h, at)[0]
+        return _solved(ops, p, c, s, acting, mode, h, at)[0]
     # The load L on the screw grows with W, whatever friction does at the fin: its sign is the same by either
     # efficiency, since e >= 0.
     (driving, load, way), (driven, _, _) = (
-        _solved(ops, p, c, s, u, mode, h, at, e) for e in (screw.forward(p), p.efficiency.backward))
+        _solved(ops, p, c, s, acting, mode, h, at, e) for e in (screw.forward(p), p.efficiency.backward))
     forward = load * way > 0.0
     return Pair(*(ops.where(forward, x, y) for x, y in zip(driving, driven, strict=True)))
 
 
-def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, u: Record, mode: _Mode, h: Value, at: Value | None,
+def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value, at: Value | None,
             felt: Value | None = None) -> tuple[Pair, Value, Value]:
     """The end of :func:`_advanced`, the load on the screw [N.m] and the rotor's way (-1, 0, 1).
 
@@ -128,9 +128,9 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, u: Record, mode: _Mod
         return x if felt is None else felt * x
 
     def body_force() -> Value:
-        return p.screw.lead * loads.nut_force(ops, p, u.f_x)
+        return p.screw.lead * loads.nut_force(ops, p, acting.f_x)
 
-    m = drive_line.fin_side(ops, p, s.fin_angle + 0.5 * h * s.fin_speed, u.aero_torque, u.f_x, u.f_z)
+    m = drive_line.fin_side(ops, p, s.fin_angle + 0.5 * h * s.fin_speed, acting.aero_torque, acting.f_x, acting.f_z)
     e = _electric(ops, p, s, mode.drive, h)
     k = ops.where(mode.pressed, 0.5 * h * c.stiffness + c.damping, 0.0)
     given = ops.where(mode.pressed, c.stiffness * (s.angle - s.fin_angle - mode.flank), 0.0)
@@ -215,14 +215,14 @@ def _zero(ops: Ops, x: Value, y: Value, other_x: Value, other_y: Value) -> Value
     return x - y * (x - other_x) / change
 
 
-def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, u: Record, h: Value) -> _Mode:
+def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, h: Value) -> _Mode:
     """The mode a step of `h` [s] starts in. A flank that is just met is under load if without it the gap would end."""
     deflection = s.angle - s.fin_angle
     pressed, flank = drive_line.pressed(ops, c, deflection, s.speed - s.fin_speed)
-    electric = step_rigid.electrical_mode(ops, p, Plant(*s[:4]), u)
+    electric = step_rigid.electrical_mode(ops, p, Plant(*s[:4]), acting)
 
     def ahead() -> tuple[Value, ...]:
-        free = _advanced(ops, p, c, s, u, _Mode(False, 0.0, electric), h)
+        free = _advanced(ops, p, c, s, acting, _Mode(False, 0.0, electric), h)
         return ((free.angle - free.fin_angle - flank) * flank > 0.0,)
 
     met = ops.both(c.loose, ops.both(pressed, ops.fabs(deflection - flank) <= drive_line.MET))
@@ -230,13 +230,13 @@ def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, u: Record, h: Value) ->
     return _Mode(pressed, flank, electric)
 
 
-def advance(ops: Ops, p: Any, s: Pair, u: Record, h: Value) -> tuple[Pair, Value]:
+def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, Value]:
     """The state after `h` [s] or at the first event before, and the time that took [s]."""
-    current, integral = ops.branch(u.enabled, lambda: (s.current, s.integral), lambda: (0.0, 0.0))
+    current, integral = ops.branch(acting.enabled, lambda: (s.current, s.integral), lambda: (0.0, 0.0))
     s = s._replace(current=current, integral=integral)
     c = drive_line.line(ops, p)
-    mode = _mode(ops, p, c, s, u, h)
-    whole = _advanced(ops, p, c, s, u, mode, h)
+    mode = _mode(ops, p, c, s, acting, h)
+    whole = _advanced(ops, p, c, s, acting, mode, h)
     before, after = _margins(ops, p, c, s, s, mode), _margins(ops, p, c, s, whole, mode)
 
     first, place, begin, end = h, -1.0, 1.0, 1.0
@@ -255,14 +255,14 @@ def advance(ops: Ops, p: Any, s: Pair, u: Record, h: Value) -> tuple[Pair, Value
     def to_event() -> tuple[Value, ...]:
         least = h * ops.where(ops.both(mode.pressed, ops.equal(place, float(_CONTACT))), _LEAVING, _PROGRESS)
         guess = ops.maximum(first, least)
-        found = _margins(ops, p, c, s, _advanced(ops, p, c, s, u, mode, guess), mode)
+        found = _margins(ops, p, c, s, _advanced(ops, p, c, s, acting, mode, guess), mode)
         y = found[0]
         for i in range(1, len(found)):
             y = ops.where(ops.equal(place, float(i)), found[i], y)
         late = y <= 0.0
         better = _zero(ops, guess, y, ops.where(late, 0.0, h), ops.where(late, begin, end))
         used = ops.clip(better, least, h)
-        part = _advanced(ops, p, c, s, u, mode, used)
+        part = _advanced(ops, p, c, s, acting, mode, used)
         upper, lower = ops.equal(place, float(_UPPER)), ops.equal(place, float(_LOWER))
         low_stop, high_stop = stops(ops, p)
         fin_stops = ops.either(ops.equal(place, float(_FIN)), ops.either(upper, lower))

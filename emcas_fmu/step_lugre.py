@@ -1,4 +1,4 @@
-"""One step of the plant on LuGre bristles (:mod:`emcas_fmu.extensions.lugre`): :mod:`emcas_fmu.step_rigid` without stick.
+"""One step of the plant on LuGre bristles (:mod:`emcas_fmu.extensions.lugre`), without stick.
 
     dz/dt = w - a z        a = sigma_0 |w|/g        torque = sigma_0 z + sigma_1 dz/dt
 
@@ -20,10 +20,10 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from . import step_rigid
-from .step_rigid import PROGRESS, Events, Motion, Plant, Step
 from .namespace import Record
 from .ops.base import Ops, Value
 from .physics import drive, friction, mechanics
+from .step_rigid import PROGRESS, Events, Motion, Plant, Step
 
 _SERIES = 0.02  # x below which f2 is its series: there both forms are good to 1e-12
 

@@ -1,65 +1,52 @@
-"""What a unit of one or several actuators shows: the interface, out of the variable table.
+"""What a unit of one or several actuators shows: the interface, out of the actuator's declaration.
 
-A single actuator shows the table itself. Several show what belongs to each under ``fin[1].``, ``fin[2].``
+A single actuator shows its variables themselves. Several show what belongs to each under ``fin[1].``, ``fin[2].``
 and so on; vehicle motion and supply are shared, and a bus and mixing inputs come with them.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from .actuators import NONLINEAR, get
-from .actuators.model import Actuator
+from .actuators import NONLINEAR, fin_port, get
+from .actuators.declaration import Actuator, identifier
 from .errors import EmcasError
-from .kernels import program
 from .parameters import ParameterSet, load_parameters
-from .variables import INPUTS, OUTPUTS, START_ENTRIES, Variable
+from .variables import Variable, parameter, real_input, real_output
 
 MOST_FINS = 8
 LAYOUTS = ("plus", "cross")
 AZIMUTH = "mounting.azimuth"
-SHARED = ("acceleration.x", "acceleration.y", "acceleration.z", "attitude.roll", "attitude.pitch", "attitude.yaw",
-          "supply_voltage")
-_SHARED = {"supply_voltage": "voltage of the source of the bus"}
-_BY_NAME = {v.name: v for v in (*INPUTS, *OUTPUTS)}
+VEHICLE = tuple(v.name for v in fin_port.MOTION)
 
 
 def _mixing(axis: str, along: str) -> Variable:
-    return Variable(f"{axis}_command", "Real", "input", "continuous", "rad",
-                    f"deflection of tail fins for a positive moment about body {along}; added to the fins' commands: "
-                    "-(roll + pitch cos(azimuth) + yaw sin(azimuth))", nominal=0.1, start=0.0)
+    return real_input(f"{axis}_command", "rad",
+                      f"deflection of tail fins for a positive moment about body {along}; added to the fins' commands: "
+                      "-(roll + pitch cos(azimuth) + yaw sin(azimuth))", nominal=0.1)
 
 
 MIXING = (_mixing("roll", "x (right side down)"), _mixing("pitch", "y (nose up)"), _mixing("yaw", "z (nose right)"))
-BUS_OUTPUTS = (
-    Variable("bus_voltage", "Real", "output", "continuous", "V", "voltage at the drives: the supply's less the sag",
-             nominal=10.0),
-    Variable("bus_current", "Real", "output", "continuous", "A", "current all drives draw; negative while regenerating",
-             nominal=10.0),
-    replace(_BY_NAME["supply_power"], description="electrical power drawn by all motors; negative while regenerating"),
-)
+BUS_VOLTAGE = real_output("bus_voltage", "V", "voltage at the drives: the supply's less the sag", 10.0)
+BUS_CURRENT = real_output("bus_current", "A", "current all drives draw; negative while regenerating", 10.0)
 BUS_PARAMETERS = (
-    Variable("bus.source_resistance", "Real", "parameter", "fixed", "Ohm",
-             "resistance between supply_voltage and the drives (0: stiff)", 0.0, 1.0),
-    Variable("bus.update_time", "Real", "parameter", "fixed", "s",
-             "interval at which the sag follows the drives' current", 1e-5, 1e-2),
+    parameter("bus.source_resistance", "Ohm", 0.0, 1.0,
+              "resistance between supply_voltage and the drives (0: stiff)"),
+    parameter("bus.update_time", "s", 1e-5, 1e-2, "interval at which the sag follows the drives' current"),
 )
 _BUS_START = {"bus.source_resistance": 0.0, "bus.update_time": 1e-4}
 
 
 @dataclass(frozen=True)
 class Unit:
-    """`fins` actuators of a `kind` (:mod:`emcas_fmu.actuators`) in one FMU.
+    """`fins` actuators of a `kind` (a name for :func:`emcas_fmu.actuators.get`) in one FMU.
 
-    A variable's value reference is its place in `variables`.
-
-    Inputs come first, then outputs, then parameters; of each the shared ones first, then fin by fin in the
-    variable table's order.
+    A variable's value reference is its place in `variables`. Inputs come first, then outputs, then parameters; of each
+    the shared ones first, then fin by fin in the actuator's order.
     """
 
     fins: int
@@ -73,8 +60,8 @@ class Unit:
     def model(self) -> str:
         """Name of the model: EMCAS, EMCAS4, EMCAS_second_order, EMCAS_heat (nonlinear)."""
         several = "" if self.fins == 1 else f"{self.fins}"
-        own = "" if self.kind == NONLINEAR else f"_{re.sub('[-+]', '_', self.kind.removeprefix(f'{NONLINEAR}+'))}"
-        return f"EMCAS{several}{own}"
+        name = self.actuator.name
+        return f"EMCAS{several}" + ("" if name == NONLINEAR else f"_{identifier(name.removeprefix(f'{NONLINEAR}+'))}")
 
     @property
     def actuator(self) -> Actuator:
@@ -87,40 +74,47 @@ class Unit:
 
     def name(self, variable: str, fin: int) -> str:
         """The interface's name of one fin's variable."""
-        return variable if self.fins == 1 or variable in SHARED else self.prefix(fin) + variable
+        return variable if self.fins == 1 or variable in self.shared else self.prefix(fin) + variable
 
-    def _each(self, own: Sequence[Variable]) -> tuple[Variable, ...]:
-        return tuple(replace(v, name=self.name(v.name, fin)) for fin in range(self.fins) for v in own)
+    @cached_property
+    def shared(self) -> tuple[str, ...]:
+        """Names of the inputs that all fins have in common: vehicle motion and supply."""
+        supply = self.actuator.supply
+        return VEHICLE if supply is None else (*VEHICLE, supply.input.name)
 
-    def _told(self, variables: tuple[Variable, ...], which: int, remark: str) -> tuple[Variable, ...]:
-        """Variables with a remark behind the description of those that are idle, and what is so in this model only."""
-        if self.kind == NONLINEAR:
-            return variables
-        idle, special = program.idle(self.kind)[which], dict(self.actuator.model.descriptions)
-        return tuple(replace(v, description=special.get(v.name, v.description)
-                             + (f" ({remark})" if v.name in idle else "")) for v in variables)
+    @cached_property
+    def bus_outputs(self) -> tuple[Variable, ...]:
+        """Outputs of the bus that several fins share."""
+        supply = self.actuator.supply
+        if supply is None or self.fins == 1:
+            return ()
+        total = replace(supply.power, description="electrical power drawn by all motors; negative while regenerating")
+        return BUS_VOLTAGE, BUS_CURRENT, total
+
+    def _each(self, variables: Iterable[Variable]) -> tuple[Variable, ...]:
+        return tuple(replace(v, name=self.name(v.name, fin)) for fin in range(self.fins) for v in variables)
 
     @cached_property
     def inputs(self) -> tuple[Variable, ...]:
-        own = self._told(self.actuator.inputs, 0, "not used by this model")
+        inputs, supply = self.actuator.inputs, self.actuator.supply
         if self.fins == 1:
-            return own
-        shared = tuple(replace(v, description=_SHARED.get(v.name, v.description)) for v in own if v.name in SHARED)
-        return shared + MIXING + self._each([v for v in own if v.name not in SHARED])
+            return inputs
+        source = {} if supply is None else {supply.input.name: "voltage of the source of the bus"}
+        shared = tuple(replace(v, description=source.get(v.name, v.description))
+                       for v in inputs if v.name in self.shared)
+        return shared + MIXING + self._each(v for v in inputs if v.name not in self.shared)
 
     @cached_property
     def outputs(self) -> tuple[Variable, ...]:
-        own = self._told(self.actuator.outputs, 1, "always 0 in this model")
-        return own if self.fins == 1 else BUS_OUTPUTS + self._each(own)
+        outputs = self.actuator.outputs
+        return outputs if self.fins == 1 else self.bus_outputs + self._each(outputs)
 
     @cached_property
     def parameters(self) -> tuple[Variable, ...]:
-        own = self.actuator.parameters
-        if self.kind != NONLINEAR:
-            unread = program.unread(self.kind)
-            own = tuple(replace(v, description=f"{v.description} (not used by this model)") if v.name in unread else v
-                        for v in own)
-        return own if self.fins == 1 else BUS_PARAMETERS + self._each(own)
+        parameters = self.actuator.parameters
+        if self.fins == 1:
+            return parameters
+        return (*(BUS_PARAMETERS if self.actuator.supply else ()), *self._each(parameters))
 
     @cached_property
     def variables(self) -> tuple[Variable, ...]:
@@ -191,9 +185,9 @@ def fin_sets(base: ParameterSet, fins: int, layout: str, files: Mapping[int, Pat
 
 def require_shared(sets: Sequence[ParameterSet], where: str) -> None:
     """Raise EmcasError where fins differ in a start value of an input they share."""
-    for entry in START_ENTRIES:
-        if len({each.values[entry.name] for each in sets}) > 1:
-            raise EmcasError(f"{where}: {entry.name} differs between fins, which share it; change it for every fin")
+    for name in (v.key for v in Unit(1, sets[0].model).inputs if v.key is not None):
+        if len({each.values[name] for each in sets}) > 1:
+            raise EmcasError(f"{where}: {name} differs between fins, which share it; change it for every fin")
 
 
 def start_values(unit: Unit, sets: Sequence[Mapping[str, Any]]) -> tuple[Any, ...]:
@@ -210,8 +204,8 @@ def start_values(unit: Unit, sets: Sequence[Mapping[str, Any]]) -> tuple[Any, ..
             return _BUS_START[v.name]
         if v.key is not None:
             return sets[0][v.key]
-        return owned[v.name]
+        return parameters[v.name]
 
-    owned = {unit.name(p.name, fin): values[p.name] for fin, values in enumerate(sets)
+    parameters = {unit.name(p.name, fin): values[p.name] for fin, values in enumerate(sets)
              for p in unit.actuator.parameters}
     return tuple(start(v) for v in unit.variables)

@@ -49,6 +49,10 @@ pound_force = pound * standard_gravity = lbf
 ounce_force = ounce * standard_gravity = ozf
 newton_meter = newton * meter = Nm
 joule = newton * meter = J
+pascal = newton / meter ** 2 = Pa
+bar = 1e5 * pascal
+psi = pound_force / inch ** 2
+liter = 1e-3 * meter ** 3 = l = L = litre
 watt = joule / second = W
 volt = watt / ampere = V
 ohm = volt / ampere = Ω = Ohm
@@ -114,6 +118,23 @@ def convert(amount: Decimal, written: str, unit: str) -> float:
             return float(amount)
         except Exception as error:  # pint and decimal: offset units in a product, overflow
             raise UnitError(f"the unit {written} cannot be converted to {unit}: {error}") from error
+
+
+def to_base(unit: str) -> tuple[dict[str, int], float, float]:
+    """Return a unit's dimensions with their whole exponents, and its factor and offset to SI base units."""
+    with localcontext(Context(prec=34)):
+        parsed = _parse(unit)
+        zero, one = (_registry().Quantity(Decimal(amount), parsed).to_base_units() for amount in (0, 1))
+        # The base unit of mass is the gram there.
+        exponents = {dimension: round(float(str(power))) for dimension, power in parsed.dimensionality.items()}
+        mass = Decimal(1000) ** exponents.get("[mass]", 0)
+        return exponents, float((one.magnitude - zero.magnitude) / mass), float(zero.magnitude)
+
+
+def factor(unit: str, other: str) -> float:
+    """Return how many of the `other` unit one `unit` is."""
+    with localcontext(Context(prec=34)):
+        return float(_registry().Quantity(Decimal(1), _parse(unit)).to(_parse(other)).magnitude)
 
 
 def describe(unit: str) -> str:

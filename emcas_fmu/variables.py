@@ -41,6 +41,15 @@ class Variable:
     items: tuple[tuple[str, str], ...] = ()
 
 
+@dataclass(frozen=True)
+class Terminal:
+    """Inputs and outputs that belong to one connector."""
+
+    name: str
+    description: str
+    members: tuple[str, ...]
+
+
 def real_input(name: str, unit: str, description: str, *, minimum: float = -inf, maximum: float = inf,
                nominal: float | None = None, start: float | None = 0.0, key: str | None = None) -> Variable:
     """Declare a continuous input; its start value is `start`, or the parameter-file entry `key`."""

@@ -8,7 +8,7 @@ from typing import Any
 from emcas_fmu.kernels import program
 from emcas_fmu.kernels.core import Core
 from emcas_fmu.simulation import simulate
-from emcas_fmu.variables import OUTPUTS
+from tests.default_actuator import OUTPUTS
 
 __all__ = ["NAMES", "new_core", "simulate"]
 NAMES = [v.name for v in OUTPUTS]

@@ -13,12 +13,12 @@ from typing import Any, Protocol
 import fmpy
 import numpy as np
 
+from ..actuators import NONLINEAR, get
 from ..errors import EmcasError
 from ..parameters import ParameterSet, load_parameters
 from ..reference.files import parameters_hash
 from ..simulation import simulate
 from ..validation.runs import Columns, Run, Unit, opened
-from ..variables import INPUTS, PARAMETERS
 
 RECORDED = ("fin_angle", "fin_rate", "motor_current", "motor_voltage", "supply_power", "saturated", "at_stop")
 
@@ -109,7 +109,8 @@ class FmuArticle:
     def values(self) -> Mapping[str, Any]:
         """The start values of its parameters, by the names a parameter file gives them, SI."""
         starts = self.unit.starts
-        return {**{v.name: starts[v.name] for v in PARAMETERS}, **{v.key: starts[v.name] for v in INPUTS if v.key}}
+        return {**{v.name: starts[v.name] for v in get(NONLINEAR).parameters},
+                **{v.key: starts[v.name] for v in get(NONLINEAR).inputs if v.key}}
 
     @property
     def identification(self) -> Identification:
@@ -149,7 +150,7 @@ def opened_article(path: Path | None, fin: int | None = None, purpose: str = "an
                          "or .toml")
     with opened(path, fin) as unit:
         unit.require_nonlinear(purpose)
-        unit.require([v.name for v in INPUTS], "input")
+        unit.require([v.name for v in get(NONLINEAR).inputs], "input")
         unit.require(RECORDED, "output")
-        unit.require([v.name for v in PARAMETERS], "parameter")
+        unit.require([v.name for v in get(NONLINEAR).parameters], "parameter")
         yield FmuArticle(unit)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import EmcasError, hint
 from ..files import models_directory
+from ..variables import Variable
 from .declaration import Actuator
 
 if TYPE_CHECKING:
@@ -38,11 +39,12 @@ def parts(name: str) -> tuple[str, tuple[str, ...]]:
     """
     actuator, *extensions = name.split(_SEPARATOR)
     if actuator in EXTENSIONS:
-        raise EmcasError(f"--model {name}: {actuator} is an extension of an actuator: {_SEPARATOR.join((NONLINEAR, name))}")
+        raise EmcasError(f"--model {name}: {actuator} is an extension of an actuator: "
+                         f"{_SEPARATOR.join((NONLINEAR, name))}")
     for extension in extensions:
         if extension not in EXTENSIONS:
-            raise EmcasError(f"--model {name}: there is no extension {extension!r}{hint(extension, EXTENSIONS)}; there is "
-                             f"{', '.join(EXTENSIONS)}")
+            raise EmcasError(f"--model {name}: there is no extension {extension!r}{hint(extension, EXTENSIONS)}; "
+                             f"there is {', '.join(EXTENSIONS)}")
         if extensions.count(extension) > 1:
             raise EmcasError(f"--model {name}: extension {extension!r} is given twice")
     return _known(actuator, name), tuple(each for each in EXTENSIONS if each in extensions)
@@ -94,18 +96,37 @@ def _get(name: str, extensions: tuple[str, ...]) -> Actuator:
 
 
 def _extended(actuator: Actuator, extension: Extension, name: str, extensions: tuple[str, ...]) -> Actuator:
-    for need in extension.missing(actuator):
-        asked = _SEPARATOR.join((name, *extensions))
-        if taken := [each for each in extensions if need in get_extension(each).replaces]:
-            raise EmcasError(f"--model {asked}: {extension.name} needs {need}, which {taken[0]} replaces")
-        having = [each for each in NAMES if need in get(each).provides]
-        raise EmcasError(f"--model {asked}: {extension.name} needs {need}; {name} has none, "
-                         f"{', '.join(having)} {'has' if len(having) == 1 else 'have'}")
+    for need in extension.needs:
+        if need not in actuator.provides and (
+                taken := [each for each in extensions if need in get_extension(each).replaces]):
+            raise EmcasError(f"--model {_SEPARATOR.join((name, *extensions))}: {extension.name} needs {need}, which "
+                             f"{taken[0]} replaces")
+    require(_SEPARATOR.join((name, *extensions)), extension.name, *extension.needs, actuator=actuator)
     return extension.over(actuator)
+
+
+def require(name: str, purpose: str, *needs: str, actuator: Actuator | None = None) -> None:
+    """Raise EmcasError, naming the actuators that have it, where one lacks what some purpose needs."""
+    chosen = get(name) if actuator is None else actuator
+    for need in needs:
+        if need not in chosen.provides:
+            having = [each for each in NAMES if need in get(each).provides]
+            raise EmcasError(f"--model {name}: {purpose} needs {need}; {chosen.name} has none, {', '.join(having)} "
+                             f"{'has' if len(having) == 1 else 'have'}")
+
+
+def extension_outputs(name: str) -> tuple[Variable, ...]:
+    """Return the outputs that the extensions in a name add to those of the actuator."""
+    actuator, _ = parts(name)
+    plain = {v.name for v in get(actuator).outputs}
+    return tuple(v for v in get(name).outputs if v.name not in plain)
 
 
 def default_files(name: str) -> tuple[Path, ...]:
     """Return the parameter files with the defaults of an actuator, the later over the earlier."""
     base, extensions = parts(name)
-    shipped = () if base == NONLINEAR else (models_directory() / "actuators" / f"{base}.toml",)
-    return (*(shipped if base in _MODULES else get(base).files), *(models_directory() / "options" / f"{each}.toml" for each in extensions))
+    folder = models_directory()
+    files = get(base).files
+    if base in _MODULES and base != NONLINEAR:
+        files = (folder / "actuators" / f"{base}.toml",)
+    return (*files, *(folder / "options" / f"{each}.toml" for each in extensions))

@@ -5,6 +5,7 @@ from __future__ import annotations
 MOTOR_CURRENT = "a motor current"
 CURRENT_LOOP = "a current loop"
 CURRENT_LIMIT = "a limit of the motor current"
+VOLTAGE_LIMIT = "a supply that limits the motor voltage"
 COULOMB_FRICTION = "Coulomb friction at the motor"
 RIGID_DRIVE_LINE = "a rigid drive line"
 DRIVE_LINE = "an elastic drive line"

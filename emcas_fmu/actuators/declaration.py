@@ -25,7 +25,7 @@ from ..errors import EmcasError
 from ..namespace import Record, namespace
 from ..ops.base import Ops, Value
 from ..rules import Rule
-from ..variables import Variable
+from ..variables import Terminal, Variable, parameter
 from . import fin_port
 
 Values = Mapping[str, Value]
@@ -56,15 +56,6 @@ class State:
     def __post_init__(self) -> None:
         if not self.name.isidentifier():
             raise EmcasError(f"state {self.name!r}: a state's name is a Python identifier, such as fin_rate")
-
-
-@dataclass(frozen=True)
-class Terminal:
-    """Inputs and outputs that belong to one connector."""
-
-    name: str
-    description: str
-    members: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -120,7 +111,8 @@ class Actuator:
     samples and seen by everything. `encoder` names the states, angle and speed, that the sensors read.
     `further_inputs` are those besides the port's: a Boolean is seen by samples only, a Real by everything.
     `outputs` and `parameters` are complete, the port's among them, in the interface's order; `descriptions` are of
-    port variables that mean something else here. `rules` are those besides the port's.
+    port variables that mean something else here. `rules` are those besides the port's; of two
+    `equal_parameters`, equal in SI units, one follows from the other.
     `provides` names what extensions and tools ask for (:mod:`emcas_fmu.actuators.capabilities`), `structure` what the
     equations of a family are put together from; `equation_parameters` has constants in place of parameters that others
     of the family have and this one does not. `longest_tick` bounds the internal tick [s], by `tick_remedy` it gets
@@ -144,6 +136,7 @@ class Actuator:
     supply: Supply | None = None
     descriptions: Mapping[str, str] = field(default_factory=dict)
     rules: tuple[Rule, ...] = ()
+    equal_parameters: tuple[tuple[str, str], ...] = ()
     terminals: tuple[Terminal, ...] = ()
     provides: frozenset[str] = frozenset()
     structure: Any = None
@@ -155,6 +148,8 @@ class Actuator:
     modules: tuple[Any, ...] = ()
 
     def __post_init__(self) -> None:
+        # Those that act on the plant first: the core takes them so.
+        object.__setattr__(self, "further_inputs", tuple(sorted(self.further_inputs, key=lambda v: v.kind != "Real")))
         arguments = [a for _, names, _ in self.functions for a in names]
         repeated = [name for _, names, _ in self.functions for name in names if names.count(name) > 1]
         if repeated:
@@ -166,8 +161,8 @@ class Actuator:
                 raise EmcasError(f"actuator {self.name}: {kind} {twice[0]} is declared twice")
             needed = fin_port.OUTPUTS if kind == "output" else fin_port.PARAMETERS
             if missing := [v.name for v in needed if v.name not in names]:
-                raise EmcasError(f"actuator {self.name}: {kind} {missing[0]} of the fin port is missing; the fin port's "
-                                 f"{kind}s are {', '.join(v.name for v in needed)}")
+                raise EmcasError(f"actuator {self.name}: {kind} {missing[0]} of the fin port is missing; it has "
+                                 f"{', '.join(v.name for v in needed)}")
 
     # -- interface -------------------------------------------------------------
 
@@ -185,7 +180,7 @@ class Actuator:
     @cached_property
     def file_entries(self) -> tuple[Variable, ...]:
         """What a parameter file may give: the parameters, and start values of inputs."""
-        starts = (Variable(v.key, v.kind, "parameter", "fixed", v.unit, f"start value of {v.name}", v.minimum, v.maximum)
+        starts = (parameter(v.key, v.unit, v.minimum, v.maximum, f"start value of {v.name}")
                   for v in self.inputs if v.key is not None)
         return (*self.parameters, *starts)
 
@@ -210,7 +205,8 @@ class Actuator:
         """
         plant, kept, held = (tuple(s.name for s in states)
                              for states in (self.states, self.controller_states, self.sampled_states))
-        acting = ("aero_torque", "f_x", "f_z", "supply", "enable", *(v.name for v in self.acting_inputs))
+        acting = ("aero_torque", "f_x", "f_z", "supply", "enable",
+                  *(identifier(v.name) for v in self.acting_inputs))
         return (
             ("initial", (), self._initial),
             ("sample", (*plant, *kept, *held, "command", "supply", "enable",

@@ -48,12 +48,12 @@ def load(path: Path) -> Actuator:
         raise EmcasError(f"{path}: gives no ACTUATOR; end it with ACTUATOR = Actuator(name=..., ...)")
     beside = path.with_suffix(".toml")
     if not actuator.files and not beside.is_file():
-        raise EmcasError(f"{beside}: there is no such file; it gives the parameters of {path.name} with unit and source")
+        raise EmcasError(f"{beside}: there is no such file; it gives the parameters of {path.name}, unit and source")
     return replace(actuator, files=actuator.files or (beside,), modules=actuator.modules or (module,))
 
 
 def located(error: BaseException, path: Path) -> str:
-    """Return file and line of the last place of an error's traceback that is in a file; the file where there is none."""
+    """Return file and line of the last place of an error's traceback that is in a file, or the file alone."""
     if isinstance(error, SyntaxError) and error.filename == str(path):
         return f"{path}, line {error.lineno}"
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]

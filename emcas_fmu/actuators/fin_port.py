@@ -14,7 +14,7 @@ from typing import Any
 from ..ops.base import Ops, Value
 from ..physics import loads
 from ..rules import ANGLE, SLACK, Rule, in_degrees, when
-from ..variables import Variable, boolean_input, boolean_output, parameter, real_input, real_output, switch
+from ..variables import Terminal, Variable, boolean_input, boolean_output, parameter, real_input, real_output, switch
 
 # -- inputs ------------------------------------------------------------------------
 
@@ -72,6 +72,14 @@ MOUNTING = (
 )
 MAX_TICK = parameter("solver.max_tick", "s", 1e-7, 1e-3, "longest internal tick")
 PARAMETERS = (*MASSES, *CENTERS, SAMPLE_TIME, *TRAVEL, *MOUNTING, MAX_TICK)
+
+TERMINALS = (
+    Terminal("command", "what the flight computer sends and gets back",
+             ("fin_command", "enable", "measured_fin_angle", "tracking_error", "saturated", "at_stop")),
+    Terminal("hinge", "the fin's shaft: moment in, motion out",
+             ("aero_torque", "fin_angle", "fin_rate", "hinge_torque")),
+    Terminal("vehicle", "motion of the vehicle, for gravity and inertia", tuple(v.name for v in MOTION)),
+)
 
 _AT = 1.0 - 1e-12  # of an angle or a rate: as close to a limit as rounding comes
 LONGEST_DELAY = 64  # of the transport delay, in sample times
@@ -152,8 +160,8 @@ def schedule_rules(tick: Any, transport_delay: Any, tick_remedy: str) -> tuple[R
         longest, period = tick(ops, p), p.controller.sample_time
         return when(ops, period > MOST_TICKS * longest), period, longest
 
-    most = Rule(ticks, f"controller.sample_time = %.6g s needs over {MOST_TICKS} ticks of %.6g s; {tick_remedy}, or lower "
-                       "controller.sample_time")
+    most = Rule(ticks, f"controller.sample_time = %.6g s needs over {MOST_TICKS} ticks of %.6g s; {tick_remedy}, or "
+                       "lower controller.sample_time")
     latest = Rule(delayed, f"drive.transport_delay = %.6g s must be at most {LONGEST_DELAY} times "
                            "controller.sample_time = %.6g s")
     return (most,) if transport_delay is None else (latest, most)

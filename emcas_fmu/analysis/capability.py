@@ -17,7 +17,8 @@ from typing import Any, cast
 import numpy as np
 from scipy.optimize import brentq
 
-from ..actuators import nonlinear
+from ..actuators import fin_port
+from ..actuators.electromechanical import nonlinear
 from ..excitation import from_case
 from ..ops.arrays import ARRAYS as _ARRAYS
 from ..ops.base import Ops
@@ -26,7 +27,6 @@ from ..parameters import ParameterSet
 from ..physics import drive, kinematics, mechanics
 from ..reference.cases import CASES, LOAD
 from ..simulation import simulate
-from ..tree import tree
 from .linear import Array
 
 ARRAYS: Ops = cast(Ops, _ARRAYS)
@@ -58,7 +58,7 @@ def limit_torque(p: Any, speed: Any, side: float) -> Any:
 
 def envelope(values: Mapping[str, Any]) -> Envelope:
     """The torque-speed envelope, over all speeds the supply reaches without load, both ways."""
-    p = tree(values)
+    p = nonlinear.ACTUATOR.namespace(values)
     free = p.drive.supply_voltage / p.motor.back_emf_constant
     speed = np.linspace(-free, free, 4 * _POINTS)
     highest = limit_torque(p, speed, 1.0)
@@ -110,9 +110,9 @@ class Capability:
 
 def capability(values: Mapping[str, Any]) -> Capability:
     """Over the range of commands."""
-    p = tree(values)
+    p = nonlinear.ACTUATOR.namespace(values)
     fin = np.linspace(-p.command.limit, p.command.limit, _POINTS)
-    force = nonlinear.forces(FLOATS, p, 0.0, 0.0, 0.0, 0.0, 0.0)
+    force = fin_port.specific_force(FLOATS, p, 0.0, 0.0, 0.0, 0.0, 0.0)
     m = mechanics.coefficients(ARRAYS, p, kinematics.motor_angle(ARRAYS, p, fin), 0.0, *force)
     stall, held = np.empty((2, len(fin))), np.empty((2, len(fin)))
     for row, side in enumerate((1.0, -1.0)):

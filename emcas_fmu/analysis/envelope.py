@@ -27,14 +27,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import brentq, minimize_scalar
 
-from ..actuators import parts
+from ..actuators import capabilities, parts, require
 from ..errors import EmcasError
-from ..kernels import program
+from ..namespace import with_values
 from ..ops.floats import FLOATS
 from ..parameters import ParameterSet
 from ..physics import drive, heat
 from ..plots import BLUE, GREEN, INK, PURPLE, VERMILLION, figure, style, write
-from ..tree import changed, tree
 from .capability import limit_torque
 from .linear import Array
 
@@ -91,12 +90,10 @@ class Envelope:
 
 def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) -> Envelope:
     """The envelopes of a model with heat at its ambient and supply. Raises EmcasError where there are none."""
-    p = tree(parameters.values)
-    if not hasattr(p, "heat"):
-        raise EmcasError(f"--model {parameters.model}: an envelope needs the option heat, as in nonlinear+heat")
-    if missing := _without(parts(parameters.model)[0]):
-        raise EmcasError(f"--model {parameters.model}: an envelope needs a drive with a limit of current and one of "
-                         f"voltage: this model has none of {missing}")
+    if "heat" not in parts(parameters.model)[1]:
+        raise EmcasError(f"--model {parameters.model}: an envelope needs the extension heat, as in nonlinear+heat")
+    require(parameters.model, "an envelope", capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT)
+    p = parameters.nested()
     if not _SHORTEST <= duration <= _LONGEST:
         raise EmcasError(f"--duration {duration:g} s: must be from {_SHORTEST:g} to {_LONGEST:g} s")
     if not 0.0 <= preload < 1.0:
@@ -118,12 +115,6 @@ def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) ->
         _curve(p, speed, lasting, cold, lambda i: settled(p, i)),
         _curve(p, speed, (short_term_current(p, duration, preload), i2t_current(p, duration), p.drive.current_limit),
                start, lambda i: warmed(p, i, duration, start)))
-
-
-def _without(model: str) -> str:
-    """Which limits of the drive do not act in a model, in words; nothing if all do."""
-    missing = {"drive.current_limit": program.unread(model), "supply_voltage": program.idle(model)[0]}
-    return " and ".join(name for name, idle in missing.items() if name in idle)
 
 
 def _lasting(p: Any) -> tuple[float, float, float]:
@@ -235,7 +226,7 @@ def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures
         return max((torque_of(i) for i in found), default=0.0)
 
     hot = motor(largest)
-    cold = changed(heat.at_temperatures(FLOATS, p, *start), {"drive.current_limit": _UNLIMITED})
+    cold = with_values(heat.at_temperatures(FLOATS, p, *start), {"drive.current_limit": _UNLIMITED})
     return Curve(currents, *heated(largest),
                  max((supply - hot.motor.resistance * largest) / hot.motor.back_emf_constant, 0.0),
                  np.array([largest_torque(float(at)) for at in speed]),

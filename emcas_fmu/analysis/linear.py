@@ -24,14 +24,14 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from .. import control, sensors
-from ..actuators import nonlinear
+from ..actuators import fin_port
+from ..actuators.electromechanical import nonlinear
 from ..errors import EmcasError
 from ..ops.base import Value
 from ..ops.floats import FLOATS
 from ..ops.symbols import SymbolOps, jacobian
 from ..physics import kinematics
 from ..schedule import schedule
-from ..tree import tree
 from . import wiring
 
 Array = NDArray[Any]
@@ -84,15 +84,15 @@ class LinearActuator:
                              f"±{degrees(limit):g} deg (command.limit)")
         # At the end of the range the command's limit has no slope; a linear model has no limits.
         self.values = {**values, "command.limit": 0.5 * pi, "compensation.gain": 0.0}
-        self.p = p = tree(self.values)
+        self.p = p = nonlinear.ACTUATOR.namespace(self.values)
         self.period = float(p.controller.sample_time)
-        self._force = nonlinear.forces(FLOATS, p, 0.0, 0.0, 0.0, 0.0, 0.0)
+        self._force = fin_port.specific_force(FLOATS, p, 0.0, 0.0, 0.0, 0.0, 0.0)
         self.point = self._rest(values, fin_angle, aero_torque)
         self.motor, self.drive = self._motor(), self._drive()
         self.sensor, self.controller = self._sensor(), self._controller()
         self.continuous = wire([self.drive, self.motor], [("demand", "voltage"), ("current", "sensed")],
                                ["dac", "aero_torque"], ["motor_angle", "motor_speed", "fin_angle"])
-        plan = schedule(FLOATS, p)
+        plan = schedule(FLOATS, p, nonlinear.ACTUATOR)
         self.plant = sampled(self.continuous, self.period, int(plan.delay_samples), plan.arrival)
 
     def _rest(self, values: Mapping[str, Any], fin_angle: float, aero_torque: float) -> OperatingPoint:

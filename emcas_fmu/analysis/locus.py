@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from ..actuators import NONLINEAR, get
 from ..errors import EmcasError
 from ..parameters import ParameterSet
-from ..variables import FILE_ENTRIES
 from .linear import Array, LinearActuator
 
 DEFAULT = "controller.position.kp"
@@ -47,7 +47,7 @@ def locus(parameters: ParameterSet, name: str = DEFAULT, fin_angle: float = 0.0,
 
     Raises EmcasError for a name that is no number of the set, is zero, or moves no pole.
     """
-    known = {v.name: v for v in FILE_ENTRIES if v.kind == "Real"}
+    known = {v.name: v for v in get(NONLINEAR).file_entries if v.kind == "Real"}
     if name not in known:
         close = get_close_matches(name, known, 1)
         raise EmcasError(f"--locus {name}: there is no such parameter; "

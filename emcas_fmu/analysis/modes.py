@@ -16,12 +16,12 @@ from math import pi, sqrt
 from pathlib import Path
 from typing import Any
 
+from ..actuators.electromechanical import nonlinear
 from ..errors import EmcasError
 from ..files import models_directory
 from ..ops.floats import FLOATS
 from ..physics import kinematics, mechanics
 from ..toml import tomllib
-from ..tree import tree
 from ..units import UnitError, quantity
 
 _UNITS = {"rod.length": "m", "rod.diameter": "m", "rod.tensile_modulus": "N/m^2", "rod.shear_modulus": "N/m^2",
@@ -101,7 +101,7 @@ def modes(rod: Mapping[str, float], inertia: float, mass: float) -> Modes:
 
 def modes_at(rod: Mapping[str, float], values: Mapping[str, Any], fin_angle: float) -> Modes:
     """With the parameter set's inertia at the motor, at a fin angle [rad]."""
-    p = tree(values)
+    p = nonlinear.ACTUATOR.namespace(values)
     inertia = mechanics.coefficients(FLOATS, p, kinematics.motor_angle(FLOATS, p, fin_angle), 0.0, 0.0, 0.0).inertia
     return modes(rod, inertia, inertia / p.screw.lead**2)
 

@@ -16,11 +16,11 @@ from typing import Any, cast
 import numpy as np
 
 from .. import control, sensors
+from ..actuators.electromechanical import nonlinear
 from ..ops.arrays import ARRAYS as _ARRAYS
 from ..ops.base import Ops
 from ..physics import drive
 from ..simulation import simulate
-from ..tree import tree
 from ..validation.metrics import FrequencyResponse
 from .linear import Array
 
@@ -71,7 +71,7 @@ def sweep(values: Mapping[str, Any], amplitude: float, frequency: Array, at: flo
     steady = slice(settle, settle + window)
     turn = np.exp(-2j * np.pi * np.outer(time[steady], frequency))
     ratio = np.sum(outputs["fin_angle"][steady] * turn, axis=0) / np.sum(command[steady] * turn, axis=0)
-    p = tree(values)
+    p = nonlinear.ACTUATOR.namespace(values)
     u = outputs["drive_reference"]
     acting = np.stack([np.abs(raw) > p.controller.speed_limit,
                        np.abs(drive.current_reference_raw(p, u)) > p.drive.current_limit,
@@ -87,7 +87,7 @@ def replay(values: Mapping[str, Any], command: Array, angle: Array, speed: Array
     All arguments and results have the shape (samples, runs): fin command [rad], motor angle [rad] and
     speed [rad/s] at the samples, from rest.
     """
-    p = tree(values)
+    p = nonlinear.ACTUATOR.namespace(values)
     counts = sensors.counts(ARRAYS, p, angle[0])
     integral = np.zeros(command.shape[1])
     reference, raw = np.empty_like(command), np.empty_like(command)

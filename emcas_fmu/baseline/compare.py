@@ -12,8 +12,8 @@ import numpy as np
 
 from .. import __version__
 from ..acceptance.article import Identification
+from ..actuators import NONLINEAR, get
 from ..errors import EmcasError
-from ..variables import FILE_ENTRIES
 from .measure import FIGURES, figures
 from .model import TRACES, Approved, Array, Baseline, rounded
 from .subject import Subject
@@ -126,7 +126,7 @@ def record(plan: Baseline, subject: Subject, folder: Path, command: str, progres
                              "every case to run to its end")
         done.append(replace(approved, figures=found, traces=traces))
     return replace(plan, cases=tuple(done), recorded={**_marks(subject), "command": command},
-                   parameters={v.name: subject.values[v.name] for v in FILE_ENTRIES})
+                   parameters={v.name: subject.values[v.name] for v in get(NONLINEAR).file_entries})
 
 
 def compare(baseline: Baseline, subject: Subject, folder: Path, progress: Progress | None = None) -> Comparison:
@@ -200,7 +200,7 @@ def _marks(subject: Subject) -> dict[str, str]:
 
 
 def _parameters(approved: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[Changed]:
-    for v in FILE_ENTRIES:
+    for v in get(NONLINEAR).file_entries:
         old, new = approved.get(v.name), now[v.name]
         if old != new:
             unit = "" if v.unit in ("", "1") else f" {v.unit}"

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..acceptance.article import RECORDED
-from ..variables import OUTPUTS
+from ..actuators import NONLINEAR, get
 from .excite import Case
 
 SCHEMA = "emcas-baseline/1"
@@ -26,7 +26,7 @@ Array = NDArray[np.floating[Any]]
 TRACES: Mapping[str, tuple[str, float]] = {
     v.name: {"rad": ("deg", float(np.degrees(1.0))), "rad/s": ("deg/s", float(np.degrees(1.0)))}.get(v.unit,
                                                                                               (v.unit, 1.0))
-    for v in OUTPUTS if v.kind == "Real" and v.name in RECORDED}
+    for v in get(NONLINEAR).outputs if v.kind == "Real" and v.name in RECORDED}
 
 
 @dataclass(frozen=True)

@@ -10,16 +10,16 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from ..actuators import NONLINEAR, get
 from ..errors import EmcasError
 from ..toml import tomllib
 from ..units import UnitError, quantity
-from ..variables import FILE_ENTRIES, PARAMETERS
 from .excite import KINDS, OPTIONAL, SOURCE, Case
 from .measure import FIGURES
 from .model import FILE, NEVER, SCHEMA, TRACES, Approved, Array, Baseline, Limit, Limits
 
-_VARIABLES = {v.name: v for v in FILE_ENTRIES}
-_TUNED = {v.name: v for v in PARAMETERS}
+_VARIABLES = {v.name: v for v in get(NONLINEAR).file_entries}
+_TUNED = {v.name: v for v in get(NONLINEAR).parameters}
 REMEDY = "restore it from your repository, or write it anew with `emcas baseline record`"
 
 

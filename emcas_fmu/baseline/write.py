@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from ..actuators import NONLINEAR, get
 from ..parameters import load_parameters
-from ..variables import FILE_ENTRIES
 from .excite import KINDS, OPTIONAL, SOURCE
 from .measure import FIGURES
 from .model import DIGITS, FILE, NEVER, SCHEMA, TRACES, Approved, Baseline, Limit
 
-_UNITS = {v.name: v.unit for v in FILE_ENTRIES}
+_UNITS = {v.name: v.unit for v in get(NONLINEAR).file_entries}
 _HEAD = """# The approved response of an actuator. Limits and cases may be edited; everything else is written by
 # `emcas baseline record`, which keeps them. `emcas baseline check` compares with it.
 """

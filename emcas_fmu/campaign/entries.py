@@ -7,11 +7,11 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from ..actuators import NAMES, NONLINEAR, OPTIONS, get
+from ..actuators import EXTENSIONS, NAMES, NONLINEAR, get
 from ..errors import hint, require_known
 from ..parameters import ParameterSet
 from ..tuning.experiments import STEP
-from ..variables import START_ENTRIES, Variable
+from ..variables import Variable
 from .distributions import MOST_OUTSIDE, CampaignError, Kind, Value, distribution, number
 from .experiments import COMMAND, EXPERIMENTS, LOAD, OPTIONAL, PROFILES, SAME, Experiment, Profile
 from .plan import Factor
@@ -27,7 +27,7 @@ class Reader:
     def __init__(self, path: Path, base: ParameterSet) -> None:
         self.path, self.base, self.model = path, base.values, base.model
         chosen = get(base.model)
-        self._parameters = {v.name: v for v in chosen.parameters + START_ENTRIES}
+        self._parameters = {v.name: v for v in chosen.file_entries}
         self._inputs = {v.name: v for v in chosen.inputs}
         self.factors: list[Factor] = []
         self.numbers: dict[str, Value] = {}
@@ -172,8 +172,8 @@ def _leaves(entries: Mapping[str, Any], known: Mapping[str, Variable], prefix: s
 
 def _elsewhere(name: str, model: str) -> str:
     """What to say of a parameter or input that another model, or one with an option, has."""
-    for kind in (*NAMES, *(f"{NONLINEAR}+{option}" for option in OPTIONS)):
-        if any(v.name == name for v in (*get(kind).own, *get(kind).model.inputs)):
+    for kind in (*NAMES, *(f"{NONLINEAR}+{option}" for option in EXTENSIONS)):
+        if any(v.name == name for v in (*get(kind).parameters, *get(kind).inputs)):
             return f" of the {model} model; {kind} has one: name the model in [base], or with --model"
     return ""
 

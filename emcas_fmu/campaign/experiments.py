@@ -12,7 +12,6 @@ import numpy as np
 from ..actuators import NONLINEAR, get
 from ..simulation import Array
 from ..tuning.experiments import REST, STEP
-from ..variables import INPUTS
 
 SAME = ""  # in the tables below: the unit of the input itself
 # The command of each kind of experiment: fields with units. All but those with a default must be given.
@@ -35,7 +34,7 @@ COMMAND, LOAD, POWER = "fin_command", "aero_torque", "supply_power"
 # Power is looked at more often than the rest: the drive's short transients follow the controller's samples.
 POWER_ROWS = 5
 POWER_STEP = STEP / POWER_ROWS
-INDEX = {v.name: i for i, v in enumerate(INPUTS)}  # a model's own inputs stand behind these
+INDEX = {v.name: i for i, v in enumerate(get(NONLINEAR).inputs)}  # a model's own inputs stand behind these
 
 
 @dataclass(frozen=True)

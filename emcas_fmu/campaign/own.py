@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ..actuators import NAMES, NONLINEAR, OPTIONS, get
-from ..options import fault_list, monitors
+from ..actuators import EXTENSIONS, NAMES, NONLINEAR, extension_outputs
+from ..extensions import fault_list, monitors
 from ..simulation import Array
 from ..tuning.experiments import STEP
 from ..variables import Variable
@@ -23,7 +23,7 @@ from .measure import FIGURES, Figure
 # Outputs that are words, and what their bits stand for, the least first.
 WORDS: Mapping[str, tuple[str, ...]] = {
     "fault_word": tuple(fault.name for fault in fault_list.FAULTS),
-    "built_in_test": tuple(name for name, *_ in monitors.MONITORS),
+    "built_in_test": tuple(monitor.name for monitor in monitors.MONITORS),
 }
 _EVERY = ("step", "sine", "chirp", "hold")
 
@@ -51,18 +51,18 @@ def _seen(v: Variable) -> dict[str, str]:
 
 def names(experiment: Experiment, model: str) -> list[str]:
     """Figures of the model's own outputs, by column name."""
-    return [f"{experiment.name}.{name}" for v in get(model).model.outputs for name in _of(v)]
+    return [f"{experiment.name}.{name}" for v in extension_outputs(model) for name in _of(v)]
 
 
 def observed(experiment: Experiment, model: str) -> dict[str, str]:
     """Columns that are no figures, with the kind of each: Integer, Boolean or String."""
-    return {f"{experiment.name}.{name}": kind for v in get(model).model.outputs for name, kind in _seen(v).items()}
+    return {f"{experiment.name}.{name}": kind for v in extension_outputs(model) for name, kind in _seen(v).items()}
 
 
 @cache
 def _figures() -> dict[str, Figure]:
-    kinds = (*NAMES, *(f"{NONLINEAR}+{option}" for option in OPTIONS))
-    return {name: figure for kind in kinds for v in get(kind).model.outputs for name, figure in _of(v).items()}
+    kinds = (*NAMES, *(f"{NONLINEAR}+{option}" for option in EXTENSIONS))
+    return {name: figure for kind in kinds for v in extension_outputs(kind) for name, figure in _of(v).items()}
 
 
 def figure_of(column: str) -> Figure:
@@ -88,7 +88,7 @@ def reduced(experiment: Experiment, model: str, made: Excitation, response: Mapp
     """Figures and observations of a response by column name; `response` has an array per output."""
     acting = made.time > -STEP / 2
     found: dict[str, Any] = {}
-    for v in get(model).model.outputs:
+    for v in extension_outputs(model):
         found |= _reduced(v, response[v.name][acting], made.time[acting])
     return {f"{experiment.name}.{name}": value for name, value in found.items()}
 

@@ -13,19 +13,17 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..actuators import NONLINEAR, get
-from ..actuators.model import Actuator
+from ..actuators.declaration import Actuator
 from ..kernels import compiled, program
 from ..kernels.core import Core
 from ..parameters import ParameterError, check_parameters
 from ..simulation import Array, respond
 from ..tuning.experiments import STEP
-from ..variables import OUTPUTS
 from .distributions import CampaignError
 from .experiments import INDEX, LOAD, POWER, POWER_ROWS, POWER_STEP, Excitation
 from .plan import Plan
 
-_ANGLE, _POWER = ([v.name for v in OUTPUTS].index(name) for name in ("fin_angle", POWER))
-_MOTION = slice(INDEX["acceleration.x"], INDEX["attitude.pitch"] + 1)
+_ANGLE, _POWER = ([v.name for v in get(NONLINEAR).outputs].index(name) for name in ("fin_angle", POWER))
 
 
 class Runner(Protocol):
@@ -48,20 +46,18 @@ def by_kernel(values: Mapping[str, Any], made: Excitation, model: str = NONLINEA
         found = respond(values, np.repeat(made.table, POWER_ROWS, axis=0)[:1 - POWER_ROWS], POWER_STEP,
                         model=model)
         return {name: column if name == POWER else column[::POWER_ROWS] for name, column in found.items()}
-    actuator, own = get(model), len(INDEX)
     core: Any = compiled.CompiledCore(values, model) if compiled.available(model) else _python_core(values, model)
+    places = program.places(model)
 
     def at(row: Array) -> tuple[Any, ...]:
-        x, y, z, roll, pitch = row[_MOTION].tolist()
-        return (float(row[0]), float(row[1]), *core.forces(x, y, z, roll, pitch), float(row[INDEX["supply_voltage"]]),
-                bool(row[INDEX["enable"]]), *row[own:].tolist())
+        return places.arrange(row.tolist(), core.forces)
 
     def move(end: float, row: Array) -> tuple[Any, list[float]]:
         acting = at(row)
         powers = [core.run(time, acting)[_POWER] for time in _between(end)]
         return core.run(end, acting), powers
 
-    return _coupled(actuator, made, lambda row: core.outputs(at(row)), move)
+    return _coupled(get(model), made, lambda row: core.outputs(at(row)), move)
 
 
 def _between(end: float) -> list[float]:

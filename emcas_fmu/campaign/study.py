@@ -14,7 +14,6 @@ from ..fmi.package import interface_guid
 from ..parameters import ParameterSet, check_parameters, load_parameters
 from ..toml import tomllib
 from ..unit import MOST_FINS, Unit, start_values
-from ..variables import INPUTS
 from .distributions import CampaignError
 from .entries import Reader, table_of
 from .plan import Factor, Plan, varied
@@ -98,7 +97,7 @@ def _base(path: Path, entry: Mapping[str, Any], fmu: Path | None, fin: int | Non
                                      (actuator.parameters, "parameter")):
             there.require([v.name for v in variables], causality)
         guid, values = there.description.guid, {v.name: there.starts[v.name] for v in actuator.parameters}
-        values |= {v.key: there.starts[v.name] for v in INPUTS if v.key}
+        values |= {v.key: there.starts[v.name] for v in get(kind or NONLINEAR).inputs if v.key}
     base = load_parameters(file, model=kind)
     return base if file else base.replace(values), guid, str(unit.resolve()), there.sha256, chosen
 

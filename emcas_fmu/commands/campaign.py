@@ -12,7 +12,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from ..actuators import NAMES, OPTIONS
+from ..actuators import EXTENSIONS, NAMES
 from ..errors import EmcasError
 from .common import check_outputs, err, failures, out, progress_bar
 
@@ -39,7 +39,7 @@ def campaign(
                                             metavar="N")] = None,
     model: Annotated[str | None, typer.Option(help="Which model of the actuator, instead of the file's: "
                                               f"{', '.join(NAMES)}. Behind it options, as in elastic+heat+faults: "
-                                              f"{', '.join(OPTIONS)}. Of an FMU it is the FMU's.",
+                                              f"{', '.join(EXTENSIONS)}. Of an FMU it is the FMU's.",
                                               metavar="NAME[+OPTION...]")] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given. 0: in "
                                                      "this process, without Dask.", min=0)] = None,
@@ -169,9 +169,8 @@ def _units(study: Any) -> dict[str, str]:
     from ..actuators import get
     from ..campaign.own import figure_of
     from ..campaign.sample import columns
-    from ..variables import START_ENTRIES
 
-    table = (*get(study.plan.model).parameters, *START_ENTRIES)
+    table = get(study.plan.model).file_entries
     units = {v.name: v.unit for v in table} | {f.name: f.unit for f in study.plan.factors}
     return {name: "" if unit == "1" else unit for name, unit in
             {**units, **{name: figure_of(name).unit for name in columns(study.plan)}}.items()}

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from ..actuators import NAMES, OPTIONS
+from ..actuators import EXTENSIONS, NAMES
 from ..errors import EmcasError
 from ..parameters import ParameterError
 
@@ -21,7 +21,7 @@ err = Console(stderr=True)
 
 ModelOption = Annotated[str, typer.Option(
     "--model", help=f"Which model of the actuator: {', '.join(NAMES)}. Behind it options, as in elastic+heat+faults: "
-                    f"{', '.join(OPTIONS)}.", metavar="NAME[+OPTION...]")]
+                    f"{', '.join(EXTENSIONS)}.", metavar="NAME[+OPTION...]")]
 ParametersOption = Annotated[Path | None, typer.Option(
     "--parameters", "-p", help="Parameter file (TOML); overrides any subset of the defaults.", metavar="FILE")]
 

@@ -13,7 +13,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from ..actuators import NONLINEAR, get
+from ..actuators import NONLINEAR, extension_outputs, get
 from ..errors import EmcasError
 from ..parameters import load_parameters
 from .common import ModelOption, ParametersOption, check_outputs, failures, out
@@ -88,7 +88,7 @@ def simulate(
         chosen = (excitation.from_case(case) if case
                   else excitation.from_file(input_file, size, stop, model) if input_file
                   else excitation.from_step(step or 0.0, torque or 0.0, size, stop or 0.5))
-        changes, held = _told(given or [], [v.name for v in get(model).model.inputs])
+        changes, held = _told(given or [], [v.name for v in get(model).further_inputs])
         parameters_of = load_parameters(parameters, model=model).replace(chosen.overrides).replace(changes)
         values = parameters_of.values
         chosen = replace(chosen, columns={**chosen.columns, **{name: np.full(len(next(iter(chosen.columns.values()))),
@@ -98,7 +98,7 @@ def simulate(
                          **{name.replace(".", "__"): column for name, column in chosen.columns.items()})
         except (ArithmeticError, ValueError) as error:
             raise EmcasError(f"the response cannot be computed: {error}") from error
-        own = get(model).model.outputs
+        own = extension_outputs(model)
         figures = response.figures_of_merit(result, own)
         if output:
             response.write_csv(output, chosen, result)

@@ -9,7 +9,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from ..actuators import NAMES, OPTIONS
+from ..actuators import EXTENSIONS, NAMES
 from .common import ParametersOption, check_outputs, failures, out, progress_bar, stepper
 
 EPILOG = ("Examples:\n\n  emcas ssp --output EMCAS.ssp\n\n  emcas ssp --fmu EMCAS.fmu --layout plus"
@@ -31,7 +31,7 @@ def write(
     output: Annotated[Path, typer.Option("--output", "-o", help="Archive to write.",
                                          metavar="FILE.ssp")] = Path("EMCAS.ssp"),
     model: Annotated[str | None, typer.Option(help=f"Which model of the actuator to build: {', '.join(NAMES)}. Behind "
-                                              f"it options, as in elastic+heat+faults: {', '.join(OPTIONS)}. Of an "
+                                              f"it options, as in elastic+heat+faults: {', '.join(EXTENSIONS)}. Of an "
                                               "FMU it is the FMU's.", metavar="NAME[+OPTION...]")] = None,
     parameters: ParametersOption = None,
     fins: Annotated[int, typer.Option(help="Number of fins, evenly about the body, 1 to 8.")] = 4,

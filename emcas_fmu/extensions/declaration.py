@@ -31,10 +31,6 @@ class Extension:
     rules: Callable[[Actuator], tuple[Rule, ...]] = lambda actuator: ()
     module: Any = None
 
-    def missing(self, actuator: Actuator) -> tuple[str, ...]:
-        """Return what an actuator lacks that the extension needs."""
-        return tuple(need for need in self.needs if need not in actuator.provides)
-
     def over(self, actuator: Actuator) -> Actuator:
         """Return the actuator with this extension laid over it."""
         extended = self.extend(actuator)

@@ -76,12 +76,15 @@ def acting(ops: Ops, p: Any, actuator: Actuator, f: Held, u: Acting) -> Acting:
 
 def standing(ops: Ops, p: Any, actuator: Actuator, x: Record, jam: Value, then: Record | None = None) -> Record:
     """Return the states with a rotor that stands where it is, or where it was `then`, if it is jammed."""
-    sides = {actuator.encoder: jam}
-    if capabilities.DRIVE_LINE in actuator.provides:  # the rotor is on one side of the line, the fin on the other
-        sides = {actuator.encoder: ops.both(jam, ops.negate(p.encoder.on_fin)),
-                 ("other_angle", "other_speed"): ops.both(jam, p.encoder.on_fin)}
+    sides = [actuator.encoder]
+    elastic = capabilities.DRIVE_LINE in actuator.provides
+    if elastic:
+        sides.append(("other_angle", "other_speed"))
     changes = {}
-    for (angle, speed), stands in sides.items():
+    for i, (angle, speed) in enumerate(sides):
+        # With an elastic drive line the rotor is on one side and the fin on the other.
+        on_fin = p.encoder.on_fin if elastic else False
+        stands = ops.both(jam, on_fin if i else ops.negate(on_fin)) if elastic else jam
         if then is not None:
             changes[angle] = ops.where(stands, getattr(then, angle), getattr(x, angle))
         changes[speed] = ops.where(stands, 0.0, getattr(x, speed))

@@ -46,14 +46,18 @@ class Fault:
 
 FAULTS = (
     Fault("jam", "the screw is blocked"),
-    Fault("free_fin", "the shaft is broken between fork and fin: the fin floats, for good", needs=(capabilities.SCREW_DRIVE,)),
+    Fault("free_fin", "the shaft is broken between fork and fin: the fin floats, for good",
+          needs=(capabilities.SCREW_DRIVE,)),
     Fault("hard_over", "the controller's DAC puts out a constant", (
-        _amount("hard_over.share", "1", -1.0, 1.0, "of drive.reference_limit that the DAC puts out"),), needs=(capabilities.REFERENCE_LIMIT, capabilities.COMMAND_REFERENCE,)),
+        _amount("hard_over.share", "1", -1.0, 1.0, "of drive.reference_limit that the DAC puts out"),),
+        (capabilities.REFERENCE_LIMIT, capabilities.COMMAND_REFERENCE)),
     Fault("drive_loss", "the drive's bridge is open, unknown to the controller"),
     Fault("current_derating", "the drive limits the current further", (
-        _amount("current_derating.share", "1", 0.0, 1.0, "of drive.current_limit that is left"),), needs=(capabilities.CURRENT_LIMIT,)),
+        _amount("current_derating.share", "1", 0.0, 1.0, "of drive.current_limit that is left"),),
+        (capabilities.CURRENT_LIMIT,)),
     Fault("brown_out", "the drive's supply sags", (
-        _amount("brown_out.share", "1", 0.0, 1.0, "of supply_voltage that is left"),), needs=(capabilities.SUPPLY_VOLTAGE,)),
+        _amount("brown_out.share", "1", 0.0, 1.0, "of supply_voltage that is left"),),
+        (capabilities.SUPPLY_VOLTAGE,)),
     Fault("encoder_freeze", "the encoder counts no motion"),
     Fault("encoder_bias", "the encoder reads too much", (
         _amount("encoder_bias.angle", "rad", -0.5, 0.5, "of the fin that the encoder reads too much"),)),
@@ -65,9 +69,11 @@ FAULTS = (
         _amount("command_delay.time", "s", 0.0, 5.0, "by which commands are late, in whole samples, at most "
                                                       f"{LONGEST_COMMAND_DELAY} of them"),)),
     Fault("friction_rise", "friction at motor and fin rises", (
-        _amount("friction_rise.factor", "1", 1.0, 1e4, "by which it rises"),), needs=(capabilities.SCREW_DRIVE,)),
+        _amount("friction_rise.factor", "1", 1.0, 1e4, "by which it rises"),),
+        (capabilities.SCREW_DRIVE,)),
     Fault("backlash_growth", "the gap between nut and fork grows, for good", (
-        _amount("backlash_growth.gap", "m", 0.0, 0.01, "by which it grows"),), needs=(capabilities.BACKLASH,)),
+        _amount("backlash_growth.gap", "m", 0.0, 0.01, "by which it grows"),),
+        (capabilities.BACKLASH,)),
 )
 
 
@@ -92,4 +98,5 @@ def active(ops: Ops, p: Any, faults: tuple[Fault, ...], time: Value) -> dict[str
 
 def word(ops: Ops, faults: tuple[Fault, ...], on: Mapping[str, Value]) -> Value:
     """Return a bit for each active fault, the first in FAULTS the least."""
-    return reduce(lambda total, fault: total + ops.where(on[fault.name], float(2**FAULTS.index(fault)), 0.0), faults, 0.0)
+    return reduce(lambda total, fault: total + ops.where(on[fault.name], float(2**FAULTS.index(fault)), 0.0), faults,
+                  0.0)

@@ -161,7 +161,7 @@ def extend(actuator: Actuator) -> Actuator:
             x.motor_current if has(capabilities.MOTOR_CURRENT) else 0.0, supply, watching)
         response = monitors.response(p, actuator)
         counted, tripped = monitors.judged(
-            ops, p, watched, response, [getattr(x, name) for name in counters], [getattr(x, name) for name in flags],
+            ops, q, watched, response, [getattr(x, name) for name in counters], [getattr(x, name) for name in flags],
             seen_by)
         now = now._replace(acting=ops.where(acts, 1.0, 0.0), faults=fault_list.word(ops, faults, on),
                            built_in_test=monitors.word(watched, tripped), verdict=monitors.verdict(ops, tripped))

@@ -45,8 +45,8 @@ PARAMETERS = (
     _switch("verify", "true: the other stop is sought too, and the way between them judged; false: any stall is one"),
     _homing("speed", "rad/s", radians(0.1), radians(100.0), "mean fin rate towards the stops and back"),
     _homing("reference_limit", "V", 1e-3, 1e3, "largest DAC output while homing: the push against a stop"),
-    _homing("stall_time", "s", 1e-3, 10.0, "time at reference_limit without motion that makes a stall; also at zero, the "
-         "time that ends the return"),
+    _homing("stall_time", "s", 1e-3, 10.0, "time at reference_limit without motion that makes a stall; also at zero, "
+            "the time that ends the return"),
     _homing("travel_tolerance", "rad", radians(1e-3), radians(20.0),
          "largest difference of the way between the stops from 2 fin.stop_angle"),
     _homing("return_tolerance", "rad", radians(1e-3), radians(20.0), "largest angle from zero that ends the return"),
@@ -127,7 +127,8 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
     return (
         Rule(push, "homing.reference_limit = %.6g V must be at most drive.reference_limit = %.6g V"),
         Rule(time, "homing.timeout = %.6g s must be above %.6g s: two ways between the stops and one to zero at "
-                   f"homing.speed, each with homing.travel_tolerance, 3 homing.stall_time, and {SETTLES:g} s to settle"),
+                   "homing.speed, each with homing.travel_tolerance, 3 homing.stall_time, and "
+                   f"{SETTLES:g} s to settle"),
         Rule(stall, "homing.stall_time = %.6g s is over before the push of %.6g N.m at the motor, less friction of "
                     "%.6g N.m at a stop, brings it from rest to homing.speed = %.6g rad/s at the fin, "
                     "drive.transport_delay included; raise homing.stall_time or homing.reference_limit, or lower "

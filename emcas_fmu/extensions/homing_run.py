@@ -129,10 +129,9 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, asked: Asked, seen:
     target = ops.where(stalled > _WAITS * p.homing.stall_time, target, target + rate * period)
     frame = _whole(ops, p, target)
     forward = rate * way.motor
-    moved = actuator.sampled(
-        ops, with_values(p, {"drive.reference_limit": limit}),
-        x.replace(integral=x.integral + forward, counts=x.counts - frame),
-        asked.replace(command=0.0, encoder_offset=g.offset - frame))
+    asked = asked.replace(command=0.0, encoder_offset=g.offset - frame)
+    moved = actuator.sampled(ops, with_values(p, {"drive.reference_limit": limit}),
+                             x.replace(integral=x.integral + forward, counts=x.counts - frame), asked)
 
     pressed = ops.fabs(moved["reference"]) >= limit * _EDGE
     window = _STILL * speed * p.homing.stall_time

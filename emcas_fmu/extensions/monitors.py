@@ -6,7 +6,8 @@ judged against a model of what the command asks for,
 
     dm/dt = clip(K (command - m), +-rate)
 
-with the gain K of the position loop, or of monitor.response, so that the lag of a loop that follows, v/K, and the time of a large step trip nothing.
+with the gain K of the position loop, or of monitor.response, so that the lag of a loop that follows, v/K, and the
+time of a large step trip nothing.
 """
 
 from __future__ import annotations

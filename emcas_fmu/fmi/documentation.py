@@ -10,11 +10,10 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from .. import __version__, control, integrate, schedule, sensors
-from ..actuators import NONLINEAR
+from .. import __version__
 from ..files import models_directory
 from ..parameters import ParameterSet, are_defaults
-from ..physics import bus, drive, friction, kinematics, loads, mechanics
+from ..physics import bus
 from ..reference import files
 from ..unit import Unit, start_values
 from ..variables import Variable
@@ -22,7 +21,6 @@ from . import native, python
 from .figures import icon, response_figures
 from .model_description import describe
 
-_EQUATIONS = (kinematics, mechanics, friction, loads, drive, sensors, control, schedule, integrate)
 _NOTES = {"python": python.NOTES, "native": native.NOTES}
 _EXTERNAL = """This FMU computes in Python. Its binaries (linux64, win64) load into a process that has Python 3.10 or
 later loaded; they bring no Python of their own. From a Python host (fmpy) nothing is to do. From another host
@@ -59,8 +57,8 @@ def _page(unit: Unit, sets: Sequence[ParameterSet], guid: str, backend: str, pla
     environment = Environment(loader=PackageLoader("emcas_fmu", "fmi"), undefined=StrictUndefined,
                               trim_blocks=True, lstrip_blocks=True)
     starts = dict(zip(unit.reference, start_values(unit, [p.values for p in sets]), strict=True))
-    equations = [*([] if unit.kind == NONLINEAR else unit.actuator.modules), *_EQUATIONS,
-                 *([] if unit.fins == 1 else [bus])]
+    several = [bus] if unit.fins > 1 and unit.actuator.supply else []
+    equations = [*unit.actuator.modules, *several]
     return environment.get_template("documentation.html.j2").render(
         model=unit.model, description=describe(unit), version=__version__, guid=guid, fins=unit.fins,
         notes=_NOTES[backend], platforms=platforms,

@@ -49,14 +49,14 @@ def _slew(parameters: ParameterSet) -> Figure:
     limit = float(parameters.values["command.limit"])
     result = simulate(parameters.values, 0.25, step=0.5e-3, kernel="python", model=parameters.model,
                       fin_command=lambda t: limit if t > 0.01 else 0.0)
-    drawn, panels = figure(2, 2, width=8.0, sharex=True)
-    for axes, name, label, scale in zip(
-            panels.flat, ("fin_angle", "fin_rate", "motor_current", "motor_voltage"),
-            ("fin angle / deg", "fin rate / deg/s", "current / A", "voltage / V"),
-            (180.0 / np.pi, 180.0 / np.pi, 1.0, 1.0), strict=True):
+    shown = [(name, label, scale) for name, label, scale in (
+        ("fin_angle", "fin angle / deg", 180.0 / np.pi), ("fin_rate", "fin rate / deg/s", 180.0 / np.pi),
+        ("motor_current", "current / A", 1.0), ("motor_voltage", "voltage / V", 1.0)) if name in result]
+    drawn, panels = figure(len(shown) // 2, 2, width=8.0, sharex=True)
+    for axes, (name, label, scale) in zip(panels.flat, shown, strict=True):
         axes.plot(result["time"] * 1e3, result[name] * scale)
         axes.set_ylabel(label)
-    for axes in panels[1]:
+    for axes in panels[-1]:
         axes.set_xlabel("time / ms")
     return drawn
 

@@ -22,6 +22,18 @@ static core_inputs acting(const instance *m, size_t fin, const double *values, c
     return core_inputs_of(command, in, force);
 }
 
+#if MODEL_SUPPLY >= 0
+
+static double bus_resistance(const model_state *s)
+{
+    return s->values[UNIT_BUS_SOURCE_RESISTANCE];
+}
+
+static double bus_interval(const model_state *s)
+{
+    return s->values[UNIT_BUS_UPDATE_TIME];
+}
+
 static double bus_voltage(const instance *m, double source, double sag)
 {
     double found;
@@ -47,10 +59,56 @@ static double next_sag(const instance *m, double sag, double current)
         kernel_inverse_inductance(parameters(m, fin), m->fin[fin].constants, &inverse);
         inductances += inverse;
     }
-    kernel_bus_sag(parameters(m, 0), m->fin[0].constants, m->s.values[UNIT_BUS_SOURCE_RESISTANCE], sag, current,
-                   m->s.values[UNIT_BUS_UPDATE_TIME], inductances, &found);
+    kernel_bus_sag(parameters(m, 0), m->fin[0].constants, bus_resistance(&m->s), sag, current, bus_interval(&m->s),
+                   inductances, &found);
     return found;
 }
+
+static void put_out_bus(instance *m, double source, double sag, const double *out)
+{
+    double *values = m->s.values;
+    values[UNIT_BUS_VOLTAGE] = bus_voltage(m, source, sag);
+    values[UNIT_BUS_CURRENT] = bus_current(m, out, values[UNIT_BUS_VOLTAGE], &values[UNIT_SUPPLY_POWER]);
+}
+
+#else /* Fins without a supply: a stiff bus that nothing draws from. */
+
+static double bus_resistance(const model_state *s)
+{
+    (void)s;
+    return 0.0;
+}
+
+static double bus_interval(const model_state *s)
+{
+    (void)s;
+    return 1.0;
+}
+
+static double bus_voltage(const instance *m, double source, double sag)
+{
+    (void)m;
+    return source - sag;
+}
+
+static double bus_current(const instance *m, const double *out, double voltage, double *power)
+{
+    (void)m, (void)out, (void)voltage, (void)power;
+    return 0.0;
+}
+
+static double next_sag(const instance *m, double sag, double current)
+{
+    (void)m, (void)current;
+    return sag;
+}
+
+static void put_out_bus(instance *m, double source, double sag, const double *out)
+{
+    (void)m, (void)source, (void)sag, (void)out;
+}
+
+#endif
 
 static void start_bus(instance *m)
 {
@@ -60,10 +118,8 @@ static void start_bus(instance *m)
 
 static void put_out(instance *m, double source, double sag, const double *out)
 {
-    double *values = m->s.values;
-    memcpy(values + FIN_OUTPUT_BEGIN, out, FINS * MODEL_OUTPUTS * sizeof *out);
-    values[UNIT_BUS_VOLTAGE] = bus_voltage(m, source, sag);
-    values[UNIT_BUS_CURRENT] = bus_current(m, out, values[UNIT_BUS_VOLTAGE], &values[UNIT_SUPPLY_POWER]);
+    memcpy(m->s.values + FIN_OUTPUT_BEGIN, out, FINS * MODEL_OUTPUTS * sizeof *out);
+    put_out_bus(m, source, sag, out);
 }
 
 static void find_outputs(instance *m, const core_inputs *in)
@@ -110,8 +166,8 @@ static core_result run_fins(instance *m, core_state *core, double from, double u
 /* The whole unit to `end`, all or nothing. */
 static core_result unit_run(instance *m, double end, const core_inputs *in, const core_ramp *ramp)
 {
-    const bool stiff = !(m->s.values[UNIT_BUS_SOURCE_RESISTANCE] > 0.0);
-    const double interval = m->s.values[UNIT_BUS_UPDATE_TIME];
+    const bool stiff = !(bus_resistance(&m->s) > 0.0);
+    const double interval = bus_interval(&m->s);
     core_state core[FINS];
     double out[FINS * MODEL_OUTPUTS], sag = m->s.sag;
     int64_t instant = m->s.instant;
@@ -139,11 +195,11 @@ static core_result unit_run(instance *m, double end, const core_inputs *in, cons
 
 static const char *unsound_bus(const model_state *s)
 {
-    const double stood = (double)s->instant * s->values[UNIT_BUS_UPDATE_TIME] - s->now;
-    const bool stiff = s->values[UNIT_BUS_SOURCE_RESISTANCE] == 0.0;
+    const double stood = (double)s->instant * bus_interval(s) - s->now;
+    const bool stiff = bus_resistance(s) == 0.0;
     if (!core_finite(s->sag)) return "sag of the bus";
     /* The next instant of a bus that is not stiff lies ahead, within an interval. */
-    if (s->instant < 1 || (!stiff && (stood < 0.0 || stood > s->values[UNIT_BUS_UPDATE_TIME] * (1.0 + 1e-9) + 1e-9)))
+    if (s->instant < 1 || (!stiff && (stood < 0.0 || stood > bus_interval(s) * (1.0 + 1e-9) + 1e-9)))
         return "place in time of the bus";
     return NULL;
 }

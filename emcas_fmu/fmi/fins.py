@@ -6,33 +6,24 @@ from collections.abc import Mapping, Sequence
 from math import isfinite, nan
 from typing import Any, ClassVar
 
-from ..consistency import check_consistency
 from ..kernels.bank import Bank, mixes
 from ..kernels.core import Functions
 from .slave import Slave
 
-# Of the variable table's inputs, those a core takes besides the specific force.
-_COMMAND, _TORQUE, _SUPPLY, _ENABLE = "fin_command", "aero_torque", "supply_voltage", "enable"
-
 
 class FinsSlave(Slave):
-    """Base of the generated slave class, which adds the fins' `places` and the names of one fin's parameters."""
+    """Base of the generated slave class, which adds the names of one fin's parameters.
 
-    places: ClassVar[tuple[tuple[int, ...], ...]]
+    `power` is the place of the supply's power among a fin's outputs, None of fins without a supply.
+    """
+
     names: ClassVar[tuple[str, ...]]
-    supply_power: ClassVar[int]  # its place among a fin's outputs
+    power: ClassVar[int | None]
     _mixing: ClassVar[list[int]]
-    _each: ClassVar[list[list[int]]]  # command, torque, supply, enable and own inputs of each fin
-    _first: ClassVar[int]
 
-    @classmethod
-    def _place_inputs(cls) -> None:
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
         cls._mixing = [cls._index[name] for name in ("roll_command", "pitch_command", "yaw_command")]
-        cls._each = []
-        for row in cls.places:
-            place = {cls.table.rows[i][0].rpartition("].")[2]: i for i in row}
-            cls._each.append([place[name] for name in (_COMMAND, _TORQUE, _SUPPLY, _ENABLE, *cls.own)])
-        cls._first = len(cls.table.rows) - len(cls.places) * len(cls.names)
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
@@ -41,25 +32,25 @@ class FinsSlave(Slave):
 
     def _fins(self, values: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Each fin's parameters under their own names."""
-        owned = list(values.values())[-len(self.places) * len(self.names):]
-        return [dict(zip(self.names, owned[k * len(self.names):(k + 1) * len(self.names)], strict=True))
+        of_fins = list(values.values())[-len(self.places) * len(self.names):]
+        return [dict(zip(self.names, of_fins[k * len(self.names):(k + 1) * len(self.names)], strict=True))
                 for k in range(len(self.places))]
 
     def _bound_functions(self, values: Mapping[str, Any]) -> Sequence[Functions]:
-        functions = [type(self).make(own) for own in self._fins(values)]
+        functions = [type(self).make(one) for one in self._fins(values)]
         self._mixes = mixes(functions)
         return functions
 
     def _made(self, values: Mapping[str, Any]) -> Any:
-        return Bank(self._bound_functions(values), values["bus.source_resistance"], values["bus.update_time"],
-                    self.supply_power, *self.sizes)
+        return Bank(self._bound_functions(values), values.get("bus.source_resistance", 0.0),
+                    values.get("bus.update_time", 1.0), self.power, self.sizes)
 
     def _rebind(self, core: Any, values: Mapping[str, Any]) -> None:
         core.bind(self._bound_functions(values))
 
     def _inconsistencies(self, values: Mapping[str, Any]) -> list[str]:
-        return [f"fin[{k}]: {problem}" for k, own in enumerate(self._fins(values), 1)
-                for problem in check_consistency(own)]
+        return [f"fin[{k}]: {problem}" for k, one in enumerate(self._fins(values), 1)
+                for problem in self._broken_rules(one)]
 
     @staticmethod
     def _finite(inputs: tuple[Any, ...]) -> bool:
@@ -73,9 +64,9 @@ class FinsSlave(Slave):
             self._forces = [each.forces(*motion) if known else (nan, nan) for each in core.cores]
             self._motion = motion
         mixing = [values[i] for i in self._mixing]
-        found = []
-        for mix, force, (command, *direct) in zip(self._mixes, self._forces, self._each, strict=True):
+        inputs = []
+        for mix, force, (command, torque, supply, *rest) in zip(self._mixes, self._forces, self.places, strict=True):
             (mixed,) = mix(values[command], *mixing)
-            torque, *rest = map(values.__getitem__, direct)
-            found.append((mixed, torque, *force, *rest))
-        return tuple(found)
+            inputs.append((mixed, values[torque], *force, 0.0 if supply is None else values[supply],
+                           *map(values.__getitem__, rest)))
+        return tuple(inputs)

@@ -180,12 +180,15 @@ static core_result ramped_step(instance *m, double begin, double end)
         forces(m, fin, final, force[fin]);
         in[fin] = acting(m, fin, m->s.values, m->fin[fin].force);
         const core_inputs rates = acting(m, fin, m->s.rates, none); /* linear in all but the forces */
-        ramp[fin] = (core_ramp){begin,
-                                rates.command,
-                                rates.aero_torque,
-                                (force[fin][0] - m->fin[fin].force[0]) / size,
-                                (force[fin][1] - m->fin[fin].force[1]) / size,
-                                rates.supply};
+        ramp[fin] = (core_ramp){.begin = begin,
+                                .command = rates.command,
+                                .aero_torque = rates.aero_torque,
+                                .f_x = (force[fin][0] - m->fin[fin].force[0]) / size,
+                                .f_z = (force[fin][1] - m->fin[fin].force[1]) / size,
+                                .supply = rates.supply};
+#if CORE_ACTING > 0
+        memcpy(ramp[fin].further, rates.further, sizeof ramp[fin].further);
+#endif
     }
     const core_result result = unit_run(m, end, in, ramp);
     if (result == CORE_DONE) {

@@ -1,4 +1,4 @@
-"""modelDescription.xml and terminalsAndIcons.xml out of the variable table."""
+"""modelDescription.xml and terminalsAndIcons.xml out of what the actuator declares."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 from pythonfmu import Fmi2Slave
 
 from .. import __version__
-from ..actuators import NONLINEAR
-from ..unit import BUS_OUTPUTS, MIXING, Unit
+from ..actuators import NONLINEAR, fin_port
+from ..kernels import program
+from ..unit import BUS_CURRENT, BUS_VOLTAGE, MIXING, Unit
 from ..unit import start_values as unit_starts
-from ..variables import Variable
-from .units import UNITS
+from ..variables import Terminal, Variable
+from .units import fmi_unit
 
 SINGLE = Unit(1)
 MODEL = SINGLE.model
@@ -22,31 +23,22 @@ DESCRIPTION = ("Nonlinear electromechanical control actuation system: brushless 
                "ball screw, lever and fin, with position, velocity and current loops")
 STEP_SIZE, STOP_TIME = 1e-3, 1.0
 
-# An output at a communication point depends at once on these inputs only: the state
-# integrates the rest.
-_DIRECT: dict[str, tuple[str, ...]] = {
-    "motor_current": ("enable",),
-    "motor_voltage": ("supply_voltage", "enable"),
-    "motor_torque": ("enable",),
-    "hinge_torque": ("aero_torque", "acceleration.x", "acceleration.y", "acceleration.z",
-                     "attitude.roll", "attitude.pitch"),
-    "supply_power": ("supply_voltage", "enable"),
-    "tracking_error": ("fin_command",),
-    "saturated": ("supply_voltage", "enable"),
-}
 _MIXED = tuple(v.name for v in MIXING)
 
 
 def _dependencies(unit: Unit) -> dict[str, tuple[str, ...]]:
-    """For each output, the inputs it depends on at once."""
-    own = {**_DIRECT, **dict(unit.actuator.model.direct)}
+    """Return for each output the inputs it depends on at once."""
+    direct = program.direct_inputs(unit.kind)
     if unit.fins == 1:
-        return own
-    found = {unit.name(output, fin): (*(unit.name(i, fin) for i in inputs),
-                                      *(_MIXED if "fin_command" in inputs else ()))
-             for fin in range(unit.fins) for output, inputs in own.items()}
-    every = tuple(dict.fromkeys(unit.name(i, fin) for fin in range(unit.fins) for i in own["supply_power"]))
-    return {**found, "bus_voltage": ("supply_voltage",), "bus_current": every, "supply_power": every}
+        return dict(direct)
+    of_fins = {unit.name(output, fin): (*(unit.name(i, fin) for i in inputs),
+                                        *(_MIXED if "fin_command" in inputs else ()))
+               for fin in range(unit.fins) for output, inputs in direct.items()}
+    supply = unit.actuator.supply
+    if supply is None:
+        return of_fins
+    every = tuple(dict.fromkeys(unit.name(i, fin) for fin in range(unit.fins) for i in direct[supply.power.name]))
+    return {**of_fins, BUS_VOLTAGE.name: (supply.input.name,), BUS_CURRENT.name: every, supply.power.name: every}
 
 
 def start_values(parameters: Mapping[str, Any]) -> tuple[Any, ...]:
@@ -76,8 +68,8 @@ def _scalar(parent: Element, reference: int, v: Variable, start: Any) -> None:
     typed: dict[str, str] = {}
     if v.kind == "Real":
         typed["unit"] = v.unit
-        if UNITS[v.unit].displays:
-            typed["displayUnit"] = UNITS[v.unit].displays[0][0]
+        if displays := fmi_unit(v.unit).displays:
+            typed["displayUnit"] = displays[0][0]
     if isfinite(v.minimum):
         typed["min"] = _number(v, v.minimum)
     if isfinite(v.maximum):
@@ -110,9 +102,11 @@ def _type_definitions(root: Element, unit: Unit) -> None:
 def _unit_definitions(root: Element, shown: Unit) -> None:
     definitions = SubElement(root, "UnitDefinitions")
     for name in sorted({v.unit for v in shown.variables if v.kind == "Real"}):
-        unit = UNITS[name]
+        unit = fmi_unit(name)
         element = SubElement(definitions, "Unit", {"name": name})
         base = {base: str(exponent) for base, exponent in unit.exponents.items()}
+        if unit.factor != 1.0:
+            base["factor"] = _text(unit.factor)
         if unit.offset:
             base["offset"] = _text(unit.offset)
         SubElement(element, "BaseUnit", base)
@@ -130,17 +124,17 @@ def _structure(root: Element, unit: Unit) -> None:
 
     def parameters(output: str) -> list[int]:
         """Indices of the parameters an output's initial value follows from: all, or those of its fin."""
-        own = output.partition(".")[0] if output.startswith("fin[") else ""
-        return [index[v.name] for v in unit.parameters if v.name.startswith(own)]
+        fin = output.partition(".")[0] if output.startswith("fin[") else ""
+        return [index[v.name] for v in unit.parameters if v.name.startswith(fin)]
 
     for tag in ("Outputs", "InitialUnknowns"):
         unknowns = SubElement(structure, tag)
         for v in unit.outputs:
             inputs = sorted(index[name] for name in direct.get(v.name, ()))
-            known = inputs + parameters(v.name) if tag == "InitialUnknowns" else inputs
+            needed = inputs + parameters(v.name) if tag == "InitialUnknowns" else inputs
             SubElement(unknowns, "Unknown", {
-                "index": str(index[v.name]), "dependencies": " ".join(map(str, known)),
-                "dependenciesKind": " ".join(["dependent"] * len(known))})
+                "index": str(index[v.name]), "dependencies": " ".join(map(str, needed)),
+                "dependenciesKind": " ".join(["dependent"] * len(needed))})
 
 
 def describe(unit: Unit) -> str:
@@ -175,33 +169,22 @@ def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str,
     return root
 
 
-_TERMINALS = (
-    ("command", "what the flight computer sends and gets back",
-     ("fin_command", "enable", "measured_fin_angle", "tracking_error", "saturated", "at_stop")),
-    ("hinge", "the fin's shaft: moment in, motion out",
-     ("aero_torque", "fin_angle", "fin_rate", "hinge_torque")),
-    ("vehicle", "motion of the vehicle, for gravity and inertia",
-     tuple(v.name for v in SINGLE.inputs if v.name.startswith(("acceleration.", "attitude.")))),
-    ("bus", "electrical supply", ("supply_voltage", "supply_power")),
-    ("motor", "motor and drive",
-     ("motor_angle", "motor_speed", "motor_current", "motor_voltage", "motor_torque", "drive_reference",
-      "nut_position")),
-)
-
-
-def _terminals(unit: Unit) -> Iterator[tuple[str, str, tuple[str, ...]]]:
-    if unit.fins == 1:
-        yield from _TERMINALS
-        return
-    yield "mixing", "deflections for moments about the body axes", tuple(v.name for v in MIXING)
-    for name, description, members in _TERMINALS:
-        if name == "vehicle":
-            yield name, description, members
-        elif name == "bus":
-            yield name, description, ("supply_voltage", *(v.name for v in BUS_OUTPUTS))
-        else:
-            for fin in range(unit.fins):
-                yield f"{name}{fin + 1}", f"fin {fin + 1}: {description}", tuple(unit.name(m, fin) for m in members)
+def _terminals(unit: Unit) -> Iterator[Terminal]:
+    """Yield the terminals of the fin port and the actuator's; of several fins those of each."""
+    actuator, several = unit.actuator, unit.fins > 1
+    supply = () if actuator.supply is None else (actuator.supply.input.name, actuator.supply.power.name)
+    if several:
+        yield Terminal("mixing", "deflections for moments about the body axes", tuple(v.name for v in MIXING))
+    for terminal in (*fin_port.TERMINALS, *actuator.terminals):
+        if not several or terminal.name == "vehicle":
+            yield terminal
+            continue
+        for fin in range(unit.fins):
+            yield Terminal(f"{terminal.name}{fin + 1}", f"fin {fin + 1}: {terminal.description}",
+                           tuple(unit.name(member, fin) for member in terminal.members))
+    if supply:
+        members = (supply[0], *(v.name for v in unit.bus_outputs)) if several else supply
+        yield Terminal("bus", "electrical supply", members)
 
 
 def terminals_and_icons(unit: Unit = SINGLE) -> Element:
@@ -212,9 +195,10 @@ def terminals_and_icons(unit: Unit = SINGLE) -> Element:
                                                "suggestedScalingFactorTo_mm": "0.1"})
     SubElement(graphical, "Icon", {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"})
     terminals = SubElement(root, "Terminals")
-    for name, description, members in _terminals(unit):
-        terminal = SubElement(terminals, "Terminal", {"name": name, "matchingRule": "bus", "description": description})
-        for member in members:
+    for described in _terminals(unit):
+        terminal = SubElement(terminals, "Terminal", {"name": described.name, "matchingRule": "bus",
+                                                      "description": described.description})
+        for member in described.members:
             SubElement(terminal, "TerminalMemberVariable",
                        {"variableName": member, "memberName": member, "variableKind": "signal"})
     return root

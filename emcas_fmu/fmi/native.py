@@ -11,12 +11,11 @@ from xml.etree.ElementTree import Element, SubElement
 import fmpy
 from pythonfmu import Fmi2Slave
 
-from .. import consistency
+from .. import rules
 from ..compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform
 from ..errors import BuildError
 from ..kernels.c_sources import c_number, c_text, core_sources, enumerator, written
 from ..unit import Unit
-from ..variables import OUTPUTS
 
 MAIN = "fmi2.c"
 _WRITTEN = (MAIN, "instance.h", "fins.h", "states.h")
@@ -52,13 +51,13 @@ NOTES = (
 
 
 def interface_header(unit: Unit, starts: Sequence[Any], guid: str, code: str) -> str:
-    """interface.h: the variable table, start values and the unit's identity."""
+    """interface.h: the variables, start values and the unit's identity."""
     rows = ",\n".join(
         f"    {{{c_text(v.name)}, {'INTEGER' if v.items else v.kind.upper()}, {int(v.variability == 'tunable')}, "
         f"{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in unit.variables)
     values = ",\n".join(f"    {c_number(start)}" for start in starts)
     categories = ", ".join(c_text(name) for name in Fmi2Slave.log_categories)
-    formats = "".join(f"static const char {name}[] = {c_text(getattr(consistency, name))};\n"
+    formats = "".join(f"static const char {name}[] = {c_text(getattr(rules, name))};\n"
                       for name in ("NOT_FINITE", "BELOW", "ABOVE"))
     return (
         "/* The interface: variables, their places, identity; generated, do not edit. */\n"
@@ -83,7 +82,8 @@ def _sizes(unit: Unit) -> str:
     if unit.fins == 1:
         return _enum(numbers)
     numbers |= {f"UNIT_{enumerator(v.name)}": at[v.name] for v in unit.variables if "fin[" not in v.name}
-    numbers["OUTPUT_SUPPLY_POWER"] = [v.name for v in OUTPUTS].index("supply_power")
+    if supply := unit.actuator.supply:
+        numbers["OUTPUT_SUPPLY_POWER"] = [v.name for v in unit.actuator.outputs].index(supply.power.name)
     rows = ",\n".join(f"    {{{', '.join(map(str, row))}}}" for row in unit.places)
     return (f"{_enum(numbers)}\n/* Where each fin's inputs are, in the order of model.h. */\n"
             f"static const unsigned char PLACE[FINS][{len(unit.actuator.inputs)}] = {{\n{rows}\n}};\n")

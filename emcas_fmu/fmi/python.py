@@ -17,13 +17,11 @@ from pythonfmu.builder import FmuBuilder
 
 from ..errors import BuildError
 from ..kernels import program
+from ..ops.python_source import python_source
 from ..unit import Unit
-from ..variables import OUTPUTS
 
 # What the slave needs of this package, under a name of its own in the FMU.
-_EMBEDDED = ("consistency.py", "fmi/__init__.py", "fmi/slave.py", "kernels/__init__.py", "kernels/core.py",
-             "ops/__init__.py", "ops/base.py", "ops/floats.py", "physics/__init__.py", "physics/friction.py",
-             "schedule.py", "tree.py")
+_EMBEDDED = ("fmi/__init__.py", "fmi/slave.py", "kernels/__init__.py", "kernels/core.py", "rules.py")
 _SEVERAL = ("fmi/fins.py", "kernels/bank.py")
 _PACKAGE = Path(__file__).resolve().parent.parent
 _OPTIONS = {"needsExecutionTool": True, "canHandleVariableCommunicationStepSize": True, "canInterpolateInputs": False,
@@ -47,25 +45,38 @@ def _sources(unit: Unit, starts: tuple[Any, ...], guid: str) -> dict[str, str]:
     rows = [(v.name, "Integer" if v.items else v.kind, v.causality, v.variability, v.minimum, v.maximum)
             for v in unit.variables]
     listing = "".join(f"    {row!r},\n" for row in rows).replace("-inf", "-INF").replace(" inf", " INF")
-    several = unit.fins > 1
+    several, supply = unit.fins > 1, unit.actuator.supply
+    power = [v.name for v in unit.actuator.outputs].index(supply.power.name) if supply else None
+    rules = tuple((rule.message, rule.scanned) for rule in unit.actuator.all_rules)
     embedded = _EMBEDDED + _SEVERAL if several else _EMBEDDED
     files = {name: (_PACKAGE / name).read_text(encoding="utf-8") for name in embedded}
     files["__init__.py"] = f'"""The EM-CAS actuator, as embedded in {unit.model}.fmu; generated, do not edit."""\n'
     files["kernel.py"] = program.source(several, unit.kind)
+    files["checks.py"] = python_source(program.traced_rules(unit.kind),
+                                       "Rules for the parameters as straight-line code; generated, do not edit.")
     base, module = ("FinsSlave", "fins") if several else ("Slave", "slave")
     files["model.py"] = (
         f'"""The slave class of {unit.model}.fmu: interface table and kernel; generated, do not edit."""\n\n'
-        f"from math import inf as INF\n\nfrom . import kernel\nfrom .fmi.{module} import {base}\n"
+        f"from math import inf as INF\n\nfrom . import checks, kernel\nfrom .fmi.{module} import {base}\n"
         "from .fmi.slave import Table\n\n"
         f"ROWS = (\n{listing})\n\nSTART = {starts!r}\n\n\n"
         f"class {unit.model}({base}):\n    make = staticmethod(kernel.make)\n"
+        f"    make_checks = staticmethod(checks.make)\n    rules = {rules!r}\n"
         f"    table = Table(ROWS, START, {guid!r})\n"
-        f"    own = {tuple(v.name for v in unit.actuator.model.inputs)!r}\n"
-        f"    sizes = {(len(unit.actuator.kept), len(unit.actuator.shown))!r}\n"
-        + (f"    places = {unit.places!r}\n    names = {tuple(v.name for v in unit.actuator.parameters)!r}\n"
-           f"    supply_power = {[v.name for v in OUTPUTS].index('supply_power')}\n" if several else "")
+        f"    places = {tuple(_fin_places(unit, fin) for fin in range(unit.fins))!r}\n"
+        f"    sizes = {program.sizes(unit.actuator)!r}\n"
+        + (f"    names = {tuple(v.name for v in unit.actuator.parameters)!r}\n    power = {power!r}\n"
+           if several else "")
     )
     return files
+
+
+def _fin_places(unit: Unit, fin: int) -> tuple[int | None, ...]:
+    """Return the value references of a fin's inputs as a core takes them: command, moment, supply, enable, further."""
+    actuator = unit.actuator
+    supply = None if actuator.supply is None else actuator.supply.input.name
+    names = ("fin_command", "aero_torque", supply, "enable", *(v.name for v in actuator.further_inputs))
+    return tuple(None if name is None else unit.reference[unit.name(name, fin)] for name in names)
 
 
 def _entry(package: str, model: str) -> str:

@@ -24,8 +24,8 @@ from typing import Any, ClassVar, NamedTuple
 from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
-from ..consistency import check_consistency, check_ranges
 from ..kernels.core import Core, Functions
+from ..rules import check_ranges, check_rules
 
 
 class Table(NamedTuple):
@@ -52,12 +52,15 @@ class _RefusedError(Exception):
 
 
 class Slave(Fmi2Slave):  # type: ignore[misc]
-    """Base of the generated slave class, which adds the kernel's `make` and the `table`."""
+    """Base of the generated slave class, which adds all that is not derived below."""
 
-    make: ClassVar[Callable[[Mapping[str, Any]], Functions]]
+    make: ClassVar[Callable[[Mapping[str, Any]], Functions]]  # the kernel's functions
+    make_checks: ClassVar[Callable[[Mapping[str, Any]], tuple[Callable[[float], tuple[Any, ...]], ...]]]
+    rules: ClassVar[tuple[tuple[str, bool], ...]]  # message of each check, whether it is scanned
     table: ClassVar[Table]
-    own: ClassVar[tuple[str, ...]] = ()  # inputs that the table of a plain actuator does not have
-    sizes: ClassVar[tuple[int, int]] = (2, 2)  # states that samples keep and show
+    # Of each fin, value references of command, moment, supply (None without one), enable and further inputs.
+    places: ClassVar[tuple[tuple[Any, ...], ...]]
+    sizes: ClassVar[tuple[int, ...]]  # of a core
     # Derived from the table once per class.
     _kinds: ClassVar[dict[str, frozenset[int]]]
     _inputs: ClassVar[range]
@@ -65,13 +68,11 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     _parameters: ClassVar[range]
     _index: ClassVar[dict[str, int]]
     _motion_slice: ClassVar[slice]  # acceleration, roll and pitch stand together
-    _direct: ClassVar[list[int]]
-    _own_inputs: ClassVar[list[int]]
     _output_slice: ClassVar[slice]
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        if not hasattr(cls, "table"):  # a base of its own
+        if not hasattr(cls, "table"):  # a base
             return
         rows = cls.table.rows
         cls._kinds = {kind: frozenset(i for i, r in enumerate(rows) if r[1] == kind)
@@ -83,12 +84,6 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         cls._output_slice = slice(cls._outputs.start, cls._outputs.stop)
         cls._index = {row[0]: i for i, row in enumerate(rows)}
         cls._motion_slice = slice(cls._index["acceleration.x"], cls._index["attitude.pitch"] + 1)
-        cls._place_inputs()
-
-    @classmethod
-    def _place_inputs(cls) -> None:
-        cls._direct = [cls._index[name] for name in ("fin_command", "aero_torque", "supply_voltage", "enable")]
-        cls._own_inputs = [cls._index[name] for name in cls.own]
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
@@ -213,9 +208,9 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             # Not finite: let the caller's check find it, trigonometry would raise.
             self._force = core.forces(*motion) if isfinite(sum(motion)) else (nan, nan)
             self._motion = motion
-        command, aero_torque, supply, enable = self._direct
-        return (values[command], values[aero_torque], *self._force, values[supply], values[enable],
-                *map(values.__getitem__, self._own_inputs))
+        command, aero_torque, supply, *rest = self.places[0]
+        return (values[command], values[aero_torque], *self._force, 0.0 if supply is None else values[supply],
+                *map(values.__getitem__, rest))
 
     def _bind(self) -> Core:
         """Let the core follow the parameters; before the first step it starts anew."""
@@ -241,7 +236,12 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         core.bind(type(self).make(values))
 
     def _inconsistencies(self, values: Mapping[str, Any]) -> list[str]:
-        return check_consistency(values)
+        return self._broken_rules(values)
+
+    def _broken_rules(self, values: Mapping[str, Any]) -> list[str]:
+        """Return a message for each rule that one fin's parameters break."""
+        checks = zip(type(self).make_checks(values), self.rules, strict=True)
+        return check_rules((check, message, scanned) for check, (message, scanned) in checks)
 
     def _parameter_values(self) -> dict[str, Any]:
         return {self.table.rows[i][0]: self._values[i] for i in self._parameters}

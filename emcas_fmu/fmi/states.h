@@ -18,10 +18,8 @@ static const char *unsound_core(const core_state *core, const core_schedule *pla
 {
     for (size_t i = 0; i < CORE_PLANT; ++i)
         if (!core_finite(core->plant.x[i]) || !core_finite(core->tentative.x[i])) return "a number is not finite";
-    for (size_t i = 0; i < CORE_KEPT; ++i)
-        if (!core_finite(core->kept[i])) return "a number is not finite";
-    for (size_t i = 0; i < CORE_SHOWN; ++i)
-        if (!core_finite(core->shown[i])) return "a number is not finite";
+    for (size_t i = 0; i < CORE_SAMPLED; ++i)
+        if (!core_finite(core->sampled[i])) return "a number is not finite";
     if (!core_finite(core->active)) return "a number is not finite";
     for (size_t i = 0; i < core_line_length(plan); ++i)
         if (!core_finite(core->line[i])) return "delay line";
@@ -35,6 +33,10 @@ static const char *unsound_core(const core_state *core, const core_schedule *pla
                                   &part->aero_torque, &part->f_x, &part->f_z, &part->origin, &part->covered};
         for (size_t i = 0; i < sizeof inputs / sizeof *inputs; ++i)
             if (!core_finite(*inputs[i])) return "part of a tick";
+#if CORE_FURTHER > 0
+        for (size_t i = 0; i < CORE_FURTHER; ++i)
+            if (!core_finite(part->first.further[i])) return "part of a tick";
+#endif
         const double h = core->position < (int32_t)plan->before ? plan->h_before : plan->h_after;
         if (part->origin < 0.0 || part->covered < part->origin || part->covered > h) return "part of a tick";
     }

@@ -1,9 +1,16 @@
-"""FMI's view of the table's units: exponents of the base units, and display units."""
+"""FMI's view of a unit: exponents of the base units, and display units; all from the units of parameter files."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from math import pi
+from dataclasses import dataclass
+from functools import cache
+
+from .. import units
+
+# Units shown instead of a variable's, the first as its displayUnit.
+_DISPLAYS = {"rad": ("deg",), "rad/s": ("deg/s", "rpm"), "m": ("mm",), "m/rad": ("mm/rev",), "s": ("ms",),
+             "Pa": ("bar",)}
+_BASE = {"[mass]": "kg", "[length]": "m", "[time]": "s", "[current]": "A", "[temperature]": "K", "[angle]": "rad"}
 
 
 @dataclass(frozen=True)
@@ -13,43 +20,13 @@ class Unit:
     exponents: dict[str, int]
     offset: float = 0.0
     displays: tuple[tuple[str, float, float], ...] = ()
-    factor: float = field(default=1.0)
+    factor: float = 1.0
 
 
-_DEGREE = ("deg", 180.0 / pi, 0.0)
-
-UNITS: dict[str, Unit] = {
-    "1": Unit({}),
-    "rad": Unit({"rad": 1}, displays=(_DEGREE,)),
-    "rad/s": Unit({"rad": 1, "s": -1}, displays=(("deg/s", 180.0 / pi, 0.0), ("rpm", 30.0 / pi, 0.0))),
-    "m": Unit({"m": 1}, displays=(("mm", 1e3, 0.0),)),
-    "m/rad": Unit({"m": 1, "rad": -1}, displays=(("mm/rev", 2e3 * pi, 0.0),)),
-    "m/s2": Unit({"m": 1, "s": -2}),
-    "kg": Unit({"kg": 1}),
-    "kg.m2": Unit({"kg": 1, "m": 2}),
-    "s": Unit({"s": 1}, displays=(("ms", 1e3, 0.0),)),
-    "1/s": Unit({"s": -1}),
-    "1/s2": Unit({"s": -2}),
-    "N.m": Unit({"kg": 1, "m": 2, "s": -2}),
-    "N.m/A": Unit({"kg": 1, "m": 2, "s": -2, "A": -1}),
-    "N.m.s/rad": Unit({"kg": 1, "m": 2, "s": -1, "rad": -1}),
-    "N.m/rad": Unit({"kg": 1, "m": 2, "s": -2, "rad": -1}),
-    "rad/(N.m)": Unit({"kg": -1, "m": -2, "s": 2, "rad": 1}),
-    "N/m": Unit({"kg": 1, "s": -2}),
-    "m/N": Unit({"kg": -1, "s": 2}),
-    "N.s/m": Unit({"kg": 1, "s": -1}),
-    "V": Unit({"kg": 1, "m": 2, "s": -3, "A": -1}),
-    "V/A": Unit({"kg": 1, "m": 2, "s": -3, "A": -2}),
-    "V/(A.s)": Unit({"kg": 1, "m": 2, "s": -4, "A": -2}),
-    "V.s/rad": Unit({"kg": 1, "m": 2, "s": -2, "A": -1, "rad": -1}),
-    "A": Unit({"A": 1}),
-    "A/V": Unit({"kg": -1, "m": -2, "s": 3, "A": 2}),
-    "Ohm": Unit({"kg": 1, "m": 2, "s": -3, "A": -2}),
-    "H": Unit({"kg": 1, "m": 2, "s": -2, "A": -2}),
-    "W": Unit({"kg": 1, "m": 2, "s": -3}),
-    "degC": Unit({"K": 1}, offset=273.15),
-    "K": Unit({"K": 1}),
-    "1/K": Unit({"K": -1}),
-    "J/K": Unit({"kg": 1, "m": 2, "s": -2, "K": -1}),
-    "K/W": Unit({"kg": -1, "m": -2, "s": 3, "K": 1}),
-}
+@cache
+def fmi_unit(name: str) -> Unit:
+    """Return what FMI says of a unit. Raises UnitError for one that is not known."""
+    base, factor, offset = units.to_base(name)
+    exponents = {symbol: base[dimension] for dimension, symbol in _BASE.items() if dimension in base}
+    displays = tuple((display, units.factor(name, display), 0.0) for display in _DISPLAYS.get(name, ()))
+    return Unit(exponents, offset, displays, factor)

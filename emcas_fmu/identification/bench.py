@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from .. import __version__, sensors
+from ..actuators.electromechanical import nonlinear
 from ..ops.floats import FLOATS
 from ..parameters import ParameterSet, load_parameters
 from ..physics import friction, kinematics, mechanics
-from ..tree import tree
 from .motion import ARRAYS
 from .records import Array
 from .rig import (
@@ -59,13 +59,13 @@ def _current(log: Log, rng: np.random.Generator, averaged: int = 1) -> Array:
 
 
 def _counts(values: Mapping[str, Any], angle: Array) -> Array:
-    q = sensors.resolution(tree(values))
+    q = sensors.resolution(nonlinear.ACTUATOR.namespace(values))
     found: Array = np.floor(angle / q) * q
     return found
 
 
 def _motor_end(values: Mapping[str, Any]) -> tuple[float, float]:
-    p = tree(values)
+    p = nonlinear.ACTUATOR.namespace(values)
     return (float(kinematics.motor_angle(FLOATS, p, -END)), float(kinematics.motor_angle(FLOATS, p, END)))
 
 
@@ -116,7 +116,7 @@ def spin_up_volts(values: Mapping[str, Any]) -> list[float]:
 
     What the motion's back-EMF takes off the current, half way through the travel, is made up for.
     """
-    p = tree(values)
+    p = nonlinear.ACTUATOR.namespace(values)
     low, high = _motor_end(values)
     level = max(float(friction.coulomb(FLOATS, p, side, 0.0)) for side in (1.0, -1.0))
     inertia = float(mechanics.coefficients(FLOATS, p, 0.5 * (low + high), 0.0, 0.0, 0.0).inertia)
@@ -137,7 +137,7 @@ def _reference(log: Log, rng: np.random.Generator) -> Array:
 
 def drive_fast(values: Mapping[str, Any], rng: np.random.Generator) -> Columns:
     """Small random steps on a clamped rotor, fast logged: delay and proportional gain."""
-    p = tree(values)
+    p = nonlinear.ACTUATOR.namespace(values)
     # Steps that leave a third of the supply, and a logger that sees the delay and the rise, as trying would tell.
     reach = round(min(0.63 * p.drive.supply_voltage / (2.0 * p.drive.kp), 10.0) / p.drive.current_gain, 2)
     rise = p.motor.inductance / (p.motor.resistance + p.drive.kp)

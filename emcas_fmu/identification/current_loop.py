@@ -9,8 +9,8 @@ import numpy as np
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
+from ..actuators.electromechanical import nonlinear
 from ..physics import drive
-from ..tree import tree
 from .records import Array
 
 
@@ -18,7 +18,7 @@ def response(parameters: Any, initial: float, reference: Array, speed: Array | N
              values: Mapping[str, Any]) -> Array:
     """Current [A] of the linear loop for the reference [V] of each row, from rest with xi = `initial` [V]."""
     gain, offset, delay, kp, ki = parameters
-    p = tree({**values, "drive.current_gain": gain, "drive.current_offset": offset})
+    p = nonlinear.ACTUATOR.namespace({**values, "drive.current_gain": gain, "drive.current_offset": offset})
     demanded = drive.current_reference_raw(p, reference)
     resistance, inductance = values["motor.resistance"], values["motor.inductance"]
     a = np.array([[-(resistance + kp) / inductance, 1.0 / inductance], [-ki, 0.0]])

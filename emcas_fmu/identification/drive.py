@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from ..actuators.electromechanical import nonlinear
 from ..parameters import ParameterSet
 from ..physics import drive
-from ..tree import tree
 from . import pictures
 from .current_loop import response
 from .estimation import METHOD, Fit, fit
@@ -267,7 +267,8 @@ def _require_answer(found: Fit, runs: Sequence[_Run], values: Mapping[str, Any])
         current = response(x[:5], x[5 + k], run.reference, run.speed, run.record.step, values)
         shift = np.interp(np.arange(len(run.record)) * run.record.step - delay,
                           np.arange(len(run.record)) * run.record.step, run.reference)
-        p = tree({**values, "drive.current_gain": gain, "drive.current_offset": offset, "drive.kp": kp})
+        p = nonlinear.ACTUATOR.namespace(
+            {**values, "drive.current_gain": gain, "drive.current_offset": offset, "drive.kp": kp})
         demand = np.abs(drive.voltage_demand(p, drive.current_reference(ARRAYS, p, shift), current, x[5 + k]))
         if demand.max() > supply:
             raise run.record.fail(f"the drive's voltage is saturated: the steps ask for {demand.max():.3g} V of a "

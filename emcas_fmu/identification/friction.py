@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from ..actuators.electromechanical import nonlinear
 from ..ops.floats import FLOATS
 from ..parameters import ParameterSet
 from ..physics import friction, kinematics
-from ..tree import tree
 from . import motion, pictures
 from .estimation import METHOD, Fit, fit
 from .motion import ARRAYS
@@ -128,7 +128,7 @@ def _sweeps(record: Record, values: Mapping[str, Any]) -> list[Sweep]:
 
 
 def _fin(sweep: Sweep, values: Mapping[str, Any]) -> Array:
-    p = tree(values)
+    p = nonlinear.ACTUATOR.namespace(values)
     found: Array = kinematics.fin_angle(ARRAYS, p, kinematics.lever_tangent(ARRAYS, p, sweep.windows.angle))
     return found
 
@@ -205,7 +205,7 @@ def _joined(sweeps: Sequence[Sweep]) -> tuple[motion.Averages, Array, Any]:
 
 
 def _require_plausible(values: Mapping[str, Any], base: ParameterSet) -> None:
-    ours, theirs = tree(values), base.nested()
+    ours, theirs = nonlinear.ACTUATOR.namespace(values), base.nested()
     for direction, side in (("positive", 1.0), ("negative", -1.0)):
         found, expected = (float(friction.coulomb_polynomial(getattr(p.friction.coulomb, direction), 0.0))
                            for p in (ours, theirs))
@@ -280,7 +280,7 @@ def _notes(sweeps: Sequence[Sweep], found: Fit, names: Sequence[str], base: Para
 
 def _pictures(sweeps: Sequence[Sweep], found: Fit, names: Sequence[str], base: Mapping[str, Any],
               values: Mapping[str, Any]) -> list[Picture]:
-    p = tree(values)
+    p = nonlinear.ACTUATOR.namespace(values)
     windows = [(s, _fin(s, base), motion.balance(base, s.windows, s.temperature)) for s in sweeps]
     points = [(s, fin, s.direction * torque) for s, fin, (_, torque) in windows]
 
@@ -293,7 +293,7 @@ def _pictures(sweeps: Sequence[Sweep], found: Fit, names: Sequence[str], base: M
         for s, fin, torque in mine:
             if s.speed > 1.15 * slow:
                 continue
-            q = tree({**values, "friction.temperature": s.temperature})
+            q = nonlinear.ACTUATOR.namespace({**values, "friction.temperature": s.temperature})
             grid = np.linspace(fin.min(), fin.max(), 200)
             label = f"{s.temperature:.3g} degC"
             viscous = float(friction.viscous(FLOATS, q, direction)) * s.speed
@@ -311,7 +311,8 @@ def _pictures(sweeps: Sequence[Sweep], found: Fit, names: Sequence[str], base: M
                         if s.direction == direction and abs(s.temperature - t) < 5.0]
                 if not mine:
                     continue
-                q = tree({**values, "friction.temperature": float(np.mean([s.temperature for s, _, _ in mine]))})
+                q = nonlinear.ACTUATOR.namespace(
+                    {**values, "friction.temperature": float(np.mean([s.temperature for s, _, _ in mine]))})
                 # What is Coulomb is taken off at each fin angle and put back as that at fin angle 0.
                 centre = float(friction.coulomb(FLOATS, q, float(direction), 0.0))
                 torque = np.array([np.mean(tq - friction.coulomb(ARRAYS, q, float(direction), fin)) + centre

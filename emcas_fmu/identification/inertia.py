@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from ..actuators.electromechanical import nonlinear
 from ..ops.floats import FLOATS
 from ..parameters import ParameterSet
 from ..physics import friction, kinematics, mechanics
-from ..tree import tree
 from . import motion, pictures
 from .estimation import METHOD, Fit, fit
 from .friction import COULOMB, VISCOUS
@@ -86,7 +86,7 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
 
 
 def _total(values: Mapping[str, Any]) -> float:
-    p = tree(values)
+    p = nonlinear.ACTUATOR.namespace(values)
     angle = float(kinematics.motor_angle(FLOATS, p, 0.0))
     return float(mechanics.coefficients(FLOATS, p, angle, 0.0, 0.0, 0.0).inertia)
 
@@ -163,7 +163,7 @@ def _fit(parts: Sequence[motion.Averages], groups: Sequence[Sequence[int]], base
 def _pictures(parts: Sequence[motion.Averages], records: Sequence[Record], groups: Sequence[Sequence[int]], found: Fit,
               values: Mapping[str, Any]) -> list[Picture]:
     fitted = {**values, **dict(zip(_NAMES, found.values.tolist(), strict=True))}
-    p = tree({**fitted, "friction.temperature": friction.WARM})
+    p = nonlinear.ACTUATOR.namespace({**fitted, "friction.temperature": friction.WARM})
 
     def balance() -> Any:
         """Torque that is not friction against acceleration: the slope is the inertia."""

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal.windows import hann
 
+from ..actuators.electromechanical import nonlinear
 from ..ops.arrays import ARRAYS as _ARRAYS
 from ..ops.base import Ops
 from ..physics import drive, loads, mechanics
-from ..tree import tree
 from .records import Array, Record, derivative, refuse_clipped, refuse_magnitude
 
 ARRAYS: Ops = cast(Ops, _ARRAYS)
@@ -50,7 +50,7 @@ class Averages:
 
 def check(record: Record, values: Mapping[str, Any]) -> None:
     """Refuse current or angle that are clipped, of a wrong magnitude or at rest, and a speed that denies the angle."""
-    p = tree(values)
+    p = nonlinear.ACTUATOR.namespace(values)
     travel = motor_travel(p)
     refuse_clipped(record, "motor_current")
     refuse_magnitude(record, "motor_current", _OVER_CURRENT * p.drive.current_limit,
@@ -75,7 +75,7 @@ def check(record: Record, values: Mapping[str, Any]) -> None:
 
 def motor_travel(p: Any) -> float:
     """The larger motor angle [rad] of the two stops."""
-    from ..integrate import stops
+    from ..step_rigid import stops
 
     low, high = stops(ARRAYS, p)
     return float(max(-low, high))
@@ -112,7 +112,7 @@ def joined(parts: Sequence[Averages]) -> Averages:
 
 def balance(values: Mapping[str, Any], a: Averages, temperature: Array | float) -> tuple[mechanics.Mechanics, Array]:
     """The mechanics at the windows, and the torque [N.m] left for friction: what drives less what accelerates."""
-    p = tree({**values, "friction.temperature": temperature})
+    p = nonlinear.ACTUATOR.namespace({**values, "friction.temperature": temperature})
     f_x, f_z = loads.specific_force(ARRAYS, p, (0.0, 0.0, 0.0), 0.0, 0.0)
     m = mechanics.coefficients(ARRAYS, p, a.angle, 0.0, f_x, f_z)
     driving = drive.torque(p, a.current) + m.load + m.centrifugal * a.speed * a.speed
@@ -121,7 +121,7 @@ def balance(values: Mapping[str, Any], a: Averages, temperature: Array | float) 
 
 def resisting(values: Mapping[str, Any], a: Averages, m: mechanics.Mechanics, temperature: Array | float) -> Array:
     """Friction torque [N.m] of the model at sliding windows, along positive motor angle."""
-    p = tree({**values, "friction.temperature": temperature})
+    p = nonlinear.ACTUATOR.namespace({**values, "friction.temperature": temperature})
     direction = np.sign(a.speed)
     found: Array = (direction * mechanics.breakaway(ARRAYS, p, m, direction)
                     + mechanics.damping(ARRAYS, p, m, direction) * a.speed)

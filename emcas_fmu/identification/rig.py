@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
+from ..actuators import NONLINEAR, get
+from ..actuators.electromechanical import nonlinear
 from ..kernels import program
 from ..kernels.core import Core
 from ..ops.floats import FLOATS
 from ..physics import kinematics, mechanics
-from ..tree import tree
-from ..variables import OUTPUTS
 from .records import Array
 
 DAC_BITS, DAC_RANGE = 16, 10.0  # of the analogue output, +-V
@@ -38,7 +38,7 @@ _SLEWS = 8.0  # time constants of the position loop that a sweep over the travel
 # Finer than the unit's own: a bench does not integrate, and with 0.5 ms the inertia comes out half a sigma off.
 _TICK, _CLAMPED_TICK = 1e-4, 5e-4  # s
 _CLAMP = 10.0  # N.m at the motor: a clamped rotor, above what any current of the drive makes
-_NAMES = [v.name for v in OUTPUTS]
+_NAMES = [v.name for v in get(NONLINEAR).outputs]
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def fastest_sweep(values: Mapping[str, Any], travel: float) -> float:
 
 
 def _loops(values: Mapping[str, Any], sample_time: float) -> dict[str, float]:
-    p = tree(values)
+    p = nonlinear.ACTUATOR.namespace(values)
     inertia = float(mechanics.coefficients(FLOATS, p, kinematics.motor_angle(FLOATS, p, 0.0), 0.0, 0.0, 0.0).inertia)
     position = position_bandwidth(values, sample_time)
     return {"controller.position.kp": position,
@@ -116,7 +116,7 @@ def run(values: Mapping[str, Any], signal: Callable[[float], float], duration: f
         return _converted(asked if open_loop else reference), *others
 
     core = Core((schedule, locate, initial, through_dac, *rest))
-    p = tree(chosen)
+    p = nonlinear.ACTUATOR.namespace(chosen)
     supply = chosen["drive.supply_voltage"]
 
     def command(time: float) -> float:

@@ -10,24 +10,24 @@ from typing import Any
 
 from .core import MOST_TICKS, Core, Functions, Inputs
 
-_OWN = 7  # of the functions, what a core takes; the rest is of the bus and of mixing
+_CORE = 7  # of the functions, what a core takes; then mixing, then what the bus needs
 
 
 class Bank:
     """Cores of several fins, with the interface of one.
 
     `functions` are the kernel's, bound to each fin's parameters. The inputs are a tuple for each fin, supplied
-    by the source; the outputs those of the bus (voltage, current, power) and then fin by fin. `supply_power` is
-    the place of the power among a fin's outputs; `kept` and `shown` are a core's.
+    by the source; the outputs those of the bus (voltage, current, power) and then fin by fin. `power` is the place of
+    the supply's power among a fin's outputs, None of fins without a supply, which have no bus; `sizes` are a core's.
     """
 
     __slots__ = ("_current", "_instant", "_interval", "_inverse_inductance", "_next_sag", "_power", "_resistance",
                  "_sag", "_voltage", "cores")
 
-    def __init__(self, functions: Sequence[Functions], resistance: float, interval: float, supply_power: int,
-                 kept: int = 2, shown: int = 2) -> None:
-        self.cores = [Core(f[:_OWN], kept, shown) for f in functions]
-        self._resistance, self._interval, self._power = resistance, interval, supply_power
+    def __init__(self, functions: Sequence[Functions], resistance: float, interval: float, power: int | None,
+                 sizes: tuple[int, ...]) -> None:
+        self.cores = [Core(f[:_CORE], *sizes) for f in functions]
+        self._resistance, self._interval, self._power = resistance, interval, power
         self._sag = 0.0
         self._instant = 1
         self._take(functions)
@@ -35,11 +35,13 @@ class Bank:
     def bind(self, functions: Sequence[Functions]) -> None:
         """Take the kernel's functions, anew after a tunable parameter changed."""
         for core, f in zip(self.cores, functions, strict=True):
-            core.bind(f[:_OWN])
+            core.bind(f[:_CORE])
         self._take(functions)
 
     def _take(self, functions: Sequence[Functions]) -> None:
-        _, self._voltage, self._current, self._next_sag, _ = functions[0][_OWN:]
+        if self._power is None:
+            return
+        self._voltage, self._current, self._next_sag, _ = functions[0][_CORE + 1:]
         self._inverse_inductance = 0.0
         for f in functions:
             (inverse,) = f[-1]()
@@ -58,8 +60,8 @@ class Bank:
     @state.setter
     def state(self, state: tuple[Any, ...]) -> None:
         self._sag, self._instant, states = state
-        for core, own in zip(self.cores, states, strict=True):
-            core.state = own
+        for core, one in zip(self.cores, states, strict=True):
+            core.state = one
 
     def outputs(self, inputs: Sequence[Inputs]) -> tuple[Any, ...]:
         """Outputs of the bus, then of the fins in the order of the variable table."""
@@ -100,20 +102,25 @@ class Bank:
             self._instant += 1
 
     def _supplied(self, inputs: Inputs, sag: float) -> Inputs:
+        if self._power is None:
+            return inputs
         (voltage,) = self._voltage(inputs[4], sag)
         return (*inputs[:4], voltage, *inputs[5:])
 
     def _total(self, outputs: Sequence[Sequence[float]]) -> float:
         total = 0.0  # in C's order; sum() compensates from Python 3.12 on
         for each in outputs:
-            total += each[self._power]
+            total += each[self._power or 0]
         return total
 
     def _put_out(self, source: float, outputs: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
+        fins = tuple(x for each in outputs for x in each)
+        if self._power is None:
+            return fins
         (voltage,) = self._voltage(source, self._sag)
         power = self._total(outputs)
         (drawn,) = self._current(power, voltage)
-        return (voltage, drawn, power, *(x for each in outputs for x in each))
+        return (voltage, drawn, power, *fins)
 
 
 Mix = Callable[..., tuple[float]]
@@ -121,4 +128,4 @@ Mix = Callable[..., tuple[float]]
 
 def mixes(functions: Sequence[Functions]) -> list[Mix]:
     """Each fin's mixing of commands."""
-    return [f[_OWN] for f in functions]
+    return [f[_CORE] for f in functions]

@@ -62,7 +62,7 @@ static void outputs(const actuator *a, const core_inputs *in, double *out)
     core_outputs(a->parameters, a->constants, &a->state, core_line_length(&plan), in, out);
 }
 
-/* The core's inputs as an array: command, aero_torque, f_x, f_z, supply, enable, the model's own. */
+/* The core's inputs as an array: command, aero_torque, f_x, f_z, supply, enable, the actuator's further ones. */
 static core_inputs listed(const double *in)
 {
     core_inputs inputs;
@@ -76,12 +76,12 @@ API void actuator_outputs(const actuator *a, const double *in, double *out)
     outputs(a, &inputs, out);
 }
 
-/* Core.run: to `end` [s] with the core's inputs, held or with the ramp {begin, rates of the first five}. */
+/* Core.run: to `end` [s] with the core's inputs, held or with a core_ramp as an array. */
 API int actuator_run(actuator *a, double end, const double *in, const double *ramp, double *out)
 {
     const core_inputs inputs = listed(in);
-    core_ramp change = {0};
-    if (ramp) change = (core_ramp){ramp[0], ramp[1], ramp[2], ramp[3], ramp[4], ramp[5]};
+    core_ramp change;
+    if (ramp) memcpy(&change, ramp, sizeof change);
     return core_run(a->parameters, a->constants, &a->state, end, &inputs, ramp ? &change : NULL, out);
 }
 

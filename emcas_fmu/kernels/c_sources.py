@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-import re
 from importlib.resources import files
 
-from .. import consistency
+from .. import rules
 from ..actuators import NONLINEAR, get
-from ..actuators.model import SHOWN, Actuator
-from ..consistency import LONGEST_DELAY
+from ..actuators.declaration import Actuator, identifier
+from ..actuators.fin_port import LONGEST_DELAY
 from ..ops.c_source import c_source
-from ..ops.trace import Tracer
-from ..tree import tree
 from . import core, program
 
 _MOST_NUMBERS = 12  # of a rule's message: as many as instance.h hands to printf
@@ -36,28 +33,39 @@ def kernel_header(several: bool = False, model: str = NONLINEAR) -> str:
 
 def enumerator(name: str) -> str:
     """A variable's name as part of a C identifier: ``acceleration.x`` gives ACCELERATION_X."""
-    return re.sub(r"\W+", "_", name).upper()
+    return identifier(name).upper()
 
 
 def model_header(actuator: Actuator) -> str:
     """model.h: sizes, limits and the places of the inputs."""
-    plant, kept, shown = (", ".join(f"(state)->{array}[{i}]" for i in range(len(names))) for array, names in (
-        ("x", actuator.plant), ("kept", actuator.kept), ("shown", actuator.shown)))
-    # Behind others in a list of arguments, and there may be none.
-    held = "".join(f", (state)->shown[{i}]" for i in range(len(SHOWN), len(actuator.shown)))
-    own = "".join(f", (inputs)->own[{i}]" for i in range(len(actuator.model.inputs)))
+    def listed(array: str, count: int, first: int = 0) -> str:
+        # Behind others in a list of arguments, and there may be none.
+        return "".join(f", {array}[{i}]" for i in range(first, first + count))
+
+    plant, kept, acting = program.sizes(actuator)
+    held, further = len(actuator.sampled_states), actuator.further_inputs
     inputs = "".join(f"    INPUT_{enumerator(v.name)} = {i},\n" for i, v in enumerate(actuator.inputs))
+    names = [v.name for v in actuator.inputs]
+    supply = names.index(actuator.supply.input.name) if actuator.supply else -1
+    states, controller, sampled = (", ".join(s.name for s in group) or "none" for group in (
+        actuator.states, actuator.controller_states, actuator.sampled_states))
     return (_NOTE.format("Sizes, limits and the order of the inputs")
             + "#ifndef EMCAS_MODEL_H\n#define EMCAS_MODEL_H\n\nenum {\n"
             f"    CORE_LINE = {LONGEST_DELAY + 2},\n    CORE_MOST_EVENTS = {core.MOST_EVENTS},\n"
-            f"    CORE_MOST_TICKS = {core.MOST_TICKS},\n    MODEL_INPUTS = {len(actuator.inputs)},\n"
+            f"    CORE_MOST_TICKS = {core.MOST_TICKS},\n    MODEL_INPUTS = {len(names)},\n"
             f"    MODEL_OUTPUTS = {len(actuator.outputs)},\n    MODEL_PARAMETERS = {len(actuator.parameters)},\n"
-            f"    CORE_PLANT = {len(actuator.plant)},\n    CORE_KEPT = {len(actuator.kept)},\n"
-            f"    CORE_SHOWN = {len(actuator.shown)}\n}};\n\n#define CORE_OWN {len(actuator.model.inputs)}\n"
-            f"/* {', '.join(actuator.plant)} */\n#define CORE_PLANT_OF(state) {plant}\n"
-            f"/* {', '.join(actuator.kept)} */\n#define CORE_KEPT_OF(state) {kept}\n"
-            f"/* {', '.join(actuator.shown)} */\n#define CORE_SHOWN_OF(state) {shown}\n"
-            f"#define CORE_HELD_OF(state) {held}\n#define CORE_OWN_OF(inputs) {own}\n\n"
+            f"    CORE_PLANT = {plant},\n    CORE_CONTROLLER = {kept},\n"
+            f"    CORE_SAMPLED = {kept + 2 + held}\n}};\n\n"
+            "/* Inputs besides the fin port's, and how many of them, the first ones, act on the plant. */\n"
+            f"#define CORE_FURTHER {len(further)}\n#define CORE_ACTING {acting}\n"
+            f"/* Place of the supply among the inputs; -1 where there is none. */\n#define MODEL_SUPPLY ({supply})\n"
+            f"/* {states} */\n#define CORE_PLANT_OF(state) {listed('(state)->x', plant)[2:]}\n"
+            f"/* {controller} */\n#define CORE_CONTROLLER_OF(state) {listed('(state)->sampled', kept)}\n"
+            "/* measured fin angle, whether a limit was met */\n"
+            f"#define CORE_SHOWN_OF(state) {listed('(state)->sampled', 2, kept)[2:]}\n"
+            f"/* {sampled} */\n#define CORE_HELD_OF(state) {listed('(state)->sampled', held, kept + 2)}\n"
+            f"#define CORE_FURTHER_OF(inputs) {listed('(inputs)->further', len(further))}\n"
+            f"#define CORE_ACTING_OF(inputs) {listed('(inputs)->further', acting)}\n\n"
             f"enum {{\n{inputs.rstrip().rstrip(',')}\n}};\n\n#endif\n")
 
 
@@ -73,14 +81,12 @@ def c_text(value: str) -> str:
     return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def rules_header(actuator: Actuator) -> str:
-    """rules.h: limits of the parameters, and the rules for sets of them traced from consistency.py."""
-    tracer = Tracer()
-    p = tree({v.name: tracer.parameter(v.name) for v in actuator.parameters})
+def rules_header(model: str) -> str:
+    """rules.h: limits of the parameters, and the rules for sets of them."""
+    actuator, tracer = get(model), program.traced_rules(model)
     rows = []
-    for i, rule in enumerate(consistency.RULES):
-        tracer.function(f"check_{i}", ["share"], lambda share, rule=rule: rule.check(tracer, p, share))
-        if len(tracer.functions[-1].results) - 1 > _MOST_NUMBERS:
+    for i, (rule, function) in enumerate(zip(actuator.all_rules, tracer.functions, strict=True)):
+        if len(function.results) - 1 > _MOST_NUMBERS:
             raise ValueError(f"instance.h prints {_MOST_NUMBERS} numbers of a rule, not those of {rule.message!r}")
         rows.append(f"    {{rules_check_{i}, {int(rule.scanned)}, {c_text(rule.message)}}}")
     limits = ",\n".join(f"    {{{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in actuator.parameters)
@@ -88,7 +94,7 @@ def rules_header(actuator: Actuator) -> str:
             + "#ifndef EMCAS_RULES_H\n#define EMCAS_RULES_H\n\n#include <math.h>\n\n"
             "static const struct {\n    double minimum, maximum;\n"
             f"}} LIMIT[] = {{\n{limits}\n}};\n\n{c_source(tracer, 'rules')}\n"
-            f"enum {{ RULE_NUMBERS = {_MOST_NUMBERS}, RULE_SCAN = {consistency.SCAN}, RULES = {len(rows)} }};\n\n"
+            f"enum {{ RULE_NUMBERS = {_MOST_NUMBERS}, RULE_SCAN = {rules.SCAN}, RULES = {len(rows)} }};\n\n"
             "typedef struct {\n    void (*check)(const double *restrict, const double *restrict, double, "
             "double *restrict);\n    int scanned;\n    const char *message;\n} rule;\n\n"
             "static const rule RULE[RULES] = {\n" + ",\n".join(rows) + "\n};\n\n#endif\n")
@@ -96,7 +102,5 @@ def rules_header(actuator: Actuator) -> str:
 
 def core_sources(several: bool = False, model: str = NONLINEAR) -> dict[str, str]:
     """Headers that hold the actuator, or what each of several needs: file name to text."""
-    actuator = get(model)
-    return {"kernel.h": kernel_header(several, model), "model.h": model_header(actuator),
-            "rules.h": rules_header(actuator),
-            "core.h": written("core.h"), "sound.h": written("sound.h")}
+    return {"kernel.h": kernel_header(several, model), "model.h": model_header(get(model)),
+            "rules.h": rules_header(model), "core.h": written("core.h"), "sound.h": written("sound.h")}

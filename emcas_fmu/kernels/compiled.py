@@ -16,16 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..actuators import NONLINEAR, every_own, get
+from ..actuators import NONLINEAR, get
 from ..compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers, local_platform
 from ..files import cache_directory
 from ..parameters import ParameterError, check_parameters
-from ..variables import FILE_ENTRIES
 from . import core
 from .c_sources import core_sources, written
 
 _MAIN = "batch.c"
-_KNOWN = frozenset(v.name for v in FILE_ENTRIES + every_own())
 _DOUBLES = ct.POINTER(ct.c_double)
 _REASONS = ("", "the state is no longer finite", f"more than {core.MOST_EVENTS} events in a tick",
             f"more than {core.MOST_TICKS} ticks in one step")
@@ -116,10 +114,20 @@ def _numbers(values: Mapping[str, Any], model: str) -> ct.Array[ct.c_double]:
     if not isinstance(values, Mapping):
         raise TypeError(f"parameters are a mapping of names to values in SI (.values of a set), not a "
                         f"{type(values).__name__}")
-    if not values.keys() <= _KNOWN:
-        raise ParameterError(check_parameters(values, model))
     table = get(model).parameters
+    if not _names(model) <= values.keys() <= _known(model):
+        raise ParameterError(check_parameters(values, model))
     return (ct.c_double * len(table))(*(float(values[v.name]) for v in table))
+
+
+@cache
+def _names(model: str) -> frozenset[str]:
+    return frozenset(v.name for v in get(model).parameters)
+
+
+@cache
+def _known(model: str) -> frozenset[str]:
+    return frozenset(v.name for v in get(model).file_entries)
 
 
 def _taken(answer: int, values: Mapping[str, Any], model: str) -> None:
@@ -154,7 +162,7 @@ class CompiledCore:
         self._state = self._library.actuator_state(ct.byref(size))
         self._state_size = size.value
         chosen = get(model)
-        self._in = (ct.c_double * (6 + len(chosen.model.inputs)))()
+        self._in = (ct.c_double * (6 + len(chosen.further_inputs)))()
         self._out = (ct.c_double * len(chosen.outputs))()
         self._flags = {i for i, v in enumerate(chosen.outputs) if v.kind == "Boolean"}
         _taken(self._library.actuator_start(self._at, _numbers(values, model)), values, model)
@@ -202,7 +210,7 @@ class CompiledCore:
     def run(self, end: float, inputs: core.Inputs, ramp: core.Ramp | None = None) -> tuple[Any, ...]:
         """Move on to `end` [s] from the start; see :meth:`emcas_fmu.kernels.core.Core.run`."""
         self._in[:] = list(inputs)
-        change = None if ramp is None else (ct.c_double * 6)(ramp[0], *ramp[1])
+        change = None if ramp is None else (ct.c_double * (1 + len(ramp[1])))(ramp[0], *ramp[1])
         result = self._library.actuator_run(self._at, end, self._in, change, self._out)
         if result:
             raise ArithmeticError(_REASONS[result])

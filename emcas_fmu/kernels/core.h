@@ -19,17 +19,20 @@ typedef struct {
     double x[CORE_PLANT];
 } core_plant;
 
-/* Command, loads (with a mean over a tick), what acts through limits, and a model's own, for samples only. */
+/* Command, loads (with a mean over a tick), what acts through limits, and the actuator's further inputs. */
 typedef struct {
     double command, aero_torque, f_x, f_z, supply, enable;
-#if CORE_OWN > 0
-    double own[CORE_OWN];
+#if CORE_FURTHER > 0
+    double further[CORE_FURTHER];
 #endif
 } core_inputs;
 
-/* How the inputs change from those at `begin` [s]; enable and own ones do not. */
+/* How the inputs change from those at `begin` [s]; enable and other Booleans do not. */
 typedef struct {
     double begin, command, aero_torque, f_x, f_z, supply;
+#if CORE_ACTING > 0
+    double further[CORE_ACTING];
+#endif
 } core_ramp;
 
 /* A tick in which a communication point fell: where in it the plant stands, how far it is
@@ -45,7 +48,7 @@ typedef struct {
     int64_t period;
     int32_t position;
     int32_t partial;
-    double kept[CORE_KEPT], shown[CORE_SHOWN]; /* by the samples: the integral and the counts first, measured, limited */
+    double sampled[CORE_SAMPLED]; /* controller states, measured fin angle, limited, states that steps see */
     double active;
     core_plant plant, tentative;
     core_part part;
@@ -82,33 +85,36 @@ static inline size_t core_line_length(const core_schedule *plan)
 /* The state at rest at the start. */
 static inline void core_start(const double *p, const double *c, core_state *s)
 {
-    double out[CORE_PLANT + CORE_KEPT + CORE_SHOWN - 1];
+    const size_t limited = CORE_CONTROLLER + 1; /* none is met yet: not among what it starts with */
+    double out[CORE_PLANT + CORE_SAMPLED - 1];
     kernel_initial(p, c, out);
     memset(s, 0, sizeof *s);
     memcpy(s->plant.x, out, sizeof s->plant.x);
     s->tentative = s->plant;
-    memcpy(s->kept, out + CORE_PLANT, sizeof s->kept);
-    s->shown[0] = out[CORE_PLANT + CORE_KEPT]; /* no limit is met yet */
-    for (size_t i = 2; i < CORE_SHOWN; ++i) s->shown[i] = out[CORE_PLANT + CORE_KEPT + i - 1];
+    for (size_t i = 0; i < limited; ++i) s->sampled[i] = out[CORE_PLANT + i];
+    for (size_t i = limited + 1; i < CORE_SAMPLED; ++i) s->sampled[i] = out[CORE_PLANT + i - 1];
 }
 
 /* A core's inputs out of an actuator's in the interface's order, but for the command and the forces. */
 static inline core_inputs core_inputs_of(double command, const double *in, const double *force)
 {
-    core_inputs found = {.command = command, .aero_torque = in[INPUT_AERO_TORQUE], .f_x = force[0], .f_z = force[1],
-                         .supply = in[INPUT_SUPPLY_VOLTAGE], .enable = in[INPUT_ENABLE]};
-#if CORE_OWN > 0
-    memcpy(found.own, in + MODEL_INPUTS - CORE_OWN, sizeof found.own);
+    core_inputs inputs = {.command = command, .aero_torque = in[INPUT_AERO_TORQUE], .f_x = force[0], .f_z = force[1],
+                          .enable = in[INPUT_ENABLE]};
+#if MODEL_SUPPLY >= 0
+    inputs.supply = in[MODEL_SUPPLY];
 #endif
-    return found;
+#if CORE_FURTHER > 0
+    memcpy(inputs.further, in + MODEL_INPUTS - CORE_FURTHER, sizeof inputs.further);
+#endif
+    return inputs;
 }
 
 static inline void core_outputs(const double *p, const double *c, const core_state *s, size_t line,
                                 const core_inputs *in, double *out)
 {
     const core_plant *x = &s->tentative;
-    kernel_outputs(p, c, CORE_PLANT_OF(x), s->active, s->line[line - 1], CORE_SHOWN_OF(s), in->command,
-                   in->aero_torque, in->f_x, in->f_z, in->supply, in->enable, out);
+    kernel_outputs(p, c, CORE_PLANT_OF(x), s->active, s->line[line - 1], CORE_SHOWN_OF(s) CORE_HELD_OF(s), in->command,
+                   in->aero_torque, in->f_x, in->f_z, in->supply, in->enable CORE_ACTING_OF(in), out);
 }
 
 /* The inputs at a time of a ramp; `ramp` may be null: held. */
@@ -122,6 +128,9 @@ static inline core_inputs core_at(const core_inputs *in, const core_ramp *ramp, 
     then.f_x += ramp->f_x * t;
     then.f_z += ramp->f_z * t;
     then.supply += ramp->supply * t;
+#if CORE_ACTING > 0
+    for (size_t i = 0; i < CORE_ACTING; ++i) then.further[i] += ramp->further[i] * t;
+#endif
     return then;
 }
 
@@ -130,7 +139,8 @@ static inline double core_step(const double *p, const double *c, const core_stat
                                const core_inputs *in, double h)
 {
     double out[CORE_PLANT + 1];
-    kernel_step(p, c, CORE_PLANT_OF(x) CORE_HELD_OF(s), s->active, in->aero_torque, in->f_x, in->f_z, in->supply, in->enable, h, out);
+    kernel_step(p, c, CORE_PLANT_OF(x) CORE_HELD_OF(s), s->active, in->aero_torque, in->f_x, in->f_z, in->supply,
+                in->enable CORE_ACTING_OF(in), h, out);
     memcpy(x->x, out, sizeof x->x);
     return out[CORE_PLANT];
 }
@@ -175,12 +185,22 @@ static inline core_inputs core_mean(const core_part *part)
     return mean;
 }
 
-/* Where supply or enable change inside a tick, it is split: the plant moves to where the tick
+/* Whether inputs differ that act on the plant through limits, or in a way not known here. */
+static inline bool core_switched(const core_inputs *a, const core_inputs *b)
+{
+    bool differ = a->supply != b->supply || a->enable != b->enable;
+#if CORE_ACTING > 0
+    for (size_t i = 0; i < CORE_ACTING; ++i) differ |= a->further[i] != b->further[i];
+#endif
+    return differ;
+}
+
+/* Where such inputs change inside a tick, it is split: the plant moves to where the tick
  * is covered, and a new part starts there. */
 static inline bool core_split(const double *p, const double *c, core_state *s, const core_inputs *in)
 {
     const core_part *part = &s->part;
-    if (part->first.supply == in->supply && part->first.enable == in->enable) return true;
+    if (!core_switched(&part->first, in)) return true;
     const core_inputs mean = core_mean(part);
     const double covered = part->covered;
     const bool followed = core_finish(p, c, s, &s->plant, &mean, covered - part->origin);
@@ -190,14 +210,13 @@ static inline bool core_split(const double *p, const double *c, core_state *s, c
 
 static inline void core_sample(const double *p, const double *c, core_state *s, size_t line, const core_inputs *in)
 {
-    double out[1 + CORE_KEPT + CORE_SHOWN];
+    double out[1 + CORE_SAMPLED];
     const core_plant *x = &s->plant;
-    kernel_sample(p, c, CORE_PLANT_OF(x), CORE_KEPT_OF(s) CORE_HELD_OF(s), in->command, in->supply,
-                  in->enable CORE_OWN_OF(in), out);
+    kernel_sample(p, c, CORE_PLANT_OF(x) CORE_CONTROLLER_OF(s) CORE_HELD_OF(s), in->command, in->supply,
+                  in->enable CORE_FURTHER_OF(in), out);
     memmove(s->line, s->line + 1, (line - 1) * sizeof *s->line);
     s->line[line - 1] = out[0];
-    memcpy(s->kept, out + 1, sizeof s->kept);
-    memcpy(s->shown, out + 1 + CORE_KEPT, sizeof s->shown);
+    memcpy(s->sampled, out + 1, sizeof s->sampled);
 }
 
 /* Up to `until` [s] in the tick that begins at `begun` [s]. A whole one leaves no part behind. */
@@ -271,15 +290,14 @@ static inline core_result core_run(const double *p, const double *c, core_state 
         if (!core_tick(p, c, &s, &plan, line, in, ramp, begun, rest, false)) return CORE_TOO_MANY_EVENTS;
     }
     const core_inputs final = core_at(in, ramp, end);
-    double found[MODEL_OUTPUTS];
-    core_outputs(p, c, &s, line, &final, found);
+    double outputs[MODEL_OUTPUTS];
+    core_outputs(p, c, &s, line, &final, outputs);
     bool finite = true;
-    for (size_t i = 0; i < CORE_KEPT; ++i) finite &= core_finite(s.kept[i]);
-    for (size_t i = 0; i < CORE_SHOWN; ++i) finite &= core_finite(s.shown[i]);
+    for (size_t i = 0; i < CORE_SAMPLED; ++i) finite &= core_finite(s.sampled[i]);
     for (size_t i = 0; i < CORE_PLANT; ++i) finite &= core_finite(s.tentative.x[i]);
-    for (size_t i = 0; i < MODEL_OUTPUTS; ++i) finite &= core_finite(found[i]);
+    for (size_t i = 0; i < MODEL_OUTPUTS; ++i) finite &= core_finite(outputs[i]);
     if (!finite) return CORE_NOT_FINITE;
-    memcpy(out, found, sizeof found);
+    memcpy(out, outputs, sizeof outputs);
     memcpy(state, &s, offsetof(core_state, line) + line * sizeof *s.line);
     return CORE_DONE;
 }

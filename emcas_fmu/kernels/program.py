@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache, partial
 from inspect import signature
 from typing import Any
 
 from .. import schedule
 from ..actuators import NONLINEAR, fin_port, get
-from ..actuators.declaration import Actuator
+from ..actuators.declaration import Actuator, identifier
 from ..ops.base import Ops, Value
 from ..ops.c_source import c_source
 from ..ops.python_source import python_source
@@ -78,19 +79,20 @@ def traced(several: bool = False, model: str = NONLINEAR) -> Tracer:
 def direct_inputs(model: str) -> Mapping[str, tuple[str, ...]]:
     """Return for each output that depends at once on inputs which these are; the states integrate the rest."""
     actuator, tracer = get(model), traced(False, model)
-    arguments = {"command": ("fin_command",), "aero_torque": ("aero_torque",), "enable": ("enable",),
-                 **({"supply": (actuator.supply.input.name,)} if actuator.supply else {}),
-                 **{v.name: (v.name,) for v in actuator.acting_inputs}}
+    arguments: dict[str, tuple[str, ...]] = {
+        "command": ("fin_command",), "aero_torque": ("aero_torque",), "enable": ("enable",),
+        **({"supply": (actuator.supply.input.name,)} if actuator.supply else {}),
+        **{identifier(v.name): (v.name,) for v in actuator.acting_inputs}}
     by_name = {function.name: function for function in tracer.functions}
     motion = dict(zip(by_name["forces"].arguments, (v.name for v in fin_port.MOTION), strict=False))
     for force, needed in zip(("f_x", "f_z"), dependencies(by_name["forces"]), strict=True):
         arguments[force] = tuple(name for argument, name in motion.items() if argument in needed)
     order = {v.name: i for i, v in enumerate(actuator.inputs)}
-    found = {}
+    direct = {}
     for v, needed in zip(actuator.outputs, dependencies(by_name["outputs"]), strict=True):
         names = {name for argument in needed for name in arguments.get(argument, ())}
-        found[v.name] = tuple(sorted(names, key=order.__getitem__))
-    return {name: inputs for name, inputs in found.items() if inputs}
+        direct[v.name] = tuple(sorted(names, key=order.__getitem__))
+    return {name: inputs for name, inputs in direct.items() if inputs}
 
 
 @cache
@@ -127,6 +129,32 @@ def core(values: Mapping[str, Any], model: str = NONLINEAR) -> Core:
 def sizes(actuator: Actuator) -> tuple[int, int, int]:
     """Return the numbers of states, of controller states and of further inputs that act on the plant."""
     return len(actuator.states), len(actuator.controller_states), len(actuator.acting_inputs)
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where a core's inputs stand in a row of an actuator's."""
+
+    motion: slice
+    direct: tuple[int, ...]
+    supply: int | None
+    further: tuple[int, ...]
+
+    def arrange(self, row: Sequence[Any], forces: Callable[..., tuple[float, float]]) -> tuple[Any, ...]:
+        """Return a core's inputs from a row of the interface's; `forces` are the core's."""
+        supply = 0.0 if self.supply is None else row[self.supply]
+        return (*(row[i] for i in self.direct), *forces(*row[self.motion]), supply, *(row[i] for i in self.further))
+
+
+@cache
+def places(model: str = NONLINEAR) -> Places:
+    """Return where a core's inputs stand in a row of the inputs of an actuator."""
+    actuator = get(model)
+    index = {v.name: i for i, v in enumerate(actuator.inputs)}
+    return Places(slice(index["acceleration.x"], index["attitude.pitch"] + 1),
+                  (index["fin_command"], index["aero_torque"]),
+                  index[actuator.supply.input.name] if actuator.supply else None,
+                  tuple(index[name] for name in ("enable", *(v.name for v in actuator.further_inputs))))
 
 
 @cache

@@ -22,8 +22,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ..ops.base import Ops, Value
 from ..namespace import with_values
+from ..ops.base import Ops, Value
 from . import mechanics
 
 # A flank counts as met this close to it: both angles are rounded.

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..ops.base import Ops, Value
 from ..namespace import with_values
+from ..ops.base import Ops, Value
 from . import mechanics
 
 _TINY = 1e-300

@@ -19,8 +19,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..ops.base import Ops, Value
 from ..namespace import with_values
+from ..ops.base import Ops, Value
 
 FOLDING = 0.9  # F, the share of the I2t budget from which the limit folds back
 # Lines fitted about T_0 are not followed below this share of what they have there.

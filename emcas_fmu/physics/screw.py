@@ -16,8 +16,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..ops.base import Ops, Value
 from ..namespace import with_values
+from ..ops.base import Ops, Value
 from .mechanics import Mechanics, fin_inertia
 
 

@@ -7,16 +7,18 @@ from dataclasses import dataclass
 from xml.etree.ElementTree import Element, SubElement
 
 from .. import __version__
+from ..actuators import NONLINEAR, get
 from ..fmi.model_description import to_bytes
-from ..fmi.units import UNITS
+from ..fmi.units import fmi_unit
 from ..parameters import Entry, ParameterSet, Value
 from ..unit import AZIMUTH
-from ..variables import INPUTS, Variable
+from ..variables import Variable
 from .schema import NOMINAL, SSC, SSV
 from .variants import Variant, fin_name
 
 TOOL = f"emcas-fmu {__version__}"
-_STARTS = {v.key: v for v in INPUTS if v.key is not None}  # inputs whose start value is in the parameter file
+# Inputs whose start value is in the parameter file.
+_STARTS = {v.key: v for v in get(NONLINEAR).inputs if v.key is not None}
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,8 @@ def parameter_sets(variants: Sequence[Variant], fmu_starts: Mapping[str, Value],
     shared = {n: item for n, item in _by_name(base, fmu_starts).items() if n not in (AZIMUTH, *_STARTS)}
     add("shared", shared)
     add("inputs", {**{n: _by_name(built.fins[0], fmu_starts)[n] for n in _STARTS},
-                   **{v.name: Item(v.name, v, v.start, "") for v in INPUTS if v.start not in (None, 0.0)}})
+                   **{v.name: Item(v.name, v, v.start, "") for v in get(NONLINEAR).inputs
+                      if v.start not in (None, 0.0)}})
     for name, fin in zip(names, built.fins):
         add(name, {e.variable.name: _item(e) for e in fin.entries if e.variable.name not in _STARTS
                    and (e.variable.name == AZIMUTH or e.value != base.values[e.variable.name])})
@@ -130,7 +133,7 @@ def unit_definitions(parent: Element, namespace: str, names: set[str]) -> None:
         return
     units = SubElement(parent, f"{namespace}:Units")
     for name in sorted(names):
-        unit = UNITS[name]
+        unit = fmi_unit(name)
         base = {base: str(exponent) for base, exponent in unit.exponents.items()}
         base |= {"factor": text(unit.factor)} if unit.factor != 1.0 else {}
         base |= {"offset": text(unit.offset)} if unit.offset else {}

@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from xml.etree.ElementTree import Element, SubElement
 
-from ..actuators import NONLINEAR
+from ..actuators import NONLINEAR, get
 from ..fmi.model_description import STEP_SIZE, STOP_TIME, describe
 from ..unit import Unit
-from ..variables import INPUTS, Variable
+from ..variables import Variable
 from .schema import ANNOTATION, EMCAS, OSP, SSC, SSD, SSV
 from .sets import TOOL, text, unit_definitions
 from .variants import fin_name
@@ -28,7 +28,8 @@ PREFIX = "wiring"
 
 def outer_name(number: int, name: str) -> str:
     """The system's connector for a variable of a fin (counted from 1)."""
-    return name if any(v.name == name for v in INPUTS) and name not in OWN_INPUTS else f"fin[{number}].{name}"
+    shared = any(v.name == name for v in get(NONLINEAR).inputs) and name not in OWN_INPUTS
+    return name if shared else f"fin[{number}].{name}"
 
 
 def _connector(parent: Element, name: str, v: Variable, prefix: str) -> None:

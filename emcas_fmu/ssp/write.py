@@ -15,7 +15,6 @@ from ..fmi.model_description import to_bytes
 from ..fmi.package import Progress, build
 from ..parameters import Value, load_parameters
 from ..validation.runs import chosen_model
-from ..variables import INPUTS, START_ENTRIES
 from .archive import write_archive
 from .check import check
 from .findings import Report
@@ -105,9 +104,9 @@ def _starts(interface: Interface, file: str, model: str) -> dict[str, Value]:
         of = "" if model == NONLINEAR else f" of the model {model}"
         raise SspError(f"{file}: is not an FMU of one actuator{of}: it lacks {', '.join(missing[:3])}"
                        f"{' and more' if len(missing) > 3 else ''}; build one with emcas build")
-    keys = {v.key: v.name for v in INPUTS if v.key is not None}
+    keys = {v.key: v.name for v in actuator.inputs if v.key is not None}
     values: dict[str, Value] = {}
-    for entry in (*START_ENTRIES, *actuator.parameters):
+    for entry in actuator.file_entries:
         written = interface.ports[keys.get(entry.name, entry.name)].start
         if written is None:
             raise SspError(f"{file}: {entry.name} has no start value; build the FMU with emcas build")

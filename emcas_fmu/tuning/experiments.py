@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from ..actuators import NONLINEAR, get
 from ..simulation import Array, respond
 from ..validation import metrics
 from ..validation.requirements import ACCURACY
-from ..variables import INPUTS, OUTPUTS
 
 STEP = 1e-3  # s, between looks at the response
 REST = 0.05  # s before a step
@@ -33,8 +33,7 @@ KINDS: Mapping[str, Mapping[str, str]] = {
     "sine": {"amplitude": "rad"},
     "linear": {},
 }
-_INPUT = {v.name: i for i, v in enumerate(INPUTS)}
-_OUTPUT = {v.name: i for i, v in enumerate(OUTPUTS)}
+_INPUT = {v.name: i for i, v in enumerate(get(NONLINEAR).inputs)}
 
 
 @dataclass(frozen=True)
@@ -118,7 +117,7 @@ def response(test: Test, values: Mapping[str, Any], sign: float = 1.0) -> dict[s
 def _table(test: Test, sign: float, supply: float) -> Array:
     begin = REST if test.kind == "step" else SETTLE
     time = np.arange(round((begin + test.duration) / STEP) + 1) * STEP
-    table = np.zeros((len(time), len(INPUTS)))
+    table = np.zeros((len(time), len(_INPUT)))
     table[:, _INPUT["supply_voltage"]] = supply
     table[:, _INPUT["enable"]] = 1.0
     after = time > begin - STEP / 2
@@ -197,7 +196,7 @@ def fundamental(values: Mapping[str, Any], amplitude: float, frequency: float) -
     periods = np.ceil(length * frequency)
     stop = begin + periods / frequency
     time = np.arange(round(stop / STEP) + 2) * STEP
-    table = np.zeros((len(time), len(INPUTS)))
+    table = np.zeros((len(time), len(_INPUT)))
     table[:, _INPUT["supply_voltage"]] = values["drive.supply_voltage"]
     table[:, _INPUT["enable"]] = 1.0
     table[:, _INPUT["fin_command"]] = amplitude * np.sin(2.0 * pi * frequency * time)

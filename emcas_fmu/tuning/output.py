@@ -10,14 +10,14 @@ from typing import Any
 from rich.table import Table
 
 from .. import __version__
+from ..actuators import NONLINEAR, get
 from ..validation.results import finite
-from ..variables import FILE_ENTRIES
 from .evaluate import Evaluation
 from .experiments import FIGURES
 from .optimise import Result
 from .study import Requirement
 
-_UNITS = {v.name: v.unit for v in FILE_ENTRIES}
+_UNITS = {v.name: v.unit for v in get(NONLINEAR).file_entries}
 _SHOWN = {"rad": ("deg", degrees(1.0)), "rad/s": ("deg/s", degrees(1.0)), "s": ("ms", 1e3), "1": ("%", 100.0)}
 
 

@@ -9,14 +9,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from ..actuators import NONLINEAR, get
 from ..errors import EmcasError, hint, require_known
 from ..parameters import ParameterSet
 from ..toml import tomllib
 from ..units import UnitError, quantity
-from ..variables import FILE_ENTRIES
 from .experiments import FIGURES, KINDS, Test
 
-_VARIABLES = {v.name: v for v in FILE_ENTRIES}
+_VARIABLES = {v.name: v for v in get(NONLINEAR).file_entries}
 
 
 class StudyError(EmcasError):

@@ -25,7 +25,7 @@ from fmpy.model_description import read_model_description
 from fmpy.simulation import instantiate_fmu
 from numpy.typing import NDArray
 
-from ..actuators import NAMES, OPTIONS, get
+from ..actuators import EXTENSIONS, NAMES, get
 from ..errors import EmcasError
 from ..unit import Unit as Interface
 
@@ -177,7 +177,7 @@ def chosen_model(file: str, name: str, asked: str | None, error: type[EmcasError
 @cache
 def _models() -> Mapping[str, str]:
     """Models with any of the options by the modelName of one fin."""
-    chosen = [subset for n in range(len(OPTIONS) + 1) for subset in combinations(OPTIONS, n)]
+    chosen = [subset for n in range(len(EXTENSIONS) + 1) for subset in combinations(EXTENSIONS, n)]
     kinds = ["+".join((model, *options)) for options in reversed(chosen) for model in reversed(NAMES)]
     return {Interface(1, kind).model: kind for kind in kinds}
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import fmpy
 import numpy as np
 
+from ..actuators import NONLINEAR, get
 from ..files import models_directory
 from ..parameters import load_parameters
 from ..reference import files
 from ..reference.simulate import OUTPUTS
-from ..variables import INPUTS, PARAMETERS
 from . import findings, metrics, requirements, stored
 from .linear import LinearModel
 from .results import (
@@ -54,9 +54,10 @@ def validate(fmu: Path, names: Sequence[str] | None = None, directory: Path | No
     cases = stored.load(folder, names)
     whole = not names
     with opened(fmu, fin) as unit:
-        unit.require([v.name for v in INPUTS], "input")
+        unit.require([v.name for v in get(NONLINEAR).inputs], "input")
         unit.require(RECORDED, "output")
-        unit.require(sorted({v.name for v in PARAMETERS}.union(*(c.start_values for c in cases))), "parameter")
+        unit.require(sorted({v.name for v in get(NONLINEAR).parameters}.union(*(c.start_values for c in cases))),
+                     "parameter")
         extra = {**_holds(), **_linear_steps()} if whole else {}
         total, done = len(cases) + len(extra), 0
 
@@ -129,8 +130,8 @@ def _case_result(case: stored.Stored, series: Series) -> CaseResult:
 
 def _info(unit: Unit) -> FmuInfo:
     description, defaults = unit.description, load_parameters()
-    parameters = {v.name: unit.starts[v.name] for v in PARAMETERS}
-    parameters |= {v.key: unit.starts[v.name] for v in INPUTS if v.key}
+    parameters = {v.name: unit.starts[v.name] for v in get(NONLINEAR).parameters}
+    parameters |= {v.key: unit.starts[v.name] for v in get(NONLINEAR).inputs if v.key}
     differences = tuple(
         Difference(e.variable.name, parameters[e.variable.name], e.value, e.variable.unit)
         for e in defaults.entries if parameters[e.variable.name] != e.value)

@@ -11,18 +11,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emcas_fmu.actuators.two_inertias import Pair, advance
-from emcas_fmu.integrate import Boundary
+from emcas_fmu.namespace import with_values
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics import drive_line, mechanics
-from emcas_fmu.tree import changed, tree
+from emcas_fmu.step_elastic import Pair, advance
+from emcas_fmu.step_rigid import Boundary
+from tests.default_actuator import namespace
 
 from .line import RIGID, SMOOTH, at_motor, run_of, through_motor, values_of
 
 
 def _bare(overrides: Mapping[str, Any]) -> Any:
     """Parameters of two inertias with nothing but the line between them."""
-    return changed(tree(values_of({**SMOOTH, **overrides})), {"kinematics.constant_ratio": True})
+    return with_values(namespace(values_of({**SMOOTH, **overrides})), {"kinematics.constant_ratio": True})
 
 
 _OFF = Boundary(0.0, 0.0, 0.0, 0.0, 39.0, False)
@@ -47,7 +48,7 @@ def test_bounce_is_its_closed_form(ratio: float) -> None:
     fin = drive_line.fin_side(FLOATS, p, 0.0, 0.0, 0.0, 0.0).inertia
     mass = 1.0 / (1.0 / mechanics.screw_inertia(p) + 1.0 / fin) / p.screw.lead**2  # along the screw
     damping = 2.0 * ratio * sqrt(p.drive_line.contact_stiffness * mass)
-    p = changed(p, {"drive_line.contact_damping": damping})
+    p = with_values(p, {"drive_line.contact_damping": damping})
     q = sqrt(1.0 - ratio**2)
     expected = exp(-ratio / q * atan2(2.0 * ratio * q, 2.0 * ratio**2 - 1.0)) if ratio else 1.0
     s, h = Pair(0.0, 20.0, 0.0, 0.0, 0.0, -5.0), 1e-6
@@ -96,7 +97,7 @@ def test_nut_is_before_the_gap() -> None:
     """Under a load the nut stands behind the rotor by the give of shaft and screw, and before the flank's."""
     torque = -60.0
     run = run_of({"friction.fin_viscous": 20.0}, 2.0, aero_torque=torque)
-    p = tree(values_of())
+    p = namespace(values_of())
     tangent = tan(run["fin_angle"][-1] + p.kinematics.initial_angle)
     at_screw = -torque / (p.kinematics.moment_arm / p.screw.lead * (1.0 + tangent * tangent))
     twist = at_screw * (p.drive_line.torsional_compliance + p.drive_line.axial_compliance / p.screw.lead**2)
@@ -111,7 +112,7 @@ def test_free_play_by_a_small_torque_is_the_gap() -> None:
         run = run_of({"drive_line.backlash": gap, "friction.fin_viscous": 5.0}, 1.0, enable=False,
                    aero_torque=lambda t: 2.0 if t < 0.5 else -2.0)
         values = values_of({"drive_line.backlash": gap})
-        p = tree(values)
+        p = namespace(values)
         play = np.ptp((run["motor_angle"] - at_motor(values, run["fin_angle"]))[[499, 999]])
         ratio = p.kinematics.moment_arm / p.screw.lead / cos(p.kinematics.initial_angle)**2
         give = 4.0 / ratio / drive_line.line(FLOATS, p).stiffness

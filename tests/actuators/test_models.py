@@ -28,7 +28,7 @@ from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.simulation import simulate
 from emcas_fmu.unit import Unit, start_values
 from emcas_fmu.validation.linear import LinearModel
-from emcas_fmu.variables import OUTPUTS, PARAMETERS
+from tests.default_actuator import OUTPUTS, PARAMETERS
 
 from ..fmu.built import both
 from ..fmu.host import OK, Fmu, Instance

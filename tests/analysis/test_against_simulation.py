@@ -14,7 +14,7 @@ from emcas_fmu.analysis.capability import steady_rate
 from emcas_fmu.analysis.linear import LinearActuator
 from emcas_fmu.analysis.steps import compare
 from emcas_fmu.simulation import simulate
-from emcas_fmu.tree import tree
+from tests.default_actuator import namespace
 
 from .conftest import LOOP, boundary, without_friction
 
@@ -132,6 +132,6 @@ def test_rate_capability_is_the_rate_of_a_long_slew(values: Values) -> None:
     p = {**values, **LOOP, "drive.supply_voltage": 20.0, "encoder.enabled": False, "fin.start_angle": radians(-20.0)}
     run = simulate(p, 0.4, fin_command=radians(20.0), aero_torque=-50.0)
     k = int(np.argmax(run["fin_angle"] > radians(5.0)))
-    expected = steady_rate(tree(p), float(run["fin_angle"][k]), 1.0, -50.0, p["controller.speed_limit"])
+    expected = steady_rate(namespace(p), float(run["fin_angle"][k]), 1.0, -50.0, p["controller.speed_limit"])
     # The ratio changes along the way, so that the motor still accelerates or slows: 2 % of the rate.
     assert run["fin_rate"][k] == pytest.approx(expected, rel=0.02)

@@ -20,8 +20,8 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
-from emcas_fmu.tree import tree
 from emcas_fmu.validation.linear import LinearModel
+from tests.default_actuator import namespace
 
 Values = Mapping[str, Any]
 
@@ -34,7 +34,7 @@ def test_jacobian_is_that_of_finite_differences(values: Values) -> None:
     force = (0.0, 9.80665)
 
     def changes(x: Any) -> Any:
-        return np.array(wiring.motor(FLOATS, tree(p), force, *map(float, x)))
+        return np.array(wiring.motor(FLOATS, namespace(p), force, *map(float, x)))
 
     assert np.max(np.abs(changes(point)[1:])) < 1e-6  # a rest: of terms of 1e5 A/s
     exact = np.hstack([linear.motor.A, linear.motor.B])

@@ -17,7 +17,7 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.tuning.experiments import REST
-from emcas_fmu.variables import INPUTS
+from tests.default_actuator import INPUTS
 
 from .conftest import SMALL
 

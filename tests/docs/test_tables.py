@@ -8,7 +8,7 @@ from types import ModuleType
 
 import pytest
 
-from emcas_fmu.variables import INPUTS, OUTPUTS
+from tests.default_actuator import INPUTS, OUTPUTS
 
 from .recipes import ROOT
 

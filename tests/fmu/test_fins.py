@@ -25,7 +25,7 @@ from emcas_fmu.fmi.slave import Table
 from emcas_fmu.kernels import program
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.unit import AZIMUTH, BUS_OUTPUTS, Unit, azimuths, fin_files, start_values
-from emcas_fmu.variables import OUTPUTS, PARAMETERS
+from tests.default_actuator import OUTPUTS, PARAMETERS
 
 from .built import both
 from .host import ERROR, OK, Fmu, Instance

@@ -18,13 +18,13 @@ from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
 from emcas_fmu import compiler
-from emcas_fmu.actuators import NAMES, OPTIONS
+from emcas_fmu.actuators import EXTENSIONS, NAMES
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.model_description import model_description
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.unit import Unit
-from emcas_fmu.variables import INPUTS, OUTPUTS, PARAMETERS, VARIABLES
+from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS, VARIABLES
 
 pytestmark = pytest.mark.fmu
 
@@ -50,8 +50,8 @@ def description(unit: Path) -> Element:
 @pytest.mark.parametrize("fins", [1, 2])
 def test_no_type_has_the_name_of_a_variable(model: str, fins: int) -> None:
     """FMI 2.0.5, section 2.2.3: of every model with each option that it takes, and with as many as go together."""
-    modules = {option: import_module(f"emcas_fmu.options.{option}") for option in OPTIONS}
-    fit = [options for n in range(len(OPTIONS) + 1) for options in combinations(OPTIONS, n)
+    modules = {option: import_module(f"emcas_fmu.extensions.{option}") for option in EXTENSIONS}
+    fit = [options for n in range(len(EXTENSIONS) + 1) for options in combinations(EXTENSIONS, n)
            if not any(modules[option].unfit(model, options) for option in options)]
     assert ("faults",) in fit
     for options in fit:

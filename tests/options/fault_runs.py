@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from emcas_fmu.options.fault_list import FAULTS
-from emcas_fmu.options.monitors import MONITORS
+from emcas_fmu.extensions.fault_list import FAULTS
+from emcas_fmu.extensions.monitors import MONITORS
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.variables import OUTPUTS
+from tests.default_actuator import OUTPUTS
 
 MODEL = "nonlinear+faults"
 BASE = load_parameters(model=MODEL)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from emcas_fmu.actuators import get
+from emcas_fmu.extensions.status import HOMING
 from emcas_fmu.kernels import program
-from emcas_fmu.options.status import HOMING
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 

@@ -11,13 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emcas_fmu.actuators.two_inertias import Pair, advance
-from emcas_fmu.integrate import Boundary
 from emcas_fmu.kernels import compiled
+from emcas_fmu.namespace import with_values
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics import drive_line, mechanics
 from emcas_fmu.simulation import simulate
-from emcas_fmu.tree import changed, tree
+from emcas_fmu.step_elastic import Pair, advance
+from emcas_fmu.step_rigid import Boundary
+from tests.default_actuator import namespace
 
 from .screw_values import DRY, ELASTIC, MODEL, coulomb, efficiencies, ratio, values
 
@@ -100,7 +101,7 @@ def test_elastic_screw_creates_no_energy(forward: float, backward: float, gap: f
                 "friction.viscous.positive": 0.0, "friction.viscous.negative": 0.0,
                 "drive_line.axial_damping": 0.0, "drive_line.torsional_damping": 0.0,
                 "drive_line.contact_damping": 0.0, "fin.stop_angle": radians(70.0)}, ELASTIC)
-    p = changed(tree(v), {"kinematics.constant_ratio": True})
+    p = with_values(namespace(v), {"kinematics.constant_ratio": True})
     c = drive_line.line(FLOATS, p)
     fin = drive_line.fin_side(FLOATS, p, 0.0, 0.0, 0.0, 0.0).inertia
 

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from emcas_fmu.extensions.fault_list import FAULTS
 from emcas_fmu.kernels import program
 from emcas_fmu.kernels.compiled import CompiledCore
-from emcas_fmu.options.fault_list import FAULTS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 

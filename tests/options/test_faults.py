@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from emcas_fmu.consistency import LONGEST_COMMAND_DELAY
 
 from emcas_fmu.actuators import NAMES
-from emcas_fmu.consistency import LONGEST_COMMAND_DELAY
-from emcas_fmu.options.fault_list import FAULTS
-from emcas_fmu.options.status import OPERATIONAL
+from emcas_fmu.extensions.fault_list import FAULTS
+from emcas_fmu.extensions.status import OPERATIONAL
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.simulation import simulate
 

@@ -14,9 +14,9 @@ import pytest
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 
-from emcas_fmu.actuators import OPTIONS, get
-from emcas_fmu.options.fault_list import FAULTS
-from emcas_fmu.options.status import DISABLED, OPERATIONAL, STATUS
+from emcas_fmu.actuators import EXTENSIONS, get
+from emcas_fmu.extensions.fault_list import FAULTS
+from emcas_fmu.extensions.status import DISABLED, OPERATIONAL, STATUS
 from emcas_fmu.parameters import load_parameters
 
 from ..fmu.built import both
@@ -88,4 +88,4 @@ def test_in_fmpy(built: Mapping[str, Path]) -> None:
 
 
 def test_every_option_has_an_fmu_here() -> None:
-    assert set(OPTIONS) == {option for name in MODELS for option in name.split("+")[1:]}
+    assert set(EXTENSIONS) == {option for name in MODELS for option in name.split("+")[1:]}

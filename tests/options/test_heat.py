@@ -18,12 +18,12 @@ from scipy.linalg import expm
 from emcas_fmu.actuators import get
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.package import build
-from emcas_fmu.integrate import Boundary
 from emcas_fmu.kernels import compiled, program
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.physics import heat
 from emcas_fmu.simulation import simulate
+from emcas_fmu.step_rigid import Boundary
 
 from .held import MODEL, NO_COEFFICIENTS, held, values_of
 

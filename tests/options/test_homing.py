@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 from emcas_fmu.actuators import NONLINEAR, get
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.options.status import DISABLED, HOMING, OPERATIONAL, UNREFERENCED
+from emcas_fmu.extensions.status import DISABLED, HOMING, OPERATIONAL, UNREFERENCED
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.simulation import simulate
-from emcas_fmu.variables import OUTPUTS
+from tests.default_actuator import OUTPUTS
 
 from .homing_run import BASE, COUNT, INITIAL, RATIO, SPEED, STOP, assert_sound, motor, phases, run_of, since
 

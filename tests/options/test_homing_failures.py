@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emcas_fmu.actuators import get
+from emcas_fmu.extensions import homing_run
+from emcas_fmu.extensions.status import FAILED, HOMING, OPERATIONAL, UNREFERENCED
 from emcas_fmu.kernels import program
-from emcas_fmu.options import homing_run
-from emcas_fmu.options.status import FAILED, HOMING, OPERATIONAL, UNREFERENCED
 
 from .homing_run import (
     BASE,

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
 
+from emcas_fmu.extensions.status import HOMING, OPERATIONAL, UNREFERENCED
 from emcas_fmu.fmi.package import build
-from emcas_fmu.options.status import HOMING, OPERATIONAL, UNREFERENCED
 from emcas_fmu.simulation import simulate
 
 from ..fmu.host import OK, Fmu, Instance

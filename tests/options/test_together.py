@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emcas_fmu.actuators import NAMES, OPTIONS, get
+from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.extensions.fault_list import FAULTS
 from emcas_fmu.kernels.compiled import CompiledCore
-from emcas_fmu.options.fault_list import FAULTS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
-from emcas_fmu.variables import OUTPUTS
+from tests.default_actuator import OUTPUTS
 
 # Values with which an option does nothing; LuGre's bristles have none.
 NEUTRAL: Mapping[str, Mapping[str, Any]] = {

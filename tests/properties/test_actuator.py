@@ -11,11 +11,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from emcas_fmu.consistency import check_consistency, check_ranges
 from emcas_fmu.ops import FLOATS
 from emcas_fmu.physics import kinematics, mechanics
-from emcas_fmu.tree import tree
-from emcas_fmu.variables import PARAMETERS
+from emcas_fmu.rules import check_ranges
+from tests.default_actuator import PARAMETERS, namespace
 
 from ..simulation import NAMES, new_core, simulate
 
@@ -36,7 +35,7 @@ def _symmetric(values: Mapping[str, Any]) -> dict[str, Any]:
 @COMMON
 @given(angle=st.floats(-0.43, 0.43), initial=st.floats(-0.9, 0.9))
 def test_kinematics_round_trip(values: Mapping[str, Any], angle: float, initial: float) -> None:
-    p = tree({**values, "kinematics.initial_angle": initial})
+    p = namespace({**values, "kinematics.initial_angle": initial})
     motor = kinematics.motor_angle(FLOATS, p, angle)
     tangent = kinematics.lever_tangent(FLOATS, p, motor)
     # Rounding of tan and atan, amplified at most by 1/cos^2(1.33) = 18.
@@ -55,7 +54,7 @@ def test_friction_never_creates_energy(values: Mapping[str, Any], speed: float, 
     """A unit coasting with its drive disabled and no load loses kinetic energy until it rests, and then rests."""
     case = {**values, "friction.temperature": temperature, "friction.fin_viscous": viscous,
             "friction.fin_coulomb": coulomb}
-    p = tree(case)
+    p = namespace(case)
     core = new_core(case)
     tick, (_, _, current, xi), *rest = core.state
     motor = kinematics.motor_angle(FLOATS, p, start)

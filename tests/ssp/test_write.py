@@ -22,7 +22,7 @@ from emcas_fmu.ssp.structure import Structure, read_structure
 from emcas_fmu.ssp.system import OWN_INPUTS, outer_name
 from emcas_fmu.ssp.variants import variant_files
 from emcas_fmu.ssp.write import write_ssp
-from emcas_fmu.variables import INPUTS, OUTPUTS, PARAMETERS
+from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS
 
 FILES = {"nominal": "SystemStructure.ssd", "cold": "cold.ssd", "degraded": "degraded.ssd"}
 

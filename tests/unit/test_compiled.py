@@ -19,7 +19,7 @@ from emcas_fmu.kernels import compiled
 from emcas_fmu.kernels.compiled import Batch, CompiledCore
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.simulation import KERNELS, simulate
-from emcas_fmu.variables import INPUTS, OUTPUTS
+from tests.default_actuator import INPUTS, OUTPUTS
 
 from ..simulation import new_core
 

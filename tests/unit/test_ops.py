@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from emcas_fmu import control, integrate, schedule, sensors
-from emcas_fmu.actuators import nonlinear
+from emcas_fmu.actuators.electromechanical import nonlinear
 from emcas_fmu.kernels import program
 from emcas_fmu.ops import FLOATS
 from emcas_fmu.ops.arrays import ARRAYS
@@ -20,7 +20,7 @@ from emcas_fmu.ops.python_source import python_source
 from emcas_fmu.ops.symbols import SYMBOLS
 from emcas_fmu.ops.trace import Tracer
 from emcas_fmu.physics import bus, drive, friction, kinematics, loads, mechanics
-from emcas_fmu.tree import tree
+from tests.default_actuator import namespace
 
 Function = Callable[..., Any]
 LANES = 40
@@ -92,7 +92,7 @@ def _columns(names: Iterable[str], seed: int) -> list[Any]:
 @pytest.mark.parametrize("namespace", ["arrays", "symbols", "traced"])
 def test_every_function_over_every_namespace(function: Function, namespace: str, values: Mapping[str, Any]) -> None:
     columns = _samples(function)
-    p = tree(values)
+    p = namespace(values)
     expected = np.array([_call(function, FLOATS, p, [c[i].item() for c in columns]) for i in range(LANES)], float)
     with np.errstate(over="ignore"):
         actual = {"arrays": _arrays, "symbols": _symbols, "traced": _traced}[namespace](function, columns, values)
@@ -104,14 +104,14 @@ def test_every_function_over_every_namespace(function: Function, namespace: str,
 
 
 def _arrays(function: Function, columns: list[np.ndarray], values: Mapping[str, Any]) -> np.ndarray:
-    results = _call(function, ARRAYS, tree(values), columns)
+    results = _call(function, ARRAYS, namespace(values), columns)
     return np.stack([np.broadcast_to(r, LANES) for r in results], axis=1).astype(float)
 
 
 def _symbols(function: Function, columns: list[np.ndarray], values: Mapping[str, Any]) -> np.ndarray:
     symbols = [ca.SX.sym(f"x{i}") for i in range(len(columns))]
     parameters = {name: ca.SX.sym(name) for name in values}
-    results = _call(function, SYMBOLS, tree(parameters), list(symbols))
+    results = _call(function, SYMBOLS, namespace(parameters), list(symbols))
     evaluate = ca.Function("f", [ca.vertcat(*symbols), ca.vertcat(*parameters.values())],
                            [ca.vertcat(*results)])
     numbers = ca.DM([float(v) for v in values.values()])
@@ -121,7 +121,7 @@ def _symbols(function: Function, columns: list[np.ndarray], values: Mapping[str,
 
 def _traced(function: Function, columns: list[np.ndarray], values: Mapping[str, Any]) -> np.ndarray:
     tracer = Tracer()
-    p = tree({name: tracer.parameter(name) for name in values})
+    p = namespace({name: tracer.parameter(name) for name in values})
     names = [f"x{i}" for i in range(len(columns))]
     tracer.function("f", names, lambda *arguments: _call(function, tracer, p, list(arguments)))
     space: dict[str, Any] = {}
@@ -132,7 +132,7 @@ def _traced(function: Function, columns: list[np.ndarray], values: Mapping[str, 
 
 def test_the_kernel_is_the_traced_actuator(values: Mapping[str, Any]) -> None:
     kernel = program.make()(values)
-    p = tree(values)
+    p = namespace(values)
     for (_, names, function), compiled in zip(program.functions(), kernel, strict=True):
         columns = _columns(names, seed=2)
         for i in range(LANES if columns else 1):

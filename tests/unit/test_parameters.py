@@ -15,12 +15,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from emcas_fmu import consistency, files, parameters
-from emcas_fmu.consistency import check_consistency, check_ranges
 from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import ParameterError, ParameterSet, load_parameters
-from emcas_fmu.tree import tree
+from emcas_fmu.rules import check_ranges
 from emcas_fmu.units import UnitError, quantity
-from emcas_fmu.variables import FILE_ENTRIES, Variable
+from emcas_fmu.variables import Variable
+from tests.default_actuator import FILE_ENTRIES, namespace
 
 Load = Callable[[str], ParameterSet]
 DEFAULTS = load_parameters()
@@ -553,7 +553,7 @@ def test_nested_values() -> None:
 
 def test_tree_takes_any_value() -> None:
     marker = object()
-    nested = tree({"a.b.c": marker, "a.b.d[0]": "x", "a.b.d[1]": marker, "e": 1})
+    nested = namespace({"a.b.c": marker, "a.b.d[0]": "x", "a.b.d[1]": marker, "e": 1})
     assert nested.a.b.c is marker
     assert nested.a.b.d == ("x", marker)
     assert nested.e == 1

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emcas_fmu.integrate import Boundary, Plant, electrical_mode
 from emcas_fmu.ops import FLOATS
 from emcas_fmu.physics import drive, friction, kinematics, loads, mechanics
-from emcas_fmu.tree import tree
+from emcas_fmu.step_rigid import Boundary, Plant, electrical_mode
+from tests.default_actuator import namespace
 
 from ..simulation import simulate
 
@@ -32,7 +32,7 @@ def test_equation_of_motion_in_the_fin_coordinate(values: Mapping[str, Any], see
     random = np.random.default_rng(seed)
     case = {**values, "friction.fin_viscous": random.uniform(0, 2), "friction.fin_coulomb": random.uniform(0, 20),
             "kinematics.initial_angle": random.uniform(-0.3, 0.3)}
-    p = tree(case)
+    p = namespace(case)
     fin, rate, current = random.uniform(-0.4, 0.4), random.uniform(-6, 6), random.uniform(-60, 60)
     aero, f_x = random.uniform(-150, 150), random.uniform(-100, 100)
     d, lead = case["kinematics.moment_arm"], case["screw.lead"]
@@ -51,7 +51,7 @@ def test_equation_of_motion_in_the_fin_coordinate(values: Mapping[str, Any], see
     no_masses = {**case, **{f"mass.{part}": 0.0 for part in ("fin", "shaft", "fork")}}
     expected = moment / (j_ft + j_t * ratio**2)
 
-    p = tree(no_masses)
+    p = namespace(no_masses)
     motor, speed = kinematics.motor_angle(FLOATS, p, fin), ratio * rate
     m = mechanics.coefficients(FLOATS, p, motor, aero, f_x, 0.0)
     torque = (drive.torque(p, current) + m.load - np.sign(rate) * mechanics.breakaway(FLOATS, p, m, speed)
@@ -70,7 +70,7 @@ def test_loads_against_rotation_matrices(values: Mapping[str, Any], seed: int) -
     centers = {part: random.uniform(-0.1, 0.1, 3) for part in ("fin", "shaft", "fork")}
     for part, center in centers.items():
         case[f"center_of_mass.{part}.x"], case[f"center_of_mass.{part}.z"] = center[0], center[2]
-    p = tree(case)
+    p = namespace(case)
     roll, pitch, yaw, fin = random.uniform(-1.5, 1.5, 4) * np.array([2, 1, 2, 0.25])
     acceleration = random.uniform(-100, 100, 3)
     gravity = _rotation("x", roll) @ _rotation("y", pitch) @ _rotation("z", yaw) @ np.array([0, 0, 9.80665])
@@ -87,7 +87,7 @@ def test_loads_against_rotation_matrices(values: Mapping[str, Any], seed: int) -
 
 def test_gravity_signs(values: Mapping[str, Any]) -> None:
     """Nose up pulls the nut back; a centre of mass ahead of the hinge sinks: a turn about -y."""
-    p = tree({**values, "loads.gravity": True, "kinematics.initial_angle": 0.0, "center_of_mass.fin.x": 0.1,
+    p = namespace({**values, "loads.gravity": True, "kinematics.initial_angle": 0.0, "center_of_mass.fin.x": 0.1,
               "center_of_mass.fork.z": 0.0})
     f_x, f_z = loads.specific_force(FLOATS, p, (0.0, 0.0, 0.0), 0.0, radians(30))
     assert f_x < 0 < f_z
@@ -99,7 +99,7 @@ def test_gravity_signs(values: Mapping[str, Any]) -> None:
 
 @pytest.mark.parametrize(("temperature", "share"), [(24.0, 0.0), (-6.0, 1.0), (9.0, 0.5), (60.0, 0.0), (-40.0, 1.0)])
 def test_friction_follows_temperature(values: Mapping[str, Any], temperature: float, share: float) -> None:
-    warm, p = tree(values), tree({**values, "friction.temperature": temperature})
+    warm, p = namespace(values), namespace({**values, "friction.temperature": temperature})
     for direction in (1.0, -1.0):
         ratio = friction.coulomb(FLOATS, p, direction, 0.1) / friction.coulomb(FLOATS, warm, direction, 0.1)
         assert ratio == pytest.approx(1 + 0.25 * share)
@@ -125,7 +125,7 @@ def test_coasting_speed_decays_as_viscous_friction_says(values: Mapping[str, Any
     case = {**values, "friction.fin_viscous": 50.0, "fin.stop_angle": radians(60), "fin.start_angle": radians(-40),
             "kinematics.initial_angle": 0.0, **{f"friction.coulomb.positive[{k}]": 0.0 for k in range(7)}}
     result = simulate(case, 0.4, aero_torque=30.0, enable=False)
-    p = tree(case)
+    p = namespace(case)
     late = -1
     ratio = kinematics.reduction_ratio(FLOATS, p, tan(result["fin_angle"][late]))
     damping = 50.0 + ratio**2 * case["friction.viscous.positive"]
@@ -156,7 +156,7 @@ def test_the_demand_slides_along_its_limit_where_it_grows(values: Mapping[str, A
     speed = 240.0
     rise = (supply - 0.25 * current - 0.11 * speed) / 6e-4  # 11 kA/s
     case["drive.ki"] = share * 5.0 * rise / (i_ref - current)
-    p = tree(case)
+    p = namespace(case)
     plant = Plant(0.0, side * speed, side * current, side * (supply - 5.0 * (i_ref - current)))
     reference = (side * i_ref - p.drive.current_offset) / p.drive.current_gain
     mode = electrical_mode(FLOATS, p, plant, Boundary(reference, 0.0, 0.0, 0.0, supply, True))

@@ -10,7 +10,7 @@ import pytest
 from emcas_fmu.fmi.model_description import start_values
 from emcas_fmu.fmi.slave import CorruptState, Slave, Table
 from emcas_fmu.kernels import program
-from emcas_fmu.variables import VARIABLES
+from tests.default_actuator import VARIABLES
 
 INDEX = {v.name: i for i, v in enumerate(VARIABLES)}
 

@@ -12,12 +12,12 @@ from dataclasses import replace
 from typing import Any
 
 from ... import step_elastic, step_rigid
-from ...step_rigid import Plant
 from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics import drive_line, kinematics, mechanics
 from ...physics.structure import Structure
 from ...step_elastic import Pair
+from ...step_rigid import Plant
 from ...variables import Variable, parameter
 from .. import capabilities, fin_port
 from ..declaration import Acting, Asked, State, Values

@@ -8,9 +8,9 @@ from typing import Any
 from ...ops.base import Ops, Value
 from ...physics.friction import coulomb_polynomial
 from ...rules import ANGLE, SLACK, Rule, in_degrees, when
-from ...variables import Variable, integer_parameter, parameter, real_input, real_output, switch, tunable
+from ...variables import Terminal, Variable, integer_parameter, parameter, real_input, real_output, switch, tunable
 from .. import fin_port
-from ..declaration import State, Supply, Terminal
+from ..declaration import State, Supply
 
 # -- states ------------------------------------------------------------------------
 
@@ -115,6 +115,8 @@ def transport_delay(ops: Ops, p: Any) -> Value:
     return p.drive.transport_delay
 
 
+# K_t i w = K_e w i: the power that leaves the circuit and the one on the shaft.
+EQUAL = (("motor.torque_constant", "motor.back_emf_constant"),)
 SUPPLY = Supply(SUPPLY_VOLTAGE, SUPPLY_POWER, _inverse_inductance)
 TICK_REMEDY = "raise solver.max_tick or motor.inductance, or lower drive.ki"
 

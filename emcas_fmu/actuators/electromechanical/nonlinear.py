@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from ... import control, schedule, sensors, step_rigid
-from ...step_rigid import Plant, advance
 from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics import drive, friction, kinematics, loads, mechanics
 from ...physics.structure import Structure
+from ...step_rigid import Plant, advance
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, Values
 from . import interface
@@ -110,11 +110,13 @@ ACTUATOR = Actuator(
     parameters=interface.PARAMETERS,
     supply=interface.SUPPLY,
     rules=interface.RULES,
+    equal_parameters=interface.EQUAL,
     terminals=interface.TERMINALS,
     provides=frozenset({
-        capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT,
-        capabilities.COULOMB_FRICTION, capabilities.RIGID_DRIVE_LINE, capabilities.SCREW_LOAD, capabilities.REFERENCE_LIMIT,
-        capabilities.ENCODER, capabilities.SCREW_DRIVE, capabilities.POSITION_LOOP, capabilities.SUPPLY_VOLTAGE}),
+        capabilities.SCREW_DRIVE, capabilities.RIGID_DRIVE_LINE, capabilities.SCREW_LOAD,
+        capabilities.COULOMB_FRICTION, capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP,
+        capabilities.CURRENT_LIMIT, capabilities.SUPPLY_VOLTAGE, capabilities.VOLTAGE_LIMIT,
+        capabilities.REFERENCE_LIMIT, capabilities.POSITION_LOOP, capabilities.ENCODER}),
     structure=Structure(),
     initial=initial,
     sample=sample,

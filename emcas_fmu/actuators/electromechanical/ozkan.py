@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 from ...namespace import Record, with_values
-from ...ops.base import Ops, Value
+from ...ops.base import Ops
 from ...physics import drive
 from ...physics.structure import Structure
 from .. import capabilities
@@ -51,7 +51,7 @@ ACTUATOR = replace(
     title="electromechanical actuator after Ozkan: ideal current loop, flexible motor shaft, constant ratio",
     parameters=interface.PARAMETERS + elastic.TORSIONAL,
     provides=elastic.ACTUATOR.provides - {
-        capabilities.SCREW_LOAD, capabilities.BACKLASH, capabilities.CURRENT_LOOP},
+        capabilities.SCREW_LOAD, capabilities.BACKLASH, capabilities.CURRENT_LOOP, capabilities.VOLTAGE_LIMIT},
     descriptions={"supply_voltage": "bus voltage of the drive; limits nothing here"},
     structure=Structure(constant_ratio=True, current="ideal", drive_line=True),
     initial=rewired(elastic.initial, _ozkan),
