@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from itertools import groupby
 from math import isclose
 from numbers import Integral, Real
 from pathlib import Path
@@ -109,20 +110,22 @@ class ParameterSet:
         return tree(self.values)
 
 
-def load_parameters(path: Path | str | None = None, base: ParameterSet | None = None,
+def load_parameters(files: Path | str | Iterable[Path | str] | None = None, base: ParameterSet | None = None,
                     model: str = NONLINEAR) -> ParameterSet:
-    """The default set of a model, or `base`, overridden by the entries of the user's file at `path`, if one is given.
+    """Return the default set of a model, or `base`, overridden by the user's `files`: one, or several in their order.
 
-    A model's default set is the nonlinear one's with ``models/actuators/MODEL.toml`` over it, which must give every
-    parameter of its own, and ``models/options/OPTION.toml`` of each of its options.
+    Each file together with those before it must make a sound set. A model's default set is the nonlinear one's with
+    ``models/actuators/MODEL.toml`` over it, which must give every parameter of its own, and
+    ``models/options/OPTION.toml`` of each of its options.
 
     Torque and back-EMF constant are equal in SI units: where the user's file gives one of them, the other follows.
 
     Raises ParameterError with all problems of a file, FileNotFoundError where the default set is missing.
     """
     if base is not None:
-        return base if path is None else _overridden(base.entries, _document(Path(path)), str(path), Path(path).name,
-                                                     base.model)
+        for path in [files] if isinstance(files, (str, Path)) else files or ():
+            base = _overridden(base.entries, _document(Path(path)), str(path), Path(path).name, base.model)
+        return base
     default = models_directory() / "emcas.toml"
     entries, problems = _entries(_document(default), str(default), default.name, "")
     missing = [f"{default}: {name}: missing; the default file must give every parameter"
@@ -131,9 +134,9 @@ def load_parameters(path: Path | str | None = None, base: ParameterSet | None = 
         raise ParameterError(problems)
     defaults = _overridden(tuple(entries[name] for name in _TABLE), {}, str(default), default.name, NONLINEAR)
     base_model, options = parts(model)
-    files = [] if base_model == NONLINEAR else [models_directory() / "actuators" / f"{base_model}.toml"]
-    files += [models_directory() / "options" / f"{option}.toml" for option in options]
-    return load_parameters(path, _of_model(defaults, get(model), files) if files else defaults)
+    shipped = [] if base_model == NONLINEAR else [models_directory() / "actuators" / f"{base_model}.toml"]
+    shipped += [models_directory() / "options" / f"{option}.toml" for option in options]
+    return load_parameters(files, _of_model(defaults, get(model), shipped) if shipped else defaults)
 
 
 def _of_model(defaults: ParameterSet, actuator: Actuator, files: Sequence[Path]) -> ParameterSet:
@@ -311,15 +314,38 @@ def _in_table_unit(name: str, value: object) -> object:
     return f"{text} {unit}" if unit and unit != "1" else text
 
 
-def entry_line(name: str, values: Sequence[Value], unit: str, source: str = "", note: str = "") -> str:
-    """A line of a parameter file: an entry of one value, or of an array where there are several."""
-    texts = [json.dumps(v) for v in values]
+def write_parameters(parameters: ParameterSet, path: Path, comments: Iterable[str]) -> None:
+    """Write a parameter file of all that a set has changed from its model's default set, below lines of comment.
+
+    Values are in the variable table's units, each with its source and note: loaded, the file gives the same set.
+    """
+    shipped = {e.variable.name: e for e in load_parameters(model=parameters.model).entries}
+    lines = [*(f"# {comment}" for comment in comments), ""]
+    for array, group in groupby(parameters.entries, lambda e: e.variable.name.partition("[")[0]):
+        entries = list(group)
+        changed = [e for e in entries if e != shipped[e.variable.name]]
+        if changed == entries and len({(e.source, e.note) for e in entries}) == 1:
+            lines.append(_entry_line(array, entries))
+        else:
+            lines += [_entry_line(json.dumps(e.variable.name), [e]) for e in changed]
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8", newline="\n")
+
+
+def _entry_line(key: str, entries: Sequence[Entry]) -> str:
+    """The line of one value, or of an array whole: its elements are of one source and note."""
+    first, texts = entries[0], [json.dumps(e.value) for e in entries]
     fields = [f"value = [{', '.join(texts)}]" if len(texts) > 1 else f"value = {texts[0]}"]
-    if unit and not isinstance(values[0], bool):
-        fields.append(f"unit = {json.dumps(unit)}")
-    fields += [f"{key} = {json.dumps(text, ensure_ascii=False)}" for key, text in (("source", source), ("note", note))
-               if text]
-    return f"{name} = {{ {', '.join(fields)} }}"
+    if first.variable.kind != "Boolean":
+        fields.append(f"unit = {json.dumps(first.variable.unit)}")
+    fields += [f"{name} = {json.dumps(text, ensure_ascii=False)}"
+               for name, text in (("source", first.source), ("note", first.note)) if text]
+    return f"{key} = {{ {', '.join(fields)} }}"
+
+
+def file_entry(values: Sequence[float], unit: str, source: str, note: str) -> dict[str, object]:
+    """Return what a parameter file would say of a value, or of an array, in the variable table's unit."""
+    texts = [repr(float(value)) for value in values]
+    return {"value": texts if len(texts) > 1 else texts[0], "unit": unit, "source": source, "note": note}
 
 
 def _text(fields: Mapping[str, Any]) -> str:

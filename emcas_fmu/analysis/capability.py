@@ -25,9 +25,8 @@ from ..ops.floats import FLOATS
 from ..parameters import ParameterSet
 from ..physics import drive, kinematics, mechanics
 from ..reference.cases import CASES, LOAD
-from ..simulation import simulate
+from ..simulation import Array, simulate
 from ..tree import tree
-from .linear import Array
 
 ARRAYS: Ops = cast(Ops, _ARRAYS)
 _POINTS = 101
