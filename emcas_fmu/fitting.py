@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from itertools import groupby
+from dataclasses import dataclass, replace
 from math import degrees, radians
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from .parameters import ParameterSet, entry_line, load_parameters
+from .parameters import ParameterSet, file_entry, load_parameters, write_parameters
 from .simulation import simulate
 
 Array = NDArray[np.floating[Any]]
@@ -23,6 +22,7 @@ STOP = 0.4  # s
 STEP = 1e-3  # s
 NAMES = ("second_order.natural_frequency", "second_order.damping", "second_order.rate_limit", "drive.transport_delay")
 _BEGIN = np.array([100.0, 0.7, 4.0, 3e-3])
+_NOTE = "Fitted to the nonlinear model."
 _DIFFERENCE = 3e-3  # relative: a delay is known to a thousandth of the sample time
 _LOWEST, _HIGHEST = np.array([5.0, 0.05, 0.1, 0.0]), np.array([2000.0, 3.0, 100.0, 0.03])
 
@@ -44,8 +44,9 @@ def fit(nonlinear: ParameterSet) -> Fit:
     """
     limit = degrees(float(nonlinear.values["command.limit"])) * (1.0 + 1e-9)
     sizes = tuple(size for size in SIZES if size <= limit) or (limit,)
-    shared = dict(nonlinear.values)
-    base = load_parameters(model=MODEL).replace(shared)
+    shared = {e.variable.name: e for e in nonlinear.entries}
+    default = load_parameters(model=MODEL)
+    base = replace(default, entries=tuple(shared.get(e.variable.name, e) for e in default.entries))
     wanted = _responses(nonlinear.values, "nonlinear", sizes)
 
     def residuals(x: Array) -> Array:
@@ -55,8 +56,9 @@ def fit(nonlinear: ParameterSet) -> Fit:
 
     found = least_squares(residuals, np.ones(len(NAMES)), bounds=(_LOWEST / _BEGIN, _HIGHEST / _BEGIN),
                           diff_step=_DIFFERENCE, xtol=1e-10, ftol=1e-10)
-    rounded = {name: float(f"{x:.4g}") for name, x in zip(NAMES, found.x * _BEGIN, strict=True)}
-    fitted = base.replace(rounded)
+    units = {e.variable.name: e.variable.unit for e in base.entries}
+    fitted = base.replace({name: file_entry([float(f"{x:.4g}")], units[name], "estimate", _NOTE)
+                           for name, x in zip(NAMES, found.x * _BEGIN, strict=True)})
     left = 100.0 * np.abs(_responses(fitted.values, MODEL, sizes) - wanted)
     return Fit(fitted, sizes, tuple(left.max(axis=1).tolist()), tuple(np.sqrt(np.mean(left**2, axis=1)).tolist()))
 
@@ -70,16 +72,9 @@ def _responses(values: Mapping[str, Any], model: str, sizes: tuple[float, ...]) 
     return np.array([0.5 * (one(size) + one(-size)) for size in sizes])
 
 
-def write_parameters(found: Fit, path: Path, command: str) -> None:
-    """The fitted values as a parameter file of the second-order model, with whatever else its set has changed."""
+def write_fitted(found: Fit, path: Path, command: str) -> None:
+    """Write the fitted values as a parameter file of the second-order model, with all else that its set has changed."""
     left = ", ".join(f"{rms:.2g} % at {size:g} deg" for size, rms in zip(found.sizes, found.rms, strict=True))
-    lines = ["# Parameters of the second-order model, over its defaults.", f"# Made by: {command}",
-             f"# Differences left, rms of a step's size: {left}.", ""]
-    shipped = load_parameters(model=MODEL).values
-    for name, entries in groupby(found.parameters.entries, lambda e: e.variable.name.partition("[")[0]):
-        group = list(entries)
-        if all(e.variable.name not in NAMES and e.value == shipped[e.variable.name] for e in group):
-            continue
-        fitted = ("estimate", "Fitted to the nonlinear model.") if name in NAMES else ("", "")
-        lines.append(entry_line(name, [e.value for e in group], group[0].variable.unit, *fitted))
-    path.write_text("\n".join([*lines, ""]), encoding="utf-8", newline="\n")
+    write_parameters(found.parameters, path, [
+        "Parameters of the second-order model, over its defaults.", f"Made by: {command}",
+        f"Differences left, rms of a step's size: {left}."])

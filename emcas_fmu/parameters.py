@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from dataclasses import replace as dataclass_replace
 from difflib import get_close_matches
 from functools import cache, partial
+from itertools import groupby
 from math import isclose
 from numbers import Integral, Real
 from pathlib import Path
@@ -137,18 +138,20 @@ class ParameterSet:
         return self.actuator.namespace(self.values)
 
 
-def load_parameters(path: Path | str | None = None, base: ParameterSet | None = None,
+def load_parameters(files: Path | str | Iterable[Path | str] | None = None, base: ParameterSet | None = None,
                     model: str = NONLINEAR) -> ParameterSet:
-    """Return the default set of an actuator, or `base`, overridden by the user's file at `path`, if one is given.
+    """Return the default set of an actuator, or `base`, overridden by the user's `files`: one, or several in order.
 
-    The defaults are those of ``models/emcas.toml`` that the actuator has, with its parameter files over them, and
-    those of its extensions. Of parameters that are equal in SI units, such as torque and back-EMF constant, one follows
-    where the user's file gives only the other.
+    Each file together with those before it must make a sound set. The defaults are those of ``models/emcas.toml`` that
+    the actuator has, with its parameter files over them, and those of its extensions. Of parameters that are equal in
+    SI units, such as torque and back-EMF constant, one follows where the user's file gives only the other.
 
     Raises ParameterError with all problems of a file, FileNotFoundError where the default set is missing.
     """
     chosen = base if base is not None else _defaults(full_name(model))
-    return chosen if path is None else _overridden(chosen, _document(Path(path)), str(path), Path(path).name)
+    for path in [files] if isinstance(files, (str, Path)) else files or ():
+        chosen = _overridden(chosen, _document(Path(path)), str(path), Path(path).name)
+    return chosen
 
 
 def _defaults(model: str) -> ParameterSet:
@@ -358,15 +361,38 @@ def _in_variables_unit(name: str, value: object, model: str) -> object:
     return f"{text} {unit}" if unit and unit != "1" else text
 
 
-def entry_line(name: str, values: Sequence[Value], unit: str, source: str = "", note: str = "") -> str:
-    """A line of a parameter file: an entry of one value, or of an array where there are several."""
-    texts = [json.dumps(v) for v in values]
+def write_parameters(parameters: ParameterSet, path: Path, comments: Iterable[str]) -> None:
+    """Write a parameter file of all that a set has changed from its model's default set, below lines of comment.
+
+    Values are in the variable table's units, each with its source and note: loaded, the file gives the same set.
+    """
+    shipped = {e.variable.name: e for e in load_parameters(model=parameters.model).entries}
+    lines = [*(f"# {comment}" for comment in comments), ""]
+    for array, group in groupby(parameters.entries, lambda e: e.variable.name.partition("[")[0]):
+        entries = list(group)
+        changed = [e for e in entries if e != shipped[e.variable.name]]
+        if changed == entries and len({(e.source, e.note) for e in entries}) == 1:
+            lines.append(_entry_line(array, entries))
+        else:
+            lines += [_entry_line(json.dumps(e.variable.name), [e]) for e in changed]
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8", newline="\n")
+
+
+def _entry_line(key: str, entries: Sequence[Entry]) -> str:
+    """The line of one value, or of an array whole: its elements are of one source and note."""
+    first, texts = entries[0], [json.dumps(e.value) for e in entries]
     fields = [f"value = [{', '.join(texts)}]" if len(texts) > 1 else f"value = {texts[0]}"]
-    if unit and not isinstance(values[0], bool):
-        fields.append(f"unit = {json.dumps(unit)}")
-    fields += [f"{key} = {json.dumps(text, ensure_ascii=False)}" for key, text in (("source", source), ("note", note))
-               if text]
-    return f"{name} = {{ {', '.join(fields)} }}"
+    if first.variable.kind != "Boolean":
+        fields.append(f"unit = {json.dumps(first.variable.unit)}")
+    fields += [f"{name} = {json.dumps(text, ensure_ascii=False)}"
+               for name, text in (("source", first.source), ("note", first.note)) if text]
+    return f"{key} = {{ {', '.join(fields)} }}"
+
+
+def file_entry(values: Sequence[float], unit: str, source: str, note: str) -> dict[str, object]:
+    """Return what a parameter file would say of a value, or of an array, in the variable table's unit."""
+    texts = [repr(float(value)) for value in values]
+    return {"value": texts if len(texts) > 1 else texts[0], "unit": unit, "source": source, "note": note}
 
 
 def _text(fields: Mapping[str, Any]) -> str:

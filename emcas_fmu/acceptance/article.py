@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +31,7 @@ class Identification:
     """`FMU` or `parameter set`."""
     file: str
     sha256: str
-    """Of the file; empty for the shipped parameters."""
+    """Of the file, or of several one after the other; empty for the shipped parameters."""
     name: str
     guid: str
     """Empty for a parameter set."""
@@ -69,7 +69,7 @@ class ParameterArticle:
     """A parameter set, run by the kernel in this process."""
 
     parameters: ParameterSet
-    path: Path | None = None
+    files: Sequence[Path] = ()
 
     @property
     def values(self) -> Mapping[str, Any]:
@@ -80,8 +80,9 @@ class ParameterArticle:
     def identification(self) -> Identification:
         """File, hashes, and what the numbers rest on."""
         return Identification(
-            "parameter set", self.path.name if self.path else "the shipped parameters",
-            hashlib.sha256(self.path.read_bytes()).hexdigest() if self.path else "", "EMCAS", "", "",
+            "parameter set", ", ".join(file.name for file in self.files) or "the shipped parameters",
+            hashlib.sha256(b"".join(file.read_bytes() for file in self.files)).hexdigest() if self.files else "",
+            "EMCAS", "", "",
             parameters_hash(self.values), "the kernel of emcas", _differences(self.values),
             tuple(e.variable.name for e in self.parameters.entries if e.source == "estimate"))
 
@@ -134,20 +135,24 @@ def _differences(values: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 @contextmanager
-def opened_article(path: Path | None, fin: int | None = None, purpose: str = "an acceptance test"
-                   ) -> Iterator[ParameterArticle | FmuArticle]:
+def opened_article(path: Path | None, fin: int | None = None, purpose: str = "an acceptance test",
+                   parameters: Sequence[Path] | None = None) -> Iterator[ParameterArticle | FmuArticle]:
     """The article at `path`: an FMU, a parameter file (.toml), or the shipped parameters where there is no path.
 
+    The parameter files of `parameters` go over those of the article, which then cannot be an FMU.
     `fin` from 1 on chooses one of a unit of several, the first unless given; `purpose` is what for, in messages.
 
     Raises EmcasError or ParameterError where it cannot be used.
     """
     if path is None or path.suffix.lower() == ".toml":
-        yield ParameterArticle(load_parameters(path), path)
+        files = [*([path] if path else []), *(parameters or ())]
+        yield ParameterArticle(load_parameters(files), files)
         return
     if path.suffix.lower() != ".fmu":
         raise EmcasError(f"{path}: is neither an FMU nor a parameter file by its name; give a file that ends in .fmu "
                          "or .toml")
+    if parameters:
+        raise EmcasError(f"--parameters {parameters[0]}: {path} has its parameters in it; build an FMU of these")
     with opened(path, fin) as unit:
         unit.require_nonlinear(purpose)
         unit.require([v.name for v in get(NONLINEAR).inputs], "input")

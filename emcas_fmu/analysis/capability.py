@@ -26,8 +26,7 @@ from ..ops.floats import FLOATS
 from ..parameters import ParameterSet
 from ..physics import drive, kinematics, mechanics
 from ..reference.cases import CASES, LOAD
-from ..simulation import simulate
-from .linear import Array
+from ..simulation import Array, simulate
 
 ARRAYS: Ops = cast(Ops, _ARRAYS)
 _POINTS = 101

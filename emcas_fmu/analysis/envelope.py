@@ -34,8 +34,8 @@ from ..ops.floats import FLOATS
 from ..parameters import ParameterSet
 from ..physics import drive, heat
 from ..plots import BLUE, GREEN, INK, PURPLE, VERMILLION, figure, style, write
+from ..simulation import Array
 from .capability import limit_torque
-from .linear import Array
 
 _POINTS = 201
 _CURRENTS = 101  # among which turning points of torque and voltage are looked for

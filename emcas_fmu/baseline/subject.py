@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,17 +43,18 @@ class Subject:
         inputs, step = excitation.columns, excitation.step
         if isinstance(self.article, ParameterArticle):
             changed = self.article.parameters.replace(excitation.overrides)
-            return ParameterArticle(changed, self.article.path).run(inputs, step)
+            return ParameterArticle(changed, self.article.files).run(inputs, step)
         return self.article.unit.run({**inputs, "time": row_times(inputs, step)}, step, excitation.overrides, RECORDED)
 
 
 @contextmanager
-def opened_subject(path: Path, fin: int | None = None) -> Iterator[Subject]:
-    """The parameter file (.toml) or FMU at `path`; `fin` from 1 on chooses one of several.
+def opened_subject(path: Path, fin: int | None = None, parameters: Sequence[Path] | None = None) -> Iterator[Subject]:
+    """The parameter file (.toml), with those of `parameters` over it, or the FMU at `path`.
 
+    `fin` from 1 on chooses one of an FMU of several.
     Raises EmcasError or ParameterError where it cannot be used.
     """
     if fin is not None and path.suffix.lower() == ".toml":
         raise EmcasError(f"--fin {fin}: {path} is a parameter file, that is one fin; leave --fin out")
-    with opened_article(path, fin, "a baseline") as article:
+    with opened_article(path, fin, "a baseline", parameters) as article:
         yield Subject(article, None if isinstance(article, ParameterArticle) else fin or 1)

@@ -51,7 +51,7 @@ class Store:
             raise CampaignError(f"{folder}: is a file; name a folder")
         if folder.is_dir() and not manifest.is_file() and not _unused(folder):
             raise CampaignError(f"{folder}: is no folder of a campaign; name one that is empty or not there yet")
-        folder.mkdir(exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
         self._lock = Lock(folder)
         try:
             self._begin(manifest)

@@ -74,16 +74,18 @@ def _base(path: Path, entry: Mapping[str, Any], fmu: Path | None, fin: int | Non
     require_known(entry, ("model", "parameters", "fmu", "fin"), f"{path}: base", CampaignError)
     chosen = fin if fin is not None else _whole(path, entry, "fin", 1, 1, MOST_FINS, "base")
     for key, written in entry.items():
-        if key != "fin" and not isinstance(written, str):
+        several = key == "parameters" and isinstance(written, list)
+        if key != "fin" and not all(isinstance(name, str) for name in (written if several else [written])):
             raise CampaignError(f"{path}: base.{key}: expected the name of a {'model' if key == 'model' else 'file'}")
     kind = _model(path, entry, model)
     # Files are named as seen from the campaign's own, which can then be run from anywhere.
-    file = path.parent / entry["parameters"] if "parameters" in entry else None
+    named = entry.get("parameters", [])
+    files = [path.parent / name for name in ([named] if isinstance(named, str) else named)]
     unit = fmu if fmu is not None else path.parent / entry["fmu"] if "fmu" in entry else None
     if unit is None:
         if fin is not None or "fin" in entry:
             raise CampaignError(f"{path}: fin {chosen} is one of an FMU; name it with --fmu or base.fmu")
-        base = load_parameters(file, model=kind or NONLINEAR)
+        base = load_parameters(files, model=kind or NONLINEAR)
         shown = Unit(1, base.model)
         return base, interface_guid(start_values(shown, [base.values]), shown), "", "", 1
     from ..validation.runs import chosen_model, opened
@@ -97,9 +99,9 @@ def _base(path: Path, entry: Mapping[str, Any], fmu: Path | None, fin: int | Non
                                      (actuator.parameters, "parameter")):
             there.require([v.name for v in variables], causality)
         guid, values = there.description.guid, {v.name: there.starts[v.name] for v in actuator.parameters}
-        values |= {v.key: there.starts[v.name] for v in get(kind or NONLINEAR).inputs if v.key}
-    base = load_parameters(file, model=kind)
-    return base if file else base.replace(values), guid, str(unit.resolve()), there.sha256, chosen
+        values |= {v.key: there.starts[v.name] for v in actuator.inputs if v.key}
+    base = load_parameters(files, model=kind)
+    return base if files else base.replace(values), guid, str(unit.resolve()), there.sha256, chosen
 
 
 def _model(path: Path, entry: Mapping[str, Any], given: str | None) -> str | None:

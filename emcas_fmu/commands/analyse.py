@@ -12,7 +12,7 @@ from rich.table import Table
 
 from ..errors import EmcasError
 from ..parameters import load_parameters
-from .common import ParametersOption, check_outputs, failures, out, progress_bar, stepper
+from .common import ParametersOption, check_outputs, failures, out, progress_bar, require_extra, stepper
 
 EPILOG = ("Examples:\n\n  emcas analyse\n\n  emcas analyse --at 15 --report analysis.html "
           "--locus controller.velocity.kp"
@@ -33,12 +33,14 @@ def analyse(
 ) -> None:
     """Linearise at an operating point: bandwidth, margins, final values, limits, natural frequencies, capability."""
     with failures():
-        check_outputs(as_json, report, inputs=(parameters,))
+        check_outputs(as_json, report, inputs=(*(parameters or ()), rod))
         for name, value in (("--at", at), ("--torque", torque)):
             if not isfinite(value):
                 raise EmcasError(f"{name} {value}: give a finite number")
         chosen = load_parameters(parameters)
-        tools = _tools()
+        require_extra("analysis", "emcas analyse needs", "control", "casadi")
+        from ..analysis import analyse as tools
+
         with progress_bar() as progress:
             found = tools.analyse(chosen, radians(at), torque, rod, locus, stepper(progress, "analyse"))
         figures = tools.figures(found)
@@ -58,18 +60,6 @@ def analyse(
     for path in (as_json, report):
         if path:
             out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
-
-
-def _tools() -> Any:
-    try:
-        import control  # noqa: F401
-
-        from ..ops import symbols  # noqa: F401
-    except ImportError as error:
-        raise EmcasError("emcas analyse needs python-control and CasADi: pip install 'emcas-fmu[analysis]'") from error
-    from ..analysis import analyse as tools
-
-    return tools
 
 
 def _tables(f: dict[str, Any]) -> list[Table]:

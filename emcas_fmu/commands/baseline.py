@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -9,8 +10,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from ..errors import EmcasError
-from .common import check_outputs, failures, out, progress_bar, stepper
+from .common import ParametersOption, check_outputs, failures, out, parameter_arguments, progress_bar, stepper
 
 _LOG_WIDTH = 110
 _RECORD = ("Examples:\n\n  emcas baseline record my_actuator.toml --output baseline"
@@ -36,6 +36,7 @@ def record(
                                                                 "that is there are kept.",
                                          metavar="DIR")] = Path("baseline"),
     fin: _Fin = None,
+    parameters: ParametersOption = None,
     fresh: Annotated[bool, typer.Option("--fresh", help="Begin with the shipped limits and cases.")] = False,
 ) -> None:
     """Approve the present response: write its figures and trajectories as text to commit."""
@@ -47,12 +48,13 @@ def record(
     from ..baseline.write import write
 
     with failures():
-        _check_folder(output)
+        check_outputs(output / FILE, folders=(output,), inputs=(model, *(parameters or ())))
         # Limits and cases alone: what was approved may be incomplete, as after a case was added by hand.
         old = read(output / FILE) if (output / FILE).exists() and not fresh else None
         # Without the folder: the same response gives the same bytes wherever it is kept.
-        command = f"emcas baseline record {model.name}" + (f" --fin {fin}" if fin else "")
-        with progress_bar() as progress, opened_subject(model, fin) as subject:
+        command = shlex.join(["emcas", "baseline", "record", model.name, *(["--fin", str(fin)] if fin else []),
+                              *parameter_arguments(Path(file.name) for file in parameters or ())])
+        with progress_bar() as progress, opened_subject(model, fin, parameters) as subject:
             plan = old or first(read(TEMPLATE), subject)
             made = run(plan, subject, output, command, stepper(progress, "record"))
         written = write(made, output)
@@ -68,6 +70,7 @@ def check(
     baseline: Annotated[Path, typer.Option("--baseline", "-b", help="Folder `emcas baseline record` wrote.",
                                            metavar="DIR")] = Path("baseline"),
     fin: _Fin = None,
+    parameters: ParametersOption = None,
     everything: Annotated[bool, typer.Option("--all", help="Show every comparison, not only what drifted and, of "
                                                            "other cases, what comes nearest.")] = False,
     as_json: Annotated[Path | None, typer.Option("--json", help="Write all comparisons to this file.",
@@ -87,11 +90,11 @@ def check(
     from ..baseline.table import remedy
 
     with failures():
-        check_outputs(as_json, junit, markdown, report, inputs=(model, baseline))
+        check_outputs(as_json, junit, markdown, report, inputs=(model, *(parameters or ()), baseline))
         approved = read(baseline)
-        with progress_bar() as progress, opened_subject(model, fin) as subject:
+        with progress_bar() as progress, opened_subject(model, fin, parameters) as subject:
             result = compare(approved, subject, baseline, stepper(progress, "check"))
-        advice = remedy(result, str(model), str(baseline))
+        advice = remedy(result, shlex.join([str(model), *parameter_arguments(parameters)]), str(baseline))
         # A log has no width of its own, and a folded table is hard to read there.
         console = out if out.is_terminal else Console(width=_LOG_WIDTH)
         for part in summary(result, everything):
@@ -109,8 +112,3 @@ def check(
             write_report(result, advice, report)
     if not result.passed:
         raise typer.Exit(1)
-
-
-def _check_folder(folder: Path) -> None:
-    if folder.exists() and not folder.is_dir():
-        raise EmcasError(f"{folder}: is a file; give a folder to write the baseline to")

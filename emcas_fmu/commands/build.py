@@ -11,7 +11,7 @@ from rich.markup import escape
 from ..actuators import NONLINEAR
 from ..parameters import load_parameters
 from ..unit import Unit, fin_files
-from .common import ModelOption, ParametersOption, failures, out, progress_bar, stepper, warn
+from .common import ModelOption, ParametersOption, check_outputs, failures, out, progress_bar, stepper, warn
 
 EPILOG = ("Examples:\n\n  emcas build\n\n  emcas build --parameters my_actuator.toml --output MyActuator.fmu"
                 "\n\n  emcas build --backend native"
@@ -46,9 +46,10 @@ def build(
     from ..fmi.package import build as build_fmu
 
     with failures(), progress_bar() as progress:
-        chosen = load_parameters(parameters, model=model)
-        built = build_fmu(chosen, output or Path(f"{Unit(fins, model).model}.fmu"), backend, platform, cc,
-                          stepper(progress, "compile"), fins, layout, fin_files(fin or []))
+        target, files = output or Path(f"{Unit(fins, model).model}.fmu"), fin_files(fin or [])
+        check_outputs(target, inputs=(*(parameters or ()), *files.values()))
+        built = build_fmu(load_parameters(parameters, model=model), target, backend, platform, cc,
+                          stepper(progress, "compile"), fins, layout, files)
     warn(built.warnings)
     out.print(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})", highlight=False, soft_wrap=True)

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from ..actuators import EXTENSIONS, NAMES
 from ..errors import EmcasError
-from .common import check_outputs, err, failures, out, progress_bar
+from .common import INTERRUPTED, check_outputs, err, failures, out, progress_bar, require_extra
 
 EPILOG = ("Examples:\n\n  emcas campaign models/campaign.toml --output results"
           "\n\n  emcas campaign models/campaign_faults.toml --model elastic+faults"
@@ -25,7 +25,6 @@ EPILOG = ("Examples:\n\n  emcas campaign models/campaign.toml --output results"
           "\n\nA run that was stopped, goes on with the same command. Exit codes: 0 done (failed samples are "
           "results too), 1 every sample failed or some are missing, 2 the request cannot be carried out, 130 stopped "
           "by Ctrl-C.")
-INTERRUPTED = 130
 
 
 def campaign(
@@ -59,13 +58,15 @@ def campaign(
 
         if workers is not None and scheduler is not None:
             raise EmcasError("--workers are processes here, --scheduler is another cluster: give one of them")
-        check_outputs(report, as_json, output.parent / "x" if output else None, inputs=(file, fmu))
-        study = load_study(file, fmu, fin, model)
         folder = output or Path(f"{file.stem}_results")
+        page, figures = report or folder / "summary.html", as_json or folder / "summary.json"
+        check_outputs(*((page, figures) if only is None else (as_json,)), folders=(folder,) if only is None else (),
+                      inputs=(file, fmu))
+        study = load_study(file, fmu, fin, model)
         if only is not None:
             _one(study, only, as_json)
             return
-        _needed(workers != 0)
+        require_extra("campaign", "campaigns need", "filelock", "pyarrow", *(["distributed"] if workers != 0 else []))
         from ..campaign.store import Store
         from ..campaign.summary import summarise, write_json
 
@@ -81,7 +82,6 @@ def campaign(
             found = summarise(study, store.table())
             command = shlex.join(["emcas", "campaign", str(file), *(["--fmu", str(fmu)] if fmu else []),
                                   *(["--fin", str(fin)] if fin else []), *(["--model", model] if model else [])])
-            page, figures = report or folder / "summary.html", as_json or folder / "summary.json"
             write_json(found, figures, command)
             write_report(found, page, command)
     out.print(_table(found))
@@ -99,17 +99,6 @@ def campaign(
         raise typer.Exit(1)
     if found.failed == found.done:
         raise typer.Exit(1)
-
-
-def _needed(with_dask: bool) -> None:
-    try:
-        import filelock  # noqa: F401
-        import pyarrow  # noqa: F401
-
-        if with_dask:
-            import distributed  # noqa: F401
-    except ImportError as error:
-        raise EmcasError("campaigns need Dask, PyArrow and filelock: pip install 'emcas-fmu[campaign]'") from error
 
 
 def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chunk: int | None) -> bool:

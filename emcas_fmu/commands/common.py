@@ -1,10 +1,12 @@
-"""What the commands share: output, failures, progress, the option for parameters."""
+"""What the commands share: the options for a model and its parameters, checks beforehand, failures, progress."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Annotated
 
 import typer
@@ -22,8 +24,11 @@ err = Console(stderr=True)
 ModelOption = Annotated[str, typer.Option(
     "--model", help=f"Which model of the actuator: {', '.join(NAMES)}. Behind it options, as in elastic+heat+faults: "
                     f"{', '.join(EXTENSIONS)}.", metavar="NAME[+OPTION...]")]
-ParametersOption = Annotated[Path | None, typer.Option(
-    "--parameters", "-p", help="Parameter file (TOML); overrides any subset of the defaults.", metavar="FILE")]
+ParametersOption = Annotated[list[Path] | None, typer.Option(
+    "--parameters", "-p", help="Parameter file (TOML); overrides any subset of the defaults (may be given several "
+                               "times: a later file goes over those before it).", metavar="FILE")]
+INTERRUPTED = 130
+"""Exit code of a run that was stopped by Ctrl-C."""
 
 
 @contextmanager
@@ -42,26 +47,64 @@ def warn(warnings: Iterable[str]) -> None:
         err.print(f"[bold yellow]warning:[/] {escape(warning)}", highlight=False, soft_wrap=True)
 
 
-def check_outputs(*paths: Path | None, inputs: Iterable[Path | None] = ()) -> None:
-    """Before long work: files to be written must have a folder, and be neither inputs nor each other.
+def parameter_arguments(files: Iterable[Path] | None) -> list[str]:
+    """Return the arguments that name parameter files, for a command that is written into a result."""
+    return [argument for file in files or () for argument in ("--parameters", str(file))]
 
-    An input may be a folder: nothing in it may be written then. Raises EmcasError.
+
+def require_extra(extra: str, what: str, *modules: str) -> None:
+    """Import the modules of one of the package's extras. Raises EmcasError, naming it, where one is not installed."""
+    for module in modules:
+        try:
+            import_module(module)
+        except ImportError as error:
+            raise EmcasError(f"{what} the Python package {module}, which is not installed: "
+                             f"pip install 'emcas-fmu[{extra}]'") from error
+
+
+def check_outputs(*files: Path | None, folders: Iterable[Path] = (), inputs: Iterable[Path | None] = ()) -> None:
+    """Check before long work that outputs can be written, and that they are neither inputs nor each other.
+
+    `files` need a folder that is there, or is among the `folders`, which are made later where they are missing. An
+    input may be a folder: nothing in it may be written then. Raises EmcasError.
     """
+    made = [folder.resolve() for folder in folders]
+    for folder in made:
+        place = next(above for above in (folder, *folder.parents) if above.exists())
+        if not place.is_dir():
+            raise EmcasError(f"{place}: is a file; give a folder to write to")
+        with _refused(folder), TemporaryFile(dir=place):
+            pass
     read = [path.resolve() for path in inputs if path is not None]
     taken: set[Path] = set()
-    for path in paths:
-        if path is None:
-            continue
-        target = path.resolve()
-        if any(target == own or (own.is_dir() and own in target.parents) for own in read):
-            raise EmcasError(f"{path}: is read by this command and would be overwritten; write to another file")
-        if target in taken and target != Path("/dev/stdout"):
-            raise EmcasError(f"{path}: is given for two outputs; write each to a file of its own")
-        taken.add(target)
-        if path is not None and path.is_dir():
-            raise EmcasError(f"{path}: is a folder")
-        if path is not None and not path.parent.is_dir():
-            raise EmcasError(f"{path}: there is no folder {path.parent}; make it first")
+    for path in filter(None, files):
+        with _refused(path):
+            target, there = path.resolve(), path.exists()
+            if path.is_dir():
+                raise EmcasError(f"{path}: is a folder; give a file to write to")
+            if there and not path.is_file():  # the terminal, a pipe
+                continue
+            if any(target == source or (source.is_dir() and source in target.parents) for source in read):
+                raise EmcasError(f"{path}: is read by this command and would be overwritten; write to another file")
+            if target in taken:
+                raise EmcasError(f"{path}: is given for two outputs; write each to a file of its own")
+            taken.add(target)
+            if not target.parent.is_dir():
+                if target.parent in made:
+                    continue
+                raise EmcasError(f"{path}: there is no folder {path.parent}; make it first")
+            with path.open("ab"):
+                pass
+            if not there:
+                target.unlink()
+
+
+@contextmanager
+def _refused(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise EmcasError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def progress_bar() -> Progress:

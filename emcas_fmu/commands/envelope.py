@@ -42,7 +42,7 @@ def envelope(
     from ..units import UnitError, quantity
 
     with failures():
-        check_outputs(output, plot, as_json, inputs=(parameters,))
+        check_outputs(output, plot, as_json, inputs=parameters or ())
         try:
             seconds = quantity(duration, "", "s")
         except UnitError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..parameters import load_parameters
-from .common import ParametersOption, check_outputs, failures, out
+from .common import ParametersOption, check_outputs, failures, out, parameter_arguments
 
 EPILOG = ("Examples:\n\n  emcas fit\n\n  emcas fit -p my_actuator.toml --output my_second_order.toml"
           "\n\n  python build_fmu.py --model second-order -p my_second_order.toml")
@@ -25,15 +26,15 @@ def fit(
                                                  metavar="FILE")] = None,
 ) -> None:
     """Fit natural frequency, damping, rate limit and delay of the second-order model to the nonlinear one."""
-    from ..fitting import NAMES, write_parameters
+    from ..fitting import NAMES, write_fitted
     from ..fitting import fit as run
 
     with failures():
-        check_outputs(output, as_json, inputs=(parameters,))
+        check_outputs(output, as_json, inputs=parameters or ())
         found = run(load_parameters(parameters))
         values = found.parameters.values
         if output:
-            write_parameters(found, output, " ".join(["emcas fit", *([f"-p {parameters}"] if parameters else [])]))
+            write_fitted(found, output, shlex.join(["emcas", "fit", *parameter_arguments(parameters)]))
         if as_json:
             as_json.write_text(json.dumps({
                 "parameters": {name: values[name] for name in NAMES}, "step_deg": found.sizes,

@@ -42,20 +42,20 @@ app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="
                   help="Identify parameters from bench measurements. " + _COMMON)
 
 
-def _carry_out(run: Callable[[ParameterSet], Identification], records: Sequence[Path], parameters: Path | None,
-               output: Path | None, report: Path | None, as_json: Path | None) -> None:
-    from ..identification.parameter_file import write_parameters
+def _carry_out(run: Callable[[ParameterSet], Identification], records: Sequence[Path],
+               parameters: list[Path] | None, output: Path | None, report: Path | None, as_json: Path | None) -> None:
+    from ..identification.parameter_file import write_identified
     from ..identification.report import write_report
     from ..identification.result import write_json
 
     with failures():
         # The set may be written over: experiments chain through one file.
-        check_outputs(report, as_json, inputs=(*records, parameters))
+        check_outputs(report, as_json, inputs=(*records, *(parameters or ())))
         check_outputs(output, report, as_json, inputs=records)
         base = load_parameters(parameters)
         result = run(base)
         if output:
-            write_parameters(result, base, output, parameters)
+            write_identified(result, base, output, parameters or ())
         if report:
             write_report(result, report)
         if as_json:
@@ -149,6 +149,7 @@ def make_bench(
     from ..identification.bench import write_bench
 
     with failures():
+        check_outputs(folders=(directory,))
         chosen = load_parameters(parameters)
         with progress_bar() as progress:
             written = write_bench(directory, chosen, seed, stepper(progress, "bench"))

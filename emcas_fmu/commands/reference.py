@@ -10,15 +10,16 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..errors import EmcasError
-from .common import ParametersOption, failures, out, progress_bar, stepper
+from ..parameters import load_parameters
+from .common import ParametersOption, check_outputs, failures, out, progress_bar, stepper
 
 EPILOG = ("Examples:\n\n  emcas reference --check\n\n  emcas reference --case step_plus1 --directory ref"
           "\n\n  emcas reference --parameters my_actuator.toml --directory my_references")
 
 
 def reference(
-    directory: Annotated[Path | None, typer.Option(help="Folder of the reference files; models/reference "
-                                                      "unless given.", metavar="DIR")] = None,
+    directory: Annotated[Path | None, typer.Option(help="Folder of the reference files; with --check "
+                                                                 "those shipped unless given.", metavar="DIR")] = None,
     case: Annotated[list[str] | None, typer.Option(help="Only this case (may be given several times).")] = None,
     parameters: ParametersOption = None,
     check: Annotated[bool, typer.Option("--check", help="Compare with the files there instead of writing.")] = False,
@@ -28,15 +29,20 @@ def reference(
     from ..reference import files
 
     with failures():
-        if parameters and not directory:
+        if not directory and not check:
+            raise EmcasError("--directory is missing: give a folder to write the reference files to")
+        if not directory and parameters:
             raise EmcasError("--parameters needs --directory: the shipped references are of the default parameters")
         folder = directory or models_directory() / "reference"
+        if not check:
+            check_outputs(folders=(folder,))
+        chosen = load_parameters(parameters)
         with progress_bar() as progress:
             step = stepper(progress, "reference")
             if not check:
-                files.regenerate(folder, names=case, progress=step, parameters=parameters)
+                files.regenerate(folder, names=case, progress=step, parameters=chosen)
             else:
-                rows = files.compare(folder, names=case, progress=step, parameters=parameters)
+                rows = files.compare(folder, names=case, progress=step, parameters=chosen)
     if not check:
         out.print(f"written to {escape(str(folder))}", highlight=False, soft_wrap=True)
         return

@@ -10,7 +10,7 @@ import typer
 from rich.markup import escape
 
 from ..errors import EmcasError
-from .common import check_outputs, failures, out, progress_bar, stepper
+from .common import ParametersOption, check_outputs, failures, out, progress_bar, stepper
 
 EPILOG = ("Examples:\n\n  emcas report\n\n  emcas report EMCAS.fmu --output report.html --date 2026-03-31"
           "\n\n  emcas report my_actuator.toml --requirements specification.toml --load 60 --junit junit.xml"
@@ -21,6 +21,7 @@ def report(
     article: Annotated[Path | None, typer.Argument(help="FMU (.fmu) or parameter file (.toml); the shipped parameters "
                                                         "unless given.", metavar="[FMU|TOML]",
                                                    show_default=False)] = None,
+    parameters: ParametersOption = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Page to write.",
                                          metavar="FILE.html")] = Path("report.html"),
     requirements: Annotated[Path | None, typer.Option(help="Requirements (TOML) beside those of Table 2.",
@@ -46,13 +47,13 @@ def report(
     from ..reference.cases import LOAD
 
     with failures():
-        check_outputs(output, as_json, junit, inputs=(article, requirements, mission))
+        check_outputs(output, as_json, junit, inputs=(article, *(parameters or ()), requirements, mission))
         if load is not None and not 0.0 < load < float("inf"):
             raise EmcasError(f"--load {load:g}: must be above 0, in N.m")
         told = _date(date) if date else ""
         wanted = judging.load(requirements) if requirements else []
         profile = profiles.from_csv(mission) if mission else None
-        with progress_bar() as progress, opened_article(article) as found:
+        with progress_bar() as progress, opened_article(article, parameters=parameters) as found:
             campaign = carry_out(found, load=load or LOAD, profile=profile, wanted=wanted,
                                  progress=stepper(progress, "test"))
         write_report(campaign, output, told)

@@ -76,7 +76,7 @@ def simulate(
         if [case, input_file, step].count(None) != 2:
             raise EmcasError("give one of --case, --input and --step")
         check_ending(plot)
-        check_outputs(output, plot, as_json, inputs=(parameters, input_file))
+        check_outputs(output, plot, as_json, inputs=(*(parameters or ()), input_file))
         for name, value in (("--stop", stop), ("--interval", interval)):
             if value is not None and not 0.0 < value < float("inf"):
                 raise EmcasError(f"{name} {value}: must be above 0")

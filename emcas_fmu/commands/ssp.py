@@ -54,8 +54,10 @@ def write(
     from ..unit import fin_files
 
     with failures(), progress_bar() as progress:
-        written = write_ssp(output, fmu, parameters, fins=fins, layout=layout, fin_files=fin_files(fin or []),
-                            variant_files=variant_files(variant or []), prefix=prefix, model=model,
+        of_fins, of_variants = fin_files(fin or []), variant_files(variant or [])
+        check_outputs(output, inputs=(fmu, *(parameters or ()), *of_fins.values(), *of_variants.values()))
+        written = write_ssp(output, fmu, parameters, fins=fins, layout=layout, fin_files=of_fins,
+                            variant_files=of_variants, prefix=prefix, model=model,
                             progress=stepper(progress, "compile"))
     out.print(f"written {escape(str(written.path))}  {written.size / 1024:.0f} KiB  {fins} fins, FMU {written.guid}",
               highlight=False, soft_wrap=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +12,18 @@ from rich.markup import escape
 
 from ..errors import EmcasError
 from ..parameters import load_parameters
-from .common import ParametersOption, check_outputs, failures, out, progress_bar, stepper
+from .common import (
+    INTERRUPTED,
+    ParametersOption,
+    check_outputs,
+    err,
+    failures,
+    out,
+    parameter_arguments,
+    progress_bar,
+    require_extra,
+    stepper,
+)
 
 EPILOG = ("Examples:\n\n  emcas tune --output tuned.toml --report tuning.html"
           "\n\n  emcas tune my_requirements.toml -p my_actuator.toml --output tuned.toml --journal tuning.jsonl"
@@ -22,7 +34,8 @@ def tune(
     study: Annotated[Path | None, typer.Argument(help="Requirements, cases and what may be tuned (TOML); "
                                                       "models/tuning.toml unless given.", metavar="FILE")] = None,
     parameters: ParametersOption = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the gains as a parameter file.",
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write a parameter file: the gains "
+                                                                              "and what --parameters already changed.",
                                                 metavar="FILE")] = None,
     report: Annotated[Path | None, typer.Option(help="Write a page with tables and plots.",
                                                 metavar="FILE.html")] = None,
@@ -40,45 +53,48 @@ def tune(
 ) -> None:
     """Find controller gains that meet requirements in every case at once, on the nonlinear model.
 
-    The shipped study takes about five minutes on two processors.
+    The shipped study takes about five minutes on two processors. Ctrl-C ends the search: the best gains it has found
+    are shown and written, and the exit code is 130.
     """
     from ..files import models_directory
     from ..tuning.evaluate import Journal
     from ..tuning.optimise import tune as run
-    from ..tuning.output import summary, verdict, write_json, write_parameters
+    from ..tuning.output import summary, verdict, write_json, write_tuned
     from ..tuning.study import load_study
 
     with failures():
-        check_outputs(output, report, as_json, journal, inputs=(study, parameters))
+        check_outputs(output, report, as_json, journal, inputs=(study, *(parameters or ())))
         chosen = load_study(study or models_directory() / "tuning.toml", load_parameters(parameters))
         names = [r.name for r in chosen.requirements]
         if pareto is not None and (len(pareto) != 2 or not set(pareto) <= set(names)):
             raise EmcasError(f"--pareto is given twice, with two of {', '.join(names)}")
         if any(r.test.kind == "linear" for r in chosen.requirements):
-            try:
-                from ..analysis.linear import LinearActuator  # noqa: F401
-            except ImportError as error:
-                raise EmcasError("margins (tests of kind linear) need python-control and CasADi: "
-                                 "pip install 'emcas-fmu[analysis]'") from error
+            require_extra("analysis", "margins (tests of kind linear) need", "control", "casadi")
         kept = Journal(journal, chosen)
-        with progress_bar() as progress:
-            result = run(chosen, seed, generations, workers or os.cpu_count() or 1, kept, stepper(progress, "tune"))
-        command = " ".join(["emcas tune", *([str(study)] if study else []),
-                            *([f"--parameters {parameters}"] if parameters else []), f"--seed {seed}",
-                            f"--generations {generations}"])
+        try:
+            with progress_bar() as progress:
+                result = run(chosen, seed, generations, workers or os.cpu_count() or 1, kept,
+                             stepper(progress, "tune"))
+        except KeyboardInterrupt:
+            err.print("stopped before there were gains to write")
+            raise typer.Exit(INTERRUPTED) from None
+        out.print(summary(result))
+        out.print(verdict(result), highlight=False, soft_wrap=True)
+        command = shlex.join(["emcas", "tune", *([str(study)] if study else []), *parameter_arguments(parameters),
+                              "--seed", str(seed), "--generations", str(generations)])
         if output:
-            write_parameters(result, output, command)
+            write_tuned(result, output, command)
         if as_json:
             write_json(result, as_json, command)
         if report:
             from ..tuning.report import write_report
 
             write_report(result, report, command, (pareto[0], pareto[1]) if pareto else None)
-    out.print(summary(result))
-    out.print(verdict(result), highlight=False, soft_wrap=True)
     out.print(f"{len(result.evaluated)} evaluations", highlight=False)
     for path in (output, as_json, report, journal):
         if path:
             out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
+    if result.stopped:
+        raise typer.Exit(INTERRUPTED)
     if not result.met:
         raise typer.Exit(1)

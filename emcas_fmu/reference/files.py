@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.parameters import load_parameters
+from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.reference.cases import CASES, SIGNIFICANT_DIGITS, Case
 from emcas_fmu.reference.plant import Value
 from emcas_fmu.reference.simulate import MAX_STEP, RTOL, SCALES, Array, simulate
@@ -84,10 +84,10 @@ def read_provenance(directory: Path) -> dict[str, Any]:
 
 
 def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Progress | None = None,
-               parameters: Path | None = None) -> None:
+               parameters: ParameterSet | None = None) -> None:
     """Compute the named cases (default all) and write their files and provenance into `directory`.
 
-    `parameters` is a parameter file; without one the defaults are used.
+    Without `parameters` the default set is used.
     """
     directory.mkdir(parents=True, exist_ok=True)
     provenance = read_provenance(directory)
@@ -108,7 +108,7 @@ def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Pr
 
 def compare(
     directory: Path, names: Sequence[str] | None = None, progress: Progress | None = None,
-    parameters: Path | None = None,
+    parameters: ParameterSet | None = None,
 ) -> list[Difference]:
     """Recompute the named cases (default all) and measure them against the files in `directory`.
 
@@ -150,8 +150,8 @@ def _chosen(names: Sequence[str] | None, progress: Progress | None) -> Iterator[
             progress(case.name, done + 1, len(chosen))
 
 
-def _values(case: Case, parameters: Path | None) -> dict[str, Value]:
-    return {**load_parameters(parameters).values, **case.overrides}
+def _values(case: Case, parameters: ParameterSet | None) -> dict[str, Value]:
+    return {**(parameters or load_parameters()).values, **case.overrides}
 
 
 def parameters_hash(values: Mapping[str, Value]) -> str:

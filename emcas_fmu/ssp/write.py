@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -36,14 +36,14 @@ class Written:
     report: Report
 
 
-def write_ssp(output: Path, fmu: Path | None = None, parameters: Path | None = None, *, fins: int = 4,
+def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] | None = None, *, fins: int = 4,
               layout: str = "cross", fin_files: Mapping[int, Path] | None = None,
               variant_files: Mapping[str, Path] | None = None, prefix: str = PREFIX,
               model: str | None = None, progress: Progress | None = None) -> Written:
     """Write the archive of a system of `fins` actuators to `output`, whole or not at all, and check it.
 
     `fmu` is built, native, of the `model` (:mod:`emcas_fmu.actuators`) and the parameters if not given; the fins'
-    parameters are those of the file `parameters`, or those the FMU starts with. `fin_files` and `variant_files` are
+    parameters are those of the files `parameters`, or those the FMU starts with. `fin_files` and `variant_files` are
     parameter files by number of the fin and by name of the variant. Raises EmcasError; SspError if what was written
     does not pass its own check.
     """
@@ -58,7 +58,7 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Path | None = N
         asked = None if model is None else get(model).name
         model = chosen_model(str(fmu), read_interface(content, str(fmu)).model, asked, SspError)
     base = load_parameters(parameters, model=model or NONLINEAR)
-    if fmu is not None and parameters is None:
+    if fmu is not None and not parameters:
         starts = _starts(read_interface(content, str(fmu)), str(fmu), base.model)
         base = base.replace({name: value for name, value in starts.items() if value != base.values[name]})
     built = nominal(base, fins, layout, fin_files or {})

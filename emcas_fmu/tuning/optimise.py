@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import signal
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import exp, log
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
-from threading import Thread
+from threading import Thread, current_thread, main_thread
 from typing import Any
 
 import numpy as np
@@ -37,6 +39,8 @@ class Result:
     evaluated: tuple[Evaluation, ...]
     history: tuple[float, ...]
     """Best objective after each generation of the global search and each evaluation of the local one."""
+    stopped: bool
+    """Whether Ctrl-C ended the search."""
 
     @property
     def met(self) -> bool:
@@ -60,24 +64,33 @@ def tune(study: Study, seed: int = 1, generations: int = 20, workers: int = 1, j
     """The gains with the largest smallest margin over requirements and cases.
 
     The same study and seed give the same gains, whatever the number of worker processes and whatever
-    gains the set begins with: those are only judged, for comparison.
+    gains the set begins with: those are only judged, for comparison. Ctrl-C ends the search with the best gains judged
+    so far, those begun with among them; raises KeyboardInterrupt where none were.
     """
     kept = journal if journal is not None else Journal(None, study)
     search = _Search(study, kept, progress, generations)
     bounds = [(log(t.lower), log(t.upper)) for t in study.tunables]
-    with _pool(study, workers) as evaluator:
-        search.evaluator = evaluator
-        differential_evolution(
-            _first, bounds, rng=np.random.default_rng(seed), popsize=_POPULATION, maxiter=generations, tol=1e-3,
-            updating="deferred", polish=False, init="sobol",
-            vectorized=True, callback=search.generation, args=(search,))
-        best = search.best
-        minimize(lambda x: search.objectives([x])[0], [log(v) for v in best.gains.values()], method="Nelder-Mead",
-                 bounds=bounds, options={"maxfev": _LOCAL * len(bounds), "xatol": 2e-3, "fatol": 1e-4,
-                                         "initial_simplex": _simplex(best, bounds)}, callback=search.local)
-        final = search.all([rounded(search.best.gains)])[0]
+    stopped = False
+    try:
+        with _pool(study, workers) as search.evaluator:
+            differential_evolution(
+                _first, bounds, rng=np.random.default_rng(seed), popsize=_POPULATION, maxiter=generations, tol=1e-3,
+                updating="deferred", polish=False, init="sobol",
+                vectorized=True, callback=search.generation, args=(search,))
+            best = search.best
+            minimize(lambda x: search.objectives([x])[0], [log(v) for v in best.gains.values()], method="Nelder-Mead",
+                     bounds=bounds, options={"maxfev": _LOCAL * len(bounds), "xatol": 2e-3, "fatol": 1e-4,
+                                             "initial_simplex": _simplex(best, bounds)}, callback=search.local)
+    except KeyboardInterrupt:
+        if not len(kept):
+            raise
+        stopped = True
+    reached = None if stopped else search.best
+    with _pool(study, 1) as search.evaluator:
         before = search.all([{t.name: float(study.base.values[t.name]) for t in study.tunables}])[0]
-    return Result(study, seed, final, before, tuple(kept), tuple(search.history))
+        # A search that was stopped may not yet have come to anything better than what it begins with.
+        final = search.all([rounded((reached or min(kept, key=lambda e: e.objective)).gains)])[0]
+    return Result(study, seed, final, before, tuple(kept), tuple(search.history), stopped)
 
 
 def _first(x: Any, search: _Search) -> Any:
@@ -146,6 +159,7 @@ _study: Study | None = None
 def _begin(study: Study) -> None:
     global _study
     _study = study
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent ends the search
     parent = parent_process()
     if parent is not None:  # a run that is killed takes its workers along
         Thread(target=lambda: (wait([parent.sentinel]), os._exit(1)), daemon=True).start()
@@ -156,22 +170,38 @@ def _one(gains: dict[str, float]) -> Evaluation:
     return evaluate(_study, gains)
 
 
-class _pool:  # noqa: N801  used as a function
+@contextmanager
+def _pool(study: Study, workers: int) -> Iterator[Callable[[list[dict[str, float]]], Iterable[Evaluation]]]:
     """Evaluates lists of gains, in worker processes if there is more than one."""
+    if workers == 1:
+        yield lambda gains: (evaluate(study, g) for g in gains)
+        return
+    executor = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_begin, initargs=(study,))
+    try:
+        with _interrupts_held():
+            for _ in range(workers):  # each starts a process, if the first does not start all
+                executor.submit(int)
+        yield lambda gains: executor.map(_one, gains)
+    finally:
+        executor.shutdown(wait=True, cancel_futures=True)
 
-    def __init__(self, study: Study, workers: int) -> None:
-        self._study = study
-        self._executor: ProcessPoolExecutor | None = None
-        if workers > 1:
-            self._executor = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_begin,
-                                                 initargs=(study,))
 
-    def __enter__(self) -> Callable[[list[dict[str, float]]], Iterable[Evaluation]]:
-        executor, study = self._executor, self._study
-        if executor is None:
-            return lambda gains: (evaluate(study, g) for g in gains)
-        return lambda gains: executor.map(_one, gains)
-
-    def __exit__(self, *_: Any) -> None:
-        if self._executor is not None:
-            self._executor.shutdown(wait=True, cancel_futures=True)
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Keep Ctrl-C from processes begun inside, and from this one until the end; the main thread alone can."""
+    if current_thread() is not main_thread():
+        yield
+        return
+    caught: list[int] = []
+    masks = hasattr(signal, "pthread_sigmask")  # Windows has none: its workers may tell of a Ctrl-C as they begin
+    handler = signal.signal(signal.SIGINT, lambda number, _: caught.append(number))
+    if masks:
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        if masks:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        signal.signal(signal.SIGINT, handler)
+    if caught:
+        raise KeyboardInterrupt

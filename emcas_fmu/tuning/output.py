@@ -10,14 +10,13 @@ from typing import Any
 from rich.table import Table
 
 from .. import __version__
-from ..actuators import NONLINEAR, get
+from ..parameters import file_entry, write_parameters
 from ..validation.results import finite
 from .evaluate import Evaluation
 from .experiments import FIGURES
 from .optimise import Result
 from .study import Requirement
 
-_UNITS = {v.name: v.unit for v in get(NONLINEAR).file_entries}
 _SHOWN = {"rad": ("deg", degrees(1.0)), "rad/s": ("deg/s", degrees(1.0)), "s": ("ms", 1e3), "1": ("%", 100.0)}
 
 
@@ -62,33 +61,33 @@ def summary(result: Result) -> Table:
 
 
 def verdict(result: Result) -> str:
-    """One line: whether all is met, and what binds."""
+    """One line: whether the search was stopped, whether all is met, and what binds."""
     worst = result.best.worst
-    binding = ", ".join(result.binding())
+    binding = f"what binds: {', '.join(result.binding())}"
+    so_far = f"stopped by Ctrl-C, the best of {len(result.evaluated)} evaluations: " if result.stopped else ""
     if result.met:
-        return f"all requirements are met in every case; smallest margin {worst.margin:.1%}; what binds: {binding}"
+        return f"{so_far}all requirements are met in every case; smallest margin {worst.margin:.1%}; {binding}"
     missed = [row["requirement"] for row in rows(result, result.best) if not row["met"]]
-    return (f"no gains were found that meet {', '.join(missed)}; the worst, {worst.requirement} in case {worst.case}, "
-            f"stands at {worst.share:.0%} of its limit; what binds: {binding}")
+    return (f"{so_far}no gains were found that meet {', '.join(missed)}; the worst, {worst.requirement} in case "
+            f"{worst.case}, stands at {worst.share:.0%} of its limit; {binding}")
 
 
-def write_parameters(result: Result, path: Path, command: str) -> None:
-    """A parameter file of the gains, each with the command that found it and the smallest margin."""
+def write_tuned(result: Result, path: Path, command: str) -> None:
+    """Write the set that was tuned with the gains over it, each with the command and the smallest margin."""
     worst = result.best.worst
     note = f"{command}; smallest margin {worst.margin:.1%} ({worst.requirement}, case {worst.case})"
-    lines = [f"# Gains tuned by emcas {__version__}: {command}", f"# {verdict(result)}", ""]
-    for name, value in result.best.gains.items():
-        unit = _UNITS[name].replace("1/s2", "1/s^2").replace(".", "*")
-        lines.append(f'{name} = {{ value = {value:g}, unit = "{unit}", source = "tuned", note = {json.dumps(note)} }}')
-    path.write_text("\n".join([*lines, ""]), encoding="utf-8", newline="\n")
+    units = {e.variable.name: e.variable.unit for e in result.study.base.entries}
+    gains = {name: file_entry([value], units[name], "tuned", note) for name, value in result.best.gains.items()}
+    write_parameters(result.study.base.replace(gains), path,
+                     [f"Gains tuned by emcas {__version__}: {command}", verdict(result)])
 
 
 def write_json(result: Result, path: Path, command: str) -> None:
     """Gains, requirements by worst case, every judgement, what binds."""
     document = {
         "schema": "emcas-tuning/1", "command": command, "study": result.study.digest, "seed": result.seed,
-        "met": result.met, "evaluations": len(result.evaluated), "gains": dict(result.best.gains),
-        "before": dict(result.before.gains), "binding": result.binding(),
+        "met": result.met, "stopped": result.stopped, "evaluations": len(result.evaluated),
+        "gains": dict(result.best.gains), "before": dict(result.before.gains), "binding": result.binding(),
         "requirements": rows(result, result.best), "requirements_before": rows(result, result.before),
         "judgements": [{"requirement": j.requirement, "case": j.case, "measured_si": j.measured, "share": j.share}
                        for j in result.best.judgements],

@@ -300,7 +300,7 @@ def test_article_that_stops_is_a_failure_and_not_a_crash(tmp_path: Path) -> None
 
 
 def test_command_on_an_article_that_stops(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("emcas_fmu.acceptance.article.opened_article", lambda _: _handing(Broken()))
+    monkeypatch.setattr("emcas_fmu.acceptance.article.opened_article", lambda *_, **__: _handing(Broken()))
     found = emcas("-o", tmp_path / "report.html", "--junit", tmp_path / "junit.xml")
     assert found.exit_code == 1
     assert "Mission profile was not finished" in found.output

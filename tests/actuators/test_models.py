@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from emcas_fmu.actuators import NAMES, NONLINEAR, every_own, get
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.fitting import MODEL, fit, write_parameters
+from emcas_fmu.fitting import MODEL, fit, write_fitted
 from emcas_fmu.fmi.model_description import SINGLE
 from emcas_fmu.fmi.package import build
 from emcas_fmu.fmi.slave import Slave, Table
@@ -163,7 +163,7 @@ def test_fit_keeps_the_actuator(tmp_path: Path) -> None:
                                       "kinematics.moment_arm": 0.06, "encoder.pulses": 1024,
                                       "friction.coulomb.positive[1]": 0.02, "loads.gravity": True})
     found = fit(mine)
-    write_parameters(found, tmp_path / "fitted.toml", "a test")
+    write_fitted(found, tmp_path / "fitted.toml", "a test")
     again = load_parameters(tmp_path / "fitted.toml", model=MODEL)
     assert dict(again.values) == dict(found.parameters.values)
     assert again.values["command.limit"] == radians(25.0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from collections.abc import Mapping
 from math import degrees, pi, radians
 from pathlib import Path
@@ -101,16 +100,6 @@ def test_an_unstable_loop_is_refused(tmp_path: Path) -> None:
     assert done.exit_code == 2
     assert "unstable" in done.stderr
     assert "controller.velocity.kp" in done.stderr.replace("\n", "")
-
-
-@pytest.mark.parametrize("module", ["control", "emcas_fmu.ops.symbols"])
-def test_missing_tools_are_told_with_their_extra(monkeypatch: pytest.MonkeyPatch, module: str) -> None:
-    monkeypatch.setitem(sys.modules, module, None)
-    if module != "control":
-        monkeypatch.delattr("emcas_fmu.ops.symbols")
-    done = emcas("analyse")
-    assert done.exit_code == 2
-    assert "pip install 'emcas-fmu[analysis]'" in done.stderr.replace("\n", "")
 
 
 def test_modes_are_those_of_table_1() -> None:

@@ -112,3 +112,16 @@ def test_whole() -> None:
     actions = [step["uses"] for step in JOB["steps"] if "uses" in step]
     assert len(actions) == 3
     assert all(re.fullmatch(r"actions/[\w-]+@v\d+", action) for action in actions)
+
+
+def test_parameter_files_over_the_article(short: Path) -> None:
+    stiffer = short / "stiffer.toml"
+    stiffer.write_text('controller.position.kp = "80 1/s"\n', encoding="utf-8")
+    over = (short / "actuator.toml", "--parameters", stiffer)
+    said = " ".join(emcas("check", *over, "-b", short / "baseline", code=1).split())
+    assert f"emcas baseline record {' '.join(map(str, over))} --output" in said
+    emcas("record", *over, "-o", short / "baseline")
+    emcas("check", *over, "-b", short / "baseline")
+    emcas("check", short / "actuator.toml", "-b", short / "baseline", code=1)
+    recorded = (short / "baseline" / "baseline.toml").read_text(encoding="utf-8")
+    assert "emcas baseline record actuator.toml --parameters stiffer.toml" in recorded

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -94,7 +93,7 @@ def test_a_scheduler_that_is_running(write: Write, tmp_path: Path, client: Any) 
     (("--fmu", "none.toml"), "is no FMU by its name"),
     (("--fin", "2"), "fin 2 is one of an FMU; name it with --fmu"),
     (("--report", "none/x.html"), "there is no folder"),
-    (("--output", "none/x"), "there is no folder"),
+    (("--output", "small.toml/x"), "is a file; give a folder"),
 ])
 def test_refusals(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...],
                   said: str) -> None:
@@ -160,11 +159,3 @@ def test_missing_samples_are_told(write: Write, tmp_path: Path, monkeypatch: pyt
     assert "10 of 24 samples are missing" in " ".join(done.stderr.split())
 
 
-@pytest.mark.parametrize("absent", ["distributed", "pyarrow", "filelock"])
-def test_without_the_extra(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, absent: str) -> None:
-    monkeypatch.setitem(sys.modules, absent, None)
-    done = campaign(write(SMALL), "--output", tmp_path / "out")
-    assert done.exit_code == 2
-    assert "pip install 'emcas-fmu[campaign]'" in done.stderr.replace("\n", " ")
-    assert not (tmp_path / "out").exists()
-    assert campaign(tmp_path / "small.toml", "--only", 1).exit_code == 0  # needs neither

@@ -118,7 +118,7 @@ def test_values_without_sense_are_not_written(identified: Mapping[str, Identific
             type(e)(e.name, -1.0, e.sigma, e.unit, True, e.base) for e in result.estimates]
     output = tmp_path / "x.toml"
     with pytest.raises(ParameterError, match=r"friction\.coulomb\.positive"):
-        parameter_file.write_parameters(type(result)(**{**result.__dict__, "estimates": bent}), base, output)
+        parameter_file.write_identified(type(result)(**{**result.__dict__, "estimates": bent}), base, output)
     assert not output.exists()
 
 

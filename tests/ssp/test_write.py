@@ -130,7 +130,7 @@ def test_parameters_of_the_fmu_of_a_file_and_of_a_fin(tmp_path: Path) -> None:
     alone = effective(structure(write_ssp(tmp_path / "a.ssp", unit).path))
     assert alone["fin1", "motor.resistance"] == 0.3
     assert ("fin1", "encoder.on_fin") not in alone  # as it is in the FMU
-    both = write_ssp(tmp_path / "b.ssp", unit, tmp_path / "base.toml", fin_files={2: tmp_path / "second.toml"},
+    both = write_ssp(tmp_path / "b.ssp", unit, [tmp_path / "base.toml"], fin_files={2: tmp_path / "second.toml"},
                      variant_files=variant_files([])).path
     found = effective(structure(both))
     assert found["fin1", "motor.resistance"] == 0.4

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import sys
 from dataclasses import replace
 from math import degrees, nan, radians
 from pathlib import Path
+from subprocess import PIPE, Popen
+from time import monotonic, sleep
 from typing import Any
 
 import numpy as np
@@ -17,12 +21,12 @@ from typer.testing import CliRunner, Result
 
 from emcas_fmu.cli import app
 from emcas_fmu.files import models_directory
-from emcas_fmu.parameters import load_parameters
+from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.simulation import simulate
 from emcas_fmu.tuning import evaluate as evaluation
 from emcas_fmu.tuning.evaluate import HOPELESS, Evaluation, Journal, Judgement, evaluate, share
 from emcas_fmu.tuning.experiments import FIGURES, Test, fundamental, measure
-from emcas_fmu.tuning.optimise import tune
+from emcas_fmu.tuning.optimise import rounded, tune
 from emcas_fmu.tuning.pareto import conflict, front
 from emcas_fmu.tuning.study import Study, StudyError, load_study
 from emcas_fmu.validation.metrics import step_metrics
@@ -370,11 +374,62 @@ def test_command_refuses(small: Path, arguments: tuple[str, ...], said: str) -> 
     assert said in " ".join(done.stderr.split())
 
 
-def test_without_the_analysis_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "emcas_fmu.analysis.linear", None)
-    done = emcas("--generations", 1)
-    assert done.exit_code == 2
-    assert "emcas-fmu[analysis]" in done.stderr.replace("\n", "")
+def test_the_set_that_was_tuned_is_written_with_the_gains(small: Path, tmp_path: Path) -> None:
+    mine, more, made = (tmp_path / name for name in ("mine.toml", "more.toml", "tuned.toml"))
+    mine.write_text('motor.resistance = { value = 251, unit = "mOhm", source = "datasheet", note = "a note" }\n'
+                    'controller.position.kp = "40 1/s"\nencoder.pulses = 1024\n', encoding="utf-8")
+    more.write_text('"friction.coulomb.positive[1]" = "0.0123 N*m"\nencoder.pulses = 2048\n', encoding="utf-8")
+    done = emcas(small, "-p", mine, "-p", more, "-o", made, "--generations", 1, "--workers", 1)
+    assert done.exit_code in (0, 1), done.output
+    tunables = ("controller.position.kp", "controller.velocity.kp")
+    before, after = ({e.variable.name: e for e in load_parameters(files).entries} for files in ((mine, more), made))
+    for name, entry in after.items():
+        if name in tunables:
+            assert entry.source == "tuned"
+            assert f"--parameters {mine} --parameters {more}" in entry.note
+        else:
+            was = before[name]
+            assert (entry.value, entry.source, entry.note) == (was.value, was.source, was.note), name
+
+
+def test_a_sag_is_a_share_of_the_supply() -> None:
+    def sag(base: ParameterSet) -> float:
+        study = load_study(models_directory() / "tuning.toml", base)
+        return float(next(c for c in study.cases if c.name == "sag").values["drive.supply_voltage"])
+
+    assert sag(load_parameters()) == 35.0  # to the bit: the shipped gains were tuned with it
+    small = load_parameters().replace({"drive.supply_voltage": 28.0})
+    assert sag(small) == pytest.approx(28.0 * 35.0 / 39.0, rel=1e-12)  # the digits of the percentage
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends a signal to a group of processes")
+@pytest.mark.parametrize("evaluations", [0, 5])
+def test_ctrl_c_keeps_the_best_gains(small: Path, tmp_path: Path, evaluations: int) -> None:
+    """In a terminal the signal reaches the workers too, and may come while they start."""
+    made, figures, journal = (tmp_path / name for name in ("tuned.toml", "t.json", "journal.jsonl"))
+    command = [sys.executable, "-c", "from emcas_fmu.cli import app; app(prog_name='emcas')", "tune", small, "-o", made,
+               "--json", figures, "--journal", journal, "--workers", "2", "--generations", "1000"]
+    with Popen(list(map(str, command)), stdout=PIPE, stderr=PIPE, text=True, start_new_session=True) as running:
+        deadline = monotonic() + 60.0
+        while not journal.is_file() or journal.read_bytes().count(b"\n") < 1 + evaluations:
+            assert running.poll() is None, running.communicate()
+            assert monotonic() < deadline
+            sleep(0.01)
+        os.killpg(running.pid, signal.SIGINT)
+        said, complained = running.communicate(timeout=60)
+    assert running.returncode == 130, complained
+    assert "Traceback" not in complained
+    if not made.exists():
+        assert evaluations == 0
+        assert "stopped before there were gains to write" in complained
+        return
+    assert "stopped by Ctrl-C, the best of" in " ".join(said.split())
+    found = json.loads(figures.read_text(encoding="utf-8"))
+    assert found["stopped"] is True
+    values = load_parameters(made).values
+    assert found["gains"] == {name: values[name] for name in found["gains"]}
+    judged = Journal(journal, load_study(small, load_parameters()))
+    assert found["gains"] == rounded(min(judged, key=lambda e: e.objective).gains)
 
 
 def test_every_figure_is_documented() -> None:

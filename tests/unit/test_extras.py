@@ -1,0 +1,45 @@
+"""The commands where only the package's base is installed: what needs an extra says so, all else works."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from emcas_fmu.files import models_directory
+
+EXTRAS = {"analysis": ("control", "casadi"), "campaign": ("filelock", "pyarrow", "distributed"),
+          "native": ("ziglang",)}
+EVERY = [module for modules in EXTRAS.values() for module in modules]
+MODELS = models_directory()
+NEEDED = {"analyse": "analysis", "tune": "analysis", f"campaign {MODELS}/campaign.toml": "campaign",
+          "build --backend native": "native", "ssp": "native"}
+BASE = ("parameters", "build", "envelope --plot e.svg --json e.json -o e.csv", "simulate --step 5 --plot s.html",
+        "fit", f"identify backlash {MODELS}/bench/backlash.csv --report b.html", "identify bench --directory made",
+        "reference --case step_plus1 --directory made", f"campaign {MODELS}/campaign.toml --only 3")
+
+
+def without(modules: list[str], command: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run a command in a process in which these modules cannot be imported."""
+    program = (f"import sys; sys.modules.update(dict.fromkeys({modules!r})); from emcas_fmu.cli import app; "
+               "app(prog_name='emcas')")
+    return subprocess.run([sys.executable, "-c", program, *command.split()], cwd=folder, capture_output=True, text=True)
+
+
+@pytest.mark.parametrize(("command", "extra", "module"), [
+    (command, extra, module) for command, extra in NEEDED.items() for module in EXTRAS[extra]])
+def test_a_missing_extra_is_named(command: str, extra: str, module: str, tmp_path: Path) -> None:
+    done = without([module], command, tmp_path)
+    assert done.returncode == 2, done.stderr
+    (line,) = done.stderr.strip().splitlines()
+    assert line.startswith("error:")
+    assert f"pip install 'emcas-fmu[{extra}]'" in line
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", BASE)
+def test_the_base_is_enough(command: str, tmp_path: Path) -> None:
+    done = without(EVERY, command, tmp_path)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,88 @@
+"""Every output of every command is tried before anything is read or computed."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from emcas_fmu.cli import app
+
+# Of the inputs none can be used: a command that begins with them says something else.
+FILES = {
+    "analyse -p bad.toml": ("--json", "--report"),
+    "baseline check bad.toml -b base": ("--json", "--junit", "--markdown", "--report"),
+    "build -p bad.toml": ("-o .fmu",),
+    "campaign bad.toml": ("--json", "--report"),
+    "campaign bad.toml --only 1": ("--json",),
+    "envelope -p bad.toml": ("-o", "--plot .svg", "--json"),
+    "fit -p bad.toml": ("-o", "--json"),
+    **{f"identify {kind} bad.csv -p bad.toml": ("-o", "--report", "--json")
+       for kind in ("friction", "drive", "backlash", "inertia")},
+    "report bad.toml": ("-o", "--json", "--junit"),
+    "simulate --input bad.csv -p bad.toml": ("-o", "--plot .svg", "--json"),
+    "ssp --fmu bad.fmu": ("-o .ssp",),
+    "ssp check bad.ssp": ("--json",),
+    "tune bad.toml -p bad.toml": ("-o", "--report", "--json", "--journal"),
+    "validate bad.fmu": ("--json", "--junit", "--report"),
+}
+FOLDERS = {"baseline record bad.toml": "-o", "campaign bad.toml": "-o", "identify bench -p bad.toml": "--directory",
+           "reference -p bad.toml": "--directory"}
+
+
+@pytest.fixture(autouse=True)
+def unusable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The present folder, with inputs that are none."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("bad.toml", "bad.csv", "bad.fmu", "bad.ssp"):
+        Path(name).write_text("nonsense = 1\n", encoding="utf-8")
+    Path("base").mkdir()
+    return tmp_path
+
+
+def refused(command: str, option: str, output: str) -> str:
+    """What the command says of the output, before it has written anything."""
+    before = sorted(Path().rglob("*"))
+    done = CliRunner().invoke(app, [*command.split(), option, output])
+    assert done.exit_code == 2, done.output
+    assert sorted(Path().rglob("*")) == before
+    said = done.stderr.strip().replace("\n", "")
+    assert said.count("error:") == 1
+    return said
+
+
+@pytest.mark.parametrize(("command", "option"), [(c, option) for c, options in FILES.items() for option in options])
+def test_files_are_tried_first(command: str, option: str) -> None:
+    name, _, ending = option.partition(" ")
+    Path(f"folder{ending}").mkdir()
+    for output, said in ((f"folder{ending}", "is a folder"), (f"none/x{ending}", "there is no folder none"),
+                         (f"bad.toml/x{ending}", "there is no folder bad.toml"),
+                         (f"{'x' * 300}{ending}", "cannot be written: File name too long")):
+        assert said in refused(command, name, output)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs a folder in which nobody may write")
+@pytest.mark.parametrize(("command", "option"), FOLDERS.items())
+def test_folders_are_tried_first(command: str, option: str) -> None:
+    assert "is a file; give a folder" in refused(command, option, "bad.toml")
+    assert "is a file; give a folder" in refused(command, option, "bad.toml/x")
+    assert "cannot be written" in refused(command, option, "/proc/x")
+
+
+def test_a_baseline_is_not_written_over_its_parameters() -> None:
+    Path("baseline.toml").write_text("nonsense = 1\n", encoding="utf-8")
+    assert "would be overwritten" in refused("baseline record baseline.toml --fresh", "-o", ".")
+
+
+def test_what_is_there_stays_until_it_is_replaced() -> None:
+    Path("old.json").write_text("old", encoding="utf-8")
+    assert "bad.toml" in refused("fit -p bad.toml", "--json", "old.json")
+    assert Path("old.json").read_text(encoding="utf-8") == "old"
+
+
+def test_references_are_written_only_where_it_is_said() -> None:
+    done = CliRunner().invoke(app, ["reference", "--case", "step_plus1"])
+    assert done.exit_code == 2
+    assert "--directory is missing" in done.stderr.replace("\n", " ")

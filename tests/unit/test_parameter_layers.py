@@ -1,0 +1,117 @@
+"""Parameter files over one another, in every command that takes them, and the file a command writes back."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from emcas_fmu.acceptance.article import opened_article
+from emcas_fmu.campaign.study import load_study
+from emcas_fmu.cli import app
+from emcas_fmu.files import models_directory
+from emcas_fmu.parameters import Entry, load_parameters, write_parameters
+
+BENCH = models_directory() / "bench"
+COMMANDS = (
+    "parameters", "build", "simulate --step 1", "reference --directory refs", "analyse", "envelope", "tune", "fit",
+    "report", "report unit.toml", "baseline record unit.toml -o base", "ssp",
+    "identify bench --directory made", *(f"identify {kind} {BENCH}/{kind}*.csv" for kind in (
+        "friction", "drive", "backlash", "inertia")))
+
+
+def emcas(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Path]:
+    """Two sets of changes, in the present folder, which agree on nothing that both have."""
+    monkeypatch.chdir(tmp_path)
+    low, high = tmp_path / "low.toml", tmp_path / "high.toml"
+    low.write_text('motor.resistance = { value = 251, unit = "mOhm", source = "datasheet", note = "a \\"note\\"" }\n'
+                   'encoder.pulses = 1024\nloads.gravity = true\n', encoding="utf-8")
+    high.write_text('motor.resistance = "0.3 Ohm"\n"friction.coulomb.positive[1]" = "0.0123 N*m"\n', encoding="utf-8")
+    return low, high
+
+
+def test_a_later_file_goes_over_an_earlier_one(files: tuple[Path, Path]) -> None:
+    low, high = files
+    values = load_parameters(files).values
+    assert (values["motor.resistance"], values["encoder.pulses"], values["loads.gravity"]) == (0.3, 1024, True)
+    assert load_parameters((high, low)).values["motor.resistance"] == 0.251
+    records = json.loads(emcas("parameters", "-p", low, "-p", high, "--json").stdout)
+    assert {r["name"]: r["value"] for r in records} == dict(values)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_reads_every_file(command: str, files: tuple[Path, Path]) -> None:
+    low, _ = files
+    Path("unit.toml").write_text("", encoding="utf-8")
+    Path("bad.toml").write_text("nonsense = 1\n", encoding="utf-8")
+    words = [str(found) for word in command.split()
+             for found in (sorted(BENCH.glob(Path(word).name)) if "*" in word else [word])]
+    for order in ((low, "bad.toml"), ("bad.toml", low)):
+        refused = emcas(*words, "-p", order[0], "-p", order[1])
+        assert refused.exit_code == 2, refused.output
+        assert "bad.toml: nonsense = 1: unknown parameter" in " ".join(refused.stderr.split())
+
+
+def test_an_article_is_named_by_all_its_files(files: tuple[Path, Path]) -> None:
+    low, high = files
+    with opened_article(low, parameters=[high]) as article:
+        assert article.values == load_parameters(files).values
+        assert article.identification.file == "low.toml, high.toml"
+        both = article.identification.sha256
+    with opened_article(None, parameters=files) as article:
+        assert article.identification.sha256 == both
+    with opened_article(low) as article:
+        assert article.identification.sha256 != both
+
+
+def test_parameters_do_not_go_over_an_fmu(files: tuple[Path, Path], fmu: Path) -> None:
+    for command in (("report", fmu), ("baseline", "record", fmu)):
+        refused = emcas(*command, "-p", files[0])
+        assert refused.exit_code == 2
+        assert "has its parameters in it" in refused.stderr.replace("\n", " ")
+
+
+def test_a_campaign_names_several(files: tuple[Path, Path]) -> None:
+    study = files[0].with_name("study.toml")
+    study.write_text('[base]\nparameters = ["low.toml", "high.toml"]\n'
+                     '[vary."motor.resistance"]\ndistribution = "uniform"\nlow = "90 %"\nhigh = "110 %"\n'
+                     '[experiments.step]\nkind = "step"\namplitude = "5 deg"\nduration = "0.3 s"\n', encoding="utf-8")
+    assert load_study(study).plan.base == load_parameters(files).values
+
+
+def test_what_is_written_is_the_same_set(files: tuple[Path, Path]) -> None:
+    """Values, units, sources and notes; arrays whole only where all of an array is changed alike."""
+    low, high = files
+    whole = low.with_name("whole.toml")
+    whole.write_text("[friction]\ncold_viscous_ratio = 1.5\n"
+                     'coulomb.negative = { value = [1, 0, 0, 0, 0, 0, 0], unit = "mN*m", source = "bench" }\n',
+                     encoding="utf-8")
+    chosen = load_parameters((low, high, whole))
+    made = low.with_name("emcas.toml")  # the name of the default set is a name like others
+    write_parameters(chosen, made, ["A comment."])
+    again = load_parameters(made)
+    write_parameters(again, whole, ["A comment."])
+
+    def kept(e: Entry) -> tuple[object, ...]:
+        return e.variable, e.value, e.source, e.note
+
+    assert [kept(e) for e in again.entries] == [kept(e) for e in chosen.entries]
+    text = made.read_text(encoding="utf-8")
+    assert whole.read_text(encoding="utf-8") == text
+    assert text.startswith("# A comment.\n")
+    assert "friction.coulomb.negative = { value = [0.001, 0.0, " in text
+    assert len(text.splitlines()) == 2 + 6  # of 75 parameters those changed
+
+
+def test_fit_keeps_sources_and_notes(files: tuple[Path, Path]) -> None:
+    assert emcas("fit", "-p", files[0], "-o", "fitted.toml").exit_code == 0
+    fitted = {e.variable.name: e for e in load_parameters("fitted.toml", model="second-order").entries}
+    assert (fitted["motor.resistance"].source, fitted["motor.resistance"].note) == ("datasheet", 'a "note"')
+    assert fitted["second_order.damping"].source == "estimate"
