@@ -54,17 +54,15 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     gap, sigma = float(found_fit.values[0]), float(found_fit.sigmas[0])
     if gap < -3.0 * sigma:
         raise RecordError(f"the backlash is found as {degrees(gap):.3g} deg, below 0: the direct angle leads the "
-                          "motor's; "
-                          "check the columns' signs, that they are sampled at the same instants, and that the motor "
-                          "drives the fin in both directions (a load may hold it against one side)")
+                          "motor's; check the columns' signs, that they are sampled at the same instants, and that the "
+                          "motor drives the fin in both directions (a load may hold it against one side)")
     notes = [
         f"{len(sweeps)} sweeps over {degrees(min(float(f.min()) for _, f, _ in sweeps)):.3g} to "
         f"{degrees(max(float(f.max()) for _, f, _ in sweeps)):.3g} deg; the first {degrees(_CLEAR):g} deg after each "
         "reversal are left out.",
         "The model has no backlash: this is no parameter and nothing computes with it.",
-        f"Zero of one encoder against the other: {degrees(float(found_fit.values[1])):.3g} deg; part of it may be "
-        "half a "
-        "count.",
+        f"Zero of one encoder against the other: {degrees(float(found_fit.values[1])):.3g} deg; part of it may be half "
+        "a count.",
     ]
     if gap < 2.0 * sigma:
         notes.append(f"Not distinguishable from no backlash; below {degrees(max(gap, 0.0) + 2.0 * sigma):.2g} deg at "
@@ -89,8 +87,7 @@ def _check(record: Record, indirect: Array, p: Any) -> None:
     refuse_magnitude(record, "fin_angle", 1.25 * p.fin.stop_angle, "1.25 times fin.stop_angle")
     if np.ptp(indirect) < _RANGE:
         raise record.fail(f"there is no motion to speak of: the fin turns by {degrees(np.ptp(indirect)):.3g} deg by "
-                          "the "
-                          f"motor's angle; sweep at least {degrees(_RANGE):g} deg there and back")
+                          f"the motor's angle; sweep at least {degrees(_RANGE):g} deg there and back")
     slope = float(np.polyfit(indirect, record["fin_angle"], 1)[0])
     if not 0.9 < slope < 1.1:
         raise record.fail(f"fin_angle moves {slope:.3g} times as much as the motor's angle lets expect: check the "

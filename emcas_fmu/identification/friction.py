@@ -211,9 +211,8 @@ def _require_plausible(values: Mapping[str, Any], base: ParameterSet) -> None:
                            for p in (ours, theirs))
         if found <= 0.0:
             raise RecordError(f"the Coulomb friction found in the {direction} direction is {found:.3g} N.m: the "
-                              "current "
-                              "does not resist the motion; check the signs of motor_current and motor_angle, and the "
-                              "zero of the current sensor")
+                              "current does not resist the motion; check the signs of motor_current and motor_angle, "
+                              "and the zero of the current sensor")
         if not 1.0 / _PLAUSIBLE < found / max(expected, 1e-9) < _PLAUSIBLE:
             raise RecordError(f"the Coulomb friction found in the {direction} direction, {found:.3g} N.m, is "
                               f"{found / expected:.3g} times that of the base parameters ({expected:.3g} N.m): check "
@@ -242,8 +241,7 @@ def _require_certain(found: Fit, names: Sequence[str], base: ParameterSet) -> No
         value, sigma = values[name]
         if not sigma < _WORST * abs(value):
             raise RecordError(f"{name} is not supported by the data: {value:.3g} +- {sigma:.2g}; sweep faster, longer "
-                              "or "
-                              "more often")
+                              "or more often")
 
 
 def _coulomb(coefficients: Any, fin: Array) -> Array:

@@ -201,8 +201,7 @@ def refuse_clipped(record: Record, name: str) -> None:
         run = flat >= _FLAT and flat > 4 * (_longest(others) + 1)
         if run or (restless and pile >= 2 * _FLAT and pile > 4 * (int(beside.max()) + 1)):
             raise record.fail(f"{name} is clipped: {pile} samples are at exactly {extreme:.6g} {QUANTITIES[name][0]}, "
-                              "its "
-                              "extreme, as no others; widen the range of the measurement, or excite less")
+                              "its extreme, as no others; widen the range of the measurement, or excite less")
 
 
 def _longest(mask: NDArray[np.bool_]) -> int:
@@ -217,8 +216,7 @@ def refuse_magnitude(record: Record, name: str, largest: float, means: str) -> N
     if found > largest:
         unit = QUANTITIES[name][0]
         raise record.fail(f"{name} reaches {found:.4g} {unit}, more than {largest:.4g} {unit} ({means}); it was read "
-                          "as "
-                          f"{record.written[name]}: put the unit it has into the header, as in {name} [{unit}]")
+                          f"as {record.written[name]}: put the unit it has into the header, as in {name} [{unit}]")
 
 
 def derivative(record: Record, name: str) -> Array:
