@@ -22,8 +22,7 @@ from ..tree import tree
 from . import motion, pictures
 from .estimation import METHOD, Fit, fit
 from .friction import COULOMB, VISCOUS
-from .motion import ARRAYS
-from .records import Array, Record, RecordError, read_records
+from .records import Array, Record, RecordError, grouped, read_records
 from .result import Estimate, Identification, Picture, noise
 
 TOTAL = "total inertia at the motor"  # at fin angle 0
@@ -41,13 +40,7 @@ _GIVEN = ("motor.torque_constant", "inertia.screw", "inertia.fin", "inertia.shaf
 def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     """inertia.motor from spin-up records with motor_angle and motor_current. Raises RecordError."""
     records = read_records(paths, ("motor_angle", "motor_current"), ("motor_speed",))
-    parts: list[motion.Averages] = []
-    groups: list[list[int]] = []
-    for record in records:
-        motion.check(record, base.values)
-        found = _moving(record)
-        groups.append(list(range(len(parts), len(parts) + len(found))))
-        parts += found
+    parts, groups = grouped(records, lambda record: _moving(record, base.values))
     _require_scale(records, [[parts[i] for i in members] for members in groups], base)
     _require(parts, base)
     found_fit = _fit(parts, groups, base)
@@ -87,8 +80,9 @@ def _total(values: Mapping[str, Any]) -> float:
     return float(mechanics.coefficients(FLOATS, p, angle, 0.0, 0.0, 0.0).inertia)
 
 
-def _moving(record: Record) -> list[motion.Averages]:
+def _moving(record: Record, values: Mapping[str, Any]) -> list[motion.Averages]:
     """Stretches of a record in which the motor slides one way."""
+    motion.check(record, values)
     speed = np.abs(np.diff(record["motor_angle"])) / record.step
     count = max(int(np.sum(speed > 0.05 * speed.max())), 1)
     width = int(np.clip(count / 12, 8, 64))
@@ -173,8 +167,8 @@ def _pictures(parts: Sequence[motion.Averages], records: Sequence[Record], group
         return pictures.panels([("", series)], "motor acceleration [rad/s²]", "torque less friction [N.m]")
 
     def residual_series() -> list[tuple[str, Array, Array]]:
-        return [(records[g].name, np.degrees(kinematics.fin_angle(ARRAYS, p, kinematics.lever_tangent(
-            ARRAYS, p, parts[i].angle))), found.residuals[i]) for g, members in enumerate(groups) for i in members]
+        return [(records[g].name, np.degrees(motion.fin_angle(p, parts[i].angle)), found.residuals[i])
+                for g, members in enumerate(groups) for i in members]
 
     return [
         Picture("Torque against acceleration", "Windows of all spin-ups, friction found along taken off; the slope of "

@@ -9,12 +9,12 @@ from __future__ import annotations
 import csv
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from ..errors import EmcasError
 from ..units import UnitError, convert
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 QUANTITIES: Mapping[str, tuple[str, str]] = {
     "time": ("s", "time of the sample"),
@@ -88,6 +89,17 @@ def read_records(paths: Sequence[Path], required: Sequence[str], optional: Seque
                               "leave one of them out")
         seen[record.sha256] = record
     return records
+
+
+def grouped(records: Sequence[Record], stretches: Callable[[Record], Sequence[T]]) -> tuple[list[T], list[list[int]]]:
+    """The stretches of all records, and by record the indices of its own."""
+    found: list[T] = []
+    groups = []
+    for record in records:
+        begin = len(found)
+        found += stretches(record)
+        groups.append(list(range(begin, len(found))))
+    return found, groups
 
 
 def read_record(path: Path, required: Sequence[str], optional: Sequence[str] = ()) -> Record:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import exp, log
 from multiprocessing import get_context, parent_process
@@ -156,22 +157,14 @@ def _one(gains: dict[str, float]) -> Evaluation:
     return evaluate(_study, gains)
 
 
-class _pool:  # noqa: N801  used as a function
-    """Evaluates lists of gains, in worker processes if there is more than one."""
-
-    def __init__(self, study: Study, workers: int) -> None:
-        self._study = study
-        self._executor: ProcessPoolExecutor | None = None
-        if workers > 1:
-            self._executor = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_begin,
-                                                 initargs=(study,))
-
-    def __enter__(self) -> Callable[[list[dict[str, float]]], Iterable[Evaluation]]:
-        executor, study = self._executor, self._study
-        if executor is None:
-            return lambda gains: (evaluate(study, g) for g in gains)
-        return lambda gains: executor.map(_one, gains)
-
-    def __exit__(self, *_: Any) -> None:
-        if self._executor is not None:
-            self._executor.shutdown(wait=True, cancel_futures=True)
+@contextmanager
+def _pool(study: Study, workers: int) -> Iterator[Callable[[list[dict[str, float]]], Iterable[Evaluation]]]:
+    """What evaluates lists of gains, in worker processes if there is more than one."""
+    if workers <= 1:
+        yield lambda gains: (evaluate(study, g) for g in gains)
+        return
+    executor = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_begin, initargs=(study,))
+    try:
+        yield lambda gains: executor.map(_one, gains)
+    finally:
+        executor.shutdown(wait=True, cancel_futures=True)

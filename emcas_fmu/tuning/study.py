@@ -164,11 +164,11 @@ def _cases(written: Any, info: ValidationInfo) -> Any:
     base: Any = info.context
 
     def change(name: str, entry: Any) -> object:
-        _variable(name, base)
+        variable = _variable(name, base)
         if name in info.data.get("tunables", {}):
             raise ValueError("is to be tuned and cannot be set by a case")
         share = isinstance(entry, str) and entry.strip().endswith("%")
-        return float(base.values[name]) * In("1").number(entry) if share else entry
+        return In(variable.unit, base=float(base.values[name])).number(entry) if share else entry
 
     def read(name: str, entry: Any) -> Case:
         changes = each(entry, change)
