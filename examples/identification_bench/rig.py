@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels import program
-from ..kernels.core import Core
-from ..ops.floats import FLOATS
-from ..physics import kinematics, mechanics
-from ..tree import tree
-from ..variables import OUTPUTS
-from .records import Array
+from emcas_fmu.identification.records import Array
+from emcas_fmu.kernels import program
+from emcas_fmu.kernels.core import Core
+from emcas_fmu.ops.floats import FLOATS
+from emcas_fmu.physics import kinematics, mechanics
+from emcas_fmu.tree import tree
+from emcas_fmu.variables import OUTPUTS
 
 DAC_BITS, DAC_RANGE = 16, 10.0  # of the analogue output, +-V
 ADC_BITS, CURRENT_RANGE, REFERENCE_RANGE = 14, 100.0, 10.0  # of the logger's inputs, +-A and +-V
