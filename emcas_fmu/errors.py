@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any
 
@@ -19,10 +19,3 @@ def hint(word: Any, among: Iterable[str]) -> str:
     """A guess at what was meant by a word that is none of those there are; nothing if none is close."""
     close = get_close_matches(str(word), list(among), 1)
     return f", did you mean {close[0]!r}?" if close else ""
-
-
-def require_known(entry: Mapping[str, Any], keys: tuple[str, ...], where: str, error: type[EmcasError]) -> None:
-    """Raise `error` for a key that is none of `keys`, with the nearest that is."""
-    for key in entry:
-        if key not in keys:
-            raise error(f"{where}: unknown key {key!r}{hint(key, keys)}; there is {', '.join(keys)}")

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, log1p, sqrt
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field, PlainValidator, ValidationInfo, create_model
 from scipy import stats
 
-from ..errors import EmcasError, hint, require_known
+from ..errors import EmcasError
+from ..schema import In, Quantity, Table, kind_of
 from ..simulation import Array
-from ..units import UnitError, describe, quantity
 
 Value = float | int | bool
 # Of all samples, how many may lie outside the limits before the entry is refused: tails fail one by one.
@@ -28,24 +29,12 @@ KINDS: Mapping[str, tuple[str, ...]] = {
     "normal": ("mean", "sd"),
     "truncated-normal": ("mean", "sd", "low", "high"),
     "lognormal": ("mean", "sd"),
-    "choice": ("levels",),
+    "choice": ("levels", "weights"),
 }
 
 
 class CampaignError(EmcasError):
     """A campaign that cannot be used or carried out; the message names file, entry and remedy."""
-
-
-@dataclass(frozen=True)
-class Kind:
-    """What an entry is: its unit and limits, and the value (table's unit) a percentage of it refers to."""
-
-    where: str
-    unit: str
-    minimum: float = -inf
-    maximum: float = inf
-    base: float | None = None
-    type: str = "Real"
 
 
 @dataclass(frozen=True)
@@ -103,113 +92,99 @@ class Distribution:
         return float(self._frozen.cdf(minimum) + self._frozen.sf(maximum))
 
 
-def distribution(written: Mapping[str, Any], kind: Kind) -> Distribution:
-    """The distribution a table describes. Raises CampaignError, naming the entry."""
-    name = written.get("distribution", "choice" if "levels" in written else None)
-    if name not in KINDS:
-        raise CampaignError(f"{kind.where}: distribution = {name!r}{hint(name, KINDS)}; there is {', '.join(KINDS)}")
-    keys = KINDS[name]
-    weights = ("weights",) if name == "choice" else ()
-    require_known(written, ("distribution", *keys, *weights), kind.where, CampaignError)
-    if name == "choice":
-        return _choice(written, kind)
-    if kind.type != "Real":
-        raise CampaignError(f"{kind.where}: {'true and false have' if kind.type == 'Boolean' else 'a whole number has'}"
-                            " no such distribution; give levels = [...]")
-    numbers: dict[str, float] = {}
-    for key in keys:
-        if key not in written and not (key == "mean" and kind.base is not None):
-            raise CampaignError(f"{kind.where}: {key} is missing; a {name} distribution has {', '.join(keys)}")
-        if key == "sd":
-            numbers[key] = _deviation(written[key], kind, numbers["mean"])
-        else:
-            numbers[key] = number(written[key], kind, key) if key in written else float(kind.base or 0.0)
-    found = Distribution(name, numbers)
-    _sound(found, kind)
+def _deviation(written: Any, info: ValidationInfo) -> float:
+    """A standard deviation: a percentage of the mean, or a difference in the entry's unit."""
+    unit, text = _unit(info), str(written).strip()
+    if text.endswith("%") and unit.unit == "degC":
+        raise ValueError("a percentage of a temperature says nothing; give a difference such as 5 K")
+    found = float(replace(unit, base=abs(info.data.get("mean", 0.0))).number(written))
+    if unit.unit == "degC":  # 5 degC, and 5 K, of difference: what 0 of that unit is cancels
+        found -= float(unit.number(_NUMBER.sub("0", text, count=1)))
     return found
 
 
-def _sound(found: Distribution, kind: Kind) -> None:
-    n, where = found.numbers, kind.where
+def _mean(written: Any, info: ValidationInfo) -> float:
+    unit = _unit(info)
+    if written is None and unit.base is None:
+        raise ValueError("is missing")
+    return float(unit.base or 0.0) if written is None else float(unit.number(written))
+
+
+def _unit(info: ValidationInfo) -> In:
+    unit: Any = info.context
+    return unit  # type: ignore[no-any-return]
+
+
+_FIELDS: Mapping[str, Any] = {
+    "mean": (Annotated[float, PlainValidator(_mean), Field(validate_default=True)], None),
+    "sd": (Annotated[float, PlainValidator(_deviation)], ...),
+    "levels": (Annotated[list[Quantity], Field(min_length=1)], ...),
+    "weights": (list[float] | None, None),
+    **dict.fromkeys(("low", "mode", "high"), (Quantity, ...)),
+}
+_TABLES: Mapping[str, type[Table]] = {
+    kind: create_model(kind, __base__=Table, distribution=(str, kind), **{key: _FIELDS[key] for key in keys})
+    for kind, keys in KINDS.items()}
+
+
+class _Evenly(Table):
+    """Levels evenly apart."""
+
+    low: Quantity
+    high: Quantity
+    count: Annotated[int, Field(ge=2, le=1_000_000)]
+
+
+def distribution(written: Mapping[str, Any], unit: In) -> Distribution:
+    """The distribution a table describes. Raises ValueError or ValidationError."""
+    if "count" in written and "distribution" not in written:
+        even = _Evenly.model_validate(written, context=unit)
+        width = even.high - even.low
+        levels = [even.low + width * k / (even.count - 1) for k in range(even.count)]
+        unit_of = "" if unit.unit == "1" else f" {unit.unit}"
+        return _choice(tuple(unit.number(f"{level!r}{unit_of}") for level in levels), None, unit)
+    kind = kind_of({"distribution": "choice", **written} if "levels" in written else written, KINDS, "distribution")
+    if kind != "choice" and unit.type != "Real":
+        raise ValueError(f"{'true and false have' if unit.type == 'Boolean' else 'a whole number has'} no such "
+                         "distribution; give levels = [...]")
+    table: Any = _TABLES[kind].model_validate(written, context=unit)
+    if kind == "choice":
+        return _choice(tuple(table.levels), table.weights, unit)
+    found = Distribution(kind, {key: getattr(table, key) for key in KINDS[kind]})
+    _sound(found, unit)
+    return found
+
+
+def _sound(found: Distribution, unit: In) -> None:
+    n = found.numbers
     if "low" in n and not n["low"] < n["high"]:
-        raise CampaignError(f"{where}: low = {n['low']:g} must be below high = {n['high']:g} {kind.unit}")
+        raise ValueError(f"low = {n['low']:g} must be below high = {n['high']:g} {unit.unit}")
     if "mode" in n and not n["low"] <= n["mode"] <= n["high"]:
-        raise CampaignError(f"{where}: mode = {n['mode']:g} must be within {n['low']:g} .. {n['high']:g} {kind.unit}")
+        raise ValueError(f"mode = {n['mode']:g} must be within {n['low']:g} .. {n['high']:g} {unit.unit}")
     if "sd" in n and not n["sd"] > 0.0:
-        raise CampaignError(f"{where}: sd = {n['sd']:g} {kind.unit}: must be above 0 (a percentage is one of the mean)")
-    if found.kind == "lognormal" and not n["mean"] > 0.0:
-        raise CampaignError(f"{where}: mean = {n['mean']:g}: a lognormal needs a mean above 0")
-    if found.kind == "log-uniform" and not n["low"] > 0.0:
-        raise CampaignError(f"{where}: low = {n['low']:g}: a log-uniform needs a low above 0")
+        raise ValueError(f"sd = {n['sd']:g} {unit.unit}: must be above 0 (a percentage is one of the mean)")
+    for kind, key in (("lognormal", "mean"), ("log-uniform", "low")):
+        if found.kind == kind and not n[key] > 0.0:
+            raise ValueError(f"{key} = {n[key]:g}: a {kind} needs a {key} above 0")
     if found.kind == "truncated-normal" and found._frozen.ppf(0.5) != found._frozen.ppf(0.5):
-        raise CampaignError(f"{where}: low and high are too far from the mean for a normal distribution")
-    inside(found, kind)
+        raise ValueError("low and high are too far from the mean for a normal distribution")
+    _inside(found, unit)
 
 
-def inside(found: Distribution, kind: Kind) -> None:
-    """Raise CampaignError for what lies outside the entry's limits, but for tails."""
-    share = found.outside(kind.minimum, kind.maximum)
+def _inside(found: Distribution, unit: In) -> None:
+    """Raise ValueError for what lies outside the entry's limits, but for tails."""
+    share = found.outside(unit.minimum, unit.maximum)
     if share > (0.0 if found.kind == "choice" else MOST_OUTSIDE):
         remedy = "" if found.kind == "choice" or "low" in found.numbers else (
             f": {share:.2g} of the samples are not; truncate it (distribution = \"truncated-normal\")")
-        raise CampaignError(f"{kind.where}: must stay within {kind.minimum:g} .. {kind.maximum:g} {kind.unit}{remedy}")
+        raise ValueError(f"must stay {unit.limits}{remedy}")
 
 
-def _choice(written: Mapping[str, Any], kind: Kind) -> Distribution:
-    listed = written.get("levels")
-    if not isinstance(listed, list) or not listed:
-        raise CampaignError(f"{kind.where}: levels must be a list of values, at least one")
-    levels = tuple(number(level, kind, "levels") for level in listed)
-    weights = written.get("weights", [1.0] * len(levels))
-    if (not isinstance(weights, list) or len(weights) != len(levels)
-            or not all(_plain(w) and 0.0 < float(w) < inf for w in weights)):
-        raise CampaignError(f"{kind.where}: weights must be {len(levels)} finite numbers above 0, one for each level")
-    shares = np.cumsum([float(w) for w in weights])
+def _choice(levels: tuple[Value, ...], weights: list[float] | None, unit: In) -> Distribution:
+    given = [1.0] * len(levels) if weights is None else weights
+    if len(given) != len(levels) or not all(0.0 < w < inf for w in given):
+        raise ValueError(f"weights must be {len(levels)} finite numbers above 0, one for each level")
+    shares = np.cumsum(given)
     found = Distribution("choice", {}, levels, tuple((shares / shares[-1]).tolist()))
-    inside(found, kind)
+    _inside(found, unit)
     return found
-
-
-def number(written: Any, kind: Kind, key: str = "") -> Any:
-    """A value in the entry's unit from what a file says. Raises CampaignError, naming the entry."""
-    where = f"{kind.where}{f'.{key}' if key else ''}"
-    if kind.type == "Boolean":
-        if not isinstance(written, bool):
-            raise CampaignError(f"{where} = {written}: expected true or false")
-        return written
-    if not isinstance(written, str) and not _plain(written):
-        raise CampaignError(f"{where}: expected {describe(kind.unit)}")
-    text = str(written).strip()
-    try:
-        if text.endswith("%") and kind.base is not None:
-            if kind.unit == "degC":
-                raise UnitError("a percentage of a temperature says nothing; give it with a unit such as degC")
-            found = quantity(text, "", "1") * float(kind.base)
-        else:
-            found = quantity(text, "", kind.unit)
-    except UnitError as error:
-        raise CampaignError(f"{where} = {written}: {error}") from error
-    if kind.type == "Integer":
-        if not float(found).is_integer():
-            raise CampaignError(f"{where} = {written}: expected a whole number")
-        return int(found)
-    return found
-
-
-def _deviation(written: Any, kind: Kind, mean: float) -> float:
-    """A standard deviation: a percentage of the mean, or a difference in the entry's unit."""
-    text = str(written).strip()
-    if text.endswith("%"):
-        if kind.unit == "degC":
-            raise CampaignError(f"{kind.where}.sd = {written}: a percentage of a temperature says nothing; give a "
-                                "difference such as 5 K")
-        return float(number(text, Kind(f"{kind.where}.sd", "1"))) * abs(mean)
-    plain = Kind(kind.where, kind.unit)
-    found = float(number(written, plain, "sd"))
-    if kind.unit == "degC":  # 5 degC, and 5 K, of difference: what 0 of that unit is cancels
-        found -= float(number(_NUMBER.sub("0", text, count=1), plain, "sd"))
-    return found
-
-
-def _plain(written: Any) -> bool:
-    return isinstance(written, (int, float)) and not isinstance(written, bool)

@@ -2,165 +2,164 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from math import isfinite
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping
+from functools import partial
+from math import inf
+from typing import Annotated, Any
+
+from pydantic import PlainValidator, create_model
 
 from ..actuators import EXTENSIONS, NAMES, NONLINEAR, get
-from ..errors import hint, require_known
+from ..errors import hint
 from ..parameters import ParameterSet
+from ..schema import In, Table, each, kind_of
 from ..tuning.experiments import STEP
 from ..variables import Variable
-from .distributions import MOST_OUTSIDE, CampaignError, Kind, Value, distribution, number
+from .distributions import MOST_OUTSIDE, Value, distribution
 from .experiments import COMMAND, EXPERIMENTS, LOAD, OPTIONAL, PROFILES, SAME, Experiment, Profile
 from .plan import Factor
 
 LONGEST = 300.0  # s, of an experiment: half a gigabyte of rows
 # Of what is no input: rows are a millisecond apart, a spring is coupled once in each.
-_LIMITS = {"Hz": (1e-3, 500.0), "s": (-LONGEST, LONGEST), "N.m/rad": (-1e6, 1e6)}
+_OTHERS = {unit: In(unit, *limits)
+           for unit, limits in {"Hz": (1e-3, 500.0), "s": (-LONGEST, LONGEST), "N.m/rad": (-1e6, 1e6)}.items()}
+
+
+def _duration(written: Any) -> float:
+    duration = float(In("s", 0.1, LONGEST).limited(written))
+    if abs(duration / STEP - round(duration / STEP)) > 1e-6:
+        raise ValueError(f"must be a whole number of {STEP * 1e3:g} ms")
+    return duration
+
+
+class _Follower(Table):
+    follows: str
+
+
+class Entries(Table):
+    """The tables of a campaign file that say what is done; the context is the `Reader` that collects it."""
+
+    vary: Annotated[Any, PlainValidator(lambda written, info: info.context.vary(written))] = None
+    inputs: Annotated[Any, PlainValidator(lambda written, info: info.context.common(written))] = None
+    experiments: Annotated[Any, PlainValidator(lambda written, info: info.context.done(written))] = None
 
 
 class Reader:
-    """Collects factors, numbers, followers and experiments from a document."""
+    """Collects factors, numbers, followers and experiments."""
 
-    def __init__(self, path: Path, base: ParameterSet) -> None:
-        self.path, self.base, self.model = path, base.values, base.model
-        chosen = get(base.model)
-        self._parameters = {v.name: v for v in chosen.file_entries}
-        self._inputs = {v.name: v for v in chosen.inputs}
+    def __init__(self, base: ParameterSet) -> None:
+        self.base, self.model = base.values, base.model
+        self._parameters = {e.variable.name: e.variable for e in base.entries}
+        self._inputs = {v.name: v for v in get(base.model).inputs}
         self.factors: list[Factor] = []
         self.numbers: dict[str, Value] = {}
         self.followers: dict[str, str] = {}
         self.experiments: list[Experiment] = []
+        self._common: dict[str, Profile] = {}
 
-    def read(self, document: Mapping[str, Any]) -> None:
-        varying = table_of(document, "vary", f"{self.path}")
-        for name, entry in _leaves(varying, self._parameters):
-            self.parameter(name, entry)
-        for name, leader in self.followers.items():
-            self.check_follower(name, leader)
-        common = self.profiles(table_of(document, "inputs", f"{self.path}"), "inputs")
-        named = table_of(document, "experiments", f"{self.path}")
-        if not named:
-            raise CampaignError(f"{self.path}: nothing is done; give at least one [experiments.NAME] with a kind")
-        for name in named:
-            self.experiment(name, table_of(named, name, f"{self.path}: experiments"), common)
+    def vary(self, written: Any) -> None:
+        """Read what varies."""
+        each(_leaves(written, self._parameters), self._parameter)
+        each(((f"{name}.follows", leader) for name, leader in self.followers.items()), self._check_follower)
 
-    def parameter(self, name: str, entry: Any) -> None:
-        where = f"{self.path}: vary.{name}"
+    def common(self, written: Any) -> None:
+        """Read the inputs of all experiments."""
+        self._common = self._profiles("inputs", written)
+
+    def done(self, written: Any) -> None:
+        """Read the experiments."""
+        self.experiments = list(each(written, self._experiment).values())
+
+    def _parameter(self, name: str, entry: Any) -> None:
         variable = self._parameters.get(name)
         if variable is None:
-            raise CampaignError(f"{where}: there is no parameter {name!r}"
-                                f"{_elsewhere(name, self.model) or hint(name, self._parameters)}")
-        if name in self.followers or name in [f.name for f in self.factors]:
-            raise CampaignError(f"{where}: is given twice")
+            raise ValueError(f"there is no parameter {name!r}"
+                             f"{_elsewhere(name, self.model) or hint(name, self._parameters)}")
         if not isinstance(entry, Mapping):
-            raise CampaignError(f"{where}: expected a table such as {{ distribution = \"uniform\", low = ..., "
-                                "high = ... }}")
+            raise ValueError("expected a table such as { distribution = \"uniform\", low = ..., high = ... }")
         if "follows" in entry:
-            require_known(entry, ("follows",), where, CampaignError)
-            self.followers[name] = entry["follows"]
-            return
-        self.setting(name, entry, Kind(where, variable.unit, variable.minimum, variable.maximum,
-                                       float(self.base[name]), variable.kind))
+            self.followers[name] = _Follower.model_validate(entry).follows
+        else:
+            self._keep(name, In(variable.unit, variable.minimum, variable.maximum, float(self.base[name]),
+                                variable.kind), entry)
 
-    def check_follower(self, name: str, leader: Any) -> None:
-        where, leaders = f"{self.path}: vary.{name}.follows", [f.name for f in self.factors if f.type == "Real"]
+    def _check_follower(self, key: str, leader: str) -> None:
+        name, leaders = key.removesuffix(".follows"), [f.name for f in self.factors if f.type == "Real"]
         if leader not in leaders:
-            raise CampaignError(f"{where} = {leader!r}: is no number that varies{hint(leader, leaders)}")
+            raise ValueError(f"is no number that varies{hint(leader, leaders)}")
         if self._parameters[name].kind != "Real" or not self.base[leader]:
-            raise CampaignError(f"{where} = {leader!r}: there is no ratio to keep")
+            raise ValueError("there is no ratio to keep")
 
-    def setting(self, name: str, written: Any, kind: Kind) -> None:
-        """A number, or a table of a distribution."""
+    def _keep(self, name: str, unit: In, written: Any) -> None:
+        """Keep a number, or a factor where a table gives a distribution."""
         if isinstance(written, Mapping):
-            self.factors.append(Factor(name, kind.unit, kind.type, distribution(_counted(written, kind), kind)))
-            return
-        self.numbers[name] = number(written, kind)
-        if not kind.minimum <= self.numbers[name] <= kind.maximum:
-            raise CampaignError(f"{kind.where} = {written}: must be within {kind.minimum:g} .. {kind.maximum:g} "
-                                f"{kind.unit}")
+            self.factors.append(Factor(name, unit.unit, unit.type, distribution(written, unit)))
+        else:
+            self.numbers[name] = unit.limited(written)
 
-    def profiles(self, entries: Mapping[str, Any], prefix: str) -> dict[str, Profile]:
-        found = {}
+    def _profiles(self, prefix: str, entries: Any) -> dict[str, Profile]:
         known = {name: v for name, v in self._inputs.items() if name != COMMAND}
-        for name, entry in _leaves(entries, known):
-            where = f"{self.path}: {prefix}.{name}"
-            if name not in known:
-                what = "the command is that of an experiment" if name == COMMAND else f"there is no input {name!r}"
-                raise CampaignError(f"{where}: {what}{_elsewhere(name, self.model) or hint(name, known)}; inputs are "
-                                    f"{', '.join(known)}")
-            kinds = [k for k in PROFILES if k != "spring" or name == LOAD]
-            kinds = ["constant", "step", "window"] if known[name].kind == "Boolean" else kinds
-            profile = Profile(name, self.kind(where, entry, kinds), f"{prefix}.{name}")
-            self.fields(where, profile.prefix, entry, PROFILES[profile.kind], name)
-            if profile.kind == "window":
-                self.check_window(where, profile.prefix)
-            found[name] = profile
-        return found
+        return each(_leaves(entries, known), partial(self._profile, prefix, known))
 
-    def kind(self, where: str, entry: Any, kinds: Any) -> str:
-        if not isinstance(entry, Mapping) or entry.get("kind") not in kinds:
-            given = entry.get("kind") if isinstance(entry, Mapping) else entry
-            raise CampaignError(f"{where}: kind = {given!r}{hint(given, kinds)}; there is {', '.join(kinds)}")
-        return str(entry["kind"])
+    def _profile(self, prefix: str, known: Mapping[str, Variable], name: str, entry: Any) -> Profile:
+        if name not in known:
+            what = "the command is that of an experiment" if name == COMMAND else f"there is no input {name!r}"
+            raise ValueError(f"{what}{_elsewhere(name, self.model) or hint(name, known)}; inputs are "
+                             f"{', '.join(known)}")
+        kinds: Iterable[str] = [k for k in PROFILES if k != "spring" or name == LOAD]
+        kind = kind_of(entry, ("constant", "step", "window") if known[name].kind == "Boolean" else kinds)
+        profile = Profile(name, kind, f"{prefix}.{name}")
+        self._fields(profile.prefix, entry, PROFILES[kind], name)
+        if kind == "window":  # some may be drawn the wrong way round, and are recorded; all may not
+            (begin, _), (_, end) = (self._limits(f"{profile.prefix}.{side}") for side in ("begin", "end"))
+            if end < begin:
+                raise ValueError(f"end = {end:g} s is before begin = {begin:g} s; give an end that is later")
+        return profile
 
-    def fields(self, where: str, prefix: str, entry: Mapping[str, Any], units: Mapping[str, str], name: str,
-               more: tuple[str, ...] = ()) -> None:
-        require_known(entry, ("kind", *units, *more), where, CampaignError)
-        for field, unit in units.items():
-            if field in entry:
-                self.setting(f"{prefix}.{field}", entry[field], self.of_input(f"{where}.{field}", name, field, unit))
-            elif field not in OPTIONAL:
-                raise CampaignError(f"{where}: {field} is missing; a {entry['kind']} has {', '.join(units)}")
+    def _fields(self, prefix: str, entry: Any, units: Mapping[str, str], name: str, **more: Any) -> Any:
+        """Read the numbers of a profile or command of the input `name`, and what there is besides."""
+        fields: dict[str, Any] = {field: (Annotated[Any, PlainValidator(
+            partial(self._keep, f"{prefix}.{field}", self._unit(name, field, unit)))],
+            None if field in OPTIONAL else ...) for field, unit in units.items()}
+        return create_model("entry", __base__=Table, kind=(str, ...), **fields, **more).model_validate(entry)
 
-    def of_input(self, where: str, name: str, field: str, unit: str) -> Kind:
+    def _unit(self, name: str, field: str, unit: str) -> In:
         variable = self._inputs[name]
         if unit != SAME:
-            return Kind(where, unit, *_LIMITS[unit])
+            return _OTHERS[unit]
         if name == COMMAND:
             limit = float(self.base["command.limit"]) * (1.0 + 1e-9)
-            return Kind(where, variable.unit, -limit, limit)
+            return In(variable.unit, -limit, limit)
         base = float(self.base[variable.key]) if variable.key else None
-        limits = (-float("inf"), float("inf")) if field == "amplitude" else (variable.minimum, variable.maximum)
-        return Kind(where, variable.unit, *limits, base, variable.kind)
+        limits = (-inf, inf) if field == "amplitude" else (variable.minimum, variable.maximum)
+        return In(variable.unit, *limits, base, variable.kind)
 
-    def limits(self, name: str, outside: float = 0.0) -> tuple[float, float]:
+    def _limits(self, name: str, outside: float = 0.0) -> tuple[float, float]:
         """Between what a number lies, whether it is fixed or drawn."""
         if name in self.numbers:
             return float(self.numbers[name]), float(self.numbers[name])
         return next(f for f in self.factors if f.name == name).distribution.limits(outside)
 
-    def check_window(self, where: str, prefix: str) -> None:
-        """Some may be drawn the wrong way round, and are recorded; all may not."""
-        (begin, _), (_, end) = (self.limits(f"{prefix}.{side}") for side in ("begin", "end"))
-        if end < begin:
-            raise CampaignError(f"{where}: end = {end:g} s is before begin = {begin:g} s; give an end that is later")
-
-    def experiment(self, name: str, entry: Mapping[str, Any], common: Mapping[str, Profile]) -> None:
-        where, prefix = f"{self.path}: experiments.{name}", f"experiments.{name}"
+    def _experiment(self, name: str, entry: Any) -> Experiment:
         if "." in name:
-            raise CampaignError(f"{where}: a name without dots is needed")
-        kind = self.kind(where, entry, EXPERIMENTS)
-        self.fields(where, prefix, entry, EXPERIMENTS[kind], COMMAND, ("duration", "inputs"))
-        duration = number(entry.get("duration", "1 s"), Kind(f"{where}.duration", "s"))
-        if not (isfinite(duration) and 0.1 <= duration <= LONGEST):
-            raise CampaignError(f"{where}.duration = {entry.get('duration')}: must be within 0.1 .. {LONGEST:g} s")
-        if abs(duration / STEP - round(duration / STEP)) > 1e-6:
-            raise CampaignError(f"{where}.duration = {entry['duration']}: must be a whole number of {STEP * 1e3:g} ms")
+            raise ValueError("a name without dots is needed")
+        kind, prefix = kind_of(entry, EXPERIMENTS), f"experiments.{name}"
+        found = self._fields(prefix, entry, EXPERIMENTS[kind], COMMAND,
+                             duration=(Annotated[float, PlainValidator(_duration)], 1.0),
+                             inputs=(Annotated[Any, PlainValidator(partial(self._profiles, f"{prefix}.inputs"))], {}))
         if kind == "step" and self.numbers.get(f"{prefix}.amplitude") == 0.0:
-            raise CampaignError(f"{where}.amplitude: a step needs an amplitude other than 0")
+            raise ValueError("a step needs an amplitude other than 0")
         if kind == "chirp":
-            (_, low), (high, _) = (self.limits(f"{prefix}.{side}", MOST_OUTSIDE) for side in ("low", "high"))
+            (_, low), (high, _) = (self._limits(f"{prefix}.{side}", MOST_OUTSIDE) for side in ("low", "high"))
             if not low < high:
-                raise CampaignError(f"{where}: low (up to {low:g} Hz) must be below high (from {high:g} Hz on)")
-        own = self.profiles(table_of(entry, "inputs", where), f"{prefix}.inputs")
-        self.experiments.append(Experiment(name, kind, duration, tuple({**common, **own}.values())))
+                raise ValueError(f"low (up to {low:g} Hz) must be below high (from {high:g} Hz on)")
+        return Experiment(name, kind, found.duration, tuple({**self._common, **found.inputs}.values()))
 
 
-def _leaves(entries: Mapping[str, Any], known: Mapping[str, Variable], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def _leaves(entries: Any, known: Mapping[str, Variable], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Names with dots, quoted or not, with their tables."""
+    if not isinstance(entries, Mapping):
+        raise ValueError("expected a table")
     for key, entry in entries.items():
         name = f"{prefix}{key}"
         nested = isinstance(entry, Mapping) and entry and all(isinstance(e, Mapping) for e in entry.values())
@@ -176,24 +175,3 @@ def _elsewhere(name: str, model: str) -> str:
         if any(v.name == name for v in (*get(kind).parameters, *get(kind).inputs)):
             return f" of the {model} model; {kind} has one: name the model in [base], or with --model"
     return ""
-
-
-def _counted(written: Mapping[str, Any], kind: Kind) -> Mapping[str, Any]:
-    """`low`, `high` and `count` are levels evenly apart."""
-    if "count" not in written or "distribution" in written:
-        return written
-    require_known(written, ("low", "high", "count"), kind.where, CampaignError)
-    count = written["count"]
-    if isinstance(count, bool) or not isinstance(count, int) or not 2 <= count <= 1_000_000 or len(written) < 3:
-        raise CampaignError(f"{kind.where}: levels are given as low, high and a whole count of at least 2")
-    low, high = (float(number(written[side], kind, side)) for side in ("low", "high"))
-    levels = [low + (high - low) * k / (count - 1) for k in range(count)]
-    return {"levels": [repr(level) if kind.unit == "1" else f"{level!r} {kind.unit}" for level in levels]}
-
-
-def table_of(document: Mapping[str, Any], key: str, where: str) -> Mapping[str, Any]:
-    """A table of a document, empty if there is none. Raises CampaignError for what is no table."""
-    table = document.get(key, {})
-    if not isinstance(table, Mapping):
-        raise CampaignError(f"{where}: {key}: expected a table")
-    return table

@@ -6,20 +6,43 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
+from pydantic import Field
+
+from .. import schema
 from ..actuators import NONLINEAR, get
-from ..errors import EmcasError, hint, require_known
+from ..errors import EmcasError
 from ..fmi.package import interface_guid
 from ..parameters import ParameterSet, check_parameters, load_parameters
-from ..toml import tomllib
+from ..schema import Table
 from ..unit import MOST_FINS, Unit, start_values
 from .distributions import CampaignError
-from .entries import Reader, table_of
+from .entries import Entries, Reader
 from .plan import Factor, Plan, varied
 
-METHODS = ("monte-carlo", "latin-hypercube", "sobol", "grid")
 MOST_SAMPLES = 100_000_000
+
+
+class _Campaign(Table):
+    samples: Annotated[int, Field(ge=1, le=MOST_SAMPLES)] | None = None
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
+    method: Literal["monte-carlo", "latin-hypercube", "sobol", "grid"] = "monte-carlo"
+
+
+class _Base(Table):
+    model: str | None = None
+    parameters: str | list[str] | None = None
+    fmu: str | None = None
+    fin: Annotated[int, Field(ge=1, le=MOST_FINS)] | None = None
+
+
+class _File(Table):
+    campaign: _Campaign = _Campaign()
+    base: _Base = _Base()
+    vary: Any = None
+    inputs: Any = None
+    experiments: Any = None
 
 
 @dataclass(frozen=True)
@@ -42,48 +65,35 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, mode
     `fmu`, and `fin` of a unit of several, counted from 1, replace the file's own, and so does `model`, one of
     :mod:`emcas_fmu.actuators`.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-        document = tomllib.loads(text)
-    except (OSError, ValueError) as error:
-        raise CampaignError(f"{path}: cannot be read: {error}") from error
-    require_known(document, ("campaign", "base", "vary", "inputs", "experiments"), str(path), CampaignError)
-    about = table_of(document, "campaign", f"{path}")
-    require_known(about, ("samples", "seed", "method"), f"{path}: campaign", CampaignError)
-    method = about.get("method", "monte-carlo")
-    if method not in METHODS:
-        raise CampaignError(f"{path}: campaign.method = {method!r}{hint(method, METHODS)}; there is "
-                            f"{', '.join(METHODS)}")
-    base, guid, unit, digest, chosen = _base(path, table_of(document, "base", f"{path}"), fmu, fin,
-                                           model)
-    reader = Reader(path, base)
-    reader.read(document)
+    text, document = schema.document(path, CampaignError)
+    file = schema.read(_File, document, path, CampaignError)
+    base, guid, unit, digest, chosen = _base(path, file.base, fmu, fin, model)
+    reader = Reader(base)
+    schema.read(Entries, {key: document[key] for key in Entries.model_fields if key in document}, path, CampaignError,
+                reader)
     if not reader.factors:
         raise CampaignError(f"{path}: nothing varies; give at least one [vary.\"NAME\"] with a distribution")
+    if not reader.experiments:
+        raise CampaignError(f"{path}: nothing is done; give at least one [experiments.NAME] with a kind")
+    about = file.campaign
     plan = Plan(dict(base.values), reader.numbers, tuple(reader.factors), reader.followers,
-                tuple(reader.experiments), _whole(path, about, "seed", 1, 0, 2**63 - 1), unit, digest, chosen,
-                base.model)
-    samples = _samples(path, about, method, plan.factors)
+                tuple(reader.experiments), about.seed, unit, digest, chosen, base.model)
+    samples = _samples(path, about, plan.factors)
     _check_middle(path, plan)
-    return Study(path, text, document, method, samples, plan.seed, guid, plan)
+    return Study(path, text, document, about.method, samples, plan.seed, guid, plan)
 
 
-def _base(path: Path, entry: Mapping[str, Any], fmu: Path | None, fin: int | None,
+def _base(path: Path, entry: _Base, fmu: Path | None, fin: int | None,
           model: str | None) -> tuple[ParameterSet, str, str, str, int]:
     """Base set, GUID, and of the FMU if one is to run, path, SHA-256 and fin."""
-    require_known(entry, ("model", "parameters", "fmu", "fin"), f"{path}: base", CampaignError)
-    chosen = fin if fin is not None else _whole(path, entry, "fin", 1, 1, MOST_FINS, "base")
-    for key, written in entry.items():
-        several = key == "parameters" and isinstance(written, list)
-        if key != "fin" and not all(isinstance(name, str) for name in (written if several else [written])):
-            raise CampaignError(f"{path}: base.{key}: expected the name of a {'model' if key == 'model' else 'file'}")
+    chosen = fin if fin is not None else entry.fin or 1
     kind = _model(path, entry, model)
     # Files are named as seen from the campaign's own, which can then be run from anywhere.
-    named = entry.get("parameters", [])
-    files = [path.parent / name for name in ([named] if isinstance(named, str) else named)]
-    unit = fmu if fmu is not None else path.parent / entry["fmu"] if "fmu" in entry else None
+    named = [entry.parameters] if isinstance(entry.parameters, str) else entry.parameters or []
+    files = [path.parent / name for name in named]
+    unit = fmu if fmu is not None else path.parent / entry.fmu if entry.fmu else None
     if unit is None:
-        if fin is not None or "fin" in entry:
+        if fin is not None or entry.fin is not None:
             raise CampaignError(f"{path}: fin {chosen} is one of an FMU; name it with --fmu or base.fmu")
         base = load_parameters(files, model=kind or NONLINEAR)
         shown = Unit(1, base.model)
@@ -104,9 +114,9 @@ def _base(path: Path, entry: Mapping[str, Any], fmu: Path | None, fin: int | Non
     return base if files else base.replace(values), guid, str(unit.resolve()), there.sha256, chosen
 
 
-def _model(path: Path, entry: Mapping[str, Any], given: str | None) -> str | None:
+def _model(path: Path, entry: _Base, given: str | None) -> str | None:
     """The model asked for, its options in their order; nothing if none is."""
-    asked = given or entry.get("model")
+    asked = given or entry.model
     if asked is None:
         return None
     try:
@@ -116,17 +126,9 @@ def _model(path: Path, entry: Mapping[str, Any], given: str | None) -> str | Non
         raise CampaignError(where + str(error).removeprefix("--model ")) from error
 
 
-def _whole(path: Path, about: Mapping[str, Any], key: str, default: int, low: int, high: int,
-           table: str = "campaign") -> int:
-    found = about.get(key, default)
-    if isinstance(found, bool) or not isinstance(found, int) or not low <= found <= high:
-        raise CampaignError(f"{path}: {table}.{key} = {found}: expected a whole number within {low} .. {high}")
-    return found
-
-
-def _samples(path: Path, about: Mapping[str, Any], method: str, factors: tuple[Factor, ...]) -> int:
-    if method != "grid":
-        return _whole(path, about, "samples", 1000, 1, MOST_SAMPLES)
+def _samples(path: Path, about: _Campaign, factors: tuple[Factor, ...]) -> int:
+    if about.method != "grid":
+        return about.samples or 1000
     for factor in factors:
         if factor.distribution.kind != "choice" or len(set(_steps(factor.distribution.cumulated))) > 1:
             raise CampaignError(f"{path}: {factor.name}: a grid needs levels = [...], or low, high and count, without "
@@ -134,8 +136,8 @@ def _samples(path: Path, about: Mapping[str, Any], method: str, factors: tuple[F
     points = prod(len(f.distribution.levels) for f in factors)
     if points > MOST_SAMPLES:
         raise CampaignError(f"{path}: the grid has {points} points; at most {MOST_SAMPLES} can be run")
-    if about.get("samples", points) != points:
-        raise CampaignError(f"{path}: campaign.samples = {about['samples']}: the grid has {points} points; leave "
+    if about.samples not in (None, points):
+        raise CampaignError(f"{path}: campaign.samples = {about.samples}: the grid has {points} points; leave "
                             "samples out")
     return points
 

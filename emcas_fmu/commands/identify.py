@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..parameters import load_parameters
-from .common import ParametersOption, check_outputs, failures, out, progress_bar, stepper
+from .common import ParametersOption, check_outputs, failures, out
 
 if TYPE_CHECKING:
     from ..identification.result import Identification
@@ -28,7 +28,6 @@ _FRICTION = "Examples:\n\n  emcas identify friction sweep_*.csv -p base.toml -o 
 _DRIVE = "Examples:\n\n  emcas identify drive fast.csv staircase.csv --output identified.toml --report drive.html"
 _BACKLASH = "Examples:\n\n  emcas identify backlash reversals.csv --json backlash.json --report backlash.html"
 _INERTIA = "Examples:\n\n  emcas identify inertia up_*.csv down_*.csv -p base.toml --output identified.toml"
-_BENCH = "Examples:\n\n  emcas identify bench --seed 7 --directory my_bench"
 
 FilesArgument = Annotated[list[Path], typer.Argument(help="CSV files of measurements.", metavar="FILE...")]
 OutputOption = Annotated[Path | None, typer.Option("--output", "-o", help="Write a parameter file: the identified "
@@ -137,22 +136,3 @@ def identify_inertia(
     from ..identification.inertia import identify
 
     _carry_out(lambda base: identify(files, base), files, parameters, output, report, as_json)
-
-
-@app.command(name="bench", epilog=_BENCH)
-def make_bench(
-    directory: Annotated[Path, typer.Option("--directory", help="Folder to write the records into.", metavar="DIR")],
-    seed: Annotated[int, typer.Option(help="Seed of the instruments' noise.", min=0)] = 1,
-    parameters: ParametersOption = None,
-) -> None:
-    """Sample records made by the model with the noise and resolution of instruments, and their provenance."""
-    from ..identification.bench import write_bench
-
-    with failures():
-        check_outputs(folders=(directory,))
-        chosen = load_parameters(parameters)
-        with progress_bar() as progress:
-            written = write_bench(directory, chosen, seed, stepper(progress, "bench"))
-    size = sum(path.stat().st_size for path in written)
-    out.print(f"written {len(written)} records, {size / 1024:.0f} KiB, to {escape(str(directory))}", highlight=False,
-              soft_wrap=True)

@@ -17,11 +17,9 @@ from typing import Any
 import numpy as np
 
 from ..parameters import ParameterSet
-from ..physics import kinematics
 from . import motion, pictures
 from .estimation import METHOD, Fit, fit
-from .motion import ARRAYS
-from .records import Array, Record, RecordError, read_records, refuse_magnitude
+from .records import Array, Record, RecordError, grouped, read_records, refuse_magnitude
 from .result import Estimate, Identification, Picture, noise
 
 GAP = "backlash"
@@ -36,16 +34,7 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     """Backlash at the fin from records with motor_angle and fin_angle. Raises RecordError."""
     records = read_records(paths, ("motor_angle", "fin_angle"))
     p = base.nested()
-    sweeps: list[tuple[int, Array, Array]] = []
-    groups: list[list[int]] = []
-    traces = []
-    for record in records:
-        indirect = _indirect(record, p)
-        _check(record, indirect, p)
-        found = _sweeps(record, indirect)
-        groups.append(list(range(len(sweeps), len(sweeps) + len(found))))
-        sweeps += found
-        traces.append((record, indirect))
+    sweeps, groups = grouped(records, lambda record: _sweeps(record, p))
     for direction, word in ((1, "positive"), (-1, "negative")):
         if not any(d == direction for d, _, _ in sweeps):
             raise RecordError(f"no sweep of at least {degrees(_RANGE):g} deg in the {word} direction: the gap shows "
@@ -54,25 +43,23 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     gap, sigma = float(found_fit.values[0]), float(found_fit.sigmas[0])
     if gap < -3.0 * sigma:
         raise RecordError(f"the backlash is found as {degrees(gap):.3g} deg, below 0: the direct angle leads the "
-                          "motor's; "
-                          "check the columns' signs, that they are sampled at the same instants, and that the motor "
-                          "drives the fin in both directions (a load may hold it against one side)")
+                          "motor's; check the columns' signs, that they are sampled at the same instants, and that the "
+                          "motor drives the fin in both directions (a load may hold it against one side)")
     notes = [
         f"{len(sweeps)} sweeps over {degrees(min(float(f.min()) for _, f, _ in sweeps)):.3g} to "
         f"{degrees(max(float(f.max()) for _, f, _ in sweeps)):.3g} deg; the first {degrees(_CLEAR):g} deg after each "
         "reversal are left out.",
         "The model has no backlash: this is no parameter and nothing computes with it.",
-        f"Zero of one encoder against the other: {degrees(float(found_fit.values[1])):.3g} deg; part of it may be "
-        "half a "
-        "count.",
+        f"Zero of one encoder against the other: {degrees(float(found_fit.values[1])):.3g} deg; part of it may be half "
+        "a count.",
     ]
     if gap < 2.0 * sigma:
         notes.append(f"Not distinguishable from no backlash; below {degrees(max(gap, 0.0) + 2.0 * sigma):.2g} deg at "
                      "2 sigma.")
     estimates = [Estimate(GAP, degrees(gap), degrees(sigma), "deg", False, None)]
     return Identification("backlash", "Backlash", records, estimates, {n: float(base.values[n]) for n in _GIVEN},
-                          METHOD, notes, _pictures(sweeps, traces, found_fit), (_names(), found_fit.correlation),
-                          noise(records, found_fit, groups, "rad"))
+                          METHOD, notes, _pictures(sweeps, [(r, _indirect(r, p)) for r in records], found_fit),
+                          (_names(), found_fit.correlation), noise(records, found_fit, groups, "rad"))
 
 
 def _names() -> list[str]:
@@ -80,26 +67,23 @@ def _names() -> list[str]:
 
 
 def _indirect(record: Record, p: Any) -> Array:
-    found: Array = kinematics.fin_angle(ARRAYS, p, kinematics.lever_tangent(ARRAYS, p, record["motor_angle"]))
-    return found
-
-
-def _check(record: Record, indirect: Array, p: Any) -> None:
+    indirect = motion.fin_angle(p, record["motor_angle"])
     refuse_magnitude(record, "motor_angle", 1.25 * motion.motor_travel(p), "1.25 times the travel to fin.stop_angle")
     refuse_magnitude(record, "fin_angle", 1.25 * p.fin.stop_angle, "1.25 times fin.stop_angle")
     if np.ptp(indirect) < _RANGE:
         raise record.fail(f"there is no motion to speak of: the fin turns by {degrees(np.ptp(indirect)):.3g} deg by "
-                          "the "
-                          f"motor's angle; sweep at least {degrees(_RANGE):g} deg there and back")
+                          f"the motor's angle; sweep at least {degrees(_RANGE):g} deg there and back")
     slope = float(np.polyfit(indirect, record["fin_angle"], 1)[0])
     if not 0.9 < slope < 1.1:
         raise record.fail(f"fin_angle moves {slope:.3g} times as much as the motor's angle lets expect: check the "
-                          "units in "
-                          "the header (1 rad is 57.3 deg), and kinematics.moment_arm and screw.lead of the parameters")
+                          "units in the header (1 rad is 57.3 deg), and kinematics.moment_arm and screw.lead of the "
+                          "parameters")
+    return indirect
 
 
-def _sweeps(record: Record, indirect: Array) -> list[tuple[int, Array, Array]]:
+def _sweeps(record: Record, p: Any) -> list[tuple[int, Array, Array]]:
     """Direction, fin angle and difference in blocks, of each sweep once the gap is crossed."""
+    indirect = _indirect(record, p)
     # A reversal is a turn by more than the gap could be: extremes by hysteresis.
     turns, extreme, direction = [0], 0, 0
     for k, angle in enumerate(indirect.tolist()):

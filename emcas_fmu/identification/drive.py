@@ -67,8 +67,7 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     fast = [r for r in records if _is_fast(r)]
     if not fast:
         found = min(r.step for r in records)
-        raise RecordError("the sample rate is too low for the transport delay and the current loop: the fastest "
-                          "record "
+        raise RecordError("the sample rate is too low for the transport delay and the current loop: the fastest record "
                           f"has a sample every {found * 1e3:.3g} ms; log at least one record with steps of the "
                           f"reference every {_needed(values) * 1e3:.2g} ms or less (a few L/(R + Kp), and a tenth of "
                           "the delay)")
@@ -156,9 +155,8 @@ def _delay(fast: Sequence[Record], values: Mapping[str, Any]) -> float:
     share = 1.0 - lost[best] / sum(len(r) for r in fast)
     if share < 0.5:
         raise fast[0].fail(f"motor_current does not follow drive_reference: at the best delay it explains {share:.0%} "
-                           "of "
-                           "the current; check that the columns belong together, that the drive was enabled, and the "
-                           "units in the header")
+                           "of the current; check that the columns belong together, that the drive was enabled, and "
+                           "the units in the header")
     return max(float(shifts[best]) - _needed(values), 0.0)
 
 
@@ -170,8 +168,7 @@ def _require_levels(runs: Sequence[_Run]) -> None:
                 levels.append(float(level))
     if len(levels) < FEWEST_LEVELS or min(levels) >= 0.0 or max(levels) <= 0.0:
         raise RecordError(f"the reference takes {len(levels)} level(s) ({min(levels):.3g} to {max(levels):.3g} V): "
-                          "gain "
-                          f"and offset need at least {FEWEST_LEVELS}, of both signs")
+                          f"gain and offset need at least {FEWEST_LEVELS}, of both signs")
 
 
 def _require_slopes(runs: Sequence[_Run], delay: float, values: Mapping[str, Any]) -> None:
@@ -183,18 +180,15 @@ def _require_slopes(runs: Sequence[_Run], delay: float, values: Mapping[str, Any
         slopes.append(float(np.polyfit(late, run.current[run.used], 1)[0]))
         if slopes[-1] <= 0.0:
             raise run.record.fail(f"motor_current falls with drive_reference ({slopes[-1]:.3g} A/V): one of them has "
-                                  "the "
-                                  "wrong sign")
+                                  "the wrong sign")
         if not 0.1 < slopes[-1] / values["drive.current_gain"] < 10.0:
             raise run.record.fail(f"motor_current rises by {slopes[-1]:.4g} A per volt of drive_reference, "
                                   f"{slopes[-1] / values['drive.current_gain']:.3g} times what the base parameters "
-                                  "say: "
-                                  "check the units of both in the header")
+                                  "say: check the units of both in the header")
         if not 0.6 < slopes[-1] / slopes[0] < 1.7:
             raise run.record.fail(f"motor_current rises by {slopes[-1]:.4g} A per volt of drive_reference, but by "
                                   f"{slopes[0]:.4g} in {runs[0].record.name}: check the units of both files' headers, "
-                                  "and "
-                                  "that they are of one drive")
+                                  "and that they are of one drive")
 
 
 def _fit(runs: Sequence[_Run], start: float, values: Mapping[str, Any]) -> Fit:
@@ -224,8 +218,7 @@ def _fit(runs: Sequence[_Run], start: float, values: Mapping[str, Any]) -> Fit:
 def _require_rate(delay: float, step: float) -> None:
     if delay < FAST * step:
         raise RecordError(f"the sample rate is too low for the delay: {delay * 1e3:.3g} ms is {delay / step:.2g} "
-                          "samples "
-                          f"of the fastest record; log at {FAST / max(delay, 1e-4):.3g} Hz or more")
+                          f"samples of the fastest record; log at {FAST / max(delay, 1e-4):.3g} Hz or more")
 
 
 def _require_length(runs: Sequence[_Run], values: Mapping[str, Any]) -> None:
@@ -257,8 +250,7 @@ def _require_answer(found: Fit, runs: Sequence[_Run], values: Mapping[str, Any])
                               f"{found.sigmas[index]:.2g} {UNITS[index]}; record more and larger steps, fast logged")
     if ki < 0.0 and ki < -2.0 * found.sigmas[KI]:
         raise RecordError(f"drive.ki is found as {ki:.3g} V/(A.s), below 0: the current creeps away from its "
-                          "reference; "
-                          "check that the winding did not heat up, and motor.resistance")
+                          "reference; check that the winding did not heat up, and motor.resistance")
     supply = float(values["drive.supply_voltage"])
     for k, run in enumerate(runs):
         if not run.fast:
@@ -272,9 +264,8 @@ def _require_answer(found: Fit, runs: Sequence[_Run], values: Mapping[str, Any])
         demand = np.abs(drive.voltage_demand(p, drive.current_reference(ARRAYS, p, shift), current, x[5 + k]))
         if demand.max() > supply:
             raise run.record.fail(f"the drive's voltage is saturated: the steps ask for {demand.max():.3g} V of a "
-                                  "supply "
-                                  f"of {supply:g} V, so that their rise tells the supply and not Kp; take steps below "
-                                  f"{0.9 * supply / (kp * gain):.2g} V")
+                                  f"supply of {supply:g} V, so that their rise tells the supply and not Kp; take steps "
+                                  f"below {0.9 * supply / (kp * gain):.2g} V")
 
 
 def _notes(runs: Sequence[_Run], found: Fit, values: Mapping[str, Any]) -> list[str]:
@@ -285,9 +276,8 @@ def _notes(runs: Sequence[_Run], found: Fit, values: Mapping[str, Any]) -> list[
     lines = [
         f"The delay is {delay / step:.2f} samples of the fastest record; it includes whatever the two channels of the "
         "logger differ in, and counts from the row at which a reference first stands.",
-        f"Current loop: {inductance / (resistance + kp) * 1e3:.3g} ms, then {slow:.3g} s for the integral; right "
-        "after a "
-        f"step {kp / (resistance + kp):.1%} of the current demanded flow.",
+        f"Current loop: {inductance / (resistance + kp) * 1e3:.3g} ms, then {slow:.3g} s for the integral; right after "
+        f"a step {kp / (resistance + kp):.1%} of the current demanded flow.",
         "Kp scales with motor.inductance and motor.resistance, whose own uncertainty is not included.",
     ]
     if found.sigmas[KI] > 0.3 * abs(ki):
@@ -363,8 +353,7 @@ def _pictures(runs: Sequence[_Run], found: Fit, values: Mapping[str, Any]) -> li
                                         "ms.",
                 overlay),
         Picture("Steps of the reference", "The larger steps of the fast records, scaled and laid on each other: the "
-                                          "delay "
-                "is where the rise begins, L/(R + Kp) its time constant.", one_step),
+                                          "delay is where the rise begins, L/(R + Kp) its time constant.", one_step),
         Picture("Steady current against reference", "Slow records, transients left out; the line has the identified "
                                                     "gain "
                 "and offset. Points lie off it by what the integral has not yet made up for.", line),

@@ -91,9 +91,8 @@ def solve(residuals: Callable[[Array], Array], start: Array, most: int = 200) ->
                                   x_scale="jac", xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=most)
             return found.x, _jacobian(residuals, found.x)
     except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
-        raise RecordError(f"no parameters fit the records ({error}): check units and signs in the headers, "
-                          "and that the "
-                          "columns belong together") from error
+        raise RecordError(f"no parameters fit the records ({error}): check units and signs in the headers, and that "
+                          "the columns belong together") from error
 
 
 def _times(found: Sequence[Array], groups: Sequence[Sequence[int]], deviations: Array) -> Array:
@@ -147,8 +146,7 @@ def fit(residuals: Residuals, start: Array, scale: Array, groups: Sequence[Seque
     _, singular, rows = np.linalg.svd(jacobian, full_matrices=False)
     if not singular.min() > _SINGULAR * singular.max():
         raise RecordError("the records leave some combination of the parameters undetermined: they are too alike, or "
-                          "what "
-                          "they excite is too little; vary speeds, levels and range more")
+                          "what they excite is too little; vary speeds, levels and range more")
     inverse = rows.T / singular
     covariance = (inverse @ inverse.T) * np.outer(scale, scale)
     return Fit(values * scale, covariance, tuple(found), deviations, times, jacobian / scale)

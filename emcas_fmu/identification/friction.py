@@ -19,11 +19,11 @@ import numpy as np
 from ..actuators.electromechanical import nonlinear
 from ..ops.floats import FLOATS
 from ..parameters import ParameterSet
-from ..physics import friction, kinematics
+from ..physics import friction
 from . import motion, pictures
 from .estimation import METHOD, Fit, fit
 from .motion import ARRAYS
-from .records import Array, Record, RecordError, read_records
+from .records import Array, Record, RecordError, grouped, read_records
 from .result import Estimate, Identification, Picture, noise
 
 VISCOUS = ("friction.viscous.positive", "friction.viscous.negative")
@@ -63,13 +63,7 @@ def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = Fals
     `keep_ratios` takes the cold ratios from `base`, for measurements at one temperature. Raises RecordError.
     """
     records = read_records(paths, ("motor_angle", "motor_current", "temperature"), ("motor_speed",))
-    sweeps: list[Sweep] = []
-    groups: list[list[int]] = []
-    for record in records:
-        motion.check(record, base.values)
-        found = _sweeps(record, base.values)
-        groups.append(list(range(len(sweeps), len(sweeps) + len(found))))
-        sweeps += found
+    sweeps, groups = grouped(records, lambda record: _sweeps(record, base.values))
     _require(sweeps, base, keep_ratios)
     names = NAMES[:-2] if keep_ratios else NAMES
     found_fit = _fit(sweeps, groups, base, names)
@@ -91,6 +85,7 @@ def _unit(base: ParameterSet, name: str) -> str:
 
 
 def _sweeps(record: Record, values: Mapping[str, Any]) -> list[Sweep]:
+    motion.check(record, values)
     temperature = record["temperature"]
     if np.ptp(temperature) > _DRIFT:
         raise record.fail(f"temperature drifts by {np.ptp(temperature):.3g} K within the record; at most {_DRIFT:g} K "
@@ -128,9 +123,7 @@ def _sweeps(record: Record, values: Mapping[str, Any]) -> list[Sweep]:
 
 
 def _fin(sweep: Sweep, values: Mapping[str, Any]) -> Array:
-    p = nonlinear.ACTUATOR.namespace(values)
-    found: Array = kinematics.fin_angle(ARRAYS, p, kinematics.lever_tangent(ARRAYS, p, sweep.windows.angle))
-    return found
+    return motion.fin_angle(nonlinear.ACTUATOR.namespace(values), sweep.windows.angle)
 
 
 def _require(sweeps: Sequence[Sweep], base: ParameterSet, keep_ratios: bool) -> None:
@@ -211,9 +204,8 @@ def _require_plausible(values: Mapping[str, Any], base: ParameterSet) -> None:
                            for p in (ours, theirs))
         if found <= 0.0:
             raise RecordError(f"the Coulomb friction found in the {direction} direction is {found:.3g} N.m: the "
-                              "current "
-                              "does not resist the motion; check the signs of motor_current and motor_angle, and the "
-                              "zero of the current sensor")
+                              "current does not resist the motion; check the signs of motor_current and motor_angle, "
+                              "and the zero of the current sensor")
         if not 1.0 / _PLAUSIBLE < found / max(expected, 1e-9) < _PLAUSIBLE:
             raise RecordError(f"the Coulomb friction found in the {direction} direction, {found:.3g} N.m, is "
                               f"{found / expected:.3g} times that of the base parameters ({expected:.3g} N.m): check "
@@ -242,8 +234,7 @@ def _require_certain(found: Fit, names: Sequence[str], base: ParameterSet) -> No
         value, sigma = values[name]
         if not sigma < _WORST * abs(value):
             raise RecordError(f"{name} is not supported by the data: {value:.3g} +- {sigma:.2g}; sweep faster, longer "
-                              "or "
-                              "more often")
+                              "or more often")
 
 
 def _coulomb(coefficients: Any, fin: Array) -> Array:

@@ -22,8 +22,7 @@ from ..physics import friction, kinematics, mechanics
 from . import motion, pictures
 from .estimation import METHOD, Fit, fit
 from .friction import COULOMB, VISCOUS
-from .motion import ARRAYS
-from .records import Array, Record, RecordError, read_records
+from .records import Array, Record, RecordError, grouped, read_records
 from .result import Estimate, Identification, Picture, noise
 
 TOTAL = "total inertia at the motor"  # at fin angle 0
@@ -41,13 +40,7 @@ _GIVEN = ("motor.torque_constant", "inertia.screw", "inertia.fin", "inertia.shaf
 def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     """inertia.motor from spin-up records with motor_angle and motor_current. Raises RecordError."""
     records = read_records(paths, ("motor_angle", "motor_current"), ("motor_speed",))
-    parts: list[motion.Averages] = []
-    groups: list[list[int]] = []
-    for record in records:
-        motion.check(record, base.values)
-        found = _moving(record)
-        groups.append(list(range(len(parts), len(parts) + len(found))))
-        parts += found
+    parts, groups = grouped(records, lambda record: _moving(record, base.values))
     _require_scale(records, [[parts[i] for i in members] for members in groups], base)
     _require(parts, base)
     found_fit = _fit(parts, groups, base)
@@ -56,13 +49,11 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     total = _total(values)
     if not sigma < _WORST * total:
         raise RecordError(f"the inertia is not supported by the data: {total:.3g} +- {sigma:.2g} kg.m2 in total; spin "
-                          "up "
-                          "at levels of current further apart, so that it can be told from friction")
+                          "up at levels of current further apart, so that it can be told from friction")
     if motor <= 0.0:
         raise RecordError(f"the total inertia at the motor is found as {total:.4g} kg.m2, but screw, nut and fin side "
-                          "of "
-                          f"the base parameters alone make {total - motor:.4g}: check inertia.fin, .fork, .shaft and "
-                          ".screw, mass.nut and the unit of motor_current")
+                          f"of the base parameters alone make {total - motor:.4g}: check inertia.fin, .fork, .shaft "
+                          "and .screw, mass.nut and the unit of motor_current")
     expected = float(base.values[MOTOR])
     if not 1.0 / 30.0 < motor / expected < 30.0:
         raise RecordError(f"inertia.motor is found as {motor:.4g} kg.m2, {motor / expected:.3g} times that of the base "
@@ -74,11 +65,9 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
         f"{_torques(parts, base.values).max():.3g} N.m.",
         f"Friction found along, positive and negative direction: Coulomb {found_fit.values[3]:.3g} and "
         f"{found_fit.values[10]:.3g} N.m at fin angle 0, viscous {found_fit.values[1]:.3g} and "
-        f"{found_fit.values[2]:.3g} "
-        "N.m.s/rad.",
+        f"{found_fit.values[2]:.3g} N.m.s/rad.",
         "The total is that at fin angle 0. It scales with motor.torque_constant; inertia.motor is what screw, nut and "
-        "fin side of the parameter set "
-        "leave of it. Their uncertainties are not included.",
+        "fin side of the parameter set leave of it. Their uncertainties are not included.",
     ]
     return Identification("inertia", "Inertia", records, estimates, {n: float(base.values[n]) for n in _GIVEN}, METHOD,
                           notes, _pictures(parts, records, groups, found_fit, base.values),
@@ -91,8 +80,9 @@ def _total(values: Mapping[str, Any]) -> float:
     return float(mechanics.coefficients(FLOATS, p, angle, 0.0, 0.0, 0.0).inertia)
 
 
-def _moving(record: Record) -> list[motion.Averages]:
+def _moving(record: Record, values: Mapping[str, Any]) -> list[motion.Averages]:
     """Stretches of a record in which the motor slides one way."""
+    motion.check(record, values)
     speed = np.abs(np.diff(record["motor_angle"])) / record.step
     count = max(int(np.sum(speed > 0.05 * speed.max())), 1)
     width = int(np.clip(count / 12, 8, 64))
@@ -101,8 +91,7 @@ def _moving(record: Record) -> list[motion.Averages]:
     found = [a.at(inside) for inside in motion.stretches(sliding, 4)]
     if not found:
         raise record.fail(f"no motion long enough to tell an acceleration: fewer than 4 windows of {width} samples; "
-                          "log "
-                          "faster, or with a smaller current")
+                          "log faster, or with a smaller current")
     return found
 
 
@@ -133,8 +122,7 @@ def _require(parts: Sequence[motion.Averages], base: ParameterSet) -> None:
         mine = np.array([np.sign(a.speed[0]) == direction for a in parts])
         if not mine.any():
             raise RecordError(f"no spin-up in the {word} direction: the friction to be taken off differs with "
-                              "direction; "
-                              "measure both")
+                              "direction; measure both")
         accelerations = np.concatenate([a.acceleration for a, m in zip(parts, mine, strict=True) if m])
         braking = accelerations.min() < -0.3 * accelerations.max() < 0.0 or accelerations.max() < 0.0
         if torque[mine].max() < SPREAD * torque[mine].min() and not braking:
@@ -179,14 +167,13 @@ def _pictures(parts: Sequence[motion.Averages], records: Sequence[Record], group
         return pictures.panels([("", series)], "motor acceleration [rad/s²]", "torque less friction [N.m]")
 
     def residual_series() -> list[tuple[str, Array, Array]]:
-        return [(records[g].name, np.degrees(kinematics.fin_angle(ARRAYS, p, kinematics.lever_tangent(
-            ARRAYS, p, parts[i].angle))), found.residuals[i]) for g, members in enumerate(groups) for i in members]
+        return [(records[g].name, np.degrees(motion.fin_angle(p, parts[i].angle)), found.residuals[i])
+                for g, members in enumerate(groups) for i in members]
 
     return [
         Picture("Torque against acceleration", "Windows of all spin-ups, friction found along taken off; the slope of "
-                                               "the "
-                f"lines is the inertia, which varies by the fin's share over +-{degrees(values['command.limit']):.3g} "
-                "deg.",
+                                               "the lines is the inertia, which varies by the fin's share over "
+                                               f"+-{degrees(values['command.limit']):.3g} deg.",
                 balance),
         pictures.residuals(residual_series, "fin angle [deg]", "residual torque [N.m]", found),
     ]

@@ -20,7 +20,7 @@ from scipy.signal.windows import hann
 from ..actuators.electromechanical import nonlinear
 from ..ops.arrays import ARRAYS as _ARRAYS
 from ..ops.base import Ops
-from ..physics import drive, loads, mechanics
+from ..physics import drive, kinematics, loads, mechanics
 from .records import Array, Record, derivative, refuse_clipped, refuse_magnitude
 
 ARRAYS: Ops = cast(Ops, _ARRAYS)
@@ -79,6 +79,12 @@ def motor_travel(p: Any) -> float:
 
     low, high = stops(ARRAYS, p)
     return float(max(-low, high))
+
+
+def fin_angle(p: Any, motor_angle: Array) -> Array:
+    """Fin angle [rad] by the geometry of lever and screw."""
+    found: Array = kinematics.fin_angle(ARRAYS, p, kinematics.lever_tangent(ARRAYS, p, motor_angle))
+    return found
 
 
 def averages(record: Record, width: int, hop: int) -> Averages:

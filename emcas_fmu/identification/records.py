@@ -9,12 +9,12 @@ from __future__ import annotations
 import csv
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from ..errors import EmcasError
 from ..units import UnitError, convert
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 QUANTITIES: Mapping[str, tuple[str, str]] = {
     "time": ("s", "time of the sample"),
@@ -88,6 +89,17 @@ def read_records(paths: Sequence[Path], required: Sequence[str], optional: Seque
                               "leave one of them out")
         seen[record.sha256] = record
     return records
+
+
+def grouped(records: Sequence[Record], stretches: Callable[[Record], Sequence[T]]) -> tuple[list[T], list[list[int]]]:
+    """The stretches of all records, and by record the indices of its own."""
+    found: list[T] = []
+    groups = []
+    for record in records:
+        begin = len(found)
+        found += stretches(record)
+        groups.append(list(range(begin, len(found))))
+    return found, groups
 
 
 def read_record(path: Path, required: Sequence[str], optional: Sequence[str] = ()) -> Record:
@@ -201,8 +213,7 @@ def refuse_clipped(record: Record, name: str) -> None:
         run = flat >= _FLAT and flat > 4 * (_longest(others) + 1)
         if run or (restless and pile >= 2 * _FLAT and pile > 4 * (int(beside.max()) + 1)):
             raise record.fail(f"{name} is clipped: {pile} samples are at exactly {extreme:.6g} {QUANTITIES[name][0]}, "
-                              "its "
-                              "extreme, as no others; widen the range of the measurement, or excite less")
+                              "its extreme, as no others; widen the range of the measurement, or excite less")
 
 
 def _longest(mask: NDArray[np.bool_]) -> int:
@@ -217,8 +228,7 @@ def refuse_magnitude(record: Record, name: str, largest: float, means: str) -> N
     if found > largest:
         unit = QUANTITIES[name][0]
         raise record.fail(f"{name} reaches {found:.4g} {unit}, more than {largest:.4g} {unit} ({means}); it was read "
-                          "as "
-                          f"{record.written[name]}: put the unit it has into the header, as in {name} [{unit}]")
+                          f"as {record.written[name]}: put the unit it has into the header, as in {name} [{unit}]")
 
 
 def derivative(record: Record, name: str) -> Array:

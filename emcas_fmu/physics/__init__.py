@@ -1,6 +1,6 @@
 """The actuator's physics: pure functions of (ops, parameters, ...), SI units.
 
-`p` is the parameter tree (:func:`emcas_fmu.tree.tree`), of numbers, arrays or
+`p` is the parameter tree (:func:`emcas_fmu.namespace.namespace`), of numbers, arrays or
 symbols. Numbers in brackets are equations of Yerlikaya (2016), "Dynamic modeling
 and control of an electromechanical control actuation system", METU.
 """

@@ -50,6 +50,14 @@ class Archive:
         return {name: self.read(name) for name in self.names}
 
 
+def file_content(path: Path) -> bytes:
+    """What is in a file. Raises SspError if it cannot be read."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise SspError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
 def write_archive(contents: Mapping[str, bytes], target: Path) -> None:
     """Write files to a ZIP archive, whole or not at all. Raises SspError if that cannot be done."""
     try:

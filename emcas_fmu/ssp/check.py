@@ -6,7 +6,7 @@ from pathlib import Path
 from posixpath import normpath
 from urllib.parse import unquote
 
-from .archive import Archive
+from .archive import Archive, file_content
 from .findings import Log, Report
 from .interface import Interface, read_interface
 from .schema import DEFAULT, SspError
@@ -25,7 +25,7 @@ def check(path: Path, guid: str | None = None, fmu: Path | None = None) -> Repor
     archive is in the report; raises EmcasError only if a file cannot be opened at all, SspError if `fmu` is no FMU.
     """
     if fmu is not None:
-        guid = read_interface(_content(fmu), str(fmu)).guid
+        guid = read_interface(file_content(fmu), str(fmu)).guid
     log = Log()
     try:
         archive = Archive(path)
@@ -71,13 +71,6 @@ def _loose(archive: Archive, structures: list[Structure], log: Log) -> list[Bind
             except SspError as error:
                 log.error(file, "", str(error).removeprefix(f"{file}: "), _CORRECT)
     return found
-
-
-def _content(fmu: Path) -> bytes:
-    try:
-        return fmu.read_bytes()
-    except OSError as error:
-        raise SspError(f"{fmu}: cannot be read: {error.strerror or error}") from error
 
 
 def _interface(archive: Archive, file: str, prefix: str, component: Element, known: dict[str, Interface | None],

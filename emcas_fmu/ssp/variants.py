@@ -10,6 +10,7 @@ from typing import Any
 
 from ..files import models_directory
 from ..parameters import ParameterError, ParameterSet
+from ..schema import In
 from ..toml import tomllib
 from ..unit import fin_sets, require_shared
 from .schema import NOMINAL, SspError
@@ -93,13 +94,12 @@ def _changed(base: ParameterSet, entries: Mapping[str, Any], where: str) -> Para
     for name, written in entries.items():
         fields = written if isinstance(written, dict) else {"value": written}
         text = " ".join(filter(None, (str(fields["value"]), str(fields.get("unit", ""))))).strip()
-        share = re.fullmatch(r"([\d.eE+-]+)\s*%", text)
-        if share and name in units:
+        if text.endswith("%") and name in units:
             try:
-                value = repr(float(base.values[name]) * float(share[1]) / 100.0)
+                value = In(units[name], base=float(base.values[name])).number(text)
             except ValueError as error:
-                raise ParameterError([f"{where}: {name} = {text}: is not a percentage"]) from error
-            changes[name] = {**fields, "value": value, "unit": units[name]}
+                raise ParameterError([f"{where}: {name} = {text}: {error}"]) from error
+            changes[name] = {**fields, "value": repr(value), "unit": units[name]}
     try:
         return base.replace(changes)
     except ParameterError as error:

@@ -62,18 +62,18 @@ class _Wiring:
         if system.connections_prefix != "ssd" and inner:
             self.log.warning(self.file, self.place(inner[0]), f"is below {system.connections_prefix}:Connections, "
                              "which libcosim and Ecos pass over, as are all between components there",
-                             "load the archive through emcas_fmu.ssp.hosts for these")
+                             "run the archive with examples/ssp_hosts for these")
         if system.connections_prefix == "ssd" and len(inner) < len(system.connections):
             self.log.warning(self.file, "ssd:Connections", "has connections of the system's own connectors, with which "
-                             "libcosim and Ecos refuse the file", "load it through emcas_fmu.ssp.hosts for these, or "
-                             "give the element another prefix for the same namespace")
+                             "libcosim and Ecos refuse the file", "run it with examples/ssp_hosts for these, or give "
+                             "the element another prefix for the same namespace")
 
         for element in system.elements.values():
             for c in element.connectors.values():
                 if element.type != "system" and c.type == "Enumeration" and c.prefix == "ssd":
                     self.log.warning(self.file, f"connector {self.prefix}{element.name}.{c.name}", "is of an "
-                                     "enumeration, over which libcosim ends the process", "load the archive through "
-                                     "emcas_fmu.ssp.hosts for it, or give the element another prefix for the same "
+                                     "enumeration, over which libcosim ends the process", "run the archive with "
+                                     "examples/ssp_hosts for it, or give the element another prefix for the same "
                                      "namespace")
 
     def place(self, connection: Connection) -> str:

@@ -10,12 +10,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from ..actuators import NONLINEAR, get
-from ..errors import EmcasError
 from ..fmi.model_description import to_bytes
 from ..fmi.package import Progress, build
 from ..parameters import Value, load_parameters
 from ..validation.runs import chosen_model
-from .archive import write_archive
+from .archive import file_content, write_archive
 from .check import check
 from .findings import Report
 from .interface import Interface, read_interface
@@ -53,7 +52,7 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
         raise SspError(f"{output}: {'is a folder' if output.is_dir() else f'there is no folder {output.parent}'}")
     if not re.fullmatch(r"[A-Za-z]\w*", prefix) or prefix in ("ssc", "ssv", "osp", "emcas", "xml", "xmlns"):
         raise SspError(f"--connections-prefix {prefix}: expected a word other than ssc, ssv, osp, emcas and xml")
-    content = b"" if fmu is None else _content(fmu)
+    content = b"" if fmu is None else file_content(fmu)
     if fmu is not None:
         asked = None if model is None else get(model).name
         model = chosen_model(str(fmu), read_interface(content, str(fmu)).model, asked, SspError)
@@ -87,13 +86,6 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
     finally:
         partial.unlink(missing_ok=True)
     return Written(output, output.stat().st_size, interface.guid, tuple(v.name for v in variants), report)
-
-
-def _content(fmu: Path) -> bytes:
-    try:
-        return fmu.read_bytes()
-    except OSError as error:
-        raise EmcasError(f"{fmu}: cannot be read: {error.strerror or error}") from error
 
 
 def _starts(interface: Interface, file: str, model: str) -> dict[str, Value]:

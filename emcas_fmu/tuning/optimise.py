@@ -172,8 +172,8 @@ def _one(gains: dict[str, float]) -> Evaluation:
 
 @contextmanager
 def _pool(study: Study, workers: int) -> Iterator[Callable[[list[dict[str, float]]], Iterable[Evaluation]]]:
-    """Evaluates lists of gains, in worker processes if there is more than one."""
-    if workers == 1:
+    """Evaluate lists of gains, in worker processes if there is more than one."""
+    if workers <= 1:
         yield lambda gains: (evaluate(study, g) for g in gains)
         return
     executor = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_begin, initargs=(study,))

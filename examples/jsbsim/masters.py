@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.ssp import hosts
 from emcas_fmu.ssp.archive import Archive
 from emcas_fmu.ssp.schema import NOMINAL, SspError
 from emcas_fmu.ssp.settings import effective
 from emcas_fmu.ssp.structure import Structure, read_structure
 from emcas_fmu.ssp.write import write_ssp
+from examples.ssp_hosts import hosts
 
 from .actuators import Demand, Response
 from .fmu import FLAG, OUTPUTS, OWN_INPUTS, SHARED_INPUTS, SUPPLY, flattened, require_supply

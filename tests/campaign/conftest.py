@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,17 @@ kind = "step"
 amplitude = "5 deg"
 duration = "0.3 s"
 """
+
+
+ODD = ("true", "3", "-0.5", "inf", '"x"', "[]", "[1]", "{}", "{ a = 1 }", "[{ a = 1 }]", '[["x"]]', "1979-05-27")
+
+
+def replaced(text: str, odd: str) -> Iterator[str]:
+    """A file with something odd in the place of one value after the other, and of one table after the other."""
+    for place in re.finditer(r"(?<== ).*$", text, re.MULTILINE):
+        yield text[:place.start()] + odd + text[place.end():]
+    for name in dict.fromkeys(re.findall(r"^\[+(\w+)", text, re.MULTILINE)):
+        yield f"{name} = {odd}\n" + re.sub(rf"^\[+{name}\b[^\[]*", "", text, flags=re.MULTILINE)
 
 
 @pytest.fixture

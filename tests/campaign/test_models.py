@@ -206,7 +206,7 @@ def test_an_fmu_that_does_not_tell(write: Write, faulty: Path, monkeypatch: pyte
     (SMALL + '[inputs.home]\nkind = "constant"\nvalue = true\n', "'home' of the nonlinear model; nonlinear+homing has"),
     ('[base]\nmodel = "nonlinear+fault"\n' + SMALL, "base.model = nonlinear+fault: there is no option 'fault', did"),
     ('[base]\nmodel = "linear+lugre"\n' + SMALL, "base.model = linear+lugre"),
-    ('[base]\nmodel = 3\n' + SMALL, "base.model: expected the name of a model"),
+    ('[base]\nmodel = 3\n' + SMALL, "base.model = 3: must be a string"),
 ])
 def test_refusals(write: Write, text: str, said: str) -> None:
     with pytest.raises(CampaignError) as caught:

@@ -13,9 +13,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from emcas_fmu.campaign.distributions import KINDS, Kind, distribution
+from emcas_fmu.campaign.distributions import KINDS, distribution
 from emcas_fmu.campaign.sampling import Sampler
 from emcas_fmu.campaign.study import load_study
+from emcas_fmu.schema import In
 
 from .conftest import SMALL
 
@@ -36,7 +37,7 @@ kind = "hold"
 amplitude = "0 deg"
 """
 RANDOM = ("monte-carlo", "latin-hypercube", "sobol")
-PLAIN = Kind("x", "1")
+PLAIN = In("1")
 EXAMPLES: dict[str, dict[str, Any]] = {
     "uniform": {"low": 2, "high": 6}, "log-uniform": {"low": 1, "high": 10}, "normal": {"mean": 3, "sd": 2},
     "triangular": {"low": 0, "mode": 1, "high": 4}, "lognormal": {"mean": 2, "sd": 1},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from math import radians
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.tuning.experiments import REST
 from tests.default_actuator import INPUTS
 
-from .conftest import SMALL
+from .conftest import ODD, SMALL, replaced
 
 Write = Callable[[str], Path]
 COLUMN = {v.name: i for i, v in enumerate(INPUTS)}
@@ -148,9 +149,9 @@ duration = "0.2 s"
     ('duration = "0.3 s"', 'duration = "0.30005 s"', "whole number of 1 ms"),
     ("samples = 24", "samples = 0", "campaign.samples = 0"),
     ("seed = 5", "seed = -1", "campaign.seed = -1"),
-    ("seed = 5", 'seed = 5\nmethod = "quasi"', "campaign.method = 'quasi'"),
+    ("seed = 5", 'seed = 5\nmethod = "quasi"', "campaign.method = quasi"),
     ("seed = 5", 'seed = 5\nmethod = "grid"', "a grid needs levels"),
-    ("[campaign]", "[base]\nparameters = 3\n[campaign]", "expected the name of a file"),
+    ("[campaign]", "[base]\nparameters = 3\n[campaign]", "base.parameters = 3: must be a string"),
     ("[campaign]", "[base]\nparameters = \"none.toml\"\n[campaign]", "none.toml: cannot be read"),
     ("[campaign]", "[base]\nfmu = \"none.fmu\"\n[campaign]", "none.fmu: there is no such file"),
     ("[campaign]", "[campaing]\n[campaign]", "did you mean 'campaign'"),
@@ -161,6 +162,31 @@ def test_refusals_name_the_entry(write: Write, before: str, after: str, said: st
     path = write(SMALL.replace(before, after, 1))
     with pytest.raises(EmcasError, match=re.escape(said)):
         load_study(path)
+
+
+def test_all_problems_are_told_at_once(write: Write) -> None:
+    text = SMALL.replace("samples = 24", "samplez = 24").replace("seed = 5", "seed = true")
+    with pytest.raises(CampaignError) as caught:
+        load_study(path := write(text))
+    assert str(caught.value).splitlines() == [
+        f"{path}: campaign.seed = true: expected a whole number",
+        f"{path}: campaign: unknown key 'samplez', did you mean 'samples'?; there is samples, seed, method"]
+    text = SMALL.replace('sd = "3 %"', "").replace('"-40 N.m"', '"-40 V"').replace('"5 deg"', '"5 deg"\nlast = 1')
+    with pytest.raises(CampaignError) as caught:
+        load_study(write(text))
+    assert str(caught.value).splitlines() == [
+        f"{path}: vary.motor.torque_constant: sd is missing; there is distribution, mean, sd",
+        f"{path}: inputs.aero_torque.value.low = -40 V: the unit V does not measure this quantity; expected a number "
+        "with a unit such as N.m",
+        f"{path}: experiments.step: unknown key 'last'; there is kind, amplitude, duration, inputs"]
+
+
+@pytest.mark.parametrize("odd", ODD, ids=str)
+def test_what_is_of_another_kind_is_refused_or_used(write: Write, odd: str) -> None:
+    """Never a traceback, wherever it stands."""
+    for text in replaced(SMALL, odd):
+        with suppress(EmcasError):
+            load_study(write(text))
 
 
 def test_a_combination_that_never_goes_is_refused(write: Write) -> None:

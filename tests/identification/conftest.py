@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 
 from emcas_fmu.files import models_directory
-from emcas_fmu.identification import backlash, bench, drive, friction, inertia
+from emcas_fmu.identification import backlash, drive, friction, inertia
 from emcas_fmu.identification.result import Identification
 from emcas_fmu.parameters import load_parameters
+from examples.identification_bench import bench
+
+from .truths import draw_truth
 
 BENCH = models_directory() / "bench"
 IDENTIFY: Mapping[str, Callable[..., Identification]] = {
@@ -43,7 +46,7 @@ def recover(kind: str, seeds: range, folder: Path, **choice: Any) -> Recovery:
     names: list[str] = []
     for seed in seeds:
         rng = np.random.default_rng(seed)
-        truth = bench.draw_truth(load_parameters(), rng)
+        truth = draw_truth(load_parameters(), rng)
         gap = radians(rng.uniform(0.02, 0.15))
         paths = []
         for name, columns in bench.data_sets(truth.values, seed, kinds=(kind,), backlash=gap, **choice):

@@ -122,7 +122,7 @@ def test_values_without_sense_are_not_written(identified: Mapping[str, Identific
     assert not output.exists()
 
 
-@pytest.mark.parametrize("command", ["friction", "drive", "backlash", "inertia", "bench"])
+@pytest.mark.parametrize("command", ["friction", "drive", "backlash", "inertia"])
 def test_help_has_examples(command: str) -> None:
     done = emcas("identify", command, "--help")
     assert done.exit_code == 0

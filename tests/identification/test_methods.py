@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import subprocess
+import sys
 from math import radians
 from pathlib import Path
 
@@ -12,13 +14,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from emcas_fmu.identification import bench, current_loop, drive, motion, rig
+from emcas_fmu.identification import current_loop, drive, motion
 from emcas_fmu.identification.estimation import correlation_time, fit
 from emcas_fmu.identification.records import Array, Record
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.toml import tomllib
+from examples.identification_bench import bench, rig
 
 from .conftest import BENCH
+from .truths import draw_truth, largest_difference
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.8])
@@ -105,11 +111,15 @@ def test_shipped_files_are_those_of_the_provenance(tmp_path: Path) -> None:
     files = {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in BENCH.glob("*.csv")}
     assert files == provenance["sha256"]
     assert sum(p.stat().st_size for p in BENCH.iterdir()) < 1.5e6
-    # Made again: another C library may round a digit of the last place otherwise, and the noise falls the same.
-    values = {**load_parameters().values, **provenance["truth"]}
-    for name, columns in bench.data_sets(values, provenance["seed"], kinds=("drive", "inertia")):
-        bench.write_record(tmp_path / "again.csv", columns)
-        both = (tmp_path / "again.csv", BENCH / f"{name}.csv")
+    done = subprocess.run([sys.executable, *provenance["command"].split()[1:], "--directory", tmp_path], cwd=ROOT,
+                          capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    again = tomllib.loads((tmp_path / bench.PROVENANCE).read_text(encoding="utf-8"))
+    assert again["truth"] == provenance["truth"]
+    assert set(again["sha256"]) == set(files)
+    # Another C library may round a digit of the last place otherwise, and the noise falls the same.
+    for name in (name for name in files if name.startswith(("drive", "inertia"))):
+        both = (tmp_path / name, BENCH / name)
         ours, theirs = (np.loadtxt(p, delimiter=",", skiprows=1) for p in both)
         assert ours.shape == theirs.shape
         # One step of the ADC (12.2 mA) or of the encoder (0.044 deg), in single samples.
@@ -119,6 +129,6 @@ def test_shipped_files_are_those_of_the_provenance(tmp_path: Path) -> None:
 
 def test_random_truths_are_different_actuators() -> None:
     base = load_parameters()
-    one, two = (bench.draw_truth(base, np.random.default_rng(seed)) for seed in (1, 2))
-    assert bench.largest_difference(one, two) > 0.01
+    one, two = (draw_truth(base, np.random.default_rng(seed)) for seed in (1, 2))
+    assert largest_difference(one, two) > 0.01
     assert abs(one.values["kinematics.initial_angle"]) <= radians(8.0)

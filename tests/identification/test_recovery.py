@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from emcas_fmu.identification import bench
 from emcas_fmu.identification.result import Identification
 from emcas_fmu.toml import tomllib
+from examples.identification_bench import bench
 
 from .conftest import BENCH, recover
 

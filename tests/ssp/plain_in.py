@@ -1,4 +1,4 @@
-"""What a host makes of the archive by itself: `python plain_in.py HOST SSP SET`; prints a few parameters of each fin.
+"""What a host makes of the archive by itself: `python -m tests.ssp.plain_in HOST SSP SET`; prints some parameters.
 
 SET is the parameter set Ecos is asked for, or ``-``. Exit code 77: the host is not installed.
 """

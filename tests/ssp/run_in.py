@@ -1,4 +1,4 @@
-"""Runs an archive in a host: `python run_in.py HOST SSP VARIANT MODE`; prints the outputs of every step as CSV.
+"""`python -m tests.ssp.run_in HOST SSP VARIANT MODE` prints the outputs of every step of an archive in a host as CSV.
 
 Modes: ``open`` sets inputs of its own; ``loop`` gives fin 2 what fin 1's angle was at the end of the step before;
 ``wired`` leaves that to the archive. Exit code 77: the host is not installed.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from emcas_fmu.ssp import hosts
+from examples.ssp_hosts import hosts
 
 STEPS = 300
 ABSENT = 77

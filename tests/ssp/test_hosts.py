@@ -14,16 +14,17 @@ import pytest
 from fmpy.ssp.simulation import simulate_ssp
 from fmpy.ssp.ssd import read_ssv
 
-from emcas_fmu.ssp import hosts
 from emcas_fmu.ssp.archive import Archive, write_archive
 from emcas_fmu.ssp.schema import SspError
+from examples.ssp_hosts import hosts
+from tests.docs.recipes import recipes
 from tests.hosts.host import Trajectory, difference, missing, tool, trajectory
 
 from .conftest import Edit
 from .run_in import ABSENT, STEPS
 
 pytestmark = pytest.mark.fmu
-HERE = Path(__file__).parent
+ROOT = Path(__file__).resolve().parents[2]
 OTHERS = ("libcosimpy", "ecospy")
 # Hosts count time their own way (nanoseconds, a running sum, a product), to within 1e-15 s of each other; the fastest
 # output changes by 1e6 a second, hence by 1e-9 at most.
@@ -31,10 +32,11 @@ SAME = 1e-9
 
 
 def printed(script: str, host: str, *arguments: str | Path) -> str:
-    """What a script prints in a process of its own; the test is skipped where the host is not."""
+    """What a module here prints in a process of its own; the test is skipped where the host is not."""
     if host == "ecospy":
         tool("unzip", "unzip")  # how ecos opens an archive
-    done = subprocess.run([sys.executable, HERE / script, host, *arguments], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-m", f"tests.ssp.{script}", host, *arguments], cwd=ROOT,
+                          capture_output=True, text=True, timeout=60)
     if done.returncode == ABSENT:
         missing(f"{host} cannot be loaded: {done.stderr.strip()}")
     assert done.returncode == 0, done.stdout[-1000:] + done.stderr[-4000:]
@@ -43,7 +45,7 @@ def printed(script: str, host: str, *arguments: str | Path) -> str:
 
 def run(host: str, ssp: Path, variant: str = "nominal", mode: str = "open") -> Trajectory:
     """The trajectory of all outputs in a host."""
-    found = trajectory(printed("run_in.py", host, ssp, variant, mode))
+    found = trajectory(printed("run_in", host, ssp, variant, mode))
     assert len(found["time"]) == STEPS
     return found
 
@@ -99,7 +101,7 @@ def test_connections_under_the_usual_prefix(host: str, edited: Edit, expected: T
 
 def parameters(host: str, ssp: Path, asked: str) -> list[tuple[float, ...]]:
     """What plain_in prints, by fin: azimuth [deg], temperature [degC], friction at the hinge [N.m], bus [V]."""
-    rows = [[float(word) for word in line.split()] for line in printed("plain_in.py", host, ssp, asked).splitlines()]
+    rows = [[float(word) for word in line.split()] for line in printed("plain_in", host, ssp, asked).splitlines()]
     return [(round(np.degrees(row[0]), 9), *row[1:]) for row in rows]
 
 
@@ -182,3 +184,33 @@ def test_absent_host(ssp: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "libcosimpy", None)
     with pytest.raises(SspError, match=r"libcosimpy cannot be loaded .*pip install libcosimpy"):
         hosts.open(ssp, "libcosimpy")
+
+
+def test_the_program_of_the_example(ssp: Path, tmp_path: Path) -> None:
+    def call(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([sys.executable, ROOT / "examples/ssp_hosts/run.py", ssp, *arguments], cwd=tmp_path,
+                              capture_output=True, text=True, timeout=60)
+
+    done = call("--variant", "cold", "--set", "fin[1].fin_command=0.1", "--set", "fin[2].fin_command=0.2", "--set",
+                "enable=true", "--output", "out.csv")
+    assert done.returncode == 0, done.stderr
+    found = trajectory((tmp_path / "out.csv").read_text(encoding="utf-8"))
+    assert len(found["time"]) == 300
+    # Within the overshoot of small steps, as above.
+    assert [round(found[f"fin[{i}].fin_angle"][-1], 1) for i in (1, 2, 3, 4)] == [0.1, 0.2, 0.0, 0.0]
+    for arguments, said in ((("--host", "ecos"), "no host 'ecos'"), (("--set", "bus=1"), "no input 'bus'"),
+                            (("--set", "supply_voltage"), "expected NAME=VALUE")):
+        refused = call(*arguments)
+        assert refused.returncode == 2
+        assert said in refused.stderr
+
+
+def test_the_loop_of_the_readme(ssp: Path) -> None:
+    language, text = recipes("../examples/ssp_hosts/README.md")["loop"]
+    assert language == "python"
+    program = text.replace('Path("EMCAS.ssp")', f"Path({str(ssp)!r})")
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    time, angle = map(float, done.stdout.splitlines()[-1].split())
+    assert time == pytest.approx(0.3)
+    assert abs(angle - 0.1) < 0.02

@@ -17,7 +17,6 @@ from emcas_fmu.compiler import local_platform
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.ssp import hosts
 from emcas_fmu.ssp.archive import Archive, write_archive
 from emcas_fmu.ssp.check import check
 from emcas_fmu.ssp.schema import SSC, SSD, SSV, SspError, parse, violations
@@ -25,9 +24,10 @@ from emcas_fmu.ssp.settings import effective
 from emcas_fmu.ssp.structure import Structure, read_structure
 from emcas_fmu.ssp.variants import variant_files
 from emcas_fmu.ssp.write import write_ssp
+from examples.ssp_hosts import hosts
 from tests.hosts.host import difference
 
-from .test_hosts import OTHERS, SAME, printed, run
+from .test_hosts import OTHERS, ROOT, SAME, printed, run
 
 pytestmark = pytest.mark.fmu
 MODEL = "nonlinear+homing+faults"
@@ -136,22 +136,22 @@ def test_enumerations_under_the_usual_prefix(archive: Path, expected: dict[str, 
 
 
 def test_the_file_as_it_is_in_libcosim_and_ecos(archive: Path) -> None:
-    rows = [line.split()[0] for line in printed("plain_in.py", "libcosimpy", archive, "-").splitlines()]
+    rows = [line.split()[0] for line in printed("plain_in", "libcosimpy", archive, "-").splitlines()]
     assert [float(row) for row in rows] == pytest.approx([radians(a) for a in (45, 135, 225, 315)])
-    assert len(printed("plain_in.py", "ecospy", archive, "nominal").splitlines()) == 4
+    assert len(printed("plain_in", "ecospy", archive, "nominal").splitlines()) == 4
 
 
 @pytest.mark.parametrize("host", hosts.HOSTS)
 def test_a_state_is_read_or_refused_with_a_reason(host: str, archive: Path) -> None:
     """In a process of its own: Ecos and libcosim do not end well in this one after others."""
-    program = ("import sys; from pathlib import Path; from emcas_fmu.ssp import hosts\n"
+    program = ("import sys; from pathlib import Path; from examples.ssp_hosts import hosts\n"
                "from emcas_fmu.ssp.schema import SspError\n"
                f"try:\n  system = hosts.open(Path({str(archive)!r}), {host!r})\n"
                "except SspError as error:\n  print('absent', error); sys.exit()\n"
                "system.set('fin[1].home', False)\nsystem.step()\n"
                "try:\n  print('state', system.get('fin[1].status'), type(system.get('fin[1].fault_word')).__name__)\n"
                "except SspError as error:\n  print(error)\nsystem.close()\n")
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr[-2000:]
     if "absent" in done.stdout:
         pytest.skip(done.stdout)

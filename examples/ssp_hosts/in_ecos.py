@@ -11,9 +11,10 @@ from pathlib import Path
 
 from ecospy import EcosSimulation
 
+from emcas_fmu.ssp.schema import SspError
+from emcas_fmu.ssp.structure import Structure
+
 from .hosts import End, System, Value
-from .schema import SspError
-from .structure import Structure
 
 
 class Running(System):

@@ -17,13 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from ..actuators import NONLINEAR, get
-from ..actuators.electromechanical import nonlinear
-from ..kernels import program
-from ..kernels.core import Core
-from ..ops.floats import FLOATS
-from ..physics import kinematics, mechanics
-from .records import Array
+from emcas_fmu.actuators.electromechanical import nonlinear
+from emcas_fmu.identification.records import Array
+from emcas_fmu.kernels import program
+from emcas_fmu.kernels.core import Core
+from emcas_fmu.ops.floats import FLOATS
+from emcas_fmu.physics import kinematics, mechanics
 
 DAC_BITS, DAC_RANGE = 16, 10.0  # of the analogue output, +-V
 ADC_BITS, CURRENT_RANGE, REFERENCE_RANGE = 14, 100.0, 10.0  # of the logger's inputs, +-A and +-V
@@ -38,7 +37,7 @@ _SLEWS = 8.0  # time constants of the position loop that a sweep over the travel
 # Finer than the unit's own: a bench does not integrate, and with 0.5 ms the inertia comes out half a sigma off.
 _TICK, _CLAMPED_TICK = 1e-4, 5e-4  # s
 _CLAMP = 10.0  # N.m at the motor: a clamped rotor, above what any current of the drive makes
-_NAMES = [v.name for v in get(NONLINEAR).outputs]
+_NAMES = [v.name for v in nonlinear.ACTUATOR.outputs]
 
 
 @dataclass(frozen=True)

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from .. import __version__, sensors
-from ..actuators.electromechanical import nonlinear
-from ..ops.floats import FLOATS
-from ..parameters import ParameterSet, load_parameters
-from ..physics import friction, kinematics, mechanics
-from .motion import ARRAYS
-from .records import Array
+from emcas_fmu import __version__, sensors
+from emcas_fmu.actuators.electromechanical import nonlinear
+from emcas_fmu.identification.records import Array
+from emcas_fmu.ops.floats import FLOATS
+from emcas_fmu.parameters import ParameterSet, load_parameters
+from emcas_fmu.physics import friction, kinematics, mechanics
+
 from .rig import (
     ADC_BITS,
     CURRENT_NOISE,
@@ -212,14 +212,11 @@ def write_record(path: Path, columns: Columns) -> None:
                    comments="")
 
 
-def write_bench(directory: Path, parameters: ParameterSet, seed: int, progress: Callable[[str, int, int], None],
-                **choice: Any) -> list[Path]:
+def write_bench(directory: Path, parameters: ParameterSet, seed: int) -> list[Path]:
     """Write every record and the provenance into `directory`; gives the paths of the records."""
     directory.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []
-    total = len(SPEEDS_RPM) * len(TEMPERATURES) + 2 * len(SPIN_UPS) + 3
-    for name, columns in data_sets(parameters.values, seed, **choice):
-        progress(name, len(written), total)
+    for name, columns in data_sets(parameters.values, seed):
         path = directory / f"{name}.csv"
         write_record(path, columns)
         written.append(path)
@@ -238,7 +235,7 @@ def _provenance(parameters: ParameterSet, seed: int, paths: Sequence[Path]) -> s
     own = {n: x for n, x in parameters.values.items() if x != default[n]}
     given = " --parameters FILE" if own else ""
     lines = ["# How the records were made, and the values an identification ought to find, SI.",
-             f'command = "emcas identify bench --seed {seed}{given}"', f"seed = {seed}",
+             f'command = "python examples/identification_bench/make.py --seed {seed}{given}"', f"seed = {seed}",
              f'emcas_version = "{__version__}"',
              f"current_noise_a = {CURRENT_NOISE}", f"reference_noise_v = {REFERENCE_NOISE}", f"adc_bits = {ADC_BITS}",
              f"dac_bits = {DAC_BITS}", f"backlash_deg = {degrees(BACKLASH):.6g}", "", "[truth]"]
@@ -248,38 +245,3 @@ def _provenance(parameters: ParameterSet, seed: int, paths: Sequence[Path]) -> s
     lines += ["", "[sha256]"]
     lines += [f'"{path.name}" = "{hashlib.sha256(path.read_bytes()).hexdigest()}"' for path in paths]
     return "\n".join([*lines, ""])
-
-
-def draw_truth(parameters: ParameterSet, rng: np.random.Generator) -> ParameterSet:
-    """A random actuator around a set: what is to be identified, varied well beyond any uncertainty."""
-    v = parameters.values
-    change: dict[str, object] = {}
-
-    def vary(name: str, low: float, high: float) -> None:
-        change[name] = float(v[name]) * float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-    for name in ("drive.current_gain", "drive.kp", "motor.inductance", "motor.resistance"):
-        vary(name, 0.4, 2.5)
-    vary("inertia.motor", 0.6, 1.7)
-    vary("drive.ki", 0.3, 8.0)
-    change["drive.transport_delay"] = float(np.exp(rng.uniform(np.log(3e-4), np.log(8e-3))))
-    change["drive.current_offset"] = float(rng.uniform(-0.3, 0.3))
-    for direction in ("positive", "negative"):
-        vary(f"friction.viscous.{direction}", 0.6, 1.8)
-        scale = rng.uniform(0.7, 1.4)
-        for n in range(7):
-            name = f"friction.coulomb.{direction}[{n}]"
-            change[name] = float(v[name]) * scale + (rng.normal(0.0, 0.006) if n else 0.0)
-    change["friction.cold_viscous_ratio"] = float(rng.uniform(1.2, 2.0))
-    change["friction.cold_coulomb_ratio"] = float(rng.uniform(1.1, 1.5))
-    change["kinematics.initial_angle"] = float(radians(rng.uniform(-8.0, 8.0)))
-    return parameters.replace(change)
-
-
-def largest_difference(parameters: ParameterSet, other: ParameterSet) -> float:
-    """Largest difference [N.m] of the Coulomb friction of two sets within +-command.limit, either direction."""
-    limit = parameters.values["command.limit"]
-    fin = np.linspace(-limit, limit, 401)
-    pairs = [[friction.coulomb_reference(ARRAYS, getattr(s.nested().friction.coulomb, d), fin) for s in
-              (parameters, other)] for d in ("positive", "negative")]
-    return float(max(np.abs(a - b).max() for a, b in pairs))

@@ -14,9 +14,10 @@ from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
 from libcosimpy.CosimManipulator import CosimManipulator
 from libcosimpy.CosimObserver import CosimObserver
 
+from emcas_fmu.ssp.schema import SspError
+from emcas_fmu.ssp.structure import Structure
+
 from .hosts import End, System, Value
-from .schema import SspError
-from .structure import Structure
 
 
 class Running(System):

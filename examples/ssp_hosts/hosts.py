@@ -26,12 +26,12 @@ from typing import Any
 
 from lxml import etree
 
-from ..compiler import local_platform
-from .archive import Archive, write_archive
-from .check import check
-from .findings import nearest
-from .schema import DEFAULT, NOMINAL, SSC, SSD, SspError, parse
-from .structure import Connection, Structure, read_structure
+from emcas_fmu.compiler import local_platform
+from emcas_fmu.ssp.archive import Archive, write_archive
+from emcas_fmu.ssp.check import check
+from emcas_fmu.ssp.findings import nearest
+from emcas_fmu.ssp.schema import DEFAULT, NOMINAL, SSC, SSD, SspError, parse
+from emcas_fmu.ssp.structure import Connection, Structure, read_structure
 
 HOSTS = ("fmpy", "libcosimpy", "ecospy")
 _MODULES = {"fmpy": "in_fmpy", "libcosimpy": "in_libcosim", "ecospy": "in_ecos"}

@@ -1,0 +1,194 @@
+"""TOML files as pydantic models; what is wrong with one is told a line each, as `FILE: KEY = VALUE: reason`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, PlainValidator, ValidationError, model_validator
+from pydantic_core import InitErrorDetails, PydanticCustomError, core_schema
+
+from .errors import EmcasError, hint
+from .toml import tomllib
+from .units import describe, quantity
+
+T = TypeVar("T")
+M = TypeVar("M", bound="Table")
+Place = tuple[int | str, ...]
+# Of pydantic's errors, those that TOML can cause, as a user reads them.
+_REASONS = {"string_type": "must be a string", "bool_type": "expected true or false", "list_type": "must be a list",
+            "int_type": "expected a whole number", "dict_type": "expected a table", "model_type": "expected a table",
+            "too_short": "must have at least one entry", "greater_than_equal": "must be at least {ge}",
+            "less_than_equal": "must be at most {le}"}
+
+
+class Table(BaseModel):
+    """A table of a file: its keys are the fields, and no others."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _in_words(cls, written: Any, handler: Any) -> Any:
+        try:
+            return handler(written)
+        except ValidationError as error:
+            raise failure(_worded(problem, list(cls.model_fields)) for problem in error.errors()) from error
+
+
+def failure(problems: Iterable[tuple[Place, str, Any]]) -> ValidationError:
+    """An error of several problems, each with its place below the table, the reason and what is written there."""
+    return ValidationError.from_exception_data("table", [
+        InitErrorDetails(type=PydanticCustomError("reason", reason), loc=place, input=written)
+        for place, reason, written in problems])
+
+
+def _worded(problem: Any, keys: list[str]) -> tuple[Place, str, Any]:
+    kind, place, written, context = problem["type"], problem["loc"], problem["input"], problem.get("ctx", {})
+    if kind in ("extra_forbidden", "missing"):
+        what = f"{place[-1]} is missing" if kind == "missing" else f"unknown key {place[-1]!r}{hint(place[-1], keys)}"
+        return place[:-1], f"{what}; there is {', '.join(keys)}", None
+    if kind == "literal_error":
+        return place, unknown(written, re.findall("'(.*?)'", context["expected"])), written
+    if kind == "value_error":
+        return place, str(context["error"]), written
+    return place, _REASONS[kind].format(**context) if kind in _REASONS else problem["msg"], written
+
+
+def unknown(word: Any, known: Iterable[str]) -> str:
+    """What to say of a word that is none of those there are."""
+    words = list(known)
+    return f"{hint(word, words).removeprefix(', ')} there is {', '.join(words)}".lstrip()
+
+
+def named(tables: Any) -> Iterator[tuple[str, Any]]:
+    """The tables of a list with the names they give themselves. Raises ValueError."""
+    if not isinstance(tables, list):
+        raise ValueError("must be a list of tables")
+    for i, table in enumerate(tables):
+        yield str(table.get("name", f"[{i}]")) if isinstance(table, Mapping) else f"[{i}]", table
+
+
+def each(entries: Any, read: Callable[[str, Any], T]) -> dict[str, T]:
+    """Read the entries of a table, or of pairs of name and entry.
+
+    Raises ValidationError with the problems of all of them, each below its name; ValueError for what is no table.
+    """
+    if isinstance(entries, Mapping):
+        entries = entries.items()
+    elif not isinstance(entries, (tuple, Iterator)):  # which no TOML file has
+        raise ValueError("expected a table")
+    found: dict[str, T] = {}
+    problems: list[tuple[Place, str, Any]] = []
+    for name, written in entries:
+        try:
+            if name in found:
+                raise ValueError("is given twice")
+            found[name] = read(name, written)
+        except ValidationError as error:
+            problems += [((name, *place), reason, given) for place, reason, given in
+                         (_worded(problem, []) for problem in error.errors())]
+        except (ValueError, EmcasError) as error:
+            problems.append(((name,), str(error), written))
+    if problems:
+        raise failure(problems)
+    return found
+
+
+def kind_of(written: Any, kinds: Iterable[str], key: str = "kind") -> str:
+    """Which of several kinds of table this is, by its `key`. Raises ValueError or ValidationError."""
+    known = list(kinds)
+    if not isinstance(written, Mapping) or key not in written:
+        raise ValueError(f"expected a table with a {key}; there is {', '.join(known)}")
+    if written[key] not in known:
+        raise failure([((key,), unknown(written[key], known), written[key])])
+    return str(written[key])
+
+
+@dataclass(frozen=True)
+class In:
+    """How a quantity is written: `unit`, limits, and the value a percentage refers to (`base`), all in that unit.
+
+    As an annotation, `Annotated[float, In("rad")]`, a field of this quantity. `type` is Real, Integer or Boolean.
+    """
+
+    unit: str
+    minimum: float = -inf
+    maximum: float = inf
+    base: float | None = None
+    type: str = "Real"
+
+    def number(self, written: Any) -> Any:
+        """The value of what is written, in the unit; limits are not looked at. Raises ValueError."""
+        if self.type == "Boolean":
+            if not isinstance(written, bool):
+                raise ValueError("expected true or false")
+            return written
+        if isinstance(written, bool) or not isinstance(written, (int, float, str)):
+            raise ValueError(f"expected {describe(self.unit)}")
+        text = str(written).strip()
+        if text.endswith("%") and self.base is not None:
+            if self.unit == "degC":
+                raise ValueError("a percentage of a temperature says nothing; give it with a unit such as degC")
+            value = quantity(text, "", "1") * self.base
+        else:
+            value = quantity(text, "", self.unit)
+        if self.type == "Integer":
+            if not value.is_integer():
+                raise ValueError("expected a whole number")
+            return int(value)
+        return value
+
+    def limited(self, written: Any) -> Any:
+        """The value of what is written, if it is within the limits. Raises ValueError."""
+        value = self.number(written)
+        if not self.minimum <= value <= self.maximum:
+            raise ValueError(f"must be {self.limits}")
+        return value
+
+    @property
+    def limits(self) -> str:
+        """Between what values lie, for people."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"within {self.minimum:g} .. {self.maximum:g}{unit}"
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        return core_schema.no_info_plain_validator_function(self.limited)
+
+
+Quantity = Annotated[Any, PlainValidator(lambda written, info: info.context.number(written))]
+"""A field in the unit of the `In` that is the context; its limits are not looked at."""
+
+
+def document(path: Path, error: type[EmcasError]) -> tuple[str, dict[str, Any]]:
+    """Text and contents of a TOML file. Raises `error`."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        return text, tomllib.loads(text)
+    except (OSError, ValueError, RecursionError) as problem:
+        raise error(f"{path}: cannot be read: {problem}") from problem
+
+
+def read(model: type[M], written: Mapping[str, Any], path: Path, error: type[EmcasError], context: Any = None) -> M:
+    """The contents of a file as `model`, whose validators are given `context`. Raises `error` with all problems."""
+    try:
+        return model.model_validate(written, context=context)
+    except ValidationError as caught:
+        raise error("\n".join(_line(path, problem) for problem in caught.errors())) from None
+
+
+def load(model: type[M], path: Path, error: type[EmcasError], context: Any = None) -> M:
+    """A TOML file as `model`; see `read`."""
+    return read(model, document(path, error)[1], path, error, context)
+
+
+def _line(path: Path, problem: Any) -> str:
+    place, written = ".".join(map(str, problem["loc"])), problem["input"]
+    if isinstance(written, bool):
+        written = str(written).lower()
+    value = f" = {written}" if isinstance(written, (int, float, str)) else ""
+    return f"{path}: {place}{value}: {problem['msg']}" if place else f"{path}: {problem['msg']}"

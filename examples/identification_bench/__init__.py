@@ -1,0 +1,1 @@
+"""A simulated test bench: records with known answers for `emcas identify`."""

@@ -1,0 +1,1 @@
+"""An SSP archive stepped in a loop by fmpy, libcosim or Ecos, under one interface."""

@@ -1,0 +1,46 @@
+"""Random actuators, whose parameters are to be identified."""
+
+from __future__ import annotations
+
+from math import radians
+
+import numpy as np
+
+from emcas_fmu.identification.motion import ARRAYS
+from emcas_fmu.parameters import ParameterSet
+from emcas_fmu.physics import friction
+
+
+def draw_truth(parameters: ParameterSet, rng: np.random.Generator) -> ParameterSet:
+    """A random actuator around a set: what is to be identified, varied well beyond any uncertainty."""
+    v = parameters.values
+    change: dict[str, object] = {}
+
+    def vary(name: str, low: float, high: float) -> None:
+        change[name] = float(v[name]) * float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    for name in ("drive.current_gain", "drive.kp", "motor.inductance", "motor.resistance"):
+        vary(name, 0.4, 2.5)
+    vary("inertia.motor", 0.6, 1.7)
+    vary("drive.ki", 0.3, 8.0)
+    change["drive.transport_delay"] = float(np.exp(rng.uniform(np.log(3e-4), np.log(8e-3))))
+    change["drive.current_offset"] = float(rng.uniform(-0.3, 0.3))
+    for direction in ("positive", "negative"):
+        vary(f"friction.viscous.{direction}", 0.6, 1.8)
+        scale = rng.uniform(0.7, 1.4)
+        for n in range(7):
+            name = f"friction.coulomb.{direction}[{n}]"
+            change[name] = float(v[name]) * scale + (rng.normal(0.0, 0.006) if n else 0.0)
+    change["friction.cold_viscous_ratio"] = float(rng.uniform(1.2, 2.0))
+    change["friction.cold_coulomb_ratio"] = float(rng.uniform(1.1, 1.5))
+    change["kinematics.initial_angle"] = float(radians(rng.uniform(-8.0, 8.0)))
+    return parameters.replace(change)
+
+
+def largest_difference(parameters: ParameterSet, other: ParameterSet) -> float:
+    """Largest difference [N.m] of the Coulomb friction of two sets within +-command.limit, either direction."""
+    limit = parameters.values["command.limit"]
+    fin = np.linspace(-limit, limit, 401)
+    pairs = [[friction.coulomb_reference(ARRAYS, getattr(s.nested().friction.coulomb, d), fin) for s in
+              (parameters, other)] for d in ("positive", "negative")]
+    return float(max(np.abs(a - b).max() for a, b in pairs))
