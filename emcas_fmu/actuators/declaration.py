@@ -3,10 +3,11 @@
 The equations are functions of ``ops`` (:class:`emcas_fmu.ops.base.Ops`), ``p``, the parameters by name
 (``p.motor.resistance``), and named values; all SI.
 
-    initial(ops, p, start)     states at rest: ``start.fin_angle`` [rad], ``start.encoder_offset``
-    sample(ops, p, x, asked)   what the sampled controllers do, every controller.sample_time
-    step(ops, p, x, u, h)      the plant after h [s] or at the first event before, and the time that took
-    outputs(ops, p, x, u)      every output
+    initial(ops, p, start)       states at rest: ``start.fin_angle`` [rad], ``start.encoder_offset``
+    sample(ops, p, x, asked)     what the sampled controllers do, every controller.sample_time
+    step(ops, p, x, u, h)        the plant after h [s] or at the first event before, and the time that took; or
+    derivatives(ops, p, x, u)    d/dt of every state, where the equations are smooth (:mod:`emcas_fmu.step_smooth`)
+    output_values(ops, p, x, u)  every output
 
 ``x`` has the states by name, ``u`` what acts and is held through a step (:class:`Acting`). The functions give a
 mapping of names to values; `sample`, `step` and `initial` leave out what does not change (from 0, for `initial`).
@@ -25,6 +26,7 @@ from ..errors import EmcasError
 from ..namespace import Record, namespace
 from ..ops.base import Ops, Value
 from ..rules import Rule
+from ..step_smooth import Derivatives, smooth_step
 from ..variables import Terminal, Variable, parameter
 from . import fin_port
 
@@ -117,7 +119,8 @@ class Actuator:
     equations of a family are put together from; `equation_parameters` has constants in place of parameters that others
     of the family have and this one does not. `longest_tick` bounds the internal tick [s], by `tick_remedy` it gets
     longer; `transport_delay` is the time from a sample to the drive [s]. `files` are parameter files with the
-    defaults, the later over the earlier, all over ``models/emcas.toml``; `modules` document the equations.
+    defaults, the later over the earlier, all over ``models/emcas.toml``; `modules` document the equations, `reference` is a Python
+    file whose ``simulate(parameters, time, inputs)`` integrates them independently, `source` a user's file it comes from.
     """
 
     name: str
@@ -126,8 +129,9 @@ class Actuator:
     outputs: tuple[Variable, ...]
     parameters: tuple[Variable, ...]
     sample: Callable[[Ops, Parameters, Record, Asked], Values]
-    step: Callable[[Ops, Parameters, Record, Acting, Value], tuple[Values, Value]]
     output_values: Callable[[Ops, Parameters, Record, Acting], Values]
+    step: Callable[[Ops, Parameters, Record, Acting, Value], tuple[Values, Value]] | None = None
+    derivatives: Derivatives | None = None
     initial: Callable[[Ops, Parameters, Record], Values] = _at_start_angle
     controller_states: tuple[State, ...] = ()
     sampled_states: tuple[State, ...] = ()
@@ -146,8 +150,15 @@ class Actuator:
     transport_delay: Callable[[Ops, Parameters], Value] | None = None
     files: tuple[Path, ...] = ()
     modules: tuple[Any, ...] = ()
+    reference: Path | None = None
+    source: Path | None = None
 
     def __post_init__(self) -> None:
+        if self.step is None:
+            if self.derivatives is None:
+                raise EmcasError(f"actuator {self.name}: has neither step nor derivatives; smooth equations need only "
+                                 "derivatives")
+            object.__setattr__(self, "step", smooth_step(self.derivatives, [s.name for s in self.states]))
         # Those that act on the plant first: the core takes them so.
         object.__setattr__(self, "further_inputs", tuple(sorted(self.further_inputs, key=lambda v: v.kind != "Real")))
         arguments = [a for _, names, _ in self.functions for a in names]
@@ -267,6 +278,7 @@ class Actuator:
         x = Record(**dict(zip(plant, arguments, strict=False)))
         split = len(plant) + len(self.sampled_states)
         active, *acting, h = arguments[split:]
+        assert self.step is not None
         moved, used = self.step(ops, p, x, Record(**self._acting(arguments[len(plant):split], active, acting)), h)
         moved = {**vars(x), **_complete(self.step, moved, (), plant)}
         return (*(moved[name] for name in plant), used)

@@ -49,7 +49,8 @@ def load(path: Path) -> Actuator:
     beside = path.with_suffix(".toml")
     if not actuator.files and not beside.is_file():
         raise EmcasError(f"{beside}: there is no such file; it gives the parameters of {path.name}, unit and source")
-    return replace(actuator, files=actuator.files or (beside,), modules=actuator.modules or (module,))
+    return replace(actuator, files=actuator.files or (beside,), modules=actuator.modules or (module,),
+                   source=path)
 
 
 def located(error: BaseException, path: Path) -> str:

@@ -11,6 +11,8 @@ from typing import Any
 from .. import schedule
 from ..actuators import NONLINEAR, fin_port, get
 from ..actuators.declaration import Actuator, identifier
+from ..actuators.external import located
+from ..errors import EmcasError
 from ..ops.base import Ops, Value
 from ..ops.c_source import c_source
 from ..ops.python_source import python_source
@@ -71,7 +73,12 @@ def traced(several: bool = False, model: str = NONLINEAR) -> Tracer:
     tracer = Tracer()
     p = actuator.namespace({v.name: tracer.parameter(v.name) for v in actuator.parameters})
     for name, arguments, function in functions(actuator, several):
-        tracer.function(name, arguments, partial(function, tracer, p))
+        try:
+            tracer.function(name, arguments, partial(function, tracer, p))
+        except Exception as error:
+            if actuator.source is None or isinstance(error, EmcasError):
+                raise
+            raise EmcasError(f"{located(error, actuator.source)}: {type(error).__name__}: {error}") from error
     return tracer
 
 

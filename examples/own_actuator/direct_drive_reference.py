@@ -1,0 +1,55 @@
+"""The direct drive integrated by SciPy, from its equations and nothing of the package: what `emcas validate` compares."""
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+
+def simulate(parameters, inputs):
+    """Return fin angle, rate and motor current at the rows of `inputs`, each held until the next.
+
+    `parameters` are by name, SI; `inputs` has the row times ``time`` [s] and the columns that are used.
+    """
+    p, time = parameters, np.asarray(inputs["time"])
+    starts = {"fin_command": 0.0, "aero_torque": 0.0, "supply_voltage": p["drive.supply_voltage"], "enable": 1.0}
+    rows = [dict(zip(starts, row)) for row in zip(*(np.broadcast_to(inputs.get(n, s), time.shape)
+                                                    for n, s in starts.items()))]
+    period, limit, stop = p["controller.sample_time"], p["command.limit"], p["fin.stop_angle"]
+    samples = np.arange(int(time[-1] / period) + 1) * period
+    instants = np.unique(np.round(np.concatenate([time, samples]), 9))
+    sampled, row_at = set(np.round(samples, 9)), {t: k for k, t in enumerate(np.round(time, 9))}
+    state, integral, reference, records = np.array([p["fin.start_angle"], 0.0, 0.0]), 0.0, 0.0, []
+    row = rows[0]
+
+    def rates(_, y):
+        angle, rate, current = y
+        voltage = np.clip(reference, -row["supply_voltage"], row["supply_voltage"]) if row["enable"] else 0.0
+        torque = (p["motor.torque_constant"] * current + row["aero_torque"] - p["spring.stiffness"] * angle
+                  - p["hinge.damping"] * rate)
+        emf = p["motor.back_emf_constant"] * rate
+        return rate, torque / p["hinge.inertia"], (voltage - p["motor.resistance"] * current - emf) / p["motor.inductance"]
+
+    def meets_stop(_, y):
+        return stop - abs(y[0])
+
+    meets_stop.terminal, meets_stop.direction = True, -1.0
+    for begin, end in zip(instants, [*instants[1:], None]):
+        if begin in row_at:
+            records.append(state.copy())
+            row = rows[row_at[begin]]
+        if end is None:
+            break
+        if begin in sampled:
+            command = np.clip(row["fin_command"], -limit, limit)
+            demand = (p["controller.kp"] * (p["controller.setpoint_weight"] * command - state[0]) + integral
+                      - p["controller.kd"] * state[1])
+            clipped = abs(demand) > row["supply_voltage"]
+            reference = float(np.clip(demand, -row["supply_voltage"], row["supply_voltage"]))
+            integral += 0.0 if clipped else period * p["controller.ki"] * (command - state[0])
+            if not row["enable"]:
+                reference = integral = 0.0
+        while begin < end:
+            run = solve_ivp(rates, (begin, end), state, method="LSODA", rtol=1e-9, atol=1e-11, events=meets_stop)
+            state, begin = run.y[:, -1], float(run.t[-1])
+            if run.status == 1:  # an inelastic stop, from which the motor turns back at once or presses on it
+                state = np.array([np.sign(state[0]) * stop * (1.0 - 1e-12), 0.0, state[2]])
+    return {"time": time, **dict(zip(("fin_angle", "fin_rate", "motor_current"), np.array(records).T))}
