@@ -8,7 +8,7 @@ from math import prod
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, PlainValidator
 
 from .. import schema
 from ..actuators import NONLINEAR, get
@@ -30,9 +30,16 @@ class _Campaign(Table):
     method: Literal["monte-carlo", "latin-hypercube", "sobol", "grid"] = "monte-carlo"
 
 
+def _names(written: object) -> list[str]:
+    names = written if isinstance(written, list) else [written]
+    if not all(isinstance(name, str) for name in names):
+        raise ValueError("must be the name of a file, or a list of them")
+    return names
+
+
 class _Base(Table):
     model: str | None = None
-    parameters: str | list[str] | None = None
+    parameters: Annotated[list[str], PlainValidator(_names)] = []
     fmu: str | None = None
     fin: Annotated[int, Field(ge=1, le=MOST_FINS)] | None = None
 
@@ -89,8 +96,7 @@ def _base(path: Path, entry: _Base, fmu: Path | None, fin: int | None,
     chosen = fin if fin is not None else entry.fin or 1
     kind = _model(path, entry, model)
     # Files are named as seen from the campaign's own, which can then be run from anywhere.
-    named = [entry.parameters] if isinstance(entry.parameters, str) else entry.parameters or []
-    files = [path.parent / name for name in named]
+    files = [path.parent / name for name in entry.parameters]
     unit = fmu if fmu is not None else path.parent / entry.fmu if entry.fmu else None
     if unit is None:
         if fin is not None or entry.fin is not None:

@@ -151,7 +151,7 @@ duration = "0.2 s"
     ("seed = 5", "seed = -1", "campaign.seed = -1"),
     ("seed = 5", 'seed = 5\nmethod = "quasi"', "campaign.method = quasi"),
     ("seed = 5", 'seed = 5\nmethod = "grid"', "a grid needs levels"),
-    ("[campaign]", "[base]\nparameters = 3\n[campaign]", "base.parameters = 3: must be a string"),
+    ("[campaign]", "[base]\nparameters = 3\n[campaign]", "base.parameters = 3: must be the name of a file"),
     ("[campaign]", "[base]\nparameters = \"none.toml\"\n[campaign]", "none.toml: cannot be read"),
     ("[campaign]", "[base]\nfmu = \"none.fmu\"\n[campaign]", "none.fmu: there is no such file"),
     ("[campaign]", "[campaing]\n[campaign]", "did you mean 'campaign'"),
