@@ -30,16 +30,16 @@ class _Campaign(Table):
     method: Literal["monte-carlo", "latin-hypercube", "sobol", "grid"] = "monte-carlo"
 
 
-def _names(written: object) -> list[str]:
-    names = written if isinstance(written, list) else [written]
+def _names(written: object) -> tuple[str, ...]:
+    names = tuple(written) if isinstance(written, list) else (written,)
     if not all(isinstance(name, str) for name in names):
         raise ValueError("must be the name of a file, or a list of them")
-    return names
+    return tuple(map(str, names))
 
 
 class _Base(Table):
     model: str | None = None
-    parameters: Annotated[list[str], PlainValidator(_names)] = []
+    parameters: Annotated[tuple[str, ...], PlainValidator(_names)] = ()
     fmu: str | None = None
     fin: Annotated[int, Field(ge=1, le=MOST_FINS)] | None = None
 
