@@ -27,7 +27,7 @@ Derivatives = Callable[[Ops, Any, Record, Record], Mapping[str, Value]]
 
 
 def smooth_step(derivatives: Derivatives, names: Sequence[str]) -> Callable[..., tuple[dict[str, Value], Value]]:
-    """Return the `step` of states of these names, ``fin_angle`` and ``fin_rate`` among them, that move by `derivatives`.
+    """Return the `step` of states of these names that move by `derivatives`, ``fin_angle`` and ``fin_rate`` among them.
 
     `derivatives(ops, p, x, u)` gives d/dt of each by name, for `x` and `u` as `step` gets them.
     """

@@ -6,7 +6,9 @@ The equations are functions of ``ops`` (:class:`emcas_fmu.ops.base.Ops`), ``p``,
     initial(ops, p, start)       states at rest: ``start.fin_angle`` [rad], ``start.encoder_offset``
     sample(ops, p, x, asked)     what the sampled controllers do, every controller.sample_time
     step(ops, p, x, u, h)        the plant after h [s] or at the first event before, and the time that took; or
-    derivatives(ops, p, x, u)    d/dt of every state, where the equations are smooth (:mod:`emcas_fmu.step_smooth`)
+    derivatives(ops, p, x, u)    d/dt of every state where the equations are smooth: without dry friction, gaps and
+                                 limits. Linear analysis takes these, and stepping where there is no `step`
+                                 (:mod:`emcas_fmu.step_smooth`)
     output_values(ops, p, x, u)  every output
 
 ``x`` has the states by name, ``u`` what acts and is held through a step (:class:`Acting`). The functions give a
@@ -77,6 +79,14 @@ def _at_start_angle(ops: Ops, p: Parameters, start: Record) -> Values:
     return {"fin_angle": start.fin_angle, "measured_fin_angle": start.fin_angle}
 
 
+def _none_sampled(ops: Ops, p: Parameters, x: Record, asked: Asked) -> Values:
+    return {"reference": 0.0}
+
+
+def _no_outputs(ops: Ops, p: Parameters, x: Record, u: Acting) -> Values:
+    return {}
+
+
 def _unchanged(ops: Ops, p: Parameters) -> Parameters:
     return p
 
@@ -105,52 +115,61 @@ def _complete(function: Callable[..., Any], given: Any, names: Iterable[str], op
                          f"{', '.join(sorted(known))}")
     return given
 
+
 @dataclass(frozen=True)
 class Actuator:
     """An actuator behind the fin port (:mod:`emcas_fmu.actuators.fin_port`).
 
-    `states` are moved by steps; `controller_states` by samples, which alone see them; `sampled_states` are set by
-    samples and seen by everything. `encoder` names the states, angle and speed, that the sensors read.
-    `further_inputs` are those besides the port's: a Boolean is seen by samples only, a Real by everything.
-    `outputs` and `parameters` are complete, the port's among them, in the interface's order; `descriptions` are of
-    port variables that mean something else here. `rules` are those besides the port's; of two
-    `equal_parameters`, equal in SI units, one follows from the other.
-    `provides` names what extensions and tools ask for (:mod:`emcas_fmu.actuators.capabilities`), `structure` what the
-    equations of a family are put together from; `equation_parameters` has constants in place of parameters that others
-    of the family have and this one does not. `longest_tick` bounds the internal tick [s], by `tick_remedy` it gets
-    longer; `transport_delay` is the time from a sample to the drive [s]. `files` are parameter files with the
-    defaults, the later over the earlier, all over ``models/emcas.toml``; `modules` document the equations, `reference` is a Python
-    file whose ``simulate(parameters, time, inputs)`` integrates them independently, `source` a user's file it comes from.
+    Its functions are described in this module's docstring; what is not given has a sensible default. Raises EmcasError
+    where the parts do not fit together.
     """
 
     name: str
     title: str
+
+    # States: moved by steps; moved by samples, which alone see them; set by samples and seen by everything.
     states: tuple[State, ...]
-    outputs: tuple[Variable, ...]
-    parameters: tuple[Variable, ...]
-    sample: Callable[[Ops, Parameters, Record, Asked], Values]
-    output_values: Callable[[Ops, Parameters, Record, Acting], Values]
-    step: Callable[[Ops, Parameters, Record, Acting, Value], tuple[Values, Value]] | None = None
-    derivatives: Derivatives | None = None
-    initial: Callable[[Ops, Parameters, Record], Values] = _at_start_angle
     controller_states: tuple[State, ...] = ()
     sampled_states: tuple[State, ...] = ()
+    # Those, of angle and speed, that the sensors read.
     encoder: tuple[str, str] = ("fin_angle", "fin_rate")
+
+    # Variables. Outputs and parameters are complete, the port's among them, in the interface's order.
+    outputs: tuple[Variable, ...] = ()
+    parameters: tuple[Variable, ...] = ()
+    # Besides the port's: a Boolean is seen by samples only, a Real by everything.
     further_inputs: tuple[Variable, ...] = ()
     supply: Supply | None = None
+    # Of inputs of the port that mean something else here, by name.
     descriptions: Mapping[str, str] = field(default_factory=dict)
+    terminals: tuple[Terminal, ...] = ()
+    # Rules besides the port's; and pairs that are equal in SI units, of which one follows from the other.
     rules: tuple[Rule, ...] = ()
     equal_parameters: tuple[tuple[str, str], ...] = ()
-    terminals: tuple[Terminal, ...] = ()
-    provides: frozenset[str] = frozenset()
+    # Parameter files with the defaults, the later over the earlier, all over ``models/emcas.toml``.
+    files: tuple[Path, ...] = ()
+
+    # Equations.
+    initial: Callable[[Ops, Parameters, Record], Values] = _at_start_angle
+    sample: Callable[[Ops, Parameters, Record, Asked], Values] = _none_sampled
+    derivatives: Derivatives | None = None
+    step: Callable[[Ops, Parameters, Record, Acting, Value], tuple[Values, Value]] | None = None
+    output_values: Callable[[Ops, Parameters, Record, Acting], Values] = _no_outputs
+    # What the equations of a family are put together from, and parameters with constants in place of those that others
+    # of the family have and this one does not.
     structure: Any = None
     equation_parameters: Callable[[Ops, Parameters], Parameters] = _unchanged
+    # Largest internal tick [s], and what makes it longer; time [s] from a sample to the drive.
     longest_tick: Callable[[Ops, Parameters], Value] = fin_port.max_tick
     tick_remedy: str = "raise solver.max_tick"
     transport_delay: Callable[[Ops, Parameters], Value] | None = None
-    files: tuple[Path, ...] = ()
+
+    # What extensions and tools ask for (:mod:`emcas_fmu.actuators.capabilities`).
+    provides: frozenset[str] = frozenset()
+    # An independent integration: a Python file, or a module's name, with ``simulate(parameters, inputs)``.
+    reference: Path | str | None = None
+    # Modules whose docstrings are the equations; the user's file that declares it.
     modules: tuple[Any, ...] = ()
-    reference: Path | None = None
     source: Path | None = None
 
     def __post_init__(self) -> None:
