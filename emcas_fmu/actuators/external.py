@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from types import ModuleType
 
 from ..errors import EmcasError
 from .declaration import Actuator
@@ -24,15 +25,9 @@ def installed() -> Mapping[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
-def load(path: Path) -> Actuator:
-    """Return the actuator that a Python file declares as ACTUATOR, with the parameter file beside it.
-
-    Raises EmcasError naming file and line where it cannot be used.
-    """
-    if not path.is_file():
-        raise EmcasError(f"{path}: there is no such file; --model takes an actuator's name or a Python file with its "
-                         "ACTUATOR")
-    name = f"emcas_actuator_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+def load_module(path: Path) -> ModuleType:
+    """Import a Python file. Raises EmcasError naming file and line where it cannot be."""
+    name = f"emcas_file_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise EmcasError(f"{path}: cannot be imported")
@@ -43,6 +38,18 @@ def load(path: Path) -> Actuator:
     except Exception as error:
         del sys.modules[name]
         raise EmcasError(f"{located(error, path)}: {type(error).__name__}: {error}") from error
+    return module
+
+
+def load(path: Path) -> Actuator:
+    """Return the actuator that a Python file declares as ACTUATOR, with the parameter file beside it.
+
+    Raises EmcasError naming file and line where it cannot be used.
+    """
+    if not path.is_file():
+        raise EmcasError(f"{path}: there is no such file; --model takes an actuator's name or a Python file with its "
+                         "ACTUATOR")
+    module = load_module(path)
     actuator = getattr(module, "ACTUATOR", None)
     if not isinstance(actuator, Actuator):
         raise EmcasError(f"{path}: gives no ACTUATOR; end it with ACTUATOR = Actuator(name=..., ...)")

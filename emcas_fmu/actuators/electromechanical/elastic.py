@@ -135,5 +135,6 @@ ACTUATOR = replace(
     sample=sample,
     step=step,
     output_values=output_values,
+    reference=None,
     modules=(sys.modules[__name__], drive_line, step_elastic, *nonlinear.EQUATIONS),
 )

@@ -63,5 +63,6 @@ ACTUATOR = replace(
     sample=rewired(nonlinear.sample, _linear),
     step=step,
     output_values=output_values,
+    reference=None,
     modules=(sys.modules[__name__], *nonlinear.EQUATIONS),
 )

@@ -125,5 +125,6 @@ ACTUATOR = Actuator(
     longest_tick=longest_tick,
     tick_remedy=interface.TICK_REMEDY,
     transport_delay=interface.transport_delay,
+    reference="emcas_fmu.reference.simulate",
     modules=EQUATIONS,
 )
