@@ -14,6 +14,7 @@ from pathlib import Path
 from types import ModuleType
 
 from ..errors import EmcasError
+from ..units import UnitError, check_unit
 from .declaration import Actuator
 
 GROUP = "emcas.actuators"
@@ -37,7 +38,7 @@ def load_module(path: Path) -> ModuleType:
         spec.loader.exec_module(module)
     except Exception as error:
         del sys.modules[name]
-        raise EmcasError(f"{located(error, path)}: {type(error).__name__}: {error}") from error
+        raise refusal(error, path) from error
     return module
 
 
@@ -56,8 +57,28 @@ def load(path: Path) -> Actuator:
     beside = path.with_suffix(".toml")
     if not actuator.files and not beside.is_file():
         raise EmcasError(f"{beside}: there is no such file; it gives the parameters of {path.name}, unit and source")
-    return replace(actuator, files=actuator.files or (beside,), modules=actuator.modules or (module,),
-                   source=path)
+    chosen = replace(actuator, files=actuator.files or (beside,), modules=actuator.modules or (module,),
+                     source=path)
+    _check_units(chosen)
+    return chosen
+
+
+def _check_units(actuator: Actuator) -> None:
+    """Raise EmcasError for a variable whose unit is not known."""
+    for v in (*actuator.inputs, *actuator.outputs, *actuator.parameters):
+        try:
+            if v.kind == "Real":
+                check_unit(v.unit)
+        except UnitError as error:
+            raise EmcasError(f"{actuator.source}: {v.name}: {error}") from error
+
+
+def refusal(error: Exception, path: Path) -> EmcasError:
+    """Return an error in a user's file as one that names file, line and, where it can be told, the remedy."""
+    what = str(error) if isinstance(error, EmcasError) else f"{type(error).__name__}: {error}"
+    if isinstance(error, TypeError) and "Expr" in what:
+        what += "; equations are traced: take functions from ops, as in ops.sin(x)"
+    return EmcasError(f"{located(error, path)}: {what}")
 
 
 def located(error: BaseException, path: Path) -> str:
