@@ -16,12 +16,12 @@ from typing import Any, cast
 import numpy as np
 
 from .. import control, sensors
+from ..bench.metrics import FrequencyResponse
 from ..ops.arrays import ARRAYS as _ARRAYS
 from ..ops.base import Ops
 from ..physics import drive
 from ..simulation import simulate
 from ..tree import tree
-from ..validation.metrics import FrequencyResponse
 from .linear import Array
 
 AMPLITUDES = (0.1, 0.3, 1.0, 2.0, 3.5, 6.0, 10.0, 15.0, 20.0)  # deg

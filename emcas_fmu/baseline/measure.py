@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from ..excitation import Excitation
-from ..validation import metrics
-from ..validation.requirements import ACCURACY, SWEPT
-from ..validation.runs import Columns
+from ..bench import metrics
+from ..bench.excitation import Excitation
+from ..bench.metrics import SWEPT
+from ..bench.subject import Columns
 from .excite import Case, level
+
+ACCURACY = round(float(np.degrees(metrics.ACCURACY)), 9)  # deg
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ def _motion(time: Any, angle: Any, rate: Any, begin: float, command: float) -> d
     last = int(outside[-1]) if len(outside) else 0
     accurate = 0.0 if not len(outside) else inf if last == len(time) - 1 else float(time[last + 1] - begin)
     return {"rise_time": step.rise_time * 1e3, "settling_time": step.settling_time * 1e3,
-            "time_to_accuracy": accurate * 1e3, "overshoot": step.overshoot, "steady_error": step.steady_error,
+            "time_to_accuracy": accurate * 1e3, "overshoot": 100.0 * step.overshoot, "steady_error": step.steady_error,
             "sustained_rate": slew.sustained, "peak_rate": slew.peak}
 
 

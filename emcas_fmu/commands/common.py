@@ -22,6 +22,11 @@ err = Console(stderr=True)
 ModelOption = Annotated[str, typer.Option(
     "--model", help=f"Which model of the actuator: {', '.join(NAMES)}. Behind it options, as in elastic+heat+faults: "
                     f"{', '.join(OPTIONS)}.", metavar="NAME[+OPTION...]")]
+SubjectModelOption = Annotated[str | None, typer.Option(
+    "--model", help="Which actuator a parameter file is of, with its options, as in elastic+heat; nonlinear unless "
+                    "given. An FMU tells it by its name.", metavar="NAME[+OPTION...]")]
+FinOption = Annotated[int | None, typer.Option(help="Which fin of a unit of several; the first unless given.",
+                                               metavar="N")]
 ParametersOption = Annotated[Path | None, typer.Option(
     "--parameters", "-p", help="Parameter file (TOML); overrides any subset of the defaults.", metavar="FILE")]
 

@@ -10,11 +10,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from ..actuators import NONLINEAR, get
+from ..bench.fmu import chosen_model
 from ..errors import EmcasError
 from ..fmi.model_description import to_bytes
 from ..fmi.package import Progress, build
 from ..parameters import Value, load_parameters
-from ..validation.runs import chosen_model
 from ..variables import INPUTS, START_ENTRIES
 from .archive import write_archive
 from .check import check

@@ -8,14 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from math import inf, nan, pi, radians
+from math import degrees, inf, nan, pi, radians
 from typing import Any
 
 import numpy as np
 
+from ..bench import metrics
 from ..simulation import Array, respond
-from ..validation import metrics
-from ..validation.requirements import ACCURACY
 from ..variables import INPUTS, OUTPUTS
 
 STEP = 1e-3  # s, between looks at the response
@@ -33,6 +32,7 @@ KINDS: Mapping[str, Mapping[str, str]] = {
     "sine": {"amplitude": "rad"},
     "linear": {},
 }
+ACCURACY = round(degrees(metrics.ACCURACY), 9)  # deg
 _INPUT = {v.name: i for i, v in enumerate(INPUTS)}
 _OUTPUT = {v.name: i for i, v in enumerate(OUTPUTS)}
 
@@ -143,7 +143,7 @@ def _move(test: Test, values: Mapping[str, Any], sign: float) -> dict[str, float
     tail = angle[time > time[-1] - _TAIL]
     current = result["motor_current"][time >= 0.0]
     return {
-        "rise_time": step.rise_time, "settling_time": step.settling_time, "overshoot": step.overshoot / 100.0,
+        "rise_time": step.rise_time, "settling_time": step.settling_time, "overshoot": step.overshoot,
         "steady_error": abs(step.steady_error), "peak_rate": rates.peak, "sustained_rate": rates.sustained,
         "time_to_accuracy": inf if last == len(time) - 1 else float(time[last + 1]),
         "ripple": float(np.ptp(tail)), "peak_current": float(np.abs(current).max()),

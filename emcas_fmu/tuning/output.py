@@ -10,7 +10,7 @@ from typing import Any
 from rich.table import Table
 
 from .. import __version__
-from ..validation.results import finite
+from ..bench.writers import plain
 from ..variables import FILE_ENTRIES
 from .evaluate import Evaluation
 from .experiments import FIGURES
@@ -88,5 +88,5 @@ def write_json(result: Result, path: Path, command: str) -> None:
         "judgements": [{"requirement": j.requirement, "case": j.case, "measured_si": j.measured, "share": j.share}
                        for j in result.best.judgements],
     }
-    text = json.dumps(finite(document), indent=1, allow_nan=False)
+    text = json.dumps(plain(document), indent=1, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8", newline="\n")

@@ -25,9 +25,9 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.fmi.slave import Slave, Table
 from emcas_fmu.kernels import program
 from emcas_fmu.parameters import ParameterError, load_parameters
+from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.simulation import simulate
 from emcas_fmu.unit import Unit, start_values
-from emcas_fmu.validation.linear import LinearModel
 from emcas_fmu.variables import OUTPUTS, PARAMETERS
 
 from ..fmu.built import both
