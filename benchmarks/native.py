@@ -27,7 +27,7 @@ import native_build
 import native_hosts
 import numpy as np
 
-from emcas_fmu.bench.excitation import Inputs
+from emcas_fmu.bench.excitation import Excitation
 from emcas_fmu.bench.subject import open_subject
 from emcas_fmu.files import models_directory
 from emcas_fmu.fmi.model_description import start_values
@@ -80,7 +80,7 @@ def _error(fmu: Path, case: Any, starts: Mapping[str, Any]) -> float:
     reference = files.read_csv(files.path_of(folder, case.name, "ref.csv"))["fin_angle"]
     given = {name: column for name, column in inputs.items() if name != "time"}
     with open_subject(fmu) as subject:
-        run = subject.run(Inputs(case.title, given, step=case.step), starts, ("fin_angle",))
+        run = subject.run(Excitation(case.title, given, step=case.step), starts, ("fin_angle",))
     if len(run.columns["fin_angle"]) != len(reference):
         raise RuntimeError(f"{fmu}: {case.name} stopped at {run.stopped} s {run.messages}")
     return float(np.degrees(np.abs(run.columns["fin_angle"] - reference).max()))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..bench.excitation import SETTLE, Excitation, Inputs, csv_file, reference_case
+from ..bench.excitation import SETTLE, Excitation, csv_file, reference_case
 from ..errors import EmcasError
 from ..reference.cases import LEAD_IN, LOAD_RISE, SWEEP
 
@@ -60,7 +60,7 @@ class Case:
         return self._made(build(**self.entries), STEP, self.start)
 
     def _made(self, columns: Mapping[str, Any], step: float, start: Mapping[str, Any]) -> Excitation:
-        return Inputs(self.title, columns, self.begin, step=step, start_values=start)
+        return Excitation(self.title, columns, self.begin, step, start)
 
     @property
     def title(self) -> str:

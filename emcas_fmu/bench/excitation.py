@@ -7,8 +7,7 @@ after SETTLE at its starting end), and every load comes on within LOAD_RISE of t
 from __future__ import annotations
 
 import csv
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -36,45 +35,30 @@ class Move(NamedTuple):
     end: float
 
 
-@dataclass(frozen=True, kw_only=True)
-class Excitation(ABC):
-    """Rows of inputs `step` [s] apart from 0, and parameters that differ with them.
+@dataclass(frozen=True, eq=False)
+class Excitation:
+    """Columns of inputs by name, SI, whose rows are `step` [s] apart from 0, and parameters that differ with them.
 
-    A `spring` [N.m/rad] takes its moment, by the fin angle at the beginning of each row, off the hinge moment.
+    What is judged begins at `begin` [s]. A `spring` [N.m/rad] takes its moment, by the fin angle at the beginning of
+    each row, off the hinge moment.
     """
 
+    title: str
+    columns: Mapping[str, Array] = field(repr=False)
+    begin: float = 0.0
     step: float = STEP
-    start_values: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    start_values: Mapping[str, Any] = field(default_factory=dict)
     spring: float = 0.0
-
-    @property
-    @abstractmethod
-    def title(self) -> str:
-        """What is done, in a few words."""
-
-    @property
-    def begin(self) -> float:
-        """When what is judged begins [s]."""
-        return LEAD_IN
-
-    @property
-    @abstractmethod
-    def stop(self) -> float:
-        """The time of the last row [s]."""
-
-    @abstractmethod
-    def rows(self, time: Array) -> Mapping[str, Array]:
-        """Columns of the inputs that are given, at these times [s]."""
 
     @cached_property
     def time(self) -> Array:
         """Times of the rows [s]: the floats a host gets that counts its steps."""
-        return np.arange(round(self.stop / self.step) + 1) * self.step
+        return np.arange(len(next(iter(self.columns.values())))) * self.step
 
-    @cached_property
-    def columns(self) -> Mapping[str, Array]:
-        """Columns of the inputs that are given, by name, SI."""
-        return self.rows(self.time)
+    @property
+    def stop(self) -> float:
+        """The time of the last row [s]."""
+        return float(self.time[-1])
 
     @property
     def command(self) -> Array:
@@ -85,208 +69,88 @@ class Excitation(ABC):
     def moves(self) -> tuple[Move, ...]:
         """The jumps of a command that moves in steps."""
         jumps = np.flatnonzero(np.diff(self.command)) + 1
-        ends = [*self.time[jumps].tolist(), float(self.time[-1])]
+        ends = [*self.time[jumps].tolist(), self.stop]
         return tuple(Move(start, float(self.command[row]), end)
                      for row, (start, end) in zip(jumps, pairwise(ends), strict=True))
 
-    def after(self, time: Array, instant: float) -> Any:
-        """Whether each row is at an instant [s] or later; one that is a rounding short of it is."""
-        return time > instant - self.step / 2
+    def judged(self, time: Array) -> Any:
+        """Whether each time [s] is at the beginning of what is judged or later; one a rounding short of it is."""
+        return time > self.begin - self.step / 2
 
-    def holding(self, columns: Mapping[str, Any]) -> Inputs:
+    def holding(self, columns: Mapping[str, Any]) -> Excitation:
         """The same with further inputs, each a column or a constant."""
         held = {name: np.broadcast_to(np.asarray(column, dtype=float), self.time.shape).copy()
                 for name, column in columns.items()}
-        return Inputs(self.title, {**self.columns, **held}, self.begin, step=self.step,
-                      start_values=self.start_values, spring=self.spring)
+        return replace(self, columns={**self.columns, **held})
 
-    def with_start_values(self, values: Mapping[str, Any]) -> Any:
+    def with_start_values(self, values: Mapping[str, Any]) -> Excitation:
         """The same with further parameters that differ."""
         return replace(self, start_values={**self.start_values, **values})
 
 
-@dataclass(frozen=True)
-class Inputs(Excitation):
-    """Columns as they are."""
-
-    name: str
-    given: Mapping[str, Array] = field(hash=False)
-    judged_from: float = 0.0
-
-    @property
-    def title(self) -> str:
-        return self.name
-
-    @property
-    def begin(self) -> float:
-        return self.judged_from
-
-    @property
-    def stop(self) -> float:
-        return (len(next(iter(self.given.values()))) - 1) * self.step
-
-    def rows(self, time: Array) -> Mapping[str, Array]:
-        return self.given
+def _rows(stop: float, step: float) -> Array:
+    return np.arange(round(stop / step) + 1) * step
 
 
-@dataclass(frozen=True)
-class Step(Excitation):
-    """From rest at zero to a level [rad], held for `duration`; a `load` [N.m] comes on with the command."""
-
-    level: float
-    duration: float
-    load: float = 0.0
-
-    @property
-    def title(self) -> str:
-        return f"step to {degrees(self.level):+.6g} deg{_with(self.load)}"
-
-    @property
-    def stop(self) -> float:
-        return self.begin + self.duration
-
-    def rows(self, time: Array) -> Mapping[str, Array]:
-        return {COMMAND: np.where(self.after(time, self.begin), self.level, 0.0), **_rising(self, time)}
+def _loaded(title: str, command: Array, time: Array, begin: float, load: float, step: float) -> Excitation:
+    """A motion commanded at `begin`, and the load that comes on with it."""
+    rising = {LOAD: load * np.clip((time - begin) / LOAD_RISE, 0.0, 1.0)} if load else {}
+    return Excitation(title + (f" with {load:+g} N.m" if load else ""), {COMMAND: command, **rising}, begin, step)
 
 
-@dataclass(frozen=True)
-class Slew(Step):
-    """From rest at -level to +level [rad], as `Step`."""
-
-    @property
-    def title(self) -> str:
-        return f"slew from {-degrees(self.level):+.6g} to {degrees(self.level):+.6g} deg{_with(self.load)}"
-
-    @property
-    def begin(self) -> float:
-        return SETTLE
-
-    def rows(self, time: Array) -> Mapping[str, Array]:
-        command = np.where(self.after(time, self.begin), self.level, -self.level)
-        command[0] = 0.0
-        return {COMMAND: command, **_rising(self, time)}
+def step_to(level: float, duration: float, load: float = 0.0, step: float = STEP) -> Excitation:
+    """From rest at zero to a level [rad], held for `duration` [s]; a `load` [N.m] comes on with the command."""
+    time = _rows(LEAD_IN + duration, step)
+    return _loaded(f"step to {degrees(level):+.6g} deg", np.where(time > LEAD_IN - step / 2, level, 0.0), time, LEAD_IN,
+                   load, step)
 
 
-def _with(load: float) -> str:
-    return f" with {load:+g} N.m" if load else ""
+def slew_to(level: float, duration: float, load: float = 0.0, step: float = STEP) -> Excitation:
+    """From rest at -level to +level [rad], as `step_to`."""
+    time = _rows(SETTLE + duration, step)
+    command = np.where(time > SETTLE - step / 2, level, -level)
+    command[0] = 0.0
+    return _loaded(f"slew from {-degrees(level):+.6g} to {degrees(level):+.6g} deg", command, time, SETTLE, load, step)
 
 
-def _rising(step: Step, time: Array) -> dict[str, Array]:
-    return {LOAD: step.load * np.clip((time - step.begin) / LOAD_RISE, 0.0, 1.0)} if step.load else {}
+def sweep(amplitude: float, duration: float, low: float = SWEEP[0], high: float = SWEEP[1],
+          step: float = STEP) -> Excitation:
+    """Logarithmic sine sweep of the command [rad] between two frequencies [Hz]. Raises ValueError."""
+    if not low < high:
+        raise ValueError(f"the sweep's low = {low:g} Hz is not below its high = {high:g} Hz")
+    growth = log(high / low) / duration
+    since = np.maximum(_rows(LEAD_IN + duration, step) - LEAD_IN, 0.0)
+    return Excitation(f"sine sweep of {degrees(amplitude):.6g} deg",
+                      {COMMAND: amplitude * np.sin(2.0 * pi * low * np.expm1(growth * since) / growth)}, LEAD_IN, step)
 
 
-@dataclass(frozen=True)
-class Sweep(Excitation):
-    """Logarithmic sine sweep of the command between two frequencies."""
+def sine(amplitude: float, frequency: float, cycles: float = 6.0, settle: tuple[float, float] = (4.0, 0.5),
+         variable: str = COMMAND, step: float = STEP) -> Excitation:
+    """Sine of the command [rad], or cosine of another input, at a frequency [Hz].
 
-    amplitude: float
-    duration: float
-    low: float = SWEEP[0]
-    high: float = SWEEP[1]
-
-    def __post_init__(self) -> None:
-        if not self.low < self.high:
-            raise ValueError(f"the sweep's low = {self.low:g} Hz is not below its high = {self.high:g} Hz")
-
-    @property
-    def title(self) -> str:
-        return f"sine sweep of {degrees(self.amplitude):.6g} deg"
-
-    @property
-    def stop(self) -> float:
-        return self.begin + self.duration
-
-    def rows(self, time: Array) -> Mapping[str, Array]:
-        growth = log(self.high / self.low) / self.duration
-        since = np.maximum(time - self.begin, 0.0)
-        return {COMMAND: self.amplitude * np.sin(2.0 * pi * self.low * np.expm1(growth * since) / growth)}
+    Judged are the last `cycles`, after a transient of `settle` cycles and at least s. A cosine of the hinge moment
+    gives a free inertia at rest no drift, as a sine would.
+    """
+    time = _rows(max(settle[0] / frequency, settle[1]) + cycles / frequency, step)
+    wave = (np.sin if variable == COMMAND else np.cos)(2.0 * pi * frequency * time)
+    return Excitation(f"sine of {variable} at {frequency:g} Hz", {variable: amplitude * wave},
+                      float(time[-1] - cycles / frequency), step)
 
 
-@dataclass(frozen=True)
-class Sine(Excitation):
-    """Sine of the command: `settle` is cycles, and at least s, of transient before the `cycles` to be looked at."""
-
-    amplitude: float
-    frequency: float
-    cycles: float = 6.0
-    settle: tuple[float, float] = (4.0, 0.5)
-
-    @property
-    def title(self) -> str:
-        return f"sine of {degrees(self.amplitude):.6g} deg at {self.frequency:g} Hz"
-
-    @property
-    def begin(self) -> float:
-        return max(self.settle[0] / self.frequency, self.settle[1])
-
-    @property
-    def stop(self) -> float:
-        return self.begin + self.cycles / self.frequency
-
-    def rows(self, time: Array) -> Mapping[str, Array]:
-        return {COMMAND: self.amplitude * np.sin(2.0 * pi * self.frequency * time)}
-
-    def looked_at(self, time: Array) -> Any:
-        """Whether each row is one of the last whole cycles."""
-        return time > time[-1] - self.cycles / self.frequency - self.step / 2
+def load_ramp(moment: float, duration: float, step: float = STEP) -> Excitation:
+    """The hinge moment from zero to `moment` [N.m] in `duration` [s], command at zero."""
+    time = _rows(duration, step)
+    return Excitation(f"hinge moment up to {moment:+g} N.m", {LOAD: moment * time / duration}, step=step)
 
 
-@dataclass(frozen=True)
-class LoadSine(Sine):
-    """Cosine of the hinge moment [N.m], command at zero: it gives a free inertia at rest no drift, as a sine would."""
-
-    @property
-    def title(self) -> str:
-        return f"hinge moment of {self.amplitude:g} N.m at {self.frequency:g} Hz"
-
-    def rows(self, time: Array) -> Mapping[str, Array]:
-        return {LOAD: self.amplitude * np.cos(2.0 * pi * self.frequency * time)}
-
-
-@dataclass(frozen=True)
-class LoadRamp(Excitation):
-    """The hinge moment from zero to `moment` [N.m] in `duration`."""
-
-    moment: float
-    duration: float
-
-    @property
-    def title(self) -> str:
-        return f"hinge moment up to {self.moment:+g} N.m"
-
-    @property
-    def stop(self) -> float:
-        return self.duration
-
-    def rows(self, time: Array) -> Mapping[str, Array]:
-        return {LOAD: self.moment * time / self.duration}
-
-
-@dataclass(frozen=True)
-class Staircase(Excitation):
+def staircase(levels: Sequence[float], holds: Sequence[float], step: float = STEP) -> Excitation:
     """The command at each level [rad] for its time [s]; judged is the last."""
-
-    levels: tuple[float, ...]
-    holds: tuple[float, ...]
-
-    @property
-    def title(self) -> str:
-        return f"{len(self.levels)} levels of the command"
-
-    @property
-    def begin(self) -> float:
-        return sum(self.holds[:-1])
-
-    @property
-    def stop(self) -> float:
-        return sum(round(hold / self.step) for hold in self.holds) * self.step
-
-    def rows(self, time: Array) -> Mapping[str, Array]:
-        held = np.repeat(self.levels, [round(hold / self.step) for hold in self.holds])
-        return {COMMAND: np.append(held, held[-1])}
+    held = np.repeat(levels, [round(hold / step) for hold in holds])
+    return Excitation(f"{len(levels)} levels of the command", {COMMAND: np.append(held, held[-1])}, sum(holds[:-1]),
+                      step)
 
 
-def reference_case(name: str, exact: bool = True) -> Inputs:
+def reference_case(name: str, exact: bool = True) -> Excitation:
     """A reference case by name. Raises EmcasError, naming those there are.
 
     Trajectories are compared with true angle and speed fed back (`exact`); performance is that with the encoder.
@@ -294,13 +158,18 @@ def reference_case(name: str, exact: bool = True) -> Inputs:
     found = {case.name: case for case in CASES}.get(name)
     if found is None:
         raise EmcasError(f"there is no case {name}; there is {', '.join(case.name for case in CASES)}")
-    columns = {variable: column for variable, column in found.inputs().items() if variable != "time"}
-    return Inputs(found.title, columns, LEAD_IN, step=found.step,
-                  start_values={key: value for key, value in found.overrides.items()
-                                if exact or not key.startswith("encoder.")})
+    made = Excitation(found.title, {v: column for v, column in found.inputs().items() if v != "time"}, LEAD_IN,
+                      found.step, found.overrides)
+    return made if exact else as_it_is(made)
 
 
-def csv_file(path: Path, step: float = STEP, stop: float | None = None, model: str = NONLINEAR) -> Inputs:
+def as_it_is(excitation: Excitation) -> Excitation:
+    """The same with the subject's encoder."""
+    return replace(excitation, start_values={name: value for name, value in excitation.start_values.items()
+                                             if not name.startswith("encoder.")})
+
+
+def csv_file(path: Path, step: float = STEP, stop: float | None = None, model: str = NONLINEAR) -> Excitation:
     """A CSV file with a column ``time`` [s] and columns of inputs of a model, SI, as fmpy reads it.
 
     Between its rows inputs are interpolated; where two rows have the same time they jump. The run
@@ -326,7 +195,7 @@ def csv_file(path: Path, step: float = STEP, stop: float | None = None, model: s
         if not np.isfinite(column).all():
             raise EmcasError(f"{path}: {name} has an empty or non-finite value")
         columns[name] = _sampled(points, time, np.atleast_1d(column))
-    return Inputs(path.name, columns, step=step)
+    return Excitation(path.name, columns, step=step)
 
 
 def _read(path: Path) -> dict[str, Array]:

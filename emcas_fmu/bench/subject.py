@@ -270,7 +270,8 @@ class FmuSubject(Subject):
                 times.append(time)
                 rows.append(row)
         except FMICallException as error:
-            self._messages.append(str(error))
+            if not self._messages:  # what the FMU says tells more
+                self._messages.append(str(error))
             self.close()
             stopped = times[-1] if times else 0.0
         table = np.array(rows, dtype=float).reshape(len(rows), len(recorded))

@@ -19,7 +19,7 @@ from ..errors import EmcasError
 from ..reference.cases import LOAD
 from ..toml import tomllib
 from ..units import quantity
-from .excitation import Excitation, Step, reference_case
+from .excitation import Excitation, reference_case, step_to
 from .metrics import ACCURACY, held_error, motion, sweep_response
 from .subject import Run
 
@@ -136,8 +136,8 @@ REQUIREMENTS = (
 def holds() -> dict[str, Excitation]:
     """The steps of Table 2 that are held until the integral action is through, by name; one under the load."""
     levels = {"hold_plus20": 20.0, "hold_minus20": -20.0, "hold_plus1": 1.0, "hold_minus1": -1.0}
-    return {**{name: Step(radians(level), HOLD) for name, level in levels.items()},
-            "hold_loaded": Step(radians(20.0), HOLD, -LOAD)}
+    return {**{name: step_to(radians(level), HOLD) for name, level in levels.items()},
+            "hold_loaded": step_to(radians(20.0), HOLD, -LOAD)}
 
 
 def table2_excitations() -> dict[str, Excitation]:

@@ -20,7 +20,7 @@ from ..reference.cases import LEAD_IN
 from .common import ModelOption, ParametersOption, check_outputs, failures, out
 
 if TYPE_CHECKING:
-    from ..bench.excitation import Inputs
+    from ..bench.excitation import Excitation
 
 EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.html"
                    "\n\n  emcas simulate --case chirp_3p5deg --plot chirp.png --output chirp.csv"
@@ -47,16 +47,16 @@ def _told(given: Iterable[str], inputs: Iterable[str]) -> tuple[dict[str, object
     return parameters, held
 
 
-def _stepped(degrees: float, torque: float, interval: float, stop: float) -> Inputs:
+def _stepped(degrees: float, torque: float, interval: float, stop: float) -> Excitation:
     """A step to an angle [deg] under a constant hinge moment [N.m]. Raises EmcasError."""
-    from ..bench.excitation import LOAD, Step, check_span
+    from ..bench.excitation import LOAD, check_span, step_to
 
     check_span("step", interval, stop)
     if stop <= LEAD_IN:
         raise EmcasError(f"step: it comes at {LEAD_IN:g} s, the end at {stop:g} s is before that; see --stop")
-    step = Step(radians(degrees), stop - LEAD_IN, step=interval)
+    step = step_to(radians(degrees), stop - LEAD_IN, step=interval)
     title = f"Step to {degrees:+g} deg" + (f" with {torque:+g} N.m" if torque else "")
-    return replace(step.holding({LOAD: torque}), name=title)
+    return replace(step.holding({LOAD: torque}), title=title)
 
 
 def simulate(

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from emcas_fmu.bench.excitation import Inputs
+from emcas_fmu.bench.excitation import Excitation
 from emcas_fmu.bench.subject import open_subject
 from emcas_fmu.compiler import local_platform
 from emcas_fmu.fmi.package import build
@@ -84,7 +84,7 @@ def test_c_host(place: Path) -> None:
     inputs = {"fin_command": [0.0 if k < 50 else 0.2 for k in range(301)],
               "aero_torque": [-200.0 * row["fin_angle"] for row in rows]}
     with open_subject(place / "EMCAS.fmu") as subject:
-        found = subject.run(Inputs("host", {key: np.array(column) for key, column in inputs.items()}),
+        found = subject.run(Excitation("host", {key: np.array(column) for key, column in inputs.items()}),
                             outputs=["fin_angle"])
     assert found.columns["fin_angle"].tolist() == [row["fin_angle"] for row in rows]
 

@@ -16,7 +16,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from emcas_fmu.actuators import NAMES, NONLINEAR
-from emcas_fmu.bench.excitation import Inputs
+from emcas_fmu.bench.excitation import Excitation
 from emcas_fmu.bench.subject import ParameterSubject, Run, open_subject
 from emcas_fmu.bench.verdict import REQUIREMENTS
 from emcas_fmu.cli import app
@@ -208,8 +208,8 @@ def test_what_is_no_fmu_is_refused(fmu: Path, tmp_path: Path) -> None:
 def test_run_the_fmu_discards_is_a_failure_with_its_time_and_reason(fmu: Path) -> None:
     command = np.where(np.arange(201) > 99, np.nan, 0.1)
     with open_subject(fmu) as subject:
-        run = subject.run(Inputs("nan", {"fin_command": command}), outputs=RECORDED)
-        good = subject.run(Inputs("good", {"fin_command": np.full(201, 0.1)}), outputs=RECORDED)
+        run = subject.run(Excitation("nan", {"fin_command": command}), outputs=RECORDED)
+        good = subject.run(Excitation("good", {"fin_command": np.full(201, 0.1)}), outputs=RECORDED)
     assert run.stopped == pytest.approx(0.1)
     assert len(run.columns["time"]) == 101
     assert any("fin_command" in message for message in run.messages)

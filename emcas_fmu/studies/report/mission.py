@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...bench.excitation import STEP, Excitation, Inputs
+from ...bench.excitation import STEP, Excitation
 from ...bench.metrics import rms, usage
 from .outcome import Array, Outcome, Quantity, Value
 from .rig import Rig
@@ -65,10 +65,9 @@ def synthetic(limit: float, load: float, step: float = STEP) -> tuple[Array, Arr
 
 def measure(rig: Rig) -> Outcome:
     """Run the profile and add up."""
-    profile: Excitation
     if rig.mission is None:
         command, moment = synthetic(rig.limit, rig.load)
-        profile = Inputs("synthetic profile", {"fin_command": np.radians(command), "aero_torque": moment})
+        profile = Excitation("synthetic profile", {"fin_command": np.radians(command), "aero_torque": moment})
         group, label, method = "synthetic", profile.title, "Synthetic mission profile: " + _PHASES
         estimate = ("The mission profile is made up, as a plausible sequence of phases; currents, power and energy are "
                     "estimates of the order of magnitude. Give the real one with --mission.")

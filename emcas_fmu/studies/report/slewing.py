@@ -6,7 +6,7 @@ from math import radians
 
 import numpy as np
 
-from ...bench.excitation import SETTLE, Slew
+from ...bench.excitation import SETTLE, slew_to
 from ...bench.metrics import motion, since
 from ...reference.cases import LOAD_RISE
 from .outcome import Outcome, displayed, quantity
@@ -26,7 +26,7 @@ def measure(rig: Rig) -> Outcome:
     figures, series = {}, {}
     for load, factor in (("unloaded", 0.0), ("opposing", -1.0), ("aiding", 1.0)):
         for direction, sign in (("positive", 1.0), ("negative", -1.0)):
-            slew = Slew(radians(sign * rig.limit), SLEW, factor * sign * rig.load)
+            slew = slew_to(radians(sign * rig.limit), SLEW, factor * sign * rig.load)
             run, group = rig.run(slew), f"{load}_{direction}"
             figures[group] = displayed(motion(run, 1), QUANTITIES)
             names = [name for name in ("fin_angle", "fin_rate", "motor_current") if name in run.columns]

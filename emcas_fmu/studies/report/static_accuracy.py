@@ -6,7 +6,7 @@ from math import radians
 
 import numpy as np
 
-from ...bench.excitation import Staircase
+from ...bench.excitation import staircase
 from ...bench.metrics import HELD, bidirectional
 from ...bench.verdict import HOLD
 from .outcome import Outcome, Quantity
@@ -46,7 +46,7 @@ def measure(rig: Rig) -> Outcome:
     # First to the lowest target, which no cycle has approached yet.
     levels = tuple(radians(targets[k]) for k in (0, *(k for k, _, _ in visits)))
     hold, last = round(HOLD / STEP), round(HELD / STEP)
-    angle = np.degrees(rig.run(Staircase(levels, (HOLD,) * len(levels), step=STEP)).columns["fin_angle"])
+    angle = np.degrees(rig.run(staircase(levels, (HOLD,) * len(levels), step=STEP)).columns["fin_angle"])
     errors = np.full((2, len(targets), CYCLES), np.nan)
     for number, (k, side, cycle) in enumerate(visits, start=2):
         end = number * hold

@@ -6,7 +6,7 @@ from math import radians
 
 import numpy as np
 
-from ...bench.excitation import Step
+from ...bench.excitation import step_to
 from ...bench.metrics import motion
 from ...bench.verdict import HOLD
 from .outcome import Outcome, displayed, quantity
@@ -30,13 +30,12 @@ def measure(rig: Rig) -> Outcome:
     """Step from rest at zero to each size, no load."""
     figures, series, labels = {}, {}, {}
     for size in (sign * size for size in rig.sizes(SIZES) for sign in (1.0, -1.0)):
-        step = Step(radians(size), HOLD)
-        run = rig.run(step)
+        run = rig.run(step_to(radians(size), HOLD))
         group = group_of(size)
         labels[group] = f"{size:+g} deg"
         figures[group] = displayed(motion(run), QUANTITIES)
-        series[group] = {"time_s": run.columns["time"] - step.begin, "angle_deg": np.degrees(run.columns["fin_angle"]),
-                         "command_deg": np.array([size])}
+        series[group] = {"time_s": run.columns["time"] - run.excitation.begin,
+                         "angle_deg": np.degrees(run.columns["fin_angle"]), "command_deg": np.array([size])}
     largest = group_of(rig.sizes(SIZES)[-1])
     return Outcome(
         NAME, "Step response",

@@ -7,13 +7,14 @@ from math import degrees, nan
 
 import numpy as np
 
-from ...bench.excitation import STEP, Excitation, LoadRamp, LoadSine
+from ...bench.excitation import LOAD, STEP, Excitation, load_ramp, sine
 from ...bench.metrics import breakaway, fundamental, held
 from .outcome import Array, Outcome, Quantity, Value
 from .rig import Rig
 
 NAME = "dynamic_stiffness"
 FREQUENCIES = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)  # Hz
+CYCLES, SETTLE = 6.0, (4.0, 0.5)  # cycles fitted; cycles, and at least s, before them
 RAMP = 5.0  # s in which the breakaway ramp reaches the rated load
 BELOW, ABOVE = 0.8, 2.0  # unpowered load amplitudes, of the smaller and larger breakaway moment
 LOCKED = 1e-8  # rad peak to peak below which the fin counts as friction-locked
@@ -48,9 +49,9 @@ def sweep(rig: Rig, amplitude: float, enable: bool) -> Sweep:
     """Stepped-sine sweep of the hinge moment about 0 deg, each frequency a run of its own."""
     found, still, stops = [], [], []
     for frequency in FREQUENCIES:
-        sine = LoadSine(amplitude, frequency)
-        run = rig.run(sine if enable else _unpowered(sine)).columns
-        time, angle = (run[name][sine.looked_at(run["time"])] for name in ("time", "fin_angle"))
+        wave = sine(amplitude, frequency, CYCLES, SETTLE, LOAD)
+        run = rig.run(wave if enable else _unpowered(wave)).columns
+        time, angle = (run[name][wave.judged(run["time"])] for name in ("time", "fin_angle"))
         still.append(bool(np.ptp(angle) <= LOCKED))
         if np.any(run["at_stop"] > 0.5):
             stops.append(frequency)
@@ -104,8 +105,8 @@ def measure(rig: Rig) -> Outcome:
     return Outcome(
         NAME, "Dynamic stiffness",
         f"Sinusoidal hinge moment at {len(FREQUENCIES)} frequencies from {FREQUENCIES[0]:g} to {FREQUENCIES[-1]:g} Hz "
-        f"(stepped-sine sweep), command 0 deg; T/θ is the ratio of the fundamentals over {LoadSine.cycles:g} cycles, "
-        f"by least squares after at least {LoadSine.settle[0]:g} cycles. Powered: the loops hold 0 deg against half "
+        f"(stepped-sine sweep), command 0 deg; T/θ is the ratio of the fundamentals over {CYCLES:g} cycles, "
+        f"by least squares after at least {SETTLE[0]:g} cycles. Powered: the loops hold 0 deg against half "
         "the rated load. Unpowered: enable is false. Breakaway: unpowered, the moment is ramped from zero to the "
         f"rated load in {RAMP:g} s, which reads it high by less than 0.1 % of that load. Where the fin meets its "
         f"stops{stop} the frequency is left out.",
@@ -121,8 +122,8 @@ _LABELS = {"breakaway": "Breakaway moment, unpowered", "powered": "Powered",
 
 
 def _breakaway(rig: Rig, sign: float) -> float:
-    ramp = LoadRamp(sign * rig.load, RAMP)
-    return breakaway(ramp.columns["aero_torque"], rig.run(_unpowered(ramp)).columns["fin_angle"])
+    ramp = load_ramp(sign * rig.load, RAMP)
+    return breakaway(ramp.columns[LOAD], rig.run(_unpowered(ramp)).columns["fin_angle"])
 
 
 def _unpowered(excitation: Excitation) -> Excitation:

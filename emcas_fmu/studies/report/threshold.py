@@ -7,7 +7,7 @@ from math import degrees, inf, nan, radians, sqrt
 
 import numpy as np
 
-from ...bench.excitation import Staircase
+from ...bench.excitation import staircase
 from ...bench.verdict import HOLD
 from .outcome import Array, Outcome, Quantity
 from .rig import Rig
@@ -63,7 +63,7 @@ def measure(rig: Rig) -> Outcome:
             begin = direction * sense * radians(first)
 
             def moves(size: float, begin: float = begin, direction: float = direction, settle: float = settle) -> bool:
-                stairs = Staircase((begin, begin + direction * size), (settle, WITHIN), step=STEP)
+                stairs = staircase((begin, begin + direction * size), (settle, WITHIN), step=STEP)
                 return answered(rig.run(stairs).columns["fin_angle"], round(settle / STEP), direction, count)
 
             found[name] = degrees(smallest(moves, 0.5 * count, 0.5 * rig.subject.command_limit))

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...actuators import NONLINEAR, parts
 from ...bench import metrics, verdict
-from ...bench.excitation import Excitation, Inputs, Step
+from ...bench.excitation import Excitation, as_it_is, step_to
 from ...bench.subject import Columns, Identification, Run, Subject
 from ...bench.verdict import Judged
 from ...files import models_directory
@@ -133,8 +133,8 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
     """
     folder = directory or models_directory() / "reference"
     cases = stored.load(folder, names)
-    notes = [f"{case.name} is left out: {why}" for case in cases if (why := subject.obstacle(_excitation(case, False)))]
-    cases = [case for case in cases if not subject.obstacle(_excitation(case, False))]
+    notes = [f"{case.name} is left out: {why}" for case in cases if (why := subject.obstacle(as_it_is(_of(case))))]
+    cases = [case for case in cases if not subject.obstacle(as_it_is(_of(case)))]
     extra = {} if names else {**verdict.holds(), **_linear_steps(subject)}
     total, series = len(cases) + len(extra), dict[str, Series]()
     outputs = [name for name in RECORDED if name in subject.outputs]
@@ -146,9 +146,10 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
     for case in cases:
         starting(case.name)
         # The encoder's chatter hides small errors, so references do without; performance does not.
-        exact, shipped = _excitation(case, True), _excitation(case, False)
+        exact, shipped = _of(case), as_it_is(_of(case))
         compared = subject.run(exact, outputs=outputs) if case.model == subject.model else None
-        run = compared if compared and exact == shipped else subject.run(shipped, outputs=outputs)
+        same = compared if exact.start_values == shipped.start_values else None
+        run = same or subject.run(shipped, outputs=outputs)
         series[case.name] = Series(run, case.reference if compared else {}, compared)
     for name, excitation in extra.items():
         starting(name)
@@ -179,10 +180,9 @@ def _result(subject: Subject, folder: Path, cases: Sequence[stored.Stored], seri
                   tuple(results), trajectory, table2, comparisons, found, tuple(notes), series, linear)
 
 
-def _excitation(case: stored.Stored, exact: bool) -> Excitation:
-    return Inputs(case.title, {name: column for name, column in case.inputs.items() if name != "time"}, LEAD_IN,
-                  step=case.step, start_values={name: value for name, value in case.start_values.items()
-                                                if exact or not name.startswith("encoder.")})
+def _of(case: stored.Stored) -> Excitation:
+    return Excitation(case.title, {name: column for name, column in case.inputs.items() if name != "time"}, LEAD_IN,
+                      case.step, case.start_values)
 
 
 def _linear_name(amplitude: float) -> str:
@@ -194,7 +194,7 @@ def _linear_steps(subject: Subject) -> dict[str, Excitation]:
     if parts(subject.model)[0] != NONLINEAR:
         return {}
     period = LinearModel(subject.values).sample_time
-    return {_linear_name(amplitude): Step(radians(amplitude), _LINEAR_DURATION, step=period)
+    return {_linear_name(amplitude): step_to(radians(amplitude), _LINEAR_DURATION, step=period)
             for amplitude in claims.AMPLITUDES}
 
 
