@@ -29,6 +29,8 @@ from emcas_fmu.studies.validate.output import write_json, write_junit, write_rep
 from emcas_fmu.studies.validate.study import RECORDED, Series, _case_result, _trajectory, validate
 from emcas_fmu.studies.validate.study import Result as Validation
 
+from ..bench.subjects import FIN_PORT, Play
+
 pytestmark = pytest.mark.acceptance
 
 REFERENCE = models_directory() / "reference"
@@ -271,6 +273,18 @@ def test_case_an_actuator_has_no_input_for_is_left_out_and_said() -> None:
     assert [case.name for case in found.cases] == ["step_plus5"]
     assert "sag is left out: this actuator has no supply_voltage" in found.notes
     assert found.cases[0].figures["rise_time_s"] > 0.0
+
+
+def test_outputs_an_actuator_lacks_are_left_out(tmp_path: Path) -> None:
+    found = validate(Play(half=1e-6, there=FIN_PORT))
+    assert list(found.cases[0].errors) == ["fin_angle", "fin_rate"]
+    # A play follows at once: it is as accurate as can be, and no trajectory of the nonlinear actuator.
+    assert {j.name for j in found.judged if j.passed} >= {"range", "accuracy", "unloaded_rate", "loaded_rate"}
+    assert not any(j.passed for j in found.trajectory)
+    write_report(found, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert page.count("<svg") == 9
+    assert "current / A" not in page
 
 
 def test_parameter_file_and_fmu_are_judged_alike(whole: Validation) -> None:

@@ -47,7 +47,7 @@ def _line(axes: Axes, series: Series, name: str, scale: float, *, begin: float =
     columns = (series.exact if dots and series.exact else series.run).columns
     at = window(columns, begin, end)
     axes.plot(columns["time"][at] * 1e3, columns[name][at] * scale, **more)
-    if dots and len(series.reference):
+    if dots and name in series.reference:
         time = series.reference["time"]
         inside = np.flatnonzero((time >= begin) & (time <= end))[::dots]
         axes.plot(time[inside] * 1e3, series.reference[name][inside] * scale, color=plots.INK, **_DOTS)

@@ -203,6 +203,8 @@ def _case_result(case: stored.Stored, series: Series) -> CaseResult:
     if series.exact:
         rows = min(len(run.columns["time"]), len(series.reference["time"]))
         for name, (scale, unit) in _DISPLAY.items():
+            if name not in run.columns or name not in series.reference:
+                continue
             error = metrics.errors(run.columns[name][:rows] * scale, series.reference[name][:rows] * scale)
             errors[name] = VariableError(error.maximum, error.rms, unit)
     return CaseResult(case.name, case.title, case.kind, case.stop_time, run.stopped, run.wall_time, run.messages,
