@@ -15,13 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from emcas_fmu.acceptance.article import ParameterArticle
 from emcas_fmu.actuators import NAMES, NONLINEAR
 from emcas_fmu.baseline.compare import TEMPLATE, compare, record
 from emcas_fmu.baseline.read import read
-from emcas_fmu.baseline.subject import Subject
 from emcas_fmu.baseline.table import HEADER, lines, verdict
-from emcas_fmu.excitation import from_case
+from emcas_fmu.bench.excitation import reference_case
+from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.kernels import program
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
@@ -125,9 +124,9 @@ def drift() -> str:
     """What `emcas baseline check` shows first after a gain has changed by 1 %."""
     folder, gain = HERE, "controller.position.kp"
     shipped = load_parameters()
-    approved = record(read(TEMPLATE), Subject(ParameterArticle(shipped)), folder, "")
+    approved = record(read(TEMPLATE), ParameterSubject(shipped), folder, "")
     changed = shipped.replace({gain: round(1.01 * float(shipped.values[gain]), 6)})
-    found = compare(approved, Subject(ParameterArticle(changed)), folder)
+    found = compare(approved, ParameterSubject(changed), folder)
     parameters = [(c.name, c.approved, c.now) for c in found.parameters]
     return (markdown(HEADER, [line.cells for line in lines(found)][:SHOWN])
             + "\n\nand ends with\n\n" + markdown(("parameter", "approved", "now"), parameters)
@@ -139,10 +138,10 @@ def models() -> str:
     others = [name for name in NAMES if name != NONLINEAR]
     rows = []
     for case in CASES:
-        chosen = from_case(case.name)
+        chosen = reference_case(case.name)
         signals = {name.replace(".", "__"): column for name, column in chosen.columns.items()}
-        angles = {name: simulate(load_parameters(model=name).replace(chosen.overrides).values, chosen.stop, chosen.step,
-                                 model=name, **signals)["fin_angle"] for name in NAMES}
+        angles = {name: simulate(load_parameters(model=name).replace(chosen.start_values).values, chosen.stop,
+                                 chosen.step, model=name, **signals)["fin_angle"] for name in NAMES}
         apart = [np.degrees(np.abs(angles[name] - angles[NONLINEAR])) for name in others]
         rows.append([f"`{case.name}`", *(f"{a.max():.2g}°, {np.sqrt(np.mean(a**2)):.2g}°" for a in apart)])
     return markdown(("reference case", *others), rows)

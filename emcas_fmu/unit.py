@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from .actuators import NONLINEAR, fin_port, get
+from .actuators import NAMES, NONLINEAR, fin_port, get, parts
 from .actuators.declaration import Actuator, identifier
 from .errors import EmcasError
 from .parameters import ParameterSet, load_parameters
@@ -60,8 +60,9 @@ class Unit:
     def model(self) -> str:
         """Name of the model: EMCAS, EMCAS4, EMCAS_second_order, EMCAS_heat (nonlinear)."""
         several = "" if self.fins == 1 else f"{self.fins}"
-        name = self.actuator.name
-        return f"EMCAS{several}" + ("" if name == NONLINEAR else f"_{identifier(name.removeprefix(f'{NONLINEAR}+'))}")
+        actuator, extensions = parts(self.kind)
+        names = [actuator if actuator in NAMES else get(actuator).name, *extensions]
+        return "_".join([f"EMCAS{several}", *(identifier(name) for name in names if name != NONLINEAR)])
 
     @property
     def actuator(self) -> Actuator:

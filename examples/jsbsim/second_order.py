@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from emcas_fmu import fitting
+from emcas_fmu.bench.fmu import opened
 from emcas_fmu.fitting import MODEL, Fit
 from emcas_fmu.kernels import program
 from emcas_fmu.kernels.core import Core
 from emcas_fmu.parameters import ParameterSet, load_parameters
-from emcas_fmu.validation.runs import opened
 from emcas_fmu.variables import FILE_ENTRIES, INPUTS, OUTPUTS
 
 from .actuators import Demand, Response

@@ -193,7 +193,7 @@ def test_an_fmu_tells_its_model(write: Write, faulty: Path) -> None:
 
 @pytest.mark.fmu
 def test_an_fmu_that_does_not_tell(write: Write, faulty: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("emcas_fmu.validation.runs.model_of", lambda name: None)
+    monkeypatch.setattr("emcas_fmu.bench.fmu.model_of", lambda name: None)
     plain = FAULTS.replace('[base]\nmodel = "nonlinear+faults"\n', "")
     with pytest.raises(CampaignError, match=r"does not tell its model; name it with --model"):
         load_study(write(plain), faulty)

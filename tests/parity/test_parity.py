@@ -18,7 +18,7 @@ from emcas_fmu.fmi.model_description import start_values
 from emcas_fmu.fmi.slave import Slave, Table
 from emcas_fmu.kernels import program
 from emcas_fmu.reference.cases import CASES
-from emcas_fmu.validation.stored import load
+from emcas_fmu.reference.stored import load
 from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS, VARIABLES
 
 from ..fmu.host import OK, Fmu, Instance
