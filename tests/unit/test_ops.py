@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from emcas_fmu import control, integrate, schedule, sensors
+from emcas_fmu import control, schedule, sensors, step_rigid
 from emcas_fmu.actuators.electromechanical import nonlinear
 from emcas_fmu.kernels import program
 from emcas_fmu.ops import FLOATS
@@ -20,7 +20,7 @@ from emcas_fmu.ops.python_source import python_source
 from emcas_fmu.ops.symbols import SYMBOLS
 from emcas_fmu.ops.trace import Tracer
 from emcas_fmu.physics import bus, drive, friction, kinematics, loads, mechanics
-from tests.default_actuator import namespace
+from tests.default_actuator import ACTUATOR, namespace
 
 Function = Callable[..., Any]
 LANES = 40
@@ -52,11 +52,11 @@ def _public(module: ModuleType) -> list[Function]:
 
 
 # Functions whose arguments are plain values; the others are reached through these.
-STRUCTURED = {loads.specific_force, mechanics.breakaway, mechanics.damping, integrate.advance, control.output,
-              integrate.electrical_mode, integrate.current_course, integrate.integral_end, integrate.stop_time,
-              integrate.time_to, integrate.voltage_events, integrate.voltage_time, friction.bristles, friction.falls,
+STRUCTURED = {loads.specific_force, mechanics.breakaway, mechanics.damping, step_rigid.advance, control.output,
+              step_rigid.electrical_mode, step_rigid.current_course, step_rigid.integral_end, step_rigid.stop_time,
+              step_rigid.time_to, step_rigid.voltage_events, step_rigid.voltage_time, friction.bristles, friction.falls,
               control.update, friction.coulomb_reference, friction.coulomb_polynomial}
-MODULES = (bus, kinematics, friction, loads, mechanics, drive, sensors, control, integrate, schedule, nonlinear)
+MODULES = (bus, kinematics, friction, loads, mechanics, drive, sensors, control, step_rigid, schedule, nonlinear)
 PLAIN = [f for module in MODULES for f in _public(module) if f not in STRUCTURED]
 
 
@@ -89,14 +89,14 @@ def _columns(names: Iterable[str], seed: int) -> list[Any]:
 
 
 @pytest.mark.parametrize("function", PLAIN, ids=lambda f: f"{f.__module__.rsplit('.', 1)[1]}.{f.__name__}")
-@pytest.mark.parametrize("namespace", ["arrays", "symbols", "traced"])
-def test_every_function_over_every_namespace(function: Function, namespace: str, values: Mapping[str, Any]) -> None:
+@pytest.mark.parametrize("kind", ["arrays", "symbols", "traced"])
+def test_every_function_over_every_namespace(function: Function, kind: str, values: Mapping[str, Any]) -> None:
     columns = _samples(function)
     p = namespace(values)
     expected = np.array([_call(function, FLOATS, p, [c[i].item() for c in columns]) for i in range(LANES)], float)
     with np.errstate(over="ignore"):
-        actual = {"arrays": _arrays, "symbols": _symbols, "traced": _traced}[namespace](function, columns, values)
-    if namespace == "traced":
+        actual = {"arrays": _arrays, "symbols": _symbols, "traced": _traced}[kind](function, columns, values)
+    if kind == "traced":
         np.testing.assert_array_equal(actual, expected)  # the same operations in the same order: the same bits
     else:
         scale = np.abs(expected).max(axis=0, keepdims=True)
@@ -133,7 +133,7 @@ def _traced(function: Function, columns: list[np.ndarray], values: Mapping[str, 
 def test_the_kernel_is_the_traced_actuator(values: Mapping[str, Any]) -> None:
     kernel = program.make()(values)
     p = namespace(values)
-    for (_, names, function), compiled in zip(program.functions(), kernel, strict=True):
+    for (_, names, function), compiled in zip(program.functions(ACTUATOR), kernel, strict=True):
         columns = _columns(names, seed=2)
         for i in range(LANES if columns else 1):
             arguments = [c[i].item() for c in columns]
