@@ -6,7 +6,7 @@ and so on; vehicle motion and supply are shared, and a bus and mixing inputs com
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -91,7 +91,7 @@ class Unit:
         total = replace(supply.power, description="electrical power drawn by all motors; negative while regenerating")
         return BUS_VOLTAGE, BUS_CURRENT, total
 
-    def _each(self, variables: Iterable[Variable]) -> tuple[Variable, ...]:
+    def _each(self, variables: Sequence[Variable]) -> tuple[Variable, ...]:
         return tuple(replace(v, name=self.name(v.name, fin)) for fin in range(self.fins) for v in variables)
 
     @cached_property
@@ -102,7 +102,7 @@ class Unit:
         source = {} if supply is None else {supply.input.name: "voltage of the source of the bus"}
         shared = tuple(replace(v, description=source.get(v.name, v.description))
                        for v in inputs if v.name in self.shared)
-        return shared + MIXING + self._each(v for v in inputs if v.name not in self.shared)
+        return shared + MIXING + self._each([v for v in inputs if v.name not in self.shared])
 
     @cached_property
     def outputs(self) -> tuple[Variable, ...]:
