@@ -1,4 +1,4 @@
-"""What a declaration gives: a further input that acts on the plant, fins without a supply, nothing idle in shipped ones.
+"""A declaration: a further input that acts on the plant, fins without a supply, nothing idle in shipped ones.
 
 The actuator with such inputs is the tests' own, driven.py beside this file.
 """
@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
 from math import sin
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import fromstring
 
 import numpy as np
 import pytest
@@ -21,6 +23,7 @@ from hypothesis import strategies as st
 
 from emcas_fmu.actuators import EXTENSIONS, NAMES, get
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.model_description import terminals_and_icons, to_bytes
 from emcas_fmu.fmi.slave import Slave
 from emcas_fmu.kernels import program
 from emcas_fmu.kernels.compiled import CompiledCore
@@ -29,9 +32,11 @@ from emcas_fmu.namespace import Record
 from emcas_fmu.ops.c_source import TEMPLATES
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.ops.trace import Expr
+from emcas_fmu.ops.usage import Writer
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 from emcas_fmu.unit import Unit
+from emcas_fmu.variables import real_input
 
 from ..fmu.built import both
 from ..fmu.built import slave_class as local_class
@@ -85,7 +90,8 @@ def test_a_tick_is_split_where_such_an_input_changes(name: str) -> None:
     """Ticks are 0.5 ms, the change is 0.2 ms into one: the plant takes 0.2 ms of the old value and 0.3 of the new."""
     values = load_parameters(model=DRIVEN).values
     actuator, p = get(DRIVEN), get(DRIVEN).namespace(values)
-    before, after = {"pressure": RATED, "drift": 0.0}, {"pressure": RATED, "drift": 0.0}
+    before: dict[str, Any] = {"pressure": RATED, "drift": 0.0}
+    after = dict(before)
     after[name] = {"pressure": 0.25 * RATED, "drift": 0.5}[name]
     found = []
     for core in _cores():
@@ -132,7 +138,8 @@ def test_steps_of_the_host_do_not_matter_while_inputs_hold() -> None:
 
 _changes = st.lists(st.tuples(
     st.floats(0.0, 2.0 * RATED), st.sampled_from([0.0, 0.0, 0.3]), st.booleans(), st.floats(-0.3, 0.3),
-    st.floats(-100.0, 100.0), st.sampled_from([0.9e-4, 2.3e-4, 1e-3, 4.1e-3]), st.integers(1, 6)), min_size=1, max_size=6)
+    st.floats(-100.0, 100.0), st.sampled_from([0.9e-4, 2.3e-4, 1e-3, 4.1e-3]), st.integers(1, 6)),
+    min_size=1, max_size=6)
 COMMON = settings(deadline=None, derandomize=True, max_examples=60,
                   suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 
@@ -232,7 +239,6 @@ def test_both_back_ends(unit: Unit, library: Fmu, slave_class: type[Slave], segm
     python.enter_initialization_mode()
     python.exit_initialization_mode()
     index, kinds = unit.reference, {v.name: v.kind for v in unit.variables}
-    shown = [v for v in unit.outputs]
 
     def give(name: str, value: Any) -> None:
         if name in index:
@@ -240,8 +246,8 @@ def test_both_back_ends(unit: Unit, library: Fmu, slave_class: type[Slave], segm
             assert native.set(name, value) == OK
 
     def told() -> list[Any]:
-        getters = {"Real": python.get_real, "Boolean": python.get_boolean}
-        return [getters.get(v.kind, python.get_integer)([index[v.name]])[0] for v in shown]
+        getters: dict[str, Any] = {"Real": python.get_real, "Boolean": python.get_boolean}
+        return [getters.get(v.kind, python.get_integer)([index[v.name]])[0] for v in unit.outputs]
 
     time = 0.0
     for rows, shared, size, steps, again in segments:
@@ -257,7 +263,7 @@ def test_both_back_ends(unit: Unit, library: Fmu, slave_class: type[Slave], segm
                 assert python.do_step(time, size)
                 assert native.step(time, size) == OK
                 time += size
-            assert told() == [native.get(v.name) for v in shown]
+            assert told() == [native.get(v.name) for v in unit.outputs]
             if saved:
                 python._set_fmu_state(saved[0])
                 assert native.call("fmi2SetFMUstate", saved[1]) == OK
@@ -302,7 +308,7 @@ def _read(model: str) -> set[str]:
 @pytest.mark.parametrize("model", WITH_EXTENSIONS)
 def test_every_parameter_is_read(model: str) -> None:
     idle = {v.name for v in get(model).parameters} - _read(model)
-    # Two are of the tools: the envelope's limit, and what is told of a rotor.
+    # The envelope's, as its description says: nothing acts on it in the simulation.
     assert idle <= {"heat.winding_limit"}
 
 
@@ -316,11 +322,7 @@ def test_no_output_is_a_constant(model: str) -> None:
 
 @pytest.mark.parametrize("model", [*WITH_EXTENSIONS, DRIVEN])
 @pytest.mark.parametrize("fins", [1, 2])
-def test_terminals_name_only_what_there_is(model: str, fins: int, tmp_path: Path) -> None:
-    from xml.etree.ElementTree import fromstring
-
-    from emcas_fmu.fmi.model_description import terminals_and_icons, to_bytes
-
+def test_terminals_name_only_what_there_is(model: str, fins: int) -> None:
     unit = Unit(fins, model)
     there = {v.name for v in unit.inputs + unit.outputs}
     root = fromstring(to_bytes(terminals_and_icons(unit)))
@@ -371,9 +373,5 @@ def test_every_extension_is_among_these() -> None:
 
 
 def test_a_name_of_an_input_that_is_a_state_s_is_refused() -> None:
-    from dataclasses import replace
-
-    from emcas_fmu.variables import real_input
-
     with pytest.raises(EmcasError, match="fin_rate is the name of two things"):
         replace(get(DRIVEN), further_inputs=(real_input("fin.rate", "rad/s", "a slip"),))

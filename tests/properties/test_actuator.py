@@ -57,12 +57,12 @@ def test_friction_never_creates_energy(values: Mapping[str, Any], speed: float, 
             "friction.fin_coulomb": coulomb}
     p = namespace(case)
     core = new_core(case)
-    tick, (_, _, current, xi), *rest = core.state
+    period, position, (_, _, current, xi), *rest = core.state
     motor = kinematics.motor_angle(FLOATS, p, start)
-    core.state = (tick, (motor, speed, current, xi), *rest)
+    core.state = (period, position, (motor, speed, current, xi), *rest)
 
     def energy() -> float:
-        angle, w, *_ = core.state[1]
+        angle, w, *_ = core.state[2]
         w = float(w)
         return 0.5 * float(mechanics.coefficients(FLOATS, p, angle, 0.0, 0.0, 0.0).inertia) * w * w
 
