@@ -21,6 +21,10 @@ from emcas_fmu.variables import boolean_input, parameter, real_input, real_outpu
 RATED = 2e5  # Pa
 
 
+def initial(ops: Ops, p: Any, start: Record) -> Values:
+    return {"fin_angle": start.fin_angle, "measured_fin_angle": start.fin_angle, "gain": 1.0}
+
+
 def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
     boost = ops.where(asked.boost, 2.0, 1.0)
     return {"reference": ops.where(asked.enable, boost * fin_port.clipped_command(ops, p, asked.command), 0.0),
@@ -66,6 +70,7 @@ ACTUATOR = Actuator(
     parameters=(*fin_port.PARAMETERS,
                 tunable("hydraulic.gain", "1/s", 0.0, 1e3, "gain at the rated pressure"),
                 parameter("hydraulic.time", "s", 1e-4, 1.0, "time constant of the rate")),
+    initial=initial,
     sample=sample,
     step=step,
     output_values=output_values,
