@@ -173,7 +173,8 @@ def test_losses_are_stored_or_leave() -> None:
 @pytest.mark.parametrize("model", MODELS)
 def test_without_coefficients_and_i2t_it_is_the_model(model: str) -> None:
     """Bit for bit; second-order has no current to be warm by."""
-    values = values_of({**NO_COEFFICIENTS, "heat.peak_time": 1e4}, f"{model}+heat")
+    has = load_parameters(model=f"{model}+heat").having  # there is no I2t where there is no limit
+    values = values_of(has({**NO_COEFFICIENTS, "heat.peak_time": 1e4}), f"{model}+heat")
     inputs: dict[str, Any] = {"fin_command": lambda t: 0.2 if sin(20.0 * t) > 0.0 else -0.2,
                               "aero_torque": lambda t: 60.0 * sin(50.0 * t), "enable": lambda t: not 0.2 < t < 0.23}
     warm = simulate(values, 0.3, model=f"{model}+heat", **inputs)
@@ -186,8 +187,9 @@ def test_without_coefficients_and_i2t_it_is_the_model(model: str) -> None:
 @pytest.mark.skipif(not compiled.available(MODEL), reason="no C compiler")
 @pytest.mark.parametrize("model", MODELS)
 def test_kernels_agree(model: str) -> None:
-    values = values_of({"heat.peak_time": 0.05, "heat.continuous_current": 5.0, "heat.winding_start_rise": 30.0},
-                     f"{model}+heat")
+    has = load_parameters(model=f"{model}+heat").having
+    values = values_of(has({"heat.peak_time": 0.05, "heat.continuous_current": 5.0, "heat.winding_start_rise": 30.0}),
+                       f"{model}+heat")
     inputs: dict[str, Any] = {"fin_command": lambda t: 0.3 if sin(30.0 * t) > 0.0 else -0.3, "aero_torque": -40.0,
                               "enable": lambda t: not 0.1 < t < 0.11}
     runs = [simulate(values, 0.2, 3.7e-4, kernel, f"{model}+heat", **inputs) for kernel in ("python", "compiled")]
