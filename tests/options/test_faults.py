@@ -16,7 +16,6 @@ from emcas_fmu.simulation import simulate
 
 from .fault_runs import BASE, BIT, MODEL, PLAIN, SHARED, equal, gust, scheduled, wave
 
-
 ELASTIC = "elastic+faults"
 # The faults an actuator cannot have; the others it has, with their bits where they are in every other.
 IMPOSSIBLE = {
