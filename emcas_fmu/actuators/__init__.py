@@ -98,7 +98,7 @@ def _get(name: str, extensions: tuple[str, ...]) -> Actuator:
 def _extended(actuator: Actuator, extension: Extension, name: str, extensions: tuple[str, ...]) -> Actuator:
     for need in extension.needs:
         if need not in actuator.provides and (
-                taken := [each for each in extensions if need in get_extension(each).replaces]):
+                taken := [each for each in extensions[:-1] if need in get_extension(each).replaces]):
             raise EmcasError(f"--model {_SEPARATOR.join((name, *extensions))}: {extension.name} needs {need}, which "
                              f"{taken[0]} replaces")
     require(_SEPARATOR.join((name, *extensions)), extension.name, *extension.needs, actuator=actuator)
