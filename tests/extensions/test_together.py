@@ -41,7 +41,7 @@ def fitting(model: str, options: tuple[str, ...]) -> tuple[str, ...]:
 
 def run(model: str, overrides: Mapping[str, Any], kernel: str = "auto") -> Mapping[str, Any]:
     parameters = load_parameters(model=model)
-    supply = {"supply_voltage": lambda t: 39.0 if t < 0.2 else 24.0} if get(model).supply else {}
+    supply: dict[str, Any] = {"supply_voltage": lambda t: 39.0 if t < 0.2 else 24.0} if get(model).supply else {}
     return simulate(parameters.replace(overrides).values, 0.3, model=model, kernel=kernel,
                     fin_command=lambda t: 0.2 * sin(25.0 * t), aero_torque=lambda t: 60.0 * sin(40.0 * t),
                     enable=lambda t: not 0.1 < t < 0.12, **supply)
