@@ -66,8 +66,8 @@ def test_both_back_ends_in_processes_of_their_own(model: str, built: Mapping[str
     for backend, path in built.items():
         with zipfile.ZipFile(path) as archive:
             archive.extractall(tmp_path / backend)
-        done = subprocess.run([sys.executable, "-m", "tests.extensions.drive", str(tmp_path / backend), script], cwd=ROOT,
-                              capture_output=True, text=True, timeout=120, check=False)
+        done = subprocess.run([sys.executable, "-m", "tests.extensions.drive", str(tmp_path / backend), script],
+                              cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
         assert done.returncode == 0, done.stderr
         rows[backend] = json.loads(done.stdout)
     assert rows["python"] == rows["native"]
