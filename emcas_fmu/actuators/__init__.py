@@ -110,7 +110,7 @@ def require(name: str, purpose: str, *needs: str, actuator: Actuator | None = No
     chosen = get(name) if actuator is None else actuator
     for need in needs:
         if need not in chosen.provides:
-            having = [each for each in NAMES if need in get(each).provides]
+            having = [each for each in NAMES if get(each).provides.issuperset(needs)]
             raise EmcasError(f"--model {name}: {purpose} needs {need}; {chosen.name} has none, {', '.join(having)} "
                              f"{'has' if len(having) == 1 else 'have'}")
 

@@ -343,8 +343,10 @@ def test_bristles_too_stiff_for_the_tick_are_refused() -> None:
 
 
 @pytest.mark.parametrize(("model", "reason"), [
-    ("linear+lugre", "dry friction"), ("second-order+lugre", "dry friction"), ("elastic+lugre", "one inertia"),
-    ("ristanovic+lugre", "one inertia and drive"), ("habibi+lugre", "one inertia"), ("ozkan+lugre", "one inertia")])
+    ("linear+lugre", "Coulomb friction at the motor"), ("second-order+lugre", "a rigid drive line"),
+    ("elastic+lugre", "a rigid drive line"), ("ristanovic+lugre", "a current loop"),
+    ("habibi+lugre", "a rigid drive line"), ("ozkan+lugre", "a rigid drive line")])
 def test_where_it_does_not_belong_it_is_refused(model: str, reason: str) -> None:
-    with pytest.raises(EmcasError, match=reason):
+    has_none = f"{model.partition('+')[0]} has none"
+    with pytest.raises(EmcasError, match=f"lugre needs {reason}; {has_none}, nonlinear has$"):
         get(model)

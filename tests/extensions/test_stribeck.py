@@ -208,8 +208,9 @@ def test_bad_values_are_refused(name: str, value: object) -> None:
 
 
 @pytest.mark.parametrize(("model", "reason"), [
-    ("linear+stribeck", "no dry friction"), ("second-order+stribeck", "no friction"),
-    ("nonlinear+lugre+stribeck", r"lugre\.static_ratio")])
+    ("linear+stribeck", "stribeck needs Coulomb friction at the motor; linear has none"),
+    ("second-order+stribeck", "stribeck needs Coulomb friction at the motor; second-order has none"),
+    ("nonlinear+lugre+stribeck", "lugre needs Coulomb friction at the motor, which stribeck replaces")])
 def test_where_it_does_not_belong_it_is_refused(model: str, reason: str) -> None:
     with pytest.raises(EmcasError, match=reason):
         get(model)
