@@ -130,9 +130,11 @@ class Actuator:
 
     name: str
     title: str
+    # Where the equations come from, in sentences.
+    origin: str = ""
 
     # States: moved by steps; moved by samples, which alone see them; set by samples and seen by everything.
-    states: tuple[State, ...]
+    states: tuple[State, ...] = ()
     controller_states: tuple[State, ...] = ()
     sampled_states: tuple[State, ...] = ()
     # Those, of angle and speed, that the sensors read.
