@@ -102,8 +102,8 @@ def longest_tick(ops: Ops, p: Any) -> Value:
 
 ACTUATOR = Actuator(
     name="nonlinear",
-    title="Nonlinear electromechanical control actuation system: brushless motor, current-mode drive, ball screw, lever "
-          "and fin, with position, velocity and current loops",
+    title="Nonlinear electromechanical control actuation system: brushless motor, current-mode drive, ball screw, "
+          "lever and fin, with position, velocity and current loops",
     origin="The model is that of Ü. Yerlikaya, Dynamic modeling and control of an electromechanical control actuation "
            "system, M.S. thesis, METU, 2016; numbers in brackets are its equations. Where the thesis gives no number, "
            "the default is an engineering estimate, marked as such; it is not a measurement of the thesis's prototype.",
