@@ -39,7 +39,9 @@ from ..schedule import schedule
 Array = NDArray[Any]
 System = Any
 """A control.StateSpace with named inputs and outputs."""
-LOOPS = ("current", "velocity", "position", "reference")
+LOOPS = {"current": capabilities.CURRENT_LOOP, "velocity": capabilities.CASCADE, "position": capabilities.CASCADE,
+         "reference": capabilities.POSITION_LOOP}
+"""Loops by name, with what an actuator needs to have them."""
 _LAID_ASIDE = ("homing", "faults")
 _SHOWN = ("fin_angle", "motor_angle", "motor_current", "motor_voltage")
 _ITERATIONS = 30
@@ -92,15 +94,15 @@ class LinearActuator:
     """The linearised actuator of flat parameter `values` in SI, at rest at `fin_angle` [rad] under `aero_torque` [N.m].
 
     ``continuous`` is its plant, ``plant`` that at the samples with the delay, ``controller`` the sampled controllers;
-    ``loops`` those of LOOPS that it has. Raises EmcasError where the actuator cannot rest there.
+    ``rest`` are its states there, ``loops`` those of LOOPS that it has. Raises EmcasError where the actuator cannot rest there.
     """
 
     def __init__(self, values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque: float = 0.0,
                  model: str = NONLINEAR) -> None:
         self.actuator = actuator = get(model)
         if actuator.derivatives is None:
-            raise EmcasError(f"--model {model}: linear analysis takes an actuator's derivatives; {actuator.name} declares "
-                             "a step alone, give both")
+            raise EmcasError(f"--model {model}: linear analysis takes an actuator's derivatives; {actuator.name} "
+                             "declares a step alone, give it both")
         limit = values["command.limit"]
         if not abs(fin_angle) <= limit * (1.0 + 1e-9):
             raise EmcasError(f"operating point {degrees(fin_angle):g} deg: no command reaches it; give an angle within "
@@ -108,10 +110,8 @@ class LinearActuator:
         self.values = {**values, "compensation.gain": 0.0}
         self.p = p = actuator.namespace(self.values)
         self.period = float(p.controller.sample_time)
-        self.loops = tuple(name for name, needs in zip(LOOPS, (
-            capabilities.CURRENT_LOOP, capabilities.CASCADE, capabilities.CASCADE, capabilities.POSITION_LOOP),
-            strict=True) if needs in actuator.provides)
-        self._at, self._model = (fin_angle, aero_torque), model
+        self.loops = tuple(name for name, need in LOOPS.items() if need in actuator.provides)
+        self._at, self.model = (fin_angle, aero_torque), model
         self._start = {name: float(value) for name, value in actuator.start(FINE, p, fin_angle).items()}
         self._states = [s.name for s in actuator.states]
         self._held = [s.name for s in actuator.sampled_states]
@@ -135,7 +135,7 @@ class LinearActuator:
         return self.values[variable.key] if variable.key else variable.start or 0.0
 
     @property
-    def _supply(self) -> float:
+    def _supply(self) -> Any:
         return self._started(self.actuator.supply.input) if self.actuator.supply else 0.0
 
     def _linear_plant(self) -> System:
@@ -167,12 +167,13 @@ class LinearActuator:
                     np.column_stack([slopes[rows, :count] @ spread, slopes[rows, count]]))
 
         found = _solve(balance, np.zeros(size + 1))
-        self._x, reference = begin + spread @ found[:size], float(found[size])
+        reference = float(found[size])
+        self.rest = begin + spread @ found[:size]
         residual, slopes = balance(found)
         scale = np.max(np.abs(slopes[:size, size])) * max(abs(reference), 1.0)
-        values, slopes = at([*self._x, reference, aero_torque, *held])
+        values, slopes = at([*self.rest, reference, aero_torque, *held])
         self.point = self._resting(reference, *values[count + 1:])
-        x = Record(**dict(zip(states, map(float, self._x), strict=True)))
+        x = Record(**dict(zip(states, map(float, self.rest), strict=True)))
         limited = actuator.rates(FLOATS, p, x, self._acting(reference, aero_torque, held)).values()
         if not max(np.max(np.abs(residual)), *map(abs, limited)) <= _REST * scale:
             raise EmcasError(f"{self._where} no reference within the drive's limits holds it; give a smaller torque")
@@ -195,8 +196,8 @@ class LinearActuator:
                 (capabilities.VOLTAGE_LIMIT, "drive.supply_voltage", voltage, "V"),
                 (capabilities.REFERENCE_LIMIT, "drive.reference_limit", reference, "V")):
             if capability in provides and needed is not None and abs(needed) >= (limit := self.values[name]):
-                raise EmcasError(f"{self._where} holding it takes {abs(needed):.4g} {unit}, {name} is {limit:g} {unit}; "
-                                 "give a smaller torque")
+                raise EmcasError(f"{self._where} holding it takes {abs(needed):.4g} {unit}, {name} is {limit:g} {unit}; give "
+                                 "a smaller torque")
         ratio = None
         if capabilities.SCREW_DRIVE in provides:
             tangent = kinematics.lever_tangent(FLOATS, p, kinematics.motor_angle(FLOATS, p, fin_angle))
@@ -220,15 +221,16 @@ class LinearActuator:
         still = np.append(np.eye(count), np.zeros((1, count)), axis=0)
 
         def balance(kept: Array) -> tuple[Array, Array]:
-            values, slopes = at([*kept, *self._x, fin_angle])
+            values, slopes = at([*kept, *self.rest, fin_angle])
             return (values[:count + 1] - np.append(kept, self.point.reference), slopes[:count + 1, :count] - still)
 
         kept = _solve(balance, np.array([self._start[name] for name in names]))
-        _, slopes = at([*kept, *self._x, fin_angle])
+        _, slopes = at([*kept, *self.rest, fin_angle])
         a, b, c, d = slopes[:count, :count], slopes[:count, count:], slopes[count:, :count], slopes[count:, count:]
         moving = np.any(a != np.eye(count), axis=1) | np.any(b != 0.0, axis=1)
         return ct.ss(a[np.ix_(moving, moving)], b[moving], c[:, moving], d, self.period,
-                     inputs=[*map(_seen, self._states), "command"], outputs=["reference", "measured_angle", *self._held])
+                     inputs=[*map(_seen, self._states), "command"],
+                     outputs=["reference", "measured_angle", *self._held])
 
     @cached_property
     def _links(self) -> list[tuple[str, str]]:
@@ -289,7 +291,7 @@ class LinearActuator:
         """
         lagless = self
         if capabilities.ENCODER in self.actuator.provides:
-            lagless = LinearActuator({**self.values, "encoder.enabled": False}, *self._at, self._model)
+            lagless = LinearActuator({**self.values, "encoder.enabled": False}, *self._at, self.model)
         c, period = lagless.controller, self.period
         law = ct.ss((c.A - np.eye(len(c.A))) / period, c.B / period, c.C, c.D,
                     inputs=c.input_labels, outputs=c.output_labels)

@@ -91,7 +91,8 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     def as_two() -> tuple[Value, ...]:
         s = sides(ops, p, x)
         torque = drive_line.torque(drive_line.line(ops, p), s.angle - s.fin_angle, s.speed - s.fin_speed, 0.0)
-        rotor = (drive.torque(p, drive.flowing(p, u.reference, s.current)) + p.screw.lead * loads.nut_force(ops, p, u.f_x) - torque
+        driving = drive.torque(p, drive.flowing(p, u.reference, s.current))
+        rotor = (driving + p.screw.lead * loads.nut_force(ops, p, u.f_x) - torque
                  - friction.mean_viscous(ops, p) * s.speed)
         m = drive_line.fin_side(ops, p, s.fin_angle, u.aero_torque, u.f_x, u.f_z)
         fin = (torque + m.load - p.friction.fin_viscous / (m.ratio * m.ratio) * s.fin_speed

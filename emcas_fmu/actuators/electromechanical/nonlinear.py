@@ -53,7 +53,8 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     m = mechanics.coefficients(ops, p, x.motor_angle, u.aero_torque, u.f_x, u.f_z)
     speed, current = x.motor_speed, x.motor_current
     damping = friction.mean_viscous(ops, p) + p.friction.fin_viscous / (m.ratio * m.ratio)
-    torque = drive.torque(p, drive.flowing(p, u.reference, current)) + m.load - damping * speed + m.centrifugal * speed * speed
+    driving = drive.torque(p, drive.flowing(p, u.reference, current))
+    torque = driving + m.load - damping * speed + m.centrifugal * speed * speed
     rise, integral = drive.rates(p, u.reference, speed, current, x.drive_integral)
     return {"motor_angle": speed, "motor_speed": torque / m.inertia, "motor_current": rise,
             "drive_integral": integral}
