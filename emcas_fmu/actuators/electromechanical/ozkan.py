@@ -28,9 +28,13 @@ _GAPLESS = {**{f"drive_line.{name}": 0.0 for name in ("axial_compliance", "axial
                                                       "contact_damping")}, "drive_line.contact_stiffness": 1.0}
 
 
+def _gapless(_: Ops, p: Any) -> Any:
+    return with_values(at_motor(p), _GAPLESS)
+
+
 def _ozkan(ops: Ops, p: Any) -> Any:
-    return with_values(at_motor(p), {
-        **_GAPLESS, "drive_line.torsional_compliance": ops.maximum(p.drive_line.torsional_compliance, _STIFFEST)})
+    return with_values(_gapless(ops, p), {
+        "drive_line.torsional_compliance": ops.maximum(p.drive_line.torsional_compliance, _STIFFEST)})
 
 
 def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
@@ -56,6 +60,7 @@ ACTUATOR = replace(
     structure=Structure(constant_ratio=True, current="ideal", drive_line=True),
     initial=rewired(elastic.initial, _ozkan),
     sample=rewired(elastic.sample, _ozkan),
+    derivatives=rewired(elastic.derivatives, _gapless),
     step=rewired(elastic.yielding, _ozkan),
     output_values=output_values,
     modules=(sys.modules[__name__], *elastic.ACTUATOR.modules),
