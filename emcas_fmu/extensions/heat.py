@@ -102,9 +102,12 @@ def extend(actuator: Actuator) -> Actuator:
         current = ops.where(u.enabled, x.motor_current, 0.0)  # a disabled drive's bridge is open
         q = through(ops, p, x, u, current, h)
         moved, used = actuator.step(ops, q, x, u, h)
-        plant = Plant(getattr(x, angle), getattr(x, speed), x.motor_current, x.drive_integral)
-        tau = electrical_mode(ops, actuator.equation_parameters(ops, q), plant, u).tau
-        square = heat.mean_square(ops, current, moved["motor_current"], used / tau)
+        if p.structure.current == "ideal":
+            square = moved["motor_current"] * moved["motor_current"]
+        else:
+            plant = Plant(getattr(x, angle), getattr(x, speed), x.motor_current, x.drive_integral)
+            tau = electrical_mode(ops, actuator.equation_parameters(ops, q), plant, u).tau
+            square = heat.mean_square(ops, current, moved["motor_current"], used / tau)
         winding, case = heat.warmed(p, x.winding_temperature, x.case_temperature, q.motor.resistance * square, used)
         moved = {**moved, "winding_temperature": winding, "case_temperature": case}
         if limits:

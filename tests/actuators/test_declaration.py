@@ -310,7 +310,7 @@ def _read(model: str) -> set[str]:
 def test_every_parameter_is_read(model: str) -> None:
     idle = {v.name for v in get(model).parameters} - _read(model)
     # Of the torque-speed envelope, as its description says; and a loop's gain that an ideal one has for heat alone.
-    assert idle == ({"heat.winding_limit"} if "heat" in model else {"drive.kp"} if model == "ozkan" else set())
+    assert idle == ({"heat.winding_limit"} if "heat" in model else set())
 
 
 @pytest.mark.parametrize("model", WITH_EXTENSIONS)

@@ -95,6 +95,8 @@ def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
 
 def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: Acting) -> tuple[Value, ...]:
     """Return motor voltage [V] and current [A] at a motor speed [rad/s], and whether a limit is met (above 0)."""
+    if p.structure.current == "ideal":
+        return _ideal(ops, p, speed, u)
     limit = ops.maximum(u.supply, 0.0)
 
     def powered() -> tuple[Value, ...]:
@@ -102,6 +104,13 @@ def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: Acting) -> tuple[Va
         return voltage, x.motor_current, ops.where(clipped, 1.0, 0.0)
 
     return ops.branch(u.enabled, powered, lambda: (drive.back_emf(p, speed), 0.0, 0.0))
+
+
+def _ideal(ops: Ops, p: Any, speed: Value, u: Acting) -> tuple[Value, ...]:
+    """Return the current of an ideal loop and the voltage that it would need."""
+    current = ops.where(u.enabled, drive.current_reference(ops, p, u.reference), 0.0)
+    over = ops.both(u.enabled, ops.fabs(drive.current_reference_raw(p, u.reference)) > p.drive.current_limit)
+    return p.motor.resistance * current + drive.back_emf(p, speed), current, ops.where(over, 1.0, 0.0)
 
 
 def longest_tick(ops: Ops, p: Any) -> Value:
