@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import degrees, isnan, nan
+from math import degrees, nan
 from typing import Any
 
 import casadi as ca
@@ -66,16 +66,16 @@ FINE = _Fine()
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """A rest: fin angle [rad], hinge moment [N.m], reference of the drive [V]; and where the actuator has them motor
-    angle [rad], ratio R [1], current [A] and voltage [V], else None."""
+    """A rest: fin angle [rad], hinge moment [N.m], reference of the drive [V]; motor angle [rad], ratio R [1], current
+    [A] and voltage [V], nan of an actuator that has none."""
 
     fin_angle: float
     aero_torque: float
     reference: float
-    motor_angle: float | None
-    ratio: float | None
-    current: float | None
-    voltage: float | None
+    motor_angle: float
+    ratio: float
+    current: float
+    voltage: float
 
 
 def sound(parameters: ParameterSet) -> ParameterSet:
@@ -94,7 +94,8 @@ class LinearActuator:
     """The linearised actuator of flat parameter `values` in SI, at rest at `fin_angle` [rad] under `aero_torque` [N.m].
 
     ``continuous`` is its plant, ``plant`` that at the samples with the delay, ``controller`` the sampled controllers;
-    ``rest`` are its states there, ``loops`` those of LOOPS that it has. Raises EmcasError where the actuator cannot rest there.
+    ``rest`` are the plant's states there, ``loops`` those of LOOPS that it has. Sampled states stay as at the start
+    while the rest is solved for. Raises EmcasError where the actuator cannot rest there.
     """
 
     def __init__(self, values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque: float = 0.0,
@@ -190,15 +191,15 @@ class LinearActuator:
     def _resting(self, reference: float, *shown: float) -> OperatingPoint:
         """Return the operating point. Raises EmcasError where a limit keeps the actuator from it."""
         p, provides, (fin_angle, aero_torque) = self.p, self.actuator.provides, self._at
-        motor, current, voltage = (None if isnan(value) else float(value) for value in shown)
+        motor, current, voltage = map(float, shown)
         for capability, name, needed, unit in (
                 (capabilities.CURRENT_LIMIT, "drive.current_limit", current, "A"),
                 (capabilities.VOLTAGE_LIMIT, "drive.supply_voltage", voltage, "V"),
                 (capabilities.REFERENCE_LIMIT, "drive.reference_limit", reference, "V")):
-            if capability in provides and needed is not None and abs(needed) >= (limit := self.values[name]):
-                raise EmcasError(f"{self._where} holding it takes {abs(needed):.4g} {unit}, {name} is {limit:g} {unit}; give "
-                                 "a smaller torque")
-        ratio = None
+            if capability in provides and abs(needed) >= (limit := self.values[name]):
+                raise EmcasError(f"{self._where} holding it takes {abs(needed):.4g} {unit}, {name} is {limit:g} "
+                                 f"{unit}; give a smaller torque")
+        ratio = nan
         if capabilities.SCREW_DRIVE in provides:
             tangent = kinematics.lever_tangent(FLOATS, p, kinematics.motor_angle(FLOATS, p, fin_angle))
             ratio = float(kinematics.reduction_ratio(FLOATS, p, tangent))

@@ -66,9 +66,9 @@ def test_motor_is_that_of_closed_forms(values: Values) -> None:
     gain = values["drive.current_gain"]
     plant = linear.continuous
     np.testing.assert_allclose(plant.A, expected, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(plant.B, [[0.0, 0.0], [0.0, 1.0 / ratio / inertia],
-                                         [values["drive.kp"] * gain / inductance, 0.0], [values["drive.ki"] * gain, 0.0]],
-                               rtol=1e-12)
+    acting = [[0.0, 0.0], [0.0, 1.0 / ratio / inertia], [values["drive.kp"] * gain / inductance, 0.0],
+              [values["drive.ki"] * gain, 0.0]]
+    np.testing.assert_allclose(plant.B, acting, rtol=1e-12)
     assert plant.C[-1, 0] == pytest.approx(1.0 / ratio, rel=1e-12)  # fin over motor angle
     assert linear.point.ratio == pytest.approx(ratio, rel=1e-12)
 
