@@ -29,12 +29,12 @@ import numpy as np
 from fmpy import extract, instantiate_fmu, read_model_description, simulate_fmu
 from scipy.integrate import solve_ivp
 
-from emcas_fmu import control, sensors
+from emcas_fmu.control import controllers, sensors
 from emcas_fmu.fmi.package import build
-from emcas_fmu.ops.python_source import python_source
-from emcas_fmu.ops.trace import Tracer
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import drive, kinematics, mechanics
+from emcas_fmu.trace.python_source import python_source
+from emcas_fmu.trace.tracer import Tracer
 from tests.default_actuator import namespace
 
 STOP, STEP = 2.0, 1e-3
@@ -113,8 +113,8 @@ def _equations(values: Any) -> Any:
 
     def sample(angle: Any, speed: Any, integral: Any, counts: Any, command: Any) -> Any:
         measured = sensors.measure(tracer, p, angle, speed, counts)
-        out = control.output(tracer, p, integral, measured, command)
-        return out.reference, control.update(tracer, p, integral, out), measured.counts
+        out = controllers.output(tracer, p, integral, measured, command)
+        return out.reference, controllers.update(tracer, p, integral, out), measured.counts
 
     def fin(angle: Any) -> Any:
         return (kinematics.fin_angle(tracer, p, kinematics.lever_tangent(tracer, p, angle)),)

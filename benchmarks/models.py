@@ -7,8 +7,8 @@ from time import process_time
 import numpy as np
 
 from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, get
-from emcas_fmu.kernels.compiled import Batch
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime.compiled import Batch
 
 COUNT, STEPS, ROUNDS = 200, 400, 5
 

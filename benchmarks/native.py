@@ -110,7 +110,7 @@ def accuracy(fmu: Path, values: Mapping[str, Any], folder: Path) -> dict[str, di
 def batch(values: Mapping[str, Any], rounds: int) -> Figures | str:
     """A 1 ms step of many actuators through the Python API [ns per actuator], or why there is no such figure."""
     try:
-        compiled = import_module("emcas_fmu.kernels.compiled")
+        compiled = import_module("emcas_fmu.runtime.compiled")
     except ImportError as error:
         return str(error)
     if not compiled.available():

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from emcas_fmu import plots
-from emcas_fmu.analysis import figures
-from emcas_fmu.analysis.analyse import analyse
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.studies.analysis import figures
+from emcas_fmu.studies.analysis.analyse import analyse
 
 DRAWN = {"nichols": figures.nichols, "amplitudes": figures.amplitudes, "capability": figures.fin_capability}
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from emcas_fmu import plots
-from emcas_fmu.analysis.envelope import draw, envelope
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
+from emcas_fmu.studies.analysis.envelope import draw, envelope
 
 MODEL = "nonlinear+heat"
 BASE = load_parameters(model=MODEL)

@@ -14,8 +14,8 @@ import numpy as np
 from emcas_fmu import plots
 from emcas_fmu.actuators import get
 from emcas_fmu.extensions.status import OPERATIONAL, STATUS
-from emcas_fmu.kernels import program
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate
 
 MODEL = "nonlinear+homing"
@@ -26,7 +26,7 @@ STARTS = np.radians(np.linspace(-25.0, 25.0, 41))
 
 def _run(obstacle: Callable[[float, float], float], stop: float) -> dict[str, Any]:
     """Outputs every 1 ms under a torque [N.m] of time [s] and fin angle [rad]; `home` rises at the times `HOME`."""
-    core = program.core(load_parameters(model=MODEL).replace({"fin.start_angle": START}).values, MODEL)
+    core = codegen.core(load_parameters(model=MODEL).replace({"fin.start_angle": START}).values, MODEL)
     rows = []
     angle = START
     for k in range(round(stop / 1e-3)):

@@ -21,11 +21,11 @@ from emcas_fmu.baseline.read import read
 from emcas_fmu.baseline.table import HEADER, lines, verdict
 from emcas_fmu.bench.excitation import Excitation, reference_case
 from emcas_fmu.bench.subject import ParameterSubject
-from emcas_fmu.kernels import program
+from emcas_fmu.fmi.interface import BUS_PARAMETERS, MIXING, FmuInterface
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
+from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate
-from emcas_fmu.unit import BUS_PARAMETERS, MIXING, Unit
 from emcas_fmu.variables import Variable
 
 HERE = Path(__file__).parent
@@ -64,7 +64,7 @@ def single() -> str:
 
 def several() -> str:
     """What a unit of four has beside its fins."""
-    unit = Unit(4)
+    unit = FmuInterface(4)
     of_fin = [v for v in (*unit.actuator.inputs, *unit.actuator.outputs) if v.name not in unit.shared]
     names = ", ".join(f"`fin[1].{v.name}`" for v in of_fin)
     return (_wiring((*MIXING, *unit.bus_outputs, *BUS_PARAMETERS))
@@ -85,7 +85,7 @@ class Loop:
         """Fin angle [deg] every `step` [s]."""
         values = dict(load_parameters().values)
         values["encoder.enabled"] = False  # its chatter would be seen as an error of the step, see docs/numerics.md
-        core = program.core(values)
+        core = codegen.core(values)
         supply = values["drive.supply_voltage"]
         angle, found = 0.0, [0.0]
         for k in range(round(STOP / step)):

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from .actuators import NONLINEAR, get
 from .errors import EmcasError
-from .kernels import compiled, program
 from .parameters import ParameterError, check_parameters
+from .runtime import codegen, compiled
 
 Array = NDArray[Any]
 Signal = float | bool | Sequence[float] | Array | Callable[[float], float | bool]
@@ -79,7 +79,7 @@ def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = 
 def _by_python(values: Mapping[str, Any], table: Array, step: float, model: str) -> Array:
     if problems := check_parameters(values, model):
         raise ParameterError(problems)
-    core, places = program.core(values, model), program.places(model)
+    core, places = codegen.core(values, model), codegen.places(model)
     rows: list[tuple[Any, ...]] = []
     acting: tuple[Any, ...] = ()
     for k, row in enumerate(table.tolist()):

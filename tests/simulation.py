@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 from emcas_fmu.actuators import get
-from emcas_fmu.kernels import program
-from emcas_fmu.kernels.core import Core
 from emcas_fmu.namespace import Record, namespace
+from emcas_fmu.runtime import codegen
+from emcas_fmu.runtime.core import Core
 from emcas_fmu.simulation import simulate
 from tests.default_actuator import OUTPUTS
 
@@ -19,7 +19,7 @@ NAMES = [v.name for v in OUTPUTS]
 
 def new_core(values: Mapping[str, Any]) -> Core:
     """A core at its start."""
-    return program.core(values)
+    return codegen.core(values)
 
 
 def acting(reference: float = 0.0, supply: float = 39.0, enabled: bool = True) -> Record:

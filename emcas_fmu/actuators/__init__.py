@@ -129,4 +129,4 @@ def default_files(name: str) -> tuple[Path, ...]:
     files = get(base).files
     if base in _MODULES and base != NONLINEAR:
         files = (folder / "actuators" / f"{base}.toml",)
-    return (*files, *(folder / "options" / f"{each}.toml" for each in extensions))
+    return (*files, *(folder / "extensions" / f"{each}.toml" for each in extensions))

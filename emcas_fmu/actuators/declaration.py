@@ -7,8 +7,8 @@ The equations are functions of ``ops`` (:class:`emcas_fmu.ops.base.Ops`), ``p``,
     sample(ops, p, x, asked)     what the sampled controllers do, every controller.sample_time
     step(ops, p, x, u, h)        the plant after h [s] or at the first event before, and the time that took; or
     derivatives(ops, p, x, u)    d/dt of the states where the equations are smooth: enabled, without dry friction, gaps
-                                 and limits. Linear analysis takes these (:mod:`emcas_fmu.analysis.linear`), and
-                                 stepping where there is no `step` (:mod:`emcas_fmu.step_smooth`)
+                                 and limits. Linear analysis takes these (:mod:`emcas_fmu.studies.analysis.linear`), and
+                                 stepping where there is no `step` (:mod:`emcas_fmu.steppers.smooth`)
     output_values(ops, p, x, u)  every output
 
 ``x`` has the states by name, ``u`` what acts and is held through a step (:class:`Acting`). The functions give a
@@ -28,7 +28,7 @@ from ..errors import EmcasError
 from ..namespace import Record, namespace
 from ..ops.base import Ops, Value
 from ..rules import Rule
-from ..step_smooth import Derivatives, smooth_step
+from ..steppers.smooth import Derivatives, smooth_step
 from ..variables import Terminal, Variable, parameter
 from . import fin_port
 

@@ -22,7 +22,7 @@ from fmpy.simulation import instantiate_fmu
 
 from ..actuators import EXTENSIONS, NAMES, get
 from ..errors import EmcasError
-from ..unit import model_name
+from ..fmi.interface import model_name
 
 _NAME = re.compile(r"(EMCAS)\d*(|_\w+)")
 _FIN = re.compile(r"fin\[\d+\]\.")

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from ..actuators import NONLINEAR, full_name, get
 from ..actuators.declaration import Actuator
 from ..errors import EmcasError
-from ..kernels import compiled, program
 from ..parameters import ParameterError, ParameterSet, check_parameters, load_parameters
 from ..reference.files import parameters_hash
+from ..runtime import codegen, compiled
 from ..simulation import simulate
 from ..variables import Variable
 from .excitation import LOAD, Excitation
@@ -215,9 +215,9 @@ def _sprung(values: Mapping[str, Any], model: str, excitation: Excitation, subst
         core: Any = compiled.CompiledCore(values, model)
     else:  # the compiled one checks for itself
         _check(values, model)
-        core = program.core(values, model)
+        core = codegen.core(values, model)
     starts = [values[v.key] if v.key else v.start or 0.0 for v in inputs]
-    index, places = {v.name: i for i, v in enumerate(inputs)}, program.places(model)
+    index, places = {v.name: i for i, v in enumerate(inputs)}, codegen.places(model)
     given = {index[name]: column.tolist() for name, column in excitation.columns.items()}
     angle = [v.name for v in outputs].index("fin_angle")
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..actuators import NONLINEAR
-from ..kernels import compiled
+from ..runtime import compiled
 from ..simulation import Array
 from .distributions import CampaignError
 from .plan import Plan, followed

@@ -14,9 +14,9 @@ import numpy as np
 
 from ..actuators import NONLINEAR, get
 from ..actuators.declaration import Actuator
-from ..kernels import compiled, program
-from ..kernels.core import Core
 from ..parameters import ParameterError, check_parameters
+from ..runtime import codegen, compiled
+from ..runtime.core import Core
 from ..simulation import Array, respond
 from ..tuning.experiments import STEP
 from .distributions import CampaignError
@@ -47,7 +47,7 @@ def by_kernel(values: Mapping[str, Any], made: Excitation, model: str = NONLINEA
                         model=model)
         return {name: column if name == POWER else column[::POWER_ROWS] for name, column in found.items()}
     core: Any = compiled.CompiledCore(values, model) if compiled.available(model) else _python_core(values, model)
-    places = program.places(model)
+    places = codegen.places(model)
 
     def at(row: Array) -> tuple[Any, ...]:
         return places.arrange(row.tolist(), core.forces)
@@ -67,7 +67,7 @@ def _between(end: float) -> list[float]:
 
 def _python_core(values: Mapping[str, Any], model: str) -> Core:
     _check(values, model)  # the compiled one does so itself, in a thousandth of the time
-    return program.core(values, model)
+    return codegen.core(values, model)
 
 
 def _check(values: Mapping[str, Any], model: str) -> None:

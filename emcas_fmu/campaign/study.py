@@ -13,10 +13,10 @@ from pydantic import Field, PlainValidator
 from .. import schema
 from ..actuators import NONLINEAR, get
 from ..errors import EmcasError
+from ..fmi.interface import MOST_FINS, FmuInterface, start_values
 from ..fmi.package import interface_guid
 from ..parameters import ParameterSet, check_parameters, load_parameters
 from ..schema import Table
-from ..unit import MOST_FINS, Unit, start_values
 from .distributions import CampaignError
 from .entries import Entries, Reader
 from .plan import Factor, Plan, varied
@@ -102,7 +102,7 @@ def _base(path: Path, entry: _Base, fmu: Path | None, fin: int | None,
         if fin is not None or entry.fin is not None:
             raise CampaignError(f"{path}: fin {chosen} is one of an FMU; name it with --fmu or base.fmu")
         base = load_parameters(files, model=kind or NONLINEAR)
-        shown = Unit(1, base.model)
+        shown = FmuInterface(1, base.model)
         return base, interface_guid(start_values(shown, [base.values]), shown), "", "", 1
     from ..bench.fmu import chosen_model, opened
 

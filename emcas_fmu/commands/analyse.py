@@ -43,7 +43,7 @@ def analyse(
                 raise EmcasError(f"{name} {value}: give a finite number")
         chosen = load_parameters(parameters, model=model)
         require_extra("analysis", "emcas analyse needs", "control", "casadi")
-        from ..analysis import analyse as tools
+        from ..studies.analysis import analyse as tools
 
         with progress_bar() as progress:
             found = tools.analyse(chosen, radians(at), torque, rod, locus, stepper(progress, "analyse"))
@@ -51,7 +51,7 @@ def analyse(
         if as_json:
             tools.write_json(found, as_json)
         if report:
-            from ..analysis.report import write_report
+            from ..studies.analysis.report import write_report
 
             write_report(found, report)
     for table in _tables(figures):

@@ -9,8 +9,8 @@ import typer
 from rich.markup import escape
 
 from ..actuators import NONLINEAR
+from ..fmi.interface import FmuInterface, fin_files
 from ..parameters import load_parameters
-from ..unit import Unit, fin_files
 from .common import ModelOption, ParametersOption, check_outputs, failures, out, progress_bar, stepper, warn
 
 EPILOG = ("Examples:\n\n  emcas build\n\n  emcas build --parameters my_actuator.toml --output MyActuator.fmu"
@@ -46,7 +46,7 @@ def build(
     from ..fmi.package import build as build_fmu
 
     with failures(), progress_bar() as progress:
-        target, files = output or Path(f"{Unit(fins, model).model}.fmu"), fin_files(fin or [])
+        target, files = output or Path(f"{FmuInterface(fins, model).model}.fmu"), fin_files(fin or [])
         check_outputs(target, inputs=(*(parameters or ()), *files.values()))
         built = build_fmu(load_parameters(parameters, model=model), target, backend, platform, cc,
                           stepper(progress, "compile"), fins, layout, files)

@@ -16,7 +16,7 @@ from ..parameters import load_parameters
 from .common import ModelOption, ParametersOption, check_outputs, failures, out
 
 if TYPE_CHECKING:
-    from ..analysis.envelope import Curve, Envelope
+    from ..studies.analysis.envelope import Curve, Envelope
 
 EPILOG = ("Examples:\n\n  emcas envelope"
           "\n\n  emcas envelope --duration \"30 s\" --plot envelope.svg --output envelope.csv"
@@ -47,15 +47,15 @@ def envelope(
             seconds = quantity(duration, "", "s")
         except UnitError as error:
             raise EmcasError(f"--duration {duration}: {error}") from error
-        from ..analysis.envelope import envelope as compute
         from ..plots import check_ending
+        from ..studies.analysis.envelope import envelope as compute
 
         check_ending(plot)
         found = compute(load_parameters(parameters, model=model), seconds, preload)
         if output:
             _write_csv(found, output)
         if plot:
-            from ..analysis.envelope import write_picture
+            from ..studies.analysis.envelope import write_picture
 
             write_picture(found, plot)
         if as_json:

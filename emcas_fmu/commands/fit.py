@@ -26,8 +26,8 @@ def fit(
                                                  metavar="FILE")] = None,
 ) -> None:
     """Fit natural frequency, damping, rate limit and delay of the second-order model to the nonlinear one."""
-    from ..fitting import NAMES, write_fitted
-    from ..fitting import fit as run
+    from ..studies.fitting import NAMES, write_fitted
+    from ..studies.fitting import fit as run
 
     with failures():
         check_outputs(output, as_json, inputs=parameters or ())

@@ -14,8 +14,8 @@ from ..parameters import load_parameters
 from .common import ParametersOption, check_outputs, failures, out
 
 if TYPE_CHECKING:
-    from ..identification.result import Identification
     from ..parameters import ParameterSet
+    from ..studies.identification.result import Identification
 
 EPILOG = ("Examples:\n\n  emcas identify drive models/bench/drive_*.csv --output identified.toml"
           "\n\n  emcas identify inertia models/bench/inertia_*.csv -p identified.toml -o identified.toml"
@@ -43,9 +43,9 @@ app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="
 
 def _carry_out(run: Callable[[ParameterSet], Identification], records: Sequence[Path],
                parameters: list[Path] | None, output: Path | None, report: Path | None, as_json: Path | None) -> None:
-    from ..identification.parameter_file import write_identified
-    from ..identification.report import write_report
-    from ..identification.result import write_json
+    from ..studies.identification.parameter_file import write_identified
+    from ..studies.identification.report import write_report
+    from ..studies.identification.result import write_json
 
     with failures():
         # The set may be written over: experiments chain through one file.
@@ -91,7 +91,7 @@ def identify_friction(
 
     Columns: time, motor_angle, motor_current, temperature (motor_speed is checked if there is one).
     """
-    from ..identification.friction import identify
+    from ..studies.identification.friction import identify
 
     _carry_out(lambda base: identify(files, base, keep_cold_ratios), files, parameters, output, report, as_json)
 
@@ -105,7 +105,7 @@ def identify_drive(
 
     Columns: time, drive_reference, motor_current; motor_speed unless the rotor is clamped.
     """
-    from ..identification.drive import identify
+    from ..studies.identification.drive import identify
 
     _carry_out(lambda base: identify(files, base), files, parameters, output, report, as_json)
 
@@ -119,7 +119,7 @@ def identify_backlash(
 
     Columns: time, motor_angle, fin_angle.
     """
-    from ..identification.backlash import identify
+    from ..studies.identification.backlash import identify
 
     _carry_out(lambda base: identify(files, base), files, parameters, output, report, as_json)
 
@@ -133,6 +133,6 @@ def identify_inertia(
 
     Columns: time, motor_angle, motor_current (motor_speed is checked if there is one).
     """
-    from ..identification.inertia import identify
+    from ..studies.identification.inertia import identify
 
     _carry_out(lambda base: identify(files, base), files, parameters, output, report, as_json)

@@ -48,10 +48,10 @@ def write(
     """Write an SSP 1.0 archive with variants nominal, cold and degraded."""
     if context.invoked_subcommand:
         return
+    from ..fmi.interface import fin_files
     from ..ssp.schema import NOMINAL
     from ..ssp.variants import variant_files
     from ..ssp.write import write_ssp
-    from ..unit import fin_files
 
     with failures(), progress_bar() as progress:
         of_fins, of_variants = fin_files(fin or []), variant_files(variant or [])

@@ -13,7 +13,7 @@ from ..variables import Variable
 
 @dataclass(frozen=True)
 class Extension:
-    """Something laid over an actuator; its default values are in ``models/options/NAME.toml``.
+    """Something laid over an actuator; its default values are in ``models/extensions/NAME.toml``.
 
     It `needs` these capabilities of the actuator (:mod:`emcas_fmu.actuators.capabilities`), and `replaces` some, which
     those laid over it then miss. `parameters(actuator)` and `outputs` come behind those there are; `extend` gives the

@@ -5,7 +5,7 @@ which the current at its start leads to, and the heat is what the current's own 
 second order. The current limit errs to the safe side instead, by less than a tick of its folding back. The controllers
 do not know of any of it: friction compensation keeps the torque constant it was told.
 
-The mean of i^2 follows the course :mod:`emcas_fmu.step_rigid` gives the current between the ends of a step, an
+The mean of i^2 follows the course :mod:`emcas_fmu.steppers.rigid` gives the current between the ends of a step, an
 exponential. Actuators with another current loop (linear, ristanovic, ozkan) have the same ends and a course a
 little different from it.
 """
@@ -21,7 +21,7 @@ from ..actuators.declaration import Acting, Actuator, State, Values
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import heat
-from ..step_rigid import Plant, electrical_mode
+from ..steppers.rigid import Plant, electrical_mode
 from ..variables import Variable, parameter, real_output
 from .declaration import Extension
 

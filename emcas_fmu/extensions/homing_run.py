@@ -16,8 +16,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from .. import sensors
 from ..actuators.declaration import Actuator, Asked
+from ..control import sensors
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 

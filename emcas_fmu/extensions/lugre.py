@@ -11,7 +11,7 @@ sigma_1 |w| <= 4 g. A damping that fades with speed keeps to q = sigma_1(w) |w|/
     torque = (1 - q) sigma_0 z + q g sgn w
 
 lies between the bristles' spring and sliding friction: no larger than the largest g on the way, at a reversal too.
-Without friction, g = 0, bristles slip at once and carry nothing. Solved in :mod:`emcas_fmu.step_lugre`.
+Without friction, g = 0, bristles slip at once and carry nothing. Solved in :mod:`emcas_fmu.steppers.lugre`.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import friction, mechanics
 from ..rules import SLACK, Rule, when
-from ..step_lugre import advance
-from ..step_rigid import Plant
+from ..steppers.lugre import advance
+from ..steppers.rigid import Plant
 from ..variables import Variable, parameter, real_output
 from .declaration import Extension
 

@@ -1,1 +1,1 @@
-"""Everything FMI-shaped, generated from the variable table."""
+"""Everything FMI-shaped, generated from what an actuator declares."""

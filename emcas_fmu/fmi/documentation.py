@@ -15,10 +15,10 @@ from ..files import models_directory
 from ..parameters import ParameterSet, are_defaults
 from ..physics import bus
 from ..reference import files
-from ..unit import Unit, start_values
 from ..variables import Variable
 from . import native, python
 from .figures import icon, response_figures
+from .interface import FmuInterface, start_values
 from .model_description import describe
 
 _NOTES = {"python": python.NOTES, "native": native.NOTES}
@@ -38,7 +38,7 @@ def _text(value: Any) -> str:
     return f"{value:.6g}"
 
 
-def _rows(unit: Unit, variables: tuple[Variable, ...], sets: Sequence[ParameterSet],
+def _rows(unit: FmuInterface, variables: tuple[Variable, ...], sets: Sequence[ParameterSet],
           starts: Mapping[str, Any]) -> list[dict[str, Any]]:
     entries = {unit.name(e.variable.name, fin): e for fin, p in enumerate(sets) for e in p.entries}
     rows = []
@@ -53,7 +53,7 @@ def _rows(unit: Unit, variables: tuple[Variable, ...], sets: Sequence[ParameterS
     return rows
 
 
-def _page(unit: Unit, sets: Sequence[ParameterSet], guid: str, backend: str, platforms: Sequence[str]) -> str:
+def _page(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, platforms: Sequence[str]) -> str:
     environment = Environment(loader=PackageLoader("emcas_fmu", "fmi"), undefined=StrictUndefined,
                               trim_blocks=True, lstrip_blocks=True)
     starts = dict(zip(unit.reference, start_values(unit, [p.values for p in sets]), strict=True))
@@ -94,7 +94,7 @@ def _references(parameters: ParameterSet) -> Mapping[str, bytes]:
     return {f"extra/reference/{path.name}": path.read_bytes() for path in paths if path.is_file()}
 
 
-def documents(unit: Unit, sets: Sequence[ParameterSet], guid: str, backend: str,
+def documents(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str,
               platforms: Sequence[str]) -> dict[str, bytes]:
     """Archive name to content of everything that is documentation, of a unit with binaries for `platforms`."""
     picture = icon()

@@ -11,22 +11,22 @@ from pythonfmu import Fmi2Slave
 
 from .. import __version__
 from ..actuators import fin_port
-from ..kernels import program
-from ..unit import BUS_CURRENT, BUS_VOLTAGE, MIXING, Unit
-from ..unit import start_values as unit_starts
+from ..runtime import codegen
 from ..variables import Terminal, Variable
+from .interface import BUS_CURRENT, BUS_VOLTAGE, MIXING, FmuInterface
+from .interface import start_values as unit_starts
 from .units import fmi_unit
 
-SINGLE = Unit(1)
+SINGLE = FmuInterface(1)
 MODEL = SINGLE.model
 STEP_SIZE, STOP_TIME = 1e-3, 1.0
 
 _MIXED = tuple(v.name for v in MIXING)
 
 
-def _dependencies(unit: Unit) -> dict[str, tuple[str, ...]]:
+def _dependencies(unit: FmuInterface) -> dict[str, tuple[str, ...]]:
     """Return for each output the inputs it depends on at once."""
-    direct = program.direct_inputs(unit.kind)
+    direct = codegen.direct_inputs(unit.kind)
     if unit.fins == 1:
         return dict(direct)
     of_fins = {unit.name(output, fin): (*(unit.name(i, fin) for i in inputs),
@@ -88,7 +88,7 @@ def _type_name(v: Variable) -> str:
     return v.name.rpartition("].")[2] + "_type"
 
 
-def _type_definitions(root: Element, unit: Unit) -> None:
+def _type_definitions(root: Element, unit: FmuInterface) -> None:
     types = {_type_name(v): v for v in unit.variables if v.items}
     if not types:
         return
@@ -99,7 +99,7 @@ def _type_definitions(root: Element, unit: Unit) -> None:
             SubElement(listed, "Item", {"name": item, "value": str(value), "description": description})
 
 
-def _unit_definitions(root: Element, shown: Unit) -> None:
+def _unit_definitions(root: Element, shown: FmuInterface) -> None:
     definitions = SubElement(root, "UnitDefinitions")
     for name in sorted({v.unit for v in shown.variables if v.kind == "Real"}):
         unit = fmi_unit(name)
@@ -117,7 +117,7 @@ def _unit_definitions(root: Element, shown: Unit) -> None:
             SubElement(element, "DisplayUnit", attributes)
 
 
-def _structure(root: Element, unit: Unit) -> None:
+def _structure(root: Element, unit: FmuInterface) -> None:
     index = {name: i + 1 for name, i in unit.reference.items()}
     structure = SubElement(root, "ModelStructure")
     direct = _dependencies(unit)
@@ -137,14 +137,14 @@ def _structure(root: Element, unit: Unit) -> None:
                 "dependenciesKind": " ".join(["dependent"] * len(needed))})
 
 
-def describe(unit: Unit) -> str:
+def describe(unit: FmuInterface) -> str:
     """What the unit is, in a sentence."""
     bus = " on one bus" if unit.actuator.supply else ""
     return unit.actuator.title + ("" if unit.fins == 1 else f"; {unit.fins} fins{bus}")
 
 
 def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str, str], tool: str,
-                      source_files: Sequence[str] = (), unit: Unit = SINGLE) -> Element:
+                      source_files: Sequence[str] = (), unit: FmuInterface = SINGLE) -> Element:
     """The fmiModelDescription element; `options` are attributes of its CoSimulation element."""
     root = Element("fmiModelDescription", {
         "fmiVersion": "2.0", "modelName": unit.model, "guid": guid, "description": describe(unit),
@@ -169,7 +169,7 @@ def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str,
     return root
 
 
-def _terminals(unit: Unit) -> Iterator[Terminal]:
+def _terminals(unit: FmuInterface) -> Iterator[Terminal]:
     """Yield the terminals of the fin port and the actuator's; of several fins those of each."""
     actuator, several = unit.actuator, unit.fins > 1
     supply = () if actuator.supply is None else (actuator.supply.input.name, actuator.supply.power.name)
@@ -187,7 +187,7 @@ def _terminals(unit: Unit) -> Iterator[Terminal]:
         yield Terminal("bus", "electrical supply", members)
 
 
-def terminals_and_icons(unit: Unit = SINGLE) -> Element:
+def terminals_and_icons(unit: FmuInterface = SINGLE) -> Element:
     """Inputs and outputs grouped for tools that draw terminals (FMI 3.0's file, ignored by others)."""
     root = Element("fmiTerminalsAndIcons", {"fmiVersion": "3.0"})
     graphical = SubElement(root, "GraphicalRepresentation")

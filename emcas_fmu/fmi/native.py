@@ -14,11 +14,11 @@ from pythonfmu import Fmi2Slave
 from .. import rules
 from ..compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform
 from ..errors import BuildError
-from ..kernels.c_sources import c_number, c_text, core_sources, enumerator, written
-from ..unit import Unit
+from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, written
+from .interface import FmuInterface
 
 MAIN = "fmi2.c"
-_WRITTEN = (MAIN, "instance.h", "fins.h", "states.h")
+_WRITTEN = (MAIN, "instance.h", "multi_fin.h", "states.h")
 _HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 # fmpy's copy of the standard's header leaves out the prefix that sources linked into one program need.
 _NO_PREFIX = "This definition has been changed to add no prefix.\n*/\n#define fmi2FullName(name) name\n"
@@ -50,7 +50,7 @@ NOTES = (
 )
 
 
-def interface_header(unit: Unit, starts: Sequence[Any], guid: str, code: str) -> str:
+def interface_header(unit: FmuInterface, starts: Sequence[Any], guid: str, code: str) -> str:
     """interface.h: the variables, start values and the unit's identity."""
     rows = ",\n".join(
         f"    {{{c_text(v.name)}, {'INTEGER' if v.items else v.kind.upper()}, {int(v.variability == 'tunable')}, "
@@ -72,7 +72,7 @@ def interface_header(unit: Unit, starts: Sequence[Any], guid: str, code: str) ->
         f"static const double START[UNIT_VARIABLES] = {{\n{values}\n}};\n\n#endif\n")
 
 
-def _sizes(unit: Unit) -> str:
+def _sizes(unit: FmuInterface) -> str:
     """Numbers of variables of the whole unit, and where each fin's are."""
     at = unit.reference
     numbers = {"UNIT_INPUTS": len(unit.inputs), "UNIT_OUTPUTS": len(unit.outputs),
@@ -93,15 +93,16 @@ def _enum(numbers: Mapping[str, int]) -> str:
     return "enum {\n" + ",\n".join(f"    {name} = {number}" for name, number in numbers.items()) + "\n};\n"
 
 
-def sources(unit: Unit, starts: Sequence[Any], guid: str) -> dict[str, str]:
+def sources(unit: FmuInterface, starts: Sequence[Any], guid: str) -> dict[str, str]:
     """Everything needed to compile the unit: file name to text; only `MAIN` is handed to the compiler."""
     headers = Path(fmpy.__file__).parent / "c-code"
     standard = {name: (headers / name).read_text(encoding="utf-8") for name in _HEADERS}
     if _NO_PREFIX not in standard["fmi2Functions.h"]:
         raise BuildError("fmi2Functions.h of this version of fmpy is not as expected: fmpy 0.3.25 to 0.3.32 are known")
     standard["fmi2Functions.h"] = standard["fmi2Functions.h"].replace(_NO_PREFIX, _PREFIX)
-    # fins.h is for several; a single one is built without it.
-    code = {**{name: written(name, "emcas_fmu.fmi") for name in _WRITTEN if unit.fins > 1 or name != "fins.h"},
+    # multi_fin.h is for several; a single one is built without it.
+    code = {**{name: written(name, "emcas_fmu.fmi.fmi2") for name in _WRITTEN
+               if unit.fins > 1 or name != "multi_fin.h"},
             **core_sources(unit.fins > 1, unit.kind)}
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(code.items())).encode()).hexdigest()[:16]
     return {**code, **standard, "interface.h": interface_header(unit, starts, guid, digest)}

@@ -13,9 +13,9 @@ from .. import __version__
 from ..errors import BuildError
 from ..files import write_zip
 from ..parameters import ParameterSet
-from ..unit import Unit, fin_sets, start_values
 from . import native, python
 from .documentation import documents
+from .interface import FmuInterface, fin_sets, start_values
 from .model_description import SINGLE, model_description, terminals_and_icons, to_bytes
 
 BACKENDS = ("python", "native")
@@ -35,13 +35,13 @@ class Built:
     warnings: tuple[str, ...]
 
 
-def interface_guid(starts: tuple[Any, ...], unit: Unit = SINGLE) -> str:
+def interface_guid(starts: tuple[Any, ...], unit: FmuInterface = SINGLE) -> str:
     """A hash of the interface: of the model description with its GUID left empty."""
     description = to_bytes(model_description(starts, "", options={}, tool="", unit=unit))
     return f"{{{UUID(bytes=hashlib.sha256(description).digest()[:16], version=5)}}}"
 
 
-def _native(unit: Unit, starts: tuple[Any, ...], guid: str, platforms: Sequence[str] | None, cc: str | None,
+def _native(unit: FmuInterface, starts: tuple[Any, ...], guid: str, platforms: Sequence[str] | None, cc: str | None,
             progress: Progress | None) -> dict[str, bytes]:
     files = native.sources(unit, starts, guid)
     contents = native.binaries(unit.model, files, native.chosen(platforms, cc), cc, progress)
@@ -50,8 +50,8 @@ def _native(unit: Unit, starts: tuple[Any, ...], guid: str, platforms: Sequence[
     return contents
 
 
-def _contents(unit: Unit, sets: Sequence[ParameterSet], backend: str, platforms: Sequence[str] | None, cc: str | None,
-              progress: Progress | None) -> tuple[dict[str, bytes], str, tuple[str, ...]]:
+def _contents(unit: FmuInterface, sets: Sequence[ParameterSet], backend: str, platforms: Sequence[str] | None,
+              cc: str | None, progress: Progress | None) -> tuple[dict[str, bytes], str, tuple[str, ...]]:
     starts = start_values(unit, [p.values for p in sets])
     guid = interface_guid(starts, unit)
     # Neither Python's nor the compiler's version: any that is supported gives the same FMU but for the binaries.
@@ -94,7 +94,7 @@ def build(parameters: ParameterSet, output: Path, backend: str = "python", platf
     if fins == 1 and files:
         raise BuildError("--fin is for a unit of several: give --fins too")
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
-    contents, guid, built_for = _contents(Unit(fins, parameters.model), sets, backend, platforms, cc, progress)
+    contents, guid, built_for = _contents(FmuInterface(fins, parameters.model), sets, backend, platforms, cc, progress)
     try:
         # modelDescription.xml first: readers that stream find it at once.
         write_zip(contents, output, lambda name: (name != "modelDescription.xml", name), "binaries/")

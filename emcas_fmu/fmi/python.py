@@ -16,13 +16,14 @@ import pythonfmu
 from pythonfmu.builder import FmuBuilder
 
 from ..errors import BuildError
-from ..kernels import program
-from ..ops.python_source import python_source
-from ..unit import Unit
+from ..runtime import codegen
+from ..trace.python_source import python_source
+from .interface import FmuInterface
 
 # What the slave needs of this package, under a name of its own in the FMU.
-_EMBEDDED = ("fmi/__init__.py", "fmi/slave.py", "kernels/__init__.py", "kernels/core.py", "rules.py")
-_SEVERAL = ("fmi/fins.py", "kernels/bank.py")
+_EMBEDDED = ("fmi/__init__.py", "fmi/fmi2/__init__.py", "fmi/fmi2/slave.py", "runtime/__init__.py",
+             "runtime/core.py", "rules.py")
+_SEVERAL = ("fmi/fmi2/multi_fin_slave.py", "runtime/multi_fin.py")
 _PACKAGE = Path(__file__).resolve().parent.parent
 _OPTIONS = {"needsExecutionTool": True, "canHandleVariableCommunicationStepSize": True, "canInterpolateInputs": False,
             "canBeInstantiatedOnlyOncePerProcess": False, "canGetAndSetFMUstate": True, "canSerializeFMUstate": True}
@@ -39,7 +40,7 @@ NOTES = (
 TOOL = f"PythonFMU {pythonfmu.__version__}"
 
 
-def _sources(unit: Unit, starts: tuple[Any, ...], guid: str) -> dict[str, str]:
+def _sources(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str, str]:
     """The embedded package: file name to text."""
     # Enumerations are got as integers are.
     rows = [(v.name, "Integer" if v.items else v.kind, v.causality, v.variability, v.minimum, v.maximum)
@@ -51,27 +52,27 @@ def _sources(unit: Unit, starts: tuple[Any, ...], guid: str) -> dict[str, str]:
     embedded = _EMBEDDED + _SEVERAL if several else _EMBEDDED
     files = {name: (_PACKAGE / name).read_text(encoding="utf-8") for name in embedded}
     files["__init__.py"] = f'"""The EM-CAS actuator, as embedded in {unit.model}.fmu; generated, do not edit."""\n'
-    files["kernel.py"] = program.source(several, unit.kind)
-    files["checks.py"] = python_source(program.traced_rules(unit.kind),
+    files["kernel.py"] = codegen.source(several, unit.kind)
+    files["checks.py"] = python_source(codegen.traced_rules(unit.kind),
                                        "Rules for the parameters as straight-line code; generated, do not edit.")
-    base, module = ("FinsSlave", "fins") if several else ("Slave", "slave")
+    base, module = ("MultiFinSlave", "multi_fin_slave") if several else ("Slave", "slave")
     files["model.py"] = (
         f'"""The slave class of {unit.model}.fmu: interface table and kernel; generated, do not edit."""\n\n'
-        f"from math import inf as INF\n\nfrom . import checks, kernel\nfrom .fmi.{module} import {base}\n"
-        "from .fmi.slave import Table\n\n"
+        f"from math import inf as INF\n\nfrom . import checks, kernel\nfrom .fmi.fmi2.{module} import {base}\n"
+        "from .fmi.fmi2.slave import Table\n\n"
         f"ROWS = (\n{listing})\n\nSTART = {starts!r}\n\n\n"
         f"class {unit.model}({base}):\n    make = staticmethod(kernel.make)\n"
         f"    make_checks = staticmethod(checks.make)\n    rules = {rules!r}\n"
         f"    table = Table(ROWS, START, {guid!r})\n"
         f"    places = {tuple(_fin_places(unit, fin) for fin in range(unit.fins))!r}\n"
-        f"    sizes = {program.sizes(unit.actuator)!r}\n"
+        f"    sizes = {codegen.sizes(unit.actuator)!r}\n"
         + (f"    names = {tuple(v.name for v in unit.actuator.parameters)!r}\n    power = {power!r}\n"
            if several else "")
     )
     return files
 
 
-def _fin_places(unit: Unit, fin: int) -> tuple[int | None, ...]:
+def _fin_places(unit: FmuInterface, fin: int) -> tuple[int | None, ...]:
     """Return the value references of a fin's inputs as a core takes them: command, moment, supply, enable, further."""
     actuator = unit.actuator
     supply = None if actuator.supply is None else actuator.supply.input.name
@@ -81,7 +82,7 @@ def _fin_places(unit: Unit, fin: int) -> tuple[int | None, ...]:
 
 def _entry(package: str, model: str) -> str:
     return (f'"""Entry module of {model}.fmu; generated, do not edit."""\n\n'
-            f"from {package}.fmi.slave import keep\nfrom {package}.model import {model}  # noqa: F401\n\n"
+            f"from {package}.fmi.fmi2.slave import keep\nfrom {package}.model import {model}  # noqa: F401\n\n"
             "keep(globals())\n")
 
 
@@ -116,7 +117,7 @@ def _exported(files: Mapping[str, str], model: str, folder: Path) -> dict[str, b
         return {name: built.read(name) for name in built.namelist() if not name.endswith("/")}
 
 
-def exported(unit: Unit, starts: tuple[Any, ...], guid: str) -> tuple[dict[str, bytes], dict[str, str]]:
+def exported(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> tuple[dict[str, bytes], dict[str, str]]:
     """What goes into the archive (name to content), and the attributes of its CoSimulation element."""
     with TemporaryDirectory(prefix="emcas_build_") as folder:
         contents = _exported(_sources(unit, starts, guid), unit.model, Path(folder))

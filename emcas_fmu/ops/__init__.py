@@ -1,4 +1,4 @@
-"""The few operations physics needs, over floats, arrays, symbols and source code.
+"""The few operations physics needs, over floats, arrays, symbols and traced programs.
 
 Physics is written once, as functions whose first argument is one of these
 namespaces:
@@ -6,7 +6,7 @@ namespaces:
 - :data:`FLOATS` plain Python numbers (standard library only),
 - ``arrays.ARRAYS`` NumPy arrays, element by element,
 - ``symbols.SYMBOLS`` CasADi expressions,
-- :class:`trace.Tracer` records the operations as straight-line Python source.
+- :class:`emcas_fmu.trace.tracer.Tracer` records the operations as a straight-line program.
 """
 
 from .base import Ops

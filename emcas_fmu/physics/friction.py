@@ -12,7 +12,7 @@ With :mod:`emcas_fmu.extensions.stribeck` C_m falls with the speed w:
 
     C_m (1 + (s - 1) exp(-(w/w_s)^2))
 
-The bristle of :mod:`emcas_fmu.extensions.lugre` is solved in :mod:`emcas_fmu.integrate_bristle`.
+The bristle of :mod:`emcas_fmu.extensions.lugre` is solved in :mod:`emcas_fmu.steppers.lugre`.
 """
 
 from __future__ import annotations

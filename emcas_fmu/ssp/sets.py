@@ -8,10 +8,10 @@ from xml.etree.ElementTree import Element, SubElement
 
 from .. import __version__
 from ..actuators import NONLINEAR, get
+from ..fmi.interface import AZIMUTH
 from ..fmi.model_description import to_bytes
 from ..fmi.units import fmi_unit
 from ..parameters import Entry, ParameterSet, Value
-from ..unit import AZIMUTH
 from ..variables import Variable
 from .schema import NOMINAL, SSC, SSV
 from .variants import Variant, fin_name

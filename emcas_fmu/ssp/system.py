@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from xml.etree.ElementTree import Element, SubElement
 
 from ..actuators import NONLINEAR, get
+from ..fmi.interface import FmuInterface
 from ..fmi.model_description import STEP_SIZE, STOP_TIME, describe
-from ..unit import Unit
 from ..variables import Variable
 from .schema import ANNOTATION, EMCAS, OSP, SSC, SSD, SSV
 from .sets import TOOL, text, unit_definitions
@@ -39,7 +39,7 @@ def _connector(parent: Element, name: str, v: Variable, prefix: str) -> None:
     SubElement(connector, f"ssc:{v.kind}", named.get(v.kind, {}))
 
 
-def _component(parent: Element, unit: Unit, name: str, fmu: str, guid: str, parameters: str,
+def _component(parent: Element, unit: FmuInterface, name: str, fmu: str, guid: str, parameters: str,
                prefix: str) -> None:
     component = SubElement(parent, "ssd:Component", {"name": name, "type": "application/x-fmu-sharedlibrary",
                                                      "source": f"resources/{fmu}"})
@@ -52,7 +52,7 @@ def _component(parent: Element, unit: Unit, name: str, fmu: str, guid: str, para
     SubElement(annotation, "emcas:Fmu", {"guid": guid})
 
 
-def _connections(parent: Element, unit: Unit, fins: int, prefix: str) -> None:
+def _connections(parent: Element, unit: FmuInterface, fins: int, prefix: str) -> None:
     connections = SubElement(parent, f"{prefix}:Connections")
     for number in range(1, fins + 1):
         for v in unit.inputs:
@@ -92,7 +92,7 @@ def system_structure(name: str, fmu: str, guid: str, system_sets: Sequence[tuple
     sets bound at the system, `fin_sets` the file bound to each fin's component; `prefix` is that of Connections,
     `model` the FMU's.
     """
-    fins, unit = len(fin_sets), Unit(1, model)
+    fins, unit = len(fin_sets), FmuInterface(1, model)
     root = Element("ssd:SystemStructureDescription", {
         "xmlns:ssd": SSD, "xmlns:ssc": SSC, "xmlns:ssv": SSV, "xmlns:osp": OSP, "xmlns:emcas": EMCAS,
         **({f"xmlns:{prefix}": SSD} if prefix != "ssd" else {}),

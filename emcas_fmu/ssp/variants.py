@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from ..files import models_directory
+from ..fmi.interface import fin_sets, require_shared
 from ..parameters import ParameterError, ParameterSet
 from ..schema import In
 from ..toml import tomllib
-from ..unit import fin_sets, require_shared
 from .schema import NOMINAL, SspError
 
 SHIPPED = ("cold", "degraded")  # variants, each a file among the models
@@ -49,7 +49,7 @@ def variant_files(given: Sequence[str]) -> dict[str, Path]:
 
 
 def nominal(base: ParameterSet, fins: int, layout: str, files: Mapping[int, Path]) -> Variant:
-    """The fins as built (:func:`emcas_fmu.unit.fin_sets`). Raises EmcasError."""
+    """The fins as built (:func:`emcas_fmu.fmi.interface.fin_sets`). Raises EmcasError."""
     return Variant(NOMINAL, fin_sets(base, fins, layout, files))
 
 

@@ -198,8 +198,8 @@ def fundamental(values: Mapping[str, Any], amplitude: float, frequency: float) -
 
 def _margins(values: Mapping[str, Any]) -> dict[str, float]:
     """Margins at the drive's reference; none where the closed loop is unstable."""
-    from ..analysis.frequency import highest, margins
-    from ..analysis.linear import LinearActuator
+    from ..studies.analysis.frequency import highest, margins
+    from ..studies.analysis.linear import LinearActuator
 
     linear = LinearActuator(values)
     if not linear.stable:

@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from emcas_fmu import __version__, sensors
+from emcas_fmu import __version__
 from emcas_fmu.actuators.electromechanical import nonlinear
-from emcas_fmu.identification.records import Array
+from emcas_fmu.control import sensors
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.physics import friction, kinematics, mechanics
+from emcas_fmu.studies.identification.records import Array
 
 from .rig import (
     ADC_BITS,

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from emcas_fmu.actuators.electromechanical import nonlinear
-from emcas_fmu.identification.records import Array
-from emcas_fmu.kernels import program
-from emcas_fmu.kernels.core import Core
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics import kinematics, mechanics
+from emcas_fmu.runtime import codegen
+from emcas_fmu.runtime.core import Core
+from emcas_fmu.studies.identification.records import Array
 
 DAC_BITS, DAC_RANGE = 16, 10.0  # of the analogue output, +-V
 ADC_BITS, CURRENT_RANGE, REFERENCE_RANGE = 14, 100.0, 10.0  # of the logger's inputs, +-A and +-V
@@ -107,7 +107,7 @@ def run(values: Mapping[str, Any], signal: Callable[[float], float], duration: f
     if clamped:
         chosen |= {name: _CLAMP if name.endswith("[0]") else 0.0 for name in values
                    if name.startswith("friction.coulomb.")}
-    schedule, locate, initial, sample, *rest = program.make()(chosen)
+    schedule, locate, initial, sample, *rest = codegen.make()(chosen)
 
     def through_dac(*given: Any) -> tuple[Any, ...]:
         *states, asked, supply, enable = given

@@ -8,8 +8,8 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, select_autoescape
 
 from emcas_fmu import __version__
-from emcas_fmu.fitting import NAMES
 from emcas_fmu.plots import style, svg
+from emcas_fmu.studies.fitting import NAMES
 
 from .convergence import REFERENCE
 from .pictures import convergence, of_manoeuvre

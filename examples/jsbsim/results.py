@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from emcas_fmu.fitting import NAMES, Fit
+from emcas_fmu.studies.fitting import NAMES, Fit
 
 from .autopilot import attitude_error
 from .convergence import Convergence

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from emcas_fmu.bench.fmu import opened
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.fitting import Fit
 from emcas_fmu.ssp.schema import NOMINAL
+from emcas_fmu.studies.fitting import Fit
 
 from .actuators import Actuators, Ideal
 from .build import build_unit

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from emcas_fmu import fitting
 from emcas_fmu.actuators import NONLINEAR, get
 from emcas_fmu.bench.fmu import opened
-from emcas_fmu.fitting import MODEL, Fit
-from emcas_fmu.kernels import program
 from emcas_fmu.parameters import ParameterSet, load_parameters
+from emcas_fmu.runtime import codegen
+from emcas_fmu.studies import fitting
+from emcas_fmu.studies.fitting import MODEL, Fit
 
 from .actuators import Demand, Response
 from .vehicle import FINS
@@ -29,7 +29,7 @@ def parameters_of(path: Path) -> ParameterSet:
 
 
 def fit(path: Path) -> Fit:
-    """The second-order model that comes nearest to an FMU's fin 1, by :func:`emcas_fmu.fitting.fit`."""
+    """The second-order model that comes nearest to an FMU's fin 1, by :func:`emcas_fmu.studies.fitting.fit`."""
     return fitting.fit(parameters_of(path))
 
 
@@ -43,7 +43,7 @@ class SecondOrder:
 
     def __init__(self, parameters: ParameterSet) -> None:
         """`parameters` are of the second-order model."""
-        self._cores = [program.core(parameters.values, MODEL) for _ in FINS]
+        self._cores = [codegen.core(parameters.values, MODEL) for _ in FINS]
 
     def step(self, time: float, step: float, demand: Demand) -> Response:
         """The power is mechanical, against the hinge moments, which do not move the fins."""

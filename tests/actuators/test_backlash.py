@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from emcas_fmu.namespace import with_values
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics import drive_line, mechanics
-from emcas_fmu.step_elastic import Pair, advance
+from emcas_fmu.steppers.elastic import Pair, advance
 from tests.simulation import acting, nested
 
 from .line import MODEL, RIGID, SMOOTH, at_motor, run_of, through_motor, values_of

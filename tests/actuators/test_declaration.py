@@ -23,19 +23,19 @@ from hypothesis import strategies as st
 
 from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, get
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.fmi2.slave import Slave
+from emcas_fmu.fmi.interface import FmuInterface, fin_sets
 from emcas_fmu.fmi.model_description import terminals_and_icons, to_bytes
-from emcas_fmu.fmi.slave import Slave
-from emcas_fmu.kernels import program
-from emcas_fmu.kernels.compiled import CompiledCore
-from emcas_fmu.kernels.core import Core
 from emcas_fmu.namespace import Record
-from emcas_fmu.ops.c_source import TEMPLATES
 from emcas_fmu.ops.floats import FLOATS
-from emcas_fmu.ops.trace import Expr
-from emcas_fmu.ops.usage import Writer
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime import codegen
+from emcas_fmu.runtime.compiled import CompiledCore
+from emcas_fmu.runtime.core import Core
 from emcas_fmu.simulation import simulate
-from emcas_fmu.unit import Unit, fin_sets
+from emcas_fmu.trace.c_source import TEMPLATES
+from emcas_fmu.trace.tracer import Expr
+from emcas_fmu.trace.usage import Writer
 from emcas_fmu.variables import real_input
 
 from ..fmu.built import both
@@ -63,8 +63,8 @@ def acts(pressure: float = RATED, drift: float = 0.0, boost: bool = False, comma
 def test_what_acts_comes_before_what_samples_see() -> None:
     names = [v.name for v in get(DRIVEN).inputs]
     assert names[-4:] == ["enable", "hydraulic.pressure", "drift", "boost"]
-    assert program.direct_inputs(DRIVEN)["flow"] == ("hydraulic.pressure",)
-    assert "boosted" not in program.direct_inputs(DRIVEN)
+    assert codegen.direct_inputs(DRIVEN)["flow"] == ("hydraulic.pressure",)
+    assert "boosted" not in codegen.direct_inputs(DRIVEN)
 
 
 def test_both_kernels_under_signals() -> None:
@@ -82,7 +82,7 @@ def test_both_kernels_under_signals() -> None:
 
 def _cores(model: str = DRIVEN, **changes: Any) -> tuple[Core, CompiledCore]:
     values = load_parameters(model=model).replace(changes).values
-    return program.core(values, model), CompiledCore(values, model)
+    return codegen.core(values, model), CompiledCore(values, model)
 
 
 @pytest.mark.parametrize("name", ["pressure", "drift"])
@@ -183,13 +183,13 @@ UNITS = [(DRIVEN, 1), (DRIVEN, 3), ("second-order", 3), ("second-order+faults", 
 
 
 @pytest.fixture(scope="module", params=UNITS, ids=lambda unit: f"{Path(unit[0]).stem}-{unit[1]}")
-def unit(request: pytest.FixtureRequest) -> Unit:
+def unit(request: pytest.FixtureRequest) -> FmuInterface:
     kind, fins = request.param
-    return Unit(fins, kind)
+    return FmuInterface(fins, kind)
 
 
 @pytest.fixture(scope="module")
-def built(unit: Unit, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
+def built(unit: FmuInterface, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
     return both(load_parameters(model=unit.kind), tmp_path_factory.mktemp("declared"), unit.fins)
 
 
@@ -202,14 +202,14 @@ def library(built: Mapping[str, Path], tmp_path_factory: pytest.TempPathFactory)
 
 
 @pytest.fixture(scope="module")
-def slave_class(unit: Unit) -> type[Slave]:
+def slave_class(unit: FmuInterface) -> type[Slave]:
     one = load_parameters(model=unit.kind)
     return local_class(unit, [p.values for p in ([one] if unit.fins == 1 else fin_sets(one, unit.fins, "cross", {}))])
 
 
 @pytest.mark.fmu
 @pytest.mark.parametrize("backend", ["python", "native"])
-def test_a_unit_shows_what_is_declared(unit: Unit, built: Mapping[str, Path], backend: str) -> None:
+def test_a_unit_shows_what_is_declared(unit: FmuInterface, built: Mapping[str, Path], backend: str) -> None:
     assert validate_fmu(str(built[backend])) == []
     described = read_model_description(str(built[backend]))
     names = [v.name for v in described.modelVariables]
@@ -232,7 +232,7 @@ _segments = st.lists(st.tuples(st.lists(_row, min_size=3, max_size=3), st.floats
 @pytest.mark.fmu
 @COMMON
 @given(segments=_segments)
-def test_both_back_ends(unit: Unit, library: Fmu, slave_class: type[Slave], segments: list[Any]) -> None:
+def test_both_back_ends(unit: FmuInterface, library: Fmu, slave_class: type[Slave], segments: list[Any]) -> None:
     """Each fin its own inputs, changed within ticks too, over a restored state: the same bits in every output."""
     native, python = Instance(library), slave_class(instance_name="fin")
     assert max(native.initialize()) == OK
@@ -273,11 +273,11 @@ def test_both_back_ends(unit: Unit, library: Fmu, slave_class: type[Slave], segm
 
 
 @pytest.mark.fmu
-def test_input_derivatives_of_a_further_input(unit: Unit, library: Fmu) -> None:
+def test_input_derivatives_of_a_further_input(unit: FmuInterface, library: Fmu) -> None:
     """Of the native unit, against the Python core's ramp: the same bits."""
     if unit.fins > 1 or not unit.actuator.acting_inputs:
         pytest.skip("a single unit with such inputs")
-    native, core = Instance(library), program.core(load_parameters(model=DRIVEN).values, DRIVEN)
+    native, core = Instance(library), codegen.core(load_parameters(model=DRIVEN).values, DRIVEN)
     assert max(native.initialize(fin_command=0.1)) == OK
     slopes, time = (1.0, 0.0, 0.0, 0.0, 0.0, 3e6, -0.4), 0.0
     for size in (2e-4, 1e-3, 1.7e-3, 5e-3, 3e-4):
@@ -300,7 +300,7 @@ def test_input_derivatives_of_a_further_input(unit: Unit, library: Fmu) -> None:
 def _read(model: str) -> set[str]:
     """Parameters that the equations, their schedule or the rules read, by what the printer of C would print."""
     names = set()
-    for tracer in (program.traced(True, model), program.traced_rules(model)):
+    for tracer in (codegen.traced(True, model), codegen.traced_rules(model)):
         uses = Writer(tracer, TEMPLATES).uses
         names |= {key for name, key in tracer.parameters if uses.get(name)}
     return names
@@ -315,7 +315,7 @@ def test_every_parameter_is_read(model: str) -> None:
 
 @pytest.mark.parametrize("model", WITH_EXTENSIONS)
 def test_no_output_is_a_constant(model: str) -> None:
-    (outputs,) = (f for f in program.traced(False, model).functions if f.name == "outputs")
+    (outputs,) = (f for f in codegen.traced(False, model).functions if f.name == "outputs")
     constant = [v.name for v, result in zip(get(model).outputs, outputs.results, strict=True)
                 if not isinstance(result, Expr) or result.fixed]
     assert constant == []
@@ -324,7 +324,7 @@ def test_no_output_is_a_constant(model: str) -> None:
 @pytest.mark.parametrize("model", [*WITH_EXTENSIONS, DRIVEN])
 @pytest.mark.parametrize("fins", [1, 2])
 def test_terminals_name_only_what_there_is(model: str, fins: int) -> None:
-    unit = Unit(fins, model)
+    unit = FmuInterface(fins, model)
     there = {v.name for v in unit.inputs + unit.outputs}
     root = fromstring(to_bytes(terminals_and_icons(unit)))
     members = [e.attrib["variableName"] for e in root.iter("TerminalMemberVariable")]
@@ -336,7 +336,7 @@ def test_terminals_name_only_what_there_is(model: str, fins: int) -> None:
 
 def test_direct_inputs_of_the_default_unit() -> None:
     """By hand: what an output at a communication point depends on at once; the state integrates the rest."""
-    assert program.direct_inputs(NONLINEAR) == {
+    assert codegen.direct_inputs(NONLINEAR) == {
         "motor_current": ("enable",),
         "motor_voltage": ("supply_voltage", "enable"),
         "motor_torque": ("enable",),
@@ -352,10 +352,10 @@ def test_direct_inputs_of_the_default_unit() -> None:
 def test_direct_inputs_are_those_that_change_an_output_at_once(model: str) -> None:
     """By trying: an output that moves with an input before a step is said to depend on it."""
     actuator, rng = get(model), np.random.default_rng(3)
-    core, places = program.core(load_parameters(model=model).values, model), program.places(model)
+    core, places = codegen.core(load_parameters(model=model).values, model), codegen.places(model)
     names = [v.name for v in actuator.inputs]
     row: list[Any] = [v.start if v.start is not None else 39.0 for v in actuator.inputs]
-    said = program.direct_inputs(model)
+    said = codegen.direct_inputs(model)
     for k in range(1, 30):
         row[names.index("fin_command")] = 0.2 * sin(0.5 * k)
         core.run(2e-3 * k, places.arrange(row, core.forces))

@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from emcas_fmu.analysis.modes import load_rod, thesis_modes
-from emcas_fmu.kernels import compiled
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError
 from emcas_fmu.physics import drive_line, mechanics
+from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
+from emcas_fmu.studies.analysis.modes import load_rod, thesis_modes
 from tests.simulation import nested
 
 from .line import DRY, MODEL, RIGID, SMOOTH, at_motor, run_of, values_of

@@ -20,14 +20,14 @@ from typer.testing import CliRunner
 from emcas_fmu.actuators import NAMES, NONLINEAR, fin_port, get
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.fitting import MODEL, fit, write_fitted
+from emcas_fmu.fmi.fmi2.slave import Slave
+from emcas_fmu.fmi.interface import FmuInterface
 from emcas_fmu.fmi.model_description import SINGLE
 from emcas_fmu.fmi.package import build
-from emcas_fmu.fmi.slave import Slave
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.simulation import simulate
-from emcas_fmu.unit import Unit
+from emcas_fmu.studies.fitting import MODEL, fit, write_fitted
 
 from ..fmu.built import both
 from ..fmu.built import slave_class as local_class
@@ -224,7 +224,7 @@ _segments = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-150.0, 150.0), s
           suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(segments=_segments)
 def test_both_back_ends_are_one_model(model: str, library: Fmu, slave_class: type[Slave], segments: list[Any]) -> None:
-    index = Unit(1, model).reference
+    index = FmuInterface(1, model).reference
     native, python = Instance(library), slave_class(instance_name="fin")
     assert max(native.initialize()) == OK
     python.setup_experiment(0.0)
@@ -256,4 +256,4 @@ def library(built: Mapping[str, Path], tmp_path_factory: pytest.TempPathFactory)
 
 @pytest.fixture(scope="module")
 def slave_class(model: str) -> type[Slave]:
-    return local_class(Unit(1, model), [load_parameters(model=model).values])
+    return local_class(FmuInterface(1, model), [load_parameters(model=model).values])

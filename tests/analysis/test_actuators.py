@@ -19,16 +19,16 @@ from typer.testing import CliRunner
 from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.actuators.capabilities import POSITION_LOOP
 from emcas_fmu.actuators.declaration import State
-from emcas_fmu.analysis import frequency, sweep
-from emcas_fmu.analysis.analyse import analyse
-from emcas_fmu.analysis.linear import LinearActuator, sound
-from emcas_fmu.analysis.steps import compare
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import heat
 from emcas_fmu.simulation import simulate
+from emcas_fmu.studies.analysis import frequency, sweep
+from emcas_fmu.studies.analysis.analyse import analyse
+from emcas_fmu.studies.analysis.linear import LinearActuator, sound
+from emcas_fmu.studies.analysis.steps import compare
 
 from .conftest import growth, without_friction
 
@@ -172,7 +172,7 @@ def test_a_sampled_state_acts_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
                     derivatives=lambda ops, p, x, u: base(ops, p, x, u.replace(reference=u.held)))
     values = load_parameters(model=DIRECT_DRIVE).values
     expected = response(values, DIRECT_DRIVE)
-    monkeypatch.setattr("emcas_fmu.analysis.linear.get", lambda name: other)
+    monkeypatch.setattr("emcas_fmu.studies.analysis.linear.get", lambda name: other)
     # Two ways to the same matrices, one through the held input.
     np.testing.assert_allclose(response(values, DIRECT_DRIVE), expected, rtol=1e-9)
 

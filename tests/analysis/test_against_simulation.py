@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emcas_fmu.analysis import frequency, sweep
-from emcas_fmu.analysis.capability import steady_rate
-from emcas_fmu.analysis.linear import LinearActuator
-from emcas_fmu.analysis.steps import compare
 from emcas_fmu.simulation import simulate
+from emcas_fmu.studies.analysis import frequency, sweep
+from emcas_fmu.studies.analysis.capability import steady_rate
+from emcas_fmu.studies.analysis.linear import LinearActuator
+from emcas_fmu.studies.analysis.steps import compare
 from tests.default_actuator import namespace
 
 from .conftest import LOOP, boundary, without_friction

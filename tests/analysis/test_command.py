@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from emcas_fmu.analysis.capability import capability, envelope
-from emcas_fmu.analysis.modes import load_rod, modes, modes_at, thesis_modes
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.simulation import simulate
+from emcas_fmu.studies.analysis.capability import capability, envelope
+from emcas_fmu.studies.analysis.modes import load_rod, modes, modes_at, thesis_modes
 
 Values = Mapping[str, Any]
 

@@ -13,16 +13,16 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from emcas_fmu.actuators.electromechanical import nonlinear
-from emcas_fmu.analysis import frequency, thesis
-from emcas_fmu.analysis.final_values import TORQUE, final_values
-from emcas_fmu.analysis.linear import LinearActuator, sampled, wire
-from emcas_fmu.analysis.locus import continuous_poles, locus
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.simulation import simulate
+from emcas_fmu.studies.analysis import frequency, thesis
+from emcas_fmu.studies.analysis.final_values import TORQUE, final_values
+from emcas_fmu.studies.analysis.linear import LinearActuator, sampled, wire
+from emcas_fmu.studies.analysis.locus import continuous_poles, locus
 from tests.default_actuator import namespace
 
 Values = Mapping[str, Any]

@@ -15,9 +15,9 @@ from emcas_fmu.bench.excitation import Excitation, reference_case, slew_to, step
 from emcas_fmu.bench.subject import ParameterSubject, Subject, open_subject
 from emcas_fmu.compiler import local_platform
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.interface import fin_sets
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import ParameterError, load_parameters
-from emcas_fmu.unit import fin_sets
 
 from .subjects import FIN_PORT, Play
 

@@ -24,8 +24,8 @@ from emcas_fmu.cli import app
 from emcas_fmu.compiler import local_platform
 from emcas_fmu.files import models_directory
 from emcas_fmu.fmi.package import build
-from emcas_fmu.kernels import compiled
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
 from emcas_fmu.tuning.experiments import REST
 

@@ -17,8 +17,8 @@ from emcas_fmu.campaign.distributions import CampaignError
 from emcas_fmu.campaign.experiments import Experiment, Profile, excitation
 from emcas_fmu.campaign.sampling import Sampler
 from emcas_fmu.campaign.study import load_study
-from emcas_fmu.kernels import compiled
 from emcas_fmu.reference.cases import CASES
+from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
 from emcas_fmu.tuning import experiments as tuning
 

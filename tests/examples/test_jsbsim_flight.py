@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emcas_fmu import fitting
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.physics.loads import GRAVITY
 from emcas_fmu.simulation import simulate
+from emcas_fmu.studies import fitting
 from examples.jsbsim import second_order
 from examples.jsbsim.actuators import Demand, Ideal, Response
 from examples.jsbsim.convergence import measure

@@ -10,8 +10,8 @@ import numpy as np
 
 from emcas_fmu.actuators import get
 from emcas_fmu.extensions.status import HOMING
-from emcas_fmu.kernels import program
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate
 
 MODEL = "nonlinear+homing"
@@ -59,7 +59,7 @@ def assert_sound(run: Mapping[str, Any]) -> None:
 def blocked(torque: Callable[[float, float], float], stop: float, home: Callable[[float], bool],
             overrides: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """A run under a torque [N.m] of time [s] and fin angle [rad], at steps of 1 ms."""
-    core = program.core(BASE.replace(overrides or {}).values, MODEL)
+    core = codegen.core(BASE.replace(overrides or {}).values, MODEL)
     rows = []
     angle = 0.0
     for k in range(round(stop / 1e-3)):

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emcas_fmu.kernels import compiled
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics import drive_line, mechanics
+from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
-from emcas_fmu.step_elastic import Pair, advance
+from emcas_fmu.steppers.elastic import Pair, advance
 from tests.simulation import acting, nested
 
 from .screw_values import DRY, ELASTIC, MODEL, coulomb, efficiencies, ratio, values

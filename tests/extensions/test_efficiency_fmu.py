@@ -15,8 +15,8 @@ from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
 from emcas_fmu.fmi.package import build
-from emcas_fmu.kernels import compiled
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
 
 from ..fmu.host import ERROR, Fmu, Instance

@@ -14,11 +14,11 @@ import pytest
 from scipy.linalg import expm
 from typer.testing import CliRunner, Result
 
-from emcas_fmu.analysis.envelope import Curve, draw, envelope, settled, short_term_current, warmed
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.simulation import simulate
+from emcas_fmu.studies.analysis.envelope import Curve, draw, envelope, settled, short_term_current, warmed
 
 from .held import HELD, MODEL
 

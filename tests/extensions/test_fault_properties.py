@@ -12,9 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from emcas_fmu.extensions.fault_list import FAULTS
-from emcas_fmu.kernels import program
-from emcas_fmu.kernels.compiled import CompiledCore
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime import codegen
+from emcas_fmu.runtime.compiled import CompiledCore
 from emcas_fmu.simulation import simulate
 
 from .fault_runs import gust, wave
@@ -67,7 +67,7 @@ def test_both_kernels_and_kept_states(model: str) -> None:
     name = f"{model}+faults"
     parameters = load_parameters(model=name)
     values = parameters.replace(parameters.having(changes)).values
-    slow, fast = program.core(values, name), CompiledCore(values, name)
+    slow, fast = codegen.core(values, name), CompiledCore(values, name)
     for k in range(1, 161):
         inputs = (wave(k * 1e-3), gust(k * 1e-3), 0.0, 0.0, 39.0, True)
         one, other = slow.run(k * 1e-3 + 3e-4, inputs), fast.run(k * 1e-3 + 3e-4, inputs)
@@ -77,5 +77,5 @@ def test_both_kernels_and_kept_states(model: str) -> None:
             again.state = fast.state
             fast = again
             kept = slow.state
-            slow = program.core(values, name)
+            slow = codegen.core(values, name)
             slow.state = kept

@@ -19,11 +19,11 @@ from emcas_fmu.actuators import get
 from emcas_fmu.actuators.capabilities import CURRENT_LIMIT
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.package import build
-from emcas_fmu.kernels import compiled, program
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.physics import heat
+from emcas_fmu.runtime import codegen, compiled
 from emcas_fmu.simulation import simulate
 from tests.simulation import acting
 
@@ -198,7 +198,7 @@ def test_kernels_agree(model: str) -> None:
 
 
 def test_the_models_without_it_are_untouched() -> None:
-    assert "heat" not in program.source(model="nonlinear")
+    assert "heat" not in codegen.source(model="nonlinear")
 
 
 def test_second_order_is_refused() -> None:

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emcas_fmu.kernels import compiled
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import heat
+from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
 
 from .held import HELD, MODEL, NO_COEFFICIENTS, held, values_of

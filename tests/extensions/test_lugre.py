@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 
 from emcas_fmu.actuators import get
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.kernels import compiled
 from emcas_fmu.namespace import with_values
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.physics import mechanics
+from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
-from emcas_fmu.step_lugre import advance, shares
-from emcas_fmu.step_rigid import Plant, stops
+from emcas_fmu.steppers.lugre import advance, shares
+from emcas_fmu.steppers.rigid import Plant, stops
 from tests.simulation import acting, nested
 
 from .friction_reference import IDEAL, Bristle, excess

@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emcas_fmu.actuators import get
-from emcas_fmu.control import friction_compensation
+from emcas_fmu.control.controllers import friction_compensation
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.kernels import compiled
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.physics import friction
+from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
 from tests.simulation import nested
 

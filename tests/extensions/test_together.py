@@ -13,8 +13,8 @@ import pytest
 from emcas_fmu.actuators import EXTENSIONS, NAMES, get
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.extensions.fault_list import FAULTS
-from emcas_fmu.kernels.compiled import CompiledCore
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime.compiled import CompiledCore
 from emcas_fmu.simulation import simulate
 
 # Values with which an option does nothing; LuGre's bristles have none.

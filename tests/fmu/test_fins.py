@@ -19,10 +19,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.fmi2.slave import Slave
+from emcas_fmu.fmi.interface import AZIMUTH, FmuInterface, azimuths, fin_files
 from emcas_fmu.fmi.package import build
-from emcas_fmu.fmi.slave import Slave
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.unit import AZIMUTH, Unit, azimuths, fin_files
 from tests.default_actuator import OUTPUTS, PARAMETERS
 
 from .built import both
@@ -31,7 +31,7 @@ from .host import ERROR, OK, Fmu, Instance
 
 pytestmark = pytest.mark.fmu
 
-FOUR = Unit(4)
+FOUR = FmuInterface(4)
 RESISTANCE = "bus.source_resistance"
 
 
@@ -394,7 +394,7 @@ def test_python_unit_runs_in_a_fresh_process(built: Mapping[str, Path], four: Fm
 
 @pytest.mark.parametrize("fins", [1, 2, 3, 8])
 def test_value_references_are_where_the_code_looks(fins: int) -> None:
-    unit = Unit(fins)
+    unit = FmuInterface(fins)
     names = [v.name for v in unit.variables]
     assert len(set(names)) == len(names)
     first, last = unit.first_output, unit.first_parameter
@@ -408,7 +408,8 @@ def test_unusual_units(tmp_path: Path) -> None:
     assert azimuths(3, "plus") == (0.0, 120.0, 240.0)
     (tmp_path / "low.toml").write_text('[drive]\nsupply_voltage = "28 V"\n')
     files = {2: tmp_path / "low.toml"}
-    for call, said in ((lambda: Unit(0), "a unit has 1 to 8 fins"), (lambda: Unit(9), "a unit has 1 to 8 fins"),
+    for call, said in ((lambda: FmuInterface(0), "a unit has 1 to 8 fins"),
+                       (lambda: FmuInterface(9), "a unit has 1 to 8 fins"),
                        (lambda: azimuths(4, "star"), "there is plus and cross"),
                        (lambda: fin_files(["2=a.toml", "2=b.toml"]), "fin 2 is given twice"),
                        (lambda: fin_files(["two=a.toml"]), "expected a fin's number"),

@@ -19,10 +19,10 @@ from fmpy.validation import validate_fmu
 from emcas_fmu import compiler
 from emcas_fmu.actuators import EXTENSIONS, NAMES, get
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.interface import FmuInterface
 from emcas_fmu.fmi.model_description import model_description
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.unit import Unit
 from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS, VARIABLES
 
 pytestmark = pytest.mark.fmu
@@ -61,7 +61,7 @@ def test_no_type_has_the_name_of_a_variable(model: str, fins: int) -> None:
     for options in fit:
         if 1 < len(options) < len(fit[-1]):
             continue
-        unit = Unit(fins, "+".join((model, *options)))
+        unit = FmuInterface(fins, "+".join((model, *options)))
         root = model_description([0] * len(unit.variables), "", options={}, tool="", unit=unit)
         types = {t.attrib["name"] for t in root.findall("TypeDefinitions/SimpleType")}
         assert types == {v[0].attrib["declaredType"] for v in root.findall("ModelVariables/ScalarVariable")
@@ -287,7 +287,7 @@ def test_native_contents(native: Path) -> None:
     listed = {f"sources/{f.attrib['name']}" for f in build_description.iter("SourceFile")}
     assert listed == {"sources/fmi2.c"}
     assert {"sources/fmi2.c", "sources/core.h", "sources/kernel.h", "sources/model.h", "sources/interface.h",
-            "sources/instance.h", "sources/states.h", "sources/rules.h", "sources/sound.h",
+            "sources/instance.h", "sources/states.h", "sources/rules.h", "sources/parameter_checks.h",
             "sources/fmi2Functions.h", "documentation/index.html", "documentation/licenses/LICENSE.txt"} <= names
     assert not any(n.startswith("resources/") or n.endswith(".py") for n in names)
     assert "documentation/externalDependencies.txt" not in names

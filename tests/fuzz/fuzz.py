@@ -16,8 +16,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from emcas_fmu.fmi import native
+from emcas_fmu.fmi.interface import FmuInterface, start_values
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.unit import Unit, start_values
 
 HERE = Path(__file__).parent
 # Whatever the unit's real one: the serialized states are made by the unit itself.
@@ -27,7 +27,7 @@ SANITIZERS = "address,undefined,float-cast-overflow"
 
 def compiled(command: Sequence[str], sanitizers: str, folder: Path, fins: int = 1) -> Path:
     """The harness and the unit in one program. Raises CalledProcessError with what the compiler said."""
-    unit = Unit(fins)
+    unit = FmuInterface(fins)
     for name, text in native.sources(unit, start_values(unit, [load_parameters().values] * fins), GUID).items():
         (folder / name).write_text(text, encoding="utf-8")
     shutil.copy(HERE / "fuzz.c", folder)

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from emcas_fmu.files import models_directory
-from emcas_fmu.identification import backlash, drive, friction, inertia
-from emcas_fmu.identification.result import Identification
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.studies.identification import backlash, drive, friction, inertia
+from emcas_fmu.studies.identification.result import Identification
 from examples.identification_bench import bench
 
 from .truths import draw_truth

@@ -12,9 +12,9 @@ from typer.testing import CliRunner, Result
 
 from emcas_fmu.cli import app
 from emcas_fmu.fmi.package import build
-from emcas_fmu.identification import backlash, parameter_file, report
-from emcas_fmu.identification.result import Identification
 from emcas_fmu.parameters import ParameterError, load_parameters
+from emcas_fmu.studies.identification import backlash, parameter_file, report
+from emcas_fmu.studies.identification.result import Identification
 
 from .conftest import BENCH, shipped
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from emcas_fmu.cli import app
-from emcas_fmu.identification.estimation import fit, solve
-from emcas_fmu.identification.records import RecordError
+from emcas_fmu.studies.identification.estimation import fit, solve
+from emcas_fmu.studies.identification.records import RecordError
 
 from .conftest import shipped
 

@@ -19,7 +19,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import Case
 from emcas_fmu.reference.files import cases, simulator
 from emcas_fmu.simulation import respond
-from emcas_fmu.step_smooth import smooth_step, solve
+from emcas_fmu.steppers.smooth import smooth_step, solve
 
 from .example import FILE, MODEL
 

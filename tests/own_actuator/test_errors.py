@@ -12,8 +12,8 @@ import pytest
 from emcas_fmu import actuators
 from emcas_fmu.actuators import external, get
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.kernels import program
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime import codegen
 
 from .example import FILE, changed
 
@@ -38,7 +38,7 @@ _SPRING = "- p.spring.stiffness * x.fin_angle"
 def test_file_and_line_are_named(tmp_path: Path, change: tuple[str, str], place: str | None, says: str) -> None:
     path = changed(tmp_path, change)
     with pytest.raises(EmcasError, match=re.escape(says)) as refused:
-        program.traced(model=str(path))
+        codegen.traced(model=str(path))
     named = re.match(re.escape(f"{path}, line ") + r"(\d+)", str(refused.value))
     assert named
     if place is not None:

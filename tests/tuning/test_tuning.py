@@ -133,8 +133,8 @@ def test_the_fundamental_of_a_slow_sine_is_one() -> None:
 
 
 def test_margins_are_those_of_the_analysis() -> None:
-    from emcas_fmu.analysis.frequency import margins
-    from emcas_fmu.analysis.linear import LinearActuator
+    from emcas_fmu.studies.analysis.frequency import margins
+    from emcas_fmu.studies.analysis.linear import LinearActuator
 
     values = dict(load_parameters().values)
     expected = margins(LinearActuator(values).loop("reference"))

@@ -15,9 +15,9 @@ import pytest
 from emcas_fmu import compiler, files
 from emcas_fmu.compiler import CompilerError
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.kernels import compiled
-from emcas_fmu.kernels.compiled import Batch, CompiledCore
 from emcas_fmu.reference.cases import CASES
+from emcas_fmu.runtime import compiled
+from emcas_fmu.runtime.compiled import Batch, CompiledCore
 from emcas_fmu.simulation import KERNELS, simulate
 from tests.default_actuator import INPUTS, OUTPUTS
 

@@ -11,14 +11,15 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from emcas_fmu import control, sensors, step_rigid
-from emcas_fmu.kernels import program
+from emcas_fmu.control import controllers, sensors
 from emcas_fmu.ops import FLOATS
 from emcas_fmu.ops.arrays import ARRAYS
-from emcas_fmu.ops.python_source import python_source
 from emcas_fmu.ops.symbols import SYMBOLS
-from emcas_fmu.ops.trace import Tracer
 from emcas_fmu.physics import bus, drive, friction, kinematics, loads, mechanics
+from emcas_fmu.runtime import codegen
+from emcas_fmu.steppers import rigid
+from emcas_fmu.trace.python_source import python_source
+from emcas_fmu.trace.tracer import Tracer
 from tests.default_actuator import ACTUATOR, namespace
 
 Function = Callable[..., Any]
@@ -52,11 +53,11 @@ def _public(module: ModuleType) -> list[Function]:
 
 
 # Functions whose arguments are plain values; the others are reached through these.
-STRUCTURED = {loads.specific_force, mechanics.breakaway, mechanics.damping, step_rigid.advance, control.output,
-              step_rigid.electrical_mode, step_rigid.current_course, step_rigid.integral_end, step_rigid.stop_time,
-              step_rigid.time_to, step_rigid.voltage_events, step_rigid.voltage_time, friction.bristles, friction.falls,
-              control.update, friction.coulomb_reference, friction.coulomb_polynomial}
-MODULES = (bus, kinematics, friction, loads, mechanics, drive, sensors, control, step_rigid)
+STRUCTURED = {loads.specific_force, mechanics.breakaway, mechanics.damping, rigid.advance, controllers.output,
+              rigid.electrical_mode, rigid.current_course, rigid.integral_end, rigid.stop_time,
+              rigid.time_to, rigid.voltage_events, rigid.voltage_time, friction.bristles, friction.falls,
+              controllers.update, friction.coulomb_reference, friction.coulomb_polynomial}
+MODULES = (bus, kinematics, friction, loads, mechanics, drive, sensors, controllers, rigid)
 
 
 def _arguments(function: Function) -> list[str]:
@@ -67,7 +68,7 @@ def _arguments(function: Function) -> list[str]:
 PLAIN = {
     **{f"{f.__module__.rsplit('.', 1)[1]}.{f.__name__}": (_arguments(f), f)
        for module in MODULES for f in _public(module) if f not in STRUCTURED},
-    **{f"program.{name}": (list(names), function) for name, names, function in program.functions(ACTUATOR)}}
+    **{f"codegen.{name}": (list(names), function) for name, names, function in codegen.functions(ACTUATOR)}}
 # What no parameter of the default actuator is and a function reads.
 FURTHER = {"pwm.gain": 1.5}
 
@@ -140,9 +141,9 @@ def _traced(function: Function, columns: list[np.ndarray], values: Mapping[str, 
 
 
 def test_the_kernel_is_the_traced_actuator(values: Mapping[str, Any]) -> None:
-    kernel = program.make()(values)
+    kernel = codegen.make()(values)
     p = namespace(values)
-    for (_, names, function), compiled in zip(program.functions(ACTUATOR), kernel, strict=True):
+    for (_, names, function), compiled in zip(codegen.functions(ACTUATOR), kernel, strict=True):
         columns = _columns(names, seed=2)
         for i in range(LANES if columns else 1):
             arguments = [c[i].item() for c in columns]

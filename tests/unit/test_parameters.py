@@ -16,13 +16,7 @@ from hypothesis import strategies as st
 
 from emcas_fmu import files, parameters, rules
 from emcas_fmu.files import models_directory
-from emcas_fmu.parameters import (
-    ParameterError,
-    ParameterSet,
-    check_combinations,
-    check_parameters,
-    load_parameters,
-)
+from emcas_fmu.parameters import ParameterError, ParameterSet, check_combinations, check_parameters, load_parameters
 from emcas_fmu.rules import check_ranges
 from emcas_fmu.units import UnitError, quantity
 from emcas_fmu.variables import Variable

@@ -11,7 +11,7 @@ import pytest
 
 from emcas_fmu.ops import FLOATS
 from emcas_fmu.physics import drive, friction, kinematics, loads, mechanics
-from emcas_fmu.step_rigid import Plant, electrical_mode
+from emcas_fmu.steppers.rigid import Plant, electrical_mode
 from tests.default_actuator import namespace
 
 from ..simulation import acting, simulate

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from emcas_fmu.fmi.fmi2.slave import CorruptState
 from emcas_fmu.fmi.model_description import SINGLE
-from emcas_fmu.fmi.slave import CorruptState
 from tests.default_actuator import VARIABLES
 from tests.fmu.built import slave_class
 

@@ -11,13 +11,14 @@ import sys
 from dataclasses import replace
 from typing import Any
 
-from ... import step_elastic, step_rigid
 from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics import drive, drive_line, friction, kinematics, loads, mechanics
 from ...physics.structure import Structure
-from ...step_elastic import Pair
-from ...step_rigid import Plant
+from ...steppers import elastic as elastic_stepper
+from ...steppers import rigid
+from ...steppers.elastic import Pair
+from ...steppers.rigid import Plant
 from ...variables import Variable, parameter
 from .. import capabilities, fin_port
 from ..declaration import Acting, Asked, State, Values
@@ -105,14 +106,14 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
 
 def yielding(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
     """Return :func:`step` of a drive line that is not rigid."""
-    moved, used = step_elastic.advance(ops, p, sides(ops, p, x), u, h)
+    moved, used = elastic_stepper.advance(ops, p, sides(ops, p, x), u, h)
     return _states(_swapped(ops, p, *moved)), used
 
 
 def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took."""
     def as_one() -> tuple[Value, ...]:
-        plant, used = step_rigid.advance(
+        plant, used = rigid.advance(
             ops, p, Plant(x.angle_at_encoder, x.speed_at_encoder, x.motor_current, x.drive_integral), u, h)
         return *plant, plant.angle, plant.speed, used
 
@@ -159,5 +160,5 @@ ACTUATOR = replace(
     step=step,
     output_values=output_values,
     reference=None,
-    modules=(sys.modules[__name__], drive_line, step_elastic, *nonlinear.EQUATIONS),
+    modules=(sys.modules[__name__], drive_line, elastic_stepper, *nonlinear.EQUATIONS),
 )

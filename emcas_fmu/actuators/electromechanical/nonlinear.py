@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from typing import Any
 
-from ... import control, schedule, sensors, step_rigid
+from ...control import controllers, sensors
 from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics import drive, friction, kinematics, loads, mechanics
 from ...physics.structure import Structure
-from ...step_rigid import Plant, advance
+from ...runtime import schedule
+from ...steppers import rigid
+from ...steppers.rigid import Plant, advance
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, Values
 from . import interface
 
 # The drive's integral is taken at mid-tick; this keeps its oscillation resolved.
 _INTEGRAL_PHASE = 0.07
-EQUATIONS = (kinematics, mechanics, friction, loads, drive, sensors, control, schedule, step_rigid)
+EQUATIONS = (kinematics, mechanics, friction, loads, drive, sensors, controllers, schedule, rigid)
 
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
@@ -35,8 +37,8 @@ def controlled(ops: Ops, p: Any, angle: Value, speed: Value, x: Record, asked: A
     measured = sensors.measure(ops, p, angle, speed, x.counts, asked.encoder_offset)
 
     def running() -> tuple[Value, ...]:
-        out = control.output(ops, p, x.integral, measured, asked.command)
-        return out.reference, control.update(ops, p, x.integral, out), ops.where(out.limited, 1.0, 0.0)
+        out = controllers.output(ops, p, x.integral, measured, asked.command)
+        return out.reference, controllers.update(ops, p, x.integral, out), ops.where(out.limited, 1.0, 0.0)
 
     reference, integral, limited = ops.branch(asked.enable, running, lambda: (0.0, 0.0, 0.0))
     return {"reference": reference, "integral": integral, "counts": measured.counts,

@@ -1,0 +1,1 @@
+"""The sampled controllers and what they measure."""

@@ -1,0 +1,1 @@
+"""FMI 2.0 for co-simulation: the C of the native unit and the slave of the Python one."""

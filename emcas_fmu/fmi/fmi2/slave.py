@@ -1,0 +1,451 @@
+"""The co-simulation slave: FMI calls on one side, :class:`emcas_fmu.runtime.core.Core` on the other.
+
+Standard library and pythonfmu's base class only: it is embedded in the FMU.
+
+The wrapper that loads this class turns any Python exception into fmi2Fatal and then
+releases the instance twice, so nothing raised here may leave it. It can return
+fmi2Discard from fmi2DoStep and nothing but fmi2OK elsewhere. So a call that cannot be
+honoured is logged and remembered, and the next fmi2DoStep is discarded, the state
+unchanged: for good while the cause lasts (a refused parameter, a non-finite input),
+once where it does not (a write to a read-only variable, an interrupt from the keyboard).
+An interrupt that Python delivers between a call and its first line cannot be caught here.
+"""
+
+from __future__ import annotations
+
+import atexit
+import json
+import sys
+import zlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from math import inf, isfinite, nan
+from typing import Any, ClassVar, NamedTuple
+
+from pythonfmu import Fmi2Slave
+from pythonfmu.enums import Fmi2Status
+
+from ...rules import check_ranges, check_rules
+from ...runtime.core import Core, Functions
+
+
+class Table(NamedTuple):
+    """The interface as the slave needs it; a variable's value reference is its index.
+
+    ``rows`` are (name, kind, causality, variability, minimum, maximum), inputs
+    first, then outputs, then parameters; ``start`` the values of all of them.
+    """
+
+    rows: tuple[tuple[str, str, str, str, float, float], ...]
+    start: tuple[Any, ...]
+    guid: str
+
+
+class CorruptState:
+    """What deserialization gives for bytes that are no state of this FMU: the reason."""
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+
+
+class _RefusedError(Exception):
+    """A step that is discarded; the message says why."""
+
+
+class Slave(Fmi2Slave):  # type: ignore[misc]
+    """Base of the generated slave class, which adds all that is not derived below."""
+
+    make: ClassVar[Callable[[Mapping[str, Any]], Functions]]  # the kernel's functions
+    make_checks: ClassVar[Callable[[Mapping[str, Any]], tuple[Callable[[float], tuple[Any, ...]], ...]]]
+    rules: ClassVar[tuple[tuple[str, bool], ...]]  # message of each check, whether it is scanned
+    table: ClassVar[Table]
+    # Of each fin, value references of command, moment, supply (None without one), enable and further inputs.
+    places: ClassVar[tuple[tuple[Any, ...], ...]]
+    sizes: ClassVar[tuple[int, ...]]  # of a core
+    # Derived from the table once per class.
+    _kinds: ClassVar[dict[str, frozenset[int]]]
+    _inputs: ClassVar[range]
+    _outputs: ClassVar[range]
+    _parameters: ClassVar[range]
+    _index: ClassVar[dict[str, int]]
+    _motion_slice: ClassVar[slice]  # acceleration, roll and pitch stand together
+    _output_slice: ClassVar[slice]
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if not hasattr(cls, "table"):  # a base
+            return
+        rows = cls.table.rows
+        cls._kinds = {kind: frozenset(i for i, r in enumerate(rows) if r[1] == kind)
+                      for kind in ("Real", "Integer", "Boolean", "String")}
+        counts = [sum(r[2] == causality for r in rows) for causality in ("input", "output", "parameter")]
+        cls._inputs = range(counts[0])
+        cls._outputs = range(counts[0], counts[0] + counts[1])
+        cls._parameters = range(counts[0] + counts[1], len(rows))
+        cls._output_slice = slice(cls._outputs.start, cls._outputs.stop)
+        cls._index = {row[0]: i for i, row in enumerate(rows)}
+        cls._motion_slice = slice(cls._index["acceleration.x"], cls._index["attitude.pitch"] + 1)
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self._values: list[Any] = list(self.table.start)
+        self._core: Core | None = None
+        self._bound: tuple[Any, ...] = ()  # parameter values the core was made with
+        self._start = 0.0
+        self._now = 0.0  # seconds since the start
+        self._phase = "instantiated"
+        self._misuse = ""
+        self._refusal = ""
+        self._changed = True  # parameters since the kernel was bound
+        self._current = False  # outputs in _values are those of now
+        self._motion: list[float] = []
+        self._held: tuple[Any, ...] | None = None  # the core's inputs, until a variable is set
+        self._ready = False  # nothing stands against a step
+        self._slack = 0.0
+        self._force = (0.0, 0.0)
+
+    # -- FMI life cycle --------------------------------------------------------
+
+    def setup_experiment(self, start_time: float, stop_time: float | None = None,
+                         tolerance: float | None = None) -> None:
+        if self._phase == "instantiated":
+            self._start = start_time
+        else:
+            self._misused(f"fmi2SetupExperiment called while {self._phase}")
+
+    def enter_initialization_mode(self) -> None:
+        if self._phase == "instantiated":
+            self._phase = "initialization"
+        else:
+            self._misused(f"fmi2EnterInitializationMode called while {self._phase}")
+
+    def exit_initialization_mode(self) -> None:
+        self._guard(self._initialize)
+
+    def terminate(self) -> None:
+        self._phase = "terminated"
+        self._ready = False
+
+    def _initialize(self) -> None:
+        if self._phase != "initialization":
+            self._misused(f"fmi2ExitInitializationMode called while {self._phase}")
+            return
+        self._phase = "running"
+        problems = self._parameter_problems()
+        if not isfinite(self._start):
+            problems.append(f"start time {self._start!r} is not finite")
+        if problems:
+            self._refusal = "; ".join(problems)
+            for problem in problems:
+                self._error(f"initialization refused: {problem}")
+            # A host with logging off would see nothing but discarded steps.
+            print(f"{self.instance_name}: initialization refused: {self._refusal}", file=sys.stderr)
+            return
+        self._bind()
+
+    def do_step(self, current_time: float, step_size: float) -> bool:
+        before, now = None, self._now
+        try:
+            begin = current_time - self._start
+            # All is well: the way every step but a few takes. A comparison with NaN is false.
+            if self._ready and abs(begin - self._now) <= self._slack and 0.0 < step_size < inf:
+                core: Any = self._core
+                end = begin + step_size
+                if end < now:  # a host's clock may run back within the tolerance, the trajectory does not
+                    end = now
+                inputs = self._held or self._checked_inputs(core, current_time)
+                before = core.state
+                self._values[self._output_slice] = core.run(end, inputs)
+                self._now = end
+                self._current = True
+                return True
+            return self._step(current_time, step_size)
+        except _RefusedError as error:
+            return self._discard(str(error))
+        except BaseException as error:  # noqa: BLE001  KeyboardInterrupt too: see the module's docstring
+            if before is not None:
+                core.state, self._now, self._current = before, now, False
+            return self._discard(f"step from {current_time!r} s of {step_size!r} s: {type(error).__name__}: {error}")
+
+    def _step(self, current_time: float, step_size: float) -> bool:
+        """A step that needs a closer look first."""
+        if self._phase != "running":
+            raise _RefusedError(f"fmi2DoStep called while {self._phase}")
+        if self._refusal:
+            raise _RefusedError(f"initialization was refused: {self._refusal}")
+        if self._misuse:
+            misuse, self._misuse = self._misuse, ""
+            self._ready = not self._changed
+            raise _RefusedError(misuse)
+        if self._changed or self._core is None:
+            problems = self._parameter_problems()
+            if problems:
+                raise _RefusedError("; ".join(problems))
+            self._bind()
+        self._ready = True
+        begin = current_time - self._start
+        if not 0.0 < step_size < inf:
+            raise _RefusedError(f"communication step {step_size!r} s at {current_time!r} s is not positive and finite")
+        if not abs(begin - self._now) <= self._slack:
+            raise _RefusedError(f"step from {current_time!r} s, but the slave stands at {self._start + self._now!r} s")
+        return self.do_step(current_time, step_size)
+
+    def _checked_inputs(self, core: Core, current_time: float) -> tuple[Any, ...]:
+        inputs = self._core_inputs(core)
+        if self._finite(inputs):
+            self._held = inputs
+            return inputs
+        bad = [f"{self.table.rows[i][0]} = {self._values[i]!r}" for i in self._inputs if not isfinite(self._values[i])]
+        raise _RefusedError(f"input at {current_time!r} s is not finite: {', '.join(bad)}")
+
+    @staticmethod
+    def _finite(inputs: tuple[Any, ...]) -> bool:
+        return isfinite(sum(inputs))
+
+    def _core_inputs(self, core: Core) -> tuple[Any, ...]:
+        values = self._values
+        motion = values[self._motion_slice]
+        if motion != self._motion:
+            # Not finite: let the caller's check find it, trigonometry would raise.
+            self._force = core.forces(*motion) if isfinite(sum(motion)) else (nan, nan)
+            self._motion = motion
+        command, aero_torque, supply, *rest = self.places[0]
+        return (values[command], values[aero_torque], *self._force, 0.0 if supply is None else values[supply],
+                *map(values.__getitem__, rest))
+
+    def _bind(self) -> Core:
+        """Let the core follow the parameters; before the first step it starts anew."""
+        values = self._parameter_values()
+        if self._core is None or self._now == 0.0:
+            self._core = self._made(values)
+        else:
+            self._rebind(self._core, values)
+        self._bound = tuple(values.values())
+        # A clock that began late counts in coarser units than the core's slack.
+        self._slack = self._core.slack + 1e-15 * abs(self._start)
+        self._changed = self._current = False
+        self._motion = []
+        self._held = None
+        return self._core
+
+    # What several fins do otherwise.
+
+    def _made(self, values: Mapping[str, Any]) -> Core:
+        return Core(type(self).make(values), *self.sizes)
+
+    def _rebind(self, core: Core, values: Mapping[str, Any]) -> None:
+        core.bind(type(self).make(values))
+
+    def _inconsistencies(self, values: Mapping[str, Any]) -> list[str]:
+        return self._broken_rules(values)
+
+    def _broken_rules(self, values: Mapping[str, Any]) -> list[str]:
+        """Return a message for each rule that one fin's parameters break."""
+        checks = zip(type(self).make_checks(values), self.rules, strict=True)
+        return check_rules((check, message, scanned) for check, (message, scanned) in checks)
+
+    def _parameter_values(self) -> dict[str, Any]:
+        return {self.table.rows[i][0]: self._values[i] for i in self._parameters}
+
+    def _parameter_problems(self) -> list[str]:
+        values = self._parameter_values()
+        limits = ((r[0], r[4], r[5]) for r in (self.table.rows[i] for i in self._parameters) if r[1] != "Boolean")
+        return check_ranges(values, limits) or self._inconsistencies(values)
+
+    # -- variables -------------------------------------------------------------
+
+    def get_real(self, vrs: Sequence[int]) -> list[float]:
+        return self._get("Real", vrs, nan)
+
+    def get_integer(self, vrs: Sequence[int]) -> list[int]:
+        return list(map(int, self._get("Integer", vrs, 0)))
+
+    def get_boolean(self, vrs: Sequence[int]) -> list[bool]:
+        return self._get("Boolean", vrs, False)
+
+    def get_string(self, vrs: Sequence[int]) -> list[str]:
+        return self._get("String", vrs, "")
+
+    def set_real(self, vrs: Sequence[int], values: Sequence[float]) -> None:
+        self._set("Real", vrs, values)
+
+    def set_integer(self, vrs: Sequence[int], values: Sequence[int]) -> None:
+        self._set("Integer", vrs, values)
+
+    def set_boolean(self, vrs: Sequence[int], values: Sequence[bool]) -> None:
+        self._set("Boolean", vrs, values)
+
+    def set_string(self, vrs: Sequence[int], values: Sequence[str]) -> None:
+        self._set("String", vrs, values)
+
+    def _get(self, kind: str, vrs: Sequence[int], missing: Any) -> list[Any]:
+        try:
+            if not self._current:
+                self._refresh()
+            values = self._values
+            known = self._kinds[kind]
+            if known.issuperset(vrs):
+                return list(map(values.__getitem__, vrs))
+            unknown = ", ".join(str(v) for v in vrs if v not in known)
+            self._misused(f"no {kind} variable has value reference {unknown}")
+            return [values[vr] if vr in known else missing for vr in vrs]
+        except BaseException as error:  # noqa: BLE001  see the module's docstring
+            self._misused(f"reading variables: {type(error).__name__}: {error}")
+            return [missing] * len(vrs)
+
+    def _refresh(self) -> None:
+        """Bring the outputs in `_values` up to now; NaN and false where there are none."""
+        core = self._core
+        if self._phase in ("instantiated", "initialization"):
+            core = None if self._parameter_problems() else self._bind()
+        outputs: Iterable[Any] | None = None
+        if core is not None and not self._refusal:
+            inputs = self._held or self._core_inputs(core)
+            if not self._finite(inputs):
+                self._current = True  # an input that the next step will refuse changes no output
+                return
+            outputs = core.outputs(inputs)
+        if outputs is None:
+            outputs = (nan if self.table.rows[i][1] == "Real" else 0 for i in self._outputs)
+        self._values[self._output_slice] = outputs
+        self._current = True
+
+    def _set(self, kind: str, vrs: Sequence[int], values: Sequence[Any]) -> None:
+        try:
+            self._held = None
+            self._current = False
+            known = self._kinds[kind]
+            for vr, value in zip(vrs, values, strict=False):
+                if vr in self._inputs and vr in known:
+                    self._values[vr] = value
+                else:
+                    self._set_other(kind, vr, value)
+        except BaseException as error:  # noqa: BLE001  see the module's docstring
+            self._misused(f"setting variables: {type(error).__name__}: {error}")
+
+    def _set_other(self, kind: str, vr: int, value: Any) -> None:
+        if vr not in self._kinds[kind]:
+            self._misused(f"no {kind} variable has value reference {vr}")
+        elif vr in self._outputs:
+            self._misused(f"{self.table.rows[vr][0]} is an output and cannot be set")
+        elif self._phase in ("running", "terminated") and self.table.rows[vr][3] == "fixed":
+            self._misused(f"{self.table.rows[vr][0]} is fixed and cannot be set after initialization")
+        else:
+            self._values[vr] = value
+            self._changed = True
+            self._ready = False
+
+    # -- FMU state -------------------------------------------------------------
+
+    def _get_fmu_state(self) -> Any:
+        core = None if self._core is None else self._core.state
+        return (self._start, self._now, self._phase, self._misuse, self._refusal, self._changed,
+                tuple(self._values), self._bound, core)
+
+    def _set_fmu_state(self, state: Any) -> None:
+        if isinstance(state, CorruptState):
+            self._misused(f"FMU state refused: {state.reason}")
+            return
+        self._guard(lambda: self._restore(state))
+
+    def _restore(self, state: Any) -> None:
+        start, now, phase, misuse, refusal, changed, values, bound, core_state = state
+        core = self._core
+        if core_state is None:
+            core = None
+        elif core is None or bound != self._bound:
+            parameters = {self.table.rows[i][0]: v for i, v in zip(self._parameters, bound, strict=True)}
+            core = self._made(parameters)
+        self._start, self._now, self._phase, self._misuse, self._refusal = start, now, phase, misuse, refusal
+        self._changed, self._values, self._bound, self._core = changed, list(values), bound, core
+        if core is not None:
+            core.state = core_state
+            self._slack = core.slack + 1e-15 * abs(self._start)
+        self._ready = False
+        self._motion = []
+        self._held = None
+        self._current = False
+
+    @classmethod
+    def _fmu_state_to_bytes(cls, state: Any) -> bytes:
+        if isinstance(state, CorruptState):
+            state = None
+        body = json.dumps(state).encode()
+        return f"{cls.table.guid} {zlib.crc32(body):08x} ".encode() + body
+
+    @classmethod
+    def _fmu_state_from_bytes(cls, data: bytes) -> Any:
+        try:
+            guid, check, body = bytes(data).split(b" ", 2)
+            if guid.decode() != cls.table.guid:
+                return CorruptState(f"it is of another FMU, not of {cls.table.guid}")
+            if int(check, 16) != zlib.crc32(body):
+                return CorruptState("its checksum is wrong")
+            state = _tuples(json.loads(body))
+            return CorruptState("it holds no state") if state is None else state
+        except Exception as error:  # noqa: BLE001  see the module's docstring
+            return CorruptState(f"it cannot be read ({type(error).__name__})")
+
+    # -- trouble ---------------------------------------------------------------
+
+    def _guard(self, action: Callable[[], None]) -> None:
+        try:
+            action()
+        except BaseException as error:  # noqa: BLE001  see the module's docstring
+            self._misused(f"{type(error).__name__}: {error}")
+
+    def _misused(self, message: str) -> None:
+        self._misuse = message
+        self._ready = False
+        self._error(message)
+
+    def _error(self, message: str) -> None:
+        self._log(message, Fmi2Status.error)
+
+    def _discard(self, message: str) -> bool:
+        self._log(message, Fmi2Status.discard)
+        return False
+
+    def _log(self, message: str, status: Any) -> None:
+        # The wrapper hands the text to the host as a printf format.
+        self.log(message.replace("%", "%%"), status)
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
+
+
+_kept: list[Mapping[str, Any]] = []
+
+
+def keep(namespace: Mapping[str, Any]) -> None:
+    """Hold one more reference to a module's namespace, and see to the wrapper's end.
+
+    The wrapper executes the entry module at every instantiation and afterwards drops a
+    reference to its namespace that it only borrowed; without this the namespace would
+    be freed under later instances.
+    """
+    if not _kept and sys.platform == "linux":
+        atexit.register(_release_wrapper, str(namespace.get("__file__", "")))
+    _kept.append(namespace)
+
+
+def _release_wrapper(entry: str) -> None:
+    """Let the wrapper release its state while that is still its own.
+
+    As the process ends its static state is destroyed, and then released once more by the library's own
+    finalizer: a count is decremented in memory that was freed, which now and then aborts a host that was done.
+    Released before, by the same finalizer, there is nothing left to be released twice.
+    """
+    folder = entry.rpartition("/resources/")[0]
+    try:
+        import ctypes
+        import os
+
+        with open("/proc/self/maps", encoding="utf-8", errors="replace") as maps:  # noqa: PTH123
+            paths = {line.split(maxsplit=5)[5].rstrip().removesuffix(" (deleted)") for line in maps if line.count("/")}
+        for path in paths:
+            if folder and path.startswith(f"{folder}/binaries/"):
+                # Only if it is still loaded; the file may be gone.
+                ctypes.CDLL(path, mode=os.RTLD_NOLOAD | os.RTLD_NOW).finalizePythonInterpreter()
+    except Exception:  # noqa: BLE001  the interpreter is ending, and without this all is as it was
+        pass

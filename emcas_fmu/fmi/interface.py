@@ -1,0 +1,216 @@
+"""What a unit of one or several actuators shows: the interface, out of the actuator's declaration.
+
+A single actuator shows its variables themselves. Several show what belongs to each under ``fin[1].``, ``fin[2].``
+and so on; vehicle motion and supply are shared, and a bus and mixing inputs come with them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from ..actuators import NONLINEAR, fin_port, get
+from ..actuators.declaration import Actuator, identifier
+from ..errors import EmcasError
+from ..parameters import ParameterSet, load_parameters
+from ..variables import Variable, parameter, real_input, real_output
+
+MOST_FINS = 8
+LAYOUTS = ("plus", "cross")
+AZIMUTH = "mounting.azimuth"
+VEHICLE = tuple(v.name for v in fin_port.MOTION)
+
+
+def _mixing(axis: str, along: str) -> Variable:
+    return real_input(f"{axis}_command", "rad",
+                      f"deflection of tail fins for a positive moment about body {along}; added to the fins' commands: "
+                      "-(roll + pitch cos(azimuth) + yaw sin(azimuth))", nominal=0.1)
+
+
+MIXING = (_mixing("roll", "x (right side down)"), _mixing("pitch", "y (nose up)"), _mixing("yaw", "z (nose right)"))
+BUS_VOLTAGE = real_output("bus_voltage", "V", "voltage at the drives: the supply's less the sag", 10.0)
+BUS_CURRENT = real_output("bus_current", "A", "current all drives draw; negative while regenerating", 10.0)
+BUS_PARAMETERS = (
+    parameter("bus.source_resistance", "Ohm", 0.0, 1.0,
+              "resistance between supply_voltage and the drives (0: stiff)"),
+    parameter("bus.update_time", "s", 1e-5, 1e-2, "interval at which the sag follows the drives' current"),
+)
+_BUS_START = {"bus.source_resistance": 0.0, "bus.update_time": 1e-4}
+
+
+def model_name(actuator: str, fins: int = 1) -> str:
+    """Return the name of the model of an actuator: EMCAS, EMCAS4, EMCAS_second_order, EMCAS_heat (nonlinear)."""
+    several = "" if fins == 1 else f"{fins}"
+    return f"EMCAS{several}" + (
+        "" if actuator == NONLINEAR else f"_{identifier(actuator.removeprefix(f'{NONLINEAR}+'))}")
+
+
+@dataclass(frozen=True)
+class FmuInterface:
+    """`fins` actuators of a `kind` (a name for :func:`emcas_fmu.actuators.get`) in one FMU.
+
+    A variable's value reference is its place in `variables`. Inputs come first, then outputs, then parameters; of each
+    the shared ones first, then fin by fin in the actuator's order.
+    """
+
+    fins: int
+    kind: str = NONLINEAR
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.fins <= MOST_FINS:
+            raise EmcasError(f"--fins {self.fins}: a unit has 1 to {MOST_FINS} fins")
+
+    @property
+    def model(self) -> str:
+        """Name of the model (:func:`model_name`)."""
+        return model_name(self.actuator.name, self.fins)
+
+    @property
+    def actuator(self) -> Actuator:
+        """The model of each fin."""
+        return get(self.kind)
+
+    def prefix(self, fin: int) -> str:
+        """What stands before the names of fin 0, 1, ...; nothing for a single one."""
+        return "" if self.fins == 1 else f"fin[{fin + 1}]."
+
+    def name(self, variable: str, fin: int) -> str:
+        """The interface's name of one fin's variable."""
+        return variable if self.fins == 1 or variable in self.shared else self.prefix(fin) + variable
+
+    @cached_property
+    def shared(self) -> tuple[str, ...]:
+        """Names of the inputs that all fins have in common: vehicle motion and supply."""
+        supply = self.actuator.supply
+        return VEHICLE if supply is None else (*VEHICLE, supply.input.name)
+
+    @cached_property
+    def bus_outputs(self) -> tuple[Variable, ...]:
+        """Outputs of the bus that several fins share."""
+        supply = self.actuator.supply
+        if supply is None or self.fins == 1:
+            return ()
+        total = replace(supply.power, description="electrical power drawn by all motors; negative while regenerating")
+        return BUS_VOLTAGE, BUS_CURRENT, total
+
+    def _each(self, variables: Sequence[Variable]) -> tuple[Variable, ...]:
+        return tuple(replace(v, name=self.name(v.name, fin)) for fin in range(self.fins) for v in variables)
+
+    @cached_property
+    def inputs(self) -> tuple[Variable, ...]:
+        inputs, supply = self.actuator.inputs, self.actuator.supply
+        if self.fins == 1:
+            return inputs
+        source = {} if supply is None else {supply.input.name: "voltage of the source of the bus"}
+        shared = tuple(replace(v, description=source.get(v.name, v.description))
+                       for v in inputs if v.name in self.shared)
+        return shared + MIXING + self._each([v for v in inputs if v.name not in self.shared])
+
+    @cached_property
+    def outputs(self) -> tuple[Variable, ...]:
+        outputs = self.actuator.outputs
+        return outputs if self.fins == 1 else self.bus_outputs + self._each(outputs)
+
+    @cached_property
+    def parameters(self) -> tuple[Variable, ...]:
+        parameters = self.actuator.parameters
+        if self.fins == 1:
+            return parameters
+        return (*(BUS_PARAMETERS if self.actuator.supply else ()), *self._each(parameters))
+
+    @cached_property
+    def variables(self) -> tuple[Variable, ...]:
+        return self.inputs + self.outputs + self.parameters
+
+    @cached_property
+    def reference(self) -> Mapping[str, int]:
+        """Value reference of each name."""
+        return {v.name: i for i, v in enumerate(self.variables)}
+
+    @property
+    def places(self) -> tuple[tuple[int, ...], ...]:
+        """For each fin, the value references of its actuator's inputs."""
+        return tuple(tuple(self.reference[self.name(v.name, fin)] for v in self.actuator.inputs)
+                     for fin in range(self.fins))
+
+    @property
+    def first_output(self) -> int:
+        """Value reference of the first fin's first output; those of all fins follow one on the other."""
+        return len(self.variables) - len(self.parameters) - self.fins * len(self.actuator.outputs)
+
+    @property
+    def first_parameter(self) -> int:
+        """Value reference of the first fin's first parameter; those of all fins follow one on the other."""
+        return len(self.variables) - self.fins * len(self.actuator.parameters)
+
+
+def azimuths(fins: int, layout: str) -> tuple[float, ...]:
+    """Azimuths [deg] of equally spaced fins: ``plus`` begins with one on body y, ``cross`` half a space further.
+
+    Raises EmcasError for another layout.
+    """
+    if layout not in LAYOUTS:
+        raise EmcasError(f"--layout {layout}: there is {' and '.join(LAYOUTS)}")
+    space = 360.0 / fins
+    return tuple(space * (k + (0.5 if layout == "cross" else 0.0)) for k in range(fins))
+
+
+def fin_files(given: Sequence[str]) -> dict[int, Path]:
+    """Parameter files of single fins from 1 on, given as ``N=FILE``. Raises EmcasError."""
+    files: dict[int, Path] = {}
+    for text in given:
+        number, separator, file = text.partition("=")
+        if not separator or not file or not number.isdigit():
+            raise EmcasError(f"--fin {text}: expected a fin's number from 1 on and a file, as in --fin 2=second.toml")
+        if int(number) in files:
+            raise EmcasError(f"--fin {text}: fin {number} is given twice")
+        files[int(number)] = Path(file)
+    return files
+
+
+def fin_sets(base: ParameterSet, fins: int, layout: str, files: Mapping[int, Path]) -> tuple[ParameterSet, ...]:
+    """Each fin's parameters: `base` where the layout puts it, and the file of its own, if there is one, over that.
+
+    Raises EmcasError for a fin, number or layout there is not, and where fins differ in what they share;
+    ParameterError for a file's problems.
+    """
+    FmuInterface(fins)
+    places = azimuths(fins, layout)
+    for fin in files:
+        if not 1 <= fin <= fins:
+            raise EmcasError(f"--fin {fin}={files[fin]}: the unit has fins 1 to {fins}")
+    sets = tuple(load_parameters(files.get(fin), base.replace({AZIMUTH: f"{azimuth} deg"}))
+                 for fin, azimuth in enumerate(places, 1))
+    require_shared(sets, ", ".join(map(str, files.values())))
+    return sets
+
+
+def require_shared(sets: Sequence[ParameterSet], where: str) -> None:
+    """Raise EmcasError where fins differ in a start value of an input they share."""
+    for name in (v.key for v in FmuInterface(1, sets[0].model).inputs if v.key is not None):
+        if len({each.values[name] for each in sets}) > 1:
+            raise EmcasError(f"{where}: {name} differs between fins, which share it; change it for every fin")
+
+
+def start_values(unit: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> tuple[Any, ...]:
+    """Start value of every variable of the interface; 0 or False for outputs.
+
+    `sets` are the fins' parameter values; what is shared is taken from the first.
+    """
+    def start(v: Variable) -> Any:
+        if v.causality == "output":
+            return False if v.kind == "Boolean" else 0.0
+        if v.causality == "input" and v.key is None:
+            return v.start
+        if v.name in _BUS_START:
+            return _BUS_START[v.name]
+        if v.key is not None:
+            return sets[0][v.key]
+        return parameters[v.name]
+
+    parameters = {unit.name(p.name, fin): values[p.name] for fin, values in enumerate(sets)
+             for p in unit.actuator.parameters}
+    return tuple(start(v) for v in unit.variables)

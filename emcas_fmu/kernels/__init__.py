@@ -1,1 +1,0 @@
-"""Ways to run the actuator: traced Python source, and the schedule that drives it."""

@@ -1,0 +1,173 @@
+"""An actuator as a program: its functions (:mod:`emcas_fmu.actuators`) and its schedule traced, as Python or C."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from inspect import signature
+from typing import Any
+
+from ..actuators import NONLINEAR, fin_port, get
+from ..actuators.declaration import Actuator, identifier
+from ..actuators.external import refusal
+from ..errors import EmcasError
+from ..ops.base import Ops, Value
+from ..physics import bus
+from ..trace.c_source import c_source
+from ..trace.python_source import python_source
+from ..trace.tracer import Tracer
+from ..trace.usage import dependencies
+from . import schedule
+from .core import Core
+
+Make = Callable[[Mapping[str, Any]], tuple[Callable[..., tuple[Any, ...]], ...]]
+Traced = tuple[str, tuple[str, ...], Callable[..., tuple[Value, ...]]]
+
+
+def mixed_command(ops: Ops, p: Any, command: Value, roll: Value, pitch: Value, yaw: Value) -> tuple[Value, ...]:
+    """:func:`emcas_fmu.actuators.fin_port.mixed_command`."""
+    return (fin_port.mixed_command(ops, p, command, roll, pitch, yaw),)
+
+
+def bus_voltage(ops: Ops, p: Any, source: Value, sag: Value) -> tuple[Value, ...]:
+    """:func:`emcas_fmu.physics.bus.voltage`."""
+    return (bus.voltage(ops, source, sag),)
+
+
+def bus_current(ops: Ops, p: Any, power: Value, at: Value) -> tuple[Value, ...]:
+    """:func:`emcas_fmu.physics.bus.current`."""
+    return (bus.current(ops, power, at),)
+
+
+def bus_sag(ops: Ops, p: Any, resistance: Value, sag: Value, drawn: Value, interval: Value,
+            inverse_inductance: Value) -> tuple[Value, ...]:
+    """:func:`emcas_fmu.physics.bus.next_sag`; `inverse_inductance` is sum 1/L_i [1/H]."""
+    return (bus.next_sag(ops, resistance, sag, drawn, interval * inverse_inductance),)
+
+
+# What several fins on one bus need besides, and the 1/L [1/H] of one of them.
+BUS = (bus_voltage, bus_current, bus_sag)
+
+
+def functions(actuator: Actuator, several: bool = False) -> tuple[Traced, ...]:
+    """Return name, names of the arguments behind ops and p, and the function of each of a program, in their order."""
+    def described(*plain: Callable[..., tuple[Value, ...]]) -> tuple[Traced, ...]:
+        return tuple((f.__name__, tuple(signature(f).parameters)[2:], f) for f in plain)
+
+    several_fins: tuple[Traced, ...] = ()
+    if several:
+        several_fins = described(mixed_command)
+        if supply := actuator.supply:
+            loads = ("inverse_inductance", (), lambda ops, p: (supply.inverse_inductance(ops, p),))
+            several_fins = (*several_fins, *described(*BUS), loads)
+    return (("schedule", (), lambda ops, p: schedule.schedule(ops, p, actuator)),
+            ("locate", ("time",), lambda ops, p, time: schedule.locate(ops, p, actuator, time)),
+            *actuator.functions, *several_fins)
+
+
+@cache
+def traced(several: bool = False, model: str = NONLINEAR) -> Tracer:
+    """Return an actuator's functions, and those of several fins if asked for, of its parameters in their order."""
+    actuator = get(model)
+    tracer = Tracer()
+    p = actuator.namespace({v.name: tracer.parameter(v.name) for v in actuator.parameters})
+    for name, arguments, function in functions(actuator, several):
+        try:
+            tracer.function(name, arguments, partial(function, tracer, p))
+        except Exception as error:
+            if actuator.source is None or isinstance(error, EmcasError):
+                raise
+            raise refusal(error, actuator.source) from error
+    return tracer
+
+
+@cache
+def direct_inputs(model: str) -> Mapping[str, tuple[str, ...]]:
+    """Return for each output that depends at once on inputs which these are; the states integrate the rest."""
+    actuator, tracer = get(model), traced(False, model)
+    arguments: dict[str, tuple[str, ...]] = {
+        "command": ("fin_command",), "aero_torque": ("aero_torque",), "enable": ("enable",),
+        **({"supply": (actuator.supply.input.name,)} if actuator.supply else {}),
+        **{identifier(v.name): (v.name,) for v in actuator.acting_inputs}}
+    by_name = {function.name: function for function in tracer.functions}
+    motion = dict(zip(by_name["forces"].arguments, (v.name for v in fin_port.MOTION), strict=False))
+    for force, needed in zip(("f_x", "f_z"), dependencies(by_name["forces"]), strict=True):
+        arguments[force] = tuple(name for argument, name in motion.items() if argument in needed)
+    order = {v.name: i for i, v in enumerate(actuator.inputs)}
+    direct = {}
+    for v, needed in zip(actuator.outputs, dependencies(by_name["outputs"]), strict=True):
+        names = {name for argument in needed for name in arguments.get(argument, ())}
+        direct[v.name] = tuple(sorted(names, key=order.__getitem__))
+    return {name: inputs for name, inputs in direct.items() if inputs}
+
+
+@cache
+def source(several: bool = False, model: str = NONLINEAR) -> str:
+    """Return the Python source of a module with ``make(parameters)``.
+
+    `make` takes the flat parameter mapping and gives the functions in their order, bound to it.
+    """
+    return python_source(traced(several, model),
+                         "The actuator's equations as straight-line code; generated, do not edit.")
+
+
+def c_kernel(several: bool = False, model: str = NONLINEAR) -> str:
+    """Return the functions as C (:func:`emcas_fmu.trace.c_source.c_source`), named ``kernel_...``."""
+    return c_source(traced(several, model), "kernel")
+
+
+@cache
+def traced_rules(model: str = NONLINEAR) -> Tracer:
+    """Return the checks of an actuator's rules, ``check_0`` and so on, each of a share of the travel."""
+    actuator = get(model)
+    tracer = Tracer()
+    p = actuator.namespace({v.name: tracer.parameter(v.name) for v in actuator.parameters})
+    for i, rule in enumerate(actuator.all_rules):
+        tracer.function(f"check_{i}", ["share"], partial(rule.check, tracer, p))
+    return tracer
+
+
+def core(values: Mapping[str, Any], model: str = NONLINEAR) -> Core:
+    """Return a core of an actuator, in Python, with these parameters."""
+    return Core(make(model=model)(values), *sizes(get(model)))
+
+
+def sizes(actuator: Actuator) -> tuple[int, int, int]:
+    """Return the numbers of states, of controller states and of further inputs that act on the plant."""
+    return len(actuator.states), len(actuator.controller_states), len(actuator.acting_inputs)
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where a core's inputs stand in a row of an actuator's."""
+
+    motion: slice
+    direct: tuple[int, ...]
+    supply: int | None
+    further: tuple[int, ...]
+
+    def arrange(self, row: Sequence[Any], forces: Callable[..., tuple[float, float]]) -> tuple[Any, ...]:
+        """Return a core's inputs from a row of the interface's; `forces` are the core's."""
+        supply = 0.0 if self.supply is None else row[self.supply]
+        return (*(row[i] for i in self.direct), *forces(*row[self.motion]), supply, *(row[i] for i in self.further))
+
+
+@cache
+def places(model: str = NONLINEAR) -> Places:
+    """Return where a core's inputs stand in a row of the inputs of an actuator."""
+    actuator = get(model)
+    index = {v.name: i for i, v in enumerate(actuator.inputs)}
+    return Places(slice(index["acceleration.x"], index["attitude.pitch"] + 1),
+                  (index["fin_command"], index["aero_torque"]),
+                  index[actuator.supply.input.name] if actuator.supply else None,
+                  tuple(index[name] for name in ("enable", *(v.name for v in actuator.further_inputs))))
+
+
+@cache
+def make(several: bool = False, model: str = NONLINEAR) -> Make:
+    """Return the compiled program's `make`."""
+    namespace: dict[str, Any] = {}
+    exec(compile(source(several, model), "<emcas kernel>", "exec"), namespace)
+    result: Make = namespace["make"]
+    return result

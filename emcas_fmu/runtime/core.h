@@ -1,0 +1,305 @@
+/* Delay line and stepping of one actuator: core.py in C, function by function.
+ *
+ * kernel.h holds the equations and model.h the limits, both generated. The state
+ * stands at a tick; a communication point inside one is served by a tentative step
+ * from there, so that the host's step sizes leave the trajectory alone.
+ */
+#ifndef EMCAS_CORE_H
+#define EMCAS_CORE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "kernel.h"
+#include "model.h"
+
+typedef struct {
+    double x[CORE_PLANT];
+} core_plant;
+
+/* Command, loads (with a mean over a tick), what acts through limits, and the actuator's further inputs. */
+typedef struct {
+    double command, aero_torque, f_x, f_z, supply, enable;
+#if CORE_FURTHER > 0
+    double further[CORE_FURTHER];
+#endif
+} core_inputs;
+
+/* How the inputs change from those at `begin` [s]; enable and other Booleans do not. */
+typedef struct {
+    double begin, command, aero_torque, f_x, f_z, supply;
+#if CORE_ACTING > 0
+    double further[CORE_ACTING];
+#endif
+} core_ramp;
+
+/* A tick in which a communication point fell: where in it the plant stands, how far it is
+ * covered, the inputs there and the integrals of the loads' differences from them. */
+typedef struct {
+    double origin, covered;
+    core_inputs first;
+    double aero_torque, f_x, f_z;
+} core_part;
+
+/* Everything that changes while running. The line ends with the DAC's present value. */
+typedef struct {
+    int64_t period;
+    int32_t position;
+    int32_t partial;
+    double sampled[CORE_SAMPLED]; /* controller states, measured fin angle, limited, states that steps see */
+    double active;
+    core_plant plant, tentative;
+    core_part part;
+    double line[CORE_LINE];
+} core_state;
+
+typedef enum { CORE_DONE, CORE_NOT_FINITE, CORE_TOO_MANY_EVENTS, CORE_TOO_MANY_TICKS } core_result;
+
+/* The schedule's numbers, in the order of schedule.py's Schedule. */
+typedef struct {
+    double period, before, after, arrival, h_before, h_after, samples, slack;
+} core_schedule;
+
+/* By its bits: comparing a NaN would raise a floating-point exception. */
+static inline bool core_finite(double x)
+{
+    uint64_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    return (bits & UINT64_C(0x7ff0000000000000)) != UINT64_C(0x7ff0000000000000);
+}
+
+static inline core_schedule core_scheduled(const double *p, const double *c)
+{
+    double out[8];
+    kernel_schedule(p, c, out);
+    return (core_schedule){out[0], out[1], out[2], out[3], out[4], out[5], out[6], out[7]};
+}
+
+static inline size_t core_line_length(const core_schedule *plan)
+{
+    return (size_t)plan->samples + 2;
+}
+
+/* The state at rest at the start. */
+static inline void core_start(const double *p, const double *c, core_state *s)
+{
+    const size_t limited = CORE_CONTROLLER + 1; /* none is met yet: not among what it starts with */
+    double out[CORE_PLANT + CORE_SAMPLED - 1];
+    kernel_initial(p, c, out);
+    memset(s, 0, sizeof *s);
+    memcpy(s->plant.x, out, sizeof s->plant.x);
+    s->tentative = s->plant;
+    for (size_t i = 0; i < limited; ++i) s->sampled[i] = out[CORE_PLANT + i];
+    for (size_t i = limited + 1; i < CORE_SAMPLED; ++i) s->sampled[i] = out[CORE_PLANT + i - 1];
+}
+
+/* A core's inputs out of an actuator's in the interface's order, but for the command and the forces. */
+static inline core_inputs core_inputs_of(double command, const double *in, const double *force)
+{
+    core_inputs inputs = {.command = command, .aero_torque = in[INPUT_AERO_TORQUE], .f_x = force[0], .f_z = force[1],
+                          .enable = in[INPUT_ENABLE]};
+#if MODEL_SUPPLY >= 0
+    inputs.supply = in[MODEL_SUPPLY];
+#endif
+#if CORE_FURTHER > 0
+    memcpy(inputs.further, in + MODEL_INPUTS - CORE_FURTHER, sizeof inputs.further);
+#endif
+    return inputs;
+}
+
+static inline void core_outputs(const double *p, const double *c, const core_state *s, size_t line,
+                                const core_inputs *in, double *out)
+{
+    const core_plant *x = &s->tentative;
+    kernel_outputs(p, c, CORE_PLANT_OF(x), s->active, s->line[line - 1], CORE_SHOWN_OF(s) CORE_HELD_OF(s), in->command,
+                   in->aero_torque, in->f_x, in->f_z, in->supply, in->enable CORE_ACTING_OF(in), out);
+}
+
+/* The inputs at a time of a ramp; `ramp` may be null: held. */
+static inline core_inputs core_at(const core_inputs *in, const core_ramp *ramp, double time)
+{
+    core_inputs then = *in;
+    if (!ramp) return then;
+    const double t = time - ramp->begin;
+    then.command += ramp->command * t;
+    then.aero_torque += ramp->aero_torque * t;
+    then.f_x += ramp->f_x * t;
+    then.f_z += ramp->f_z * t;
+    then.supply += ramp->supply * t;
+#if CORE_ACTING > 0
+    for (size_t i = 0; i < CORE_ACTING; ++i) then.further[i] += ramp->further[i] * t;
+#endif
+    return then;
+}
+
+/* One kernel step; the time it took. */
+static inline double core_step(const double *p, const double *c, const core_state *s, core_plant *x,
+                               const core_inputs *in, double h)
+{
+    double out[CORE_PLANT + 1];
+    kernel_step(p, c, CORE_PLANT_OF(x) CORE_HELD_OF(s), s->active, in->aero_torque, in->f_x, in->f_z, in->supply,
+                in->enable CORE_ACTING_OF(in), h, out);
+    memcpy(x->x, out, sizeof x->x);
+    return out[CORE_PLANT];
+}
+
+/* Step a plant of `s` over what is left of a tick [s], from event to event. */
+static inline bool core_finish(const double *p, const double *c, const core_state *s, core_plant *x,
+                               const core_inputs *in, double left)
+{
+    if (left <= 0.0) return true;
+    for (int i = 0; i < CORE_MOST_EVENTS; ++i) {
+        const double used = core_step(p, c, s, x, in, left);
+        if (used >= left) return true;
+        left -= used;
+    }
+    return false;
+}
+
+static inline void core_extend(core_state *s, double until, const core_inputs *in)
+{
+    core_part *part = &s->part;
+    if (!s->partial) {
+        *part = (core_part){0.0, until, *in, 0.0, 0.0, 0.0};
+        s->partial = 1;
+        return;
+    }
+    const double gained = until - part->covered;
+    part->aero_torque += gained * (in->aero_torque - part->first.aero_torque);
+    part->f_x += gained * (in->f_x - part->first.f_x);
+    part->f_z += gained * (in->f_z - part->first.f_z);
+    part->covered = until;
+}
+
+static inline core_inputs core_mean(const core_part *part)
+{
+    core_inputs mean = part->first;
+    const double width = part->covered - part->origin;
+    if (width > 0.0) {
+        mean.aero_torque += part->aero_torque / width;
+        mean.f_x += part->f_x / width;
+        mean.f_z += part->f_z / width;
+    }
+    return mean;
+}
+
+/* Whether inputs differ that act on the plant through limits, or in a way not known here. */
+static inline bool core_switched(const core_inputs *a, const core_inputs *b)
+{
+    bool differ = a->supply != b->supply || a->enable != b->enable;
+#if CORE_ACTING > 0
+    for (size_t i = 0; i < CORE_ACTING; ++i) differ |= a->further[i] != b->further[i];
+#endif
+    return differ;
+}
+
+/* Where such inputs change inside a tick, it is split: the plant moves to where the tick
+ * is covered, and a new part starts there. */
+static inline bool core_split(const double *p, const double *c, core_state *s, const core_inputs *in)
+{
+    const core_part *part = &s->part;
+    if (!core_switched(&part->first, in)) return true;
+    const core_inputs mean = core_mean(part);
+    const double covered = part->covered;
+    const bool followed = core_finish(p, c, s, &s->plant, &mean, covered - part->origin);
+    s->part = (core_part){covered, covered, *in, 0.0, 0.0, 0.0};
+    return followed;
+}
+
+static inline void core_sample(const double *p, const double *c, core_state *s, size_t line, const core_inputs *in)
+{
+    double out[1 + CORE_SAMPLED];
+    const core_plant *x = &s->plant;
+    kernel_sample(p, c, CORE_PLANT_OF(x) CORE_CONTROLLER_OF(s) CORE_HELD_OF(s), in->command, in->supply,
+                  in->enable CORE_FURTHER_OF(in), out);
+    memmove(s->line, s->line + 1, (line - 1) * sizeof *s->line);
+    s->line[line - 1] = out[0];
+    memcpy(s->sampled, out + 1, sizeof s->sampled);
+}
+
+/* Up to `until` [s] in the tick that begins at `begun` [s]. A whole one leaves no part behind. */
+static inline bool core_tick(const double *p, const double *c, core_state *s, const core_schedule *plan,
+                             size_t line, const core_inputs *in, const core_ramp *ramp, double begun, double until,
+                             bool whole)
+{
+    core_inputs acting = *in;
+    if (ramp) acting = core_at(in, ramp, begun + 0.5 * (s->partial ? until + s->part.covered : until));
+    if (s->position == 0 && !s->partial) {
+        const core_inputs sampled = core_at(in, ramp, begun);
+        core_sample(p, c, s, line, &sampled);
+    }
+    s->active = s->line[s->position < (int32_t)plan->before ? 0 : 1];
+    double origin = 0.0;
+    if (s->partial) {
+        if (!core_split(p, c, s, &acting)) return false;
+        origin = s->part.origin;
+    }
+    if (s->partial || !whole) {
+        core_extend(s, until, &acting);
+        acting = core_mean(&s->part);
+    }
+    if (whole) {
+        s->partial = 0;
+        return core_finish(p, c, s, &s->plant, &acting, until - origin);
+    }
+    s->tentative = s->plant;
+    return core_finish(p, c, s, &s->tentative, &acting, until - origin);
+}
+
+/* Move on to `end` [s] from the start with the inputs held, or changing as `ramp` says (null:
+ * held); all or nothing. The outputs there go to `out`. */
+static inline core_result core_run(const double *p, const double *c, core_state *state, double end,
+                                   const core_inputs *in, const core_ramp *ramp, double *out)
+{
+    const core_schedule plan = core_scheduled(p, c);
+    const size_t line = core_line_length(&plan);
+    const int32_t ticks = (int32_t)(plan.before + plan.after);
+    double at[3];
+    kernel_locate(p, c, end, at);
+    if (!((at[0] - (double)state->period) * ticks <= CORE_MOST_TICKS)) return CORE_TOO_MANY_TICKS;
+    int64_t period = (int64_t)at[0];
+    int32_t position = (int32_t)at[1];
+    double rest = at[2];
+    if (period < state->period || (period == state->period && position <= state->position)) { /* never back */
+        const double covered = state->partial ? state->part.covered : 0.0;
+        const bool behind = period < state->period || position < state->position;
+        period = state->period;
+        position = state->position;
+        if (behind || rest < covered) rest = covered;
+    }
+    core_state s;
+    memcpy(&s, state, offsetof(core_state, line) + line * sizeof *s.line);
+    while (s.period < period || s.position < position) {
+        const bool early = s.position < (int32_t)plan.before;
+        const double h = early ? plan.h_before : plan.h_after;
+        const double begun = ramp ? (double)s.period * plan.period
+            + (early ? s.position * h : plan.arrival + (s.position - plan.before) * h) : 0.0;
+        if (!core_tick(p, c, &s, &plan, line, in, ramp, begun, h, true)) return CORE_TOO_MANY_EVENTS;
+        if (++s.position == ticks) {
+            s.position = 0;
+            ++s.period;
+        }
+    }
+    s.tentative = s.plant;
+    if (rest > 0.0) {
+        const bool early = s.position < (int32_t)plan.before;
+        const double begun = (double)s.period * plan.period
+            + (early ? s.position * plan.h_before : plan.arrival + (s.position - plan.before) * plan.h_after);
+        if (!core_tick(p, c, &s, &plan, line, in, ramp, begun, rest, false)) return CORE_TOO_MANY_EVENTS;
+    }
+    const core_inputs final = core_at(in, ramp, end);
+    double outputs[MODEL_OUTPUTS];
+    core_outputs(p, c, &s, line, &final, outputs);
+    bool finite = true;
+    for (size_t i = 0; i < CORE_SAMPLED; ++i) finite &= core_finite(s.sampled[i]);
+    for (size_t i = 0; i < CORE_PLANT; ++i) finite &= core_finite(s.tentative.x[i]);
+    for (size_t i = 0; i < MODEL_OUTPUTS; ++i) finite &= core_finite(outputs[i]);
+    if (!finite) return CORE_NOT_FINITE;
+    memcpy(out, outputs, sizeof outputs);
+    memcpy(state, &s, offsetof(core_state, line) + line * sizeof *s.line);
+    return CORE_DONE;
+}
+
+#endif

@@ -1,0 +1,209 @@
+"""Delay line and stepping of one actuator. Standard library only: it is embedded in the FMU.
+
+core.h is the same in C, function by function. The state stands at a tick (:mod:`emcas_fmu.runtime.schedule`). A
+communication point inside one is served by a tentative step from there, so that the host's step sizes leave the
+trajectory alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+# A tick has at most a handful of events; far more means the equations cannot be followed.
+MOST_EVENTS = 500
+# In one communication step; more is a slip of the host's and would seem to hang.
+MOST_TICKS = 100_000_000
+
+Functions = tuple[Callable[..., tuple[Any, ...]], ...]
+Inputs = tuple[Any, ...]
+Ramp = tuple[float, tuple[float, ...]]
+# A tick in which a communication point fell: where in it the plant stands [s], how far it is covered [s], the inputs
+# there and the integrals of the loads' differences from them.
+Part = tuple[float, float, Inputs, tuple[float, ...]]
+
+_LOADS = slice(1, 4)  # of the inputs: what has a mean over a tick
+_SWITCHED = slice(4, 6)  # supply and enable act through limits: where they change, the tick is split
+_NOTHING = (0.0, 0.0, 0.0)
+_RAMPED = 5  # of the inputs, before enable: what a ramp changes
+
+
+class Core:
+    """One actuator: its state and what moves it on.
+
+    `functions` are those of the kernel bound to the parameters; `plant` and `controller` the numbers of states that
+    steps move and that samples keep to themselves, `acting` that of the further inputs that act on the plant.
+    The inputs are ``command, aero_torque, f_x, f_z, supply, enable`` and the further ones. `state` is everything that
+    changes while running, as nested tuples of numbers; it may be kept and put back.
+    """
+
+    __slots__ = ("_acting", "_controller", "_forces", "_further", "_initial", "_locate", "_outputs", "_plant",
+                 "_sample", "_step", "schedule", "state")
+
+    def __init__(self, functions: Functions, plant: int = 4, controller: int = 2, acting: int = 0) -> None:
+        self._plant, self._controller = plant, controller
+        self._acting, self._further = slice(1, _RAMPED + 1 + acting), slice(_RAMPED + 1, _RAMPED + 1 + acting)
+        self.bind(functions)
+        self.start()
+
+    def bind(self, functions: Functions) -> None:
+        """Take the kernel's functions, anew after a tunable parameter changed."""
+        schedule, self._locate, self._initial, self._sample, self._forces, self._step, self._outputs = functions
+        period, before, after, *rest = schedule()
+        self.schedule = (period, int(before), int(before) + int(after), *rest)
+
+    @property
+    def slack(self) -> float:
+        """Tolerance of communication points [s]."""
+        slack: float = self.schedule[-1]
+        return slack
+
+    def forces(self, *arguments: float) -> tuple[float, float]:
+        """Return the specific force in the fin's frame from acceleration (x, y, z), roll and pitch."""
+        f_x, f_z = self._forces(*arguments)
+        return f_x, f_z
+
+    def start(self) -> None:
+        """Put the actuator at rest at its start."""
+        begun = self._initial()
+        plant, rest = begun[:self._plant], begun[self._plant:]
+        limited = self._controller + 1  # none is met yet: not among what it starts with
+        # Length of the delay line: the sample in the drive before and after the arrival, and those on their way.
+        line = (0.0,) * (int(self.schedule[-2]) + 2)
+        #      period, position, plant, sampled, delay line, active, part of the tick done, tentative plant
+        self.state: tuple[Any, ...] = (0, 0, plant, (*rest[:limited], 0.0, *rest[limited:]), line, 0.0, None, plant)
+
+    def outputs(self, inputs: Inputs) -> tuple[Any, ...]:
+        """Return the outputs in the interface's order."""
+        _, _, _, sampled, line, active, _, plant = self.state
+        return self._put_out(plant, sampled, line, active, inputs)
+
+    def run(self, end: float, inputs: Inputs, ramp: Ramp | None = None) -> tuple[Any, ...]:
+        """Move on to `end` [s] from the start, all or nothing; return the outputs there.
+
+        The inputs are held, or with `ramp` = (begin [s], rates of change of those before ``enable`` and of the further
+        ones that act) are those at `begin` and change at these rates. A tick takes them at its middle.
+        Raises ArithmeticError where the equations cannot be followed.
+        """
+        length, before, ticks, arrival, h_before, h_after, _, _ = self.schedule
+        period, position, plant, sampled, line, active, part, _ = self.state
+        periods, at, rest = self._locate(end)
+        if not (periods - period) * ticks <= MOST_TICKS:
+            raise ArithmeticError(f"{(periods - period) * ticks:g} ticks in one step are more than {MOST_TICKS}")
+        to_period, to_position = int(periods), int(at)
+        if (to_period, to_position) <= (period, position):  # never back
+            covered = part[1] if part is not None else 0.0
+            if (to_period, to_position) < (period, position) or rest < covered:
+                rest = covered
+            to_period, to_position = period, position
+
+        begun = 0.0
+        while position < to_position or period < to_period:
+            early = position < before
+            h = h_before if early else h_after
+            if ramp is not None:
+                begun = period * length + (position * h if early else arrival + (position - before) * h)
+            plant, sampled, line, active, _ = self._tick(
+                plant, sampled, line, part, position, inputs, ramp, begun, h, True)
+            part = None
+            position += 1
+            if position == ticks:
+                position = 0
+                period += 1
+        tentative = plant
+        if rest > 0.0:
+            if ramp is not None:
+                begun = period * length + (
+                    position * h_before if position < before else arrival + (position - before) * h_after)
+            plant, sampled, line, active, part = self._tick(
+                plant, sampled, line, part, position, inputs, ramp, begun, rest, False)
+            tentative = self._finish(plant, sampled, active, _mean(part), rest - part[0])
+        outputs = self._put_out(tentative, sampled, line, active, self._at(inputs, ramp, end))
+        total = sum(outputs, sum(tentative, sum(sampled)))
+        if total - total != 0.0:  # infinite or not a number
+            raise ArithmeticError("the state is no longer finite")
+        self.state = (period, position, plant, sampled, line, active, part, tentative)
+        return outputs
+
+    def _tick(self, plant: tuple[float, ...], sampled: tuple[float, ...], line: tuple[float, ...], part: Any,
+              position: int, inputs: Inputs, ramp: Ramp | None, begun: float, until: float, whole: bool
+              ) -> tuple[Any, ...]:
+        """Return plant, sampled states, delay line, active reference and part of a tick that begins at `begun` [s].
+
+        A whole one leaves no part behind; of another the plant stays where it stands, and the part says how far the
+        tick is covered.
+        """
+        acting = inputs
+        if ramp is not None:
+            acting = self._at(inputs, ramp, begun + 0.5 * (until if part is None else until + part[1]))
+        if position == 0 and part is None:
+            sampled, line = self._sampled(plant, sampled, line, self._at(inputs, ramp, begun))
+        active = line[0] if position < self.schedule[1] else line[1]
+        if part is None and whole:
+            return self._finish(plant, sampled, active, acting, until), sampled, line, active, None
+        if part is not None:
+            plant, part = self._split(plant, sampled, active, part, acting)
+        part = _extended(part, until, acting)
+        if whole:
+            plant, part = self._finish(plant, sampled, active, _mean(part), until - part[0]), None
+        return plant, sampled, line, active, part
+
+    def _put_out(self, plant: tuple[float, ...], sampled: tuple[float, ...], line: tuple[float, ...], active: float,
+                 inputs: Inputs) -> tuple[Any, ...]:
+        return self._outputs(*plant, active, line[-1], *sampled[self._controller:], inputs[0], *inputs[self._acting])
+
+    def _sampled(self, plant: tuple[float, ...], sampled: tuple[float, ...], line: tuple[float, ...], inputs: Inputs
+                 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return what is sampled and the delay line after a sample."""
+        count, (command, _, _, _, *rest) = self._controller, inputs
+        reference, *after = self._sample(*plant, *sampled[:count], *sampled[count + 2:], command, *rest)
+        return tuple(after), (*line[1:], reference)
+
+    def _at(self, inputs: Inputs, ramp: Ramp | None, time: float) -> Inputs:
+        """Return the inputs at a time [s] of a ramp."""
+        if ramp is None:
+            return inputs
+        begin, rates = ramp
+        t = time - begin
+        changed = [x + rate * t for x, rate in zip((*inputs[:_RAMPED], *inputs[self._further]), rates, strict=True)]
+        return (*changed[:_RAMPED], inputs[_RAMPED], *changed[_RAMPED:], *inputs[self._further.stop:])
+
+    def _split(self, plant: tuple[float, ...], sampled: tuple[float, ...], active: float, part: Part, inputs: Inputs
+               ) -> tuple[Any, ...]:
+        """Return plant and part; where inputs change that act through limits, the tick is covered, a part begins there.
+        """
+        origin, covered, first, _ = part
+        if first[_SWITCHED] == inputs[_SWITCHED] and first[self._further] == inputs[self._further]:
+            return plant, part
+        return self._finish(plant, sampled, active, _mean(part), covered - origin), (covered, covered, inputs, _NOTHING)
+
+    def _finish(self, plant: tuple[float, ...], sampled: tuple[float, ...], active: float, inputs: Inputs, left: float
+                ) -> tuple[float, ...]:
+        """Return the plant after what is left of a tick [s], from event to event."""
+        if left <= 0.0:
+            return plant
+        step, acting, whole = self._step, (*sampled[self._controller + 2:], active, *inputs[self._acting]), left
+        for _ in range(MOST_EVENTS):
+            moved = step(*plant, *acting, left)
+            plant, used = moved[:-1], moved[-1]
+            if used >= left:
+                return plant
+            left -= used
+        raise ArithmeticError(f"more than {MOST_EVENTS} events in {whole} s")
+
+
+def _extended(part: Part | None, until: float, inputs: Inputs) -> Part:
+    if part is None:
+        return 0.0, until, inputs, _NOTHING
+    origin, done, first, sums = part
+    gained = until - done
+    changes = zip(sums, inputs[_LOADS], first[_LOADS], strict=True)
+    return origin, until, first, tuple(s + gained * (x - b) for s, x, b in changes)
+
+
+def _mean(part: Part) -> Inputs:
+    origin, covered, first, sums = part
+    if covered <= origin:
+        return first
+    loads = (b + s / (covered - origin) for b, s in zip(first[_LOADS], sums, strict=True))
+    return (first[0], *loads, *first[4:])

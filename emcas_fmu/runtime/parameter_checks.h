@@ -1,0 +1,35 @@
+/* Whether a set of parameters may be computed with: limits and rules of rules.h, which is generated. */
+#ifndef EMCAS_PARAMETER_CHECKS_H
+#define EMCAS_PARAMETER_CHECKS_H
+
+#include "core.h"
+#include "rules.h"
+
+/* A rule broken by the parameters, with the numbers of its message from numbers[1] on, of the worst place. */
+static inline bool rules_broken(const rule *one, const double *p, const double *constants, double *numbers)
+{
+    const int scan = one->scanned ? RULE_SCAN : 0;
+    double out[RULE_NUMBERS + 1], worst = -HUGE_VAL;
+    for (int k = -scan; k <= scan; ++k) {
+        one->check(p, constants, (double)k / RULE_SCAN, out);
+        if (k == -scan || out[0] > worst) {
+            worst = out[0];
+            memcpy(numbers, out, sizeof out);
+        }
+    }
+    return worst > 0.0;
+}
+
+/* Limits first: nothing can be said of a combination with a value out of them. */
+static inline bool rules_hold(const double *p)
+{
+    double constants[RULES_CONSTANTS], numbers[RULE_NUMBERS + 1];
+    for (size_t i = 0; i < MODEL_PARAMETERS; ++i)
+        if (!core_finite(p[i]) || p[i] < LIMIT[i].minimum || p[i] > LIMIT[i].maximum) return false;
+    rules_prepare(p, constants);
+    for (size_t i = 0; i < RULES; ++i)
+        if (rules_broken(&RULE[i], p, constants, numbers)) return false;
+    return true;
+}
+
+#endif

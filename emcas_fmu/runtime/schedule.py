@@ -1,0 +1,83 @@
+"""When samples, arrivals and ticks happen.
+
+Time is a count of ticks. A sample period is cut where the delayed reference reaches
+the drive, and both parts into equal ticks no longer than the longest allowed, so that
+whatever the delay, samples and arrivals fall on tick boundaries.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
+
+from ..ops.base import Ops, Value
+
+# Communication points this close to a tick, as a share of the sample time, lie on it: hosts
+# add up their steps in floating point, and a point just short of a sample would put the
+# command off by a whole one. Never more than a quarter of the shortest tick.
+TOLERANCE = 1e-3
+# A tick may be this much longer than the longest, relative: rounding asks for no further tick.
+_ROUNDING = 1e-9
+
+
+class Schedule(NamedTuple):
+    """A sample period: ``before`` ticks of length ``h_before`` [s], then ``after`` of ``h_after``.
+
+    A sample reaches the drive ``delay_samples`` periods after its own, ``arrival`` [s]
+    into the period: between the two parts. ``slack`` [s] is the tolerance of communication points.
+    """
+
+    sample_time: Value
+    before: Value
+    after: Value
+    arrival: Value
+    h_before: Value
+    h_after: Value
+    delay_samples: Value
+    slack: Value
+
+
+class Timed(Protocol):
+    """What a schedule asks of an actuator: the largest tick [s], and the delay from a sample to the drive [s]."""
+
+    @property
+    def longest_tick(self) -> Callable[[Ops, Any], Value]: ...
+    @property
+    def transport_delay(self) -> Callable[[Ops, Any], Value] | None: ...
+
+
+def schedule(ops: Ops, p: Any, actuator: Timed) -> Schedule:
+    """Return the sample period of an actuator with parameters `p`."""
+    period = p.controller.sample_time
+    delay = 0.0 if actuator.transport_delay is None else actuator.transport_delay(ops, p) / period
+    delay_samples = ops.floor(delay + TOLERANCE)
+    late = delay - delay_samples
+    fraction = ops.where(late < TOLERANCE, 0.0, late)  # the last tick of a sample is no shorter either
+    longest = actuator.longest_tick(ops, p)
+
+    def ticks(width: Value) -> Value:
+        return -ops.floor(-(width * period / longest * (1.0 - _ROUNDING)))
+
+    before, after = ticks(fraction), ticks(1.0 - fraction)
+    h_after = (1.0 - fraction) * period / after
+    cut = before > 0.0
+    h_before = ops.where(cut, fraction * period / ops.where(cut, before, 1.0), h_after)
+    slack = ops.minimum(TOLERANCE * period, 0.25 * ops.minimum(h_before, h_after))
+    return Schedule(period, before, after, fraction * period, h_before, h_after, delay_samples, slack)
+
+
+def locate(ops: Ops, p: Any, actuator: Timed, time: Value) -> tuple[Value, ...]:
+    """Return whole periods and whole ticks beyond them in a time [s] from the start, and the rest [s].
+
+    The rest is 0 within the slack.
+    """
+    s = schedule(ops, p, actuator)
+    periods = ops.floor((time + s.slack) / s.sample_time)
+    within = time - periods * s.sample_time
+    late = within + s.slack  # not negative but for rounding
+    early = ops.both(s.before > 0.0, late < s.arrival)
+    first = ops.clip(ops.floor(late / s.h_before), 0.0, s.before - 1.0)
+    second = ops.clip(ops.floor((late - s.arrival) / s.h_after), 0.0, s.after - 1.0)
+    index = ops.where(early, first, s.before + second)
+    rest = within - ops.where(early, first * s.h_before, s.arrival + second * s.h_after)
+    return periods, index, ops.where(rest > s.slack, rest, 0.0)

@@ -1,0 +1,280 @@
+"""One step of rotor and fin with an elastic drive line between them (:mod:`emcas_fmu.physics.drive_line`).
+
+Both motions take one implicit midpoint step under the midpoint torque of the line, which keeps the energy of a line
+without damping as it is, however stiff. Dry friction on either side is solved with them: what is at rest stays there
+exactly where friction holds it. The current follows its exponential for the back-EMF of the mean speed.
+
+The equations are smooth while signs keep: of the gap ahead or the pressure on a flank, of each speed, of the way to
+the fin's stops, of the drive's voltage reserve. The step ends where the first of them is lost, found by a secant and
+corrected by another, and the caller steps on.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from ..namespace import Record
+from ..ops.base import Ops, Value
+from ..physics import drive, drive_line, friction, loads, mechanics, screw
+from . import rigid
+from .rigid import Plant, stops
+
+_PROGRESS = 1e-6  # the least share of a step that is taken, so that every call moves on
+# The same of a step in which a flank is left: in less, a slow motion may not get beyond the rounding of its angle.
+# Meanwhile the flank pulls, and takes energy.
+_LEAVING = 1e-3
+_WALL = 1e30  # N.m, a mechanical stop seen as friction that nothing overcomes
+_CONTACT, _ROTOR, _FIN, _UPPER, _LOWER = 0, 2, 3, 4, 5  # places of the margins that are more than an instant
+
+
+class Pair(NamedTuple):
+    """Rotor angle [rad] and speed [rad/s], motor current [A], drive integral [V]; the fin's angle and speed likewise,
+    told at the motor."""
+
+    angle: Value
+    speed: Value
+    current: Value
+    integral: Value
+    fin_angle: Value
+    fin_speed: Value
+
+
+class _Mode(NamedTuple):
+    """What holds through a step: whether the line is under load and from where [rad], the drive's mode."""
+
+    pressed: Value
+    flank: Value
+    drive: Any
+
+
+class _Electric(NamedTuple):
+    """Mean current a - b w [A] for the mean speed w, and current and integral at the end from it."""
+
+    at_rest: Value
+    slope: Value
+    kept: Value
+    decay: Value
+
+
+def _ideal(p: Any) -> bool:
+    """Return whether the current is its reference at once."""
+    return bool(p.structure.current == "ideal")
+
+
+def _electric(ops: Ops, p: Any, s: Pair, d: Any, h: Value) -> _Electric:
+    if _ideal(p):
+        return _Electric(ops.where(d.enabled, d.i_ref, 0.0), 0.0, 0.0, 0.0)
+
+    def flowing() -> tuple[Value, ...]:
+        decay = ops.exp(-h / d.tau)
+        kept = d.tau / h * (1.0 - decay)  # share of the starting current in the mean
+        half = 0.5 * h * d.integral_gain
+        share = (1.0 - kept) / (d.loop + half * (1.0 - kept))
+        at_rest = kept * s.current + share * (d.source + half * (d.i_ref - kept * s.current))
+        return at_rest, drive.back_emf(p, share), kept, decay
+
+    return _Electric(*ops.branch(d.enabled, flowing, lambda: (0.0, 0.0, 0.0, 0.0)))
+
+
+def _electric_end(ops: Ops, p: Any, s: Pair, d: Any, e: _Electric, mean: Value, h: Value) -> tuple[Value, Value]:
+    if _ideal(p):
+        return e.at_rest, 0.0
+    final = (mean - e.kept * s.current) / (1.0 - e.kept)
+    current = ops.where(d.enabled, final + (s.current - final) * e.decay, 0.0)
+    followed = d.side * d.limit - p.drive.kp * (d.i_ref - current)
+    moved = s.integral + h * d.integral_gain * (d.i_ref - mean)
+    return current, ops.where(d.enabled, ops.where(d.stays > 0.0, followed, moved), 0.0)
+
+
+def _beyond(ops: Ops, torque: Value, high: Value, low: Value) -> tuple[Value, Value]:
+    """What of a torque friction at rest between `low` and `high` lets through, and its direction."""
+    net = ops.where(torque > high, torque - high, ops.where(torque < low, torque - low, 0.0))
+    return net, ops.where(torque > high, 1.0, ops.where(torque < low, -1.0, 0.0))
+
+
+def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value,
+              at: Value | None = None) -> Pair:
+    """The state after `h` [s] if the mode holds.
+
+    With mean speeds W and U the midpoint rules are
+
+        (2 J/h + b + K_t K_e' + k) W - k U = r_1 - friction        (2 J_f/h + b_f + k) U - k W = r_2 - friction
+
+    where k = h K/2 + D. The matrix is symmetric and its solution under friction the least of a convex function, so
+    the cases below have one answer. Friction that falls with speed is that of the rotor's speed `at`: of mid-step, as
+    a first solution has it.
+    """
+    if at is None and friction.falls(p):
+        at = 0.5 * (s.speed + _advanced(ops, p, c, s, acting, mode, h, s.speed).speed)
+    if not screw.lossy(p):
+        return _solved(ops, p, c, s, acting, mode, h, at)[0]
+    # The load L on the screw grows with W, whatever friction does at the fin: its sign is the same by either
+    # efficiency, since e >= 0.
+    (driving, load, way), (driven, _, _) = (
+        _solved(ops, p, c, s, acting, mode, h, at, e) for e in (screw.forward(p), p.efficiency.backward))
+    forward = load * way > 0.0
+    return Pair(*(ops.where(forward, x, y) for x, y in zip(driving, driven, strict=True)))
+
+
+def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value, at: Value | None,
+            felt: Value | None = None) -> tuple[Pair, Value, Value]:
+    """The end of :func:`_advanced`, the load on the screw [N.m] and the rotor's way (-1, 0, 1).
+
+    A rotor that feels e times the load has in its row of the equations, J = J_r + e J_n with the nut's J_n,
+
+        (2 J/h + b + K_t K_e' + e k) W - e k U = r_1 - friction
+    """
+    def seen(x: Value) -> Value:
+        return x if felt is None else felt * x
+
+    def body_force() -> Value:
+        return p.screw.lead * loads.nut_force(ops, p, acting.f_x)
+
+    m = drive_line.fin_side(ops, p, s.fin_angle + 0.5 * h * s.fin_speed, acting.aero_torque, acting.f_x, acting.f_z)
+    e = _electric(ops, p, s, mode.drive, h)
+    k = ops.where(mode.pressed, 0.5 * h * c.stiffness + c.damping, 0.0)
+    given = ops.where(mode.pressed, c.stiffness * (s.angle - s.fin_angle - mode.flank), 0.0)
+    inertia = mechanics.screw_inertia(p)
+    if felt is not None:
+        inertia = inertia + (felt - 1.0) * screw.nut_inertia(p)
+    rotor, fin = 2.0 * inertia / h, 2.0 * m.inertia / h
+    # Linearised about the speed at the start, u^2 -> 2 u U - u^2 for the mean.
+    swing = m.centrifugal * s.fin_speed
+    alone_2 = fin + p.friction.fin_viscous / (m.ratio * m.ratio) - 2.0 * swing
+    r_1 = (rotor * s.speed + drive.torque(p, e.at_rest) + seen(body_force())) - seen(given)
+    r_2 = (fin - swing) * s.fin_speed + m.load + given
+
+    low_stop, high_stop = stops(ops, p)
+    held = p.friction.fin_coulomb / m.ratio
+    high = ops.where(s.fin_angle >= high_stop, _WALL, held)
+    low = -ops.where(s.fin_angle <= low_stop, _WALL, held)
+    up, down = friction.coulomb(ops, p, 1.0, m.fin), -friction.coulomb(ops, p, -1.0, m.fin)
+    fin_rests, rotor_rests = ops.equal(s.fin_speed, 0.0), ops.equal(s.speed, 0.0)
+    sliding = ops.where(s.fin_speed > 0.0, held, -held)
+
+    # The fin's mean speed while the rotor stands, and what it then asks of the rotor.
+    free, _ = _beyond(ops, r_2, high, low)
+    fin_alone = ops.where(fin_rests, free, r_2 - sliding) / (alone_2 + k)
+    if felt is None:
+        _, started = _beyond(ops, r_1 + k * fin_alone, up, down)
+    else:
+        standing = given - k * fin_alone - body_force()  # the load on the screw of a rotor at rest
+        _, started = _beyond(ops, ((drive.torque(p, e.at_rest) + body_force()) - given) + k * fin_alone,
+                             up + screw.hold(ops, p, standing, 1.0), down - screw.hold(ops, p, standing, -1.0))
+    way = ops.where(rotor_rests, started, ops.where(s.speed > 0.0, 1.0, -1.0))
+    stands = ops.equal(way, 0.0)
+
+    alone_1 = rotor + friction.viscous(ops, p, way) + drive.torque(p, e.slope)
+    if friction.falls(p):
+        up, down = friction.coulomb(ops, p, 1.0, m.fin, at), -friction.coulomb(ops, p, -1.0, m.fin, at)
+    n_1 = r_1 - ops.where(way > 0.0, up, down)
+    # The rotor's while the fin stands; from rest it moves on the side its torque points to.
+    rotor_alone = n_1 / (alone_1 + seen(k))
+    rotor_alone = ops.where(ops.both(rotor_rests, rotor_alone * way < 0.0), 0.0, rotor_alone)
+    _, pushed = _beyond(ops, r_2 + k * rotor_alone, high, low)
+    fin_held = ops.both(fin_rests, ops.equal(pushed, 0.0))
+    n_2 = r_2 - ops.where(fin_rests, ops.where(pushed > 0.0, high, low), sliding)
+    # The products of k cancel by hand.
+    determinant = alone_1 * alone_2 + k * (alone_1 + seen(alone_2))
+    w = ops.where(fin_held, rotor_alone, ((alone_2 + k) * n_1 + seen(k) * n_2) / determinant)
+    u = ops.where(fin_held, 0.0, ((alone_1 + seen(k)) * n_2 + k * n_1) / determinant)
+    w, u = ops.where(stands, 0.0, w), ops.where(stands, fin_alone, u)
+
+    current, integral = _electric_end(ops, p, s, mode.drive, e, e.at_rest - e.slope * w, h)
+    end = Pair(s.angle + h * w, 2.0 * w - s.speed, current, integral, s.fin_angle + h * u, 2.0 * u - s.fin_speed)
+    if felt is None:
+        return end, 0.0, way
+    return end, given + k * (w - u) + screw.nut_inertia(p) * 2.0 * (w - s.speed) / h - body_force(), way
+
+
+def _margins(ops: Ops, p: Any, c: drive_line.Line, start: Pair, s: Pair, mode: _Mode) -> tuple[Value, ...]:
+    """What is above zero until the mode that held at `start` ends."""
+    deflection = s.angle - s.fin_angle
+    side = ops.where(mode.flank > 0.0, 1.0, -1.0)
+    pressure = side * drive_line.torque(c, deflection, s.speed - s.fin_speed, mode.flank) - drive_line.least(c)
+    low_stop, high_stop = stops(ops, p)
+    watched, reserve = _reserve(ops, p, s, mode.drive)
+    dry = p.friction.fin_coulomb > 0.0
+    return (
+        ops.where(c.loose, ops.where(mode.pressed, pressure, c.half_gap - deflection), 1.0),
+        ops.where(ops.either(mode.pressed, ops.negate(c.loose)), 1.0, c.half_gap + deflection),
+        ops.where(start.speed > 0.0, s.speed, -s.speed),
+        ops.where(dry, ops.where(start.fin_speed > 0.0, s.fin_speed, -s.fin_speed), 1.0),
+        high_stop - s.fin_angle,
+        s.fin_angle - low_stop,
+        ops.where(watched, reserve, 1.0),
+    )
+
+
+def _reserve(ops: Ops, p: Any, s: Pair, d: Any) -> tuple[Value, Value]:
+    """Return whether the demanded voltage is watched, and what is above zero until it meets or leaves its limit [V]."""
+    if _ideal(p):
+        return False, 1.0
+    demand = drive.voltage_demand(p, d.i_ref, s.current, s.integral)
+    reserve = ops.where(ops.equal(d.side, 0.0), d.limit - ops.fabs(demand), demand * d.side - d.limit)
+    return ops.both(d.enabled, ops.equal(d.at_limit, 0.0)), reserve
+
+
+def _zero(ops: Ops, x: Value, y: Value, other_x: Value, other_y: Value) -> Value:
+    """Where the line through two points is zero."""
+    change = ops.where(ops.equal(y, other_y), 1.0, y - other_y)
+    return x - y * (x - other_x) / change
+
+
+def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, h: Value) -> _Mode:
+    """The mode a step of `h` [s] starts in. A flank that is just met is under load if without it the gap would end."""
+    deflection = s.angle - s.fin_angle
+    pressed, flank = drive_line.pressed(ops, c, deflection, s.speed - s.fin_speed)
+    electric = rigid.electrical_mode(ops, p, Plant(*s[:4]), acting)
+
+    def ahead() -> tuple[Value, ...]:
+        free = _advanced(ops, p, c, s, acting, _Mode(False, 0.0, electric), h)
+        return ((free.angle - free.fin_angle - flank) * flank > 0.0,)
+
+    met = ops.both(c.loose, ops.both(pressed, ops.fabs(deflection - flank) <= drive_line.MET))
+    (pressed,) = ops.branch(met, ahead, lambda: (pressed,))
+    return _Mode(pressed, flank, electric)
+
+
+def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, Value]:
+    """The state after `h` [s] or at the first event before, and the time that took [s]."""
+    current, integral = ops.branch(acting.enabled, lambda: (s.current, s.integral), lambda: (0.0, 0.0))
+    s = s._replace(current=current, integral=integral)
+    c = drive_line.line(ops, p)
+    mode = _mode(ops, p, c, s, acting, h)
+    whole = _advanced(ops, p, c, s, acting, mode, h)
+    before, after = _margins(ops, p, c, s, s, mode), _margins(ops, p, c, s, whole, mode)
+
+    first, place, begin, end = h, -1.0, 1.0, 1.0
+    anything: Value = False
+    for i, (y, z) in enumerate(zip(before, after)):
+        stop = i in (_UPPER, _LOWER)
+        outward = (whole.fin_angle - s.fin_angle) * (1.0 if i == _UPPER else -1.0) > 0.0
+        # At a stop the fin may only leave it; any other margin that was lost before has nothing to tell.
+        lost = ops.both(z <= 0.0, outward if stop else y > 0.0)
+        time = ops.clip(_zero(ops, 0.0, y, h, z), 0.0, h)
+        earlier = ops.both(lost, ops.either(time < first, place < 0.0))
+        first, place = ops.where(earlier, time, first), ops.where(earlier, float(i), place)
+        begin, end = ops.where(earlier, y, begin), ops.where(earlier, z, end)
+        anything = ops.either(anything, lost)
+
+    def to_event() -> tuple[Value, ...]:
+        least = h * ops.where(ops.both(mode.pressed, ops.equal(place, float(_CONTACT))), _LEAVING, _PROGRESS)
+        guess = ops.maximum(first, least)
+        found = _margins(ops, p, c, s, _advanced(ops, p, c, s, acting, mode, guess), mode)
+        y = found[0]
+        for i in range(1, len(found)):
+            y = ops.where(ops.equal(place, float(i)), found[i], y)
+        late = y <= 0.0
+        better = _zero(ops, guess, y, ops.where(late, 0.0, h), ops.where(late, begin, end))
+        used = ops.clip(better, least, h)
+        part = _advanced(ops, p, c, s, acting, mode, used)
+        upper, lower = ops.equal(place, float(_UPPER)), ops.equal(place, float(_LOWER))
+        low_stop, high_stop = stops(ops, p)
+        fin_stops = ops.either(ops.equal(place, float(_FIN)), ops.either(upper, lower))
+        return (part.angle, ops.where(ops.equal(place, float(_ROTOR)), 0.0, part.speed), part.current, part.integral,
+                ops.where(upper, high_stop, ops.where(lower, low_stop, part.fin_angle)),
+                ops.where(fin_stops, 0.0, part.fin_speed), used)
+
+    *state, used = ops.branch(anything, to_event, lambda: (*whole, h))
+    return Pair(*state), used

@@ -1,0 +1,399 @@
+"""One step of the plant: from a state to the end of a tick, or to the first event in it.
+
+The motion takes an implicit midpoint step (second order) under the mean torque of
+the tick. The current is stiff beside it, so it follows its exact exponential for
+the back-EMF of mid-tick; both are solved together, since the mean current is
+linear in the acceleration it causes.
+
+Within a tick the equations are smooth until an event: the speed reaches zero, a
+stuck motor breaks away, the drive's voltage meets or leaves its limit, or the fin
+meets a stop. The step then ends at that event, placed by closed forms, and the
+caller steps on through what is left of the tick.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from ..namespace import Record
+from ..ops.base import Ops, Value
+from ..physics import drive, friction, kinematics, mechanics, screw
+
+# Dry friction counts as overcome this close to its limit, so that a step that ended at
+# breakaway does not find itself stuck by a rounding error.
+_EDGE = 1.0 - 1e-9
+# The demanded voltage counts as at its limit this close to it, for the same reason.
+_BAND = 1e-6
+# The least share of a step that is taken, so that every call moves on.
+PROGRESS = 1e-6
+_WALL = 1e30  # N.m, a mechanical stop seen as friction that nothing overcomes
+_TINY = 1e-300
+
+
+class Plant(NamedTuple):
+    """Motor angle [rad], motor speed [rad/s], motor current [A], drive integral xi [V]."""
+
+    angle: Value
+    speed: Value
+    current: Value
+    integral: Value
+
+
+class Motion(NamedTuple):
+    """Direction (-1, 0 stuck, 1) and the mechanics along it: (inertia) dw = K_t i + torque."""
+
+    direction: Value
+    inertia: Value
+    torque: Value
+    high: Value  # applied torque that moves a motor at rest in the positive direction
+    low: Value  # and in the negative one
+    load: Value
+
+
+class Drive(NamedTuple):
+    """The electrical mode: L di/dt = source - loop i - back-EMF, clipped on `side` (0: not)."""
+
+    side: Value
+    loop: Value
+    tau: Value
+    source: Value
+    integral_gain: Value
+    limit: Value
+    i_ref: Value
+    enabled: Value
+    stays: Value  # 1 where the demand stays at the limit, its integral following
+    at_limit: Value  # 1 where the step starts at the limit
+
+
+class Current(NamedTuple):
+    """i(t) = final + (start - final) exp(-t/tau); ``mean`` over the step, ``end`` at its end.
+
+    ``speed`` is the mean speed of a sliding motor under that current.
+    """
+
+    start: Value
+    final: Value
+    tau: Value
+    mean: Value
+    end: Value
+    speed: Value
+
+
+def stops(ops: Ops, p: Any) -> tuple[Value, Value]:
+    """Motor angles [rad] at the lower and upper mechanical stop."""
+    limit = p.fin.stop_angle
+    return kinematics.motor_angle(ops, p, -limit), kinematics.motor_angle(ops, p, limit)
+
+
+def _stop_ahead(ops: Ops, p: Any, direction: Value) -> Value:
+    low_stop, high_stop = stops(ops, p)
+    return ops.where(direction > 0.0, high_stop, low_stop)
+
+
+def _sign(ops: Ops, x: Value) -> Value:
+    return ops.where(x > 0.0, 1.0, ops.where(x < 0.0, -1.0, 0.0))
+
+
+def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at: Value,
+            felt: Value = 1.0) -> Motion:
+    """Mechanics of a motor that turns one way (heading 1 or -1), or of one at rest (0), under friction of `at`.
+
+    `felt` is the share of the load that a screw with losses leaves it to feel.
+    """
+    m = mechanics.coefficients(ops, p, s.angle + 0.5 * h * s.speed, u.aero_torque, u.f_x, u.f_z)
+    if heading:
+        direction: Value = heading
+        dry = heading * mechanics.breakaway(ops, p, m, heading, at)
+        high: Value = 0.0
+        low: Value = 0.0
+    else:
+        low_stop, high_stop = stops(ops, p)
+        high = ops.where(s.angle >= high_stop, _WALL, mechanics.breakaway(ops, p, m, 1.0))
+        low = -ops.where(s.angle <= low_stop, _WALL, mechanics.breakaway(ops, p, m, -1.0))
+        if screw.lossy(p):
+            high, low = _held_by_screw(ops, p, m, high, low)
+        applied = drive.torque(p, s.current) + m.load
+        # Strictly beyond: without friction and without torque a motor at rest stays at rest.
+        up = ops.both(applied >= high * _EDGE, applied > 0.0)
+        down = ops.both(applied <= low * _EDGE, applied < 0.0)
+        direction = ops.where(up, 1.0, ops.where(down, -1.0, 0.0))
+        dry = ops.where(up, high, ops.where(down, low, 0.0))
+        if friction.falls(p):
+            dry = ops.where(up, mechanics.breakaway(ops, p, m, 1.0, at),
+                            ops.where(down, -mechanics.breakaway(ops, p, m, -1.0, at), 0.0))
+    w, load = s.speed, m.load
+    if screw.lossy(p):
+        p, m = screw.felt(p, m, felt)
+        dry = direction * mechanics.breakaway(ops, p, m, direction, at)
+    damping = mechanics.damping(ops, p, m, direction)
+    # Midpoint speed w + h dw/2 in the viscous and (linearised) the centrifugal term.
+    inertia = m.inertia + 0.5 * h * damping - h * w * m.centrifugal
+    torque = m.load - dry - damping * w + m.centrifugal * w * w
+    return Motion(direction, inertia, torque, high, low, load)
+
+
+def _held_by_screw(ops: Ops, p: Any, m: mechanics.Mechanics, high: Value, low: Value) -> tuple[Value, Value]:
+    """The torques that move a motor at rest, with the friction of a loaded screw."""
+    hinge = p.friction.fin_coulomb / m.ratio
+    return high + screw.hold(ops, p, hinge - m.load, 1.0), low - screw.hold(ops, p, -hinge - m.load, -1.0)
+
+
+def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: Drive, h: Value, heading: float, at: Value) -> Motion:
+    """The motion by the efficiency that the step's mean torques ask for: forward where they drive the load.
+
+    Its sign is the same whichever of the two it is found with (:mod:`emcas_fmu.physics.screw`).
+    """
+    driving = _motion(ops, p, s, u, h, heading, at, screw.forward(p))
+    driven = _motion(ops, p, s, u, h, heading, at, p.efficiency.backward)
+    alone = _motion(ops, p, s, u, h, heading, at, 0.0)
+    torque = drive.torque(p, current_course(ops, p, s, driving, d, h).mean)
+    rate = (torque + driving.torque) / driving.inertia
+    forward = (torque + alone.torque - alone.inertia * rate) * driving.direction > 0.0
+    return driving._replace(inertia=ops.where(forward, driving.inertia, driven.inertia),
+                            torque=ops.where(forward, driving.torque, driven.torque))
+
+
+def electrical_mode(ops: Ops, p: Any, s: Plant, u: Record) -> Drive:
+    """The electrical mode a step starts in.
+
+    A demand at the limit may be driven out while it is free and back while it is
+    clipped (its integral held): then it stays there, the integral following the
+    current (Filippov's sliding solution).
+    """
+    if p.structure.current == "pwm":
+        return _pwm_mode(ops, p, u)
+    i_ref = drive.current_reference(ops, p, u.reference)
+    if p.structure.current == "ideal":  # the current is its reference at once, and no voltage matters
+        return Drive(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, i_ref, u.enabled, 0.0, 1.0)
+    demand = drive.voltage_demand(p, i_ref, s.current, s.integral)
+    limit = ops.maximum(u.supply, 0.0)
+    inside = ops.fabs(demand) < limit * (1.0 - _BAND)
+    resistance, inductance = p.motor.resistance, p.motor.inductance
+
+    def free() -> tuple[Value, ...]:
+        loop = resistance + p.drive.kp
+        return 0.0, loop, inductance / loop, p.drive.kp * i_ref + s.integral, p.drive.ki, 0.0, 0.0
+
+    def beyond() -> tuple[Value, ...]:
+        side = _sign(ops, demand)
+        at_limit = ops.fabs(demand) <= limit * (1.0 + _BAND)
+        rise = side * (side * limit - resistance * s.current - drive.back_emf(p, s.speed)) / inductance
+        drawn_out = side * p.drive.ki * (i_ref - s.current) > p.drive.kp * rise
+        stays = ops.both(at_limit, ops.both(rise > 0.0, drawn_out))
+        clipped = ops.either(ops.negate(at_limit), ops.either(rise <= 0.0, stays))
+        own = ops.where(clipped, side, 0.0)
+        loop = ops.where(clipped, resistance, resistance + p.drive.kp)
+        source = ops.where(clipped, side * limit, p.drive.kp * i_ref + s.integral)
+        gain = ops.where(clipped, 0.0, p.drive.ki)
+        return (own, loop, inductance / loop, source, gain, ops.where(stays, 1.0, 0.0), ops.where(at_limit, 1.0, 0.0))
+
+    side, loop, tau, source, gain, stays, at_limit = ops.branch(inside, free, beyond)
+    return Drive(side, loop, tau, source, gain, limit, i_ref, u.enabled, stays, at_limit)
+
+
+def _pwm_mode(ops: Ops, p: Any, u: Record) -> Drive:
+    """Return the mode of a PWM amplifier: its voltage, within the supply, holds through the step."""
+    limit = ops.maximum(u.supply, 0.0)
+    source = ops.clip(drive.pwm_voltage(p, u.reference), -limit, limit)
+    resistance = p.motor.resistance
+    return Drive(0.0, resistance, p.motor.inductance / resistance, source, 0.0, limit, 0.0, u.enabled, 0.0, 1.0)
+
+
+def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: Drive, h: Value) -> Current:
+    """The current's course for the back-EMF of the step's mean speed, and that speed.
+
+    Mean speed and mean integral are linear in the final current, which is therefore
+    found without iteration. A disabled drive's bridge is open: no current.
+    """
+    half_step = 0.5 * h
+    drift = s.speed + half_step * motion.torque / motion.inertia  # mean speed if there were no current
+
+    def flowing() -> tuple[Value, ...]:
+        decay = ops.exp(-h / d.tau)
+        kept = d.tau / h * (1.0 - decay)  # share of the starting current in the mean
+        gone = 1.0 - kept
+        lag = d.tau * gone  # its share in the mean speed, times its torque over the inertia
+        half = half_step * d.integral_gain
+        gain = ops.where(ops.equal(motion.direction, 0.0), 0.0, p.motor.torque_constant / motion.inertia)
+        speed_at_zero = drift + gain * lag * s.current
+        speed_slope = gain * (half_step - lag)
+        at_rest = d.source + half * (d.i_ref - kept * s.current) - drive.back_emf(
+            p, ops.where(ops.equal(motion.direction, 0.0), 0.0, speed_at_zero))
+        final = at_rest / (d.loop + half * gone + drive.back_emf(p, speed_slope))
+        mean = final * gone + s.current * kept
+        return final, mean, final + (s.current - final) * decay, speed_at_zero + speed_slope * final
+
+    final, mean, end, speed = ops.branch(d.enabled, flowing, lambda: (0.0, 0.0, 0.0, drift))
+    return Current(s.current, final, d.tau, mean, end, speed)
+
+
+def time_to(ops: Ops, c: Current, value: Value) -> Value:
+    """When the current reaches a value that lies on its way."""
+    rest = value - c.final
+    ratio = (c.start - c.final) / ops.where(ops.fabs(rest) > _TINY, rest, _TINY)
+    return c.tau * ops.log(ops.maximum(ratio, 1.0))
+
+
+class Step(NamedTuple):
+    """Where a step leads if nothing but what holds at its start happens, and what it was made of."""
+
+    end: Plant
+    motion: Motion
+    drive: Drive
+    current: Current
+
+
+def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at: Value | None = None) -> Step:
+    """A step under the friction of the speed `at`: where it depends on one, that of mid-step as a first step has it."""
+    if at is None:
+        at = _step(ops, p, s, u, h, heading, s.speed).current.speed if friction.falls(p) else s.speed
+    motion = _motion(ops, p, s, u, h, heading, at)
+    d = electrical_mode(ops, p, s, u)
+    if screw.lossy(p):
+        motion = _through_screw(ops, p, s, u, d, h, heading, at)
+    c = current_course(ops, p, s, motion, d, h)
+
+    def sliding() -> tuple[Value, ...]:
+        speed = s.speed + h * (drive.torque(p, c.mean) + motion.torque) / motion.inertia
+        angle = s.angle + h * c.speed
+        if heading:
+            return angle, speed
+        # A start from rest that leads nowhere is none.
+        starts = speed * motion.direction > 0.0
+        return ops.where(starts, angle, s.angle), ops.where(starts, speed, 0.0)
+
+    angle, speed = ops.branch(ops.equal(motion.direction, 0.0), lambda: (s.angle, 0.0), sliding)
+    return Step(Plant(angle, speed, c.end, integral_end(ops, p, s, d, c, h)), motion, d, c)
+
+
+def integral_end(ops: Ops, p: Any, s: Plant, d: Drive, c: Current, h: Value) -> Value:
+    """Return the drive's integral [V] at the end of a step."""
+    if p.structure.current == "pwm":
+        return s.integral
+    followed = d.side * d.limit - p.drive.kp * (d.i_ref - c.end)
+    moved = s.integral + h * d.integral_gain * (d.i_ref - c.mean)
+    return ops.where(d.enabled, ops.where(d.stays > 0.0, followed, moved), 0.0)
+
+
+class Events(NamedTuple):
+    """What happens in a step: the voltage meets (``entering``) or leaves its limit, a motor
+    at rest breaks away (``up``, ``down``), one that turns comes to rest or gets to a stop."""
+
+    entering: Value
+    leaving: Value
+    up: Value
+    down: Value
+    reversing: Value
+    stopping: Value
+
+
+def voltage_events(ops: Ops, p: Any, d: Drive, end: Plant) -> tuple[Value, Value]:
+    """Return whether the demanded voltage meets its limit on the way to `end`, and whether it leaves it."""
+    if p.structure.current == "pwm":
+        return False, False
+    demand = drive.voltage_demand(p, d.i_ref, end.current, end.integral)
+    free = ops.equal(d.side, 0.0)
+    # From the limit itself the mode told at the start holds through the step.
+    crossing = ops.both(d.enabled, ops.equal(d.at_limit, 0.0))
+    entering = ops.both(crossing, ops.both(free, ops.fabs(demand) > d.limit))
+    return entering, ops.both(crossing, ops.both(ops.negate(free), demand * d.side < d.limit))
+
+
+def _events(ops: Ops, p: Any, s: Plant, step: Step, heading: float) -> Events:
+    end, motion, d, _ = step
+    entering, leaving = voltage_events(ops, p, d, end)
+    stopping = (end.angle - _stop_ahead(ops, p, motion.direction)) * motion.direction >= 0.0
+    if heading:
+        return Events(entering, leaving, False, False, end.speed * heading <= 0.0, stopping)
+    stuck = ops.equal(motion.direction, 0.0)
+    applied = drive.torque(p, end.current) + motion.load
+    return Events(entering, leaving, ops.both(stuck, applied > motion.high), ops.both(stuck, applied < motion.low),
+                   False, ops.both(ops.negate(stuck), stopping))
+
+
+def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, e: Events, h: Value) -> Value:
+    """Return when the demanded voltage crosses the limit, `h` if it does not."""
+    if p.structure.current == "pwm":
+        return h
+    _, _, d, c = step
+    before = drive.voltage_demand(p, d.i_ref, s.current, s.integral)
+    after = drive.voltage_demand(p, d.i_ref, step.end.current, step.end.integral)
+    side = ops.where(e.entering, _sign(ops, after), d.side)
+    # By the current's course, with the integral of the step's start; where the integral
+    # rather than the current drives the demand, by the line between its ends.
+    boundary = d.i_ref - (side * d.limit - s.integral) / p.drive.kp
+    on_course = (boundary - s.current) * (step.end.current - boundary) >= 0.0
+    change = ops.where(ops.equal(after, before), 1.0, after - before)
+    line = h * ops.clip((side * d.limit - before) / change, 0.0, 1.0)
+    time = ops.where(on_course, ops.minimum(time_to(ops, c, boundary), h), line)
+    return ops.where(ops.either(e.entering, e.leaving), time, h)
+
+
+def _breakaway_time(ops: Ops, p: Any, step: Step, e: Events, h: Value) -> Value:
+    """When the torque on a motor at rest exceeds its friction, `h` if it does not."""
+    edge = ops.where(e.up, step.motion.high, step.motion.low)
+    time = time_to(ops, step.current, (edge - step.motion.load) / p.motor.torque_constant)
+    return ops.where(ops.either(e.up, e.down), time, h)
+
+
+def stop_time(ops: Ops, s: Plant, step: Step, e: Events, stop: Value, h: Value) -> Value:
+    """When the motor gets to the angle `stop`, `h` if it does not; constant acceleration."""
+    travel = stop - s.angle
+    acceleration = (step.end.speed - s.speed) / h
+    root = ops.sqrt(ops.maximum(s.speed * s.speed + 2.0 * acceleration * travel, 0.0))
+    divisor = s.speed + step.motion.direction * root
+    time = 2.0 * travel / ops.where(ops.fabs(divisor) > _TINY, divisor, _TINY)
+    return ops.where(e.stopping, ops.clip(time, 0.0, h), h)
+
+
+def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events, h: Value,
+                    heading: float) -> tuple[Value, ...]:
+    """State at the first event and the time it took."""
+    stop = _stop_ahead(ops, p, step.motion.direction)
+    voltage = voltage_time(ops, p, s, step, e, h)
+    stopping = stop_time(ops, s, step, e, stop, h)
+    if heading:
+        # First where the line between the speeds is zero, then on the line to that point.
+        slowing = ops.where(e.reversing, s.speed - step.end.speed, 1.0)
+        guess = ops.where(e.reversing, h * s.speed / slowing, h)
+        (other,) = ops.branch(e.reversing, lambda: (_refined(ops, p, s, u, step, guess, h, heading),), lambda: (h,))
+    else:
+        other = _breakaway_time(ops, p, step, e, h)
+    first = ops.minimum(ops.minimum(voltage, other), stopping)
+    used = ops.maximum(first, PROGRESS * h)
+    part = _step(ops, p, s, u, used, heading).end
+    hits = ops.both(e.stopping, stopping <= first)
+    rests = ops.either(hits, ops.both(e.reversing, other <= first))
+    return (ops.where(hits, stop, part.angle), ops.where(rests, 0.0, part.speed), part.current, part.integral, used)
+
+
+def _refined(ops: Ops, p: Any, s: Plant, u: Record, step: Step, guess: Value, h: Value, heading: float) -> Value:
+    """A better time of zero speed than `guess`, by the secant to the side where it lies."""
+    speed = _step(ops, p, s, u, ops.maximum(guess, PROGRESS * h), heading).end.speed
+    late = speed * heading <= 0.0
+    other_time, other_speed = ops.where(late, 0.0, h), ops.where(late, s.speed, step.end.speed)
+    change = ops.where(ops.equal(speed, other_speed), 1.0, speed - other_speed)
+    return ops.clip(guess - speed * (guess - other_time) / change, 0.0, h)
+
+
+def _follow(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float) -> tuple[Value, ...]:
+    step = _step(ops, p, s, u, h, heading)
+    e = _events(ops, p, s, step, heading)
+    any_motion = ops.either(ops.either(e.up, e.down), ops.either(e.reversing, e.stopping))
+    return ops.branch(ops.either(ops.either(e.entering, e.leaving), any_motion),
+                      lambda: _to_first_event(ops, p, s, u, step, e, h, heading), lambda: (*step.end, h))
+
+
+def advance(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Plant, Value]:
+    """The state after `h` [s] or at the first event before, and the time that took [s].
+
+    While the drive is disabled its bridge is open: no current, the integral at zero.
+    """
+    s = Plant(s.angle, s.speed, *ops.branch(u.enabled, lambda: (s.current, s.integral), lambda: (0.0, 0.0)))
+    *plant, used = ops.branch(
+        s.speed > 0.0,
+        lambda: _follow(ops, p, s, u, h, 1.0),
+        lambda: ops.branch(s.speed < 0.0, lambda: _follow(ops, p, s, u, h, -1.0),
+                           lambda: _follow(ops, p, s, u, h, 0.0)),
+    )
+    return Plant(*plant), used

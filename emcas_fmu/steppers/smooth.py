@@ -1,0 +1,73 @@
+"""One step of smooth equations of motion, of whatever states: for actuators that have no stepping of their own.
+
+ROS2 of Verwer, Spee, Blom and Hundsdorfer (1999), "A second-order Rosenbrock method applied to photochemical
+dispersion problems", SIAM Journal on Scientific Computing 20 (4), 1456-1480:
+
+    (I - g h A) k1 = f(y)        (I - g h A) k2 = f(y + h k1) - 2 k1        y(h) = y + h (3 k1 + k2)/2
+
+with g = 1 - 1/sqrt(2) it is L-stable for A the Jacobian of f, so that a mode much faster than the step is damped and
+does no harm. It is of second order whatever A is: differences quotients serve. The mechanical stops take the rate of
+a fin that runs against them, at the end of the step; the time of that event is met to the first order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from math import sqrt
+from typing import Any
+
+from ..namespace import Record
+from ..ops.base import Ops, Value
+
+_GAMMA = 1.0 - 1.0 / sqrt(2.0)
+# Of a difference quotient, about the square root of the rounding of a state of the order of one.
+_INCREMENT = 1e-7
+
+Derivatives = Callable[[Ops, Any, Record, Record], Mapping[str, Value]]
+
+
+def smooth_step(derivatives: Derivatives, names: Sequence[str]) -> Callable[..., tuple[dict[str, Value], Value]]:
+    """Return the `step` of states of these names that move by `derivatives`, ``fin_angle`` and ``fin_rate`` among them.
+
+    `derivatives(ops, p, x, u)` gives d/dt of each by name, for `x` and `u` as `step` gets them.
+    """
+    def step(ops: Ops, p: Any, x: Record, u: Record, h: Value) -> tuple[dict[str, Value], Value]:
+        def slope(y: Sequence[Value]) -> list[Value]:
+            given = derivatives(ops, p, x.replace(**dict(zip(names, y, strict=True))), u)
+            return [given[name] for name in names]
+
+        begin = [getattr(x, name) for name in names]
+        first = slope(begin)
+        columns = []
+        for i, value in enumerate(begin):
+            increment = _INCREMENT * (1.0 + ops.fabs(value))
+            shifted = slope([*begin[:i], value + increment, *begin[i + 1:]])
+            columns.append([(a - b) / increment for a, b in zip(shifted, first, strict=True)])
+        matrix = [[(1.0 if i == k else 0.0) - _GAMMA * h * columns[k][i] for k in range(len(names))]
+                  for i in range(len(names))]
+        k1 = solve(matrix, first)
+        second = slope([y + h * k for y, k in zip(begin, k1, strict=True)])
+        k2 = solve(matrix, [f - 2.0 * k for f, k in zip(second, k1, strict=True)])
+        moved = {name: y + h * (1.5 * a + 0.5 * b) for name, y, a, b in zip(names, begin, k1, k2, strict=True)}
+        angle, rate, stop = moved["fin_angle"], moved["fin_rate"], p.fin.stop_angle
+        against = ops.both(ops.fabs(angle) >= stop, angle * rate > 0.0)
+        return {**moved, "fin_angle": ops.clip(angle, -stop, stop), "fin_rate": ops.where(against, 0.0, rate)}, h
+
+    return step
+
+
+def solve(matrix: Sequence[Sequence[Value]], right: Sequence[Value]) -> list[Value]:
+    """Return the solution of linear equations by elimination without pivots, which I - g h A near I does not need."""
+    rows = [[*row, value] for row, value in zip(matrix, right, strict=True)]
+    count = len(rows)
+    for i in range(count):
+        for k in range(i + 1, count):
+            factor = rows[k][i] / rows[i][i]
+            rows[k] = [a - factor * b for a, b in zip(rows[k], rows[i], strict=True)]
+    solution: list[Value] = [0.0] * count
+    for i in reversed(range(count)):
+        total = rows[i][count]
+        for k in range(i + 1, count):
+            total = total - rows[i][k] * solution[k]
+        solution[i] = total / rows[i][i]
+    return solution

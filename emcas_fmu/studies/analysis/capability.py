@@ -1,0 +1,148 @@
+"""What motor and drive can do: torque against speed, and hinge moment and rate against fin angle.
+
+In steady motion (di/dt = 0) voltage and current limits leave
+
+    T_m = K_t clip((+-V - K_e w)/R, +-I_max)
+
+and the balance of (2.17) without acceleration gives the fin's rate and the moment it moves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import nan
+from typing import Any, cast
+
+import numpy as np
+from scipy.optimize import brentq
+
+from ...actuators import NONLINEAR, capabilities, fin_port, get
+from ...bench.excitation import reference_case
+from ...ops.arrays import ARRAYS as _ARRAYS
+from ...ops.base import Ops
+from ...ops.floats import FLOATS
+from ...parameters import ParameterSet
+from ...physics import drive, kinematics, mechanics
+from ...reference.cases import CASES, LOAD
+from ...simulation import Array, simulate
+
+ARRAYS: Ops = cast(Ops, _ARRAYS)
+NEEDS = (capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.SCREW_LOAD,
+         capabilities.COULOMB_FRICTION)
+_POINTS = 101
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """Motor torque [N.m] between ``lowest`` and ``highest`` at speeds [rad/s]; arrays of one length.
+
+    ``prompt`` is the highest with the drive's proportional action alone: its integral
+    takes ``integral_time`` [s] (nan without one) to close the rest.
+    """
+
+    speed: Array
+    highest: Array
+    lowest: Array
+    prompt: Array
+    integral_time: float
+    no_load_speed: float
+    stall_torque: float
+
+
+def limit_torque(p: Any, speed: Any, side: float) -> Any:
+    """Motor torque [N.m] at full voltage of one side (1 or -1) at motor speeds [rad/s], in steady motion."""
+    current = (side * p.drive.supply_voltage - drive.back_emf(p, speed)) / p.motor.resistance
+    return drive.torque(p, ARRAYS.clip(current, -p.drive.current_limit, p.drive.current_limit))
+
+
+def envelope(values: Mapping[str, Any], model: str = NONLINEAR) -> Envelope:
+    """The torque-speed envelope, over all speeds the supply reaches without load, both ways."""
+    p = get(model).namespace(values)
+    free = p.drive.supply_voltage / p.motor.back_emf_constant
+    speed = np.linspace(-free, free, 4 * _POINTS)
+    highest = limit_torque(p, speed, 1.0)
+    loop = p.motor.resistance + p.drive.kp
+    asked = (drive.voltage_demand(p, p.drive.current_limit, 0.0, 0.0) - drive.back_emf(p, speed)) / loop
+    return Envelope(speed, highest, limit_torque(p, speed, -1.0), np.minimum(highest, drive.torque(p, asked)),
+                    loop / p.drive.ki if p.drive.ki > 0.0 else nan, free, float(limit_torque(p, 0.0, 1.0)))
+
+
+@dataclass(frozen=True)
+class CasePoints:
+    """Motor speed [rad/s] and torque [N.m] at the communication points of a reference case."""
+
+    name: str
+    title: str
+    speed: Array
+    torque: Array
+
+
+def case_points(parameters: ParameterSet) -> list[CasePoints]:
+    """Where the reference cases take the motor, with these parameters."""
+    points = []
+    for case in CASES:
+        chosen = reference_case(case.name)
+        inputs: dict[str, Any] = dict(chosen.columns)
+        run = simulate(parameters.replace(chosen.start_values).values, chosen.stop, chosen.step, model=parameters.model,
+                       **inputs)
+        points.append(CasePoints(case.name, case.title, run["motor_speed"], run["motor_torque"]))
+    return points
+
+
+@dataclass(frozen=True)
+class Capability:
+    """Against ``fin_angle`` [rad]; arrays of one length, for motion along + and - as rows [2, angles].
+
+    ``stall`` [N.m]: largest opposing hinge moment that is still moved; ``held``: that is held at rest, dry
+    friction helping. ``rate`` [rad/s] without load and ``rate_loaded`` against LOAD, within supply, drive current
+    and the controllers' speed limit; ``free_rate`` and ``free_rate_loaded`` without that limit. ``ratio`` R [1].
+    """
+
+    fin_angle: Array
+    ratio: Array
+    stall: Array
+    held: Array
+    rate: Array
+    rate_loaded: Array
+    free_rate: Array
+    free_rate_loaded: Array
+
+
+def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
+    """Over the range of commands."""
+    p = get(model).namespace(values)
+    fin = np.linspace(-p.command.limit, p.command.limit, _POINTS)
+    force = fin_port.specific_force(FLOATS, p, 0.0, 0.0, 0.0, 0.0, 0.0)
+    m = mechanics.coefficients(ARRAYS, p, kinematics.motor_angle(ARRAYS, p, fin), 0.0, *force)
+    stall, held = np.empty((2, len(fin))), np.empty((2, len(fin)))
+    for row, side in enumerate((1.0, -1.0)):
+        friction = mechanics.breakaway(ARRAYS, p, m, side)
+        driving = abs(float(limit_torque(p, 0.0, side))) + side * m.load
+        stall[row] = np.maximum(m.ratio * (driving - friction), 0.0)
+        # What holds is overcome the other way.
+        held[row] = m.ratio * (driving + mechanics.breakaway(ARRAYS, p, m, -side))
+    free = p.drive.supply_voltage / p.motor.back_emf_constant
+    rates = [np.array([[steady_rate(p, angle, side, -side * load, limit, force) for angle in fin]
+                       for side in (1.0, -1.0)])
+             for limit in (p.controller.speed_limit, free) for load in (0.0, LOAD)]
+    return Capability(fin, m.ratio, stall, held, *rates)
+
+
+def steady_rate(p: Any, fin: float, side: float, aero_torque: float, limit: float,
+                force: tuple[Any, ...] = (0.0, 0.0)) -> float:
+    """Largest steady fin rate [rad/s] along `side` (1, -1) at a fin angle [rad] under a moment [N.m]; 0: stalled.
+
+    `limit` [rad/s] is the motor speed not to be passed.
+    """
+    m = mechanics.coefficients(FLOATS, p, kinematics.motor_angle(FLOATS, p, fin), aero_torque, *force)
+    friction = mechanics.breakaway(FLOATS, p, m, side)
+    damping = mechanics.damping(FLOATS, p, m, side)
+
+    def surplus(speed: float) -> float:
+        return float(side * (limit_torque(p, side * speed, side) + m.load) - friction - damping * speed)
+
+    if surplus(0.0) <= 0.0:
+        return 0.0
+    speed = limit if surplus(limit) >= 0.0 else brentq(surplus, 0.0, limit)
+    return float(speed / m.ratio)

@@ -1,0 +1,258 @@
+"""What motor and drive give at each speed for long and for a while: torque-speed envelopes (thesis, Figure 3.2).
+
+The largest torque in steady motion is that of a current no larger than the least of these:
+
+- heat, continuous: in the steady state it makes the winding is at heat.winding_limit;
+- heat, short-term: with it the winding gets there in the duration, from the steady state of a preload, a share of
+  the least continuous one, so that the I2t load is empty then;
+- I2t: heat.continuous_current; short-term what the drive allows through the duration without folding back;
+- peak: drive.current_limit;
+- voltage: V = R i + K_e w at the supply.
+
+R, K_t and K_e are those of the temperatures that the current itself has made at the end, steady state or duration.
+With magnets that lose much by heat a smaller current may give the larger torque; then it is that one's. Losses other
+than in the winding are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from math import isfinite, pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.optimize import brentq, minimize_scalar
+
+from ...actuators import capabilities, parts, require
+from ...errors import EmcasError
+from ...namespace import with_values
+from ...ops.floats import FLOATS
+from ...parameters import ParameterSet
+from ...physics import drive, heat
+from ...plots import BLUE, GREEN, INK, PURPLE, VERMILLION, figure, style, write
+from ...simulation import Array
+from .capability import limit_torque
+
+_POINTS = 201
+_CURRENTS = 101  # among which turning points of torque and voltage are looked for
+_SHORTEST, _LONGEST = 1e-6, 1e9  # s
+_UNLIMITED = 1e12  # A
+_MOLTEN = 1e9  # degC, for what no longer is a number
+CAUSES = ("heat", "i2t", "peak")
+_WORDS = {"heat": "heat", "i2t": "I2t", "peak": "peak current"}
+Temperatures = tuple[float, float]  # of winding and case [degC]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One envelope: currents [A] that each of CAUSES allows, and the torque [N.m] at each speed of the Envelope.
+
+    `winding` and `case` [degC] are the temperatures that the least of these currents makes; the voltage leaves room
+    for it up to `corner_speed` [rad/s] (0: at no speed). `limits` are the torques [N.m] of each cause's current by
+    itself, and of the voltage at the temperatures of the start.
+    """
+
+    currents: Mapping[str, float]
+    winding: float
+    case: float
+    corner_speed: float
+    torque: Array
+    limits: Mapping[str, Array]
+
+    @property
+    def current(self) -> float:
+        """Largest current [A] at speeds below the corner's."""
+        return min(self.currents.values())
+
+    @property
+    def bound_by(self) -> str:
+        """Which of CAUSES that is; of equals the last, for I2t that allows the peak binds nothing."""
+        return min(reversed(CAUSES), key=self.currents.__getitem__)
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """Torque against motor speed [rad/s] from 0 to that without load, for any time and for `duration` [s].
+
+    `preload` [1] is the share of the continuous current, :attr:`Curve.current`, that flowed before, for long.
+    """
+
+    speed: Array
+    duration: float
+    preload: float
+    continuous: Curve
+    short_term: Curve
+
+
+def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) -> Envelope:
+    """The envelopes of a model with heat at its ambient and supply. Raises EmcasError where there are none."""
+    if "heat" not in parts(parameters.model)[1]:
+        raise EmcasError(f"--model {parameters.model}: an envelope needs the extension heat, as in nonlinear+heat")
+    require(parameters.model, "an envelope", capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT)
+    p = parameters.nested()
+    if not _SHORTEST <= duration <= _LONGEST:
+        raise EmcasError(f"--duration {duration:g} s: must be from {_SHORTEST:g} to {_LONGEST:g} s")
+    if not 0.0 <= preload < 1.0:
+        raise EmcasError(f"--preload {preload:g}: must be from 0 to below 1")
+    for name, value in (("motor.back_emf_constant", p.motor.back_emf_constant),
+                        ("drive.supply_voltage", p.drive.supply_voltage)):
+        if value <= 0.0:
+            raise EmcasError(f"{name} = {value:g}: must be above 0 for an envelope")
+    ambient, limit = p.friction.temperature, p.heat.winding_limit
+    if ambient >= limit:
+        raise EmcasError(f"friction.temperature = {ambient:g} degC must be below heat.winding_limit = {limit:g} degC")
+    lasting = _lasting(p)
+    cold = settled(p, 0.0)
+    start = settled(p, preload * min(lasting))
+    free = [p.drive.supply_voltage / heat.at_temperatures(FLOATS, p, *t).motor.back_emf_constant for t in (cold, start)]
+    speed = np.linspace(0.0, max(free), _POINTS)
+    return Envelope(
+        speed, duration, preload,
+        _curve(p, speed, lasting, cold, lambda i: settled(p, i)),
+        _curve(p, speed, (short_term_current(p, duration, preload), i2t_current(p, duration), p.drive.current_limit),
+               start, lambda i: warmed(p, i, duration, start)))
+
+
+def _lasting(p: Any) -> tuple[float, float, float]:
+    """Currents [A] for any time that each of CAUSES allows."""
+    peak = float(p.drive.current_limit)
+    return continuous_current(p), min(float(p.heat.continuous_current), peak), peak
+
+
+def continuous_current(p: Any) -> float:
+    """Current [A] in whose steady state the winding is at heat.winding_limit."""
+    loss = (p.heat.winding_limit - p.friction.temperature) / (p.heat.winding_to_case + p.heat.case_to_ambient)
+    return float(np.sqrt(loss / heat.resistance(FLOATS, p, p.heat.winding_limit)))
+
+
+def short_term_current(p: Any, duration: float, preload: float = 0.0) -> float:
+    """Constant current [A] that brings the winding to heat.winding_limit in `duration` [s].
+
+    Before, `preload` times the least continuous current has flowed for long.
+    """
+    low = continuous_current(p)
+    start = settled(p, preload * min(_lasting(p)))
+
+    def excess(current: float) -> float:
+        return warmed(p, current, duration, start)[0] - float(p.heat.winding_limit)
+
+    high = 2.0 * low
+    while excess(high) < 0.0:
+        low, high = high, 2.0 * high
+    # After a very long time the continuous current has got there, to rounding.
+    return low if excess(low) >= 0.0 else float(brentq(excess, low, high, xtol=1e-9))
+
+
+def i2t_current(p: Any, duration: float) -> float:
+    """Constant current [A] that the drive allows for `duration` [s] before it folds back, from an empty I2t load."""
+    def excess(current: float) -> float:
+        return float(heat.loaded(FLOATS, p, 0.0, current * current, duration)) - heat.FOLDING
+
+    peak = p.drive.current_limit
+    if excess(peak) <= 0.0:
+        return float(peak)
+    return float(brentq(excess, min(p.heat.continuous_current, peak), peak, xtol=1e-12))
+
+
+def _rates(p: Any, current: float) -> tuple[Array, Array]:
+    """A and b of d(winding, case)/dt = A (winding, case) + b [K/s] under a constant current [A], from the physics."""
+    def at(winding: float, case: float) -> Array:
+        inward, outward = heat.flows(p, winding, case)
+        loss = heat.resistance(FLOATS, p, winding) * current * current
+        return np.array([(loss - inward) / p.heat.winding_capacity, (inward - outward) / p.heat.case_capacity])
+
+    low, high = p.friction.temperature, p.heat.winding_limit
+    base = at(low, low)
+    a = np.column_stack([at(high, low) - base, at(low, high) - base]) / (high - low)
+    return a, base - a @ np.array([low, low])
+
+
+def settled(p: Any, current: float) -> Temperatures:
+    """Steady temperatures under a current [A] up to the continuous one."""
+    a, b = _rates(p, current)
+    winding, case = np.linalg.solve(a, -b)
+    return float(winding), float(case)
+
+
+def warmed(p: Any, current: float, time: float, start: Temperatures) -> Temperatures:
+    """Temperatures after `time` [s] of a constant current [A], exact for any time; _MOLTEN where they overflow."""
+    a, b = _rates(p, current)
+    # Nodes that warm each other have two real rates, and not the same; NumPy may tell them as complex numbers.
+    rates, modes = (found.real for found in np.linalg.eig(a))
+    with np.errstate(all="ignore"):
+        grown = np.where(rates == 0.0, time, np.expm1(rates * time) / rates)
+        moved = np.array(start) + modes @ (grown * np.linalg.solve(modes, a @ np.array(start) + b))
+    winding, case = (float(x) if isfinite(x) else _MOLTEN for x in moved)
+    return winding, case
+
+
+def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures,
+           heated: Callable[[float], Temperatures]) -> Curve:
+    """`heated` gives the temperatures that a current makes."""
+    currents = dict(zip(CAUSES, allowed, strict=True))
+    largest, supply = min(allowed), p.drive.supply_voltage
+
+    @cache
+    def motor(current: float) -> Any:
+        return heat.at_temperatures(FLOATS, p, *heated(current))
+
+    def torque_of(current: float) -> float:
+        # Of a current that heat does not allow, at the temperatures of what it allows.
+        return float(drive.torque(motor(min(current, allowed[0])), current))
+
+    def excess(current: float, at: float) -> float:
+        q = motor(current)
+        return float(q.motor.resistance * current + drive.back_emf(q, at) - supply)
+
+    # The torque is largest where the voltage leaves no more room, at the largest current, or at a peak of its own.
+    tried = [float(i) for i in np.linspace(0.0, largest, _CURRENTS)]
+    torques = [torque_of(i) for i in tried]
+    ends = [largest]
+    for before, here, after, around in zip(torques, torques[1:], torques[2:], zip(tried, tried[2:], strict=False),
+                                           strict=False):
+        if here >= max(before, after):
+            ends.append(float(minimize_scalar(lambda i: -torque_of(i), bounds=around, method="bounded").x))
+
+    def largest_torque(at: float) -> float:
+        over = [excess(i, at) for i in tried]
+        found = [i for i in ends if excess(i, at) <= 0.0]
+        found += [brentq(excess, low, high, (at,), xtol=1e-9)
+                  for low, high, one, other in zip(tried, tried[1:], over, over[1:], strict=False)
+                  if (one > 0.0) is not (other > 0.0)]
+        return max((torque_of(i) for i in found), default=0.0)
+
+    hot = motor(largest)
+    cold = with_values(heat.at_temperatures(FLOATS, p, *start), {"drive.current_limit": _UNLIMITED})
+    return Curve(currents, *heated(largest),
+                 max((supply - hot.motor.resistance * largest) / hot.motor.back_emf_constant, 0.0),
+                 np.array([largest_torque(float(at)) for at in speed]),
+                 {**{cause: np.full(len(speed), torque_of(current)) for cause, current in currents.items()},
+                  "voltage": np.maximum(limit_torque(cold, speed, 1.0), 0.0)})
+
+
+def draw(e: Envelope) -> Figure:
+    """Both envelopes over the motor speed, and the limits they are made of."""
+    made, ((axes,),) = figure(1, width=7.5, height=4.4)
+    rpm = e.speed * 30.0 / pi
+    for curve, color, name in ((e.short_term, VERMILLION, f"for {e.duration:g} s"),
+                               (e.continuous, BLUE, "for any time")):
+        axes.fill_between(rpm, curve.torque, color=color, alpha=0.18, linewidth=0.0)
+        axes.plot(rpm, curve.torque, color=color, linewidth=2.0, label=f"{name} (limited by {_WORDS[curve.bound_by]})")
+        axes.plot(rpm, curve.limits["heat"], color=color, linestyle="--", label=f"winding at its limit, {name}")
+    cold = e.short_term
+    axes.plot(rpm, cold.limits["peak"], color=PURPLE, linestyle="-.", label="drive's peak current")
+    axes.plot(rpm, cold.limits["voltage"], color=GREEN, linestyle=":", label="supply voltage, as cold as at the start")
+    top = max(cold.limits["peak"][0], min(cold.limits["heat"][0], 2.0 * cold.limits["peak"][0]))
+    axes.set(xlabel="motor speed [rpm]", ylabel="motor torque [N.m]", xlim=(0.0, rpm[-1]), ylim=(0.0, 1.1 * top))
+    made.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, labelcolor=INK)
+    return made
+
+
+def write_picture(e: Envelope, path: Path) -> None:
+    """The picture of :func:`draw` as ``.html``, ``.svg``, ``.png`` or ``.pdf``."""
+    with style():
+        write(draw(e), path, "Torque-speed envelope")

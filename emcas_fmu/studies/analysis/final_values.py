@@ -1,0 +1,55 @@
+"""Steady errors by the final-value theorem, for loops in cascade P against PI position control.
+
+For a step of size a, lim e(k) = lim_{z->1} (z - 1) E(z) = a (1 - G(1)) for a command and -a G(1) for a load, with G
+the closed loop; it holds where the closed loop is stable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import degrees, inf, log, nan
+from typing import Any
+
+import numpy as np
+
+from ...actuators import NONLINEAR, capabilities, get
+from ...reference.cases import LOAD
+from .linear import LinearActuator
+
+COMMAND = 1.0  # deg
+TORQUE = LOAD  # N.m, the load of the thesis's Table 2
+
+
+@dataclass(frozen=True)
+class FinalValues:
+    """Of one position controller: ``name``, integral gain [1/s2] of one in cascade, fin errors [deg], command
+    less angle, after a step of COMMAND and of TORQUE; nan where the loop is unstable. ``slowest`` [s] is the
+    largest time constant of the closed loop: final values are reached after several of them.
+    """
+
+    name: str
+    ki: float | None
+    command_error: float
+    load_error: float
+    slowest: float
+    stable: bool
+
+
+def final_values(values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque: float = 0.0,
+                 model: str = NONLINEAR) -> list[FinalValues]:
+    """P, and PI with the parameter set's integral gain; P alone where that is zero. Other loops as they are set."""
+    gains: dict[str, float | None] = {"as set": None}
+    if capabilities.CASCADE in get(model).provides:
+        gain = float(values["controller.position.ki"])
+        gains = {"P": 0.0, "PI": gain} if gain else {"P": 0.0}
+    table = []
+    for name, ki in gains.items():
+        changed = values if ki is None else {**values, "controller.position.ki": ki}
+        linear = LinearActuator(changed, fin_angle, aero_torque, model)
+        at_rest = linear.closed.dcgain()[0] if linear.stable else (nan, nan)
+        largest = float(np.max(np.abs(linear.closed.poles())))
+        slowest = -linear.period / log(largest) if largest < 1.0 else inf
+        table.append(FinalValues(name, ki, COMMAND * (1.0 - at_rest[0]), degrees(-TORQUE * at_rest[1]), slowest,
+                                 linear.stable))
+    return table

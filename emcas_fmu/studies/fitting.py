@@ -1,0 +1,80 @@
+"""The second-order model fitted to the nonlinear one: what a 6-DOF may use where the difference does not matter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import degrees, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from ..parameters import ParameterSet, file_entry, load_parameters, write_parameters
+from ..simulation import simulate
+
+Array = NDArray[np.floating[Any]]
+MODEL = "second-order"
+SIZES = (1.0, 2.5, 5.0, 10.0, 20.0)  # deg, of the steps that are fitted, each by its own size
+STOP = 0.4  # s
+STEP = 1e-3  # s
+NAMES = ("second_order.natural_frequency", "second_order.damping", "second_order.rate_limit", "drive.transport_delay")
+_BEGIN = np.array([100.0, 0.7, 4.0, 3e-3])
+_NOTE = "Fitted to the nonlinear model."
+_DIFFERENCE = 3e-3  # relative: a delay is known to a thousandth of the sample time
+_LOWEST, _HIGHEST = np.array([5.0, 0.05, 0.1, 0.0]), np.array([2000.0, 3.0, 100.0, 0.03])
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The second-order set, and of each step the largest and the rms difference [% of its size]."""
+
+    parameters: ParameterSet
+    sizes: tuple[float, ...]
+    largest: tuple[float, ...]
+    rms: tuple[float, ...]
+
+
+def fit(nonlinear: ParameterSet) -> Fit:
+    """Natural frequency, damping, rate limit and delay by least squares on unloaded steps from rest, of both signs.
+
+    Steps beyond command.limit are left out; the encoder is as the set has it. Raises ParameterError.
+    """
+    limit = degrees(float(nonlinear.values["command.limit"])) * (1.0 + 1e-9)
+    sizes = tuple(size for size in SIZES if size <= limit) or (limit,)
+    shared = {e.variable.name: e for e in nonlinear.entries}
+    default = load_parameters(model=MODEL)
+    base = replace(default, entries=tuple(shared.get(e.variable.name, e) for e in default.entries))
+    wanted = _responses(nonlinear.values, "nonlinear", sizes)
+
+    def residuals(x: Array) -> Array:
+        values = {**base.values, **dict(zip(NAMES, x * _BEGIN, strict=True))}
+        found: Array = (_responses(values, MODEL, sizes) - wanted).ravel()
+        return found
+
+    found = least_squares(residuals, np.ones(len(NAMES)), bounds=(_LOWEST / _BEGIN, _HIGHEST / _BEGIN),
+                          diff_step=_DIFFERENCE, xtol=1e-10, ftol=1e-10)
+    units = {e.variable.name: e.variable.unit for e in base.entries}
+    fitted = base.replace({name: file_entry([float(f"{x:.4g}")], units[name], "estimate", _NOTE)
+                           for name, x in zip(NAMES, found.x * _BEGIN, strict=True)})
+    left = 100.0 * np.abs(_responses(fitted.values, MODEL, sizes) - wanted)
+    return Fit(fitted, sizes, tuple(left.max(axis=1).tolist()), tuple(np.sqrt(np.mean(left**2, axis=1)).tolist()))
+
+
+def _responses(values: Mapping[str, Any], model: str, sizes: tuple[float, ...]) -> Array:
+    """Fin angle over command of each step, the mean of both directions: a row a size."""
+    def one(size: float) -> Array:
+        found: Array = simulate(values, STOP, STEP, model=model, fin_command=radians(size))["fin_angle"]
+        return found / radians(size)
+
+    return np.array([0.5 * (one(size) + one(-size)) for size in sizes])
+
+
+def write_fitted(found: Fit, path: Path, command: str) -> None:
+    """Write the fitted values as a parameter file of the second-order model, with all else that its set has changed."""
+    left = ", ".join(f"{rms:.2g} % at {size:g} deg" for size, rms in zip(found.sizes, found.rms, strict=True))
+    write_parameters(found.parameters, path, [
+        "Parameters of the second-order model, over its defaults.", f"Made by: {command}",
+        f"Differences left, rms of a step's size: {left}."])

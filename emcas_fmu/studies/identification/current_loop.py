@@ -1,0 +1,61 @@
+"""The sampled response of the drive's current loop to a reference that arrives between samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.signal import lfilter
+
+from ...actuators.electromechanical import nonlinear
+from ...physics import drive
+from .records import Array
+
+
+def response(parameters: Any, initial: float, reference: Array, speed: Array | None, step: float,
+             values: Mapping[str, Any]) -> Array:
+    """Current [A] of the linear loop for the reference [V] of each row, from rest with xi = `initial` [V]."""
+    gain, offset, delay, kp, ki = parameters
+    p = nonlinear.ACTUATOR.namespace({**values, "drive.current_gain": gain, "drive.current_offset": offset})
+    demanded = drive.current_reference_raw(p, reference)
+    resistance, inductance = values["motor.resistance"], values["motor.inductance"]
+    a = np.array([[-(resistance + kp) / inductance, 1.0 / inductance], [-ki, 0.0]])
+    b = np.array([kp / inductance, ki])
+    e = np.array([-1.0 / inductance, 0.0])
+    whole = int(np.floor(delay / step))
+    fraction = delay / step - whole
+    f, late = _held(a, b, step * (1.0 - fraction))  # the part of an interval after the arrival
+    _, early = _held(a, b, step * fraction)
+    both, back = _held(a, e, step)
+    # x_k+1 = Phi x_k + f(early) u_k-whole-1 + late u_k-whole
+    before = np.concatenate([np.full(whole + 1, demanded[0]), demanded])[:len(demanded)]
+    now = np.concatenate([np.full(whole, demanded[0]), demanded])[:len(demanded)]
+    # From a long rest: the current that xi = initial and the first demand hold.
+    rest = np.array([(kp * demanded[0] + initial) / (resistance + kp), initial])
+    pushed = np.outer(before, f @ early) + np.outer(now, late)
+    if speed is not None:
+        pushed = pushed + np.outer(drive.back_emf(p, speed), back)
+    return _first_state(both, rest, pushed)
+
+
+def _held(a: Array, b: Array, time: float) -> tuple[Array, Array]:
+    """Transition matrix over `time` [s], and what an input held through it adds."""
+    grown = np.zeros((3, 3))
+    grown[:2, :2], grown[:2, 2] = a * time, b * time
+    found = expm(grown)
+    return found[:2, :2], found[:2, 2]
+
+
+def _first_state(phi: Array, start: Array, pushed: Array) -> Array:
+    """First component of x_k+1 = phi x_k + pushed_k, by its difference equation."""
+    trace, determinant = float(np.trace(phi)), float(np.linalg.det(phi))
+    # (z^2 - trace z + det) x = adj(z - phi) pushed: the first row of it.
+    drive_1 = np.concatenate([[0.0], pushed[:-1, 0]])
+    drive_2 = np.concatenate([[0.0, 0.0], phi[0, 1] * pushed[:-2, 1] - phi[1, 1] * pushed[:-2, 0]])
+    total = drive_1 + drive_2
+    total[0] += start[0]
+    total[1] += phi[0, 1] * start[1] - phi[1, 1] * start[0]
+    found: Array = lfilter([1.0], [1.0, -trace, determinant], total)
+    return found

@@ -1,0 +1,44 @@
+"""One page on an identification: estimates, what they rest on, pictures. Nothing outside the page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+
+from ... import __version__
+from ...plots import style, svg
+from .result import Identification
+
+
+def figures(result: Identification) -> list[tuple[str, str, str]]:
+    """Title, SVG and caption of every picture."""
+    drawn = []
+    with style():
+        for picture in result.pictures:
+            drawn.append((picture.title, svg(picture.draw(), picture.title), picture.caption))
+    return drawn
+
+
+def _number(value: float | None, digits: int = 6) -> str:
+    return "–" if value is None else f"{value:.{digits}g}"
+
+
+def write_report(result: Identification, path: Path) -> None:
+    """Write the page; the same result gives the same bytes."""
+    environment = Environment(loader=PackageLoader("emcas_fmu", "identification"), undefined=StrictUndefined,
+                              trim_blocks=True, lstrip_blocks=True, autoescape=select_autoescape(["html.j2"]))
+    environment.filters["number"] = _number
+    names, matrix = result.correlation
+    page = environment.get_template("report.html.j2").render(
+        result=result, version=__version__, figures=figures(result), correlated=_strongest(names, matrix),
+        files={n["file"]: n for n in result.noise})
+    path.write_text(page, encoding="utf-8", newline="\n")
+
+
+def _strongest(names: Any, matrix: Any) -> list[tuple[str, str, float]]:
+    """Pairs of estimates correlated by more than 0.8, strongest first, ten at most."""
+    pairs = [(names[i], names[j], float(matrix[i][j])) for i in range(len(names)) for j in range(i)
+             if abs(matrix[i][j]) > 0.8]
+    return sorted(pairs, key=lambda pair: -abs(pair[2]))[:10]

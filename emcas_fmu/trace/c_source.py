@@ -1,0 +1,115 @@
+"""Traced programs as C11: the same operations in the same order as the Python source, so the same bits."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from .tracer import Assign, Block, Expr, If, Operand, Tracer
+from .usage import ARITHMETIC, Writer
+
+TEMPLATES = {
+    **ARITHMETIC,
+    "both": "{0} && {1}", "either": "{0} || {1}", "negate": "!{0}",
+    "minimum": "{0} < {1} ? {0} : {1}", "maximum": "{0} > {1} ? {0} : {1}",
+    "clip": "{0} < {1} ? {1} : {0} > {2} ? {2} : {0}", "where": "{0} ? {1} : {2}",
+    "floor": "floor({0})",
+}
+_CONDITIONS = {"less", "less_equal", "greater", "greater_equal", "equal", "both", "either", "negate"}
+
+
+def c_source(tracer: Tracer, prefix: str) -> str:
+    """Declarations and static functions of a header.
+
+    ``<prefix>_prepare(p, c)`` fills the constants `c` [<PREFIX>_CONSTANTS] from the parameters `p`
+    [<PREFIX>_PARAMETERS]; each function takes both, its arguments, and the array `out` for its results.
+    """
+    writer = _CWriter(tracer)
+    upper = prefix.upper()
+    text = [f"enum {{ {upper}_PARAMETERS = {len(tracer.parameters)}, {upper}_CONSTANTS = {len(writer.constants)} }};",
+            ""]
+    text += [f"static inline void {prefix}_prepare(const double *restrict p, double *restrict c)", "{",
+             "    (void)p, (void)c;", *writer.block(tracer.prologue, 1), "}", ""]
+    for function in tracer.functions:
+        arguments = "".join(f", double {a}" for a in function.arguments)
+        text += [f"static inline void {prefix}_{function.name}(const double *restrict p, const double *restrict c"
+                 f"{arguments}, double *restrict out)", "{", "    (void)p, (void)c;"]
+        if function.arguments:
+            text.append("    " + ", ".join(f"(void){a}" for a in function.arguments) + ";")
+        text += writer.block(function.block, 1)
+        text += [f"    out[{i}] = {writer.operand(value)};" for i, value in enumerate(function.results)]
+        text += ["}", ""]
+    return "\n".join(text)
+
+
+def _bare(text: str) -> str:
+    """A condition without parentheses around the whole: compilers take ((a == b)) for a slip."""
+    depth = 0
+    for i, character in enumerate(text):
+        depth += (character == "(") - (character == ")")
+        if depth == 0 and i < len(text) - 1:
+            return text
+    return text[1:-1] if text.startswith("(") else text
+
+
+class _CWriter(Writer):
+    def __init__(self, tracer: Tracer) -> None:
+        super().__init__(tracer, TEMPLATES)
+        self._conditions: set[str] = set()
+        # Only what a function reads is kept; the rest of the prologue is forgotten after it.
+        self.constants = {s.name: i for i, s in enumerate(
+            s for s in tracer.prologue.statements if isinstance(s, Assign) and s.name in self.read_by_functions)}
+
+    def name(self, name: str) -> str:
+        if name in self.constants:
+            return f"c[{self.constants[name]}]"
+        return f"p[{name[1:]}]" if name.startswith("p") and name[1:].isdigit() else name
+
+    def literal(self, value: float | bool) -> str:
+        if not isfinite(value):
+            raise ValueError(f"{value!r} has no place in traced code")
+        return repr(float(value))
+
+    def block(self, block: Block, depth: int) -> list[str]:
+        indent = "    " * depth
+        lines: list[str] = []
+        for statement in block.statements:
+            if isinstance(statement, If):
+                lines += self._branch(statement, depth)
+                continue
+            text = self.expression(statement)
+            if self._condition(statement):
+                self._conditions.add(statement.name)
+            if text is None:
+                continue
+            kind = "int" if statement.name in self._conditions else "double"
+            declared = "" if statement.name in self.constants else f"const {kind} "
+            lines.append(f"{indent}{declared}{self.name(statement.name)} = {text};")
+        return lines
+
+    def _branch(self, statement: If, depth: int) -> list[str]:
+        live = self.live(statement)
+        if not live:
+            return []
+        indent = "    " * depth
+        yes, no = self.block(statement.yes, depth + 1), self.block(statement.no, depth + 1)
+        kinds = {"int": [], "double": []}  # type: dict[str, list[str]]
+        for i in live:
+            both = self._holds(statement.yes_values[i]) and self._holds(statement.no_values[i])
+            kinds["int" if both else "double"].append(statement.names[i])
+            if both:
+                self._conditions.add(statement.names[i])
+        lines = [f"{indent}{kind} {', '.join(names)};" for kind, names in kinds.items() if names]
+        lines.append(f"{indent}if ({_bare(self.operand(statement.condition))}) {{")
+        for inner, values, end in ((yes, statement.yes_values, "} else {"), (no, statement.no_values, "}")):
+            lines += inner
+            lines += [f"{indent}    {statement.names[i]} = {self.operand(values[i])};" for i in live]
+            lines.append(f"{indent}{end}")
+        return lines
+
+    def _condition(self, statement: Assign) -> bool:
+        if statement.operation == "where":
+            return all(self._holds(value) for value in statement.operands[1:])
+        return statement.operation in _CONDITIONS
+
+    def _holds(self, value: Operand) -> bool:
+        return value.name in self._conditions if isinstance(value, Expr) else isinstance(value, bool)

@@ -1,0 +1,106 @@
+"""What the printers of traced programs share: who reads a value, and how expressions nest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from .tracer import Assign, Block, Expr, If, Operand, Traced, Tracer
+
+# Operations that Python and C write alike.
+ARITHMETIC = {
+    "add": "{0} + {1}", "subtract": "{0} - {1}", "multiply": "{0} * {1}", "divide": "{0} / {1}", "negative": "-{0}",
+    "less": "{0} < {1}", "less_equal": "{0} <= {1}", "greater": "{0} > {1}", "greater_equal": "{0} >= {1}",
+    "equal": "{0} == {1}",
+    **{name: f"{name}({{0}})" for name in ("sin", "cos", "tan", "atan", "exp", "log", "sqrt", "fabs")},
+}
+
+
+class Writer:
+    """Turns blocks into expressions: drops what nobody reads, inlines what is read once.
+
+    `templates` give each operation's text in the language, with the operands as
+    ``{0}``, ``{1}``, ``{2}``. An operand that a template names twice counts as read twice.
+    """
+
+    def __init__(self, tracer: Tracer, templates: Mapping[str, str]) -> None:
+        self.templates = templates
+        self.uses: dict[str, int] = {}
+        self._text: dict[str, str] = {}
+        for function in tracer.functions:
+            for value in function.results:
+                self._use(value)
+        for function in reversed(tracer.functions):
+            self._count(function.block)
+        self.read_by_functions = set(self.uses)
+        self._count(tracer.prologue)  # read by all functions, so counted last
+
+    def _use(self, value: Operand, times: int = 1) -> None:
+        if isinstance(value, Expr):
+            self.uses[value.name] = self.uses.get(value.name, 0) + times
+
+    def _count(self, block: Block) -> None:
+        for statement in reversed(block.statements):
+            if isinstance(statement, Assign):
+                if self.uses.get(statement.name):
+                    template = self.templates[statement.operation]
+                    for index, operand in enumerate(statement.operands):
+                        self._use(operand, template.count(f"{{{index}}}"))
+            else:
+                for i in self.live(statement):
+                    self._use(statement.yes_values[i])
+                    self._use(statement.no_values[i])
+                self._count(statement.no)
+                self._count(statement.yes)
+                if self.live(statement):
+                    self._use(statement.condition)
+
+    def live(self, statement: If) -> Sequence[int]:
+        """Positions of the values of a branch that are read."""
+        return [i for i, name in enumerate(statement.names) if self.uses.get(name)]
+
+    def operand(self, value: Operand) -> str:
+        """Text of an operand."""
+        if isinstance(value, Expr):
+            return self._text.get(value.name) or self.name(value.name)
+        text = self.literal(value)
+        return f"({text})" if text.startswith("-") else text
+
+    def expression(self, statement: Assign) -> str | None:
+        """Text of an operation to be assigned to its name; None if nobody reads it or it is inlined."""
+        uses = self.uses.get(statement.name, 0)
+        if not uses:
+            return None
+        text = self.templates[statement.operation].format(*(self.operand(o) for o in statement.operands))
+        if uses == 1 and not statement.name.startswith("c"):
+            self._text[statement.name] = f"({text})"
+            return None
+        return text
+
+    def name(self, name: str) -> str:
+        """How a value's name is written."""
+        return name
+
+    def literal(self, value: float | bool) -> str:
+        """How a number is written."""
+        return repr(value)
+
+
+def dependencies(function: Traced) -> list[frozenset[str]]:
+    """Return which arguments of a traced function each of its results depends on."""
+    needed: dict[str, frozenset[str]] = {argument: frozenset({argument}) for argument in function.arguments}
+
+    def of(*values: Operand) -> frozenset[str]:
+        return frozenset().union(*(needed.get(v.name, frozenset()) for v in values if isinstance(v, Expr)))
+
+    def follow(block: Block) -> None:
+        for statement in block.statements:
+            if isinstance(statement, Assign):
+                needed[statement.name] = of(*statement.operands)
+                continue
+            follow(statement.yes)
+            follow(statement.no)
+            for name, yes, no in zip(statement.names, statement.yes_values, statement.no_values, strict=True):
+                needed[name] = of(statement.condition, yes, no)
+
+    follow(function.block)
+    return [of(value) for value in function.results]
