@@ -37,8 +37,10 @@ def _dependencies(unit: Unit) -> dict[str, tuple[str, ...]]:
     supply = unit.actuator.supply
     if supply is None:
         return of_fins
-    every = tuple(dict.fromkeys(unit.name(i, fin) for fin in range(unit.fins) for i in direct[supply.power.name]))
-    return {**of_fins, BUS_VOLTAGE.name: (supply.input.name,), BUS_CURRENT.name: every, supply.power.name: every}
+    power = direct.get(supply.power.name, ())
+    every = tuple(dict.fromkeys(unit.name(i, fin) for fin in range(unit.fins) for i in power))
+    current = tuple(dict.fromkeys((supply.input.name, *every)))  # power over voltage
+    return {**of_fins, BUS_VOLTAGE.name: (supply.input.name,), BUS_CURRENT.name: current, supply.power.name: every}
 
 
 def start_values(parameters: Mapping[str, Any]) -> tuple[Any, ...]:

@@ -17,7 +17,7 @@ MODEL = "nonlinear+faults"
 BASE = load_parameters(model=MODEL)
 PLAIN = load_parameters()
 BIT = {fault.name: 2.0**i for i, fault in enumerate(FAULTS)}
-TRIPPED = {name: 2**i for i, (name, _) in enumerate(MONITORS)}
+TRIPPED = {monitor.name: 2**i for i, monitor in enumerate(MONITORS)}
 SHARED = [v.name for v in OUTPUTS]
 
 

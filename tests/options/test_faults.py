@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from emcas_fmu.consistency import LONGEST_COMMAND_DELAY
 
 from emcas_fmu.actuators import NAMES
-from emcas_fmu.extensions.fault_list import FAULTS
+from emcas_fmu.extensions.fault_list import FAULTS, LONGEST_COMMAND_DELAY
 from emcas_fmu.extensions.status import OPERATIONAL
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.simulation import simulate

@@ -44,7 +44,7 @@ def test_valid_and_described(model: str, built: Mapping[str, Path]) -> None:
         assert validate_fmu(str(path)) == []
         described = read_model_description(str(path))
         names = [v.name for v in described.modelVariables]
-        own = get(model).model
+        own = get(model)
         assert {v.name for v in own.inputs + own.outputs + own.parameters} <= set(names)
         assert described.coSimulation.modelIdentifier.startswith("EMCAS_")
     (status,) = (v for v in described.modelVariables if v.name == "status")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emcas_fmu.actuators import NAMES, get
+from emcas_fmu.actuators import EXTENSIONS, NAMES, get
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.extensions.fault_list import FAULTS
 from emcas_fmu.kernels.compiled import CompiledCore
@@ -86,7 +86,7 @@ def test_steps_of_the_host_do_not_matter(model: str) -> None:
                for edge, late in (("begin", 0.0), ("end", 0.02))}
     known = {"homing.required": False} if "homing" in model else {}
     values = load_parameters(model=model).replace({**windows, **known}).values
-    inputs = (0.1, -30.0, 0.0, 0.0, 39.0, True, *(False,) * len(get(model).model.inputs))
+    inputs = (0.1, -30.0, 0.0, 0.0, 39.0, True, *(False,) * len(get(model).further_inputs))
     found = []
     for size in (10e-3, 1e-3, 0.37e-3):
         core, time, rows = CompiledCore(values, model), 0.0, []
@@ -131,4 +131,4 @@ def test_homing_after_missed_counts() -> None:
 
 
 def test_every_option_is_here() -> None:
-    assert set(OPTIONS) == {*NEUTRAL, "lugre"}
+    assert set(EXTENSIONS) == {*NEUTRAL, "lugre"}

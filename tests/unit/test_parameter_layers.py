@@ -18,7 +18,7 @@ BENCH = models_directory() / "bench"
 COMMANDS = (
     "parameters", "build", "simulate --step 1", "reference --directory refs", "analyse", "envelope", "tune", "fit",
     "report", "report unit.toml", "baseline record unit.toml -o base", "ssp",
-    "identify bench --directory made", *(f"identify {kind} {BENCH}/{kind}*.csv" for kind in (
+    *(f"identify {kind} {BENCH}/{kind}*.csv" for kind in (
         "friction", "drive", "backlash", "inertia")))
 
 
@@ -111,7 +111,12 @@ def test_what_is_written_is_the_same_set(files: tuple[Path, Path]) -> None:
 
 
 def test_fit_keeps_sources_and_notes(files: tuple[Path, Path]) -> None:
-    assert emcas("fit", "-p", files[0], "-o", "fitted.toml").exit_code == 0
+    low, _ = files
+    limit = low.with_name("limit.toml")
+    limit.write_text('command.limit = { value = 21, unit = "deg", source = "datasheet", note = "a \\"note\\"" }\n',
+                     encoding="utf-8")
+    assert emcas("fit", "-p", low, "-p", limit, "-o", "fitted.toml").exit_code == 0
     fitted = {e.variable.name: e for e in load_parameters("fitted.toml", model="second-order").entries}
-    assert (fitted["motor.resistance"].source, fitted["motor.resistance"].note) == ("datasheet", 'a "note"')
+    assert (fitted["command.limit"].source, fitted["command.limit"].note) == ("datasheet", 'a "note"')
+    assert "motor.resistance" not in fitted
     assert fitted["second_order.damping"].source == "estimate"
