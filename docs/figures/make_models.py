@@ -1,4 +1,4 @@
-"""Draw docs/models.png: `python docs/make_model_figure.py`."""
+"""Draw the picture of docs/model/models.md: `python docs/figures/make_models.py`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Draw the README's picture: `python docs/make_figures.py EMCAS.fmu` writes docs/steps.png."""
+"""Draw the README's picture: `python docs/figures/make_steps.py EMCAS.fmu`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Tables of docs/hosts.md, docs/ci.md and docs/models.md, out of the variable table and measured on the kernel.
+"""Tables of docs/use/hosts.md, docs/tools/ci.md and docs/model/models.md: what is declared, and what is measured.
 
-    python docs/make_tables.py           # writes them between their markers
-    python docs/make_tables.py --check   # exit code 1 where one is stale
+    python docs/figures/make_tables.py           # writes them between their markers
+    python docs/figures/make_tables.py --check   # exit code 1 where one is stale
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from emcas_fmu.simulation import simulate
 from emcas_fmu.unit import BUS_PARAMETERS, MIXING, Unit
 from emcas_fmu.variables import Variable
 
-HERE = Path(__file__).parent
+DOCS = Path(__file__).resolve().parents[1]
 FINE = 1e-4  # s, the communication step the others are compared with
 STEPS = (5e-4, 1e-3, 2e-3, 5e-3, 1e-2)  # s
 STOP = 1.0  # s
@@ -85,7 +85,7 @@ class Loop:
     def angles(self, step: float) -> list[float]:
         """Fin angle [deg] every `step` [s]."""
         values = dict(load_parameters().values)
-        values["encoder.enabled"] = False  # its chatter would be seen as an error of the step, see docs/numerics.md
+        values["encoder.enabled"] = False  # its chatter would look like an error of the step (docs/model/numerics.md)
         core = program.core(values)
         supply = values["drive.supply_voltage"]
         angle, found = 0.0, [0.0]
@@ -123,7 +123,7 @@ def steps() -> str:
 
 def drift() -> str:
     """What `emcas baseline check` shows first after a gain has changed by 1 %."""
-    folder, gain = HERE, "controller.position.kp"
+    folder, gain = DOCS, "controller.position.kp"
     shipped = load_parameters()
     approved = record(read(TEMPLATE), Subject(ParameterArticle(shipped)), folder, "")
     changed = shipped.replace({gain: round(1.01 * float(shipped.values[gain]), 6)})
@@ -156,8 +156,8 @@ def models() -> str:
 
 
 TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {
-    "hosts.md": {"single": single, "several": several, "steps": steps}, "ci.md": {"drift": drift},
-    "models.md": {"models": models}}
+    "use/hosts.md": {"single": single, "several": several, "steps": steps}, "tools/ci.md": {"drift": drift},
+    "model/models.md": {"models": models}}
 
 
 def renewed(text: str, tables: Mapping[str, Callable[[], str]]) -> str:
@@ -176,11 +176,11 @@ def main(check: bool, documents: Mapping[str, Mapping[str, Callable[[], str]]] =
     """Renew the documents, or say which are stale; the exit code."""
     stale = 0
     for name, tables in documents.items():
-        path = HERE / name
+        path = DOCS / name
         old = path.read_text(encoding="utf-8")
         new = renewed(old, tables)
         if new != old and check:
-            print(f"docs/{name} is stale: run python docs/{script}")
+            print(f"docs/{name} is stale: run python docs/figures/{script}")
             stale = 1
         elif new != old:
             path.write_text(new, encoding="utf-8", newline="\n")

@@ -1,4 +1,8 @@
-"""Pictures and tables of docs/faults.md: `python docs/make_faults.py` writes them, `--check` says what is stale."""
+"""Picture and tables of docs/model/faults.md.
+
+    python docs/figures/make_faults.py           # writes them
+    python docs/figures/make_faults.py --check   # exit code 1 where a table is stale
+"""
 
 from __future__ import annotations
 
@@ -72,7 +76,7 @@ def found() -> str:
     return markdown(("fault", "what it is", "found by"), rows)
 
 
-TABLES = {"faults.md": {"acting": acting, "found": found}}
+TABLES = {"model/faults.md": {"acting": acting, "found": found}}
 
 
 def _draw() -> None:
