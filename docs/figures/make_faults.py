@@ -47,15 +47,17 @@ def _run(model: str, fault: str, begin: float = BEGIN, end: float = END) -> dict
 
 
 def acting() -> str:
-    """What each fault does to each model's fin angle."""
+    """What each fault does to the fin angle of each model that can have it."""
     rows = []
     sound = {model: simulate(load_parameters(model=model).values, STOP, model=model, fin_command=_command,
                              aero_torque=_load)["fin_angle"] for model in NAMES}
     for fault in FAULTS:
         row = [f"`{fault.name}`"]
         for model in NAMES:
-            moved = (degrees(np.abs(_run(model, fault.name)["fin_angle"] - sound[model]).max()) if _has(model, fault)
-                     else 0.0)
+            if not _has(model, fault):
+                row.append("")
+                continue
+            moved = degrees(np.abs(_run(model, fault.name)["fin_angle"] - sound[model]).max())
             row.append(f"{moved:.2g}°" if moved > LEAST else "–")
         rows.append(row)
     return markdown(("fault", *NAMES), rows)

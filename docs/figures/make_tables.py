@@ -16,12 +16,13 @@ from pathlib import Path
 import numpy as np
 
 from emcas_fmu.acceptance.article import ParameterArticle
-from emcas_fmu.actuators import NAMES, NONLINEAR, get
+from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, capabilities, get, get_extension
 from emcas_fmu.baseline.compare import TEMPLATE, compare, record
 from emcas_fmu.baseline.read import read
 from emcas_fmu.baseline.subject import Subject
 from emcas_fmu.baseline.table import HEADER, lines, verdict
 from emcas_fmu.excitation import Excitation, from_case
+from emcas_fmu.extensions import fault_list, monitors
 from emcas_fmu.kernels import program
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
@@ -143,6 +144,44 @@ def _angle(model: str, chosen: Excitation) -> np.ndarray:
                     model=model, **signals)["fin_angle"]
 
 
+def _yes(it_has: bool) -> str:
+    return "yes" if it_has else ""
+
+
+def _over(extension: str, model: str) -> str:
+    """Whether an extension goes over an actuator; of `faults`, how many it then has."""
+    actuator = get(model)
+    if not actuator.provides.issuperset(get_extension(extension).needs):
+        return ""
+    if extension == "faults":
+        return f"{len(fault_list.possible(actuator))} faults, {len(monitors.possible(actuator))} monitors"
+    return "yes"
+
+
+def provided() -> str:
+    """What each actuator provides, by the names that extensions and tools ask for, and which extensions go over it."""
+    known = [words for name, words in vars(capabilities).items() if name.isupper()]
+    rows = [[words, *("yes" if words in get(model).provides else "" for model in NAMES)] for words in known]
+    rows += [[f"`+{name}`", *(_over(name, model) for model in NAMES)] for name in EXTENSIONS]
+    rows += [[f"number of {kind}", *(str(len(getattr(get(model), kind))) for model in NAMES)]
+             for kind in ("states", "inputs", "outputs", "parameters")]
+    return markdown(("provides", *NAMES), rows)
+
+
+def extensions() -> str:
+    """What each extension needs of an actuator, and the inputs and outputs it adds."""
+    rows = []
+    for name in EXTENSIONS:
+        extension, page = get_extension(name), {"stribeck": "friction", "lugre": "friction"}.get(name, name)
+        model = next(model for model in NAMES if _over(name, model))
+        plain = {v.name for v in (*get(model).inputs, *get(model).outputs)}
+        extended = get(f"{model}+{name}")
+        added = [v.name for v in (*extended.inputs, *extended.outputs) if v.name not in plain]
+        rows.append([f"[`{name}`]({page}.md)", extension.title, ", ".join(extension.needs) or "nothing but the fin port",
+                     ", ".join(extension.replaces), ", ".join(f"`{each}`" for each in added)])
+    return markdown(("extension", "what it is", "needs", "takes the place of", "adds"), rows)
+
+
 def models() -> str:
     """How far the fin angle of each model is from the nonlinear one's in the reference cases: largest, and rms."""
     others = [name for name in NAMES if name != NONLINEAR]
@@ -157,7 +196,7 @@ def models() -> str:
 
 TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {
     "use/hosts.md": {"single": single, "several": several, "steps": steps}, "tools/ci.md": {"drift": drift},
-    "model/models.md": {"models": models}}
+    "model/models.md": {"provided": provided, "extensions": extensions, "models": models}}
 
 
 def renewed(text: str, tables: Mapping[str, Callable[[], str]]) -> str:
