@@ -177,8 +177,9 @@ def extensions() -> str:
         plain = {v.name for v in (*get(model).inputs, *get(model).outputs)}
         extended = get(f"{model}+{name}")
         added = [v.name for v in (*extended.inputs, *extended.outputs) if v.name not in plain]
-        rows.append([f"[`{name}`]({page}.md)", extension.title, ", ".join(extension.needs) or "nothing but the fin port",
-                     ", ".join(extension.replaces), ", ".join(f"`{each}`" for each in added)])
+        rows.append([f"[`{name}`]({page}.md)", extension.title,
+                     ", ".join(extension.needs) or "nothing but the fin port", ", ".join(extension.replaces),
+                     ", ".join(f"`{each}`" for each in added)])
     return markdown(("extension", "what it is", "needs", "takes the place of", "adds"), rows)
 
 

@@ -40,6 +40,11 @@ def test_not_stale(tables: ModuleType, maker: str, document: str) -> None:
     assert tables.renewed(text, script(maker).TABLES[document]) == text, f"run python docs/figures/{maker}.py"
 
 
+def test_the_picture_of_the_package_is_not_stale() -> None:
+    maker = script("make_architecture")
+    assert (ROOT / "docs/figures/architecture.svg").read_text(encoding="utf-8") == maker.picture()
+
+
 def test_staleness_is_seen(tables: ModuleType) -> None:
     old = "<!-- single -->\n| `fin_command` | in | deg |\n<!-- /single -->"
     new = tables.renewed(old, {"single": tables.single})
