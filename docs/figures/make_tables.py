@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import degrees, pi, radians, sin
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -138,14 +139,10 @@ def drift() -> str:
 def _angle(model: str, chosen: Excitation) -> np.ndarray:
     """Fin angle [rad] under what a model has of an excitation's parameters and inputs."""
     parameters = load_parameters(model=model)
-    inputs = {v.name for v in get(model).inputs}
-    signals = {name.replace(".", "__"): column for name, column in chosen.columns.items() if name in inputs}
+    signals: dict[str, Any] = {v.name.replace(".", "__"): chosen.columns[v.name] for v in get(model).inputs
+                               if v.name in chosen.columns}
     return simulate(parameters.replace(parameters.having(chosen.overrides)).values, chosen.stop, chosen.step,
                     model=model, **signals)["fin_angle"]
-
-
-def _yes(it_has: bool) -> str:
-    return "yes" if it_has else ""
 
 
 def _over(extension: str, model: str) -> str:
