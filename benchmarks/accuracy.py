@@ -1,4 +1,4 @@
-"""The figures of docs/numerics.md: accuracy against the tick, and what the encoder makes of small differences.
+"""The figures of docs/model/numerics.md: accuracy against the tick, and what the encoder makes of small differences.
 
     python benchmarks/accuracy.py
 """

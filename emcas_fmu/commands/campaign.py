@@ -37,9 +37,9 @@ def campaign(
     fin: Annotated[int | None, typer.Option(help="Which fin of an FMU of several; the first unless given.", min=1,
                                             metavar="N")] = None,
     model: Annotated[str | None, typer.Option(help="Which model of the actuator, instead of the file's: "
-                                              f"{', '.join(NAMES)}. Behind it options, as in elastic+heat+faults: "
+                                              f"{', '.join(NAMES)}. Behind it extensions, as in elastic+heat+faults: "
                                               f"{', '.join(EXTENSIONS)}. Of an FMU it is the FMU's.",
-                                              metavar="NAME[+OPTION...]")] = None,
+                                              metavar="NAME[+EXTENSION...]")] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given. 0: in "
                                                      "this process, without Dask.", min=0)] = None,
     scheduler: Annotated[str | None, typer.Option(help="Of a Dask cluster that is running, instead of processes "

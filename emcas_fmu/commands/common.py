@@ -22,8 +22,9 @@ out = Console()
 err = Console(stderr=True)
 
 ModelOption = Annotated[str, typer.Option(
-    "--model", help=f"Which model of the actuator: {', '.join(NAMES)}. Behind it options, as in elastic+heat+faults: "
-                    f"{', '.join(EXTENSIONS)}.", metavar="NAME[+OPTION...]")]
+    "--model", help=f"Which model of the actuator: {', '.join(NAMES)}. or a Python file that declares one. Behind it "
+                    f"extensions, as in elastic+heat+faults: {', '.join(EXTENSIONS)}.",
+    metavar="NAME[+EXTENSION...]")]
 ParametersOption = Annotated[list[Path] | None, typer.Option(
     "--parameters", "-p", help="Parameter file (TOML); overrides any subset of the defaults (may be given several "
                                "times: a later file goes over those before it).", metavar="FILE")]

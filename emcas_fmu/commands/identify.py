@@ -23,7 +23,7 @@ EPILOG = ("Examples:\n\n  emcas identify drive models/bench/drive_*.csv --output
           "r.html"
           "\n\n  emcas identify backlash models/bench/backlash.csv --json backlash.json"
           "\n\n  emcas parameters -p identified.toml")
-_COMMON = "Columns carry their unit in the header, as in  motor_current [A];  docs/identification.md describes them."
+_COMMON = "Columns carry their unit in the header, as in  motor_current [A]: docs/tools/identification.md."
 _FRICTION = "Examples:\n\n  emcas identify friction sweep_*.csv -p base.toml -o identified.toml --report friction.html"
 _DRIVE = "Examples:\n\n  emcas identify drive fast.csv staircase.csv --output identified.toml --report drive.html"
 _BACKLASH = "Examples:\n\n  emcas identify backlash reversals.csv --json backlash.json --report backlash.html"

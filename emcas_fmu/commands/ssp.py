@@ -31,8 +31,9 @@ def write(
     output: Annotated[Path, typer.Option("--output", "-o", help="Archive to write.",
                                          metavar="FILE.ssp")] = Path("EMCAS.ssp"),
     model: Annotated[str | None, typer.Option(help=f"Which model of the actuator to build: {', '.join(NAMES)}. Behind "
-                                              f"it options, as in elastic+heat+faults: {', '.join(EXTENSIONS)}. Of an "
-                                              "FMU it is the FMU's.", metavar="NAME[+OPTION...]")] = None,
+                                              "it extensions, as in elastic+heat+faults: "
+                                              f"{', '.join(EXTENSIONS)}. Of an FMU it is the FMU's.",
+                                              metavar="NAME[+EXTENSION...]")] = None,
     parameters: ParametersOption = None,
     fins: Annotated[int, typer.Option(help="Number of fins, evenly about the body, 1 to 8.")] = 4,
     layout: Annotated[str, typer.Option(help="cross: the first fin half a pitch from body y (45 deg with four); plus: "

@@ -24,7 +24,7 @@ LOAD_RISE = 0.02  # s, so that it is a load and not a hammer
 SWEEP = 0.5, 30.0  # Hz, first and last frequency
 
 # A quantised encoder and exact stiction together amplify any difference, down to rounding: two converged
-# integrations of the same case part by up to 0.004 deg (see docs/numerics.md), which says nothing of either.
+# integrations of the same case part by up to 0.004 deg (see docs/model/numerics.md), which says nothing of either.
 # Trajectories are therefore compared with true angle and speed fed back.
 EXACT: Mapping[str, Value] = {"encoder.enabled": False}
 

@@ -1,4 +1,4 @@
-"""What docs/hosts.md says is tested runs as it stands there."""
+"""What docs/use/hosts.md says is tested runs as it stands there."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .recipes import ROOT, recipes
 
 pytestmark = pytest.mark.fmu
 
-BLOCKS = recipes("hosts.md")
+BLOCKS = recipes("use/hosts.md")
 
 
 @pytest.fixture(scope="module")

@@ -14,10 +14,10 @@ from .recipes import ROOT
 
 
 def script(name: str) -> ModuleType:
-    """A script of docs as a module."""
+    """A script of docs/figures as a module."""
     if name in sys.modules:
         return sys.modules[name]
-    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / "figures" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -32,11 +32,17 @@ def tables() -> ModuleType:
 
 
 @pytest.mark.parametrize(("maker", "document"), [
-    ("make_tables", "hosts.md"), ("make_tables", "ci.md"), ("make_tables", "models.md"), ("make_faults", "faults.md"),
+    ("make_tables", "use/hosts.md"), ("make_tables", "tools/ci.md"), ("make_tables", "model/models.md"),
+    ("make_faults", "model/faults.md"),
 ])
 def test_not_stale(tables: ModuleType, maker: str, document: str) -> None:
     text = (ROOT / "docs" / document).read_text(encoding="utf-8")
-    assert tables.renewed(text, script(maker).TABLES[document]) == text, f"run python docs/{maker}.py"
+    assert tables.renewed(text, script(maker).TABLES[document]) == text, f"run python docs/figures/{maker}.py"
+
+
+def test_the_picture_of_the_package_is_not_stale() -> None:
+    maker = script("make_architecture")
+    assert (ROOT / "docs/figures/architecture.svg").read_text(encoding="utf-8") == maker.picture()
 
 
 def test_staleness_is_seen(tables: ModuleType) -> None:

@@ -110,7 +110,7 @@ def test_the_file_as_it_is_in_libcosim_and_ecos(ssp: Path, tmp_path: Path) -> No
     cold = [(a, -6.0, 0.0, 39.0) for a, *_ in nominal]
     assert parameters("libcosimpy", ssp, "-") == nominal
     assert parameters("ecospy", ssp, "nominal") == nominal
-    assert parameters("ecospy", ssp, "-") == [(0.0, 24.0, 0.0, 39.0)] * 4  # the FMU's own, as docs/ssp.md warns
+    assert parameters("ecospy", ssp, "-") == [(0.0, 24.0, 0.0, 39.0)] * 4  # the FMU's own, as docs/use/ssp.md warns
     with zipfile.ZipFile(ssp) as archive:
         archive.extractall(tmp_path)
     assert parameters("libcosimpy", tmp_path / "cold.ssd", "-") == cold

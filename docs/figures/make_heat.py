@@ -1,5 +1,5 @@
-"""Draw and compute what docs/heat.md shows: `python docs/make_heat_figures.py` writes docs/heat_duty_cycle.png and
-docs/heat_envelope.png and prints the numbers."""
+"""Draw and compute what docs/model/heat.md shows: `python docs/figures/make_heat.py` draws the figures and
+prints the numbers."""
 
 from __future__ import annotations
 

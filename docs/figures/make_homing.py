@@ -1,5 +1,5 @@
-"""Draw and compute what docs/homing.md shows: `python docs/make_homing_figures.py` writes docs/homing.png and prints
-the tables."""
+"""Draw and compute what docs/model/homing.md shows: `python docs/figures/make_homing.py` draws the figure
+and prints the tables."""
 
 from __future__ import annotations
 

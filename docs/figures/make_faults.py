@@ -1,4 +1,8 @@
-"""Pictures and tables of docs/faults.md: `python docs/make_faults.py` writes them, `--check` says what is stale."""
+"""Picture and tables of docs/model/faults.md.
+
+    python docs/figures/make_faults.py           # writes them
+    python docs/figures/make_faults.py --check   # exit code 1 where a table is stale
+"""
 
 from __future__ import annotations
 
@@ -43,15 +47,17 @@ def _run(model: str, fault: str, begin: float = BEGIN, end: float = END) -> dict
 
 
 def acting() -> str:
-    """What each fault does to each model's fin angle."""
+    """What each fault does to the fin angle of each model that can have it."""
     rows = []
     sound = {model: simulate(load_parameters(model=model).values, STOP, model=model, fin_command=_command,
                              aero_torque=_load)["fin_angle"] for model in NAMES}
     for fault in FAULTS:
         row = [f"`{fault.name}`"]
         for model in NAMES:
-            moved = (degrees(np.abs(_run(model, fault.name)["fin_angle"] - sound[model]).max()) if _has(model, fault)
-                     else 0.0)
+            if not _has(model, fault):
+                row.append("")
+                continue
+            moved = degrees(np.abs(_run(model, fault.name)["fin_angle"] - sound[model]).max())
             row.append(f"{moved:.2g}°" if moved > LEAST else "–")
         rows.append(row)
     return markdown(("fault", *NAMES), rows)
@@ -72,7 +78,7 @@ def found() -> str:
     return markdown(("fault", "what it is", "found by"), rows)
 
 
-TABLES = {"faults.md": {"acting": acting, "found": found}}
+TABLES = {"model/faults.md": {"acting": acting, "found": found}}
 
 
 def _draw() -> None:

@@ -1,7 +1,8 @@
-"""Draw docs/models.png: `python docs/make_model_figure.py`."""
+"""Draw the picture of docs/model/models.md: `python docs/figures/make_models.py`."""
 
 from __future__ import annotations
 
+from functools import partial
 from math import radians
 from pathlib import Path
 
@@ -17,6 +18,11 @@ CASES = ((2.0, 0.0, 0.12, "2°, unloaded"), (15.0, 0.0, 0.2, "15°, unloaded"),
          (15.0, -100.0, 0.2, "15° against 100 N·m"), (15.0, 100.0, 0.2, "15° with 100 N·m"))
 
 
+def _step(angle: float, time: float) -> float:
+    """Command [rad] that steps to `angle` [deg]."""
+    return radians(angle) if time > 0.0199 else 0.0
+
+
 def main() -> None:
     colors = dict(zip((name for name in NAMES if name != NONLINEAR), plots.COLORS, strict=True))
     with plots.style():
@@ -24,7 +30,7 @@ def main() -> None:
         for (angle, load, stop, title), axis in zip(CASES, axes.flat, strict=True):
             for name in NAMES:
                 run = simulate(load_parameters(model=name).values, stop, 2.5e-4, model=name, aero_torque=load,
-                               fin_command=lambda t, angle=angle: radians(angle) if t > 0.0199 else 0.0)
+                               fin_command=partial(_step, angle))
                 axis.plot(run["time"], np.degrees(run["fin_angle"]), label=name, color=colors.get(name, plots.GRAY),
                           linewidth=4.0 if name == NONLINEAR else 1.1, alpha=0.6 if name == NONLINEAR else 1.0)
             axis.set(title=title, xlabel="time [s]", ylabel="fin angle [deg]", xlim=(0.0, stop),

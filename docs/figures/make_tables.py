@@ -1,7 +1,7 @@
-"""Tables of docs/hosts.md, docs/ci.md and docs/models.md, out of the variable table and measured on the kernel.
+"""Tables of docs/use/hosts.md, docs/tools/ci.md and docs/model/models.md: what is declared, and what is measured.
 
-    python docs/make_tables.py           # writes them between their markers
-    python docs/make_tables.py --check   # exit code 1 where one is stale
+    python docs/figures/make_tables.py           # writes them between their markers
+    python docs/figures/make_tables.py --check   # exit code 1 where one is stale
 """
 
 from __future__ import annotations
@@ -12,15 +12,17 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import degrees, pi, radians, sin
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from emcas_fmu.actuators import NAMES, NONLINEAR, get
+from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, capabilities, get, get_extension
 from emcas_fmu.baseline.compare import TEMPLATE, compare, record
 from emcas_fmu.baseline.read import read
 from emcas_fmu.baseline.table import HEADER, lines, verdict
 from emcas_fmu.bench.excitation import Excitation, reference_case
 from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.extensions import fault_list, monitors
 from emcas_fmu.fmi.interface import BUS_PARAMETERS, MIXING, FmuInterface
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
@@ -28,7 +30,7 @@ from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate
 from emcas_fmu.variables import Variable
 
-HERE = Path(__file__).parent
+DOCS = Path(__file__).resolve().parents[1]
 FINE = 1e-4  # s, the communication step the others are compared with
 STEPS = (5e-4, 1e-3, 2e-3, 5e-3, 1e-2)  # s
 STOP = 1.0  # s
@@ -84,7 +86,7 @@ class Loop:
     def angles(self, step: float) -> list[float]:
         """Fin angle [deg] every `step` [s]."""
         values = dict(load_parameters().values)
-        values["encoder.enabled"] = False  # its chatter would be seen as an error of the step, see docs/numerics.md
+        values["encoder.enabled"] = False  # its chatter would look like an error of the step (docs/model/numerics.md)
         core = codegen.core(values)
         supply = values["drive.supply_voltage"]
         angle, found = 0.0, [0.0]
@@ -122,7 +124,7 @@ def steps() -> str:
 
 def drift() -> str:
     """What `emcas baseline check` shows first after a gain has changed by 1 %."""
-    folder, gain = HERE, "controller.position.kp"
+    folder, gain = DOCS, "controller.position.kp"
     shipped = load_parameters()
     approved = record(read(TEMPLATE), ParameterSubject(shipped), folder, "")
     changed = shipped.replace({gain: round(1.01 * float(shipped.values[gain]), 6)})
@@ -136,10 +138,45 @@ def drift() -> str:
 def _angle(model: str, chosen: Excitation) -> np.ndarray:
     """Fin angle [rad] under what a model has of an excitation's parameters and inputs."""
     parameters = load_parameters(model=model)
-    inputs = {v.name for v in get(model).inputs}
-    signals = {name.replace(".", "__"): column for name, column in chosen.columns.items() if name in inputs}
+    signals: dict[str, Any] = {v.name.replace(".", "__"): chosen.columns[v.name] for v in get(model).inputs
+                               if v.name in chosen.columns}
     return simulate(parameters.replace(parameters.having(chosen.start_values)).values, chosen.stop, chosen.step,
                     model=model, **signals)["fin_angle"]
+
+
+def _over(extension: str, model: str) -> str:
+    """Whether an extension goes over an actuator; of `faults`, how many it then has."""
+    actuator = get(model)
+    if not actuator.provides.issuperset(get_extension(extension).needs):
+        return ""
+    if extension == "faults":
+        return f"{len(fault_list.possible(actuator))} faults, {len(monitors.possible(actuator))} monitors"
+    return "yes"
+
+
+def provided() -> str:
+    """What each actuator provides, by the names that extensions and tools ask for, and which extensions go over it."""
+    known = [words for name, words in vars(capabilities).items() if name.isupper()]
+    rows = [[words, *("yes" if words in get(model).provides else "" for model in NAMES)] for words in known]
+    rows += [[f"`+{name}`", *(_over(name, model) for model in NAMES)] for name in EXTENSIONS]
+    rows += [[f"number of {kind}", *(str(len(getattr(get(model), kind))) for model in NAMES)]
+             for kind in ("states", "inputs", "outputs", "parameters")]
+    return markdown(("provides", *NAMES), rows)
+
+
+def extensions() -> str:
+    """What each extension needs of an actuator, and the inputs and outputs it adds."""
+    rows = []
+    for name in EXTENSIONS:
+        extension, page = get_extension(name), {"stribeck": "friction", "lugre": "friction"}.get(name, name)
+        model = next(model for model in NAMES if _over(name, model))
+        plain = {v.name for v in (*get(model).inputs, *get(model).outputs)}
+        extended = get(f"{model}+{name}")
+        added = [v.name for v in (*extended.inputs, *extended.outputs) if v.name not in plain]
+        rows.append([f"[`{name}`]({page}.md)", extension.title,
+                     ", ".join(extension.needs) or "nothing but the fin port", ", ".join(extension.replaces),
+                     ", ".join(f"`{each}`" for each in added)])
+    return markdown(("extension", "what it is", "needs", "takes the place of", "adds"), rows)
 
 
 def models() -> str:
@@ -155,8 +192,8 @@ def models() -> str:
 
 
 TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {
-    "hosts.md": {"single": single, "several": several, "steps": steps}, "ci.md": {"drift": drift},
-    "models.md": {"models": models}}
+    "use/hosts.md": {"single": single, "several": several, "steps": steps}, "tools/ci.md": {"drift": drift},
+    "model/models.md": {"provided": provided, "extensions": extensions, "models": models}}
 
 
 def renewed(text: str, tables: Mapping[str, Callable[[], str]]) -> str:
@@ -175,11 +212,11 @@ def main(check: bool, documents: Mapping[str, Mapping[str, Callable[[], str]]] =
     """Renew the documents, or say which are stale; the exit code."""
     stale = 0
     for name, tables in documents.items():
-        path = HERE / name
+        path = DOCS / name
         old = path.read_text(encoding="utf-8")
         new = renewed(old, tables)
         if new != old and check:
-            print(f"docs/{name} is stale: run python docs/{script}")
+            print(f"docs/{name} is stale: run python docs/figures/{script}")
             stale = 1
         elif new != old:
             path.write_text(new, encoding="utf-8", newline="\n")

@@ -1,5 +1,5 @@
-"""Draw and compute what docs/elastic.md shows: `python docs/make_elastic_figures.py` writes docs/elastic_hysteresis.png
-and prints the tables."""
+"""Draw and compute what docs/model/elastic.md shows: `python docs/figures/make_elastic.py` draws the
+figure and prints the tables."""
 
 from __future__ import annotations
 

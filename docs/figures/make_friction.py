@@ -1,8 +1,8 @@
-"""Table and figures of docs/friction.md.
+"""Table and figures of docs/model/friction.md.
 
-    python docs/make_friction.py           # writes the table between its markers, and the figures
-    python docs/make_friction.py --check   # exit code 1 where the table is stale
-    python docs/make_friction.py --cost    # prints what a simulated second costs here
+    python docs/figures/make_friction.py           # writes the table between its markers, and the figures
+    python docs/figures/make_friction.py --check   # exit code 1 where the table is stale
+    python docs/figures/make_friction.py --cost    # prints what a simulated second costs here
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def table() -> str:
                      "hunting"), rows)
 
 
-TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {"friction.md": {"friction": table}}
+TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {"model/friction.md": {"friction": table}}
 
 
 def _save(figure: Any, name: str) -> None:

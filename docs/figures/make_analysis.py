@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/analysis.md: `python docs/make_analysis_figures.py` writes docs/analysis_*.png."""
+"""Draw the pictures of docs/tools/analysis.md: `python docs/figures/make_analysis.py`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""What docs/efficiency.md shows: its table and its figure.
+"""What docs/model/efficiency.md shows: its table and its figure.
 
-    python docs/make_efficiency.py           # writes docs/efficiency.png and the table between its markers
-    python docs/make_efficiency.py --check   # exit code 1 where the table is stale
+    python docs/figures/make_efficiency.py           # writes the figure and the table between its markers
+    python docs/figures/make_efficiency.py --check   # exit code 1 where the table is stale
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from emcas_fmu import plots
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 
-HERE = Path(__file__).parent
+FIGURES = Path(__file__).resolve().parent
 MODEL = "nonlinear+efficiency"
 LOAD = 100.0  # N.m
 RATE, REACH = 100.0, 10.0  # deg/s, deg on either side of zero
@@ -57,7 +57,7 @@ def _holding(screw: tuple[float, float]) -> str:
 
 
 def strokes() -> str:
-    """The table of docs/efficiency.md."""
+    """The table of docs/model/efficiency.md."""
     head = ["forward / backward", *(f"{way}: {what}" for way in ("against", "with") for what in (
         "current", "bus power", "screw loss", "energy from the bus")), "holding current"]
     rows = [[f"{screw[0]:g} / {screw[1]:g}", *_stroke(screw, -LOAD), *_stroke(screw, LOAD), _holding(screw)]
@@ -90,17 +90,17 @@ def _draw() -> None:
         axes[0][0].set_ylabel("motor current [A]")
         axes[1][0].set_ylabel("bus power [kW]")
         axes[0][1].legend(loc="upper right")
-        figure.savefig(HERE / "efficiency.png", dpi=110, facecolor="white", metadata={"Software": None})
+        figure.savefig(FIGURES / "efficiency.png", dpi=110, facecolor="white", metadata={"Software": None})
 
 
 def main(check: bool) -> int:
     """Renew document and figure, or say that the document is stale; the exit code."""
-    path = HERE / "efficiency.md"
+    path = FIGURES.parent / "model/efficiency.md"
     old = path.read_text(encoding="utf-8")
     new = renewed(old)
     if check:
         if new != old:
-            print("docs/efficiency.md is stale: run python docs/make_efficiency.py")
+            print("docs/model/efficiency.md is stale: run python docs/figures/make_efficiency.py")
         return int(new != old)
     path.write_text(new, encoding="utf-8", newline="\n")
     _draw()

@@ -1,4 +1,4 @@
-"""Draw the README's picture: `python docs/make_figures.py EMCAS.fmu` writes docs/steps.png."""
+"""Draw the README's picture: `python docs/figures/make_steps.py EMCAS.fmu`."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from fmpy import simulate_fmu
+from matplotlib.text import Text
 
 from emcas_fmu import plots
 from emcas_fmu.files import models_directory
@@ -37,8 +38,8 @@ def main(fmu: str) -> None:
         angle.set(ylabel="fin angle / deg", title="Step responses of EMCAS.fmu under fmpy")
         error.set(ylabel="error / mdeg", xlabel="time / ms", ylim=(-1.0, 1.0), xlim=(0, 400))
         angle.legend(loc="upper left")
-    for text in figure.findobj(lambda artist: hasattr(artist, "set_color") and hasattr(artist, "get_text")):
-        text.set_color("#222222")
+    for text in figure.findobj(Text):
+        text.set(color="#222222")
     figure.savefig(Path(__file__).parent / "steps.png", dpi=150, facecolor="white", metadata={"Software": None})
 
 

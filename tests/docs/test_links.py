@@ -1,0 +1,56 @@
+"""Relative links of the documents lead somewhere, to the heading they name, and the index has every page."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from .recipes import ROOT
+
+DOCS = ROOT / "docs"
+DOCUMENTS = sorted((*ROOT.glob("*.md"), *DOCS.rglob("*.md"), *(ROOT / "examples").rglob("*.md"),
+                    *(ROOT / "models").rglob("*.md")))
+_CODE = re.compile(r"```.*?```|`[^`\n]*`", re.DOTALL)
+_LINK = re.compile(r"\]\(([^)\s]+)\)")
+_HEADING = re.compile(r"^#+ +(.*)$", re.MULTILINE)
+
+
+def links(text: str) -> list[str]:
+    """Return the targets of links and pictures that are not addresses; none of those in code."""
+    return [target for target in _LINK.findall(_CODE.sub("`code`", text)) if "://" not in target]
+
+
+def anchors(text: str) -> set[str]:
+    """Return what a link may name behind # in a document, as the usual hosts make it of headings."""
+    headings = _HEADING.findall(re.sub(r"```.*?```", "", text, flags=re.DOTALL))
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def dead(document: Path, text: str) -> list[str]:
+    """Return the links of a document that lead nowhere."""
+    def leads(target: str) -> bool:
+        path, _, heading = target.partition("#")
+        place = (document.parent / path).resolve() if path else document
+        return place.exists() and (not heading or heading in anchors(text if place == document
+                                                                     else place.read_text(encoding="utf-8")))
+
+    return [target for target in links(text) if not leads(target)]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_no_link_is_dead(document: Path) -> None:
+    assert dead(document, document.read_text(encoding="utf-8")) == []
+
+
+def test_a_dead_link_is_seen() -> None:
+    text = "# One\n[a](none.md) [b](use/hosts.md#none) [c](use/hosts.md#fmpy) [d](#one) [e](#two) `[f](none.md)`"
+    assert dead(DOCS / "README.md", text) == ["none.md", "use/hosts.md#none", "#two"]
+
+
+def test_the_index_has_every_page() -> None:
+    index = DOCS / "README.md"
+    named = {(DOCS / target.partition("#")[0]).resolve() for target in links(index.read_text(encoding="utf-8"))}
+    assert {path for path in DOCS.rglob("*.md") if path != index} <= named
+    assert set((ROOT / "examples").rglob("README.md")) <= named
