@@ -28,13 +28,14 @@ import native_hosts
 import numpy as np
 
 from emcas_fmu.actuators import NONLINEAR, get
+from emcas_fmu.bench.excitation import Excitation
+from emcas_fmu.bench.subject import open_subject
 from emcas_fmu.files import models_directory
 from emcas_fmu.fmi.model_description import start_values
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference import files
 from emcas_fmu.reference.cases import CASES
-from emcas_fmu.validation.runs import opened
 
 INPUTS = get(NONLINEAR).inputs
 
@@ -79,8 +80,9 @@ def _error(fmu: Path, case: Any, starts: Mapping[str, Any]) -> float:
     folder = models_directory() / "reference"
     inputs = files.read_csv(files.path_of(folder, case.name, "in.csv"))
     reference = files.read_csv(files.path_of(folder, case.name, "ref.csv"))["fin_angle"]
-    with opened(fmu) as unit:
-        run = unit.run(inputs, case.step, starts, ("fin_angle",))
+    given = {name: column for name, column in inputs.items() if name != "time"}
+    with open_subject(fmu) as subject:
+        run = subject.run(Excitation(case.title, given, step=case.step), starts, ("fin_angle",))
     if len(run.columns["fin_angle"]) != len(reference):
         raise RuntimeError(f"{fmu}: {case.name} stopped at {run.stopped} s {run.messages}")
     return float(np.degrees(np.abs(run.columns["fin_angle"] - reference).max()))

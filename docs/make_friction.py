@@ -18,9 +18,9 @@ import numpy as np
 from make_tables import main, markdown
 
 from emcas_fmu import plots
+from emcas_fmu.bench.metrics import settling
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
-from emcas_fmu.validation.metrics import time_to_accuracy
 
 HERE = Path(__file__).parent
 NONE = {f"friction.coulomb.{way}[{n}]": 0.0 for way in ("positive", "negative") for n in range(7)}
@@ -61,10 +61,10 @@ def _row(title: str, model: str, overrides: Mapping[str, float], gain: float) ->
     stuck = np.mean(np.abs(slow["motor_speed"][last]) < STUCK)
     step = _run(model, given, LONG, fin_command=radians(STEP))
     angle = np.degrees(step["fin_angle"])
-    settling = time_to_accuracy(step["time"], angle, 0.0, STEP, BAND)
+    settled = settling(step["time"], np.abs(angle - STEP), BAND)
     late = angle[round(SETTLED * 1e3):]
     return [title, f"{np.sqrt(np.mean(error**2)):.4f}°", f"{np.abs(error).max():.3f}°", f"{100.0 * stuck:.0f} %",
-            f"{ripple:.3f}°", f"{max(angle.max() - STEP, 0.0):.3f}°", f"{settling:.2f} s",
+            f"{ripple:.3f}°", f"{max(angle.max() - STEP, 0.0):.3f}°", f"{settled:.2f} s",
             f"{np.mean(late) - STEP:+.4f}°", f"{np.ptp(late):.4f}°"]
 
 

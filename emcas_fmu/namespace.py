@@ -1,4 +1,4 @@
-"""Named values as attributes: ``namespace({"drive.kp": 5}).drive.kp``. Standard library only."""
+"""Named values as attributes: ``namespace({"drive.kp": 5}).drive.kp``."""
 
 from __future__ import annotations
 
@@ -7,10 +7,21 @@ from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any
 
+from .errors import hint
+
 _ELEMENT = re.compile(r"(.+)\[(\d+)\]")
 
 
-class Record(SimpleNamespace):
+class Names(SimpleNamespace):
+    """Values by name, which say what there is where something is asked for that is not there."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise AttributeError(f"there is no {name}{hint(name, vars(self))}; there is {', '.join(vars(self))}")
+
+
+class Record(Names):
     """Named values of one moment: states, or what acts on them."""
 
     def replace(self, **changes: Any) -> Record:
@@ -23,10 +34,10 @@ class Record(SimpleNamespace):
 
 def with_values(p: Any, changes: Mapping[str, Any]) -> Any:
     """Return a copy of a namespace with other values at these dotted names, or with further ones."""
-    copy = SimpleNamespace(**vars(p))
+    copy = Names(**vars(p))
     for name, value in changes.items():
         first, _, rest = name.partition(".")
-        setattr(copy, first, with_values(getattr(copy, first, SimpleNamespace()), {rest: value}) if rest else value)
+        setattr(copy, first, with_values(vars(copy).get(first, Names()), {rest: value}) if rest else value)
     return copy
 
 
@@ -43,13 +54,11 @@ def namespace(values: Mapping[str, Any], structure: Any = None) -> Any:
             arrays.setdefault(element[1], []).append(value)
         else:
             flat[name] = value
-    root = SimpleNamespace(structure=structure)
+    root: Any = Names(structure=structure)
     for name, value in {**flat, **{k: tuple(v) for k, v in arrays.items()}}.items():
         node = root
         *path, leaf = name.split(".")
         for part in path:
-            if not hasattr(node, part):
-                setattr(node, part, SimpleNamespace())
-            node = getattr(node, part)
+            node = vars(node).setdefault(part, Names())
         setattr(node, leaf, value)
     return root

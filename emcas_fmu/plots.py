@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from html import escape
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import matplotlib.style
@@ -32,6 +32,8 @@ GRAY = "#8a8f98"
 PICTURES = (".html", ".svg", ".png", ".pdf")
 # Written by matplotlib, then replaced by the page's own text colour.
 INK = "#010203"
+COMMAND: Mapping[str, Any] = {"color": GRAY, "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 1.5}
+LIMIT: Mapping[str, Any] = {"color": GRAY, "linewidth": 0.9, "linestyle": (0, (1, 1.2)), "zorder": 1.5}
 
 _STYLE: Mapping[str, Any] = {
     "font.size": 9.0, "axes.titlesize": 9.5, "axes.labelsize": 9.0, "legend.fontsize": 8.0,
@@ -74,6 +76,34 @@ def svg(drawn: Figure, label: str = "") -> str:
     body = _own_ids(body).replace(INK, "currentColor")
     escaped = label.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
     return body.replace("<svg", f'<svg role="img" aria-label="{escaped}"', 1).rstrip()
+
+
+class Drawing(NamedTuple):
+    """A figure for a page."""
+
+    title: str
+    figure: Figure
+    caption: str
+
+
+class Picture(NamedTuple):
+    """A figure as a page holds it."""
+
+    title: str
+    svg: str
+    caption: str
+
+
+def pictures(drawings: Iterable[Drawing | None]) -> list[Picture]:
+    """Drawings as a page holds them, without those there are none of; drawn in `style()` if they come lazily."""
+    with style():
+        return [Picture(d.title, svg(d.figure, d.title), d.caption) for d in drawings if d is not None]
+
+
+def legend_above(axes: Axes, columns: int = 6, **more: Any) -> None:
+    """A legend above the panel, where it cannot hide anything."""
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2, handlelength=1.8,
+                columnspacing=1.4, **more)
 
 
 def write(drawn: Figure, path: Path, title: str) -> None:

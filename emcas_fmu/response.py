@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import degrees
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from .excitation import Excitation
+from .bench.excitation import Excitation
+from .bench.metrics import rms
 from .plots import BLUE, GRAY, VERMILLION, figure, shade, style, write
 from .simulation import Array
 from .variables import Variable
@@ -20,19 +22,20 @@ _PANELS = (("fin_rate", "fin rate [deg/s]", degrees(1.0)), ("motor_current", "cu
 
 
 def figures_of_merit(result: Mapping[str, Array], own: Sequence[Variable] = ()) -> dict[str, float]:
-    """What one asks of a response first, units in the names; of a model's `own` outputs the last value, SI."""
-    time, error = result["time"], result["tracking_error"]
-    return {
-        "fin_angle_final_deg": degrees(float(result["fin_angle"][-1])),
-        "fin_rate_peak_deg_per_s": degrees(float(np.abs(result["fin_rate"]).max())),
-        "tracking_error_peak_deg": degrees(float(np.abs(error).max())),
-        "tracking_error_final_deg": degrees(float(error[-1])),
-        "motor_current_peak_a": float(np.abs(result["motor_current"]).max()),
-        "motor_current_rms_a": float(np.sqrt(np.mean(result["motor_current"] ** 2))),
-        "supply_energy_j": float(np.trapezoid(result["supply_power"], time)),
-        "saturated_share": float(np.mean(result["saturated"])),
-        **{f"{v.name}_final": float(result[v.name][-1]) for v in own},
+    """What one asks of a response first, as far as it has the outputs, units in the names; of a model's `own` outputs
+    the last value, SI."""
+    figures: Mapping[str, tuple[str, Callable[[Array], Any]]] = {
+        "fin_angle_final_deg": ("fin_angle", lambda x: degrees(x[-1])),
+        "fin_rate_peak_deg_per_s": ("fin_rate", lambda x: degrees(np.abs(x).max())),
+        "tracking_error_peak_deg": ("tracking_error", lambda x: degrees(np.abs(x).max())),
+        "tracking_error_final_deg": ("tracking_error", lambda x: degrees(x[-1])),
+        "motor_current_peak_a": ("motor_current", lambda x: np.abs(x).max()),
+        "motor_current_rms_a": ("motor_current", rms),
+        "supply_energy_j": ("supply_power", lambda x: np.trapezoid(x, result["time"])),
+        "saturated_share": ("saturated", np.mean),
     }
+    found = {name: float(figure(result[output])) for name, (output, figure) in figures.items() if output in result}
+    return found | {f"{v.name}_final": float(result[v.name][-1]) for v in own}
 
 
 def write_csv(path: Path, excitation: Excitation, result: Mapping[str, Array]) -> None:
@@ -46,7 +49,9 @@ def write_csv(path: Path, excitation: Excitation, result: Mapping[str, Array]) -
 def draw(excitation: Excitation, result: Mapping[str, Array], own: Sequence[Variable] = ()) -> Figure:
     """Command and angle, tracking error, rate, current, voltage, power, a model's `own` outputs; limits shaded."""
     time = result["time"]
-    made, grid = figure(3 + (len(own) + 1) // 2, 2, width=10.0, sharex=True)
+    panels = [panel for panel in _PANELS if panel[0] in result]
+    panels += [(v.name, f"{v.name.replace('_', ' ')}{f' [{v.unit}]' if v.kind == 'Real' else ''}", 1.0) for v in own]
+    made, grid = figure(1 + (len(panels) + 1) // 2, 2, width=10.0, sharex=True)
     first, second, *rest = grid.ravel()
     if "fin_command" in excitation.columns:
         first.step(time, np.degrees(excitation.columns["fin_command"]), where="post", color=GRAY, label="command")
@@ -56,13 +61,11 @@ def draw(excitation: Excitation, result: Mapping[str, Array], own: Sequence[Vari
     first.legend(loc="best")
     second.plot(time, np.degrees(result["tracking_error"]), color=VERMILLION)
     second.set_ylabel("tracking error [deg]")
-    panels = [*_PANELS, *((v.name, f"{v.name.replace('_', ' ')}{f' [{v.unit}]' if v.kind == 'Real' else ''}", 1.0)
-                          for v in own)]
     discrete = {v.name for v in own if v.kind != "Real"}
     for axes, (name, label, scale) in zip(rest, panels, strict=False):
         axes.plot(time, result[name] * scale, color=BLUE, drawstyle="steps-pre" if name in discrete else "default")
         axes.set_ylabel(label)
-    for v, axes in zip(own, rest[len(_PANELS):], strict=False):
+    for v, axes in zip(own, rest[len(panels) - len(own):], strict=False):
         if v.items:
             axes.set_yticks(range(1, len(v.items) + 1), [item for item, _ in v.items])
             axes.set_ylim(0.5, len(v.items) + 0.5)

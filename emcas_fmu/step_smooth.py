@@ -41,8 +41,8 @@ def smooth_step(derivatives: Derivatives, names: Sequence[str]) -> Callable[...,
         columns = []
         for i, value in enumerate(begin):
             increment = _INCREMENT * (1.0 + ops.fabs(value))
-            moved = slope([*begin[:i], value + increment, *begin[i + 1:]])
-            columns.append([(a - b) / increment for a, b in zip(moved, first, strict=True)])
+            shifted = slope([*begin[:i], value + increment, *begin[i + 1:]])
+            columns.append([(a - b) / increment for a, b in zip(shifted, first, strict=True)])
         matrix = [[(1.0 if i == k else 0.0) - _GAMMA * h * columns[k][i] for k in range(len(names))]
                   for i in range(len(names))]
         k1 = solve(matrix, first)

@@ -137,6 +137,11 @@ def factor(unit: str, other: str) -> float:
         return float(_registry().Quantity(Decimal(1), _parse(unit)).to(_parse(other)).magnitude)
 
 
+def check_unit(unit: str) -> None:
+    """Raise UnitError for a unit that is not known."""
+    _parse(unit)
+
+
 def describe(unit: str) -> str:
     """What to write for a quantity in this unit."""
     return "a pure number" if unit == "1" else f"a number with a unit such as {unit}"

@@ -83,6 +83,10 @@ def _none_sampled(ops: Ops, p: Parameters, x: Record, asked: Asked) -> Values:
     return {"reference": 0.0}
 
 
+def _no_step(ops: Ops, p: Parameters, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+    raise NotImplementedError  # one made of the derivatives takes its place
+
+
 def _no_outputs(ops: Ops, p: Parameters, x: Record, u: Acting) -> Values:
     return {}
 
@@ -126,9 +130,11 @@ class Actuator:
 
     name: str
     title: str
+    # Where the equations come from, in sentences.
+    origin: str = ""
 
     # States: moved by steps; moved by samples, which alone see them; set by samples and seen by everything.
-    states: tuple[State, ...]
+    states: tuple[State, ...] = ()
     controller_states: tuple[State, ...] = ()
     sampled_states: tuple[State, ...] = ()
     # Those, of angle and speed, that the sensors read.
@@ -153,7 +159,7 @@ class Actuator:
     initial: Callable[[Ops, Parameters, Record], Values] = _at_start_angle
     sample: Callable[[Ops, Parameters, Record, Asked], Values] = _none_sampled
     derivatives: Derivatives | None = None
-    step: Callable[[Ops, Parameters, Record, Acting, Value], tuple[Values, Value]] | None = None
+    step: Callable[[Ops, Parameters, Record, Acting, Value], tuple[Values, Value]] = _no_step
     output_values: Callable[[Ops, Parameters, Record, Acting], Values] = _no_outputs
     # What the equations of a family are put together from, and parameters with constants in place of those that others
     # of the family have and this one does not.
@@ -173,7 +179,7 @@ class Actuator:
     source: Path | None = None
 
     def __post_init__(self) -> None:
-        if self.step is None:
+        if self.step is _no_step:
             if self.derivatives is None:
                 raise EmcasError(f"actuator {self.name}: has neither step nor derivatives; smooth equations need only "
                                  "derivatives")
@@ -303,7 +309,6 @@ class Actuator:
         x = Record(**dict(zip(plant, arguments, strict=False)))
         split = len(plant) + len(self.sampled_states)
         active, *acting, h = arguments[split:]
-        assert self.step is not None
         moved, used = self.step(ops, p, x, Record(**self._acting(arguments[len(plant):split], active, acting)), h)
         moved = {**vars(x), **_complete(self.step, moved, (), plant)}
         return (*(moved[name] for name in plant), used)

@@ -11,8 +11,10 @@ from dataclasses import replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from types import ModuleType
 
 from ..errors import EmcasError
+from ..units import UnitError, check_unit
 from .declaration import Actuator
 
 GROUP = "emcas.actuators"
@@ -24,15 +26,9 @@ def installed() -> Mapping[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
-def load(path: Path) -> Actuator:
-    """Return the actuator that a Python file declares as ACTUATOR, with the parameter file beside it.
-
-    Raises EmcasError naming file and line where it cannot be used.
-    """
-    if not path.is_file():
-        raise EmcasError(f"{path}: there is no such file; --model takes an actuator's name or a Python file with its "
-                         "ACTUATOR")
-    name = f"emcas_actuator_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+def load_module(path: Path) -> ModuleType:
+    """Import a Python file. Raises EmcasError naming file and line where it cannot be."""
+    name = f"emcas_file_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise EmcasError(f"{path}: cannot be imported")
@@ -42,15 +38,47 @@ def load(path: Path) -> Actuator:
         spec.loader.exec_module(module)
     except Exception as error:
         del sys.modules[name]
-        raise EmcasError(f"{located(error, path)}: {type(error).__name__}: {error}") from error
+        raise refusal(error, path) from error
+    return module
+
+
+def load(path: Path) -> Actuator:
+    """Return the actuator that a Python file declares as ACTUATOR, with the parameter file beside it.
+
+    Raises EmcasError naming file and line where it cannot be used.
+    """
+    if not path.is_file():
+        raise EmcasError(f"{path}: there is no such file; --model takes an actuator's name or a Python file with its "
+                         "ACTUATOR")
+    module = load_module(path)
     actuator = getattr(module, "ACTUATOR", None)
     if not isinstance(actuator, Actuator):
         raise EmcasError(f"{path}: gives no ACTUATOR; end it with ACTUATOR = Actuator(name=..., ...)")
     beside = path.with_suffix(".toml")
     if not actuator.files and not beside.is_file():
         raise EmcasError(f"{beside}: there is no such file; it gives the parameters of {path.name}, unit and source")
-    return replace(actuator, files=actuator.files or (beside,), modules=actuator.modules or (module,),
-                   source=path)
+    chosen = replace(actuator, files=actuator.files or (beside,), modules=actuator.modules or (module,),
+                     source=path)
+    _check_units(chosen)
+    return chosen
+
+
+def _check_units(actuator: Actuator) -> None:
+    """Raise EmcasError for a variable whose unit is not known."""
+    for v in (*actuator.inputs, *actuator.outputs, *actuator.parameters):
+        try:
+            if v.kind == "Real":
+                check_unit(v.unit)
+        except UnitError as error:
+            raise EmcasError(f"{actuator.source}: {v.name}: {error}") from error
+
+
+def refusal(error: Exception, path: Path) -> EmcasError:
+    """Return an error in a user's file as one that names file, line and, where it can be told, the remedy."""
+    what = str(error) if isinstance(error, EmcasError) else f"{type(error).__name__}: {error}"
+    if isinstance(error, TypeError) and "Expr" in what:
+        what += "; equations are traced: take functions from ops, as in ops.sin(x)"
+    return EmcasError(f"{located(error, path)}: {what}")
 
 
 def located(error: BaseException, path: Path) -> str:

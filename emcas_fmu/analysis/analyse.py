@@ -13,9 +13,9 @@ import numpy as np
 
 from .. import __version__
 from ..actuators import capabilities, get, parts
+from ..bench.metrics import FrequencyResponse
 from ..errors import EmcasError
 from ..parameters import ParameterSet
-from ..validation.metrics import FrequencyResponse
 from . import capability, final_values, frequency, locus, steps, sweep, thesis
 from .linear import LinearActuator, System, sound
 from .modes import Modes, load_rod, modes_at, thesis_modes
@@ -185,8 +185,8 @@ def figures(found: Analysis) -> dict[str, Any]:
         "steps": [{"step_deg": s.size, "largest_difference_percent": s.difference,
                    "rise_time_linear_s": s.metrics_linear.rise_time,
                    "rise_time_nonlinear_s": s.metrics_nonlinear.rise_time,
-                   "overshoot_linear_percent": s.metrics_linear.overshoot,
-                   "overshoot_nonlinear_percent": s.metrics_nonlinear.overshoot} for s in found.steps],
+                   "overshoot_linear_percent": 100.0 * s.metrics_linear.overshoot,
+                   "overshoot_nonlinear_percent": 100.0 * s.metrics_nonlinear.overshoot} for s in found.steps],
     }
     plain: dict[str, Any] = _plain(tree)
     return plain

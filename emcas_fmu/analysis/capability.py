@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ..actuators import NONLINEAR, capabilities, fin_port, get
-from ..excitation import from_case
+from ..bench.excitation import reference_case
 from ..ops.arrays import ARRAYS as _ARRAYS
 from ..ops.base import Ops
 from ..ops.floats import FLOATS
@@ -82,9 +82,9 @@ def case_points(parameters: ParameterSet) -> list[CasePoints]:
     """Where the reference cases take the motor, with these parameters."""
     points = []
     for case in CASES:
-        chosen = from_case(case.name)
+        chosen = reference_case(case.name)
         inputs: dict[str, Any] = dict(chosen.columns)
-        run = simulate(parameters.replace(chosen.overrides).values, chosen.stop, chosen.step, model=parameters.model,
+        run = simulate(parameters.replace(chosen.start_values).values, chosen.stop, chosen.step, model=parameters.model,
                        **inputs)
         points.append(CasePoints(case.name, case.title, run["motor_speed"], run["motor_torque"]))
     return points

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from .. import plots
-from ..validation.metrics import FrequencyResponse
+from ..bench.metrics import FrequencyResponse
 from . import frequency
 from .analyse import Analysis
 from .steps import STOP

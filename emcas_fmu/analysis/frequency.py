@@ -9,7 +9,7 @@ from typing import Any
 import control as ct
 import numpy as np
 
-from ..validation.metrics import FrequencyResponse
+from ..bench.metrics import FrequencyResponse
 from .linear import Array, System
 
 LOWEST = 1e-3  # Hz

@@ -10,9 +10,9 @@ from typing import Any
 import control as ct
 import numpy as np
 
+from ..bench.metrics import StepMetrics, step_metrics
+from ..reference.linear import LinearModel
 from ..simulation import simulate
-from ..validation.linear import LinearModel
-from ..validation.metrics import StepMetrics, step_metrics
 from .linear import Array, LinearActuator
 
 SIZES = (1.0, 3.0, 10.0, 20.0)  # deg
@@ -58,7 +58,7 @@ def compare(values: Mapping[str, Any], linear: LinearActuator, size: float, thes
     run, still = (simulate(start, (len(held) - 1) * period, period, model=linear.model, fin_command=level,
                            aero_torque=torque) for level in (stepped, held))
     nonlinear = np.degrees(run["fin_angle"] - still["fin_angle"])[lead:]
-    shares = [step_metrics(time, each, 0.0, size) for each in (np.degrees(angle), nonlinear)]
+    shares = [step_metrics(time, each, 0.0, radians(size)) for each in (angle, np.radians(nonlinear))]
     theirs = np.degrees(LinearModel(values).simulate(command)) if thesis else None
     return StepComparison(size, time, np.degrees(angle), theirs, nonlinear, run["saturated"][lead:] > 0.0, *shares)
 

@@ -17,11 +17,11 @@ import numpy as np
 
 from .. import control, sensors
 from ..actuators import NONLINEAR, capabilities, get
+from ..bench.metrics import FrequencyResponse
 from ..ops.arrays import ARRAYS as _ARRAYS
 from ..ops.base import Ops
 from ..physics import drive
 from ..simulation import simulate
-from ..validation.metrics import FrequencyResponse
 from .linear import Array
 
 AMPLITUDES = (0.1, 0.3, 1.0, 2.0, 3.5, 6.0, 10.0, 15.0, 20.0)  # deg

@@ -8,7 +8,7 @@ from typing import Any
 import control as ct
 import numpy as np
 
-from ..validation.linear import LinearModel
+from ..reference.linear import LinearModel
 from .linear import System
 
 _INTEGRAL = 4  # of the model's state: I

@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
-from ..acceptance.article import Identification
 from ..actuators import NONLINEAR, get
+from ..bench.subject import Identification, Subject
 from ..errors import EmcasError
 from .measure import FIGURES, figures
 from .model import TRACES, Approved, Array, Baseline, rounded
-from .subject import Subject
 
 Progress = Callable[[str, int, int], None]
 TEMPLATE = Path(__file__).parent / "default.toml"
@@ -157,7 +156,7 @@ def compare(baseline: Baseline, subject: Subject, folder: Path, progress: Progre
         notes.append(f"the baseline is of fin {was['fin']}, compared is fin {now['fin']}; see --fin")
     marks = tuple(Changed(key, was.get(key, "-"), now.get(key, "-")) for key in dict.fromkeys((*now, *was))
                   if key != "command" and was.get(key) != now.get(key))
-    return Comparison(baseline, subject.identification, subject.fin, tuple(rows), stops,
+    return Comparison(baseline, subject.identification, subject.identification.fin, tuple(rows), stops,
                       tuple(_parameters(baseline.parameters, subject.values)), marks, tuple(notes), curves)
 
 
@@ -195,7 +194,7 @@ def _marks(subject: Subject) -> dict[str, str]:
     """What a baseline tells of where it comes from: nothing that depends on where or when it is recorded."""
     about = subject.identification
     marks = {"article": about.kind, "file": about.file, "sha256": about.sha256, "guid": about.guid,
-             "fin": str(subject.fin or ""), "parameters_sha256": about.parameters_sha256, "emcas": __version__}
+             "fin": str(about.fin or ""), "parameters_sha256": about.parameters_sha256, "emcas": __version__}
     return {name: value for name, value in marks.items() if value}
 
 

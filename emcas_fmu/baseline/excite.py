@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from ..bench.excitation import SETTLE, Excitation, csv_file, reference_case
 from ..errors import EmcasError
-from ..excitation import Excitation, from_case, from_file
 from ..reference.cases import LEAD_IN, LOAD_RISE, SWEEP
 
 STEP = 1e-3  # s
-SETTLE = 1.0  # s at the starting end of a slew, unloaded
 LONGEST = 60.0  # s: fmpy's time for a run grows with the square of its length
 # Entries of each kind of case, with the unit they are kept in; all but those of OPTIONAL have to be there.
 KINDS: Mapping[str, Mapping[str, str]] = {
@@ -47,20 +46,21 @@ class Case:
         """Inputs, SI; a CSV file is looked for beside the baseline in `folder`. Raises EmcasError."""
         if self.kind == "reference":
             try:
-                found = from_case(self.source)
+                found = reference_case(self.source, exact=False)
             except EmcasError as error:
                 raise EmcasError(f"{folder / 'baseline.toml'}: case.{self.name}.case: {error}") from error
-            # Performance is that of the actuator as it is, with its encoder.
-            kept = {name: value for name, value in found.overrides.items() if not name.startswith("encoder.")}
-            return Excitation(self.title, found.step, found.columns, {**kept, **self.start})
+            return self._made(found.columns, found.step, {**found.start_values, **self.start})
         if self.kind == "file":
             path = Path(self.source)
-            found = from_file(path if path.is_absolute() else folder / path, STEP, None)
+            found = csv_file(path if path.is_absolute() else folder / path)
             if found.stop > LONGEST:
                 raise EmcasError(f"{path}: lasts {found.stop:g} s; a baseline's case may last {LONGEST:g} s")
-            return Excitation(self.title, found.step, found.columns, self.start)
+            return self._made(found.columns, found.step, self.start)
         build = {"step": _step, "slew": _slew, "sweep": _sweep}[self.kind]
-        return Excitation(self.title, STEP, build(**self.entries), self.start)
+        return self._made(build(**self.entries), STEP, self.start)
+
+    def _made(self, columns: Mapping[str, Any], step: float, start: Mapping[str, Any]) -> Excitation:
+        return Excitation(self.title, columns, self.begin, step, start)
 
     @property
     def title(self) -> str:

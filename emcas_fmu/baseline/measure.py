@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import nan
+from math import degrees, nan, radians
 from typing import Any
 
 import numpy as np
 
-from ..excitation import Excitation
-from ..validation import metrics
-from ..validation.requirements import ACCURACY, SWEPT
-from ..validation.runs import Columns
+from ..bench import metrics
+from ..bench.excitation import Excitation
+from ..bench.metrics import SWEPT
+from ..bench.subject import Columns
 from .excite import Case, level
+
+ACCURACY = round(float(np.degrees(metrics.ACCURACY)), 9)  # deg
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,7 @@ def figures(case: Case, excitation: Excitation, run: Columns) -> dict[str, float
     time, angle, rate = run["time"], np.degrees(run["fin_angle"]), np.degrees(run["fin_rate"])
     found: dict[str, float] = {}
     if case.kind in ("step", "slew"):
-        found = _motion(time, angle, rate, case.begin, level(excitation))
+        found = _motion(run, case.begin, radians(level(excitation)))
     elif case.kind == "sweep":
         with np.errstate(divide="ignore", invalid="ignore"):  # a fin that does not move has no gain
             found = _sweep(time, excitation.columns["fin_command"], run["fin_angle"])
@@ -60,13 +62,14 @@ def figures(case: Case, excitation: Excitation, run: Columns) -> dict[str, float
     return {name: float(found[name]) for name in FIGURES if name in found}
 
 
-def _motion(time: Any, angle: Any, rate: Any, begin: float, command: float) -> dict[str, float]:
+def _motion(run: Columns, begin: float, command: float) -> dict[str, float]:
+    time, angle = run["time"], run["fin_angle"]
     step = metrics.step_metrics(time, angle, begin, command)
-    slew = metrics.slew(time, angle, rate, begin, command)
-    accurate = metrics.time_to_accuracy(time, angle, begin, command, ACCURACY)
+    slew = metrics.slew(time, angle, run["fin_rate"], begin, command)
     return {"rise_time": step.rise_time * 1e3, "settling_time": step.settling_time * 1e3,
-            "time_to_accuracy": accurate * 1e3, "overshoot": step.overshoot, "steady_error": step.steady_error,
-            "sustained_rate": slew.sustained, "peak_rate": slew.peak}
+            "time_to_accuracy": step.time_to_accuracy * 1e3, "overshoot": 100.0 * step.overshoot,
+            "steady_error": degrees(step.steady_error), "sustained_rate": degrees(slew.sustained),
+            "peak_rate": degrees(slew.peak)}
 
 
 def _sweep(time: Any, command: Any, angle: Any) -> dict[str, float]:

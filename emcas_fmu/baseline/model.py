@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..acceptance.article import RECORDED
 from ..actuators import NONLINEAR, get
 from .excite import Case
 
@@ -22,11 +21,12 @@ NEVER = "never"
 """Written for a figure whose level is not reached."""
 
 Array = NDArray[np.floating[Any]]
+_RECORDED = ("fin_angle", "fin_rate", "motor_current", "motor_voltage", "supply_power")
 # Outputs a trajectory may have: their display unit, and the factor to it from the variable table's.
 TRACES: Mapping[str, tuple[str, float]] = {
     v.name: {"rad": ("deg", float(np.degrees(1.0))), "rad/s": ("deg/s", float(np.degrees(1.0)))}.get(v.unit,
                                                                                               (v.unit, 1.0))
-    for v in get(NONLINEAR).outputs if v.kind == "Real" and v.name in RECORDED}
+    for v in get(NONLINEAR).outputs if v.kind == "Real" and v.name in _RECORDED}
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Any
 import junitparser
 
 from .. import __version__
-from ..validation.results import finite
+from ..bench.writers import plain
 from .compare import Changed, Comparison
 from .model import SCHEMA as BASELINE
 from .table import HEADER, NUMERIC, line, lines, verdict
@@ -29,8 +29,8 @@ def as_dict(comparison: Comparison) -> dict[str, Any]:
                 "recorded": dict(comparison.baseline.recorded), "comparisons": rows, "stopped": comparison.stopped,
                 "changed_parameters": [asdict(c) for c in comparison.parameters],
                 "changed_marks": [asdict(c) for c in comparison.marks], "notes": comparison.notes}
-    plain: dict[str, Any] = finite(document)
-    return plain
+    found: dict[str, Any] = plain(document)
+    return found
 
 
 def write_json(comparison: Comparison, path: Path) -> None:

@@ -8,9 +8,9 @@ from math import inf, isnan
 
 import numpy as np
 
+from ..bench import metrics
 from ..simulation import Array
 from ..tuning import experiments as tuning
-from ..validation import metrics
 from .experiments import COMMAND, INDEX, POWER, POWER_ROWS, POWER_STEP, Excitation, Experiment
 
 
@@ -125,7 +125,7 @@ def _step(time: Array, response: Mapping[str, Array], amplitude: float) -> dict[
         raise ValueError("the step has no height: the fin is told to stay where it is")
     step = metrics.step_metrics(time, angle, 0.0, amplitude)
     rates = metrics.slew(time, angle, response["fin_rate"], 0.0, amplitude)
-    return {"rise_time": step.rise_time, "settling_time": step.settling_time, "overshoot": step.overshoot / 100.0,
+    return {"rise_time": step.rise_time, "settling_time": step.settling_time, "overshoot": step.overshoot,
             "steady_error": abs(step.steady_error), "sustained_rate": rates.sustained}
 
 

@@ -180,7 +180,7 @@ class _FmuRunner:
 @lru_cache(maxsize=2)
 def _unit(path: str, sha256: str, fin: int, model: str) -> _FmuRunner:
     """The FMU of this process, unpacked once."""
-    from ..validation.runs import opened
+    from ..bench.fmu import opened
 
     stack = ExitStack()
     unit = stack.enter_context(opened(Path(path), fin))

@@ -104,7 +104,7 @@ def _base(path: Path, entry: _Base, fmu: Path | None, fin: int | None,
         base = load_parameters(files, model=kind or NONLINEAR)
         shown = Unit(1, base.model)
         return base, interface_guid(start_values(shown, [base.values]), shown), "", "", 1
-    from ..validation.runs import chosen_model, opened
+    from ..bench.fmu import chosen_model, opened
 
     if unit.suffix.lower() != ".fmu":
         raise CampaignError(f"{unit}: is no FMU by its name; give a file that ends in .fmu")

@@ -16,8 +16,8 @@ from scipy import stats
 
 from .. import __version__
 from ..actuators import NONLINEAR
+from ..bench.writers import plain
 from ..simulation import Array
-from ..validation.results import finite
 from . import found as words
 from .own import figure_of
 from .sample import OK, columns
@@ -243,5 +243,5 @@ def as_dict(summary: Summary, command: str) -> dict[str, Any]:
 
 def write_json(summary: Summary, path: Path, command: str) -> None:
     """Write it; infinite and missing figures as null."""
-    document = json.dumps(finite(as_dict(summary, command)), indent=1, allow_nan=False)
+    document = json.dumps(plain(as_dict(summary, command)), indent=1, allow_nan=False)
     path.write_text(document + "\n", encoding="utf-8", newline="\n")

@@ -131,16 +131,16 @@ def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chu
 
 def _one(study: Any, index: int, as_json: Path | None) -> None:
     """One sample again, here."""
+    from ..bench.writers import plain
     from ..campaign.own import told
     from ..campaign.sample import observed, rows
     from ..campaign.sampling import Sampler
-    from ..validation.results import finite
 
     if not 0 <= index < study.samples:
         raise EmcasError(f"--only {index}: samples are numbered from 0 to {study.samples - 1}")
     row = rows(study.plan.packed(), [index], Sampler(study).draw([index]))[0]
     if as_json:
-        as_json.write_text(json.dumps(finite(row), indent=1, allow_nan=False) + "\n", encoding="utf-8", newline="\n")
+        as_json.write_text(json.dumps(plain(row), indent=1, allow_nan=False) + "\n", encoding="utf-8", newline="\n")
     units = _units(study)
     table = Table("", "value", "unit", title=f"Sample {index} of {study.path.name}", title_justify="left")
     table.columns[1].justify = "right"

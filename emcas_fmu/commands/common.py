@@ -29,6 +29,11 @@ ParametersOption = Annotated[list[Path] | None, typer.Option(
                                "times: a later file goes over those before it).", metavar="FILE")]
 INTERRUPTED = 130
 """Exit code of a run that was stopped by Ctrl-C."""
+SubjectModelOption = Annotated[str | None, typer.Option(
+    "--model", help="Which actuator a parameter file is of, with its options, as in elastic+heat; nonlinear unless "
+                    "given. An FMU tells it by its name.", metavar="NAME[+OPTION...]")]
+FinOption = Annotated[int | None, typer.Option(help="Which fin of a unit of several; the first unless given.",
+                                               metavar="N")]
 
 
 @contextmanager

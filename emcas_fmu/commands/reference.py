@@ -9,12 +9,14 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from ..actuators import NONLINEAR
 from ..errors import EmcasError
 from ..parameters import load_parameters
-from .common import ParametersOption, check_outputs, failures, out, progress_bar, stepper
+from .common import ModelOption, ParametersOption, check_outputs, failures, out, progress_bar, stepper
 
 EPILOG = ("Examples:\n\n  emcas reference --check\n\n  emcas reference --case step_plus1 --directory ref"
-          "\n\n  emcas reference --parameters my_actuator.toml --directory my_references")
+          "\n\n  emcas reference --parameters my_actuator.toml --directory my_references"
+          "\n\n  emcas reference --model my_actuator.py --directory my_references")
 
 
 def reference(
@@ -22,6 +24,7 @@ def reference(
                                                                  "those shipped unless given.", metavar="DIR")] = None,
     case: Annotated[list[str] | None, typer.Option(help="Only this case (may be given several times).")] = None,
     parameters: ParametersOption = None,
+    model: ModelOption = NONLINEAR,
     check: Annotated[bool, typer.Option("--check", help="Compare with the files there instead of writing.")] = False,
 ) -> None:
     """Regenerate the reference responses by independent integration, or compare with those stored."""
@@ -31,12 +34,13 @@ def reference(
     with failures():
         if not directory and not check:
             raise EmcasError("--directory is missing: give a folder to write the reference files to")
-        if not directory and parameters:
-            raise EmcasError("--parameters needs --directory: the shipped references are of the default parameters")
+        if not directory and (parameters or model != NONLINEAR):
+            raise EmcasError("--parameters and --model need --directory: the shipped references are of the default "
+                             "actuator with its default parameters")
         folder = directory or models_directory() / "reference"
         if not check:
             check_outputs(folders=(folder,))
-        chosen = load_parameters(parameters)
+        chosen = load_parameters(parameters, model=model)
         with progress_bar() as progress:
             step = stepper(progress, "reference")
             if not check:

@@ -10,11 +10,12 @@ import typer
 from rich.markup import escape
 
 from ..errors import EmcasError
-from .common import ParametersOption, check_outputs, failures, out, progress_bar, stepper
+from .common import FinOption, ParametersOption, SubjectModelOption, check_outputs, failures, out, progress_bar, stepper
 
 EPILOG = ("Examples:\n\n  emcas report\n\n  emcas report EMCAS.fmu --output report.html --date 2026-03-31"
           "\n\n  emcas report my_actuator.toml --requirements specification.toml --load 60 --junit junit.xml"
-          "\n\n  emcas report EMCAS.fmu --mission flight.csv --json figures.json")
+          "\n\n  emcas report EMCAS.fmu --mission flight.csv --json figures.json"
+          "\n\n  emcas report --model elastic+heat --output elastic.html")
 
 
 def report(
@@ -26,6 +27,8 @@ def report(
                                          metavar="FILE.html")] = Path("report.html"),
     requirements: Annotated[Path | None, typer.Option(help="Requirements (TOML) beside those of Table 2.",
                                                       metavar="FILE.toml")] = None,
+    model: SubjectModelOption = None,
+    fin: FinOption = None,
     mission: Annotated[Path | None, typer.Option(help="Mission profile instead of the synthetic one: CSV of time (s) "
                                                       "and inputs in SI.", metavar="FILE.csv")] = None,
     load: Annotated[float | None, typer.Option(help="Rated hinge moment of the article in N.m; 100, that of Table 2, "
@@ -37,36 +40,35 @@ def report(
     junit: Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.", metavar="FILE")] = None,
 ) -> None:
     """Carry out an actuator's acceptance test on an FMU or a parameter set, and write the report to sign."""
-    from ..acceptance import mission as profiles
-    from ..acceptance import requirements as judging
-    from ..acceptance.article import opened_article
-    from ..acceptance.campaign import carry_out
-    from ..acceptance.report import write_report
-    from ..acceptance.results import write_json, write_junit
-    from ..acceptance.summary import summary
+    from ..bench.excitation import csv_file
+    from ..bench.subject import open_subject
+    from ..bench.verdict import load_requirements
     from ..reference.cases import LOAD
+    from ..studies.report.output import write_json, write_junit, write_report
+    from ..studies.report.study import carry_out
+    from ..studies.report.summary import summary
 
     with failures():
         check_outputs(output, as_json, junit, inputs=(article, *(parameters or ()), requirements, mission))
         if load is not None and not 0.0 < load < float("inf"):
             raise EmcasError(f"--load {load:g}: must be above 0, in N.m")
-        told = _date(date) if date else ""
-        wanted = judging.load(requirements) if requirements else []
-        profile = profiles.from_csv(mission) if mission else None
-        with progress_bar() as progress, opened_article(article, parameters=parameters) as found:
-            campaign = carry_out(found, load=load or LOAD, profile=profile, wanted=wanted,
-                                 progress=stepper(progress, "test"))
-        write_report(campaign, output, told)
+        printed = _date(date) if date else ""
+        wanted = load_requirements(requirements) if requirements else []
+        with progress_bar() as progress, open_subject(article, model, fin, parameters) as subject:
+            profile = csv_file(mission, model=subject.model) if mission else None
+            result = carry_out(subject, load=load or LOAD, profile=profile, wanted=wanted,
+                               progress=stepper(progress, "test"))
+        write_report(result, output, printed)
         if as_json:
-            write_json(campaign, as_json, told)
+            write_json(result, as_json, printed)
         if junit:
-            write_junit(campaign, junit)
-    for part in summary(campaign):
+            write_junit(result, junit)
+    for part in summary(result):
         out.print(part, highlight=False)
     for path in (output, as_json, junit):
         if path:
             out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
-    if not campaign.passed:
+    if not result.passed:
         raise typer.Exit(1)
 
 

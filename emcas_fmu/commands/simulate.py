@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from dataclasses import replace
+from math import radians
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 from rich.markup import escape
 from rich.table import Table
@@ -16,7 +16,11 @@ from rich.table import Table
 from ..actuators import NONLINEAR, extension_outputs, get
 from ..errors import EmcasError
 from ..parameters import load_parameters
+from ..reference.cases import LEAD_IN
 from .common import ModelOption, ParametersOption, check_outputs, failures, out
+
+if TYPE_CHECKING:
+    from ..bench.excitation import Excitation
 
 EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.html"
                    "\n\n  emcas simulate --case chirp_3p5deg --plot chirp.png --output chirp.csv"
@@ -41,6 +45,18 @@ def _told(given: Iterable[str], inputs: Iterable[str]) -> tuple[dict[str, object
         else:
             raise EmcasError(f"--set {text}: {name} is true or false")
     return parameters, held
+
+
+def _stepped(degrees: float, torque: float, interval: float, stop: float) -> Excitation:
+    """A step to an angle [deg] under a constant hinge moment [N.m]. Raises EmcasError."""
+    from ..bench.excitation import LOAD, check_span, step_to
+
+    check_span("step", interval, stop)
+    if stop <= LEAD_IN:
+        raise EmcasError(f"step: it comes at {LEAD_IN:g} s, the end at {stop:g} s is before that; see --stop")
+    step = step_to(radians(degrees), stop - LEAD_IN, step=interval)
+    title = f"Step to {degrees:+g} deg" + (f" with {torque:+g} N.m" if torque else "")
+    return replace(step.holding({LOAD: torque}), title=title)
 
 
 def simulate(
@@ -68,7 +84,8 @@ def simulate(
                                                  metavar="FILE")] = None,
 ) -> None:
     """Run the actuator on a case, a file of inputs or a step, without an FMU."""
-    from .. import excitation, response
+    from .. import response
+    from ..bench.excitation import STEP, csv_file, reference_case
     from ..plots import check_ending
     from ..simulation import simulate as run
 
@@ -84,19 +101,16 @@ def simulate(
             raise EmcasError("--stop and --interval go with --step and --input: a case has its own")
         if torque is not None and step is None:
             raise EmcasError("--torque goes with --step: a case or a file has its own loads")
-        size = interval or 1e-3
-        chosen = (excitation.from_case(case) if case
-                  else excitation.from_file(input_file, size, stop, model) if input_file
-                  else excitation.from_step(step or 0.0, torque or 0.0, size, stop or 0.5))
+        chosen = (reference_case(case) if case else csv_file(input_file, interval or STEP, stop, model) if input_file
+                  else _stepped(step or 0.0, torque or 0.0, interval or STEP, stop or 0.5))
         changes, held = _told(given or [], [v.name for v in get(model).further_inputs])
-        parameters_of = load_parameters(parameters, model=model).replace(chosen.overrides).replace(changes)
-        values = parameters_of.values
-        chosen = replace(chosen, columns={**chosen.columns, **{name: np.full(len(next(iter(chosen.columns.values()))),
-                                                                             value) for name, value in held.items()}})
+        parameters_of = load_parameters(parameters, model=model)
+        parameters_of = parameters_of.replace(parameters_of.having(chosen.start_values)).replace(changes)
+        chosen = chosen.holding(held)
         try:
-            result = run(values, chosen.stop, chosen.step, kernel, parameters_of.model,
+            result = run(parameters_of.values, float(chosen.time[-1]), chosen.step, kernel, parameters_of.model,
                          **{name.replace(".", "__"): column for name, column in chosen.columns.items()})
-        except (ArithmeticError, ValueError) as error:
+        except (ArithmeticError, TypeError, ValueError) as error:
             raise EmcasError(f"the response cannot be computed: {error}") from error
         own = extension_outputs(model)
         figures = response.figures_of_merit(result, own)

@@ -42,5 +42,6 @@ class Extension:
             outputs=with_outputs(extended.outputs, self.outputs),
             rules=extended.rules + self.rules(actuator),
             provides=extended.provides - set(self.replaces),
+            reference=None,
             modules=(self.module, *extended.modules),
         )

@@ -1,6 +1,6 @@
 """Several cores that move together on one bus. Standard library only: it is embedded in the FMU.
 
-fmi/fins.h is the same in C, and says how the bus is stepped.
+fins.h is the same in C, function by function, and says how the bus is stepped; only there inputs may ramp.
 """
 
 from __future__ import annotations
@@ -11,6 +11,9 @@ from typing import Any
 from .core import MOST_TICKS, Core, Functions, Inputs
 
 _CORE = 7  # of the functions, what a core takes; then mixing, then what the bus needs
+_SUPPLY = 4  # of a core's inputs
+
+Outputs = Sequence[tuple[Any, ...]]
 
 
 class Bank:
@@ -21,31 +24,21 @@ class Bank:
     the supply's power among a fin's outputs, None of fins without a supply, which have no bus; `sizes` are a core's.
     """
 
-    __slots__ = ("_current", "_instant", "_interval", "_inverse_inductance", "_next_sag", "_power", "_resistance",
-                 "_sag", "_voltage", "cores")
+    __slots__ = ("_functions", "_instant", "_interval", "_power", "_resistance", "_sag", "cores")
 
     def __init__(self, functions: Sequence[Functions], resistance: float, interval: float, power: int | None,
                  sizes: tuple[int, ...]) -> None:
         self.cores = [Core(f[:_CORE], *sizes) for f in functions]
+        self._functions = list(functions)
         self._resistance, self._interval, self._power = resistance, interval, power
         self._sag = 0.0
         self._instant = 1
-        self._take(functions)
 
     def bind(self, functions: Sequence[Functions]) -> None:
         """Take the kernel's functions, anew after a tunable parameter changed."""
+        self._functions = list(functions)
         for core, f in zip(self.cores, functions, strict=True):
             core.bind(f[:_CORE])
-        self._take(functions)
-
-    def _take(self, functions: Sequence[Functions]) -> None:
-        if self._power is None:
-            return
-        self._voltage, self._current, self._next_sag, _ = functions[0][_CORE + 1:]
-        self._inverse_inductance = 0.0
-        for f in functions:
-            (inverse,) = f[-1]()
-            self._inverse_inductance += inverse
 
     @property
     def slack(self) -> float:
@@ -64,12 +57,12 @@ class Bank:
             core.state = one
 
     def outputs(self, inputs: Sequence[Inputs]) -> tuple[Any, ...]:
-        """Outputs of the bus, then of the fins in the order of the variable table."""
-        found = [core.outputs(self._supplied(i, self._sag)) for core, i in zip(self.cores, inputs, strict=True)]
-        return self._put_out(inputs[0][4], found)
+        """Return the outputs of the bus, then of the fins in the interface's order."""
+        each = [core.outputs(self._supplied(i)) for core, i in zip(self.cores, inputs, strict=True)]
+        return self._put_out(inputs[0][_SUPPLY], each)
 
     def run(self, end: float, inputs: Sequence[Inputs]) -> tuple[Any, ...]:
-        """Move on to `end` [s] from the start with the inputs held, all or nothing; gives the outputs there.
+        """Move on to `end` [s] from the start with the inputs held, all or nothing; return the outputs there.
 
         Raises ArithmeticError where the equations cannot be followed.
         """
@@ -81,51 +74,62 @@ class Bank:
             raise
 
     def _run(self, end: float, inputs: Sequence[Inputs]) -> tuple[Any, ...]:
-        stiff, slack = not self._resistance > 0.0, self.slack
+        stiff, slack, source = not self._resistance > 0.0, self.slack, inputs[0][_SUPPLY]
         if not stiff and not end / self._interval - self._instant <= MOST_TICKS:
             raise ArithmeticError(f"a step to {end!r} s has more than {MOST_TICKS} instants of the bus")
         while True:
-            instant = self._instant * self._interval
+            following = self._instant * self._interval
             # A host's clock may stand a little before an instant it means to have reached.
-            meets = not stiff and instant <= end + slack
-            until = instant if meets and instant < end else end
-            found = [core.run(until, self._supplied(i, self._sag)) for core, i in zip(self.cores, inputs, strict=True)]
-            source = inputs[0][4]
+            meets = not stiff and following <= end + slack
+            until = following if meets and following < end else end
+            each = self._run_fins(until, inputs)
             if not meets:
-                return self._put_out(source, found)
-            (voltage,) = self._voltage(source, self._sag)
-            (drawn,) = self._current(self._total(found), voltage)
-            (sag,) = self._next_sag(self._resistance, self._sag, drawn, self._interval, self._inverse_inductance)
+                return self._put_out(source, each)
+            _, drawn, _ = self._bus(source, each)
+            sag = self._next_sag(drawn)
             if sag - sag != 0.0:
                 raise ArithmeticError("the state is no longer finite")
             self._sag = sag
             self._instant += 1
 
-    def _supplied(self, inputs: Inputs, sag: float) -> Inputs:
+    def _run_fins(self, until: float, inputs: Sequence[Inputs]) -> Outputs:
+        return [core.run(until, self._supplied(i)) for core, i in zip(self.cores, inputs, strict=True)]
+
+    def _supplied(self, inputs: Inputs) -> Inputs:
+        """Return a fin's inputs with the bus's voltage in place of the source's."""
         if self._power is None:
             return inputs
-        (voltage,) = self._voltage(inputs[4], sag)
-        return (*inputs[:4], voltage, *inputs[5:])
+        return (*inputs[:_SUPPLY], self._bus_voltage(inputs[_SUPPLY]), *inputs[_SUPPLY + 1:])
 
-    def _total(self, outputs: Sequence[Sequence[float]]) -> float:
-        total = 0.0  # in C's order; sum() compensates from Python 3.12 on
-        for each in outputs:
-            total += each[self._power or 0]
-        return total
+    def _bus_voltage(self, source: float) -> float:
+        (voltage,) = self._functions[0][_CORE + 1](source, self._sag)
+        return voltage  # type: ignore[no-any-return]
 
-    def _put_out(self, source: float, outputs: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
-        fins = tuple(x for each in outputs for x in each)
-        if self._power is None:
-            return fins
-        (voltage,) = self._voltage(source, self._sag)
-        power = self._total(outputs)
-        (drawn,) = self._current(power, voltage)
-        return (voltage, drawn, power, *fins)
+    def _bus(self, source: float, each: Outputs) -> tuple[float, float, float]:
+        """Return voltage [V], current [A] and power [W] of the bus for the fins' outputs."""
+        power = 0.0  # in C's order; sum() compensates from Python 3.12 on
+        for outputs in each:
+            power += outputs[self._power or 0]
+        voltage = self._bus_voltage(source)
+        (current,) = self._functions[0][_CORE + 2](power, voltage)
+        return voltage, current, power
+
+    def _next_sag(self, drawn: float) -> float:
+        inductances = 0.0
+        for f in self._functions:
+            (inverse,) = f[-1]()
+            inductances += inverse
+        (sag,) = self._functions[0][_CORE + 3](self._resistance, self._sag, drawn, self._interval, inductances)
+        return sag  # type: ignore[no-any-return]
+
+    def _put_out(self, source: float, each: Outputs) -> tuple[Any, ...]:
+        fins = tuple(x for outputs in each for x in outputs)
+        return fins if self._power is None else (*self._bus(source, each), *fins)
 
 
 Mix = Callable[..., tuple[float]]
 
 
 def mixes(functions: Sequence[Functions]) -> list[Mix]:
-    """Each fin's mixing of commands."""
+    """Return each fin's mixing of commands."""
     return [f[_CORE] for f in functions]

@@ -181,10 +181,10 @@ class Core:
         """Return the plant after what is left of a tick [s], from event to event."""
         if left <= 0.0:
             return plant
-        step, held, acting, whole = self._step, sampled[self._controller + 2:], inputs[self._acting], left
+        step, acting, whole = self._step, (*sampled[self._controller + 2:], active, *inputs[self._acting]), left
         for _ in range(MOST_EVENTS):
-            *moved, used = step(*plant, *held, active, *acting, left)
-            plant = tuple(moved)
+            moved = step(*plant, *acting, left)
+            plant, used = moved[:-1], moved[-1]
             if used >= left:
                 return plant
             left -= used

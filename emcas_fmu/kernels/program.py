@@ -11,7 +11,7 @@ from typing import Any
 from .. import schedule
 from ..actuators import NONLINEAR, fin_port, get
 from ..actuators.declaration import Actuator, identifier
-from ..actuators.external import located
+from ..actuators.external import refusal
 from ..errors import EmcasError
 from ..ops.base import Ops, Value
 from ..ops.c_source import c_source
@@ -78,7 +78,7 @@ def traced(several: bool = False, model: str = NONLINEAR) -> Tracer:
         except Exception as error:
             if actuator.source is None or isinstance(error, EmcasError):
                 raise
-            raise EmcasError(f"{located(error, actuator.source)}: {type(error).__name__}: {error}") from error
+            raise refusal(error, actuator.source) from error
     return tracer
 
 

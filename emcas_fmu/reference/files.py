@@ -14,6 +14,8 @@ import hashlib
 import json
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,17 +26,23 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.reference.cases import CASES, SIGNIFICANT_DIGITS, Case
 from emcas_fmu.reference.plant import Value
-from emcas_fmu.reference.simulate import MAX_STEP, RTOL, SCALES, Array, simulate
+from emcas_fmu.reference.simulate import MAX_STEP, RTOL, SCALES, Array
 
+from ..actuators import NONLINEAR, get
+from ..actuators.external import load_module
 from ..toml import tomllib
 
 PREFIX = "EMCAS"
 PROVENANCE = "provenance.toml"
 COMMAND = "emcas reference"
 
+Simulate = Callable[[Mapping[str, Value], Mapping[str, Array]], Mapping[str, Array]]
+"""From parameters and input columns, ``time`` among them, to output columns at the same times; SI."""
 Progress = Callable[[str, int, int], None]
 """Called with a case's name, the number of cases done and that of all, before and after each case."""
 
+# Of an output's nominal value, where the table below says nothing: what an integrator of that accuracy leaves.
+_RELATIVE = 1e-6
 # How far a recomputed response may lie from the stored one.  Both carry the integration error: tightening
 # rtol tenfold moves no case by more than 1e-10 of a variable's range.  Storing nine digits adds half a unit
 # in the ninth, at most 5e-9 of the range.  What is left is room for another libm, yet a hundred times less
@@ -46,6 +54,37 @@ TOLERANCES = {
     "motor_voltage": 1e-5,  # V, of 39
     "drive_reference": 1e-6,  # V, of 10
 }
+
+
+def simulator(model: str) -> Simulate:
+    """Return the independent integration of an actuator. Raises EmcasError for one that has none."""
+    actuator = get(model)
+    if actuator.reference is None:
+        raise EmcasError(f"--model {model}: the {actuator.name} actuator has no independent reference; nonlinear has "
+                         "one, and a file of yours that names one as `reference`")
+    if isinstance(actuator.reference, str):
+        module: Any = import_module(actuator.reference)
+    else:
+        module = load_module(actuator.reference)
+    if not callable(getattr(module, "simulate", None)):
+        raise EmcasError(f"{actuator.reference}: gives no function simulate(parameters, inputs)")
+    found: Simulate = module.simulate
+    return found
+
+
+def cases(parameters: ParameterSet) -> tuple[Case, ...]:
+    """Return the cases an actuator can be run through, with those of their overrides that it has.
+
+    A case that changes a parameter or drives an input which the actuator does not have says nothing of it; an encoder
+    it does not have is left alone.
+    """
+    inputs = {"time", *(v.name for v in parameters.actuator.inputs)}
+    chosen = []
+    for case in CASES:
+        essential = [name for name in case.overrides if not name.startswith("encoder.")]
+        if len(parameters.having(dict.fromkeys(essential))) == len(essential) and inputs >= set(case.inputs()):
+            chosen.append(replace(case, overrides=parameters.having(case.overrides)))
+    return tuple(chosen)
 
 
 class Difference(NamedTuple):
@@ -87,19 +126,21 @@ def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Pr
                parameters: ParameterSet | None = None) -> None:
     """Compute the named cases (default all) and write their files and provenance into `directory`.
 
-    Without `parameters` the default set is used.
+    Without `parameters` the default set is used. Raises EmcasError for an actuator without an independent reference.
     """
+    chosen = parameters or load_parameters()
+    simulate = simulator(chosen.model)
     directory.mkdir(parents=True, exist_ok=True)
     provenance = read_provenance(directory)
-    for case in _chosen(names, progress):
-        values = _values(case, parameters)
+    for case in _chosen(names, chosen, progress):
+        values = {**chosen.values, **case.overrides}
         inputs = case.inputs()
         write_csv(path_of(directory, case.name, "in.csv"), inputs)
         write_csv(path_of(directory, case.name, "ref.csv"), simulate(values, inputs))
         options = {"StartTime": 0.0, "StopTime": case.stop_time, "StepSize": case.step, "RelTol": RTOL}
         text = "".join(f"{name}, {value:g}\n" for name, value in options.items())
         path_of(directory, case.name, "ref.opt").write_text(text, encoding="utf-8", newline="\n")
-        provenance[case.name] = _provenance(case, directory, values)
+        provenance[case.name] = _provenance(case, directory, values, chosen.model)
         # After every case, so that an interrupted run leaves a record of what it wrote.
         order = [known.name for known in CASES if known.name in provenance]
         text = "\n".join(_table(name, provenance[name]) for name in order)
@@ -115,10 +156,14 @@ def compare(
     A column that is missing, or whose rows differ in number or time, counts as infinitely far.
     """
     differences = []
-    for case in _chosen(names, progress):
+    chosen = parameters or load_parameters()
+    simulate = simulator(chosen.model)
+    nominal = {v.name: v.nominal or 1.0 for v in chosen.actuator.outputs}
+    for case in _chosen(names, chosen, progress):
         inputs = case.inputs()
-        result = simulate(_values(case, parameters), inputs)
-        for columns, suffix, tolerances in ((inputs, "in.csv", {}), (result, "ref.csv", TOLERANCES)):
+        result = simulate({**chosen.values, **case.overrides}, inputs)
+        allowed = {name: TOLERANCES.get(name, _RELATIVE * nominal.get(name, 0.0)) for name in result}
+        for columns, suffix, tolerances in ((inputs, "in.csv", {}), (result, "ref.csv", allowed)):
             path = path_of(directory, case.name, suffix)
             if not path.is_file():
                 raise EmcasError(f"{path}: is missing; make it with `emcas reference --directory {directory}`")
@@ -136,22 +181,19 @@ def _distance(column: Array, stored: Array | None) -> float:
     return float(np.max(np.abs(column - stored)))
 
 
-def _chosen(names: Sequence[str] | None, progress: Progress | None) -> Iterator[Case]:
-    unknown = set(names or ()) - {case.name for case in CASES}
+def _chosen(names: Sequence[str] | None, parameters: ParameterSet, progress: Progress | None) -> Iterator[Case]:
+    there_are = cases(parameters)
+    unknown = set(names or ()) - {case.name for case in there_are}
     if unknown:
         raise EmcasError(f"no such reference case: {', '.join(sorted(unknown))}; "
-                         f"there are {', '.join(case.name for case in CASES)}")
-    chosen = [case for case in CASES if not names or case.name in names]
+                         f"there are {', '.join(case.name for case in there_are)}")
+    chosen = [case for case in there_are if not names or case.name in names]
     for done, case in enumerate(chosen):
         if progress:
             progress(case.name, done, len(chosen))
         yield case
         if progress:
             progress(case.name, done + 1, len(chosen))
-
-
-def _values(case: Case, parameters: ParameterSet | None) -> dict[str, Value]:
-    return {**(parameters or load_parameters()).values, **case.overrides}
 
 
 def parameters_hash(values: Mapping[str, Value]) -> str:
@@ -165,7 +207,15 @@ def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def _provenance(case: Case, directory: Path, values: Mapping[str, Value]) -> dict[str, Any]:
+def _method(model: str) -> dict[str, Any]:
+    reference = get(model).reference
+    if reference != get(NONLINEAR).reference:
+        return {"method": f"the actuator's own, {Path(str(reference)).name}"}
+    return {"method": "scipy.integrate.solve_ivp, DOP853 with terminal events", "relative_tolerance": RTOL,
+            "absolute_tolerances": (RTOL * SCALES).tolist(), "maximum_step": MAX_STEP}
+
+
+def _provenance(case: Case, directory: Path, values: Mapping[str, Value], model: str) -> dict[str, Any]:
     return {
         "title": case.title,
         "kind": case.kind,
@@ -173,10 +223,8 @@ def _provenance(case: Case, directory: Path, values: Mapping[str, Value]) -> dic
         "stop_time": case.stop_time,
         "step": case.step,
         "command": COMMAND,
-        "method": "scipy.integrate.solve_ivp, DOP853 with terminal events",
-        "relative_tolerance": RTOL,
-        "absolute_tolerances": (RTOL * SCALES).tolist(),
-        "maximum_step": MAX_STEP,
+        **_method(model),
+        **({} if model == NONLINEAR else {"model": get(model).name}),
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,

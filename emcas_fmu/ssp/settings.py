@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from ..actuators import NONLINEAR, get
+from ..bench.fmu import model_of
 from ..parameters import check_parameters
-from ..validation.runs import model_of
 from .findings import Log, nearest
 from .interface import Interface
 from .structure import Binding, Element, Setting, Structure, systems

@@ -10,10 +10,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from ..actuators import NONLINEAR, get
+from ..bench.fmu import chosen_model
 from ..fmi.model_description import to_bytes
 from ..fmi.package import Progress, build
 from ..parameters import Value, load_parameters
-from ..validation.runs import chosen_model
 from .archive import file_content, write_archive
 from .check import check
 from .findings import Report

@@ -8,15 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from math import nan, pi, radians
+from math import degrees, nan, pi
 from typing import Any
 
 import numpy as np
 
 from ..actuators import NONLINEAR, get
+from ..bench import metrics
 from ..simulation import Array, respond
-from ..validation import metrics
-from ..validation.requirements import ACCURACY
 
 STEP = 1e-3  # s, between looks at the response
 REST = 0.05  # s before a step
@@ -26,6 +25,7 @@ TAIL = 0.3  # s, where hunting is looked for
 _LOWEST, _HIGHEST = 2.0, 60.0  # Hz, where a bandwidth is looked for
 _LOOP_LOWEST, _LOOP_POINTS = 0.5, 150  # Hz, and how many: enough for margins to 1e-6
 _PERIODS = 6.0  # of a sine; the first third is left out as transient
+ACCURACY = round(degrees(metrics.ACCURACY), 9)  # deg
 _INPUT = {v.name: i for i, v in enumerate(get(NONLINEAR).inputs)}
 
 
@@ -127,9 +127,9 @@ def _move(test: Test, values: Mapping[str, Any], sign: float) -> dict[str, float
     tail = angle[time > time[-1] - TAIL]
     current = result["motor_current"][time >= 0.0]
     return {
-        "rise_time": step.rise_time, "settling_time": step.settling_time, "overshoot": step.overshoot / 100.0,
+        "rise_time": step.rise_time, "settling_time": step.settling_time, "overshoot": step.overshoot,
         "steady_error": abs(step.steady_error), "peak_rate": rates.peak, "sustained_rate": rates.sustained,
-        "time_to_accuracy": metrics.time_to_accuracy(time, angle, 0.0, command, radians(ACCURACY)),
+        "time_to_accuracy": step.time_to_accuracy,
         "ripple": float(np.ptp(tail)), "peak_current": float(np.abs(current).max()),
         "rms_current": float(np.sqrt(np.mean(current**2))),
     }

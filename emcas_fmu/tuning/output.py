@@ -10,8 +10,8 @@ from typing import Any
 from rich.table import Table
 
 from .. import __version__
+from ..bench.writers import plain
 from ..parameters import file_entry, write_parameters
-from ..validation.results import finite
 from .evaluate import Evaluation
 from .experiments import FIGURES
 from .optimise import Result
@@ -92,4 +92,5 @@ def write_json(result: Result, path: Path, command: str) -> None:
         "judgements": [{"requirement": j.requirement, "case": j.case, "measured_si": j.measured, "share": j.share}
                        for j in result.best.judgements],
     }
-    path.write_text(json.dumps(finite(document), indent=1, allow_nan=False) + "\n", encoding="utf-8", newline="\n")
+    text = json.dumps(plain(document), indent=1, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8", newline="\n")

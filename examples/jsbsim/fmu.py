@@ -13,8 +13,8 @@ import numpy as np
 from fmpy.fmi1 import FMICallException
 from fmpy.simulation import instantiate_fmu
 
+from emcas_fmu.bench.fmu import opened
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.validation.runs import opened
 
 from .actuators import Demand, Response
 from .vehicle import AZIMUTHS, FINS, Array

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from emcas_fmu.bench.fmu import opened
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fitting import Fit
 from emcas_fmu.ssp.schema import NOMINAL
-from emcas_fmu.validation.runs import opened
 
 from .actuators import Actuators, Ideal
 from .build import build_unit

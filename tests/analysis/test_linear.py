@@ -21,8 +21,8 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.simulation import simulate
-from emcas_fmu.validation.linear import LinearModel
 from tests.default_actuator import namespace
 
 Values = Mapping[str, Any]

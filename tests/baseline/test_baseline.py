@@ -13,12 +13,11 @@ from typing import Any
 import junitparser
 import pytest
 
-from emcas_fmu.acceptance.article import ParameterArticle
 from emcas_fmu.baseline.compare import Row, compare
 from emcas_fmu.baseline.measure import FIGURES
 from emcas_fmu.baseline.model import TRACES, Limit
 from emcas_fmu.baseline.read import read
-from emcas_fmu.baseline.subject import Subject
+from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.parameters import load_parameters
 
 from .conftest import emcas
@@ -26,7 +25,7 @@ from .conftest import emcas
 
 def drift(shipped: Path, changes: Mapping[str, object]) -> list[Row]:
     """What drifts when parameters of the shipped set are changed."""
-    subject = Subject(ParameterArticle(load_parameters().replace(changes)))
+    subject = ParameterSubject(load_parameters().replace(changes))
     return list(compare(read(shipped / "baseline"), subject, shipped / "baseline").drifted)
 
 
@@ -45,7 +44,7 @@ def test_what_matters_is_drift(shipped: Path, values: Mapping[str, Any], name: s
 
 def test_a_finer_tick_leaves_most_of_every_limit(shipped: Path) -> None:
     """docs/ci.md: 23 % of the nearest limit; a half leaves room for other machines and later versions."""
-    subject = Subject(ParameterArticle(load_parameters().replace({"solver.max_tick": 3.5e-4})))
+    subject = ParameterSubject(load_parameters().replace({"solver.max_tick": 3.5e-4}))
     shares = [row.share for row in compare(read(shipped / "baseline"), subject, shipped / "baseline").rows]
     assert 0.0 < max(shares) < 0.5
 
@@ -138,7 +137,7 @@ def test_a_trajectory_drifts_either_way(shipped: Path, sign: float) -> None:
     points[100] -= sign * 0.2
     changed = replace(case, traces={**case.traces, "fin_angle": points})
     baseline = replace(approved, cases=(changed,))
-    rows = compare(baseline, Subject(ParameterArticle(load_parameters())), shipped / "baseline").drifted
+    rows = compare(baseline, ParameterSubject(load_parameters()), shipped / "baseline").drifted
     (row,) = rows
     assert (row.name, row.at) == ("fin_angle", 0.5)
     assert row.now - row.approved == pytest.approx(sign * 0.2, abs=1e-3)  # of rounding in the file
@@ -194,7 +193,7 @@ def test_what_is_within_a_limit(approved: float, now: float, limit: Limit | None
 
 
 def test_nothing_judged_is_no_pass(short: Path) -> None:
-    subject = Subject(ParameterArticle(load_parameters()))
+    subject = ParameterSubject(load_parameters())
     found = compare(read(short / "baseline"), subject, short / "baseline")
     assert found.passed
     assert not replace(found, rows=tuple(replace(r, limit=None) for r in found.rows)).passed

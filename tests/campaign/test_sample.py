@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from emcas_fmu.bench import metrics
 from emcas_fmu.campaign import measure, runners, sample
 from emcas_fmu.campaign.distributions import CampaignError
 from emcas_fmu.campaign.experiments import Experiment, Profile, excitation
@@ -20,7 +21,6 @@ from emcas_fmu.kernels import compiled
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.simulation import simulate
 from emcas_fmu.tuning import experiments as tuning
-from emcas_fmu.validation import metrics
 
 from .conftest import SMALL
 

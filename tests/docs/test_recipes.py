@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from emcas_fmu.bench.excitation import Excitation
+from emcas_fmu.bench.subject import open_subject
 from emcas_fmu.compiler import local_platform
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.validation.runs import opened
 from tests.hosts.host import missing, tool
 
 from .recipes import ROOT, recipes
@@ -80,10 +81,11 @@ def test_c_host(place: Path) -> None:
     assert len(rows) == 301
     assert abs(rows[-1]["fin_angle"] - 0.2) < 0.02
     assert all(math.isfinite(value) for row in rows for value in row.values())
-    inputs = {"time": [k * 1e-3 for k in range(301)], "fin_command": [0.0 if k < 50 else 0.2 for k in range(301)],
+    inputs = {"fin_command": [0.0 if k < 50 else 0.2 for k in range(301)],
               "aero_torque": [-200.0 * row["fin_angle"] for row in rows]}
-    with opened(place / "EMCAS.fmu") as unit:
-        found = unit.run({key: np.array(column) for key, column in inputs.items()}, 1e-3, {}, ["fin_angle"])
+    with open_subject(place / "EMCAS.fmu") as subject:
+        found = subject.run(Excitation("host", {key: np.array(column) for key, column in inputs.items()}),
+                            outputs=["fin_angle"])
     assert found.columns["fin_angle"].tolist() == [row["fin_angle"] for row in rows]
 
 

@@ -11,8 +11,8 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from emcas_fmu import __version__, compiler
+from emcas_fmu.bench.excitation import csv_file
 from emcas_fmu.cli import app
-from emcas_fmu.excitation import from_file
 from emcas_fmu.reference.files import read_csv
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -175,7 +175,7 @@ def test_simulate_a_case_and_a_file_alike(tmp_path: Path) -> None:
 def test_input_files_are_sampled_and_checked(tmp_path: Path) -> None:
     file = tmp_path / "in.csv"
     file.write_text('"time", "fin_command"\n0,0\n0.01,0\n0.01,0.1\n0.02,0.2\n', encoding="utf-8")
-    found = from_file(file, 2.5e-3, None).columns["fin_command"].tolist()
+    found = csv_file(file, 2.5e-3, None).columns["fin_command"].tolist()
     assert found == pytest.approx([0, 0, 0, 0, 0.1, 0.125, 0.15, 0.175, 0.2])  # jumps at 10 ms, ramps after it
     for text, said in (("fin_command\n1\n", "no column time"), ("time,rudder\n0,1\n", "rudder is no input"),
                        ("time\n0\n", "no column of an input"), ("time,enable\n1,1\n0,1\n", "backwards"),

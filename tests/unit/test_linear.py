@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from emcas_fmu.reference.linear import Array, LinearModel
 from emcas_fmu.simulation import simulate
-from emcas_fmu.validation.linear import Array, LinearModel
 
 Values = Mapping[str, Any]
 COMMAND = np.where(np.arange(301) >= 20, radians(1.0), 0.0)

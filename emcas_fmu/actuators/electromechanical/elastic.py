@@ -158,5 +158,6 @@ ACTUATOR = replace(
     derivatives=derivatives,
     step=step,
     output_values=output_values,
+    reference=None,
     modules=(sys.modules[__name__], drive_line, step_elastic, *nonlinear.EQUATIONS),
 )

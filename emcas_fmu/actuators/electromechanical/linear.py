@@ -54,7 +54,7 @@ ACTUATOR = replace(
         "controller.speed_limit", "controller.antiwindup", "friction.coulomb.", "friction.cold_coulomb_ratio",
         "friction.fin_coulomb", "compensation.", "encoder."),
     rules=(interface.LEVER_RULE, interface.INERTIA_RULE),
-    descriptions={"supply_voltage": "bus voltage of the drive; limits nothing here"},
+    descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; limits nothing here"},
     provides=frozenset({capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE,
                         capabilities.SCREW_DRIVE, capabilities.POSITION_LOOP, capabilities.CASCADE,
                         capabilities.SUPPLY_VOLTAGE}),
@@ -65,5 +65,6 @@ ACTUATOR = replace(
     derivatives=rewired(nonlinear.derivatives, _linear),
     step=step,
     output_values=output_values,
+    reference=None,
     modules=(sys.modules[__name__], *nonlinear.EQUATIONS),
 )

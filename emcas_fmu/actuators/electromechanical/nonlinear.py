@@ -114,13 +114,18 @@ def longest_tick(ops: Ops, p: Any) -> Value:
 
 ACTUATOR = Actuator(
     name="nonlinear",
-    title="nonlinear electromechanical actuator",
+    title="Nonlinear electromechanical control actuation system: brushless motor, current-mode drive, ball screw, "
+          "lever and fin, with position, velocity and current loops",
+    origin="The model is that of Ü. Yerlikaya, Dynamic modeling and control of an electromechanical control actuation "
+           "system, M.S. thesis, METU, 2016; numbers in brackets are its equations. Where the thesis gives no number, "
+           "the default is an engineering estimate, marked as such; it is not a measurement of the thesis's prototype.",
     states=interface.MOTOR + interface.DRIVE,
     controller_states=interface.CONTROLLER,
     encoder=("motor_angle", "motor_speed"),
     outputs=interface.OUTPUTS,
     parameters=interface.PARAMETERS,
     supply=interface.SUPPLY,
+    descriptions=interface.INPUT_DESCRIPTIONS,
     rules=interface.RULES,
     equal_parameters=interface.EQUAL,
     terminals=interface.TERMINALS,
@@ -138,5 +143,6 @@ ACTUATOR = Actuator(
     longest_tick=longest_tick,
     tick_remedy=interface.TICK_REMEDY,
     transport_delay=interface.transport_delay,
+    reference="emcas_fmu.reference.simulate",
     modules=EQUATIONS,
 )

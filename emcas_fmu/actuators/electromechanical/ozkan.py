@@ -56,7 +56,7 @@ ACTUATOR = replace(
     parameters=interface.PARAMETERS + elastic.TORSIONAL,
     provides=elastic.ACTUATOR.provides - {
         capabilities.SCREW_LOAD, capabilities.BACKLASH, capabilities.CURRENT_LOOP, capabilities.VOLTAGE_LIMIT},
-    descriptions={"supply_voltage": "bus voltage of the drive; limits nothing here"},
+    descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; limits nothing here"},
     structure=Structure(constant_ratio=True, current="ideal", drive_line=True),
     initial=rewired(elastic.initial, _ozkan),
     sample=rewired(elastic.sample, _ozkan),

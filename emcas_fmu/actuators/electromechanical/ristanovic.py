@@ -75,5 +75,6 @@ ACTUATOR = replace(
     output_values=output_values,
     longest_tick=fin_port.max_tick,
     tick_remedy="raise solver.max_tick",
+    reference=None,
     modules=(sys.modules[__name__], *nonlinear.EQUATIONS),
 )

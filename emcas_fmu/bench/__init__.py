@@ -1,0 +1,9 @@
+"""The test bench of every study: subject, excitations, metrics, verdicts, and ways to write results.
+
+    subject.py      an FMU or a parameter set of any actuator, behind one way to run it
+    excitation.py   what is done to it: rows of inputs
+    metrics.py      what is read off a response, SI, each figure defined once
+    verdict.py      figures against requirements
+    writers.py      JSON, JUnit and pages, all pages out of base.html.j2
+    fmu.py          opening an FMU and telling its model
+"""

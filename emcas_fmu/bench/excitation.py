@@ -1,0 +1,234 @@
+"""The excitations of the bench: rows of inputs that are given to an actuator, each held until the next.
+
+Angles are in rad, moments in N.m, times in s, frequencies in Hz. Every motion begins after a rest (LEAD_IN; a slew
+after SETTLE at its starting end), and every load comes on within LOAD_RISE of the command, as in the reference cases.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+from math import degrees, log, pi
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..actuators import NONLINEAR, get
+from ..errors import EmcasError
+from ..reference.cases import CASES, LEAD_IN, LOAD_RISE, SWEEP
+from ..simulation import MOST_POINTS, Array
+
+STEP = 1e-3  # s
+SETTLE = 1.0  # s at the starting end of a slew, unloaded: three times what the settling of a large step takes
+COMMAND, LOAD = "fin_command", "aero_torque"
+
+
+class Move(NamedTuple):
+    """A jump of the command: its instant [s], the level [rad], and when the next one comes or the rows end [s]."""
+
+    start: float
+    level: float
+    end: float
+
+
+@dataclass(frozen=True, eq=False)
+class Excitation:
+    """Columns of inputs by name, SI, whose rows are `step` [s] apart from 0, and parameters that differ with them.
+
+    What is judged begins at `begin` [s]. A `spring` [N.m/rad] takes its moment, by the fin angle at the beginning of
+    each row, off the hinge moment.
+    """
+
+    title: str
+    columns: Mapping[str, Array] = field(repr=False)
+    begin: float = 0.0
+    step: float = STEP
+    start_values: Mapping[str, Any] = field(default_factory=dict)
+    spring: float = 0.0
+
+    @cached_property
+    def time(self) -> Array:
+        """Times of the rows [s]: the floats a host gets that counts its steps."""
+        return np.arange(len(next(iter(self.columns.values())))) * self.step
+
+    @property
+    def stop(self) -> float:
+        """The time of the last row [s]."""
+        return float(self.time[-1])
+
+    @property
+    def command(self) -> Array:
+        """The column of the command [rad]."""
+        return self.columns.get(COMMAND, np.zeros(len(self.time)))
+
+    @cached_property
+    def moves(self) -> tuple[Move, ...]:
+        """The jumps of a command that moves in steps."""
+        jumps = np.flatnonzero(np.diff(self.command)) + 1
+        ends = [*self.time[jumps].tolist(), self.stop]
+        return tuple(Move(start, float(self.command[row]), end)
+                     for row, (start, end) in zip(jumps, pairwise(ends), strict=True))
+
+    def judged(self, time: Array) -> Any:
+        """Whether each time [s] is at the beginning of what is judged or later; one a rounding short of it is."""
+        return time > self.begin - self.step / 2
+
+    def holding(self, columns: Mapping[str, Any]) -> Excitation:
+        """The same with further inputs, each a column or a constant."""
+        held = {name: np.broadcast_to(np.asarray(column, dtype=float), self.time.shape).copy()
+                for name, column in columns.items()}
+        return replace(self, columns={**self.columns, **held})
+
+    def with_start_values(self, values: Mapping[str, Any]) -> Excitation:
+        """The same with further parameters that differ."""
+        return replace(self, start_values={**self.start_values, **values})
+
+
+def _rows(stop: float, step: float) -> Array:
+    return np.arange(round(stop / step) + 1) * step
+
+
+def _loaded(title: str, command: Array, time: Array, begin: float, load: float, step: float) -> Excitation:
+    """A motion commanded at `begin`, and the load that comes on with it."""
+    rising = {LOAD: load * np.clip((time - begin) / LOAD_RISE, 0.0, 1.0)} if load else {}
+    return Excitation(title + (f" with {load:+g} N.m" if load else ""), {COMMAND: command, **rising}, begin, step)
+
+
+def step_to(level: float, duration: float, load: float = 0.0, step: float = STEP) -> Excitation:
+    """From rest at zero to a level [rad], held for `duration` [s]; a `load` [N.m] comes on with the command."""
+    time = _rows(LEAD_IN + duration, step)
+    return _loaded(f"step to {degrees(level):+.6g} deg", np.where(time > LEAD_IN - step / 2, level, 0.0), time, LEAD_IN,
+                   load, step)
+
+
+def slew_to(level: float, duration: float, load: float = 0.0, step: float = STEP) -> Excitation:
+    """From rest at -level to +level [rad], as `step_to`."""
+    time = _rows(SETTLE + duration, step)
+    command = np.where(time > SETTLE - step / 2, level, -level)
+    command[0] = 0.0
+    return _loaded(f"slew from {-degrees(level):+.6g} to {degrees(level):+.6g} deg", command, time, SETTLE, load, step)
+
+
+def sweep(amplitude: float, duration: float, low: float = SWEEP[0], high: float = SWEEP[1],
+          step: float = STEP) -> Excitation:
+    """Logarithmic sine sweep of the command [rad] between two frequencies [Hz]. Raises ValueError."""
+    if not low < high:
+        raise ValueError(f"the sweep's low = {low:g} Hz is not below its high = {high:g} Hz")
+    growth = log(high / low) / duration
+    since = np.maximum(_rows(LEAD_IN + duration, step) - LEAD_IN, 0.0)
+    return Excitation(f"sine sweep of {degrees(amplitude):.6g} deg",
+                      {COMMAND: amplitude * np.sin(2.0 * pi * low * np.expm1(growth * since) / growth)}, LEAD_IN, step)
+
+
+def sine(amplitude: float, frequency: float, cycles: float = 6.0, settle: tuple[float, float] = (4.0, 0.5),
+         variable: str = COMMAND, step: float = STEP) -> Excitation:
+    """Sine of the command [rad], or cosine of another input, at a frequency [Hz].
+
+    Judged are the last `cycles`, after a transient of `settle` cycles and at least s. A cosine of the hinge moment
+    gives a free inertia at rest no drift, as a sine would.
+    """
+    time = _rows(max(settle[0] / frequency, settle[1]) + cycles / frequency, step)
+    wave = (np.sin if variable == COMMAND else np.cos)(2.0 * pi * frequency * time)
+    return Excitation(f"sine of {variable} at {frequency:g} Hz", {variable: amplitude * wave},
+                      float(time[-1] - cycles / frequency), step)
+
+
+def load_ramp(moment: float, duration: float, step: float = STEP) -> Excitation:
+    """The hinge moment from zero to `moment` [N.m] in `duration` [s], command at zero."""
+    time = _rows(duration, step)
+    return Excitation(f"hinge moment up to {moment:+g} N.m", {LOAD: moment * time / duration}, step=step)
+
+
+def staircase(levels: Sequence[float], holds: Sequence[float], step: float = STEP) -> Excitation:
+    """The command at each level [rad] for its time [s]; judged is the last."""
+    held = np.repeat(levels, [round(hold / step) for hold in holds])
+    return Excitation(f"{len(levels)} levels of the command", {COMMAND: np.append(held, held[-1])}, sum(holds[:-1]),
+                      step)
+
+
+def reference_case(name: str, exact: bool = True) -> Excitation:
+    """A reference case by name. Raises EmcasError, naming those there are.
+
+    Trajectories are compared with true angle and speed fed back (`exact`); performance is that with the encoder.
+    """
+    found = {case.name: case for case in CASES}.get(name)
+    if found is None:
+        raise EmcasError(f"there is no case {name}; there is {', '.join(case.name for case in CASES)}")
+    made = Excitation(found.title, {v: column for v, column in found.inputs().items() if v != "time"}, LEAD_IN,
+                      found.step, found.overrides)
+    return made if exact else as_it_is(made)
+
+
+def as_it_is(excitation: Excitation) -> Excitation:
+    """The same with the subject's encoder."""
+    return replace(excitation, start_values={name: value for name, value in excitation.start_values.items()
+                                             if not name.startswith("encoder.")})
+
+
+def csv_file(path: Path, step: float = STEP, stop: float | None = None, model: str = NONLINEAR) -> Excitation:
+    """A CSV file with a column ``time`` [s] and columns of inputs of a model, SI, as fmpy reads it.
+
+    Between its rows inputs are interpolated; where two rows have the same time they jump. The run
+    begins at 0: inputs before the first row are those of it.
+    Raises EmcasError for what is no such file.
+    """
+    found = _read(path)
+    inputs = [v.name for v in get(model).inputs]
+    if "time" not in found:
+        raise EmcasError(f"{path}: has no column time; its columns are {', '.join(found)}")
+    if unknown := [name for name in found if name not in (*inputs, "time")]:
+        raise EmcasError(f"{path}: {', '.join(unknown)} is no input; inputs are {', '.join(inputs)}")
+    if len(found) < 2:
+        raise EmcasError(f"{path}: has no column of an input; inputs are {', '.join(inputs)}")
+    time = np.atleast_1d(found.pop("time"))
+    if not np.isfinite(time).all() or np.any(np.diff(time) < 0.0) or time[0] < 0.0:
+        raise EmcasError(f"{path}: time must be finite, begin at 0 or later and not run backwards")
+    end = float(time[-1]) if stop is None else stop
+    check_span(str(path), step, end)
+    points = np.arange(round(end / step) + 1) * step
+    columns = {}
+    for name, column in found.items():
+        if not np.isfinite(column).all():
+            raise EmcasError(f"{path}: {name} has an empty or non-finite value")
+        columns[name] = _sampled(points, time, np.atleast_1d(column))
+    return Excitation(path.name, columns, step=step)
+
+
+def _read(path: Path) -> dict[str, Array]:
+    """Columns of a CSV file with one line of names, quoted or not."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            header, *lines = [row for row in csv.reader(file, skipinitialspace=True) if row]
+        table = np.array([[float(cell) for cell in row] for row in lines])
+        if not lines or table.ndim != 2 or table.shape[1] != len(header):
+            raise ValueError("it needs a line of names, and below it lines of as many numbers")
+    except (OSError, ValueError) as error:
+        raise EmcasError(f"{path}: cannot be read as a table of numbers: {error}") from error
+    names = [name.strip() for name in header]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise EmcasError(f"{path}: column {', '.join(twice)} is given twice")
+    return dict(zip(names, table.T, strict=True))
+
+
+def check_span(what: str, step: float, stop: float) -> None:
+    """Raise EmcasError where rows `step` [s] apart do not end at `stop` [s], or are too many."""
+    if not step <= stop <= MOST_POINTS * step:
+        raise EmcasError(f"{what}: the end at {stop:g} s must be 1 to {MOST_POINTS:g} steps of {step:g} s from 0; "
+                         "see --stop and --interval")
+    if abs(stop / step - round(stop / step)) > 1e-6:
+        raise EmcasError(f"{what}: the end at {stop:g} s is no whole number of steps of {step:g} s; see --stop and "
+                         "--interval")
+
+
+def _sampled(points: Array, time: Array, column: Array) -> Array:
+    """Linear between rows, from the right at a jump, held outside."""
+    after = np.searchsorted(time, points * (1.0 + 1e-12), side="right")  # a point a rounding short of a row is on it
+    low, high = np.clip(after - 1, 0, len(time) - 1), np.clip(after, 0, len(time) - 1)
+    span = time[high] - time[low]
+    share = np.where(span > 0.0, (points - time[low]) / np.where(span > 0.0, span, 1.0), 0.0)
+    sampled: Array = column[low] + np.clip(share, 0.0, 1.0) * (column[high] - column[low])
+    return sampled

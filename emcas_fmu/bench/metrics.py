@@ -1,0 +1,354 @@
+"""The figures of responses, each defined once: pure functions of uniformly sampled columns, SI throughout.
+
+Angles in rad, rates in rad/s, times in s, frequencies in Hz, shares as numbers; `shown` gives what people read.
+FIGURES names them all, with their units and the standard or book a definition follows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import degrees, inf, nan, pi, radians
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+if TYPE_CHECKING:
+    from .subject import Run
+
+Array = NDArray[np.floating[Any]]
+
+ACCURACY = radians(0.2)  # Yerlikaya (2016), Table 2
+SWEPT = (0.5, 24.0)  # Hz; above, a sweep to 30 Hz ends within half a segment of the estimate
+TAIL = 0.3  # s, the end of a response in which hunting is looked for
+HELD = 0.1  # s, the end of a hold over which the angle held is averaged
+CREPT = 1e-8  # rad that count as motion
+
+# Hann segments of the frequency response. A second is thirty times the actuator's memory, so that cutting a
+# response off at a segment's end matters little, and short enough that a sweep's harmonics, which come at
+# other times than the same frequency in the command, fall into other segments.
+SEGMENT = 1.0  # s
+OVERLAP = 15.0 / 16.0
+# Share of the strongest input power below which a frequency counts as not excited.
+EXCITED = 1e-2
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure's unit (SI, dB, or none of a plain number), what it is and the outputs it `needs`.
+
+    `bad` is the side on which it is bad: 1 above, -1 below.
+    """
+
+    unit: str
+    title: str
+    needs: tuple[str, ...] = ("fin_angle",)
+    bad: float = 1.0
+
+
+FIGURES: Mapping[str, Figure] = {
+    "rise_time": Figure("s", "first time from 10 to 90 % of the commanded change"),
+    "settling_time": Figure("s", "until within 2 % of the change around the command for good"),
+    "time_to_accuracy": Figure("s", f"until within {degrees(ACCURACY):g} deg of the command for good"),
+    "time_to_90_percent": Figure("s", "until 90 % of the commanded change is covered"),
+    "overshoot": Figure("1", "beyond the command, share of the change"),
+    "steady_error": Figure("rad", "mean error over the last tenth"),
+    "ripple": Figure("rad", f"peak to peak over the last {TAIL:g} s"),
+    "sustained_rate": Figure("rad/s", "mean over the middle 60 % of the travel", bad=-1.0),
+    "peak_rate": Figure("rad/s", "largest magnitude of the fin rate", ("fin_rate",), -1.0),
+    "peak_angle": Figure("rad", "largest magnitude of the fin angle"),
+    "bandwidth_3db": Figure("Hz", "lowest frequency where the fundamental is 3 dB down", bad=-1.0),
+    "bandwidth_90deg": Figure("Hz", "lowest frequency where the fundamental lags 90 deg", bad=-1.0),
+    "peak_gain": Figure("dB", "largest gain of the fundamental within the frequencies looked at"),
+    "lowest_coherence": Figure("", "least ordinary coherence up to the -3 dB frequency", bad=-1.0),
+    "peak_tracking_error": Figure("rad", "largest distance from the clipped command", ("tracking_error",)),
+    "rms_tracking_error": Figure("rad", "distance from the clipped command, root mean square", ("tracking_error",)),
+    "peak_current": Figure("A", "largest magnitude of the motor current", ("motor_current",)),
+    "rms_current": Figure("A", "motor current, root mean square", ("motor_current",)),
+    "peak_power": Figure("W", "largest power drawn", ("supply_power",)),
+    "peak_returned_power": Figure("W", "largest power fed back", ("supply_power",)),
+    "energy_drawn": Figure("J", "integral of the power drawn", ("supply_power",)),
+    "energy_returned": Figure("J", "integral of the power fed back", ("supply_power",)),
+    "saturated_share": Figure("1", "share of the time a limit is active", ("saturated",)),
+    "at_stop_share": Figure("1", "share of the time against a mechanical stop", ("at_stop",)),
+}
+_SHOWN = {"rad": ("deg", degrees(1.0)), "rad/s": ("deg/s", degrees(1.0)), "s": ("ms", 1e3), "1": ("%", 100.0)}
+
+
+def shown(unit: str) -> tuple[str, float]:
+    """The unit people read a figure in, and the factor to it."""
+    return _SHOWN.get(unit, (unit, 1.0))
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Largest magnitude and root mean square of response - reference, in the variable's unit."""
+
+    maximum: float
+    rms: float
+
+
+def errors(response: Array, reference: Array) -> Errors:
+    """Return the errors of a response to a reference at the same times; nan where either is, or there is none."""
+    difference = np.asarray(response, dtype=float) - reference
+    return Errors(float(np.max(np.abs(difference))), rms(difference)) if len(difference) else Errors(nan, nan)
+
+
+def rms(values: Array) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def crossing(time: Array, values: Array, level: float) -> float:
+    """Return the first time [s] `values` reach `level` from below, by linear interpolation; nan if never."""
+    above = values >= level
+    if not above.any():
+        return nan
+    k = int(np.argmax(above))
+    if k == 0:
+        return float(time[0])
+    return float(time[k - 1] + (level - values[k - 1]) / (values[k] - values[k - 1]) * (time[k] - time[k - 1]))
+
+
+def settling(time: Array, distance: Array, band: float) -> float:
+    """Return the time [s] from the first row on after which `distance` stays within `band` for good.
+
+    By linear interpolation; 0 where it is never outside, inf where it is not within it at the end.
+    """
+    outside = np.flatnonzero(~(distance <= band))
+    if not len(outside):
+        return 0.0
+    k = int(outside[-1])
+    if k == len(time) - 1:
+        return inf
+    inside = (distance[k] - band) / (distance[k] - distance[k + 1])
+    return float(time[k] - time[0] + inside * (time[k + 1] - time[k]))
+
+
+def since(start: float, time: Array, *columns: Array) -> tuple[Array, ...]:
+    """Return time and columns from `start` [s] on."""
+    # Communication times carry rounding: a nanosecond early is on time.
+    begin = int(np.searchsorted(time, start - 1e-9))
+    return (time[begin:], *(column[begin:] for column in columns))
+
+
+@dataclass(frozen=True)
+class StepMetrics:
+    """Figures of a motion to a level, from the command on: see FIGURES; `steady_error` is signed.
+
+    nan where a level is never reached, inf for a time that does not end within the record.
+    """
+
+    rise_time: float
+    settling_time: float
+    time_to_accuracy: float
+    time_to_90_percent: float
+    overshoot: float
+    steady_error: float
+    ripple: float
+
+
+def step_metrics(time: Array, response: Array, start: float, command: float) -> StepMetrics:
+    """Return the figures of the response [rad] to a command that jumps to a level at `start` [s] and stays there.
+
+    All levels refer to the commanded change, from the response at `start`, and not to the value the
+    response ends at: a servo is judged by where it is commanded to go. Otherwise as in Ogata,
+    "Modern Control Engineering", 5th ed., section 5-3. `time_to_accuracy` is settling within ACCURACY.
+    """
+    time, response = since(start, time, response)
+    share = (response - response[0]) / (command - response[0])
+    tenth, most = (crossing(time, share, level) for level in (0.1, 0.9))
+    return StepMetrics(
+        rise_time=most - tenth,
+        settling_time=settling(time, np.abs(share - 1.0), 0.02),
+        time_to_accuracy=settling(time, np.abs(response - command), ACCURACY),
+        time_to_90_percent=most - start,
+        overshoot=max(float(np.max(share)) - 1.0, 0.0),
+        steady_error=float(np.mean(response[-max(len(time) // 10, 1):]) - command),
+        ripple=float(np.ptp(response[time > time[-1] - TAIL])),
+    )
+
+
+@dataclass(frozen=True)
+class Slew:
+    """Rates of a large motion [rad/s]: largest magnitude, and mean over the middle 60 % of the travel."""
+
+    peak: float
+    sustained: float
+
+
+def slew(time: Array, angle: Array, rate: Array, start: float, command: float) -> Slew:
+    """Return the rates of a motion commanded at `start` [s]; the sustained one is nan if 80 % is never reached.
+
+    The middle of the travel leaves out the run-up and the braking, and a mean does not reward a
+    spike: of the two, the sustained rate is what a guidance loop can count on.
+    """
+    time, angle, rate = since(start, time, angle, rate)
+    travel = command - angle[0]
+    share = (angle - angle[0]) / travel
+    return Slew(peak=float(np.max(np.abs(rate))),
+                sustained=abs(travel) * 0.6 / (crossing(time, share, 0.8) - crossing(time, share, 0.2)))
+
+
+def motion(run: Run, number: int = 0) -> dict[str, float]:
+    """Return the figures of the nth jump of the command of a finished run, judged until the next."""
+    move, columns = run.excitation.moves[number], run.columns
+    upto = columns["time"] <= move.end + 1e-9
+    time, angle, rate = (columns[name][upto] for name in ("time", "fin_angle", "fin_rate"))
+    rates = slew(time, angle, rate, move.start, move.level)
+    return {**vars(step_metrics(time, angle, move.start, move.level)), "peak_rate": rates.peak,
+            "sustained_rate": rates.sustained}
+
+
+def held_error(run: Run) -> float:
+    """Return the mean fin angle - command [rad] over the end of a hold."""
+    time = run.columns["time"]
+    return float(np.mean(run.columns["fin_angle"][time > time[-1] - HELD])) - run.excitation.moves[-1].level
+
+
+def usage(run: Run) -> dict[str, float]:
+    """Return what any run has, from the excitation's beginning on, as far as the outputs it needs were recorded."""
+    names = [name for name in run.columns if name != "time"]
+    time, *rest = since(run.excitation.begin, run.columns["time"], *(run.columns[name] for name in names))
+    at = dict(zip(names, rest, strict=True))
+    found: dict[str, float] = {}
+    for output, peak in (("fin_angle", "peak_angle"), ("fin_rate", "peak_rate"), ("motor_current", "peak_current"),
+                         ("tracking_error", "peak_tracking_error")):
+        if output in at:
+            found[peak] = float(np.max(np.abs(at[output])))
+    found |= {name: rms(at[output]) for output, name in (
+        ("motor_current", "rms_current"), ("tracking_error", "rms_tracking_error")) if output in at}
+    found |= {f"{name}_share": float(np.mean(at[name] > 0.5)) for name in ("saturated", "at_stop") if name in at}
+    if "supply_power" in at:
+        power = at["supply_power"]
+        drawn, returned = energies(time, power)
+        found |= {"peak_power": float(np.max(power, initial=0.0)), "energy_drawn": drawn, "energy_returned": returned,
+                  "peak_returned_power": float(np.max(-power, initial=0.0))}
+    return found
+
+
+def energies(time: Array, power: Array) -> tuple[float, float]:
+    """Return the energy [J] drawn and, as a magnitude, fed back, by the trapezoidal rule."""
+    return (float(np.trapezoid(np.maximum(power, 0.0), time)), float(np.trapezoid(np.maximum(-power, 0.0), time)))
+
+
+@dataclass(frozen=True)
+class FrequencyResponse:
+    """Response over command: ``frequency`` [Hz], ``gain`` [1], ``phase`` [rad, unwrapped], ``coherence`` [1]."""
+
+    frequency: Array
+    gain: Array
+    phase: Array
+    coherence: Array
+
+    @property
+    def gain_db(self) -> Array:
+        """Gain [dB]."""
+        return 20.0 * np.log10(self.gain)
+
+    @property
+    def bandwidth(self) -> float:
+        """Lowest frequency [Hz] at which the gain falls 3 dB below unity; nan if it does not."""
+        return crossing(self.frequency, -self.gain_db, 3.0)
+
+    @property
+    def phase_bandwidth(self) -> float:
+        """Lowest frequency [Hz] at which the response lags by 90 degrees; nan if it does not."""
+        return crossing(self.frequency, -np.degrees(self.phase), 90.0)
+
+
+def frequency_response(time: Array, command: Array, response: Array, low: float, high: float) -> FrequencyResponse:
+    """H1 estimate, S_cr / S_cc by Welch's method, between two frequencies [Hz] the command sweeps through.
+
+    H1 (Bendat & Piersol, "Random Data", 4th ed., section 6.2) weighs every segment by what the
+    command does in it, so that the harmonics a nonlinear response has while the sweep is elsewhere
+    drop out: what remains is the fundamental, the describing function of the amplitude swept with.
+    The response is first moved back by its lag, which would bias the estimate (ibid., section 11.3).
+    Frequencies the command does not excite are left out; at an end of a sweep the estimate is poor
+    where it lasts less than half a segment. One sweep of 12 s from 0.5 to 30 Hz gives a second-order
+    system with delay to 1.5 % from 0.5 to 22 Hz, and to 5 % at 24 Hz.
+    """
+    rate = (len(time) - 1) / (time[-1] - time[0])
+    lag = max(int(np.argmax(signal.correlate(response, command))) - (len(command) - 1), 0)
+    command, response = command[:len(command) - lag], response[lag:]
+    length = min(round(SEGMENT * rate), len(command))
+    options = {"fs": rate, "window": "hann", "nperseg": length, "noverlap": int(OVERLAP * length),
+               "nfft": 8 * length, "detrend": False}
+    frequency, s_cr = signal.csd(command, response, **options)
+    _, s_cc = signal.welch(command, **options)
+    _, s_rr = signal.welch(response, **options)
+    inside = (frequency >= low) & (frequency <= high) & (s_cc > EXCITED * np.max(s_cc))
+    frequency, s_cr, s_cc, s_rr = frequency[inside], s_cr[inside], s_cc[inside], s_rr[inside]
+    ratio = s_cr / s_cc * np.exp(-2j * np.pi * frequency * lag / rate)
+    # The first phase is near zero: a servo follows what is slow.
+    return FrequencyResponse(frequency, np.abs(ratio), np.unwrap(np.angle(ratio)), np.abs(s_cr) ** 2 / (s_cc * s_rr))
+
+
+def sweep_response(run: Run, low: float = SWEPT[0], high: float = SWEPT[1]) -> FrequencyResponse:
+    """Return the frequency response of a finished run under a sweep; a fin that does not move has none."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return frequency_response(run.columns["time"], run.excitation.command, run.columns["fin_angle"], low, high)
+
+
+def swept(response: FrequencyResponse) -> dict[str, float]:
+    """Return the figures of a frequency response."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        upto = response.frequency <= (inf if np.isnan(response.bandwidth) else response.bandwidth)
+        return {"bandwidth_3db": response.bandwidth, "bandwidth_90deg": response.phase_bandwidth,
+                "peak_gain": float(np.max(response.gain_db)) if len(response.gain) else nan,
+                "lowest_coherence": float(np.min(response.coherence[upto])) if upto.any() else nan}
+
+
+def fundamental(time: Array, values: Array, frequency: float) -> complex:
+    """Return the complex amplitude c of Re(c exp(2 pi i f t)) in `values`, by least squares beside offset and drift."""
+    angle = 2.0 * pi * frequency * time
+    span = float(time[-1] - time[0]) or 1.0
+    terms = np.column_stack([np.cos(angle), np.sin(angle), np.ones_like(time), (time - time[0]) / span])
+    cosine, sine, *_ = np.linalg.lstsq(terms, values, rcond=None)[0]
+    return complex(cosine, -sine)
+
+
+def held(amplitude: complex, frequency: float, step: float) -> complex:
+    """Return the fundamental of a sinusoid of complex `amplitude` that is sampled and held every `step` [s]."""
+    return complex(amplitude * np.sinc(frequency * step) * np.exp(-1j * pi * frequency * step))
+
+
+def breakaway(moment: Array, angle: Array, crept: float = CREPT) -> float:
+    """Return the magnitude of the moment at which the angle first leaves its start by more than `crept`; nan if not."""
+    moved = np.flatnonzero(np.abs(angle - angle[0]) > crept)
+    return float(abs(moment[moved[0]])) if len(moved) else nan
+
+
+@dataclass(frozen=True)
+class Bidirectional:
+    """Figures of a bidirectional grid, in the unit of the errors; `means` (side, target), `reversal` of each target,
+    nan where a target is not approached from a side."""
+
+    largest_error: float
+    hysteresis: float
+    repeatability: float
+    accuracy: float
+    mean_error: float
+    means: Array
+    reversal: Array
+
+
+def bidirectional(below: Array, above: Array) -> Bidirectional:
+    """Return the figures of errors (target, cycle) of approaches from below and from above.
+
+    ISO 230-2 (2014), "Determination of accuracy and repeatability of positioning of numerically
+    controlled axes". A target that has no approach from one side has nan there.
+    """
+    errors = np.stack([below, above])  # side, target, cycle
+    known = ~np.isnan(errors).all(axis=2)
+    means, spreads = np.full(known.shape, np.nan), np.full(known.shape, np.nan)
+    means[known] = errors[known].mean(axis=1)
+    spreads[known] = errors[known].std(axis=1, ddof=1) if errors.shape[2] > 1 else 0.0
+    reversal = means[0] - means[1]
+    both = ~np.isnan(reversal)
+    return Bidirectional(
+        float(np.nanmax(np.abs(errors))), float(np.max(np.abs(reversal[both]), initial=0.0)),
+        float(4.0 * np.nanmax(spreads)), float(np.nanmax(means + 2.0 * spreads) - np.nanmin(means - 2.0 * spreads)),
+        float(np.nanmean(errors)), means, reversal)

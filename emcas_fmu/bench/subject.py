@@ -1,0 +1,408 @@
+"""The subject under test: an actuator as a parameter set or as an FMU, behind one way to run it.
+
+A study asks a subject by name for what it needs (``"motor_current" in subject.outputs``) and leaves out, with
+the reason, what it has not.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import radians
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import fmpy
+import numpy as np
+from fmpy.fmi1 import FMICallException
+from numpy.typing import NDArray
+
+from ..actuators import NONLINEAR, full_name, get
+from ..actuators.declaration import Actuator
+from ..errors import EmcasError
+from ..kernels import compiled, program
+from ..parameters import ParameterError, ParameterSet, check_parameters, load_parameters
+from ..reference.files import parameters_hash
+from ..simulation import simulate
+from ..variables import Variable
+from .excitation import LOAD, Excitation
+from .fmu import OpenedFmu, chosen_model, opened
+
+Array = NDArray[np.floating[Any]]
+Columns = Mapping[str, Array]
+
+COMMAND_RANGE = radians(20.0)  # Table 2's; of an actuator that does not say its own
+_LAST_MESSAGES = 20  # kept of a run's log
+_STATUS = ("ok", "warning", "discard", "error", "fatal", "pending")
+
+
+class StoppedError(EmcasError):
+    """A run that is needed did not reach its end."""
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What was tested: nothing in it depends on where or when the test is run."""
+
+    kind: str
+    """`FMU` or `parameter set`."""
+    file: str
+    sha256: str
+    """Of the file; empty for the shipped parameters."""
+    name: str
+    guid: str
+    """Empty for a parameter set."""
+    generation_tool: str
+    parameters_sha256: str
+    run_by: str
+    differences: tuple[str, ...]
+    """Parameters that differ from the shipped ones."""
+    estimates: tuple[str, ...]
+    """Parameters that rest on an engineering estimate."""
+    model: str = NONLINEAR
+    fin: int | None = None
+    """From 1 on, of an FMU."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """The response to an excitation: `columns` by name, `time` [s] first.
+
+    ``stopped`` is the time [s] the subject went no further than, None where it ran to the end;
+    ``messages`` what it logged; ``wall_time`` [s].
+    """
+
+    excitation: Excitation = field(repr=False)
+    columns: Columns = field(repr=False)
+    stopped: float | None
+    messages: tuple[str, ...]
+    wall_time: float
+
+    @property
+    def reason(self) -> str:
+        """Why the run ended early; empty where it did not."""
+        if self.stopped is None:
+            return ""
+        return f"went no further than {self.stopped:.6g} s: {self.messages[-1] if self.messages else 'no reason given'}"
+
+    def finished(self) -> Columns:
+        """The columns. Raises StoppedError, saying why, where the run ended early."""
+        if self.stopped is not None:
+            raise StoppedError(f"the subject {self.reason}")
+        return self.columns
+
+
+class Subject(ABC):
+    """An actuator that can be excited; `model` is the actuator's name with its options, as in ``elastic+heat``."""
+
+    model: str = NONLINEAR
+
+    @property
+    @abstractmethod
+    def identification(self) -> Identification:
+        """What it is."""
+
+    @property
+    @abstractmethod
+    def values(self) -> Mapping[str, Any]:
+        """Its parameters by the names a parameter file gives them, in their variables' units."""
+
+    @abstractmethod
+    def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
+            outputs: Iterable[str] | None = None, substeps: int = 1) -> Run:
+        """The response at the times of the rows, or at `substeps` equal steps of each row.
+
+        `start_values` are parameters that differ, over those of the excitation; `outputs` what to record, everything
+        unless given. Raises EmcasError for what the subject has not and ParameterError for values it refuses; what
+        goes wrong on the way is in the run.
+        """
+
+    @property
+    def actuator(self) -> Actuator:
+        """What it is of."""
+        return get(self.model)
+
+    @cached_property
+    def inputs(self) -> Mapping[str, Variable]:
+        """Its inputs by name."""
+        return {v.name: v for v in self.actuator.inputs}
+
+    @cached_property
+    def outputs(self) -> Mapping[str, Variable]:
+        """Its outputs by name."""
+        return {v.name: v for v in self.actuator.outputs}
+
+    @property
+    def command_limit(self) -> float:
+        """The largest command it follows [rad]."""
+        return float(self.values.get("command.limit", COMMAND_RANGE))
+
+    def lacking(self, outputs: Iterable[str]) -> str:
+        """Which of these outputs it has not, in words; empty where it has them all."""
+        return _words(name for name in outputs if name not in self.outputs)
+
+    def obstacle(self, excitation: Excitation) -> str:
+        """Why it cannot be excited so, in words; empty where it can."""
+        return _words([*(name for name in excitation.columns if name not in self.inputs),
+                       *(name for name in excitation.start_values if name not in self.values)])
+
+    def _start(self, excitation: Excitation, start_values: Mapping[str, Any] | None) -> dict[str, Any]:
+        changes = {**excitation.start_values, **(start_values or {})}
+        missing = _words([*(name for name in excitation.columns if name not in self.inputs),
+                          *(name for name in changes if name not in self.values)])
+        if missing:
+            raise EmcasError(f"{excitation.title}: {missing} ({self.model})")
+        return changes
+
+
+def _words(missing: Iterable[str]) -> str:
+    found = ", ".join(missing)
+    return f"this actuator has no {found}" if found else ""
+
+
+class ParameterSubject(Subject):
+    """A parameter set, run by the kernel in this process; `files` are those it is of."""
+
+    def __init__(self, parameters: ParameterSet, files: Sequence[Path] = ()) -> None:
+        self.parameters, self.files, self.model = parameters, files, parameters.model
+
+    @cached_property
+    def values(self) -> Mapping[str, Any]:
+        return self.parameters.values
+
+    @cached_property
+    def identification(self) -> Identification:
+        return Identification(
+            "parameter set", ", ".join(file.name for file in self.files) or "the shipped parameters",
+            hashlib.sha256(b"".join(file.read_bytes() for file in self.files)).hexdigest() if self.files else "",
+            "EMCAS", "", "",
+            parameters_hash(self.values), "the kernel of emcas", _differences(self.values, self.model),
+            tuple(e.variable.name for e in self.parameters.entries if e.source == "estimate"), self.actuator.name)
+
+    def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
+            outputs: Iterable[str] | None = None, substeps: int = 1) -> Run:
+        begin = perf_counter()
+        names = ("time", *(self.outputs if outputs is None else outputs))
+        values = {**self.values, **self._start(excitation, start_values)}
+        try:
+            if excitation.spring:
+                found = _sprung(values, self.model, excitation, substeps)
+            else:
+                signals: dict[str, Any] = {name.replace(".", "__"): _repeated(column, substeps)
+                                           for name, column in excitation.columns.items()}
+                found = simulate(values, float(excitation.time[-1]), excitation.step / substeps, model=self.model,
+                                 **signals)
+        except ArithmeticError as error:
+            empty = {name: np.array([]) for name in names}
+            return Run(excitation, empty, 0.0, (str(error),), perf_counter() - begin)
+        return Run(excitation, {name: found[name] for name in names}, None, (), perf_counter() - begin)
+
+
+def _repeated(column: Array, substeps: int) -> Array:
+    return column if substeps == 1 else np.repeat(column, substeps)[:1 - substeps]
+
+
+def _sprung(values: Mapping[str, Any], model: str, excitation: Excitation, substeps: int) -> dict[str, Array]:
+    """Row by row, with the spring's moment by the fin angle at the beginning of each."""
+    inputs, outputs = get(model).inputs, get(model).outputs
+    if compiled.available(model):
+        core: Any = compiled.CompiledCore(values, model)
+    else:  # the compiled one checks for itself
+        _check(values, model)
+        core = program.core(values, model)
+    starts = [values[v.key] if v.key else v.start or 0.0 for v in inputs]
+    index, places = {v.name: i for i, v in enumerate(inputs)}, program.places(model)
+    given = {index[name]: column.tolist() for name, column in excitation.columns.items()}
+    angle = [v.name for v in outputs].index("fin_angle")
+
+    def acting(k: int, at: float) -> tuple[Any, ...]:
+        row = list(starts)
+        for i, column in given.items():
+            row[i] = column[k]
+        row[index[LOAD]] -= excitation.spring * at
+        return places.arrange(row, core.forces)
+
+    rows = [core.outputs(acting(0, 0.0))]
+    step = excitation.step / substeps
+    for k in range(len(excitation.time) - 1):
+        boundary = acting(k, rows[-1][angle])
+        rows += [core.run((k * substeps + sub) * step, boundary) for sub in range(1, substeps + 1)]
+    table = np.array(rows, dtype=float)
+    return {"time": np.arange(len(table)) * step, **{v.name: table[:, i] for i, v in enumerate(outputs)}}
+
+
+class FmuSubject(Subject):
+    """An FMU, run by fmpy: one instance, reset between runs and made anew after one that failed."""
+
+    def __init__(self, unit: OpenedFmu, model: str, fin: int = 1) -> None:
+        self.unit, self.model, self.fin = unit, model, fin
+        for variables, causality in ((self.inputs.values(), "input"), (self.outputs.values(), "output"),
+                                     (get(model).parameters, "parameter")):
+            unit.require([v.name for v in variables], causality)
+        self._messages: deque[str] = deque(maxlen=_LAST_MESSAGES)
+        self._instance: Any = None
+
+    @cached_property
+    def values(self) -> Mapping[str, Any]:
+        starts = self.unit.starts
+        return {**{v.name: starts[v.name] for v in get(self.model).parameters},
+                **{v.key: starts[v.name] for v in self.inputs.values() if v.key}}
+
+    @cached_property
+    def identification(self) -> Identification:
+        description, changed = self.unit.description, _differences(self.values, self.model)
+        estimates = (e.variable.name for e in load_parameters(model=self.model).entries if e.source == "estimate")
+        return Identification(
+            "FMU", self.unit.path.name, self.unit.sha256,
+            f"{description.modelName} {description.version or ''}".strip(), description.guid,
+            description.generationTool or "", parameters_hash(self.values), f"fmpy {fmpy.__version__}", changed,
+            tuple(name for name in estimates if name not in changed), self.actuator.name, self.fin)
+
+    def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
+            outputs: Iterable[str] | None = None, substeps: int = 1) -> Run:
+        begin, changes = perf_counter(), self._start(excitation, start_values)
+        recorded = [self.outputs[name] for name in (self.outputs if outputs is None else outputs)]
+        if changes:  # an FMU refuses, too, in words of its own or by not stepping
+            _check({**self.values, **changes}, self.model)
+        self._messages.clear()
+        steps = self._steps(excitation, changes, recorded, substeps)
+        times, rows, stopped = [], [], None
+        try:
+            for time, row in steps:
+                times.append(time)
+                rows.append(row)
+        except FMICallException as error:
+            if not self._messages:  # what the FMU says tells more
+                self._messages.append(str(error))
+            self.close()
+            stopped = times[-1] if times else 0.0
+        table = np.array(rows, dtype=float).reshape(len(rows), len(recorded))
+        columns = {"time": np.array(times), **{v.name: table[:, i] for i, v in enumerate(recorded)}}
+        return Run(excitation, columns, stopped, tuple(self._messages), perf_counter() - begin)
+
+    def _steps(self, excitation: Excitation, changes: Mapping[str, Any], recorded: Sequence[Variable],
+               substeps: int) -> Iterator[tuple[float, list[float]]]:
+        """Time [s] and what is recorded at the beginning and after each step."""
+        if self._instance is None:
+            self._instance = self.unit.instance(self._log)
+        else:
+            self._instance.reset()
+        fmu, references, step = self._instance, self.unit.references, excitation.step / substeps
+        started = {v.name: changes[v.key] for v in self.inputs.values() if v.key and v.key in changes}
+        for name, value in {**changes, **started}.items():
+            if name in references:  # the start of an input goes by another name in a parameter file
+                _set(fmu, self._kinds[name], references[name], value)
+        given = [(self.inputs[name].kind, references[name], column.tolist())
+                 for name, column in excitation.columns.items()]
+        hinge = excitation.columns.get(LOAD, np.zeros(len(excitation.time)))
+        read = _reader(fmu, [(v.kind, references[v.name]) for v in recorded])
+        fmu.setupExperiment(startTime=0.0)
+
+        def apply(k: int) -> None:
+            for kind, reference, column in given:
+                if k == 0 or column[k] != column[k - 1]:
+                    _set(fmu, kind, reference, column[k])
+
+        def strain(k: int) -> None:
+            if excitation.spring:
+                (angle,) = fmu.getReal([references["fin_angle"]])
+                fmu.setReal([references[LOAD]], [float(hinge[k]) - excitation.spring * angle])
+
+        apply(0)
+        fmu.enterInitializationMode()
+        fmu.exitInitializationMode()
+        yield 0.0, read()
+        for k in range(len(excitation.time) - 1):
+            if k:
+                apply(k)
+            strain(k)
+            for sub in range(k * substeps, (k + 1) * substeps):
+                fmu.doStep(sub * step, (sub + 1) * step - sub * step)
+                yield (sub + 1) * step, read()
+        fmu.terminate()
+
+    @cached_property
+    def _kinds(self) -> Mapping[str, str]:
+        return {v.name: v.kind for v in (*get(self.model).parameters, *self.inputs.values())}
+
+    def _log(self, _component: Any, _instance: bytes, status: int, _category: bytes, message: bytes) -> None:
+        label = _STATUS[status] if 0 <= status < len(_STATUS) else str(status)
+        if label != "ok":
+            self._messages.append(f"{label}: {message.decode(errors='replace').strip()}")
+
+    def close(self) -> None:
+        """Let go of the instance."""
+        instance, self._instance = self._instance, None
+        if instance is not None:
+            instance.freeInstance()
+
+
+def _set(fmu: Any, kind: str, reference: int, value: Any) -> None:
+    if kind == "Real":
+        fmu.setReal([reference], [float(value)])
+    elif kind == "Boolean":
+        fmu.setBoolean([reference], [bool(value)])
+    else:
+        fmu.setInteger([reference], [int(value)])
+
+
+def _reader(fmu: Any, wanted: Sequence[tuple[str, int]]) -> Callable[[], list[float]]:
+    """A function that gives the values of variables, each of a kind and a reference, in their order."""
+    getters = []
+    for kinds, get_values in ((("Real",), fmu.getReal), (("Boolean",), fmu.getBoolean),
+                              (("Integer", "Enumeration"), fmu.getInteger)):
+        if places := [i for i, (kind, _) in enumerate(wanted) if kind in kinds]:
+            getters.append((places, [wanted[i][1] for i in places], get_values))
+
+    def read() -> list[float]:
+        row = [0.0] * len(wanted)
+        for places, references, get_values in getters:
+            for place, value in zip(places, get_values(references), strict=True):
+                row[place] = float(value)
+        return row
+
+    return read
+
+
+def _check(values: Mapping[str, Any], model: str) -> None:
+    if problems := check_parameters({v.name: values[v.name] for v in get(model).parameters}, model):
+        raise ParameterError(problems)
+
+
+def _differences(values: Mapping[str, Any], model: str) -> tuple[str, ...]:
+    return tuple(e.variable.name for e in load_parameters(model=model).entries if values[e.variable.name] != e.value)
+
+
+@contextmanager
+def open_subject(path: Path | None, model: str | None = None, fin: int | None = None,
+                 parameters: Sequence[Path] | None = None) -> Iterator[Subject]:
+    """The subject at `path`: an FMU, a parameter file (.toml), or the shipped parameters where there is no path.
+
+    `model` names the actuator and its options; an FMU tells its own. `fin` from 1 on chooses one of a unit of
+    several, the first unless given. The files of `parameters` go over those of the subject, which then cannot be an
+    FMU. Raises EmcasError or ParameterError where it cannot be used.
+    """
+    if path is None or path.suffix.lower() == ".toml":
+        if fin is not None:
+            raise EmcasError(f"--fin {fin}: {path or 'a parameter set'} is one fin; leave --fin out")
+        files = [*([path] if path else []), *(parameters or ())]
+        yield ParameterSubject(load_parameters(files, model=model or NONLINEAR), files)
+        return
+    if path.suffix.lower() != ".fmu":
+        raise EmcasError(f"{path}: is neither an FMU nor a parameter file by its name; give a file that ends in .fmu "
+                         "or .toml")
+    if parameters:
+        raise EmcasError(f"--parameters {parameters[0]}: {path} has its parameters in it; build an FMU of these")
+    with opened(path, fin) as unit:
+        subject = FmuSubject(unit, chosen_model(str(path), unit.description.modelName, model and full_name(model)),
+                             fin or 1)
+        try:
+            yield subject
+        finally:
+            subject.close()

@@ -1,0 +1,254 @@
+"""Figures against requirements: those of the thesis's Table 2, and those of a user's file.
+
+Section 3.1 of Yerlikaya (2016) lists the figures of Table 2; it does not say how they are measured. The ways
+chosen here are in each requirement's `how`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from math import degrees, isfinite, radians
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from ..errors import EmcasError
+from ..reference.cases import LOAD
+from ..toml import tomllib
+from ..units import quantity
+from .excitation import Excitation, reference_case, step_to
+from .metrics import ACCURACY, held_error, motion, sweep_response
+from .subject import Run
+
+Sense = Literal["<=", ">="]
+Runs = Mapping[str, Run]
+TABLE_2 = "Yerlikaya (2016), Table 2"
+HOLD = 3.0  # s: outlasts the integral action, whose time constant is kp/ki (1 s with the default gains)
+_ACCURACY = round(degrees(ACCURACY), 9)  # deg
+_FIELDS = ("name", "title", "figure", "sense", "limit")
+_SENSES: Mapping[str, Sense] = {"<=": "<=", ">=": ">=", "at most": "<=", "at least": ">="}
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A requirement and what was measured for it: `measured` [unit] at least or at most `limit` [unit].
+
+    ``measured`` is None where what it needs was not run (skipped) or gave no such figure (failed, with the reason
+    in ``note``).
+    """
+
+    source: str
+    name: str
+    title: str
+    measured: float | None
+    sense: Sense
+    limit: float
+    unit: str
+    note: str = ""
+    skipped: bool = False
+
+    @property
+    def margin(self) -> float | None:
+        """Distance to the limit [unit], negative where it is missed."""
+        if self.measured is None or not isfinite(self.measured):
+            return None
+        return self.measured - self.limit if self.sense == ">=" else self.limit - self.measured
+
+    @property
+    def margin_percent(self) -> float | None:
+        """The margin in % of the limit."""
+        return None if self.margin is None or not self.limit else 100.0 * self.margin / abs(self.limit)
+
+    @property
+    def passed(self) -> bool:
+        """Whether the limit is kept; never true of a figure that is missing or not a number."""
+        return self.margin is not None and bool(self.margin >= 0.0)
+
+    def __str__(self) -> str:
+        measured = "no value" if self.measured is None else f"{self.measured:.4g} {self.unit}"
+        text = f"{self.title}: {measured}, required {self.sense} {self.limit:g} {self.unit}"
+        return f"{text} ({self.note})" if self.note else text
+
+
+def all_passed(judged: Sequence[Judged]) -> bool:
+    """Whether something was judged and all of it passed."""
+    counted = [j for j in judged if not j.skipped]
+    return bool(counted) and all(j.passed for j in counted)
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A row of Table 2: the `needs` are the runs `measure` takes its figure [unit] from."""
+
+    name: str
+    title: str
+    sense: Sense
+    limit: float
+    unit: str
+    how: str
+    needs: tuple[str, ...]
+    measure: Callable[[Runs], float]
+
+
+def _range(runs: Runs) -> float:
+    return degrees(min(abs(runs[name].excitation.moves[-1].level + held_error(runs[name]))
+                       for name in ("hold_plus20", "hold_minus20")))
+
+
+def _accuracy(names: Sequence[str], runs: Runs) -> float:
+    return degrees(max(abs(held_error(runs[name])) for name in names))
+
+
+def _rate(number: int, names: Sequence[str], runs: Runs) -> float:
+    return degrees(min(motion(runs[name], number)["sustained_rate"] for name in names))
+
+
+def _bandwidth(name: str, runs: Runs) -> float:
+    response = sweep_response(runs[name])
+    if np.isnan(response.bandwidth) and np.all(np.isfinite(response.gain)):
+        return float(response.frequency[-1])  # the gain does not fall by 3 dB within the sweep
+    return response.bandwidth
+
+
+_HELD = ("hold_plus20", "hold_minus20", "hold_plus1", "hold_minus1")
+REQUIREMENTS = (
+    Requirement("range", "Operating range of the fin", ">=", 20.0 - _ACCURACY, "deg",
+                f"smaller angle held at commands of +20 and -20 deg after {HOLD:g} s; the range is ±20 deg, "
+                "its ends are met to the accuracy", _HELD[:2], _range),
+    Requirement("accuracy", "Position accuracy of the fin", "<=", _ACCURACY, "deg",
+                f"largest error held after {HOLD:g} s at ±20 and ±1 deg, no load", _HELD, partial(_accuracy, _HELD)),
+    Requirement("unloaded_rate", "Unloaded fin rate", ">=", 220.0, "deg/s",
+                "mean over the middle 60 % of steps to ±20 deg, the slower of the two", ("step_plus20", "step_minus20"),
+                partial(_rate, 0, ("step_plus20", "step_minus20"))),
+    Requirement("loaded_rate", "Fin rate against 100 N.m", ">=", 200.0, "deg/s",
+                "mean over the middle 60 % of a slew from -20 to +20 deg", ("load_opposing",),
+                partial(_rate, 1, ("load_opposing",))),
+    *(Requirement(f"bandwidth_{label}deg", f"Bandwidth at {amplitude} deg", ">=", 10.0, "Hz",
+                  f"-3 dB of the fundamental, sine sweep of {amplitude} deg", (f"chirp_{label}deg",),
+                  partial(_bandwidth, f"chirp_{label}deg"))
+      for label, amplitude in (("1", "1"), ("3p5", "3.5"))),
+)
+
+
+def holds() -> dict[str, Excitation]:
+    """The steps of Table 2 that are held until the integral action is through, by name; one under the load."""
+    levels = {"hold_plus20": 20.0, "hold_minus20": -20.0, "hold_plus1": 1.0, "hold_minus1": -1.0}
+    return {**{name: step_to(radians(level), HOLD) for name, level in levels.items()},
+            "hold_loaded": step_to(radians(20.0), HOLD, -LOAD)}
+
+
+def table2_excitations() -> dict[str, Excitation]:
+    """Every excitation Table 2 is judged by, by name, with the parameters as they are."""
+    wanted = sorted({name for requirement in REQUIREMENTS for name in requirement.needs})
+    held = holds()
+    return {name: held[name] if name in held else reference_case(name, exact=False) for name in wanted}
+
+
+def judge_table2(runs: Runs) -> list[Judged]:
+    """Table 2 judged by runs by name; a row is skipped where a run was not made, failed where one ended early."""
+    return [_table2(requirement, runs) for requirement in REQUIREMENTS]
+
+
+def _table2(r: Requirement, runs: Runs) -> Judged:
+    absent = [name for name in r.needs if name not in runs]
+    broken = [name for name in r.needs if name in runs and runs[name].stopped is not None]
+    measured = None
+    if absent:
+        note = f"needs {', '.join(absent)}, not run"
+    elif broken:
+        note = f"{', '.join(broken)} did not run to the end"
+    else:
+        measured = r.measure(runs)
+        note = r.how if isfinite(measured) else f"the response never reaches what is measured: {r.how}"
+    return Judged(TABLE_2, r.name, r.title, measured, r.sense, r.limit, r.unit, note, bool(absent))
+
+
+# Ending of a figure's name and the unit it is in, the longer endings first.
+_UNITS = {
+    "_n_m_per_rad": "N.m/rad", "_deg_per_s": "deg/s", "_percent": "%", "_n_m": "N.m", "_deg": "deg", "_hz": "Hz",
+    "_db": "dB", "_s": "s", "_a": "A", "_w": "W", "_j": "J",
+}
+
+
+def unit_of(figure: str) -> str:
+    """The unit a figure's name ends in; 1 for a pure number."""
+    return next((unit for ending, unit in _UNITS.items() if figure.endswith(ending)), "1")
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A requirement of the user's, as its file has it: limit in the unit the name of its figure ends in."""
+
+    name: str
+    title: str
+    figure: str
+    sense: Sense
+    limit: float
+    source: str
+
+    @property
+    def unit(self) -> str:
+        """The figure's unit."""
+        return unit_of(self.figure)
+
+    def judged(self, measured: float | None, note: str) -> Judged:
+        """The requirement with what was measured for it."""
+        return Judged(self.source, self.name, self.title, measured, self.sense, self.limit, self.unit, note)
+
+
+def load_requirements(path: Path) -> list[Wanted]:
+    """The requirements of a TOML file, an array of tables ``[[requirement]]``.
+
+    Raises EmcasError naming the file, the requirement and what to write.
+    """
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise EmcasError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except ValueError as error:  # also UnicodeDecodeError
+        raise EmcasError(f"{path}: is not valid TOML: {error}") from error
+    tables = document.pop("requirement", None)
+    if document or not isinstance(tables, list) or not tables or not all(isinstance(t, dict) for t in tables):
+        raise EmcasError(f"{path}: expected one or more tables [[requirement]] with {', '.join(_FIELDS)}, and nothing "
+                         "else")
+    wanted = [_wanted(path, number, table) for number, table in enumerate(tables, start=1)]
+    names = [w.name for w in wanted]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise EmcasError(f"{path}: the name {', '.join(twice)} is given twice; give each requirement its own")
+    return wanted
+
+
+def _wanted(path: Path, number: int, table: Mapping[str, Any]) -> Wanted:
+    label = f"{path}: requirement {table.get('name', number)}"
+    if unknown := [key for key in table if key not in _FIELDS]:
+        raise EmcasError(f"{label}: unknown {', '.join(unknown)}; a requirement has {', '.join(_FIELDS)}")
+    if missing := [key for key in _FIELDS if key not in table and key != "title"]:
+        raise EmcasError(f"{label}: has no {', '.join(missing)}")
+    if not_text := [key for key in _FIELDS if not isinstance(table.get(key, ""), str)]:
+        raise EmcasError(f"{label}: {not_text[0]} = {table[not_text[0]]!r}: expected a string, such as "
+                         "limit = \"0.1 s\"")
+    if table["sense"] not in _SENSES:
+        raise EmcasError(f"{label}: sense = {table['sense']!r}: expected <= or >=")
+    unit = unit_of(table["figure"])
+    try:
+        limit = _limit(table["limit"], unit)
+    except ValueError as error:
+        raise EmcasError(f"{label}: limit = {table['limit']!r}: {error}") from error
+    return Wanted(table["name"], table.get("title", table["name"]), table["figure"], _SENSES[table["sense"]], limit,
+                  path.name)
+
+
+def _limit(written: str, unit: str) -> float:
+    """A limit in the unit of its figure. Raises ValueError."""
+    if unit == "dB":
+        number, _, given = written.strip().partition(" ")
+        if given.strip() != "dB":
+            raise ValueError("expected a number with the unit dB")
+        return float(number)
+    if unit == "%":
+        return quantity(written, "", "percent")
+    return quantity(written, "", unit)
+

@@ -1,0 +1,105 @@
+"""Writing results: JSON, JUnit, and pages of one look with nothing outside them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import junitparser
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+
+from .. import __version__
+
+
+def plain(value: Any) -> Any:
+    """A document for JSON, which knows neither arrays nor infinity nor NaN: lists, and null."""
+    if isinstance(value, Mapping):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [plain(item) for item in value]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if isfinite(value) else None
+    return value
+
+
+def write_json(document: Mapping[str, Any], path: Path) -> None:
+    """Write a document; the same document gives the same bytes."""
+    text = json.dumps(plain(document), indent=1, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8", newline="\n")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A test case: `failed` and `skipped` say why it is; `kind` is the failure's type, `time` [s]."""
+
+    name: str
+    classname: str
+    failed: str = ""
+    skipped: str = ""
+    kind: str = "limit missed"
+    time: float = 0.0
+
+
+def write_junit(name: str, suites: Mapping[str, Iterable[Case]], path: Path) -> None:
+    """Write suites of test cases by title, for continuous integration."""
+    document = junitparser.JUnitXml(name)
+    for title, cases in suites.items():
+        suite = junitparser.TestSuite(title)
+        for case in cases:
+            test = junitparser.TestCase(case.name, case.classname, case.time)
+            if case.skipped:
+                test.result = [junitparser.Skipped(case.skipped)]
+            elif case.failed:
+                test.result = [junitparser.Failure(case.failed, case.kind)]
+            suite.add_testcase(test)
+        document.add_testsuite(suite)
+    document.update_statistics()  # type: ignore[no-untyped-call]
+    document.write(str(path), pretty=True)
+
+
+def number(value: float | bool | None) -> str:
+    """A figure for people: four digits, a dash for none, infinity as a word."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if value is None or value != value:
+        return "–"
+    if not isfinite(value):
+        return "not reached" if value > 0.0 else "-∞"
+    return f"{value:.0f}" if abs(value) >= 1e4 else f"{value:.4g}"
+
+
+def with_unit(value: float | bool | None, unit: str) -> str:
+    """A figure with its unit, typeset."""
+    text, shown = number(value).replace("-", "−"), typeset(unit)
+    return text if not shown or text == "–" else f"{text}{shown}" if shown.startswith("°") else f"{text} {shown}"
+
+
+def typeset(unit: str) -> str:
+    """A unit as a page shows it."""
+    return {"1": "", "deg": "°", "deg/s": "°/s"}.get(unit, unit.replace("N.m", "N·m"))
+
+
+@cache
+def _environment() -> Environment:
+    made = Environment(loader=PackageLoader("emcas_fmu", ""), undefined=StrictUndefined, trim_blocks=True,
+                       lstrip_blocks=True, autoescape=select_autoescape(["html.j2"]))
+    made.filters.update(number=lambda value: number(value).replace("-", "−"), quantity=with_unit, unit=typeset)
+    made.globals["version"] = __version__
+    return made
+
+
+def page(template: str, **context: Any) -> str:
+    """The page of a template, named from the package on (``studies/report/page.html.j2``), that extends
+    ``bench/base.html.j2``; the same context gives the same text."""
+    return _environment().get_template(template).render(**context)
+
+
+def write_page(path: Path, template: str, **context: Any) -> None:
+    """Write a page."""
+    path.write_text(page(template, **context), encoding="utf-8", newline="\n")

@@ -1,0 +1,103 @@
+"""Currents, power and energy over a mission profile: the user's, or a synthetic one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...bench.excitation import STEP, Excitation
+from ...bench.metrics import rms, usage
+from .outcome import Array, Outcome, Quantity, Value
+from .rig import Rig
+
+NAME = "mission"
+LAG = 0.02  # s, of the hinge moment behind the command in the synthetic profile
+RATE = 150.0  # deg/s, of the commands of the synthetic profile
+# Phase, its end [s], hinge moment at the end of the range as a share of the rated load there.
+PHASES = (("launch", 2.0, 0.1), ("pitch-over", 5.0, 0.5), ("midcourse", 10.0, 0.6), ("terminal", 15.0, 1.0))
+
+_CURRENT, _POWER = ("motor_current",), ("supply_power",)
+QUANTITIES = (
+    Quantity("motor_current_rms_a", "RMS current", "root mean square of the motor current over the profile", _CURRENT),
+    Quantity("motor_current_peak_a", "peak current", "largest magnitude of the motor current", _CURRENT),
+    Quantity("supply_power_peak_w", "peak power", "largest power drawn from the bus as read every 1 ms; transients of "
+             "the current loop, which are shorter, can be higher", _POWER),
+    Quantity("regenerated_power_peak_w", "peak power fed back", "largest power fed back, as read every 1 ms", _POWER),
+    Quantity("energy_drawn_j", "energy drawn", "integral of the power where it is positive (trapezoid, 1 ms)", _POWER),
+    Quantity("energy_regenerated_j", "energy regenerated", "integral of the power fed back, as a magnitude; whether "
+             "the bus can take it is not modelled", _POWER),
+    Quantity("net_energy_j", "net energy", "drawn less regenerated", _POWER),
+    Quantity("supply_power_mean_w", "mean power", "net energy over the profile's duration", _POWER),
+    Quantity("tracking_error_rms_deg", "RMS tracking error", "root mean square of command - angle"),
+    Quantity("limited_percent", "limited", "share of the outputs at which a limit is active", ("saturated",)),
+    Quantity("duration_s", "duration", "of the profile"),
+)
+# The bench's names of figures, where they are there.
+_NAMES = {"motor_current_rms_a": "rms_current", "motor_current_peak_a": "peak_current",
+          "supply_power_peak_w": "peak_power", "regenerated_power_peak_w": "peak_returned_power",
+          "energy_drawn_j": "energy_drawn", "energy_regenerated_j": "energy_returned"}
+
+
+def synthetic(limit: float, load: float, step: float = STEP) -> tuple[Array, Array]:
+    """Command [deg] and hinge moment [N.m] of a made-up mission of 15 s, an assumption and no flight record.
+
+    With c the limit of the command: launch, 2 s, trim at 0.05 c with a roll correction of 0.1 c at 1 Hz;
+    pitch-over, 3 s, doublets to ±0.5 c held 0.5 s each; midcourse, 5 s, trim at 0.1 c under sines of 0.04 c at
+    0.7, 1.9 and 4.3 Hz; terminal, 5 s, steps to 0.75, -0.6, 0.9, -0.75 c and 0 of 1 s each under a weave of 0.05 c
+    at 3 Hz. Commands change by at most 150 deg/s. The hinge moment restores: it is proportional to
+    the command 20 ms before, and at c would be 0.1, 0.5, 0.6 and 1 times the rated load.
+    """
+    time = np.arange(round(PHASES[-1][1] / step) + 1) * step
+    wave = 2.0 * np.pi * time
+    doublet = np.where(np.floor((time - 2.0) / 0.5) % 2 < 0.5, 0.5, -0.5)
+    busy = 0.1 + 0.04 * (np.sin(0.7 * wave) + np.sin(1.9 * wave) + np.sin(4.3 * wave))
+    levels = np.array([0.75, -0.6, 0.9, -0.75, 0.0, 0.0])
+    terminal = levels[np.clip((time - 10.0).astype(int), 0, 5)] + 0.05 * np.sin(3.0 * wave)
+    starts = np.searchsorted([end for _, end, _ in PHASES], time, side="right").clip(max=3)
+    wanted = limit * np.choose(starts, [0.05 + 0.1 * np.sin(wave), doublet, busy, terminal])
+    command = np.zeros_like(time)
+    for k in range(1, len(time)):
+        command[k] = command[k - 1] + np.clip(wanted[k] - command[k - 1], -RATE * step, RATE * step)
+    late = round(LAG / step)
+    before = np.concatenate([np.zeros(late), command[:-late]])
+    share = np.array([share for _, _, share in PHASES])[starts]
+    return command, -load * share * before / limit
+
+
+def measure(rig: Rig) -> Outcome:
+    """Run the profile and add up."""
+    if rig.mission is None:
+        command, moment = synthetic(rig.limit, rig.load)
+        profile = Excitation("synthetic profile", {"fin_command": np.radians(command), "aero_torque": moment})
+        group, label, method = "synthetic", profile.title, "Synthetic mission profile: " + _PHASES
+        estimate = ("The mission profile is made up, as a plausible sequence of phases; currents, power and energy are "
+                    "estimates of the order of magnitude. Give the real one with --mission.")
+    else:
+        profile, group, label, estimate = rig.mission, "file", rig.mission.title, ""
+        method = f"Profile of {label}, {profile.stop:g} s, inputs held over 1 ms."
+    run = rig.run(profile)
+    limit, columns, used = rig.subject.command_limit, run.columns, usage(run)
+    wanted, angle, duration = np.clip(profile.command, -limit, limit), columns["fin_angle"], float(columns["time"][-1])
+    figures: dict[str, Value] = {key: used[name] for key, name in _NAMES.items() if name in used}
+    if "energy_drawn" in used:
+        net = used["energy_drawn"] - used["energy_returned"]
+        figures |= {"net_energy_j": net, "supply_power_mean_w": net / duration if duration else 0.0}
+    figures["tracking_error_rms_deg"] = float(np.degrees(rms(wanted - angle)))
+    if "saturated_share" in used:
+        figures["limited_percent"] = 100.0 * used["saturated_share"]
+    figures["duration_s"] = duration
+    moment = np.asarray(profile.columns.get("aero_torque", np.zeros(len(wanted))))
+    series = {"time_s": columns["time"], "command_deg": np.degrees(wanted), "angle_deg": np.degrees(angle),
+              "moment_n_m": moment, **{name: columns[name] for name in ("motor_current", "supply_power")
+                                       if name in columns}}
+    return Outcome(
+        NAME, "Mission profile", method, QUANTITIES, {group: figures},
+        tuple(f"{group}.{key}" for key in ("motor_current_rms_a", "supply_power_peak_w", "energy_drawn_j",
+                                           "energy_regenerated_j")),
+        {group: label}, series={group: series}, estimate=estimate)
+
+
+_PHASES = (
+    "launch (2 s, trim and roll correction), pitch-over (3 s of doublets to half the range), midcourse (5 s, three "
+    "sines about a trim), terminal (5 s, steps to 90 % of the range under a weave at 3 Hz). Commands change by at most "
+    "150 deg/s; the hinge moment restores, in proportion to the command 20 ms before, and at the end of the range is "
+    "10, 50, 60 and 100 % of the rated load.")

@@ -1,0 +1,120 @@
+"""What a test finds, as plain data; the names of figures end in the unit people read them in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from numpy.typing import NDArray
+
+from ...bench.metrics import FIGURES, shown
+from ...bench.verdict import unit_of
+
+Array = NDArray[Any]
+Value = float | bool
+Figures = Mapping[str, Mapping[str, Value]]
+"""Group, then figure: {"plus_20deg": {"rise_time_s": ...}}; nan where there is no such figure."""
+
+_ENDINGS = {"deg": "_deg", "deg/s": "_deg_per_s", "s": "_s", "%": "_percent", "Hz": "_hz", "dB": "_db", "": ""}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A figure's name, its label in a table, how it was measured, and the outputs it needs."""
+
+    key: str
+    label: str
+    how: str
+    needs: tuple[str, ...] = ()
+
+    @property
+    def unit(self) -> str:
+        """The figure's unit."""
+        return unit_of(self.key)
+
+
+def _display(name: str) -> tuple[str, float]:
+    """The name of a figure of the bench here, ending in its unit, and the factor to it."""
+    unit, factor = ("s", 1.0) if FIGURES[name].unit == "s" else shown(FIGURES[name].unit)
+    return name + _ENDINGS[unit], factor
+
+
+def quantity(name: str, label: str) -> Quantity:
+    """A figure of the bench."""
+    return Quantity(_display(name)[0], label, FIGURES[name].title, FIGURES[name].needs)
+
+
+def displayed(found: Mapping[str, float], quantities: tuple[Quantity, ...]) -> dict[str, Value]:
+    """Figures of the bench as they are written, those of `quantities` only."""
+    keys = {q.key for q in quantities}
+    return {key: value * factor for name, value in found.items()
+            for key, factor in [_display(name)] if key in keys}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One test: its figures and how they were measured.
+
+    ``curves`` go into the JSON file, ``series`` are for the pictures only. ``stopped`` says why the test
+    could not be finished; it has no figures then. ``estimate`` says what makes its figures an estimate;
+    ``not_applicable``, by quantity, which outputs it needs the subject has not.
+    """
+
+    name: str
+    title: str
+    method: str
+    quantities: tuple[Quantity, ...] = ()
+    figures: Figures = field(default_factory=dict)
+    headline: tuple[str, ...] = ()
+    """The figures to tell first, as group.figure."""
+    labels: Mapping[str, str] = field(default_factory=dict)
+    curves: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
+    series: Mapping[str, Mapping[str, Array]] = field(default_factory=dict, repr=False)
+    notes: tuple[str, ...] = ()
+    estimate: str = ""
+    stopped: str = ""
+    not_applicable: Mapping[str, str] = field(default_factory=dict)
+
+    def label(self, group: str) -> str:
+        """A group's name for people."""
+        return self.labels.get(group, group.replace("_", " "))
+
+    def quantity(self, key: str) -> Quantity:
+        """The quantity of that name."""
+        return next(q for q in self.quantities if q.key == key)
+
+    def told_first(self) -> list[tuple[str, Quantity, Value]]:
+        """Group, quantity and value of the headline figures there are."""
+        paths = [path.split(".") for path in self.headline]
+        return [(group, self.quantity(key), self.figures[group][key]) for group, key in paths
+                if key in self.figures.get(group, {})]
+
+    def left_out(self) -> list[tuple[str, list[str]]]:
+        """Why figures are not applicable, and the labels of those figures."""
+        whys = dict.fromkeys(self.not_applicable.values())
+        return [(why, [self.quantity(key).label for key, each in self.not_applicable.items() if each == why])
+                for why in whys]
+
+    def columns(self) -> list[Quantity]:
+        """The quantities some group has a figure for."""
+        return [q for q in self.quantities if any(q.key in group for group in self.figures.values())]
+
+    def tables(self) -> list[tuple[list[Quantity], Figures]]:
+        """The figures as tables: groups that share no quantity with a table go into one of their own."""
+        tables: list[dict[str, Mapping[str, Value]]] = []
+        for name, found in self.figures.items():
+            home = next((t for t in tables if any(set(found) & set(group) for group in t.values())), None)
+            if home is None:
+                tables.append({name: found})
+            else:
+                home[name] = found
+        return [([q for q in self.quantities if any(q.key in group for group in t.values())], t) for t in tables]
+
+
+def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:
+    """Every figure as ``test.group.figure``."""
+    for test, outcome in outcomes.items():
+        for group, found in outcome.figures.items():
+            for key, value in found.items():
+                yield f"{test}.{group}.{key}", value

@@ -1,0 +1,61 @@
+"""An acceptance test as JSON, JUnit XML and the page that is signed."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from ... import __version__
+from ...bench import writers
+from .pictures import pictures
+from .study import Result
+
+SCHEMA = "emcas-acceptance/1"
+"""Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
+
+
+def as_dict(result: Result, date: str = "") -> dict[str, Any]:
+    """Figures, curves, methods and requirements; not the time series."""
+    outcomes = result.outcomes
+    requirements = []
+    for j in result.judged:
+        plain = asdict(j)
+        plain["how"] = plain.pop("note")
+        requirements.append({**plain, "margin": j.margin, "margin_percent": j.margin_percent, "passed": j.passed})
+    return {
+        "schema": SCHEMA, "passed": result.passed, "tool": f"emcas {__version__}", "date": date or None,
+        "identification": asdict(result.about), "rated_load_n_m": result.load, "requirements": requirements,
+        "figures": {name: o.figures for name, o in outcomes.items()},
+        "curves": {name: o.curves for name, o in outcomes.items() if o.curves},
+        "methods": {name: {"method": o.method, "estimate": o.estimate or None, "stopped": o.stopped or None,
+                           "notes": o.notes, "not_applicable": o.not_applicable,
+                           "figures": {q.key: q.how for q in o.columns()}} for name, o in outcomes.items()},
+    }
+
+
+def write_json(result: Result, path: Path, date: str = "") -> None:
+    """Write figures, curves, methods and requirements."""
+    writers.write_json(as_dict(result, date), path)
+
+
+def write_junit(result: Result, path: Path) -> None:
+    """Write a test case for each requirement and each test."""
+    suites = {f"requirements of {source}": [
+        writers.Case(j.name, "emcas.requirement", "" if j.passed else str(j), j.note if j.skipped else "")
+        for j in result.judged if j.source == source] for source in dict.fromkeys(j.source for j in result.judged)}
+    suites["tests finished"] = [writers.Case(name, "emcas.test", outcome.stopped, kind="not finished")
+                                for name, outcome in result.outcomes.items()]
+    writers.write_junit("emcas report", suites, path)
+
+
+def page(result: Result, date: str = "") -> str:
+    """The page; the same result and date give the same text."""
+    return writers.page("studies/report/page.html.j2", r=result, about=result.about, date=date,
+                        sources=list(dict.fromkeys(j.source for j in result.judged)),
+                        pictures=pictures(result.outcomes))
+
+
+def write_report(result: Result, path: Path, date: str = "") -> None:
+    """Write the page."""
+    path.write_text(page(result, date), encoding="utf-8", newline="\n")

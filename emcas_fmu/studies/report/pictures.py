@@ -1,0 +1,160 @@
+"""The pictures of an acceptance report, one for a test."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from math import degrees
+from typing import Any
+
+import numpy as np
+
+from ... import plots
+from ...bench.metrics import ACCURACY as _ACCURACY
+from ...bench.verdict import HOLD
+from ...plots import COMMAND, LIMIT, Drawing, Picture, legend_above
+from . import frequency, mission, slewing, static_accuracy, steps, stiffness
+from .outcome import Array, Outcome
+
+ACCURACY = round(degrees(_ACCURACY), 9)  # deg
+_MOST_POINTS = 3000  # of a line: more than a page has pixels
+
+
+def pictures(outcomes: Mapping[str, Outcome]) -> dict[str, Picture]:
+    """The picture of each test that has one."""
+    drawn = {name: outcome for name, outcome in outcomes.items() if name in _DRAWINGS and not outcome.stopped}
+    return dict(zip(drawn, plots.pictures(_DRAWINGS[name](outcome) for name, outcome in drawn.items()), strict=True))
+
+
+def _thin(*columns: Array) -> list[Array]:
+    stride = max(len(columns[0]) // _MOST_POINTS, 1)
+    return [column[::stride] for column in columns]
+
+
+def _steps(outcome: Outcome) -> Drawing:
+    made, grid = plots.figure(2, height=2.4, sharex=False)
+    angle, error = grid[:, 0]
+    pairs = list(outcome.series.items())
+    for number, (group, series) in enumerate(reversed(pairs)):
+        color = plots.COLORS[(len(pairs) - 1 - number) // 2 % len(plots.COLORS)]
+        size = float(series["command_deg"][0])
+        look: dict[str, Any] = {"color": color, "linestyle": "-" if size > 0.0 else (0, (5, 1.2))}
+        label = outcome.label(group)
+        time = series["time_s"]
+        near = time <= 0.4
+        angle.plot(time[near] * 1e3, series["angle_deg"][near], label=label, **look)
+        angle.plot([0.0, 400.0], [size, size], **LIMIT)
+        far = time >= 0.0
+        error.plot(*_thin(time[far], series["angle_deg"][far] - size), **{**look, "linewidth": 1.0})
+    legend_above(angle, 8)
+    angle.set(ylabel="fin angle / deg", xlabel="time from the command / ms", xlim=(-20, 400))
+    error.axhspan(-ACCURACY, ACCURACY, color=plots.GREEN, alpha=0.10, linewidth=0)
+    error.set(ylabel="angle - command / deg", xlabel="time from the command / s", ylim=(-2 * ACCURACY, 2 * ACCURACY),
+              xlim=(0.0, HOLD))
+    return Drawing(outcome.title, made, "Above, the first 0.4 s; negative steps dashed, dotted lines the commands. "
+                   f"Below, what is left of the error; the green band is the accuracy of Table 2, ±{ACCURACY:g} deg.")
+
+
+def _bode(outcome: Outcome) -> Drawing:
+    made, grid = plots.figure(3, height=1.9, sharex=True, height_ratios=(1.3, 1.3, 0.8))
+    gain, phase, coherence = grid[:, 0]
+    for color, (group, curve) in zip(plots.COLORS, outcome.curves.items(), strict=False):
+        look = {"color": color, "label": outcome.label(group)}
+        found = outcome.figures[group]
+        gain.semilogx(curve["frequency_hz"], curve["gain_db"], **look)
+        phase.semilogx(curve["frequency_hz"], curve["phase_deg"], **look)
+        coherence.semilogx(curve["frequency_hz"], curve["coherence"], **look)
+        gain.plot(found["bandwidth_3db_hz"], -3.0, "o", color=color, markersize=5, zorder=4)
+        phase.plot(found["bandwidth_90deg_hz"], -90.0, "o", color=color, markersize=5, zorder=4)
+    gain.axhline(-3.0, **LIMIT)
+    phase.axhline(-90.0, **LIMIT)
+    legend_above(gain)
+    gain.set(ylabel="gain / dB", ylim=(-12, 3))
+    phase.set(ylabel="phase / deg", ylim=(-200, 10), yticks=(-180, -135, -90, -45, 0))
+    ticks = (0.5, 1, 2, 5, 10, 20)
+    coherence.set(ylabel="coherence", ylim=(0.0, 1.05), xlabel="frequency / Hz", xticks=ticks,
+                  xticklabels=[f"{tick:g}" for tick in ticks])
+    for axes in grid[:, 0]:
+        axes.minorticks_off()
+        axes.margins(x=0.0)
+    return Drawing(outcome.title, made, "Fundamental of fin angle over command; the dots mark -3 dB and -90 deg.")
+
+
+def _slew(outcome: Outcome) -> Drawing:
+    panels = [panel for panel in (("fin_angle", "fin angle / deg"), ("fin_rate", "fin rate / deg/s"),
+                                  ("motor_current", "current / A")) if panel[0] in outcome.series["unloaded_positive"]]
+    made, grid = plots.figure(len(panels), 2, height=1.7, sharex=True, sharey="row")
+    for column, direction in enumerate(("positive", "negative")):
+        for color, load in zip(plots.COLORS, ("unloaded", "opposing", "aiding"), strict=False):
+            series = outcome.series[f"{load}_{direction}"]
+            near = series["time_s"] <= 0.35
+            for axes, (name, _) in zip(grid[:, column], panels, strict=True):
+                axes.plot(series["time_s"][near] * 1e3, series[name][near], color=color,
+                          label=outcome.label(f"{load}_{direction}").partition(",")[0])
+        grid[0, column].set_title(f"{direction} direction", pad=16)
+        legend_above(grid[0, column], 3)
+        grid[-1, column].set_xlabel("time from the command / ms")
+        grid[0, column].margins(x=0.0)
+    for axes, (_, label) in zip(grid[:, 0], panels, strict=True):
+        axes.set_ylabel(label)
+    return Drawing(outcome.title, made, "Full travel in either direction.")
+
+
+def _grid(outcome: Outcome) -> Drawing:
+    made, grid = plots.figure(1, height=2.6)
+    axes = grid[0, 0]
+    curve = outcome.curves["grid"]
+    for name, color, marker in (("below", plots.BLUE, "^"), ("above", plots.VERMILLION, "v")):
+        errors = outcome.series[name]["errors_deg"] * 1e3
+        axes.plot(curve["command_deg"], curve[f"error_from_{name}_deg"] * 1e3, color=color, linewidth=1.0,
+                  label=f"approached from {name}, mean")
+        axes.plot(np.repeat(curve["command_deg"], errors.shape[1]), errors.ravel(), linestyle="none", marker=marker,
+                  markersize=3.5, color=color, alpha=0.6)
+    axes.axhline(0.0, **LIMIT)
+    legend_above(axes)
+    axes.set(xlabel="command / deg", ylabel="angle - command / mdeg")
+    return Drawing(outcome.title, made, "Every approach (marks) and their means (lines), in thousandths of a degree.")
+
+
+def _stiffness(outcome: Outcome) -> Drawing:
+    made, grid = plots.figure(2, height=2.2, sharex=True, height_ratios=(1.5, 1.0))
+    size, phase = grid[:, 0]
+    for color, (group, curve) in zip(plots.COLORS, outcome.curves.items(), strict=False):
+        label = f"{outcome.label(group)}, {outcome.figures[group]['load_amplitude_n_m']:.3g} N.m"
+        size.loglog(curve["frequency_hz"], curve["stiffness_n_m_per_rad"], color=color, marker="o", markersize=3.5,
+                    label=label)
+        phase.semilogx(curve["frequency_hz"], curve["phase_deg"], color=color, marker="o", markersize=3.5)
+    if outcome.curves:
+        legend_above(size, 3)
+    ticks = (1, 2, 5, 10, 20, 40)
+    size.set_ylabel("|T/θ| / N.m/rad")
+    phase.set(ylabel="phase / deg", xlabel="frequency / Hz", xticks=ticks, xticklabels=[f"{t:g}" for t in ticks],
+              ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
+    phase.minorticks_off()
+    return Drawing(outcome.title, made, "Hinge moment over fin angle. 0 deg is a spring; +90 deg a damper; ±180 deg an "
+                   "inertia, whose line rises with the square of the frequency.")
+
+
+def _mission(outcome: Outcome) -> Drawing:
+    (series,) = outcome.series.values()
+    panels = [panel for panel in (("angle_deg", "angle / deg", plots.BLUE),
+                                  ("moment_n_m", "moment / N.m", plots.PURPLE),
+                                  ("motor_current", "current / A", plots.VERMILLION),
+                                  ("supply_power", "power / W", plots.GREEN)) if panel[0] in series]
+    made, grid = plots.figure(len(panels), height=1.5, sharex=True)
+    for axes, (name, label, color) in zip(grid[:, 0], panels, strict=True):
+        axes.plot(*_thin(series["time_s"], series[name]), color=color, linewidth=1.3 if name == "angle_deg" else 0.8,
+                  label="fin angle")
+        axes.set_ylabel(label)
+        axes.margins(x=0.0)
+        if name == "supply_power":
+            axes.axhline(0.0, **LIMIT)
+    grid[0, 0].plot(*_thin(series["time_s"], series["command_deg"]), label="command", **COMMAND)
+    legend_above(grid[0, 0])
+    grid[-1, 0].set_xlabel("time / s")
+    return Drawing(outcome.title, made, "Power below zero is fed back to the bus." if "supply_power" in series else "")
+
+
+_DRAWINGS: Mapping[str, Callable[[Outcome], Drawing]] = {
+    steps.NAME: _steps, frequency.NAME: _bode, slewing.NAME: _slew, static_accuracy.NAME: _grid,
+    stiffness.NAME: _stiffness, mission.NAME: _mission,
+}

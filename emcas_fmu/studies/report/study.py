@@ -1,0 +1,122 @@
+"""The whole acceptance test: every test on the rig, judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from ...bench.excitation import Excitation
+from ...bench.subject import Identification, StoppedError, Subject
+from ...bench.verdict import Judged, Wanted, all_passed, judge_table2
+from ...errors import EmcasError
+from ...reference.cases import LOAD
+from . import frequency, mission, slewing, static_accuracy, steps, stiffness, threshold
+from .outcome import Outcome, Value
+from .rig import Rig
+
+TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome]]] = {
+    steps.NAME: ("Step response", steps.measure),
+    frequency.NAME: ("Frequency response", frequency.measure),
+    slewing.NAME: ("Slew rate", slewing.measure),
+    static_accuracy.NAME: ("Static accuracy", static_accuracy.measure),
+    threshold.NAME: ("Threshold and resolution", threshold.measure),
+    stiffness.NAME: ("Dynamic stiffness", stiffness.measure),
+    mission.NAME: ("Mission profile", mission.measure),
+}
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What an acceptance test gave; `load` is the rated hinge moment [N.m]."""
+
+    about: Identification
+    load: float
+    outcomes: Mapping[str, Outcome]
+    judged: tuple[Judged, ...]
+    parameters: Mapping[str, Any] = field(repr=False)
+
+    @property
+    def stopped(self) -> Mapping[str, str]:
+        """Tests that could not be finished, and why."""
+        return {name: outcome.stopped for name, outcome in self.outcomes.items() if outcome.stopped}
+
+    @property
+    def failed(self) -> list[Judged]:
+        """Requirements that are not met."""
+        return [j for j in self.judged if not j.passed and not j.skipped]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every test was finished and every requirement is met."""
+        return not self.stopped and all_passed(self.judged)
+
+
+def carry_out(subject: Subject, *, load: float = LOAD, profile: Excitation | None = None,
+              wanted: Sequence[Wanted] = (), progress: Progress | None = None) -> Result:
+    """Carry out every test. `progress` is called with the test's name, how many are done and how many there are.
+
+    Raises EmcasError where a requirement names a figure there is not; a subject that fails is a result.
+    """
+    rig, outcomes, total = Rig(subject, load, profile), dict[str, Outcome](), len(TESTS) + 1
+
+    def starting(name: str, done: int) -> None:
+        if progress:
+            progress(name, done, total)
+
+    # A fin that does not move has no gain and no coherence: such figures are nan, and no requirement passes on one.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        starting("Table 2", 0)
+        judged = judge_table2(rig.table2)
+        for done, (name, (title, measure)) in enumerate(TESTS.items(), start=1):
+            starting(title, done)
+            try:
+                found = measure(rig)
+                lacking = {q.key: why for q in found.quantities if (why := subject.lacking(q.needs))}
+                outcomes[name] = replace(found, not_applicable=lacking)
+            except StoppedError as error:
+                outcomes[name] = Outcome(name, title, "Not finished.", stopped=str(error))
+    starting("done", total)
+    judged += judge(wanted, outcomes)
+    return Result(subject.identification, load, outcomes, tuple(judged), subject.values)
+
+
+def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:
+    """Every figure as ``test.group.figure``."""
+    for test, outcome in outcomes.items():
+        for group, found in outcome.figures.items():
+            for key, value in found.items():
+                yield f"{test}.{group}.{key}", value
+
+
+def judge(wanted: Sequence[Wanted], outcomes: Mapping[str, Outcome]) -> list[Judged]:
+    """The user's requirements against the figures of the tests. Raises EmcasError where there is no such figure."""
+    figures = dict(flat(outcomes))
+    judged = []
+    for w in wanted:
+        test, _, rest = w.figure.partition(".")
+        outcome, (group, _, key) = outcomes.get(test), rest.partition(".")
+        if isinstance(figures.get(w.figure), bool):
+            raise EmcasError(f"{w.source}: requirement {w.name}: {w.figure} is true or false, and has no limit; choose "
+                             "a figure that is a number")
+        if outcome and w.figure in figures:
+            measured = float(figures[w.figure])
+            how = f"{outcome.title}, {outcome.label(group)}: {outcome.quantity(key).how}"
+            judged.append(w.judged(measured, how if isfinite(measured) else
+                                   f"the response never reaches what is measured: {how}"))
+        elif outcome and outcome.stopped:
+            judged.append(w.judged(None, outcome.stopped))
+        elif outcome and key in outcome.not_applicable:
+            judged.append(w.judged(None, f"not applicable: {outcome.not_applicable[key]}"))
+        else:
+            known = [name for name, value in figures.items() if not isinstance(value, bool)]
+            close = get_close_matches(w.figure, known, 3, 0.4) or known[:3]
+            raise EmcasError(f"{w.source}: requirement {w.name}: there is no figure {w.figure}; close to it are "
+                             f"{', '.join(close)} (`emcas report --json FILE` writes all)")
+    return judged

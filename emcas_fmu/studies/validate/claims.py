@@ -1,0 +1,86 @@
+"""What is written without being a requirement: the linear model beside the subject, and what accuracy takes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import degrees, inf, radians
+
+import numpy as np
+
+from ...bench import metrics
+from ...bench.subject import Run
+from ...bench.verdict import HOLD
+from ...reference.cases import LEAD_IN
+
+# "Linear against nonlinear": amplitudes [deg] and the angle below which the thesis finds both alike.
+AMPLITUDES = (1.0, 2.0, 3.0, 10.0, 20.0)
+ALIKE_BELOW = 3.0  # deg
+# % of the step. Where nothing limits, quantisation, friction and the changing reduction ratio are left, a few
+# per cent; 5 % is where two curves of a report can be told apart.
+ALIKE = 5.0
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Linear model against the subject for a step of `amplitude` [deg]; differences in % of the step, times in s."""
+
+    amplitude: float
+    largest_difference: float
+    rms_difference: float
+    rise_time_linear: float
+    rise_time_fmu: float
+    saturated_time: float
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something measured that nothing is gated on; `holds` where it tests a claim."""
+
+    name: str
+    text: str
+    holds: bool | None = None
+
+
+def compare(amplitude: float, run: Run, linear: metrics.Array) -> Comparison:
+    """Compare the response to a step of `amplitude` [deg] with the linear model's [rad] at the same times."""
+    time, angle, level = run.columns["time"], run.columns["fin_angle"], radians(amplitude)
+    after = time >= LEAD_IN - 1e-9
+    difference = metrics.errors(angle[after] / level, linear[after] / level)
+    expected, rise = (metrics.step_metrics(time, y, LEAD_IN, level).rise_time for y in (linear, angle))
+    return Comparison(amplitude, 100.0 * difference.maximum, 100.0 * difference.rms, expected, rise,
+                      float(np.trapezoid(run.columns["saturated"], time)))
+
+
+def claims(comparisons: Sequence[Comparison]) -> list[Finding]:
+    """The thesis's statement (chapter 5, summary) that the models agree below 3 deg, as two findings."""
+    small = [c for c in comparisons if c.amplitude < ALIKE_BELOW]
+    at = [c for c in comparisons if c.amplitude == ALIKE_BELOW]
+    large = [c for c in comparisons if c.amplitude > ALIKE_BELOW]
+    found = []
+    if small:
+        each = ", ".join(f"{c.largest_difference:.1f} % at {c.amplitude:g} deg" for c in small)
+        each += "".join(f"; at {c.amplitude:g} deg itself it is {c.largest_difference:.1f} %" for c in at)
+        found.append(Finding("linear_alike_below_3deg",
+                             f"Below {ALIKE_BELOW:g} deg, this model and the linear one differ by at most {ALIKE:g} % "
+                             f"of the step: {each}", all(c.largest_difference <= ALIKE for c in small)))
+    if large:
+        each = ", ".join(f"{c.rise_time_fmu * 1e3:.1f} ms against {c.rise_time_linear * 1e3:.1f} ms "
+                         f"at {c.amplitude:g} deg" for c in large)
+        found.append(Finding("nonlinear_slower_above_3deg",
+                             f"Above {ALIKE_BELOW:g} deg, this model rises more slowly: {each}",
+                             all(c.rise_time_fmu > c.rise_time_linear for c in large)))
+    return found
+
+
+def accuracy(runs: Mapping[str, Run]) -> list[Finding]:
+    """How long the accuracy takes, and what a load does to it: Table 2 says neither."""
+    found = []
+    for name, what in (("hold_plus20", "a step to 20 deg"), ("hold_loaded", "the same step against 100 N.m")):
+        if name in runs and runs[name].stopped is None:
+            took = metrics.motion(runs[name])["time_to_accuracy"]
+            when = f"not within {HOLD:g} s" if took == inf else f"{took:.3f} s after the command"
+            left = f"{degrees(metrics.held_error(runs[name])):+.4f} deg are left after {HOLD:g} s"
+            found.append(Finding(f"time_to_accuracy_{name}", "The error stays within "
+                                 f"±{degrees(metrics.ACCURACY):.6g} deg after {what}: {when}; {left}"))
+    return found

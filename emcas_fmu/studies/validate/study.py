@@ -1,0 +1,262 @@
+"""A whole validation: every reference case, Table 2, and the linear model beside it where that is of the actuator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import degrees, inf, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...actuators import NONLINEAR, parts
+from ...bench import metrics, verdict
+from ...bench.excitation import Excitation, as_it_is, step_to
+from ...bench.subject import Columns, Identification, Run, Subject
+from ...bench.verdict import Judged
+from ...files import models_directory
+from ...parameters import load_parameters
+from ...reference import files, stored
+from ...reference.cases import LEAD_IN
+from ...reference.linear import LinearModel
+from . import claims
+
+Progress = Callable[[str, int, int], None]
+
+# A hundredth of the accuracy: differences to the reference must not show in any figure judged by Table 2.
+TRAJECTORY_LIMIT = round(degrees(metrics.ACCURACY) / 100.0, 9)  # deg
+# Errors of these are written in degrees.
+_DISPLAY: Mapping[str, tuple[float, str]] = {
+    "fin_angle": (degrees(1.0), "deg"), "fin_rate": (degrees(1.0), "deg/s"), "motor_current": (1.0, "A"),
+    "motor_voltage": (1.0, "V"), "drive_reference": (1.0, "V")}
+RECORDED = (*_DISPLAY, "saturated")
+_LINEAR_DURATION = 0.3  # s
+
+
+@dataclass(frozen=True)
+class VariableError:
+    """Errors of one variable against the reference, in its unit."""
+
+    maximum: float
+    rms: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class CaseResult:
+    """One reference case: how far the run went, its errors (none without a reference) and its performance figures."""
+
+    name: str
+    title: str
+    kind: str
+    stop_time: float
+    stopped: float | None
+    wall_time: float
+    messages: tuple[str, ...]
+    errors: Mapping[str, VariableError]
+    figures: Mapping[str, float]
+    """Performance figures; the name ends in the unit."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A parameter that is not the default."""
+
+    name: str
+    value: float | bool
+    default: float | bool
+    unit: str
+
+
+@dataclass(frozen=True)
+class Series:
+    """A run and its reference (empty where it has none), SI, for the page.
+
+    `run` is of the subject as it is, from which performance is judged; `exact` is the one to
+    compare with the reference, with the start values of the case, true angle and speed fed back.
+    """
+
+    run: Run
+    reference: Columns = field(default_factory=dict)
+    exact: Run | None = None
+
+
+@dataclass(frozen=True)
+class Result:
+    """A whole validation; `reference` is the folder of the references, empty where there is none of this actuator.
+
+    `series` (by case) and `linear_series` (by amplitude [deg], with the linear model's angles [rad]) are for the page.
+    """
+
+    about: Identification
+    parameters: Mapping[str, Any]
+    differences: tuple[Difference, ...]
+    reference: str
+    cases: tuple[CaseResult, ...]
+    trajectory: tuple[Judged, ...]
+    table2: tuple[Judged, ...]
+    comparisons: tuple[claims.Comparison, ...]
+    findings: tuple[claims.Finding, ...]
+    notes: tuple[str, ...]
+    series: Mapping[str, Series] = field(repr=False)
+    linear_series: Mapping[float, tuple[Run, Any]] = field(repr=False)
+
+    @property
+    def criteria(self) -> tuple[Judged, ...]:
+        """Everything to pass."""
+        return (*self.trajectory, *self.table2)
+
+    @property
+    def judged(self) -> list[Judged]:
+        """The criteria that were run."""
+        return [j for j in self.criteria if not j.skipped]
+
+    @property
+    def failed(self) -> list[Judged]:
+        """The criteria that were run and are not met."""
+        return [j for j in self.judged if not j.passed]
+
+    @property
+    def passed(self) -> bool:
+        """Whether something was judged and all of it passed."""
+        return verdict.all_passed(self.criteria)
+
+
+def validate(subject: Subject, names: Sequence[str] | None = None, directory: Path | None = None,
+             progress: Progress | None = None) -> Result:
+    """Judge a subject by the reference cases in `directory` (default: the stored ones) and by Table 2.
+
+    Trajectories are judged where the references are of the subject's actuator, performance always. With `names`,
+    only these cases and what they suffice for. `progress` is called with the name of the run, how many are done and
+    how many there are. Raises EmcasError where the validation cannot be carried out; a failing subject is a result.
+    """
+    folder = directory or models_directory() / "reference"
+    cases = stored.load(folder, names)
+    notes = [f"{case.name} is left out: {why}" for case in cases if (why := subject.obstacle(as_it_is(_of(case))))]
+    cases = [case for case in cases if not subject.obstacle(as_it_is(_of(case)))]
+    extra = {} if names else {**verdict.holds(), **_linear_steps(subject)}
+    total, series = len(cases) + len(extra), dict[str, Series]()
+    outputs = [name for name in RECORDED if name in subject.outputs]
+
+    def starting(name: str) -> None:
+        if progress:
+            progress(name, len(series), total)
+
+    for case in cases:
+        starting(case.name)
+        # The encoder's chatter hides small errors, so references do without; performance does not.
+        exact, shipped = _of(case), as_it_is(_of(case))
+        compared = subject.run(exact, outputs=outputs) if case.model == subject.actuator.name else None
+        same = compared if exact.start_values == shipped.start_values else None
+        run = same or subject.run(shipped, outputs=outputs)
+        series[case.name] = Series(run, case.reference if compared else {}, compared)
+    for name, excitation in extra.items():
+        starting(name)
+        series[name] = Series(subject.run(excitation, outputs=outputs))
+    starting("done")
+    return _result(subject, folder, cases, series, notes)
+
+
+def _result(subject: Subject, folder: Path, cases: Sequence[stored.Stored], series: Mapping[str, Series],
+            notes: list[str]) -> Result:
+    runs = {name: each.run for name, each in series.items()}
+    linear = {}
+    for amplitude in claims.AMPLITUDES:
+        if (name := _linear_name(amplitude)) in runs:
+            linear[amplitude] = runs[name], LinearModel(subject.values).simulate(runs[name].excitation.command)
+    comparisons = tuple(claims.compare(a, *pair) for a, pair in linear.items() if pair[0].stopped is None)
+    results = [_case_result(case, series[case.name]) for case in cases]
+    trajectory = tuple(_trajectory(result, series[result.name]) for result in results if result.errors)
+    if not trajectory:
+        notes.insert(0, f"There is no independent reference of {subject.actuator.name} in {folder}: trajectories are "
+                        "not judged, performance is")
+    with np.errstate(divide="ignore", invalid="ignore"):  # a fin that does not move has no gain: nan, which fails
+        table2 = tuple(verdict.judge_table2(runs))
+    found = (*claims.claims(comparisons), *claims.accuracy(runs))
+    differences = _differences(subject)
+    notes += _notes(subject, differences, [case for case in cases if series[case.name].exact], series)
+    return Result(subject.identification, dict(subject.values), differences, str(folder) if trajectory else "",
+                  tuple(results), trajectory, table2, comparisons, found, tuple(notes), series, linear)
+
+
+def _of(case: stored.Stored) -> Excitation:
+    return Excitation(case.title, {name: column for name, column in case.inputs.items() if name != "time"}, LEAD_IN,
+                      case.step, case.start_values)
+
+
+def _linear_name(amplitude: float) -> str:
+    return f"linear_{amplitude:g}deg"
+
+
+def _linear_steps(subject: Subject) -> dict[str, Excitation]:
+    """Steps to compare with the linear model, at its sample times; none of an actuator it is no model of."""
+    if parts(subject.model)[0] != NONLINEAR:
+        return {}
+    period = LinearModel(subject.values).sample_time
+    return {_linear_name(amplitude): step_to(radians(amplitude), _LINEAR_DURATION, step=period)
+            for amplitude in claims.AMPLITUDES}
+
+
+def _case_result(case: stored.Stored, series: Series) -> CaseResult:
+    run, errors = series.exact or series.run, {}
+    if series.exact:
+        rows = min(len(run.columns["time"]), len(series.reference["time"]))
+        for name, (scale, unit) in _DISPLAY.items():
+            if name not in run.columns or name not in series.reference:
+                continue
+            error = metrics.errors(run.columns[name][:rows] * scale, series.reference[name][:rows] * scale)
+            errors[name] = VariableError(error.maximum, error.rms, unit)
+    return CaseResult(case.name, case.title, case.kind, case.stop_time, run.stopped, run.wall_time, run.messages,
+                      errors, _figures(case.kind, series.run))
+
+
+def _figures(kind: str, run: Run) -> dict[str, float]:
+    """Performance figures of a case; empty where its run ended early."""
+    if run.stopped is not None:
+        return {}
+    if kind == "chirp":
+        found = metrics.swept(response := metrics.sweep_response(run))
+        return {"bandwidth_hz": found["bandwidth_3db"], "phase_bandwidth_hz": found["bandwidth_90deg"],
+                "lowest_coherence": float(np.min(response.coherence, initial=1.0))}
+    if kind not in ("step", "cold", "sag", "load"):
+        return {}
+    found = metrics.motion(run, 1 if kind == "load" else 0)
+    return {"rise_time_s": found["rise_time"], "settling_time_s": found["settling_time"],
+            "overshoot_percent": 100.0 * found["overshoot"], "end_error_deg": degrees(found["steady_error"]),
+            "peak_rate_deg_per_s": degrees(found["peak_rate"]),
+            "sustained_rate_deg_per_s": degrees(found["sustained_rate"])}
+
+
+def _trajectory(case: CaseResult, series: Series) -> Judged:
+    """The fin angle's largest error [deg] to the reference."""
+    reason = series.exact.reason if series.exact else ""
+    return Judged(f"1 % of the accuracy of {verdict.TABLE_2}", case.name, case.title,
+                  None if reason else case.errors["fin_angle"].maximum, "<=", TRAJECTORY_LIMIT, "deg", reason)
+
+
+def _differences(subject: Subject) -> tuple[Difference, ...]:
+    entries = {e.variable.name: e for e in load_parameters(model=subject.model).entries}
+    return tuple(Difference(name, subject.values[name], entries[name].value, entries[name].variable.unit)
+                 for name in subject.identification.differences)
+
+
+def _notes(subject: Subject, differences: Sequence[Difference], compared: Sequence[stored.Stored],
+           series: Mapping[str, Series]) -> Iterator[str]:
+    if differences:
+        yield f"The parameters differ from the defaults: {', '.join(d.name for d in differences)}"
+    foreign = [case.name for case in compared
+               if files.parameters_hash({**subject.values, **case.start_values}) != case.parameters_hash]
+    if foreign:
+        which = "all cases" if len(foreign) == len(compared) else ", ".join(foreign)
+        yield (f"The references of {which} were made with other parameters than the subject's; make its own with "
+               "`emcas reference --parameters FILE --directory DIR` and validate with `--directory DIR`")
+    for name, each in series.items():
+        if each.run.reason:
+            yield f"{name}: {each.run.reason}"
+        yield from (f"{name}: log: {message}" for message in each.run.messages)
+
+
+def window(columns: Columns, begin: float, end: float = inf) -> Any:
+    """Whether each row is between two times [s]."""
+    return (columns["time"] >= begin - 1e-9) & (columns["time"] <= end + 1e-9)

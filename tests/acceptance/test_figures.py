@@ -1,0 +1,244 @@
+"""Every new figure against subjects and signals whose figures are known in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import cos, degrees, isnan, nan, pi, radians
+from typing import Any
+
+import numpy as np
+import pytest
+
+from emcas_fmu.bench import metrics
+from emcas_fmu.bench.subject import ParameterSubject, StoppedError
+from emcas_fmu.bench.verdict import unit_of
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.studies.report import mission, slewing, static_accuracy, steps, stiffness, threshold
+from emcas_fmu.studies.report.outcome import Outcome, Quantity
+from emcas_fmu.studies.report.rig import Rig
+
+from ..bench.subjects import Broken, Play, SecondOrder, count
+
+FRICTIONLESS = {
+    **{f"friction.viscous.{side}": 0.0 for side in ("positive", "negative")},
+    **{f"friction.coulomb.{side}[{k}]": 0.0 for side in ("positive", "negative") for k in range(7)},
+}
+
+
+def test_bidirectional_figures_by_hand() -> None:
+    below = np.array([[nan, nan], [1.0, 3.0], [2.0, 2.0]])
+    above = np.array([[0.0, 0.0], [-1.0, -1.0], [nan, nan]])
+    found = metrics.bidirectional(below, above)
+    # Means 2 and -1 at the middle target; the sample standard deviation of 1 and 3 is the square root of 2.
+    assert found.hysteresis == pytest.approx(3.0)
+    assert found.largest_error == 3.0
+    assert found.repeatability == pytest.approx(4.0 * 2**0.5)
+    assert found.accuracy == pytest.approx((2.0 + 2.0 * 2**0.5) - -1.0)
+    assert found.mean_error == pytest.approx((1.0 + 3.0 + 2.0 + 2.0 + 0.0 + 0.0 - 1.0 - 1.0) / 8.0)
+    assert isnan(found.reversal[0])
+    assert isnan(found.reversal[2])
+
+
+def test_course_approaches_every_inner_target_from_both_sides() -> None:
+    visits = static_accuracy.course(4, 2)
+    assert visits[:6] == [(1, 0, 0), (2, 0, 0), (3, 0, 0), (2, 1, 0), (1, 1, 0), (0, 1, 0)]
+    assert {(k, side) for k, side, _ in visits} == {(1, 0), (2, 0), (3, 0), (0, 1), (1, 1), (2, 1)}
+
+
+@pytest.mark.parametrize("half", [0.002, 0.05])
+def test_play_has_the_hysteresis_of_its_width(half: float) -> None:
+    found = static_accuracy.measure(Rig(Play(half=half))).figures["grid"]
+    # Nothing is left to numerics but the conversion between degrees and radians.
+    assert found["hysteresis_deg"] == pytest.approx(2.0 * half, abs=1e-12)
+    assert found["largest_error_deg"] == pytest.approx(half, abs=1e-12)
+    assert found["bidirectional_accuracy_deg"] == pytest.approx(2.0 * half, abs=1e-12)
+    assert found["repeatability_deg"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_smallest_encloses_a_known_threshold() -> None:
+    tried: list[float] = []
+
+    def moves(size: float) -> bool:
+        tried.append(size)
+        return size >= 0.3
+
+    assert 0.3 <= threshold.smallest(moves, 1e-3, 10.0, 1.02) <= 0.3 * 1.02
+    assert max(size for size in tried if size < 0.3) * 1.02 >= 0.3
+    assert isnan(threshold.smallest(lambda _: False, 1e-3, 10.0))
+    assert threshold.smallest(lambda _: True, 1e-3, 10.0) == 1e-3
+
+
+def test_hunting_is_no_answer() -> None:
+    idle = np.tile([0.0, 0.1], 50)
+    assert not threshold.answered(idle, 50, 1.0, 0.05)
+    moved = idle + np.where(np.arange(100) > 50, 0.06, 0.0)
+    assert threshold.answered(moved, 50, 1.0, 0.05)
+    assert not threshold.answered(moved, 50, -1.0, 0.05)
+
+
+@pytest.mark.parametrize("half", [0.01, 0.2])
+def test_play_has_the_thresholds_of_its_width(half: float, values: Mapping[str, Any]) -> None:
+    found = threshold.measure(Rig(Play(half=half))).figures
+    # From the middle of the play, across the whole of it, and not at all; then a count has to be seen.
+    for group, crossed in (("from_rest", half), ("after_reversal", 2.0 * half), ("increment", 0.0)):
+        expected = crossed + count(values)
+        for value in found[group].values():
+            # The detection gives half a thousandth of a count away.
+            assert expected * (1.0 - 5e-4) <= value <= expected * threshold.RATIO
+
+
+def test_fundamental_beside_offset_drift_and_harmonic() -> None:
+    time = 0.7 + np.arange(2000) * 1e-3  # eight cycles of 4 Hz
+    values = 3.0 * np.cos(2 * pi * 4.0 * time + 0.4) + 5.0 + 0.2 * time
+    assert metrics.fundamental(time, values, 4.0) == pytest.approx(3.0 * np.exp(0.4j), abs=1e-9)
+    # Over whole cycles a harmonic gets in by way of the drift only: that takes up to 6/(pi 24) of 24 cycles, and gives
+    # 2/(pi 8) of itself to 8 cycles.
+    values += 0.5 * np.cos(2 * pi * 12.0 * time)
+    assert metrics.fundamental(time, values, 4.0) == pytest.approx(3.0 * np.exp(0.4j),
+                                                                     abs=0.5 * 6 / (pi * 24) * 2 / (pi * 8))
+
+
+def test_fundamental_of_a_held_sinusoid() -> None:
+    frequency, step, fine = 40.0, 1e-3, 200
+    time = np.arange(100 * fine) * step / fine  # four cycles
+    samples = np.cos(2 * pi * frequency * np.floor(np.arange(100 * fine) / fine) * step)
+    found = 2.0 * np.mean(samples * np.exp(-2j * pi * frequency * time))
+    # The sum over the fine grid is the integral to half a fine step: 40 Hz x 2 pi x 2.5 us.
+    assert metrics.held(1.0, frequency, step) == pytest.approx(found, abs=1e-3)
+
+
+def test_stiffness_of_a_second_order_system() -> None:
+    subject = SecondOrder()
+    found = stiffness.sweep(Rig(subject), 50.0, True)
+    expected = subject.dynamic_stiffness(found.frequency)
+    # The transient is gone after half a second, exp(-40 * 0.5). Reading once a step folds the answer to the hold's
+    # image at 960 Hz onto 40 Hz: 1/24 of the hold there times 1/576 of the inertia's.
+    assert found.stiffness == pytest.approx(expected, rel=2e-4)
+    assert not found.locked
+    powered = stiffness.measure(Rig(subject)).figures["powered"]
+    least = found.frequency[np.argmin(np.abs(expected))]
+    assert powered["least_stiffness_at_hz"] == least
+    assert powered["stiffness_10hz_n_m_per_rad"] == pytest.approx(abs(subject.dynamic_stiffness(10.0)), rel=2e-4)
+
+
+def test_breakaway_of_a_record() -> None:
+    moment = np.linspace(0.0, 10.0, 101)
+    angle = np.where(moment > 4.0, 1e-3, 0.0)
+    assert metrics.breakaway(moment, angle) == pytest.approx(4.1)
+    assert metrics.breakaway(-moment, angle) == pytest.approx(4.1)
+    assert isnan(metrics.breakaway(moment, np.zeros(101)))
+
+
+def _ratio(values: Mapping[str, Any]) -> float:
+    """Motor angle over fin angle at 0 deg."""
+    return float(values["kinematics.moment_arm"] / values["screw.lead"]
+                 / cos(values["kinematics.initial_angle"]) ** 2)
+
+
+def test_breakaway_is_the_friction_at_the_hinge_and_below_it_the_fin_is_locked() -> None:
+    parameters = load_parameters().replace({"friction.fin_coulomb": 3.0})
+    values = parameters.values
+    found = stiffness.measure(Rig(ParameterSubject(parameters)))
+    for side in ("positive", "negative"):
+        expected = _ratio(values) * values[f"friction.coulomb.{side}[0]"] + 3.0
+        # A thousandth of the rated load, as the report tells.
+        assert expected - 1e-6 <= found.figures["breakaway"][f"{side}_n_m"] <= expected + 0.1
+    assert found.figures["unpowered_below_breakaway"]["friction_locked"] is True
+    assert "unpowered_below_breakaway" not in found.curves
+    assert found.figures["unpowered_above_breakaway"]["friction_locked"] is False
+    assert any("friction-locked" in note for note in found.notes)
+
+
+def test_unpowered_without_friction_is_an_inertia() -> None:
+    parameters = load_parameters().replace(FRICTIONLESS)
+    values = parameters.values
+    found = stiffness.measure(Rig(ParameterSubject(parameters)))
+    assert "unpowered_below_breakaway" not in found.figures
+    fin = values["inertia.fin"] + values["inertia.shaft"] + values["inertia.fork"]
+    motor = values["inertia.motor"] + values["inertia.screw"] + values["mass.nut"] * values["screw.lead"] ** 2
+    inertia = fin + _ratio(values) ** 2 * motor
+    curve = found.curves["unpowered_above_breakaway"]
+    fast = curve["frequency_hz"] >= 5.0
+    # Below 5 Hz the fin moves by degrees, and the ratio changes on the way; above, less than 0.1 deg, by under 0.1 %.
+    expected = inertia * (2 * pi * curve["frequency_hz"][fast]) ** 2
+    assert curve["stiffness_n_m_per_rad"][fast] == pytest.approx(expected, rel=5e-3)
+    assert np.abs(curve["phase_deg"][fast]) == pytest.approx(180.0, abs=1.0)
+
+
+def test_self_locking_is_told() -> None:
+    parameters = load_parameters().replace({"friction.fin_coulomb": 500.0})
+    found = stiffness.measure(Rig(ParameterSubject(parameters)))
+    assert all(isnan(value) for value in found.figures["breakaway"].values())
+    assert "unpowered_above_breakaway" not in found.figures
+    assert any("does not move the fin" in note for note in found.notes)
+
+
+def test_energies_of_a_sine() -> None:
+    time = np.linspace(0.0, 1.0, 2001)
+    drawn, regenerated = metrics.energies(time, np.sin(2 * pi * time))
+    # The trapezoid is out by h^2/12 times the change of slope, 4 pi: 2.6e-7.
+    assert drawn == pytest.approx(1.0 / pi, abs=1e-6)
+    assert regenerated == pytest.approx(1.0 / pi, abs=1e-6)
+
+
+@pytest.mark.parametrize(("limit", "load"), [(20.0, 100.0), (12.0, 7.0)])
+def test_synthetic_mission_is_what_it_is_said_to_be(limit: float, load: float) -> None:
+    command, moment = mission.synthetic(limit, load)
+    assert len(command) == len(moment) == 15001
+    assert 0.85 * limit < np.max(np.abs(command)) <= limit
+    assert np.max(np.abs(np.diff(command))) <= mission.RATE * 1e-3 * (1 + 1e-9)
+    assert 0.85 * load < np.max(np.abs(moment)) <= load
+    late = round(mission.LAG / 1e-3)
+    assert np.all(moment[late:] * command[:-late] <= 0.0)  # restoring
+
+
+def test_steps_and_slew_of_a_second_order_system() -> None:
+    subject = SecondOrder()
+    found = steps.measure(Rig(subject))
+    assert list(found.figures) == [f"{sign}_{size}deg" for size in (1, 5, 10, 20) for sign in ("plus", "minus")]
+    natural = (subject.stiffness / subject.mass) ** 0.5
+    damping = subject.damping / (2.0 * subject.mass * natural)
+    overshoot = 100.0 * np.exp(-pi * damping / (1.0 - damping**2) ** 0.5)
+    for figures in found.figures.values():  # linear: every size and sign alike
+        assert figures["overshoot_percent"] == pytest.approx(overshoot, abs=0.1)  # the row next to the peak
+        assert figures["steady_error_deg"] == pytest.approx(0.0, abs=1e-9)
+    slew = slewing.measure(Rig(subject)).figures
+    # An subject without a rate of its own: the mean over the travel is from the angle, 24 of 40 deg over the time
+    # from 20 to 80 %, which does not depend on the direction.
+    assert slew["unloaded_positive"]["sustained_rate_deg_per_s"] == pytest.approx(
+        slew["unloaded_negative"]["sustained_rate_deg_per_s"], rel=1e-9)
+    # 100 N.m deflects this spring by 0.64 deg: it arrives late against the load, early with it.
+    times = [slew[f"{load}_positive"]["time_to_90_percent_s"] for load in ("aiding", "unloaded", "opposing")]
+    assert times == sorted(times)
+    assert times[0] < times[2]
+
+
+def test_sizes_stay_within_the_range_of_commands(values: Mapping[str, Any]) -> None:
+    small = Rig(Play(values={**values, "command.limit": radians(7.5)}))
+    assert small.sizes(steps.SIZES) == [1.0, 5.0, 7.5]
+    assert "plus_7p5deg" in steps.measure(small).figures
+
+
+def test_encoder_count_at_the_fin(values: Mapping[str, Any]) -> None:
+    assert degrees(Rig(Play()).count) == pytest.approx(count(values))
+    turn = 360.0 / (values["encoder.pulses"] * values["encoder.multiplier"])
+    assert Rig(Play(values={**values, "encoder.on_fin": True})).count == pytest.approx(radians(turn))
+
+
+def test_broken_subject_is_told() -> None:
+    with pytest.raises(StoppedError, match=r"no further than 0\.01 s: error: the bridge is open"):
+        steps.measure(Rig(Broken()))
+
+
+@pytest.mark.parametrize(("key", "unit"), [
+    ("rise_time_s", "s"), ("sustained_rate_deg_per_s", "deg/s"), ("stiffness_1hz_n_m_per_rad", "N.m/rad"),
+    ("positive_n_m", "N.m"), ("lowest_coherence", "1"), ("overshoot_percent", "%"), ("peak_gain_db", "dB")])
+def test_a_figure_tells_its_unit(key: str, unit: str) -> None:
+    assert unit_of(key) == unit
+
+
+def test_groups_that_share_nothing_are_tables_of_their_own() -> None:
+    outcome = Outcome("t", "T", "m", tuple(Quantity(k, k, "") for k in ("a_s", "b_s", "c_s")),
+                      {"one": {"a_s": 1.0}, "two": {"b_s": 1.0, "c_s": 2.0}, "three": {"c_s": 3.0}})
+    assert [([q.key for q in columns], list(groups)) for columns, groups in outcome.tables()] == [
+        (["a_s"], ["one"]), (["b_s", "c_s"], ["two", "three"])]

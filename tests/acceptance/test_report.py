@@ -1,0 +1,369 @@
+"""`emcas report` as a user meets it: FMU or parameter file, requirements met and missed, wrong requests."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from html.parser import HTMLParser
+from math import isnan
+from pathlib import Path
+from typing import Any
+
+import junitparser
+import pytest
+from typer.testing import CliRunner
+from typer.testing import Result as Done
+
+from emcas_fmu.actuators import NAMES, NONLINEAR
+from emcas_fmu.bench.subject import ParameterSubject, Subject, open_subject
+from emcas_fmu.bench.verdict import REQUIREMENTS, holds, load_requirements
+from emcas_fmu.bench.writers import plain
+from emcas_fmu.cli import app
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.studies.report.output import as_dict, page
+from emcas_fmu.studies.report.study import TESTS, Result, carry_out, flat, judge
+from emcas_fmu.studies.validate.study import validate
+
+from ..bench.subjects import FIN_PORT, Broken, Play
+
+pytestmark = pytest.mark.acceptance
+
+
+def emcas(*arguments: object) -> Done:
+    return CliRunner().invoke(app, ["report", *map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def shipped() -> Result:
+    """The acceptance test of the shipped parameters, by the kernel."""
+    with open_subject(None) as subject:
+        return carry_out(subject)
+
+
+@pytest.fixture(scope="module", params=["python", "native"])
+def by_fmu(units: Mapping[str, Path], request: pytest.FixtureRequest) -> Result:
+    """The acceptance test of the shipped parameters, by an FMU of either back end."""
+    with open_subject(units[request.param]) as subject:
+        return carry_out(subject)
+
+
+def specification(folder: Path, limit: str = "1 deg", figure: str = "static_accuracy.grid.hysteresis_deg",
+                  sense: str = "<=", name: str = "hysteresis") -> Path:
+    path = folder / "specification.toml"
+    path.write_text(f'[[requirement]]\nname = "{name}"\nfigure = "{figure}"\nsense = "{sense}"\nlimit = "{limit}"\n',
+                    encoding="utf-8")
+    return path
+
+
+def test_fmu_and_parameter_set_give_the_same_figures(by_fmu: Result, shipped: Result) -> None:
+    there, here = dict(flat(by_fmu.outcomes)), dict(flat(shipped.outcomes))
+    assert there.keys() == here.keys()
+    # The back ends take the same steps in the same order at the same times: on one C library the bits are the same.
+    different = {name for name in here if there[name] != here[name] and not (isnan(there[name]) and isnan(here[name]))}
+    assert not different
+    assert [j.measured for j in by_fmu.judged] == [j.measured for j in shipped.judged]
+    assert by_fmu.about.parameters_sha256 == shipped.about.parameters_sha256
+    assert by_fmu.about.estimates == shipped.about.estimates
+    assert by_fmu.about.guid.startswith("{")
+
+
+def test_table_2_is_that_of_emcas_validate(units: Mapping[str, Path], shipped: Result) -> None:
+    rows = [(r.name, r.sense, r.limit, r.unit) for r in REQUIREMENTS]
+    assert [(j.name, j.sense, j.limit, j.unit) for j in shipped.judged] == rows
+    # Another way to the same runs: stored files instead of computed columns, an FMU instead of the kernel.
+    names = sorted({name for r in REQUIREMENTS for name in r.needs} - set(holds()))
+    with open_subject(units["native"]) as subject:
+        validated = {c.name: c.measured for c in validate(subject, names).criteria if not c.skipped}
+    assert len(validated) > 2
+    for name, measured in validated.items():
+        if name in {r.name for r in REQUIREMENTS}:
+            assert next(j.measured for j in shipped.judged if j.name == name) == measured
+    assert shipped.passed  # that the shipped set meets Table 2 is what the project claims
+
+
+def test_figures_hang_together(shipped: Result) -> None:
+    """What holds whatever the gains are."""
+    figures = {name: outcome.figures for name, outcome in shipped.outcomes.items()}
+    slew = figures["slew_rate"]
+    for direction in ("positive", "negative"):
+        rates = [slew[f"{load}_{direction}"]["sustained_rate_deg_per_s"] for load in ("opposing", "unloaded", "aiding")]
+        assert rates == sorted(rates)
+    grid = figures["static_accuracy"]["grid"]
+    # Reversal is the distance of two means, each within the largest error; accuracy encloses both.
+    assert grid["hysteresis_deg"] <= 2.0 * grid["largest_error_deg"]
+    assert grid["hysteresis_deg"] <= grid["bidirectional_accuracy_deg"]
+    mission = figures["mission"]["synthetic"]
+    assert mission["net_energy_j"] == pytest.approx(mission["energy_drawn_j"] - mission["energy_regenerated_j"])
+    assert 0.0 < mission["motor_current_rms_a"] < mission["motor_current_peak_a"]
+    assert 0.0 < mission["energy_regenerated_j"] < mission["energy_drawn_j"]
+    stiffness = figures["dynamic_stiffness"]
+    assert stiffness["unpowered_below_breakaway"]["friction_locked"]
+    # The loops hold the fin where friction and inertia alone do not.
+    assert (stiffness["powered"]["least_stiffness_n_m_per_rad"]
+            > stiffness["unpowered_above_breakaway"]["least_stiffness_n_m_per_rad"])
+
+
+class _Page(HTMLParser):
+    """Whether tags are balanced, what is linked to, and the text of every signature cell."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.links: list[str] = []
+        self.tags: set[str] = set()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Note a tag and what it refers to."""
+        self.tags.add(tag)
+        self.links += [value or "" for name, value in attrs if name in ("src", "href", "xlink:href")]
+        if tag not in ("meta", "br"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Note a tag that closes itself."""
+        self.handle_starttag(tag, attrs)
+        self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        """Close the tag opened last."""
+        assert self.open.pop() == tag
+
+
+def test_page_is_whole_and_holds_everything(shipped: Result) -> None:
+    text = page(shipped)
+    parsed = _Page()
+    parsed.feed(text)
+    assert parsed.open == []
+    assert all(link.startswith("#") for link in parsed.links)
+    assert "script" not in parsed.tags
+    assert text.count("<svg") == 6  # a picture for each test but that of thresholds
+    for outcome in shipped.outcomes.values():
+        assert f'id="{outcome.name}"' in text
+        for q in outcome.columns():
+            assert q.how.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace("'", "&#39;") in text
+    assert text.index("Summary") < text.index("Step response</h2>")
+    for name in ("tested by", "checked by", "accepted by"):
+        assert f"<th>{name}</th><td></td><td></td><td></td>" in text
+    assert "<strong>Estimate.</strong>" in text
+    assert "friction-locked" in text
+    assert "<th>date</th><td>" not in text
+    assert "<th>date</th><td>2026-03-31</td>" in page(shipped, "2026-03-31")
+
+
+def test_command_writes_the_same_bytes_and_no_paths(tmp_path: Path) -> None:
+    (tmp_path / "my_actuator.toml").write_text('[command]\nlimit = "15 deg"\n', encoding="utf-8")
+    written = []
+    for folder in (tmp_path / "one", tmp_path / "two"):
+        folder.mkdir()
+        found = emcas(tmp_path / "my_actuator.toml", "-o", folder / "report.html", "--json", folder / "figures.json",
+                      "--junit", folder / "junit.xml", "--requirements", specification(folder))
+        # 15 deg are not the ±20 deg of Table 2: the article has to fail, and for no other reason.
+        assert found.exit_code == 1, found.output
+        written.append([(folder / name).read_bytes() for name in ("report.html", "figures.json", "junit.xml")])
+        assert all(str(tmp_path).encode() not in data for data in written[-1])
+    assert written[0] == written[1]
+    document = json.loads(written[0][1])
+    judged = {r["name"]: r["passed"] for r in document["requirements"]}
+    assert judged.pop("hysteresis") is True
+    assert not judged["range"]
+    assert document["passed"] is False
+    assert document["identification"]["file"] == "my_actuator.toml"
+    assert document["identification"]["differences"] == ["command.limit"]
+    assert set(document["figures"]) == set(TESTS)
+    assert "plus_15deg" in document["figures"]["step_response"]
+    failures = {case.name for suite in junitparser.JUnitXml.fromfile(str(tmp_path / "one" / "junit.xml"))
+                for case in suite if case.result}
+    assert failures == {name for name, passed in judged.items() if not passed}
+
+
+def test_command_on_the_shipped_parameters(tmp_path: Path) -> None:
+    found = emcas("-o", tmp_path / "report.html", "--requirements", specification(tmp_path), "--date", "2026-03-31")
+    assert found.exit_code == 0, found.output
+    assert "all 7 requirements are met" in found.output
+    assert "2026-03-31" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    missed = emcas("-o", tmp_path / "report.html", "--requirements", specification(tmp_path, "1e-9 deg"))
+    assert missed.exit_code == 1
+    assert "1 of 7 requirements are not met" in missed.output
+
+
+def test_mission_from_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "flight.csv"
+    path.write_text("time,fin_command\n0,0\n0.1,0.1\n0.5,0.1\n", encoding="utf-8")
+    found = emcas("-o", tmp_path / "report.html", "--mission", path, "--json", tmp_path / "figures.json")
+    assert found.exit_code == 0, found.output
+    document = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))
+    assert document["figures"]["mission"]["file"]["duration_s"] == pytest.approx(0.5)
+    assert document["methods"]["mission"]["estimate"] is None
+    assert "<strong>Estimate.</strong>" not in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    (["{tmp}/absent.fmu"], "there is no such file"),
+    (["{tmp}/absent.toml"], "cannot be read"),
+    (["{tmp}/text.txt"], "neither an FMU nor a parameter file"),
+    (["{tmp}/text.fmu"], "not a ZIP archive"),
+    (["--date", "yesterday"], "expected a date such as 2026-03-31"),
+    (["--load", "-3"], "must be above 0, in N.m"),
+    (["--output", "{tmp}/absent/report.html"], "make it first"),
+    (["--mission", "{tmp}/text.txt"], "cannot be read as a table of numbers"),
+    (["--mission", "{tmp}/instant.csv"], "instant.csv"),
+    (["--requirements", "{tmp}/absent.toml"], "cannot be read"),
+])
+def test_wrong_requests(arguments: list[str], message: str, tmp_path: Path) -> None:
+    for name in ("text.txt", "text.fmu"):
+        (tmp_path / name).write_text("no table\nno archive\n", encoding="utf-8")
+    (tmp_path / "instant.csv").write_text("time,fin_command\n0,0\n", encoding="utf-8")
+    found = emcas("-o", tmp_path / "report.html", *(a.replace("{tmp}", str(tmp_path)) for a in arguments))
+    assert found.exit_code == 2, found.output
+    assert message in " ".join(found.output.split())
+    assert not (tmp_path / "report.html").exists()
+
+
+@pytest.mark.parametrize(("limit", "expected"), [("1 deg", 1.0), ("0.001 rad", 0.05729577951308232), ("6 arcmin", 0.1)])
+def test_limits_in_any_unit_of_the_quantity(limit: str, expected: float, tmp_path: Path) -> None:
+    (wanted,) = load_requirements(specification(tmp_path, limit))
+    assert wanted.limit == pytest.approx(expected, rel=1e-12)
+    assert (wanted.unit, wanted.sense, wanted.source) == ("deg", "<=", "specification.toml")
+
+
+@pytest.mark.parametrize(("figure", "limit", "expected"), [
+    ("frequency_response.1deg.peak_gain_db", "3 dB", 3.0), ("step_response.plus_1deg.overshoot_percent", "5 %", 5.0),
+    ("frequency_response.1deg.lowest_coherence", "0.9", 0.9),
+    ("dynamic_stiffness.powered.stiffness_10hz_n_m_per_rad", "1 N.m/deg", 57.29577951308232),
+    ("slew_rate.unloaded_positive.peak_rate_deg_per_s", "1 rad/s", 57.29577951308232)])
+def test_limits_of_other_quantities(figure: str, limit: str, expected: float, tmp_path: Path) -> None:
+    (wanted,) = load_requirements(specification(tmp_path, limit, figure, "at least"))
+    assert wanted.limit == pytest.approx(expected, rel=1e-12)
+    assert wanted.sense == ">="
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("[[requirement", "not valid TOML"),
+    ("", "expected one or more tables"),
+    ("a = 1", "expected one or more tables"),
+    ("[[requirement]]\nname = 'a'", "requirement a: has no figure, sense, limit"),
+    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<'\nlimit = '1 s'", "expected <= or >="),
+    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = 1", "expected a string"),
+    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = '1'", "has no unit"),
+    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = '1 deg'", "does not measure"),
+    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_db'\nsense = '<='\nlimit = '1'", "with the unit dB"),
+    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = '1 s'\nunit = 's'", "unknown unit;"),
+    (2 * "[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = '1 s'\n", "given twice"),
+])
+def test_unsound_requirements(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "wrong.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(EmcasError, match=r"wrong\.toml") as raised:
+        load_requirements(path)
+    assert message in str(raised.value)
+
+
+@pytest.mark.parametrize(("figure", "message"), [
+    ("static_accuracy.grid.hysteresis", "close to it are static_accuracy.grid.hysteresis_deg"),
+    ("dynamic_stiffness.powered.friction_locked", "true or false")])
+def test_requirement_of_no_figure(figure: str, message: str, tmp_path: Path, shipped: Result) -> None:
+    wanted = load_requirements(specification(tmp_path, "1", figure))
+    with pytest.raises(EmcasError, match=r"specification\.toml: requirement hysteresis") as raised:
+        judge(wanted, shipped.outcomes)
+    assert message in str(raised.value)
+
+
+def test_margin_is_negative_where_a_limit_is_missed(shipped: Result, tmp_path: Path) -> None:
+    figure = "step_response.plus_1deg.rise_time_s"
+    measured = float(dict(flat(shipped.outcomes))[figure])
+    for sense, share, passed in (("<=", 2.0, True), ("<=", 0.5, False), (">=", 0.5, True), (">=", 2.0, False)):
+        wanted = load_requirements(specification(tmp_path, f"{share * measured!r} s", figure, sense))
+        (judged,) = judge(wanted, shipped.outcomes)
+        assert judged.passed is passed
+        assert judged.margin == pytest.approx((1 if passed else -1) * abs(share - 1.0) * measured)
+        assert judged.margin_percent == pytest.approx((1 if passed else -1) * abs(share - 1.0) / share * 100.0)
+
+
+@contextmanager
+def _handing(subject: Subject) -> Iterator[Subject]:
+    yield subject
+
+
+def test_article_that_stops_is_a_failure_and_not_a_crash(tmp_path: Path) -> None:
+    wanted = load_requirements(specification(tmp_path))
+    found = carry_out(Broken(), wanted=wanted)
+    assert not found.passed
+    assert set(found.stopped) == set(TESTS)
+    assert [j.passed for j in found.judged] == [False] * (len(REQUIREMENTS) + 1)
+    text = page(found)
+    assert f"{len(TESTS)} of {len(TESTS)} tests were not finished" in text
+    assert "the bridge is open" in text
+    assert as_dict(found)["methods"]["mission"]["stopped"].endswith("the bridge is open")
+
+
+def test_command_on_an_article_that_stops(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("emcas_fmu.bench.subject.open_subject", lambda *_, **__: _handing(Broken()))
+    found = emcas("-o", tmp_path / "report.html", "--junit", tmp_path / "junit.xml")
+    assert found.exit_code == 1
+    assert "Mission profile was not finished" in found.output
+    failed = {case.name for suite in junitparser.JUnitXml.fromfile(str(tmp_path / "junit.xml"))
+              for case in suite if case.result}
+    assert set(TESTS) <= failed
+
+
+@pytest.mark.parametrize("entry", [{"controller.position.kp": 0.0, "controller.position.ki": 0.0},
+                                   {"friction.fin_coulomb": 9e3}], ids=["dead", "stuck"])
+def test_article_that_does_not_move_fails_without_a_crash(entry: dict[str, float]) -> None:
+    found = carry_out(ParameterSubject(load_parameters().replace(entry)))
+    assert {j.name for j in found.judged if j.passed} == set()
+    figures = dict(flat(found.outcomes))
+    assert isnan(figures["threshold.from_rest.positive_deg"])
+    assert isnan(figures["step_response.plus_1deg.rise_time_s"])
+    text = page(found)
+    assert "from the lowest frequency on" in text
+    json.dumps(plain(as_dict(found)), allow_nan=False)
+
+
+def test_progress_counts_every_test() -> None:
+    seen: list[tuple[str, int, int]] = []
+    carry_out(Play(), progress=lambda *told: seen.append(told))
+    assert [done for _, done, _ in seen] == list(range(len(TESTS) + 2))
+    assert {total for *_, total in seen} == {len(TESTS) + 1}
+
+
+def test_json_has_no_value_json_does_not_know(shipped: Result) -> None:
+    document: Any = plain(as_dict(shipped))
+    text = json.dumps(document, allow_nan=False)
+    assert json.loads(text)["schema"] == "emcas-acceptance/1"
+    grid = document["curves"]["static_accuracy"]["grid"]
+    assert grid["error_from_below_deg"][0] is None  # the lowest angle has no approach from below
+    assert len(grid["command_deg"]) == len(grid["error_from_above_deg"])
+
+
+def test_what_needs_an_output_the_actuator_lacks_is_not_applicable(tmp_path: Path) -> None:
+    wanted = load_requirements(specification(tmp_path, "5 A", "mission.synthetic.motor_current_rms_a"))
+    found = carry_out(Play(there=FIN_PORT), wanted=wanted)
+    assert not found.stopped
+    figures = dict(flat(found.outcomes))
+    assert not any(part in name for name in figures for part in ("current", "_power_", "energy"))
+    assert {"mission.synthetic.tracking_error_rms_deg",
+            "slew_rate.unloaded_positive.peak_rate_deg_per_s"} <= set(figures)
+    why = found.outcomes["mission"].not_applicable
+    assert why["motor_current_rms_a"] == "this actuator has no motor_current"
+    assert why["net_energy_j"] == "this actuator has no supply_power"
+    # What was asked for and cannot be told is not met.
+    assert (found.judged[-1].passed, found.judged[-1].note) == (
+        False, "not applicable: this actuator has no motor_current")
+    text = page(found)
+    assert "Not applicable: RMS current, peak current (this actuator has no motor_current)." in text
+    assert as_dict(found)["methods"]["mission"]["not_applicable"]["energy_drawn_j"].endswith("supply_power")
+
+
+@pytest.mark.parametrize("model", [*(name for name in NAMES if name != NONLINEAR), "elastic+stribeck+heat+faults"])
+def test_every_actuator(model: str, tmp_path: Path) -> None:
+    found = emcas("--model", model, "-o", tmp_path / "report.html", "--json", tmp_path / "figures.json")
+    assert found.exit_code in (0, 1), found.output
+    document = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))
+    assert document["identification"]["model"] == model
+    assert not [name for name, method in document["methods"].items() if method["stopped"]]
+    # Whatever drives the fin, it goes where it is commanded: to within a tenth of a step of 1 deg.
+    assert abs(document["figures"]["step_response"]["plus_1deg"]["steady_error_deg"]) < 0.1
+    assert document["figures"]["frequency_response"]["1deg"]["bandwidth_3db_hz"] > 1.0
+    assert model in (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -1,0 +1,101 @@
+"""The rows every excitation gives, by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from emcas_fmu.bench.excitation import (
+    LOAD,
+    SETTLE,
+    Excitation,
+    Move,
+    load_ramp,
+    reference_case,
+    sine,
+    slew_to,
+    staircase,
+    step_to,
+    sweep,
+)
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.reference.cases import CASES, LEAD_IN, LOAD_RISE
+
+
+def test_step_comes_with_its_load() -> None:
+    step = step_to(0.1, 0.5, load=-40.0)
+    assert len(step.time) == 551
+    assert step.command[:50].tolist() == [0.0] * 50
+    assert step.command[50:].tolist() == [0.1] * 501
+    load = step.columns["aero_torque"]
+    assert np.all(load[:51] == 0.0)
+    # Half of it in half the rise; time and ratio carry rounding.
+    assert load[60] == pytest.approx(-40.0 * 0.01 / LOAD_RISE, rel=1e-12)
+    assert np.all(load[71:] == -40.0)
+    assert step.moves == (Move(LEAD_IN, 0.1, step.time[-1]),)
+    assert list(step_to(0.1, 0.5).columns) == ["fin_command"]
+
+
+def test_slew_settles_at_its_starting_end() -> None:
+    slew = slew_to(0.3, 0.6, load=100.0)
+    assert slew.begin == SETTLE
+    assert slew.command[0] == 0.0
+    assert set(slew.command[1:1000]) == {-0.3}
+    assert set(slew.command[1000:]) == {0.3}
+    assert np.all(slew.columns["aero_torque"][:1001] == 0.0)
+    assert [move.level for move in slew.moves] == [-0.3, 0.3]
+    assert slew.moves[0].end == slew.moves[1].start == SETTLE
+
+
+def test_sweep_passes_its_frequencies() -> None:
+    swept = sweep(1.0, 8.0, 0.5, 30.0)
+    cycles = np.cumsum((swept.command[1:] >= 0.0) & (swept.command[:-1] < 0.0))
+    # f = low exp(g t) adds up to (f - low)/g cycles: to the geometric mean at half the time, to the high end later.
+    growth = np.log(60.0) / 8.0
+    assert cycles[round((LEAD_IN + 4.0) * 1e3)] == int((15.0**0.5 - 0.5) / growth)
+    assert cycles[-1] == int((30.0 - 0.5) / growth)
+    assert np.max(np.abs(swept.command)) == pytest.approx(1.0, abs=1e-4)
+    with pytest.raises(ValueError, match="not below"):
+        sweep(1.0, 8.0, 5.0, 5.0)
+
+
+def test_sines_hold_whole_cycles_to_look_at() -> None:
+    for frequency, made in ((10.0, sine(0.1, 10.0)), (10.0, sine(0.1, 10.0, variable=LOAD)), (0.5, sine(0.1, 0.5))):
+        looked_at = made.time[made.judged(made.time)]
+        assert looked_at[-1] - looked_at[0] == pytest.approx(6.0 / frequency, abs=1e-9)
+        assert looked_at[0] == pytest.approx(max(4.0 / frequency, 0.5), abs=1e-9)
+    assert sine(0.1, 10.0).command[0] == 0.0
+    assert sine(50.0, 10.0, variable=LOAD).columns["aero_torque"][0] == 50.0
+    assert not sine(50.0, 10.0, variable=LOAD).command.any()
+
+
+def test_staircase_and_ramp() -> None:
+    stairs = staircase((0.0, 0.1, -0.1), (0.02, 0.05, 0.03), step=0.01)
+    assert stairs.command.tolist() == [0.0] * 2 + [0.1] * 5 + [-0.1] * 4
+    assert stairs.begin == pytest.approx(0.07)
+    ramp = load_ramp(-10.0, 2.0).columns["aero_torque"]
+    assert (ramp[0], ramp[-1]) == (0.0, -10.0)
+
+
+@pytest.mark.parametrize("made", [step_to(0.1, 0.5), slew_to(0.1, 0.5), sweep(0.1, 1.0), sine(0.1, 7.0),
+                                  load_ramp(1.0, 0.7), staircase((0.1,), (0.3,), step=0.02)])
+def test_all_columns_have_the_rows_times(made: Excitation) -> None:
+    held = made.holding({"enable": False, "aero_torque": 5.0})
+    assert all(len(column) == len(made.time) for column in held.columns.values())
+    assert held.time.tolist() == made.time.tolist()
+    assert (held.begin, held.title) == (made.begin, made.title)
+    np.testing.assert_array_equal(held.command, made.command)
+    assert set(held.columns["aero_torque"]) == {5.0}
+    assert made.with_start_values({"a": 1}).start_values == {"a": 1}
+
+
+def test_reference_cases_are_those_of_the_references() -> None:
+    for case in CASES:
+        made, inputs = reference_case(case.name), case.inputs()
+        assert {name: column.tolist() for name, column in made.columns.items()} == {
+            name: column.tolist() for name, column in inputs.items() if name != "time"}
+        assert made.time == pytest.approx(inputs["time"], abs=1e-9)  # a file stores nine digits
+        assert made.start_values == case.overrides
+    assert reference_case("cold", exact=False).start_values == {"friction.temperature": -6.0}
+    with pytest.raises(EmcasError, match="there is no case nonsense"):
+        reference_case("nonsense")

@@ -1,0 +1,170 @@
+"""Performance figures against closed forms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from emcas_fmu.bench import metrics
+from emcas_fmu.bench.metrics import Array
+from emcas_fmu.reference.cases import CASES
+
+SWEEP = next(case for case in CASES if case.name == "chirp_1deg").inputs()
+STEP = 1e-3  # s
+
+
+def second_order(time: Array, natural: float, damping: float) -> Array:
+    """Unit step response of w^2/(s^2 + 2 z w s + w^2) at times [s] after the step (Ogata, 5-3)."""
+    damped = natural * math.sqrt(1.0 - damping**2)
+    angle = damped * np.maximum(time, 0.0)
+    decay = np.exp(-damping * natural * np.maximum(time, 0.0))
+    return np.asarray(1.0 - decay * (np.cos(angle) + damping / math.sqrt(1.0 - damping**2) * np.sin(angle)))
+
+
+def test_errors() -> None:
+    found = metrics.errors(np.array([1.0, 2.0, 3.0, 0.0]), np.array([1.0, -1.0, 3.0, 4.0]))
+    assert (found.maximum, found.rms) == (4.0, 2.5)
+    assert math.isnan(metrics.errors(np.array([0.0, np.nan]), np.zeros(2)).maximum)
+
+
+@pytest.mark.parametrize("scale", [20.0, -3.0])
+@pytest.mark.parametrize("damping", [0.4, 0.7])
+def test_step_metrics_of_a_second_order_system(scale: float, damping: float) -> None:
+    natural, start, before = 60.0, 0.1, 5.0
+    time = np.arange(1001) * STEP
+    response = before + scale * second_order(time - start, natural, damping)
+    found = metrics.step_metrics(time, response, start, before + scale)
+
+    fine = np.arange(900_001) * 1e-6
+    unit = second_order(fine, natural, damping)
+    rise = fine[np.argmax(unit >= 0.9)] - fine[np.argmax(unit >= 0.1)]
+    settling = fine[np.flatnonzero(np.abs(unit - 1.0) > 0.02)[-1]]
+    overshoot = math.exp(-math.pi * damping / math.sqrt(1.0 - damping**2))
+    # Linear interpolation over 1 ms is out by at most h^2 y''/8 = 4.5e-4 of the step, that is 20 us of its slope;
+    # where the response grazes the 2 % band the same distance takes longer.
+    assert found.rise_time == pytest.approx(rise, abs=4e-5)
+    assert found.settling_time == pytest.approx(settling, abs=5e-4)
+    assert found.overshoot == pytest.approx(overshoot, abs=5e-4)  # the highest sample, h/2 off the peak
+    assert found.steady_error == pytest.approx(0.0, abs=1e-8 * abs(scale))  # exp(-0.4*60*0.8) of the step
+
+
+def test_step_that_falls_short() -> None:
+    time = np.arange(501) * STEP
+    response = 0.85 * np.clip((time - 0.1) / 0.1, 0.0, 1.0)
+    found = metrics.step_metrics(time, response, 0.1, 1.0)
+    assert math.isnan(found.rise_time)
+    assert found.settling_time == math.inf
+    assert found.overshoot == 0.0
+    assert found.steady_error == pytest.approx(-0.15, abs=1e-12)
+
+
+def test_times_count_from_the_command_not_from_the_first_motion() -> None:
+    time = np.arange(501) * STEP
+    response = np.clip((time - 0.15) / 0.1, 0.0, 1.0)  # 50 ms late, then a ramp of 100 ms
+    found = metrics.step_metrics(time, response, 0.1, 1.0)
+    assert found.rise_time == pytest.approx(0.08, abs=1e-9)  # a ramp is interpolated exactly
+    assert found.settling_time == pytest.approx(0.148, abs=1e-9)
+
+
+@pytest.mark.parametrize(("values", "expected"), [
+    ([9.0, 0.0, 0.5, 1.1, 1.5, 1.2, 0.9], 0.3 + 0.1 * 0.25 / 0.3),  # out again at 0.3 s
+    ([9.0, 0.9, 1.1, 1.0, 1.0, 1.0, 1.0], 0.0),  # outside before the command only
+    ([9.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0], 0.075),
+    ([9.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.5], math.inf),
+    ([9.0, 0.0, 1.0, 1.0, 1.0, 1.0, math.nan], math.inf),  # a row that is no number is outside
+    ([9.0, 0.75, 1.25, 0.75, 1.25, 0.75, 1.25], 0.0),  # on the edge of the band is inside
+])
+def test_time_to_accuracy(values: list[float], expected: float) -> None:
+    """The rows are at -0.1, 0, ... 0.5 s from the command to 1, the band is a quarter; between rows it is a line."""
+    time = 0.2 + 0.1 * np.arange(7)  # 0.3 s is 0.30000000000000004 here
+    since, response = metrics.since(0.3, time, np.array(values))
+    assert metrics.settling(since, np.abs(response - 1.0), 0.25) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_time_to_accuracy_of_a_ramp(sign: float) -> None:
+    time, start = np.arange(1001) * STEP, 0.1
+    ramp = sign * np.clip((time - start) / 0.5, 0.0, 1.0)  # 1 rad in 0.5 s, interpolated exactly
+    found = metrics.step_metrics(time, ramp, start, sign)
+    assert found.time_to_accuracy == pytest.approx(0.5 * (1.0 - metrics.ACCURACY), abs=1e-9)
+    late = np.where(time > 0.8, sign, ramp - 2.0 * sign * metrics.ACCURACY)  # outside until 0.8 s, then at the command
+    assert metrics.step_metrics(time, late, start, sign).time_to_accuracy == pytest.approx(0.7, abs=STEP)
+
+
+def test_time_to_accuracy_where_nothing_is_outside_and_where_the_end_is() -> None:
+    time = np.arange(501) * STEP
+    small = 0.5 * metrics.ACCURACY * np.clip((time - 0.1) / 0.1, 0.0, 1.0)
+    assert metrics.step_metrics(time, small, 0.1, 0.5 * metrics.ACCURACY).time_to_accuracy == 0.0
+    assert metrics.step_metrics(time, small, 0.1, 3.0 * metrics.ACCURACY).time_to_accuracy == math.inf
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_slew_of_a_trapezoid(sign: float) -> None:
+    # 0.1 s at 2000 deg/s2 up to 200 deg/s, 0.2 s at that rate, 0.1 s down: 60 deg in all. The middle 60 % runs
+    # from 12 to 48 deg, all of it at the full rate, and is reached at 0.11 s.
+    time = np.arange(601) * STEP
+    rate = 200.0 * np.clip(np.minimum(time / 0.1, (0.4 - time) / 0.1), 0.0, 1.0)
+    angle = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1])) * STEP))
+    found = metrics.slew(time, sign * angle - 3.0, sign * rate, 0.0, sign * 60.0 - 3.0)
+    assert found.peak == pytest.approx(200.0, rel=1e-12)
+    assert found.sustained == pytest.approx(200.0, rel=1e-9)
+    spike = rate.copy()
+    spike[200] = 900.0
+    assert metrics.slew(time, angle, spike, 0.0, 60.0).sustained == pytest.approx(200.0, rel=1e-9)
+
+
+def respond(command: Array, hertz: float, damping: float, delay: int) -> tuple[Array, Array, Array]:
+    """Response of a delayed second-order system to held samples, and its discrete coefficients."""
+    natural = 2.0 * math.pi * hertz
+    b, a, _ = signal.cont2discrete(([natural**2], [1.0, 2.0 * damping * natural, natural**2]), STEP)
+    numerator = np.concatenate((np.zeros(delay), b.ravel()))
+    return signal.lfilter(numerator, a, command), numerator, a
+
+
+@pytest.mark.parametrize(("hertz", "damping"), [(15.0, 0.6), (18.0, 0.3), (12.0, 1.0)])
+def test_frequency_response_of_a_second_order_system_with_delay(hertz: float, damping: float) -> None:
+    response, b, a = respond(SWEEP["fin_command"], hertz, damping, delay=4)
+    found = metrics.frequency_response(SWEEP["time"], SWEEP["fin_command"], response, 0.5, 24.0)
+
+    def exact(frequency: Array) -> Array:
+        return np.asarray(signal.freqz(b, a, 2.0 * math.pi * frequency * STEP)[1])
+
+    ratio = found.gain * np.exp(1j * found.phase) / exact(found.frequency)
+    error = np.abs(ratio - 1.0)
+    assert found.frequency[0] <= 0.6
+    assert found.frequency[-1] >= 23.8
+    # The documented accuracy of the estimate.
+    assert np.max(error[found.frequency <= 22.0]) < 0.015
+    assert np.max(error) < 0.05
+    assert np.min(found.coherence) > 0.98
+
+    fine = np.linspace(0.5, 24.0, 100_000)
+    lag = -np.unwrap(np.angle(exact(fine)))
+    low = np.abs(exact(fine)) < 10 ** (-3 / 20)
+    # 1 % of gain is 0.09 dB, 1 % of phase 0.6 deg: over the slopes at the crossings at most 0.2 Hz.
+    if low.any():
+        assert found.bandwidth == pytest.approx(fine[np.argmax(low)], abs=0.2)
+    else:
+        assert math.isnan(found.bandwidth)
+    assert found.phase_bandwidth == pytest.approx(fine[np.argmax(lag > math.pi / 2)], abs=0.1)
+
+
+def test_frequency_response_is_that_of_the_fundamental() -> None:
+    # u + k u^3 answers a sine of amplitude A with a fundamental of 1 + 3/4 k A^2 and a third harmonic of a third
+    # of the excess. The sweep passes every frequency from 1.5 Hz on as harmonic first: counted in, it would show.
+    command = SWEEP["fin_command"]
+    amplitude = np.max(np.abs(command))
+    response = command + 0.4 * command**3 / amplitude**2
+    found = metrics.frequency_response(SWEEP["time"], command, response, 0.7, 22.0)
+    np.testing.assert_allclose(found.gain, 1.3, rtol=0.01)
+    np.testing.assert_allclose(found.phase, 0.0, atol=0.01)
+
+
+def test_flat_response_has_no_bandwidth() -> None:
+    found = metrics.frequency_response(SWEEP["time"], SWEEP["fin_command"], SWEEP["fin_command"], 0.5, 24.0)
+    assert math.isnan(found.bandwidth)
+    assert math.isnan(found.phase_bandwidth)
+    np.testing.assert_allclose(found.gain, 1.0, rtol=1e-12)

@@ -1,0 +1,109 @@
+"""One subject, three ways to run it: the kernel, a Python FMU, a native FMU give the same bits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from emcas_fmu.bench.excitation import Excitation, reference_case, slew_to, step_to
+from emcas_fmu.bench.subject import ParameterSubject, Subject, open_subject
+from emcas_fmu.compiler import local_platform
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.package import build
+from emcas_fmu.parameters import ParameterError, load_parameters
+from emcas_fmu.unit import fin_sets
+
+from .subjects import FIN_PORT, Play
+
+Subjects = Mapping[str, Subject]
+
+
+@pytest.fixture(scope="module")
+def subjects(units: Mapping[str, Path]) -> Iterator[Subjects]:
+    """The shipped parameters, run in every way."""
+    with ExitStack() as stack:
+        yield {name: stack.enter_context(open_subject(path)) for name, path in
+               {"kernel": None, **units}.items()}
+
+
+SPRING = replace(step_to(0.2, 0.1), spring=300.0)
+
+
+@pytest.mark.parametrize(("excitation", "changes", "substeps"), [
+    (reference_case("sag"), {}, 1), (slew_to(-0.3, 0.1, 60.0), {"controller.position.kp": 40.0}, 1),
+    (step_to(0.2, 0.1), {"encoder.enabled": False, "encoder.pulses": 2000}, 5), (SPRING, {"fin.start_angle": 0.02}, 5),
+    (step_to(0.1, 0.1), {"drive.supply_voltage": 31.0}, 1)],
+    ids=["case", "parameter", "substeps", "spring", "supply"])
+def test_every_way_gives_the_same_bits(subjects: Subjects, excitation: Excitation, changes: dict[str, Any],
+                                       substeps: int) -> None:
+    runs = {name: subject.run(excitation, changes, substeps=substeps) for name, subject in subjects.items()}
+    expected = runs["kernel"]
+    assert len(expected.columns["time"]) == (len(excitation.time) - 1) * substeps + 1
+    for run in runs.values():
+        assert run.stopped is None
+        assert list(run.columns) == ["time", *subjects["kernel"].outputs]
+        for name, column in expected.columns.items():
+            np.testing.assert_array_equal(run.columns[name], column, err_msg=name)
+
+
+def test_a_run_leaves_nothing_to_the_next(subjects: Subjects) -> None:
+    for subject in subjects.values():
+        first = subject.run(step_to(0.1, 0.1), outputs=["fin_angle"])
+        subject.run(SPRING, {"controller.position.kp": 40.0})
+        again = subject.run(step_to(0.1, 0.1), outputs=["fin_angle"])
+        assert list(again.columns) == ["time", "fin_angle"]
+        np.testing.assert_array_equal(first.columns["fin_angle"], again.columns["fin_angle"])
+
+
+def test_substeps_show_what_is_between_rows() -> None:
+    subject = ParameterSubject(load_parameters())
+    coarse, fine = (subject.run(step_to(0.2, 0.1), substeps=n).columns for n in (1, 5))
+    assert fine["time"][1] == pytest.approx(2e-4)
+    # A step's end is met to a rounding of its time only, which moves an angle of 0.2 rad by less than 1e-12.
+    np.testing.assert_allclose(fine["fin_angle"][::5], coarse["fin_angle"], atol=1e-12)
+
+
+def test_spring_is_a_moment_by_the_angle(subjects: Subjects) -> None:
+    run = subjects["kernel"].run(SPRING)
+    told = Excitation("told", {"fin_command": SPRING.command, "aero_torque": -SPRING.spring * run.columns["fin_angle"]})
+    np.testing.assert_array_equal(subjects["native"].run(told).columns["fin_angle"], run.columns["fin_angle"])
+
+
+def test_what_a_subject_has_not_is_named(subjects: Subjects) -> None:
+    for subject in subjects.values():
+        with pytest.raises(EmcasError, match=r"this actuator has no steam, valve\.gain"):
+            subject.run(Excitation("t", {"steam": np.zeros(10)}), {"valve.gain": 1.0})
+        with pytest.raises(ParameterError, match=r"controller\.position\.kp"):
+            subject.run(step_to(0.1, 0.1), {"controller.position.kp": -1.0})
+        assert subject.lacking(("fin_angle", "pressure")) == "this actuator has no pressure"
+    bare = Play(there=FIN_PORT)
+    assert bare.lacking(("fin_angle",)) == ""
+    assert bare.lacking(("motor_current",)) == "this actuator has no motor_current"
+    assert bare.obstacle(step_to(0.1, 0.1)) == ""
+    assert "valve.gain" in bare.obstacle(step_to(0.1, 0.1).with_start_values({"valve.gain": 1.0}))
+
+
+def test_one_fin_of_several(tmp_path: Path) -> None:
+    (tmp_path / "worn.toml").write_text('[friction]\nfin_coulomb = "5 N*m"\n', encoding="utf-8")
+    sets = fin_sets(load_parameters(model="elastic"), 2, "plus", {2: tmp_path / "worn.toml"})
+    local = local_platform()
+    assert local is not None
+    fmu = build(load_parameters(model="elastic"), tmp_path / "Two.fmu", "native", [local.name], fins=2, layout="plus",
+                files={2: tmp_path / "worn.toml"}).path
+    with open_subject(fmu, fin=2) as subject:
+        about = subject.identification
+        assert (subject.model, about.fin) == ("elastic", 2)
+        assert set(about.differences) == {"friction.fin_coulomb", "mounting.azimuth"}
+        found = subject.run(step_to(0.1, 0.1)).columns["fin_angle"]
+    expected = ParameterSubject(sets[1]).run(step_to(0.1, 0.1)).columns["fin_angle"]
+    np.testing.assert_array_equal(found, expected)
+    with pytest.raises(EmcasError, match="is of the model elastic"), open_subject(fmu, "linear"):
+        pass
+    with pytest.raises(EmcasError, match="leave --fin out"), open_subject(tmp_path / "worn.toml", fin=1):
+        pass

@@ -1,0 +1,108 @@
+"""What the built-in test finds, what it cannot, and no false alarms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from math import ceil, pi, radians, sin
+
+import numpy as np
+import pytest
+
+from emcas_fmu.actuators import NAMES
+from emcas_fmu.extensions.monitors import Watched, modelled, response
+from emcas_fmu.extensions.status import DEGRADED, DISABLED, FAILED, OPERATIONAL
+from emcas_fmu.ops import FLOATS
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.simulation import simulate
+
+from .fault_runs import BASE, MODEL, TRIPPED, scheduled
+
+
+def _swept(t: float) -> float:
+    """From 0.1 to 20 Hz in 6 s."""
+    return sin(2.0 * pi * (0.1 * t + (20.0 - 0.1) / 12.0 * t * t))
+
+
+def _triangle(t: float) -> float:
+    return 1.0 - abs((t * 3.75) % 4.0 - 2.0)  # 150 deg/s at 20 deg each way
+
+
+HARD: Mapping[str, Callable[[float], float]] = {
+    "step": lambda t: radians(20.0), "step down": lambda t: -radians(20.0),
+    **{f"{angle} deg at {rate} Hz": lambda t, a=angle, r=rate: radians(a) * sin(2.0 * pi * r * t)  # type: ignore[misc]
+       for angle, rate in ((3.0, 10.0), (5.0, 5.0), (7.0, 5.0), (10.0, 3.0), (20.0, 1.5))},
+    "triangle": lambda t: radians(20.0) * _triangle(t), "chirp": lambda t: radians(3.5) * _swept(t),
+    "square 4 Hz": lambda t: radians(10.0 if t % 0.25 < 0.125 else -10.0),
+    "square 2 Hz": lambda t: radians(20.0 if t % 0.5 < 0.25 else -20.0),
+}
+
+
+@pytest.mark.parametrize("command", HARD)
+@pytest.mark.parametrize("load", [-100.0, 0.0, 100.0])
+def test_no_false_alarm(command: str, load: float) -> None:
+    """Hard use within the rating of Table 2: nothing is wrong, and nothing is told."""
+    run = simulate(BASE.values, 6.0, model=MODEL, fin_command=HARD[command], aero_torque=load)
+    assert not run["built_in_test"].any()
+
+
+@pytest.mark.parametrize("model", NAMES)
+def test_no_false_alarm_in_any_model(model: str) -> None:
+    values = load_parameters(model=f"{model}+faults").values
+    for command in HARD.values():
+        assert not simulate(values, 3.0, model=f"{model}+faults", fin_command=command)["built_in_test"].any()
+
+
+@pytest.mark.parametrize(("gain", "share"), [(250.0, 0.25), (1000.0, 1.0), (1500.0, 1.0)])
+def test_the_modelled_response_never_passes_its_command(gain: float, share: float) -> None:
+    """From -0.1 to 0.2 rad; with Kp_pos Ts beyond 1 Euler's rule alone would go past the command."""
+    p = BASE.replace({
+        "controller.position.kp": gain, "controller.sample_time": 1e-3, "monitor.rate": 1e3}).nested()
+    watched = Watched(command=0.2, measured=0.0, before=0.0, modelled=-0.1, reference=0.0, current=0.0, supply=39.0,
+                      enabled=True)
+    assert modelled(FLOATS, p, response(p, BASE.actuator), watched) == pytest.approx(-0.1 + share * 0.3, rel=1e-15)
+
+
+def test_persistence_is_whole_samples() -> None:
+    """Undervoltage from 0.1 to 0.3 s: tripped and cleared a persistence later, to the sample."""
+    for persistence in (0.0, 0.05, 0.0333):
+        values = BASE.replace({"monitor.persistence": persistence}).values
+        run = simulate(values, 0.6, model=MODEL, supply_voltage=lambda t: 20.0 if 0.0999 < t < 0.2999 else 39.0)
+        tripped = np.flatnonzero(run["built_in_test"] == TRIPPED["supply"])
+        samples = max(ceil(persistence / 1e-3 - 1e-6), 1)
+        np.testing.assert_array_equal(tripped, np.arange(100 + samples, 300 + samples))
+        assert (run["status"][tripped] == DEGRADED).all()
+
+
+@pytest.mark.parametrize(("fault", "monitor"), [
+    ("jam", "tracking"), ("hard_over", "tracking"), ("drive_loss", "drive"), ("encoder_freeze", "tracking"),
+    ("encoder_reversed", "stall"), ("current_derating", "drive"), ("brown_out", "supply"),
+])
+def test_what_is_found(fault: str, monitor: str) -> None:
+    """A square wave of 10 deg; a free fin, bias, missed counts and stale commands no sensor here can tell."""
+    values = scheduled(MODEL, fault, begin=0.2, fault__current_derating__share=0.05)
+    run = simulate(values, 2.0, model=MODEL, fin_command=lambda t: radians(10.0 if t % 1.0 < 0.5 else -10.0))
+    assert any(int(word) & TRIPPED[monitor] for word in run["built_in_test"])
+    assert not run["built_in_test"][:200].any()
+
+
+@pytest.mark.parametrize("fault", ["free_fin", "encoder_bias", "encoder_dropped", "command_freeze", "command_delay"])
+def test_what_is_not_found(fault: str) -> None:
+    run = simulate(scheduled(MODEL, fault, begin=0.2), 2.0, model=MODEL,
+                   fin_command=lambda t: radians(10.0 if t % 1.0 < 0.5 else -10.0))
+    assert not run["built_in_test"].any()
+    assert (run["status"] == OPERATIONAL).all()
+
+
+def test_status() -> None:
+    run = simulate(scheduled(MODEL, "jam", begin=0.1), 1.0, model=MODEL, enable=lambda t: t < 0.7999,
+                   fin_command=lambda t: radians(8.0) if t > 0.2 else 0.0)
+    assert run["status"][100] == OPERATIONAL
+    assert run["status"][799] == FAILED
+    assert (run["status"][801:] == DISABLED).all()
+    again = simulate(scheduled(MODEL, "jam", begin=0.1, end=0.85), 1.0, model=MODEL,
+                     enable=lambda t: t < 0.7999 or t > 0.8999, fin_command=lambda t: radians(8.0) if t > 0.2 else 0.0)
+    assert again["status"][799] == FAILED
+    assert (again["status"][902:] == OPERATIONAL).all()  # what was told before says nothing after a reset
+    beyond = simulate(BASE.values, 0.5, model=MODEL, fin_command=radians(21.0))
+    assert beyond["status"][-1] == DEGRADED
+    assert beyond["built_in_test"][-1] == TRIPPED["command"]

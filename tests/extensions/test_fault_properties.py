@@ -1,0 +1,81 @@
+"""Whatever comes: faults in any combination, both kernels, states kept in their midst."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import sin
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from emcas_fmu.extensions.fault_list import FAULTS
+from emcas_fmu.kernels import program
+from emcas_fmu.kernels.compiled import CompiledCore
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.simulation import simulate
+
+from .fault_runs import gust, wave
+
+_windows = st.dictionaries(st.sampled_from([f.name for f in FAULTS]),
+                           st.tuples(st.floats(0.0, 0.15), st.floats(0.0, 0.1)), min_size=1, max_size=5)
+_sizes = st.fixed_dictionaries({
+    "hard_over.share": st.floats(-1.0, 1.0), "current_derating.share": st.floats(0.0, 1.0),
+    "brown_out.share": st.floats(0.0, 1.0), "encoder_bias.angle": st.floats(-0.5, 0.5),
+    "encoder_dropped.share": st.floats(0.0, 1.0), "command_delay.time": st.floats(0.0, 0.05),
+    "friction_rise.factor": st.floats(1.0, 1e4), "backlash_growth.gap": st.floats(0.0, 0.002)})
+# Largest acceleration of the fin [rad/s2]. Rigid: 200 A of a shorted motor at 63:1 give 22 N.m on 3e-4 kg.m2, 1200;
+# 150 N.m on the broken fin 2800. Elastic: a rotor of 3e-4 kg.m2 at 1300 rad/s has 250 J, with which the line's
+# 2e5 N.m/rad throw a fin of 0.06 kg.m2 off its stop by 1e4 N.m, 1.7e5.
+RIGID, ELASTIC = 4e3, 2e5
+
+
+@pytest.mark.parametrize("model", ["nonlinear", "elastic", "second-order", "ristanovic", "ozkan"])
+@settings(deadline=None, derandomize=True, max_examples=40, suppress_health_check=[HealthCheck.too_slow])
+@given(windows=_windows, sizes=_sizes, command=st.floats(-0.4, 0.4), load=st.floats(-150.0, 150.0),
+       enabled=st.sampled_from([True, True, True, False]))
+def test_never_a_jump(model: str, windows: Mapping[str, tuple[float, float]], sizes: Mapping[str, float],
+                      command: float, load: float, enabled: bool) -> None:
+    """Finite, no jump of the angle, stops, DAC and bus voltage kept, as faults come and go in any combination."""
+    changes: dict[str, Any] = {f"fault.{name}": value for name, value in sizes.items()}
+    for name, (begin, length) in windows.items():
+        changes |= {f"fault.{name}.begin": begin, f"fault.{name}.end": begin + length}
+    parameters = load_parameters(model=f"{model}+faults")
+    values = parameters.replace(parameters.having(changes)).values  # of the faults that it can have
+    step, acceleration = (1e-5, ELASTIC) if model in ("elastic", "ozkan") else (5e-5, RIGID)
+    run = simulate(values, 0.25, step, model=f"{model}+faults", fin_command=lambda t: command * sin(40.0 * t),
+                   aero_torque=lambda t: load if t < 0.12 else -load, enable=lambda t: enabled or t > 0.1)
+    assert all(np.isfinite(column).all() for column in run.values())
+    rate, moved = np.abs(run["fin_rate"]), np.abs(np.diff(run["fin_angle"]))
+    assert (moved <= step * np.maximum(rate[1:], rate[:-1]) + acceleration * step**2).all()
+    assert np.abs(run["fin_angle"]).max() <= values["fin.stop_angle"] * (1.0 + 1e-12)
+    if model != "second-order":
+        assert np.abs(run["drive_reference"]).max() <= values["drive.reference_limit"]
+        driven = run["motor_current"] != 0.0  # an open bridge shows the back-EMF
+        if model != "ozkan":  # whose current is ideal
+            assert np.abs(run["motor_voltage"][driven]).max(initial=0.0) <= 39.0 * (1.0 + 1e-12)
+
+
+@pytest.mark.parametrize("model", ["nonlinear", "elastic"])
+def test_both_kernels_and_kept_states(model: str) -> None:
+    """Every fault in turn: the same bits from both, and from a state kept in the midst of it."""
+    changes: dict[str, Any] = {}
+    for i, fault in enumerate(FAULTS):
+        changes |= {f"fault.{fault.name}.begin": 0.01 + 0.01 * i, f"fault.{fault.name}.end": 0.025 + 0.01 * i}
+    name = f"{model}+faults"
+    parameters = load_parameters(model=name)
+    values = parameters.replace(parameters.having(changes)).values
+    slow, fast = program.core(values, name), CompiledCore(values, name)
+    for k in range(1, 161):
+        inputs = (wave(k * 1e-3), gust(k * 1e-3), 0.0, 0.0, 39.0, True)
+        one, other = slow.run(k * 1e-3 + 3e-4, inputs), fast.run(k * 1e-3 + 3e-4, inputs)
+        assert one == other
+        if k % 20 == 0:
+            again = CompiledCore(values, name)
+            again.state = fast.state
+            fast = again
+            kept = slow.state
+            slow = program.core(values, name)
+            slow.state = kept

@@ -1,0 +1,177 @@
+"""Faults: none, when they begin and end, and each against the plain model told the same in its own words."""
+
+from __future__ import annotations
+
+from math import radians
+from typing import Any
+
+import numpy as np
+import pytest
+
+from emcas_fmu.actuators import NAMES, get
+from emcas_fmu.actuators.capabilities import BACKLASH
+from emcas_fmu.extensions.fault_list import FAULTS, LONGEST_COMMAND_DELAY
+from emcas_fmu.extensions.status import OPERATIONAL
+from emcas_fmu.parameters import ParameterError, load_parameters
+from emcas_fmu.simulation import simulate
+
+from .fault_runs import BASE, BIT, MODEL, PLAIN, SHARED, equal, gust, scheduled, wave
+
+ELASTIC = "elastic+faults"
+# The faults an actuator cannot have; the others it has, with their bits where they are in every other.
+IMPOSSIBLE = {
+    "nonlinear": {"backlash_growth"}, "elastic": set(), "habibi": set(), "ozkan": {"backlash_growth"},
+    "ristanovic": {"backlash_growth", "current_derating"},
+    "linear": {"backlash_growth", "current_derating", "hard_over"},
+    "second-order": {"backlash_growth", "current_derating", "brown_out", "free_fin", "friction_rise"}}
+
+
+@pytest.mark.parametrize("model", NAMES)
+def test_a_fault_is_where_it_can_be(model: str) -> None:
+    there = {name.split(".")[1] for name in load_parameters(model=f"{model}+faults").values if name.endswith(".active")}
+    assert there == set(BIT) - IMPOSSIBLE[model]
+    for fault in there:
+        run = simulate(scheduled(f"{model}+faults", fault), 0.005, model=f"{model}+faults")
+        assert (run["fault_word"][1:] == BIT[fault]).all()
+
+
+@pytest.mark.parametrize("model", NAMES)
+def test_a_bias_is_what_the_encoder_reads_too_much(model: str) -> None:
+    """At rest, whatever the ratio, to the encoder's count of 1.3e-5 rad at the fin, or the gap of 1e-3 rad."""
+    values = scheduled(f"{model}+faults", "encoder_bias", begin=0.1, fault__encoder_bias__angle=0.05)
+    run = simulate(values, 2.0, model=f"{model}+faults", fin_command=0.2)
+    assert run["measured_fin_angle"][-1] - run["fin_angle"][-1] == pytest.approx(
+        0.05, abs=1e-3 if BACKLASH in get(model).provides else 1.3e-5)
+
+
+@pytest.mark.parametrize("model", NAMES)
+def test_without_a_fault_it_is_the_model(model: str) -> None:
+    plain = simulate(load_parameters(model=model).values, 0.4, model=model, fin_command=wave, aero_torque=gust)
+    values = load_parameters(model=f"{model}+faults").values
+    found = simulate(values, 0.4, model=f"{model}+faults", fin_command=wave, aero_torque=gust)
+    assert equal(found, plain)
+    assert not found["fault_word"].any()
+    assert not found["built_in_test"].any()
+    assert (found["status"] == OPERATIONAL).all()
+
+
+# -- when ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fault", [f.name for f in FAULTS])
+def test_switched_on_or_scheduled(fault: str) -> None:
+    model = ELASTIC if fault == "backlash_growth" else MODEL
+    on = load_parameters(model=model).replace({f"fault.{fault}.active": True}).values
+    one = simulate(on, 0.15, model=model, fin_command=wave, aero_torque=gust)
+    other = simulate(scheduled(model, fault), 0.15, model=model, fin_command=wave, aero_torque=gust)
+    assert all(np.array_equal(one[name], other[name]) for name in one)
+    assert (one["fault_word"][1:] == BIT[fault]).all()
+
+
+def test_begins_and_ends_with_samples() -> None:
+    """From the first sample at or after begin to the last before end; a row shows the samples before it."""
+    run = simulate(scheduled(MODEL, "command_freeze", begin=0.0105, end=0.020), 0.03, model=MODEL)
+    active = run["fault_word"] == BIT["command_freeze"]
+    np.testing.assert_array_equal(np.flatnonzero(active), np.arange(12, 21))  # samples at 11 to 19 ms
+
+
+def test_on_a_sample_whatever_rounding_says() -> None:
+    """3 times 0.1 is not 0.3 in floating point, and neither are sample times that hosts compute."""
+    for sample in (3, 7, 29, 113):
+        begin = sum(1e-3 for _ in range(sample))
+        run = simulate(scheduled(MODEL, "jam", begin=begin), 0.12, model=MODEL)
+        assert np.flatnonzero(run["fault_word"])[0] == sample + 1
+
+
+# -- each against the plain model, told the same in its own words -------------------
+
+
+def test_derating_is_a_lower_limit() -> None:
+    found = simulate(scheduled(MODEL, "current_derating", fault__current_derating__share=0.2), 0.3, model=MODEL,
+                     fin_command=radians(15.0))
+    lower = PLAIN.replace({"drive.current_limit": 0.2 * PLAIN.values["drive.current_limit"]}).values
+    assert equal(found, simulate(lower, 0.3, fin_command=radians(15.0)))
+
+
+def test_brown_out_is_a_lower_supply() -> None:
+    found = simulate(scheduled(MODEL, "brown_out", fault__brown_out__share=0.5), 0.3, model=MODEL,
+                     fin_command=radians(15.0))
+    assert equal(found, simulate(PLAIN.values, 0.3, fin_command=radians(15.0), supply_voltage=19.5))
+
+
+def test_friction_rise_is_more_friction() -> None:
+    factor = 2.5
+    more = {name: factor * value for name, value in PLAIN.values.items()
+            if name.startswith(("friction.viscous", "friction.coulomb", "friction.fin"))}
+    for name in ("friction.fin_viscous", "friction.fin_coulomb"):
+        more[name] = factor * 2.0
+    # The controller goes on compensating for what was identified: here nothing.
+    both = {"compensation.gain": 0.0}
+    fin = {"friction.fin_viscous": 2.0, "friction.fin_coulomb": 2.0}
+    window = {"fault.friction_rise.end": 1e9, "fault.friction_rise.factor": factor}
+    found = simulate(BASE.replace({**both, **fin, **window}).values, 0.3, model=MODEL, fin_command=wave)
+    assert equal(found, simulate(PLAIN.replace({**more, **both}).values, 0.3, fin_command=wave))
+
+
+def test_backlash_growth_is_a_wider_gap() -> None:
+    model = "elastic"
+    plain = load_parameters(model=model)
+    gap = plain.values["drive_line.backlash"]
+    found = simulate(scheduled(f"{model}+faults", "backlash_growth", fault__backlash_growth__gap=0.2e-3), 0.2,
+                     model=f"{model}+faults", fin_command=wave)
+    wider = plain.replace({"drive_line.backlash": gap + 0.2e-3}).values
+    assert equal(found, simulate(wider, 0.2, model=model, fin_command=wave))
+
+
+def test_a_grown_gap_stays() -> None:
+    model = "elastic+faults"
+    healed = simulate(scheduled(model, "backlash_growth", begin=0.02, end=0.05), 0.2, model=model, fin_command=wave)
+    lasting = simulate(scheduled(model, "backlash_growth", begin=0.02), 0.2, model=model, fin_command=wave)
+    assert all(np.array_equal(healed[name], lasting[name]) for name in healed)
+
+
+def test_loss_of_drive_is_an_open_bridge() -> None:
+    """To the plant it is what a disabled drive is; the controller goes on, and does not know."""
+    found = simulate(scheduled(MODEL, "drive_loss", begin=0.1), 0.3, model=MODEL, fin_command=wave, aero_torque=gust)
+    plain = simulate(PLAIN.values, 0.3, fin_command=wave, aero_torque=gust, enable=lambda t: t < 0.0999)
+    for name in ("fin_angle", "fin_rate", "motor_current", "motor_voltage", "supply_power"):
+        assert np.array_equal(found[name], plain[name])
+    assert not np.array_equal(found["drive_reference"], plain["drive_reference"])
+
+
+def test_freeze_of_the_command() -> None:
+    found = simulate(scheduled(MODEL, "command_freeze", begin=0.1), 0.3, model=MODEL, fin_command=wave)
+    plain = simulate(PLAIN.values, 0.3, fin_command=lambda t: wave(min(t, 0.099)))
+    assert all(np.array_equal(found[name], plain[name]) for name in SHARED if name != "tracking_error")
+
+
+@pytest.mark.parametrize(("delay", "samples"), [(0.0, 0), (7.4e-3, 7), (50e-3, LONGEST_COMMAND_DELAY)])
+def test_delay_of_the_command(delay: float, samples: int) -> None:
+    found = simulate(scheduled(MODEL, "command_delay", fault__command_delay__time=delay), 0.3, model=MODEL,
+                     fin_command=wave)
+    plain = simulate(PLAIN.values, 0.3, fin_command=lambda t: wave(t - samples * 1e-3) if t > (samples - 0.5) * 1e-3
+                     else 0.0)
+    for name in ("fin_angle", "motor_current", "drive_reference"):
+        # The delayed sine is that of times k T - n T, here of (k - n) T: the last digit of the command differs.
+        np.testing.assert_allclose(found[name], plain[name], rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("name", "value", "said"), [
+    ("fault.brown_out.share", 1.5, r"must be within 0 \.\. 1"),
+    ("fault.friction_rise.factor", 0.5, r"must be within 1 \.\. 10000"),
+    ("fault.hard_over.share", "2", r"must be within -1 \.\. 1"),
+    ("fault.command_delay.time", "5 m", "s"),
+    ({"fault.command_delay.time": 0.06, "fault.command_delay.active": True}, None, "0.06 s must be at most 50 times"),
+    ({"fault.command_delay.time": 0.06, "fault.command_delay.end": 1.0}, None, "controller.sample_time = 0.001 s"),
+    ("fault.jam.active", 1.0, "expected true or false"),
+    ("monitor.persistence", -1.0, "must be within 0"),
+    ("fault.jamm.active", True, "did you mean"),
+])
+def test_bad_values_are_refused(name: Any, value: Any, said: str) -> None:
+    with pytest.raises(ParameterError, match=said):
+        BASE.replace({name: value} if isinstance(name, str) else name)
+
+
+def test_faults_are_of_models_with_faults() -> None:
+    with pytest.raises(ParameterError, match="the nonlinear actuator has no such parameter"):
+        PLAIN.replace({"fault.jam.active": True})

@@ -1,0 +1,92 @@
+"""Options in FMUs: valid, the same from both back ends in processes of their own, told while they run."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fmpy import read_model_description, simulate_fmu
+from fmpy.validation import validate_fmu
+
+from emcas_fmu.actuators import EXTENSIONS, get
+from emcas_fmu.extensions.fault_list import FAULTS, possible
+from emcas_fmu.extensions.status import DISABLED, OPERATIONAL, STATUS
+from emcas_fmu.parameters import load_parameters
+
+from ..fmu.built import both
+
+ROOT = Path(__file__).resolve().parents[2]
+MODELS = ["nonlinear+lugre+heat+homing+faults", "elastic+stribeck+efficiency+heat+homing+faults"]
+
+
+@pytest.fixture(scope="module", params=MODELS)
+def model(request: pytest.FixtureRequest) -> str:
+    chosen: str = request.param
+    return chosen
+
+
+@pytest.fixture(scope="module")
+def built(model: str, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
+    # These runs are of closed loop: the angle is known.
+    parameters = load_parameters(model=model).replace({"homing.required": False})
+    return both(parameters, tmp_path_factory.mktemp("options"))
+
+
+@pytest.mark.fmu
+def test_valid_and_described(model: str, built: Mapping[str, Path]) -> None:
+    for path in built.values():
+        assert validate_fmu(str(path)) == []
+        described = read_model_description(str(path))
+        names = [v.name for v in described.modelVariables]
+        own = get(model)
+        assert {v.name for v in own.inputs + own.outputs + own.parameters} <= set(names)
+        assert described.coSimulation.modelIdentifier.startswith("EMCAS_")
+    (status,) = (v for v in described.modelVariables if v.name == "status")
+    assert [(item.name, item.value) for item in status.declaredType.items] == [
+        (name, str(i)) for i, (name, _) in enumerate(STATUS.items, 1)]
+
+
+@pytest.mark.fmu
+def test_both_back_ends_in_processes_of_their_own(model: str, built: Mapping[str, Path], tmp_path: Path) -> None:
+    """Every fault switched on and off while running, on a grid of its own, over a kept state: the same bits."""
+    told: list[Any] = [[0, "fin_command", 0.1], [30, "aero_torque", -40.0], [150, "enable", False],
+                       [160, "enable", True]]
+    can = {fault.name: 2**i for i, fault in enumerate(FAULTS) if fault in possible(get(model))}
+    for i, name in enumerate(can):
+        told += [[10 + 10 * i, f"fault.{name}.active", True], [16 + 10 * i, f"fault.{name}.active", False]]
+    script = json.dumps({"start": {"monitor.persistence": 0.004}, "size": 1.3e-3, "steps": 200, "set": told,
+                         "keep": 77})
+    rows = {}
+    for backend, path in built.items():
+        with zipfile.ZipFile(path) as archive:
+            archive.extractall(tmp_path / backend)
+        done = subprocess.run([sys.executable, "-m", "tests.extensions.drive", str(tmp_path / backend), script],
+                              cwd=ROOT, capture_output=True, text=True, timeout=120, check=False)
+        assert done.returncode == 0, done.stderr
+        rows[backend] = json.loads(done.stdout)
+    assert rows["python"] == rows["native"]
+    # One at a time, but for those that last.
+    words = {row["fault_word"] for row in rows["native"]}
+    assert all(any(word & bit for word in words) for bit in can.values())
+    assert {DISABLED, OPERATIONAL} < {row["status"] for row in rows["native"]}
+
+
+@pytest.mark.fmu
+def test_in_fmpy(built: Mapping[str, Path]) -> None:
+    for path in built.values():
+        start = {"fin_command": 0.1, "fault.jam.begin": 0.02, "fault.jam.end": 1.0}
+        run = simulate_fmu(str(path), stop_time=0.05, output_interval=1e-3, start_values=start,
+                           output=["motor_angle", "status", "fault_word"])
+        assert set(run["status"]) == {int(OPERATIONAL)}
+        assert run["fault_word"][-1] == 1
+        assert run["motor_angle"][-1] == run["motor_angle"][25] != 0.0
+
+
+def test_every_option_has_an_fmu_here() -> None:
+    assert set(EXTENSIONS) == {option for name in MODELS for option in name.split("+")[1:]}

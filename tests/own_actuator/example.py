@@ -1,0 +1,21 @@
+"""The example of a user's own actuator, and copies of it with something changed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+FOLDER = Path(__file__).resolve().parents[2] / "examples" / "own_actuator"
+FILE = FOLDER / "direct_drive.py"
+MODEL = str(FILE)
+
+
+def changed(folder: Path, *changes: tuple[str, str], name: str = "mine.py") -> Path:
+    """A copy with texts replaced, its parameter file beside it."""
+    text = FILE.read_text(encoding="utf-8")
+    for before, after in changes:
+        assert before in text
+        text = text.replace(before, after)
+    (folder / name).write_text(text, encoding="utf-8")
+    (folder / name).with_suffix(".toml").write_text(FILE.with_suffix(".toml").read_text(encoding="utf-8"),
+                                                    encoding="utf-8")
+    return folder / name

@@ -1,0 +1,98 @@
+"""The direct drive against its own independent integration, and the stepper that smooth equations get."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import degrees, exp, log
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from emcas_fmu.actuators import get
+from emcas_fmu.namespace import Record
+from emcas_fmu.ops.floats import FLOATS
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.reference.cases import Case
+from emcas_fmu.reference.files import cases, simulator
+from emcas_fmu.simulation import respond
+from emcas_fmu.step_smooth import smooth_step, solve
+
+from .example import FILE, MODEL
+
+PARAMETERS = load_parameters(model=MODEL)
+CASES = {case.name: case for case in cases(PARAMETERS)}
+
+
+def largest_error(case: Case, tick: float) -> float:
+    """Of the fin angle [deg], with ticks of that length [s]."""
+    inputs, values = case.inputs(), PARAMETERS.replace({"solver.max_tick": tick, **case.overrides}).values
+    there_are = get(MODEL).inputs
+    table = np.empty((len(inputs["time"]), len(there_are)))
+    for v, column in zip(there_are, table.T, strict=True):
+        column[:] = inputs.get(v.name, values[v.key] if v.key else v.start)
+    response = respond(values, table, case.step, model=MODEL)
+    reference = simulator(MODEL)(values, inputs)
+    return degrees(float(np.max(np.abs(response["fin_angle"] - reference["fin_angle"]))))
+
+
+@pytest.mark.parametrize("name", ["step", "sag", "load_opposing"])
+def test_against_its_independent_integration(name: str) -> None:
+    """At its default tick of 0.1 ms, a tenth of L/R; measured up to 9e-5 deg."""
+    assert largest_error(CASES[name], 1e-4) < 2e-4
+
+
+def test_second_order() -> None:
+    """The slope of the error over the tick, whole parts of the sample time; measured 2.00."""
+    coarse, fine = (largest_error(CASES["step_plus5"], tick) for tick in (2e-4, 5e-5))
+    assert 1.95 < log(coarse / fine) / log(4.0) < 2.05
+
+
+def test_a_case_of_another_actuator_is_left_out() -> None:
+    """There is no friction that gets cold."""
+    assert "cold" not in CASES
+    assert all(not case.overrides for case in CASES.values())  # it has no encoder either
+
+
+def test_a_file_under_120_lines() -> None:
+    assert len(FILE.read_text(encoding="utf-8").splitlines()) < 120
+
+
+def _fast(rate: float) -> Any:
+    def derivatives(ops: Any, p: Any, x: Record, u: Record) -> Mapping[str, Any]:
+        return {"fin_angle": x.fin_rate, "fin_rate": -rate * x.fin_rate}
+
+    return smooth_step(derivatives, ("fin_angle", "fin_rate"))
+
+
+@given(st.floats(0.0, 12.0))
+def test_a_mode_however_fast_is_damped(decades: float) -> None:
+    """L-stable: a step of 1 ms never amplifies, and forgets what decays far within it."""
+    rate = 10.0**decades
+    p, x = SimpleNamespace(fin=SimpleNamespace(stop_angle=1e3)), Record(fin_angle=0.0, fin_rate=1.0)
+    moved, used = _fast(rate)(FLOATS, p, x, Record(), 1e-3)
+    assert used == 1e-3
+    assert abs(moved["fin_rate"]) <= 1.0
+    # Of the stability function, (1 - 2 g) z/(1 - g z)^2 and smaller terms, 4.83/(h rate) is left of a fast mode.
+    assert abs(moved["fin_rate"] - exp(-rate * 1e-3)) < max(4.9 / max(rate * 1e-3, 1.0), 1e-6)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_stop_takes_the_rate_of_what_runs_against_it(side: float) -> None:
+    p = SimpleNamespace(fin=SimpleNamespace(stop_angle=0.4))
+    moved, _ = _fast(0.0)(FLOATS, p, Record(fin_angle=0.399 * side, fin_rate=5.0 * side), Record(), 1e-3)
+    assert moved == {"fin_angle": 0.4 * side, "fin_rate": 0.0}
+    away, _ = _fast(0.0)(FLOATS, p, Record(fin_angle=0.4 * side, fin_rate=-5.0 * side), Record(), 1e-3)
+    assert abs(away["fin_angle"] - 0.395 * side) < 1e-9  # the increments of the difference quotients
+    assert away["fin_rate"] == -5.0 * side
+
+
+@given(st.lists(st.floats(-1.0, 1.0), min_size=12, max_size=12))
+def test_elimination(entries: list[float]) -> None:
+    """Of rows whose diagonal outweighs the rest, which needs no pivots; NumPy's solution to rounding."""
+    matrix = np.reshape(entries[:9], (3, 3)) + 4.0 * np.eye(3)
+    found = solve(matrix.tolist(), entries[9:])
+    assert np.allclose(found, np.linalg.solve(matrix, entries[9:]), rtol=1e-12, atol=1e-14)

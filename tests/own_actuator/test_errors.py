@@ -1,0 +1,111 @@
+"""What is wrong in a user's file is said with file, line and remedy."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from emcas_fmu import actuators
+from emcas_fmu.actuators import external, get
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.kernels import program
+from emcas_fmu.parameters import load_parameters
+
+from .example import FILE, changed
+
+_SPRING = "- p.spring.stiffness * x.fin_angle"
+
+
+@pytest.mark.parametrize(("change", "place", "says"), [
+    ((_SPRING, "- p.spring.stifness * x.fin_angle"), _SPRING, "no stifness, did you mean 'stiffness'?"),
+    ((_SPRING, "- p.spring.stiffness * x.fin_angel"), _SPRING, "no fin_angel, did you mean 'fin_angle'?"),
+    (('"fin_rate": x.fin_rate,\n', "\n"), "def output_values", "output_values() gives no fin_rate"),
+    (('"motor_current": x.current', '"motor_curent": x.current'), "def output_values", "gives no motor_current"),
+    (("    clipped = ops", "    if demand > 0.0: pass\n    clipped = ops"), "    clipped = ops",
+     "no truth: use ops.where"),
+    (("    clipped = ops", "    import math; math.sin(demand)\n    clipped = ops"), "    clipped = ops",
+     "take functions from ops, as in ops.sin(x)"),
+    (("ACTUATOR = Actuator(", "ACTUATOR = = Actuator("), "ACTUATOR = Actuator(", "invalid syntax"),
+    (('State("current", "A")', 'State("fin_rate", "A")'), "ACTUATOR = Actuator(", "fin_rate is the name of two things"),
+    (('State("current", "A")', 'State("the current", "A")'), None,
+     "'the current': a state's name is a Python identifier"),
+    (("    derivatives=derivatives,\n", ""), "ACTUATOR = Actuator(", "has neither step nor derivatives"),
+])
+def test_file_and_line_are_named(tmp_path: Path, change: tuple[str, str], place: str | None, says: str) -> None:
+    path = changed(tmp_path, change)
+    with pytest.raises(EmcasError, match=re.escape(says)) as refused:
+        program.traced(model=str(path))
+    named = re.match(re.escape(f"{path}, line ") + r"(\d+)", str(refused.value))
+    assert named
+    if place is not None:
+        expected = next(i for i, line in enumerate(FILE.read_text(encoding="utf-8").splitlines(), 1) if place in line)
+        assert int(named[1]) == expected
+
+
+@pytest.mark.parametrize(("change", "says"), [
+    (("ACTUATOR = ", "MINE = "), "gives no ACTUATOR"),
+    (('"N.m/rad", 0.0', '"N.m/rod", 0.0'), "spring.stiffness: unknown unit 'N.m/rod'; did you mean rad?"),
+    (("*fin_port.OUTPUTS, ", ""), "output fin_angle of the fin port is missing"),
+    (("    *fin_port.PARAMETERS,\n", ""), "parameter mass.fin of the fin port is missing"),
+])
+def test_the_declaration_is_judged(tmp_path: Path, change: tuple[str, str], says: str) -> None:
+    path = changed(tmp_path, change)
+    with pytest.raises(EmcasError, match=re.escape(says)) as refused:
+        get(str(path))
+    assert str(path) in str(refused.value)
+
+
+def test_files_that_are_missing(tmp_path: Path) -> None:
+    with pytest.raises(EmcasError, match=re.escape("none.py: there is no such file")):
+        get(str(tmp_path / "none.py"))
+    path = changed(tmp_path)
+    path.with_suffix(".toml").unlink()
+    with pytest.raises(EmcasError, match=r"mine\.toml: there is no such file; it gives the parameters of mine\.py"):
+        get(str(path))
+
+
+def test_a_parameter_without_a_value(tmp_path: Path) -> None:
+    path = changed(tmp_path)
+    toml = path.with_suffix(".toml")
+    toml.write_text(toml.read_text(encoding="utf-8").replace("[spring]\nstiffness", "[spring]\n# stiffness"),
+                    encoding="utf-8")
+    with pytest.raises(EmcasError, match=re.escape("spring.stiffness: missing")) as refused:
+        load_parameters(model=str(path))
+    assert str(toml) in str(refused.value)
+
+
+def test_an_extension_says_what_is_missing() -> None:
+    with pytest.raises(EmcasError, match="homing needs a drive whose reference has a limit; direct-drive has none, "
+                                         "nonlinear, ristanovic"):
+        get(f"{FILE}+homing")
+
+
+@pytest.fixture
+def installed(tmp_path: Path) -> Iterator[Path]:
+    """The example as an installed package with an entry point."""
+    package = tmp_path / "somebodys"
+    package.mkdir()
+    changed(package, ('reference=Path(__file__).with_name("direct_drive_reference.py")',
+                      'files=(Path(__file__).with_suffix(".toml"),)'), name="direct.py")
+    metadata = tmp_path / "somebodys-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: somebodys\nVersion: 1.0\n", encoding="utf-8")
+    (metadata / "entry_points.txt").write_text(f"[{external.GROUP}]\ndirect = somebodys.direct:ACTUATOR\n",
+                                               encoding="utf-8")
+    sys.path.insert(0, str(tmp_path))
+    external.installed.cache_clear()
+    yield package
+    sys.path.remove(str(tmp_path))
+    external.installed.cache_clear()
+    actuators._get.cache_clear()
+
+
+def test_an_installed_package_gives_an_actuator(installed: Path) -> None:
+    assert get("direct").title == get(str(FILE)).title
+    assert load_parameters(model="direct+faults").values["spring.stiffness"] == 20.0
+    with pytest.raises(EmcasError, match="there is no actuator 'dirct', did you mean 'direct'"):
+        get("dirct")

@@ -1,0 +1,293 @@
+"""`emcas validate` as a user meets it: on the shipped FMU, on a wrong one and on broken surroundings."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import zipfile
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import junitparser
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from emcas_fmu.actuators import NAMES, NONLINEAR
+from emcas_fmu.bench.excitation import Excitation
+from emcas_fmu.bench.subject import ParameterSubject, Run, open_subject
+from emcas_fmu.bench.verdict import REQUIREMENTS
+from emcas_fmu.cli import app
+from emcas_fmu.files import models_directory
+from emcas_fmu.fmi.package import build
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.reference.cases import CASES
+from emcas_fmu.reference.stored import load
+from emcas_fmu.studies.validate.output import write_json, write_junit, write_report
+from emcas_fmu.studies.validate.study import RECORDED, Series, _case_result, _trajectory, validate
+from emcas_fmu.studies.validate.study import Result as Validation
+
+from ..bench.subjects import FIN_PORT, Play
+
+pytestmark = pytest.mark.acceptance
+
+REFERENCE = models_directory() / "reference"
+
+
+def emcas(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["validate", *map(str, arguments)])
+
+
+@pytest.fixture(scope="module", params=["python", "native"])
+def whole(units: Mapping[str, Path], request: pytest.FixtureRequest) -> Validation:
+    """A whole validation of the shipped FMU, of either back end."""
+    with open_subject(units[request.param]) as subject:
+        return validate(subject)
+
+
+def test_shipped_fmu_follows_every_reference(whole: Validation) -> None:
+    judged = {c.name: c for c in whole.trajectory}
+    assert list(judged) == [case.name for case in CASES]
+    missed = {name: c.measured for name, c in judged.items() if not c.passed}
+    assert not missed
+
+
+def test_shipped_fmu_meets_table_2(whole: Validation) -> None:
+    judged = {c.name: c for c in whole.table2}
+    assert set(judged) == {"range", "accuracy", "unloaded_rate", "loaded_rate", "bandwidth_1deg", "bandwidth_3p5deg"}
+    assert all(c.passed and not c.skipped for c in judged.values())
+    # Figures no limit would catch: twice the measured rate, a tenfold bandwidth would mean a broken measurement.
+    assert 220.0 < judged["unloaded_rate"].measured < 300.0  # type: ignore[operator]
+    assert judged["loaded_rate"].measured < judged["unloaded_rate"].measured  # type: ignore[operator]
+    assert judged["bandwidth_3p5deg"].measured < judged["bandwidth_1deg"].measured < 24.1  # type: ignore[operator]
+
+
+def test_linear_model_is_compared_not_assumed(whole: Validation) -> None:
+    by_amplitude = {c.amplitude: c for c in whole.comparisons}
+    assert list(by_amplitude) == [1.0, 2.0, 3.0, 10.0, 20.0]
+    assert {f.name: f.holds for f in whole.findings if f.holds is not None} == {
+        "linear_alike_below_3deg": True, "nonlinear_slower_above_3deg": True}
+    # 20 deg at the 239 deg/s measured take 67 ms from 10 to 90 %; without limits the rise takes 17 ms for any step.
+    assert by_amplitude[20.0].rise_time_fmu > 3.0 * by_amplitude[20.0].rise_time_linear
+
+
+def test_result_goes_through_json(whole: Validation, tmp_path: Path) -> None:
+    write_json(whole, tmp_path / "result.json")
+    document = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
+    assert document["schema"] == "emcas-validation/1"
+    assert document["passed"] == whole.passed
+    assert len(document["criteria"]) == len(CASES) + len(REQUIREMENTS)
+    assert document["cases"][0]["errors"]["fin_angle"]["unit"] == "deg"
+    assert document["fmu"]["differences"] == []
+    unfinished = replace(whole, trajectory=(), table2=(replace(whole.criteria[0], measured=float("nan")),))
+    write_json(unfinished, tmp_path / "nan.json")
+    document = json.loads((tmp_path / "nan.json").read_text(encoding="utf-8"))
+    assert (document["criteria"][0]["measured"], document["passed"]) == (None, False)
+
+
+def test_junit_has_a_test_case_for_each_criterion(whole: Validation, tmp_path: Path) -> None:
+    changed = (replace(whole.criteria[0], measured=1.0), replace(whole.criteria[1], measured=0.0),
+               replace(whole.criteria[-1], measured=None, skipped=True))
+    write_junit(replace(whole, trajectory=changed[:2], table2=changed[2:]), tmp_path / "junit.xml")
+    suites = junitparser.JUnitXml.fromfile(str(tmp_path / "junit.xml"))
+    assert (suites.tests, suites.failures, suites.skipped) == (3, 1, 1)
+    failed = [test for suite in suites for test in suite if test.result and not test.is_skipped]
+    assert [test.name for test in failed] == [whole.criteria[0].name]
+    assert "required <= " in failed[0].result[0].message
+
+
+def test_report_is_one_page_that_repeats(whole: Validation, tmp_path: Path) -> None:
+    for name in ("a.html", "b.html"):
+        write_report(whole, tmp_path / name)
+    page = (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert page == (tmp_path / "b.html").read_text(encoding="utf-8")
+    assert page.count("<svg") == 9
+    assert "engineering estimates" in page
+    assert "not measurements" in page
+    # Nothing is fetched: the only addresses are names of XML namespaces.
+    fetched = [word for word in page.replace('"', " ").split() if "://" in word and "www.w3.org/" not in word]
+    assert not fetched
+    assert "<script" not in page
+    ids = [piece.partition('"')[0] for piece in page.split(' id="')[1:]]
+    assert len(ids) == len(set(ids))
+
+
+def test_command_writes_all_files_and_says_what_failed(fmu: Path, tmp_path: Path) -> None:
+    files = {name: tmp_path / f"out.{name}" for name in ("json", "junit", "report")}
+    options = [part for name, path in files.items() for part in (f"--{name}", path)]
+    done = emcas(fmu, "--case", "step_plus1", *options)
+    assert done.exit_code == 0, done.output
+    assert "step_plus1" in done.stdout
+    assert "not run" in done.stdout  # the requirements one case does not suffice for
+    assert "missing input" not in done.output
+    assert all(path.stat().st_size for path in files.values())
+
+
+def test_another_parameter_fails(tmp_path: Path) -> None:
+    defaults = load_parameters()
+    # 2 % of torque constant: some 0.1 ms of a 25 ms rise, at 60 deg/s several times the 0.002 deg allowed.
+    changed = defaults.replace({"motor.torque_constant": 1.02 * float(defaults.values["motor.torque_constant"])})
+    fmu = build(changed, tmp_path / "Other.fmu").path
+    done = emcas(fmu, "--case", "step_plus1", "--json", tmp_path / "result.json")
+    assert done.exit_code == 1, done.output
+    assert "FAIL" in done.stdout
+    document = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
+    assert [d["name"] for d in document["fmu"]["differences"]] == ["motor.torque_constant"]
+
+
+def copied(tmp_path: Path) -> Path:
+    folder = tmp_path / "reference"
+    shutil.copytree(REFERENCE, folder)
+    return folder
+
+
+def tampered(folder: Path) -> None:
+    path = folder / "EMCAS_step_plus1_ref.csv"
+    path.write_text(path.read_text(encoding="utf-8").replace("0.05,0,", "0.05,1e-9,", 1), encoding="utf-8")
+
+
+def without_file(folder: Path) -> None:
+    (folder / "EMCAS_step_plus1_in.csv").unlink()
+
+
+def without_provenance(folder: Path) -> None:
+    (folder / "provenance.toml").unlink()
+
+
+def broken_provenance(folder: Path) -> None:
+    (folder / "provenance.toml").write_text("[step\n", encoding="utf-8")
+
+
+@pytest.mark.parametrize(("harm", "named"), [
+    (tampered, "EMCAS_step_plus1_ref.csv"), (without_file, "EMCAS_step_plus1_in.csv"),
+    (without_provenance, "provenance.toml"), (broken_provenance, "provenance.toml"), (shutil.rmtree, "reference")])
+def test_unsound_references_are_refused(fmu: Path, tmp_path: Path, harm: Callable[[Path], Any], named: str) -> None:
+    folder = copied(tmp_path)
+    assert emcas(fmu, "--case", "step_plus1", "--directory", folder).exit_code == 0
+    harm(folder)
+    done = emcas(fmu, "--directory", folder)
+    assert done.exit_code == 2, done.output
+    assert named in done.stderr
+    assert "emcas reference" in done.stderr
+
+
+def test_unknown_case_is_refused(fmu: Path) -> None:
+    done = emcas(fmu, "--case", "nonsense")
+    assert done.exit_code == 2
+    assert "nonsense" in done.stderr
+    assert "step_plus20" in done.stderr
+
+
+def rewritten(source: Path, target: Path, change: Callable[[str, bytes], bytes | None]) -> Path:
+    """A copy of an archive with entries changed, or left out where the change gives None."""
+    with zipfile.ZipFile(source) as old, zipfile.ZipFile(target, "w") as new:
+        for name in old.namelist():
+            content = change(name, old.read(name))
+            if content is not None:
+                new.writestr(name, content)
+    return target
+
+
+def test_what_is_no_fmu_is_refused(fmu: Path, tmp_path: Path) -> None:
+    absent, text = tmp_path / "absent.fmu", tmp_path / "text.fmu"
+    text.write_text("not an archive", encoding="utf-8")
+    empty = rewritten(fmu, tmp_path / "empty.fmu", lambda name, content: None)
+    foreign = rewritten(fmu, tmp_path / "foreign.fmu",
+                        lambda name, content: None if name.startswith("binaries/") else content)
+    renamed = rewritten(fmu, tmp_path / "renamed.fmu",
+                        lambda name, content: content.replace(b'name="fin_rate"', b'name="finrate"')
+                        if name == "modelDescription.xml" else content)
+    for path, said in ((absent, "no such file"), (text, "not a ZIP archive"), (empty, "not an FMU"),
+                       (foreign, "no binary for this platform"), (renamed, "fin_rate")):
+        done = emcas(path, "--case", "step_plus1")
+        assert done.exit_code == 2, (path, done.output)
+        assert path.name in done.stderr
+        assert said in done.stderr.replace("\n", " ")
+
+
+def test_run_the_fmu_discards_is_a_failure_with_its_time_and_reason(fmu: Path) -> None:
+    command = np.where(np.arange(201) > 99, np.nan, 0.1)
+    with open_subject(fmu) as subject:
+        run = subject.run(Excitation("nan", {"fin_command": command}), outputs=RECORDED)
+        good = subject.run(Excitation("good", {"fin_command": np.full(201, 0.1)}), outputs=RECORDED)
+    assert run.stopped == pytest.approx(0.1)
+    assert len(run.columns["time"]) == 101
+    assert any("fin_command" in message for message in run.messages)
+    # What came before is kept, and the next run is not touched by it.
+    assert good.stopped is None
+    np.testing.assert_array_equal(run.columns["fin_angle"][:100], good.columns["fin_angle"][:100])
+
+
+def test_binary_that_does_not_start_is_refused(fmu: Path, tmp_path: Path) -> None:
+    broken = rewritten(fmu, tmp_path / "broken.fmu",
+                       lambda name, content: b"no program" if name.startswith("binaries/") else content)
+    done = emcas(broken, "--case", "step_plus1")
+    assert done.exit_code == 2, done.output
+    assert "does not start" in done.stderr.replace("\n", " ")
+
+
+def test_early_end_fails_the_criterion(whole: Validation) -> None:
+    excitation = whole.series["step"].run.excitation
+    columns = {name: column[:2] for name, column in whole.series["step"].run.columns.items()}
+    run = Run(excitation, columns, 0.1, ("error: too much",), 0.0)
+    series = Series(run, whole.series["step"].reference, run)
+    criterion = _trajectory(_case_result(load(REFERENCE, ["step"])[0], series), series)
+    assert not criterion.passed
+    assert "0.1 s" in criterion.note
+    assert "too much" in criterion.note
+
+
+def test_damaged_archive_is_refused(fmu: Path, tmp_path: Path) -> None:
+    content = bytearray(fmu.read_bytes())
+    content[60_000:60_200] = bytes(200)
+    (tmp_path / "damaged.fmu").write_bytes(content)
+    done = emcas(tmp_path / "damaged.fmu", "--case", "step_plus1")
+    assert done.exit_code == 2, done.output
+    assert "cannot be unpacked" in done.stderr.replace("\n", " ")
+
+
+@pytest.mark.parametrize("model", [*(name for name in NAMES if name != NONLINEAR), "nonlinear+lugre+heat"])
+def test_actuators_without_a_reference_are_judged_by_performance(model: str, tmp_path: Path) -> None:
+    files = {name: tmp_path / f"out.{name}" for name in ("json", "junit", "report")}
+    done = emcas("--model", model, *(part for name, path in files.items() for part in (f"--{name}", path)))
+    assert done.exit_code in (0, 1), done.output
+    document = json.loads(files["json"].read_text(encoding="utf-8"))
+    assert document["fmu"]["model"] == model
+    assert {c["group"] for c in document["criteria"]} == {"table2"}
+    assert all(c["measured"] is not None for c in document["criteria"])
+    assert document["notes"][0].startswith(f"There is no independent reference of {model}")
+    # The linear model is one of the thesis's actuator, with whatever options, and of no other.
+    assert bool(document["comparisons"]) == model.startswith("nonlinear")
+    page = files["report"].read_text(encoding="utf-8")
+    assert "Judged is performance only" in page
+    assert "independent reference</text>" not in page
+    assert page.count("<svg") == (9 if document["comparisons"] else 8)
+
+
+def test_case_an_actuator_has_no_input_for_is_left_out_and_said() -> None:
+    subject = ParameterSubject(load_parameters(model="second-order"))
+    subject.inputs = {name: v for name, v in subject.inputs.items() if name != "supply_voltage"}
+    found = validate(subject, ["sag", "step_plus5"])
+    assert [case.name for case in found.cases] == ["step_plus5"]
+    assert "sag is left out: this actuator has no supply_voltage" in found.notes
+    assert found.cases[0].figures["rise_time_s"] > 0.0
+
+
+def test_outputs_an_actuator_lacks_are_left_out(tmp_path: Path) -> None:
+    found = validate(Play(half=1e-6, there=FIN_PORT))
+    assert list(found.cases[0].errors) == ["fin_angle", "fin_rate"]
+    # A play follows at once: it is as accurate as can be, and no trajectory of the nonlinear actuator.
+    assert {j.name for j in found.judged if j.passed} >= {"range", "accuracy", "unloaded_rate", "loaded_rate"}
+    assert not any(j.passed for j in found.trajectory)
+    write_report(found, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert page.count("<svg") == 9
+    assert "current / A" not in page
+
+
+def test_parameter_file_and_fmu_are_judged_alike(whole: Validation) -> None:
+    here = validate(ParameterSubject(load_parameters()))
+    assert [j.measured for j in here.criteria] == [j.measured for j in whole.criteria]
+    assert here.cases[0].errors == whole.cases[0].errors
