@@ -16,15 +16,15 @@ from pathlib import Path
 import numpy as np
 
 from emcas_fmu.actuators import NAMES, NONLINEAR
-from emcas_fmu.baseline.compare import TEMPLATE, compare, record
-from emcas_fmu.baseline.read import read
-from emcas_fmu.baseline.table import HEADER, lines, verdict
 from emcas_fmu.bench.excitation import reference_case
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.kernels import program
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.simulation import simulate
+from emcas_fmu.studies.baseline.read import read
+from emcas_fmu.studies.baseline.study import TEMPLATE, compare, record
+from emcas_fmu.studies.baseline.table import HEADER, lines, verdict
 from emcas_fmu.unit import BUS_OUTPUTS, BUS_PARAMETERS, MIXING, SHARED
 from emcas_fmu.variables import INPUTS, OUTPUTS, Variable
 

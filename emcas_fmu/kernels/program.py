@@ -19,6 +19,7 @@ from ..ops.python_source import python_source
 from ..ops.trace import Tracer
 from ..ops.usage import dependencies
 from ..physics import bus
+from .bank import Bank, Mix, mixes
 from .core import Core
 
 Make = Callable[[Mapping[str, Any]], tuple[Callable[..., tuple[Any, ...]], ...]]
@@ -131,6 +132,17 @@ def traced_rules(model: str = NONLINEAR) -> Tracer:
 def core(values: Mapping[str, Any], model: str = NONLINEAR) -> Core:
     """Return a core of an actuator, in Python, with these parameters."""
     return Core(make(model=model)(values), *sizes(get(model)))
+
+
+def bank(sets: Sequence[Mapping[str, Any]], resistance: float, interval: float, model: str = NONLINEAR
+         ) -> tuple[Bank, list[Mix]]:
+    """Return the cores of several fins with these parameters on one bus, in Python, and their mixing of commands.
+
+    The source's `resistance` is in Ohm, the `interval` of the bus in s.
+    """
+    actuator, bound = get(model), [make(True, model)(values) for values in sets]
+    power = None if actuator.supply is None else actuator.outputs.index(actuator.supply.power)
+    return Bank(bound, resistance, interval, power, sizes(actuator)), mixes(bound)
 
 
 def sizes(actuator: Actuator) -> tuple[int, int, int]:
