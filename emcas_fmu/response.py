@@ -1,88 +1,196 @@
-"""A simulated response for people and machines: figures of merit, a table, a picture."""
+"""A simulated response, of one fin or several, for people and machines: figures of merit, a table, a picture."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from math import degrees
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from .bench.excitation import Excitation
-from .bench.metrics import rms
-from .plots import BLUE, GRAY, VERMILLION, figure, shade, style, write
-from .simulation import Array
+from .actuators import extension_outputs, fin_port
+from .bench import metrics
+from .bench.excitation import COMMAND, Excitation
+from .bench.subject import Columns, Run
+from .bench.writers import number
+from .fmi.interface import MIXING, FmuInterface
+from .ops.floats import FLOATS
+from .parameters import ParameterSet
+from .plots import COLORS, figure, shade, style, write
+from .plots import COMMAND as COMMAND_LINE
 from .variables import Variable
 
 _PANELS = (("fin_rate", "fin rate [deg/s]", degrees(1.0)), ("motor_current", "current [A]", 1.0),
            ("motor_voltage", "voltage [V]", 1.0), ("supply_power", "power [W]", 1.0))
+_BUS = (("bus_voltage", "bus voltage [V]"), ("bus_current", "bus current [A]"))
+_MOST_CHANGES = 4  # of a status, that are told
 
 
-def figures_of_merit(result: Mapping[str, Array], own: Sequence[Variable] = ()) -> dict[str, float]:
-    """What one asks of a response first, as far as it has the outputs, units in the names; of a model's `own` outputs
-    the last value, SI."""
-    figures: Mapping[str, tuple[str, Callable[[Array], Any]]] = {
-        "fin_angle_final_deg": ("fin_angle", lambda x: degrees(x[-1])),
-        "fin_rate_peak_deg_per_s": ("fin_rate", lambda x: degrees(np.abs(x).max())),
-        "tracking_error_peak_deg": ("tracking_error", lambda x: degrees(np.abs(x).max())),
-        "tracking_error_final_deg": ("tracking_error", lambda x: degrees(x[-1])),
-        "motor_current_peak_a": ("motor_current", lambda x: np.abs(x).max()),
-        "motor_current_rms_a": ("motor_current", rms),
-        "supply_energy_j": ("supply_power", lambda x: np.trapezoid(x, result["time"])),
-        "saturated_share": ("saturated", np.mean),
-    }
-    found = {name: float(figure(result[output])) for name, (output, figure) in figures.items() if output in result}
-    return found | {f"{v.name}_final": float(result[v.name][-1]) for v in own}
+@dataclass(frozen=True)
+class Response:
+    """What the fins of a `unit`, with the parameters `sets`, did under an excitation; the columns have its names."""
+
+    unit: FmuInterface
+    sets: Sequence[ParameterSet]
+    excitation: Excitation
+    columns: Columns
+
+    @property
+    def time(self) -> Any:
+        """Times of the rows [s]."""
+        return self.columns["time"]
+
+    @cached_property
+    def fins(self) -> tuple[Run, ...]:
+        """Each fin's run, under the names of a single actuator, judged from 0 on; its command is the mixed one."""
+        inputs, outputs = self.unit.actuator.inputs, self.unit.actuator.outputs
+
+        def of(fin: int, variables: Sequence[Variable], columns: Columns) -> dict[str, Any]:
+            names = {v.name: self.unit.name(v.name, fin) for v in variables}
+            return {name: columns[full] for name, full in names.items() if full in columns}
+
+        def excited(fin: int) -> Excitation:
+            given = of(fin, inputs, self.excitation.columns)
+            mixing = [self.excitation.columns.get(v.name) for v in MIXING]
+            if any(column is not None for column in mixing):
+                given[COMMAND] = fin_port.mixed_command(
+                    FLOATS, self.sets[fin].nested(), given.get(COMMAND, np.zeros(len(self.time))),
+                    *(0.0 if column is None else column for column in mixing))
+            return replace(self.excitation, columns=given, begin=0.0)
+
+        return tuple(Run(excited(fin), {"time": self.time, **of(fin, outputs, self.columns)}, None, (), 0.0)
+                     for fin in range(self.unit.fins))
+
+    @cached_property
+    def bus(self) -> Mapping[str, float]:
+        """Figures of the bus of several fins, units in the names."""
+        if not self.unit.bus_outputs:
+            return {}
+        drawn = metrics.usage(Run(self.excitation, {"time": self.time, "supply_power": self.columns["supply_power"]},
+                                  None, (), 0.0))
+        return {"lowest_bus_voltage_v": float(np.min(self.columns["bus_voltage"])),
+                "peak_bus_current_a": float(np.max(np.abs(self.columns["bus_current"]))), **_written(drawn)}
+
+    @property
+    def extension_outputs(self) -> tuple[Variable, ...]:
+        """Outputs that the model's extensions add."""
+        return extension_outputs(self.unit.kind)
+
+    def figures(self, fin: int = 0) -> dict[str, float]:
+        """Figures of the bench as far as a fin has the outputs, units in the names, and last values.
+
+        Those of a motion where the command jumps once.
+        """
+        run = self.fins[fin]
+        found = {f"{name}_final_deg": degrees(run.columns[name][-1]) for name in ("fin_angle", "tracking_error")}
+        found |= _written(metrics.usage(run) | (metrics.motion(run) if len(run.excitation.moves) == 1 else {}))
+        return found | {f"{v.name}_final": float(run.columns[v.name][-1]) for v in self.extension_outputs}
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: of several fins a list, and the bus."""
+        if self.unit.fins == 1:
+            return {"title": self.excitation.title, **self.figures()}
+        return {"title": self.excitation.title, "bus": self.bus,
+                "fins": [self.figures(fin) for fin in range(self.unit.fins)]}
+
+    def lines(self) -> list[tuple[str, ...]]:
+        """Name and value for each fin of every figure, as a table shows them; statuses by name, as they changed."""
+        every = [self.figures(fin) for fin in range(self.unit.fins)]
+        discrete = {f"{v.name}_final": v for v in self.extension_outputs if v.items or v.bits}
+        rows = [(name, *(number(each[name]) for each in every)) for name in every[0] if name not in discrete]
+        return rows + [(v.name, *(_history(v, self.time, run.columns[v.name]) for run in self.fins))
+                       for v in discrete.values()]
 
 
-def write_csv(path: Path, excitation: Excitation, result: Mapping[str, Array]) -> None:
+def _written(found: Mapping[str, float]) -> dict[str, float]:
+    """Figures of the bench by the names of a result."""
+    shown = {name: metrics.written(name) for name in found}
+    return {shown[name][0]: value * shown[name][1] for name, value in found.items()}
+
+
+def _history(v: Variable, time: Any, column: Any) -> str:
+    """A discrete output in words: at the start, and whenever it changes."""
+    rows = np.flatnonzero(np.diff(column)) + 1
+    changes = [f"{time[k]:g} s {v.in_words(column[k])}" for k in rows]
+    if len(changes) > _MOST_CHANGES:
+        changes = [f"{len(changes) - 1} changes", changes[-1]]
+    return ", ".join([v.in_words(column[0]), *changes])
+
+
+def write_csv(path: Path, response: Response) -> None:
     """Time, the inputs given and every output, SI, with 17 digits: what was computed, to the bit."""
-    table = np.column_stack([result["time"], *excitation.columns.values(),
-                             *(column for name, column in result.items() if name != "time")])
-    names = ["time", *excitation.columns, *(name for name in result if name != "time")]
-    np.savetxt(path, table, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
+    outputs = {name: column for name, column in response.columns.items() if name != "time"}
+    table = np.column_stack([response.time, *response.excitation.columns.values(), *outputs.values()])
+    np.savetxt(path, table, fmt="%.17g", delimiter=",", comments="",
+               header=",".join(["time", *response.excitation.columns, *outputs]))
 
 
-def draw(excitation: Excitation, result: Mapping[str, Array], own: Sequence[Variable] = ()) -> Figure:
-    """Command and angle, tracking error, rate, current, voltage, power, a model's `own` outputs; limits shaded."""
-    time = result["time"]
-    panels = [panel for panel in _PANELS if panel[0] in result]
-    panels += [(v.name, f"{v.name.replace('_', ' ')}{f' [{v.unit}]' if v.kind == 'Real' else ''}", 1.0) for v in own]
-    made, grid = figure(1 + (len(panels) + 1) // 2, 2, width=10.0, sharex=True)
+def draw(response: Response) -> Figure:
+    """Command and angle, tracking error, rate, current, voltage, power, the bus, what extensions add; limits shaded."""
+    time, fins, extensions = response.time, response.fins, response.extension_outputs
+    panels = [panel for panel in _PANELS if panel[0] in fins[0].columns]
+    bus = _BUS if response.unit.bus_outputs else ()
+    count = 2 + len(panels) + len(bus) + len(extensions)
+    made, grid = figure((count + 1) // 2, 2, width=10.0, sharex=True)
     first, second, *rest = grid.ravel()
-    if "fin_command" in excitation.columns:
-        first.step(time, np.degrees(excitation.columns["fin_command"]), where="post", color=GRAY, label="command")
-    first.plot(time, np.degrees(result["fin_angle"]), color=BLUE, label="fin angle")
-    first.set_title(excitation.title)
-    first.set_ylabel("angle [deg]")
-    first.legend(loc="best")
-    second.plot(time, np.degrees(result["tracking_error"]), color=VERMILLION)
-    second.set_ylabel("tracking error [deg]")
-    discrete = {v.name for v in own if v.kind != "Real"}
-    for axes, (name, label, scale) in zip(rest, panels, strict=False):
-        axes.plot(time, result[name] * scale, color=BLUE, drawstyle="steps-pre" if name in discrete else "default")
+    for k, run in enumerate(fins):
+        color, which = COLORS[k % len(COLORS)], f"fin {k + 1}" if len(fins) > 1 else "fin angle"
+        if COMMAND in run.excitation.columns:
+            first.step(time, np.degrees(run.excitation.command), where="post", label=None if k else "command",
+                       **COMMAND_LINE)
+        first.plot(time, np.degrees(run.columns["fin_angle"]), color=color, label=which)
+        second.plot(time, np.degrees(run.columns["tracking_error"]), color=color)
+        for axes, (name, _, scale) in zip(rest, panels, strict=False):
+            axes.plot(time, run.columns[name] * scale, color=color)
+    for axes, label in zip((first, second, *rest), ("angle [deg]", "tracking error [deg]",
+                                                   *(label for _, label, _ in panels)), strict=False):
         axes.set_ylabel(label)
-    for v, axes in zip(own, rest[len(panels) - len(own):], strict=False):
-        if v.items:
-            axes.set_yticks(range(1, len(v.items) + 1), [item for item, _ in v.items])
-            axes.set_ylim(0.5, len(v.items) + 0.5)
-        elif v.kind != "Real":
-            axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-    for axes in rest[len(panels):]:
+    first.set_title(response.excitation.title)
+    first.legend(loc="best", ncols=1 + len(fins) // 5)
+    for axes, (name, label) in zip(rest[len(panels):], bus, strict=False):
+        axes.plot(time, response.columns[name], color=COLORS[0])
+        axes.set_ylabel(label)
+    for axes, v in zip(rest[len(panels) + len(bus):], extensions, strict=False):
+        _draw_output(axes, v, time, [run.columns[v.name] for run in fins])
+    for axes in rest[count - 2:]:
         axes.set_visible(False)
+    limited = np.any([run.columns["saturated"] > 0.0 for run in fins], axis=0)
     for axes in grid.ravel():
-        shade(axes, time, result["saturated"] > 0.0)
+        shade(axes, time, limited)
         axes.margins(x=0.0)
     for axes in grid[-1]:
         axes.set_xlabel("time [s] (shaded: a limit is active)")
     return made
 
 
-def write_picture(path: Path, excitation: Excitation, result: Mapping[str, Array],
-                  own: Sequence[Variable] = ()) -> None:
+def _draw_output(axes: Axes, v: Variable, time: Any, columns: Sequence[Any]) -> None:
+    """An output of an extension, a line a fin; a word of flags as a bar for each flag that is ever set."""
+    axes.set_ylabel(f"{v.name.replace('_', ' ')}{f' [{v.unit}]' if v.kind == 'Real' else ''}")
+    flags = [i for i in range(len(v.bits)) if any(np.any(column.astype(int) >> i & 1) for column in columns)]
+    for k, column in enumerate(columns):
+        color = COLORS[k % len(COLORS)]
+        if not v.bits:
+            axes.plot(time, column, color=color, drawstyle="default" if v.kind == "Real" else "steps-pre")
+        for place, i in enumerate(flags):
+            at = place + 0.6 * ((k + 0.5) / len(columns) - 0.5)
+            axes.plot(time, np.where(column.astype(int) >> i & 1, at, np.nan), color=color, linewidth=3.0)
+    if v.items:
+        axes.set_yticks(range(1, len(v.items) + 1), [item for item, _ in v.items])
+        axes.set_ylim(0.5, len(v.items) + 0.5)
+    elif v.bits:
+        axes.set_yticks(range(max(len(flags), 1)), [v.bits[i] for i in flags] or ["none"])
+        axes.set_ylim(-0.5, max(len(flags), 1) - 0.5)
+    elif v.kind != "Real":
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+
+
+def write_picture(path: Path, response: Response) -> None:
     """The response as ``.html``, ``.svg``, ``.png`` or ``.pdf``. Raises EmcasError for another ending."""
     with style():
-        write(draw(excitation, result, own), path, excitation.title)
+        write(draw(response), path, response.excitation.title)

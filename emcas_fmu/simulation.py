@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .actuators import NONLINEAR, get
 from .errors import EmcasError
+from .fmi.interface import BUS_PARAMETERS, MIXING, FmuInterface, start_values
 from .parameters import ParameterError, check_parameters
+from .rules import check_ranges
 from .runtime import codegen, compiled
+from .variables import Variable
+
+T = TypeVar("T")
 
 Array = NDArray[Any]
 Signal = float | bool | Sequence[float] | Array | Callable[[float], float | bool]
@@ -32,14 +37,70 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel:
     that is not finite and for parameters out of their limits, ArithmeticError where the equations
     cannot be followed.
     """
+    there_are = get(model).inputs
+    starts = [values[v.key] if v.key else v.start or 0.0 for v in there_are]
+    return respond(values, _table(there_are, starts, stop, step, inputs), step, kernel, model)
+
+
+def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 1e-3, model: str = NONLINEAR,
+                  bus: Mapping[str, float] | None = None, **inputs: Signal) -> dict[str, Array]:
+    """Outputs of several actuators, whose parameters are `sets`, on one bus, by the names of a unit of several fins.
+
+    As `simulate`, but in Python, which is slower. `bus` are parameters of the bus (``bus.source_resistance``). An input
+    of a single actuator, such as ``fin_command``, is that of every fin; of one it is given as
+    ``**{"fin[2].fin_command": ...}``. Raises as `simulate` does.
+    """
+    unit = FmuInterface(len(sets), model)
+    if unit.fins == 1:
+        raise ValueError("one fin has no bus; see simulate()")
+    problems = [f"fin {k}: {problem}" for k, values in enumerate(sets, 1)
+                for problem in check_parameters(values, model)]
+    starts = dict(zip((v.name for v in unit.variables), start_values(unit, sets), strict=True))
+    line = {v.name: starts[v.name] for v in BUS_PARAMETERS if v.name in starts}
+    if unknown := [name for name in bus or {} if name not in line]:
+        raise EmcasError(f"there is no {unknown[0]}; a bus has {', '.join(line)}" if line else
+                         f"{unknown[0]}: {unit.actuator.name} has no supply, so that its fins share no bus")
+    line |= bus or {}
+    problems += check_ranges(line, [(v.name, v.minimum, v.maximum) for v in BUS_PARAMETERS if v.name in line])
+    if problems:
+        raise ParameterError(problems)
+    table = _table(unit.inputs, [starts[v.name] for v in unit.inputs], stop, step, spread(inputs, unit))
+    _check_finite(table, unit.inputs, step)
+    resistance, interval = line.get("bus.source_resistance", 0.0), line.get("bus.update_time", 1.0)  # of a stiff bus
+    cores, mixes = codegen.multi_fin(sets, resistance, interval, model)
+    places, mixing = codegen.places(model), [unit.reference[v.name] for v in MIXING]
+
+    def arranged(row: Sequence[float]) -> list[tuple[Any, ...]]:
+        acting = []
+        for core, mix, of_fin in zip(cores.cores, mixes, unit.places, strict=True):
+            command, *rest = places.arrange([row[i] for i in of_fin], core.forces)
+            acting.append((*mix(command, *(row[i] for i in mixing)), *rest))
+        return acting
+
+    rows = _rows(cores, table, step, arranged)
+    return {"time": np.arange(len(table)) * step, **{v.name: rows[:, i].copy() for i, v in enumerate(unit.outputs)}}
+
+
+def spread(inputs: Mapping[str, T], unit: FmuInterface) -> dict[str, T]:
+    """Inputs by the names of a unit: what is a single actuator's there is every fin's."""
+    there_are, of_one = {v.name for v in unit.inputs}, {v.name for v in unit.actuator.inputs}
+    found: dict[str, T] = {}
+    for name, signal in inputs.items():
+        known = name.replace("__", ".")
+        several = known not in there_are and known in of_one
+        found |= {unit.name(known, fin): signal for fin in range(unit.fins)} if several else {known: signal}
+    return found
+
+
+def _table(there_are: Sequence[Variable], starts: Sequence[Any], stop: float, step: float,
+           inputs: Mapping[str, Signal]) -> Array:
+    """Inputs at the communication points, a column each: what is given, or the start value."""
     if not (0.0 < step < np.inf and step * 0.5 <= stop <= MOST_POINTS * step):
         raise ValueError(f"from 0 to {stop} s every {step} s: both must be above 0, with 1 to {MOST_POINTS:g} steps")
     times: Array = np.arange(round(stop / step) + 1) * step
-    there_are = get(model).inputs
     index = {v.name: i for i, v in enumerate(there_are)}
     table = np.empty((len(times), len(there_are)))
-    for v, column in zip(there_are, table.T, strict=True):
-        column[:] = values[v.key] if v.key else v.start or 0.0
+    table[:] = starts
     for name, signal in inputs.items():
         known = name.replace("__", ".")
         if known not in index:
@@ -48,7 +109,7 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel:
         column = table[:, index[known]]
         column[:-1] = [signal(t) for t in times[:-1]] if callable(signal) else _held(signal, known, times)
         column[-1] = column[-2]
-    return respond(values, table, step, kernel, model)
+    return table
 
 
 def _held(signal: float | Sequence[float] | Array, name: str, times: Array) -> Any:
@@ -66,26 +127,35 @@ def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = 
     """
     if kernel not in KERNELS:
         raise EmcasError(f"kernel {kernel}: there is {', '.join(KERNELS)}")
-    bad = np.argwhere(~np.isfinite(table))
-    if len(bad):
-        row, column = bad[0]
-        raise ValueError(f"input {get(model).inputs[column].name} is {table[row, column]} at {row * step:.6g} s")
+    _check_finite(table, get(model).inputs, step)
     fast = kernel == "compiled" or (kernel == "auto" and compiled.available(model))
     rows = compiled.run_table(values, step, table, model) if fast else _by_python(values, table, step, model)
     times = np.arange(len(table)) * step
     return {"time": times, **{v.name: rows[:, i].copy() for i, v in enumerate(get(model).outputs)}}
 
 
+def _check_finite(table: Array, inputs: Sequence[Variable], step: float) -> None:
+    bad = np.argwhere(~np.isfinite(table))
+    if len(bad):
+        row, column = bad[0]
+        raise ValueError(f"input {inputs[column].name} is {table[row, column]} at {row * step:.6g} s")
+
+
 def _by_python(values: Mapping[str, Any], table: Array, step: float, model: str) -> Array:
     if problems := check_parameters(values, model):
         raise ParameterError(problems)
     core, places = codegen.core(values, model), codegen.places(model)
+    return _rows(core, table, step, lambda row: places.arrange(row, core.forces))
+
+
+def _rows(core: Any, table: Array, step: float, arranged: Callable[[Sequence[float]], Any]) -> Array:
+    """Outputs of a core, or of those of several fins, at each row; `arranged` gives what it takes of one."""
     rows: list[tuple[Any, ...]] = []
-    acting: tuple[Any, ...] = ()
+    acting: Any = ()
     for k, row in enumerate(table.tolist()):
         if k:
             rows.append(core.run(k * step, acting))
-        acting = places.arrange(row, core.forces)
+        acting = arranged(row)
         if not k:
             rows.append(core.outputs(acting))
     return np.array(rows, dtype=float)

@@ -24,7 +24,8 @@ class Variable:
     ``minimum``/``maximum`` are inclusive; infinite where physics knows no limit.
     ``start`` is given for inputs only: a parameter's comes from its file.
     ``key`` names the parameter-file entry a start value is taken from, where the
-    variable itself is no parameter. ``items`` are an enumeration's from 1 on, each with what it means.
+    variable itself is no parameter. ``items`` are an enumeration's from 1 on, each with what it means;
+    ``bits`` name those of an Integer that is a word of flags, the least first.
     """
 
     name: str
@@ -39,6 +40,15 @@ class Variable:
     start: float | bool | None = None
     key: str | None = None
     items: tuple[tuple[str, str], ...] = ()
+    bits: tuple[str, ...] = ()
+
+    def in_words(self, value: float) -> str:
+        """Return a value as people read it: an enumeration's item, the flags that are set, or the number."""
+        if self.items:
+            return self.items[int(value) - 1][0]
+        if self.bits:
+            return " ".join(name for i, name in enumerate(self.bits) if int(value) >> i & 1) or "none"
+        return f"{value:.5g}"
 
 
 @dataclass(frozen=True)
@@ -71,9 +81,9 @@ def boolean_output(name: str, description: str) -> Variable:
     return Variable(name, "Boolean", "output", "discrete", "", description)
 
 
-def integer_output(name: str, description: str) -> Variable:
-    """Declare an Integer output."""
-    return Variable(name, "Integer", "output", "discrete", "", description)
+def integer_output(name: str, description: str, bits: tuple[str, ...] = ()) -> Variable:
+    """Declare an Integer output; of a word of flags with their names."""
+    return Variable(name, "Integer", "output", "discrete", "", description, bits=bits)
 
 
 def parameter(name: str, unit: str, minimum: float, maximum: float, description: str) -> Variable:

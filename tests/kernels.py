@@ -8,9 +8,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from emcas_fmu.runtime.c_sources import kernel_header
-
 from emcas_fmu.actuators import EXTENSIONS, NAMES, get, get_extension
+from emcas_fmu.runtime.c_sources import kernel_header
 
 
 def models() -> list[str]:

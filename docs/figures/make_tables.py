@@ -17,9 +17,6 @@ from typing import Any
 import numpy as np
 
 from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, capabilities, get, get_extension
-from emcas_fmu.baseline.compare import TEMPLATE, compare, record
-from emcas_fmu.baseline.read import read
-from emcas_fmu.baseline.table import HEADER, lines, verdict
 from emcas_fmu.bench.excitation import Excitation, reference_case
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.extensions import fault_list, monitors
@@ -28,6 +25,9 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate
+from emcas_fmu.studies.baseline.read import read
+from emcas_fmu.studies.baseline.study import TEMPLATE, compare, record
+from emcas_fmu.studies.baseline.table import HEADER, lines, verdict
 from emcas_fmu.variables import Variable
 
 DOCS = Path(__file__).resolve().parents[1]

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..actuators import NONLINEAR, get
 from ..errors import EmcasError
+from ..fmi.interface import FmuInterface
 from ..reference.cases import CASES, LEAD_IN, LOAD_RISE, SWEEP
 from ..simulation import MOST_POINTS, Array
 
@@ -169,15 +170,18 @@ def as_it_is(excitation: Excitation) -> Excitation:
                                              if not name.startswith("encoder.")})
 
 
-def csv_file(path: Path, step: float = STEP, stop: float | None = None, model: str = NONLINEAR) -> Excitation:
+def csv_file(path: Path, step: float = STEP, stop: float | None = None, model: str = NONLINEAR,
+             fins: int = 1) -> Excitation:
     """A CSV file with a column ``time`` [s] and columns of inputs of a model, SI, as fmpy reads it.
+
+    Of several `fins` an input's column is every one's, ``fin[2].fin_command`` that of one.
 
     Between its rows inputs are interpolated; where two rows have the same time they jump. The run
     begins at 0: inputs before the first row are those of it.
     Raises EmcasError for what is no such file.
     """
     found = _read(path)
-    inputs = [v.name for v in get(model).inputs]
+    inputs = list(dict.fromkeys(v.name for v in (*get(model).inputs, *FmuInterface(fins, model).inputs)))
     if "time" not in found:
         raise EmcasError(f"{path}: has no column time; its columns are {', '.join(found)}")
     if unknown := [name for name in found if name not in (*inputs, "time")]:

@@ -82,6 +82,15 @@ def shown(unit: str) -> tuple[str, float]:
     return _SHOWN.get(unit, (unit, 1.0))
 
 
+_ENDINGS = {"deg": "_deg", "deg/s": "_deg_per_s", "%": "_percent"}
+
+
+def written(name: str) -> tuple[str, float]:
+    """Return the name of a figure in a result, which ends in its unit, and the factor to that; a time is in s."""
+    unit, factor = ("s", 1.0) if FIGURES[name].unit == "s" else shown(FIGURES[name].unit)
+    return name + _ENDINGS.get(unit, f"_{unit.lower()}" if unit else ""), factor
+
+
 @dataclass(frozen=True)
 class Errors:
     """Largest magnitude and root mean square of response - reference, in the variable's unit."""

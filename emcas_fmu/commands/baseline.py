@@ -10,12 +10,24 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from .common import ParametersOption, check_outputs, failures, out, parameter_arguments, progress_bar, stepper
+from .common import (
+    FinOption,
+    ParametersOption,
+    SubjectModelOption,
+    check_outputs,
+    failures,
+    out,
+    parameter_arguments,
+    progress_bar,
+    stepper,
+    warn,
+)
 
 _LOG_WIDTH = 110
 _RECORD = ("Examples:\n\n  emcas baseline record my_actuator.toml --output baseline"
            "\n\n  emcas baseline record EMCAS4.fmu --fin 2 --output baseline_fin2"
-           "\n\n  emcas baseline record my_actuator.toml --output baseline --fresh")
+           "\n\n  emcas baseline record my_actuator.toml --output baseline --fresh"
+           "\n\n  emcas baseline record fin.toml --model my_actuator.py --output baseline")
 _CHECK = ("Examples:\n\n  emcas baseline check my_actuator.toml --baseline baseline"
           "\n\n  emcas baseline check EMCAS.fmu --baseline baseline --junit drift.xml --report drift.html"
           "\n\n  emcas baseline check EMCAS.fmu --markdown summary.md --all")
@@ -24,52 +36,58 @@ app = typer.Typer(add_completion=False, rich_markup_mode="rich", no_args_is_help
                   epilog="Examples:\n\n  emcas baseline record my_actuator.toml --output baseline"
                          "\n\n  emcas baseline check EMCAS.fmu --baseline baseline --junit drift.xml",
                   help="Record the approved response of an actuator, or fail where another drifts from it.")
-_Model = Annotated[Path, typer.Argument(help="FMU (.fmu, run by fmpy) or parameter file (.toml, run by the kernel).",
+_Subject = Annotated[Path, typer.Argument(help="FMU (.fmu, run by fmpy) or parameter file (.toml, run by the kernel).",
                                         metavar="FMU|TOML", show_default=False)]
-_Fin = Annotated[int | None, typer.Option(help="Which fin of an FMU of several; the first unless given.", metavar="N")]
 
 
 @app.command(epilog=_RECORD)
 def record(
-    model: _Model,
+    subject: _Subject,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write; limits and cases of a baseline "
                                                                 "that is there are kept.",
                                          metavar="DIR")] = Path("baseline"),
-    fin: _Fin = None,
+    model: SubjectModelOption = None,
+    fin: FinOption = None,
     parameters: ParametersOption = None,
     fresh: Annotated[bool, typer.Option("--fresh", help="Begin with the shipped limits and cases.")] = False,
 ) -> None:
     """Approve the present response: write its figures and trajectories as text to commit."""
-    from ..baseline.compare import TEMPLATE, first
-    from ..baseline.compare import record as run
-    from ..baseline.model import FILE
-    from ..baseline.read import read
-    from ..baseline.subject import opened_subject
-    from ..baseline.write import write
+    from ..bench.subject import open_subject
+    from ..studies.baseline.model import FILE
+    from ..studies.baseline.read import read
+    from ..studies.baseline.study import TEMPLATE, first
+    from ..studies.baseline.study import record as run
+    from ..studies.baseline.write import write
 
     with failures():
-        check_outputs(output / FILE, folders=(output,), inputs=(model, *(parameters or ())))
-        # Limits and cases alone: what was approved may be incomplete, as after a case was added by hand.
-        old = read(output / FILE) if (output / FILE).exists() and not fresh else None
-        # Without the folder: the same response gives the same bytes wherever it is kept.
-        command = shlex.join(["emcas", "baseline", "record", model.name, *(["--fin", str(fin)] if fin else []),
-                              *parameter_arguments(Path(file.name) for file in parameters or ())])
-        with progress_bar() as progress, opened_subject(model, fin, parameters) as subject:
-            plan = old or first(read(TEMPLATE), subject)
-            made = run(plan, subject, output, command, stepper(progress, "record"))
+        check_outputs(output / FILE, folders=(output,), inputs=(subject, *(parameters or ())))
+        with progress_bar() as progress, open_subject(subject, model, fin, parameters) as opened:
+            # Limits and cases alone: what was approved may be incomplete, as after a case was added by hand.
+            kept = (output / FILE).exists() and not fresh
+            plan, left_out = (read(output / FILE, opened.model), []) if kept else first(read(TEMPLATE), opened)
+            made = run(plan, opened, output, _command(subject, model, fin, parameters), stepper(progress, "record"))
         written = write(made, output)
         size = sum(path.stat().st_size for path in written)
+    warn(f"left out: {what}" for what in left_out)
     out.print(f"written {escape(str(output))}  {len(written)} files, {size / 1024:.0f} KiB; "
-              f"{len(made.cases)} cases, limits and cases {'kept' if old else 'as shipped'}",
+              f"{len(made.cases)} cases, limits and cases {'kept' if kept else 'as shipped'}",
               highlight=False, soft_wrap=True)
+
+
+def _command(subject: Path, model: str | None, fin: int | None, parameters: list[Path] | None) -> str:
+    """The command as a baseline has it, without folders: the same response gives the same bytes wherever it is kept."""
+    kind = [] if model is None else ["--model", Path(model).name]
+    return shlex.join(["emcas", "baseline", "record", subject.name, *kind, *(["--fin", str(fin)] if fin else []),
+                       *parameter_arguments(Path(file.name) for file in parameters or ())])
 
 
 @app.command(epilog=_CHECK)
 def check(
-    model: _Model,
+    subject: _Subject,
     baseline: Annotated[Path, typer.Option("--baseline", "-b", help="Folder `emcas baseline record` wrote.",
                                            metavar="DIR")] = Path("baseline"),
-    fin: _Fin = None,
+    model: SubjectModelOption = None,
+    fin: FinOption = None,
     parameters: ParametersOption = None,
     everything: Annotated[bool, typer.Option("--all", help="Show every comparison, not only what drifted and, of "
                                                            "other cases, what comes nearest.")] = False,
@@ -82,19 +100,19 @@ def check(
                                                 metavar="FILE.html")] = None,
 ) -> None:
     """Compare the response with the approved one; exit code 1 if it drifts."""
-    from ..baseline.compare import compare
-    from ..baseline.read import read
-    from ..baseline.results import append_markdown, write_json, write_junit
-    from ..baseline.subject import opened_subject
-    from ..baseline.summary import summary
-    from ..baseline.table import remedy
+    from ..bench.subject import open_subject
+    from ..studies.baseline.output import append_markdown, write_json, write_junit
+    from ..studies.baseline.read import read
+    from ..studies.baseline.study import compare
+    from ..studies.baseline.summary import summary
+    from ..studies.baseline.table import remedy
 
     with failures():
-        check_outputs(as_json, junit, markdown, report, inputs=(model, *(parameters or ()), baseline))
-        approved = read(baseline)
-        with progress_bar() as progress, opened_subject(model, fin, parameters) as subject:
-            result = compare(approved, subject, baseline, stepper(progress, "check"))
-        advice = remedy(result, shlex.join([str(model), *parameter_arguments(parameters)]), str(baseline))
+        check_outputs(as_json, junit, markdown, report, inputs=(subject, *(parameters or ()), baseline))
+        with progress_bar() as progress, open_subject(subject, model, fin, parameters) as opened:
+            result = compare(read(baseline, opened.model), opened, baseline, stepper(progress, "check"))
+        kind = [] if model is None else ["--model", model]
+        advice = remedy(result, shlex.join([str(subject), *kind, *parameter_arguments(parameters)]), str(baseline))
         # A log has no width of its own, and a folded table is hard to read there.
         console = out if out.is_terminal else Console(width=_LOG_WIDTH)
         for part in summary(result, everything):
@@ -107,7 +125,7 @@ def check(
         if markdown:
             append_markdown(result, advice, markdown, everything)
         if report:
-            from ..baseline.report import write_report
+            from ..studies.baseline.output import write_report
 
             write_report(result, advice, report)
     if not result.passed:

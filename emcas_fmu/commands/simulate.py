@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import json
+import re
+from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,38 +14,72 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from ..actuators import NONLINEAR, extension_outputs, get
+from ..actuators import NONLINEAR
 from ..errors import EmcasError
+from ..fmi.interface import BUS_PARAMETERS, FmuInterface, fin_files, fin_sets, require_shared
 from ..parameters import load_parameters
 from ..reference.cases import LEAD_IN
+from ..schema import In
 from .common import ModelOption, ParametersOption, check_outputs, failures, out
 
 if TYPE_CHECKING:
     from ..bench.excitation import Excitation
 
+_FIN = re.compile(r"fin\[(\d+)\]\.(.+)")
 EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.html"
                    "\n\n  emcas simulate --case chirp_3p5deg --plot chirp.png --output chirp.csv"
                    "\n\n  emcas simulate --input flight.csv -p my_actuator.toml --json figures.json"
                    "\n\n  emcas simulate --step 10 --model elastic+faults --set fault.jam.begin='80 ms' "
-                   "--set fault.jam.end='1 s' --plot jam.png")
+                   "--set fault.jam.end='1 s' --plot jam.png"
+                   "\n\n  emcas simulate --fins 4 --fin 2=worn.toml --step 10 --set bus.source_resistance=0.02 "
+                   "--plot fins.html")
 
 
-def _told(given: Iterable[str], inputs: Iterable[str]) -> tuple[dict[str, object], dict[str, float]]:
+@dataclass
+class _Given:
+    """What --set gives: parameters of every fin, of single fins and of the bus, and inputs held."""
+
+    parameters: dict[str, object] = field(default_factory=dict)
+    of_fins: dict[int, dict[str, object]] = field(default_factory=lambda: defaultdict(dict))
+    bus: dict[str, float] = field(default_factory=dict)
+    inputs: dict[str, float] = field(default_factory=dict)
+
+
+def _given(texts: Iterable[str], unit: FmuInterface) -> _Given:
     """Parameters and constant inputs out of NAME=VALUE. Raises EmcasError."""
-    parameters: dict[str, object] = {}
-    held: dict[str, float] = {}
-    for text in given:
+    inputs = {v.name: v for v in (*unit.actuator.inputs, *unit.inputs)}
+    bus = {v.name: v for v in BUS_PARAMETERS} if unit.fins > 1 else {}
+    found = _Given()
+    for text in texts:
         name, separator, written = (part.strip() for part in text.partition("="))
         if not (name and separator and written):
             raise EmcasError(f"--set {text}: expected a name and a value, as in --set controller.position.kp=70")
-        value: object = {"true": True, "false": False}.get(written.lower(), written)
-        if name not in inputs:
-            parameters[name] = value
-        elif isinstance(value, bool):
-            held[name] = float(value)
+        value = _value(written)
+        fin = _FIN.fullmatch(name)
+        if name in inputs or name in bus:
+            variable = inputs.get(name) or bus[name]
+            try:
+                plain = not isinstance(value, (bool, str)) and variable.unit not in ("", "1")
+                number = In(variable.unit, variable.minimum, variable.maximum, type=variable.kind).limited(
+                    f"{value} {variable.unit}" if plain else value)
+            except ValueError as error:
+                raise EmcasError(f"--set {text}: {error}") from error
+            (found.inputs if name in inputs else found.bus)[name] = float(number)
+        elif fin and 1 <= int(fin[1]) <= unit.fins > 1:
+            found.of_fins[int(fin[1])][fin[2]] = value
         else:
-            raise EmcasError(f"--set {text}: {name} is true or false")
-    return parameters, held
+            found.parameters[name] = value
+    return found
+
+
+def _value(written: str) -> bool | float | str:
+    """True, false, a number that is in the variable's unit, or text with a unit of its own."""
+    if written.lower() in ("true", "false"):
+        return written.lower() == "true"
+    try:
+        return float(written)
+    except ValueError:
+        return written
 
 
 def _stepped(degrees: float, torque: float, interval: float, stop: float) -> Excitation:
@@ -69,8 +104,19 @@ def simulate(
     parameters: ParametersOption = None,
     model: ModelOption = NONLINEAR,
     given: Annotated[list[str] | None, typer.Option(
-        "--set", help="Another value of a parameter, or a constant of an input that the model has besides the common "
-                      "ones (may be given several times).", metavar="NAME=VALUE")] = None,
+        "--set", help="Another value of a parameter, or a constant of an input, with a unit or in its own (may be "
+                      "given several times). Of several fins it is every one's, fin[2].NAME that of one; "
+                      "bus.source_resistance makes the supply sag; roll_command, pitch_command and yaw_command are "
+                      "mixed into all commands.",
+        metavar="NAME=VALUE")] = None,
+    fins: Annotated[int, typer.Option(help="Actuators on one bus, all given the same case, step or columns; columns "
+                                           "such as fin[2].fin_command are of one. Computed in Python, which is "
+                                           "slower.", metavar="N")] = 1,
+    layout: Annotated[str, typer.Option(help="Where several fins are: one along body y, or half a space further.",
+                                        metavar="plus|cross")] = "cross",
+    fin: Annotated[list[str] | None, typer.Option(
+        help="Parameter file of one of several fins, over the others' (may be given several times).",
+        metavar="N=FILE")] = None,
     stop: Annotated[float | None, typer.Option(help="End in seconds; 0.5 with --step, else that of the input.")] = None,
     interval: Annotated[float | None, typer.Option(help="Communication step in seconds; 0.001, or the case's "
                                                         "own.")] = None,
@@ -84,16 +130,24 @@ def simulate(
                                                  metavar="FILE")] = None,
 ) -> None:
     """Run the actuator on a case, a file of inputs or a step, without an FMU."""
-    from .. import response
     from ..bench.excitation import STEP, csv_file, reference_case
+    from ..bench.writers import number, write_json
     from ..plots import check_ending
+    from ..response import Response, write_csv, write_picture
     from ..simulation import simulate as run
+    from ..simulation import simulate_fins, spread
 
     with failures():
         if [case, input_file, step].count(None) != 2:
             raise EmcasError("give one of --case, --input and --step")
         check_ending(plot)
-        check_outputs(output, plot, as_json, inputs=(*(parameters or ()), input_file))
+        files, unit = fin_files(fin or []), FmuInterface(fins, model)
+        check_outputs(output, plot, as_json, inputs=(*(parameters or ()), *files.values(), input_file))
+        if fins == 1 and files:
+            raise EmcasError(f"--fin {fin[0] if fin else ''}: goes with --fins, the number of fins")
+        if fins > 1 and kernel == "compiled":
+            raise EmcasError("--kernel compiled: several fins are computed in Python here; leave --kernel out, or "
+                             "build a native FMU of them")
         for name, value in (("--stop", stop), ("--interval", interval)):
             if value is not None and not 0.0 < value < float("inf"):
                 raise EmcasError(f"{name} {value}: must be above 0")
@@ -101,30 +155,48 @@ def simulate(
             raise EmcasError("--stop and --interval go with --step and --input: a case has its own")
         if torque is not None and step is None:
             raise EmcasError("--torque goes with --step: a case or a file has its own loads")
-        chosen = (reference_case(case) if case else csv_file(input_file, interval or STEP, stop, model) if input_file
+        chosen = (reference_case(case) if case else
+                  csv_file(input_file, interval or STEP, stop, model, fins) if input_file
                   else _stepped(step or 0.0, torque or 0.0, interval or STEP, stop or 0.5))
-        changes, held = _told(given or [], [v.name for v in get(model).further_inputs])
-        parameters_of = load_parameters(parameters, model=model)
-        parameters_of = parameters_of.replace(parameters_of.having(chosen.start_values)).replace(changes)
-        chosen = chosen.holding(held)
+        held = _given(given or [], unit)
+        if twice := [name for name in held.inputs if name in chosen.columns]:
+            raise EmcasError(f"--set {twice[0]}: is given by {chosen.title} already")
+        base = load_parameters(parameters, model=model)
+        base = base.replace(base.having(chosen.start_values))
+        sets = fin_sets(base, fins, layout, files) if fins > 1 else (base,)
+        sets = tuple(each.replace({**held.parameters, **held.of_fins[k]}) for k, each in enumerate(sets, 1))
+        require_shared(sets, "--set")
+        # What is of one fin goes over what is every fin's.
+        chosen = replace(chosen, columns=dict(sorted(chosen.columns.items(), key=lambda item: item[0][:4] == "fin[")))
+        chosen = chosen.holding(held.inputs)
+        chosen = replace(chosen, columns=spread(chosen.columns, unit))
         try:
-            result = run(parameters_of.values, float(chosen.time[-1]), chosen.step, kernel, parameters_of.model,
-                         **{name.replace(".", "__"): column for name, column in chosen.columns.items()})
+            if fins > 1:
+                columns = simulate_fins([each.values for each in sets], chosen.stop, chosen.step, unit.kind, held.bus,
+                                        **chosen.columns)
+            else:
+                columns = run(sets[0].values, chosen.stop, chosen.step, kernel, unit.kind, **chosen.columns)
         except (ArithmeticError, TypeError, ValueError) as error:
             raise EmcasError(f"the response cannot be computed: {error}") from error
-        own = extension_outputs(model)
-        figures = response.figures_of_merit(result, own)
+        response = Response(unit, sets, chosen, columns)
+        lines = response.lines()
         if output:
-            response.write_csv(output, chosen, result)
+            write_csv(output, response)
         if plot:
-            response.write_picture(plot, chosen, result, own)
+            write_picture(plot, response)
         if as_json:
-            as_json.write_text(json.dumps({"title": chosen.title, **figures}, indent=1), encoding="utf-8")
-    table = Table("figure", "value", title=f"{chosen.title}, {chosen.stop:g} s", title_justify="left")
-    table.columns[1].justify = "right"
-    for name, value in figures.items():
-        table.add_row(name, f"{value:.5g}")
+            write_json(response.as_dict(), as_json)
+    names = [f"fin {k}" for k in range(1, fins + 1)] if fins > 1 else ["value"]
+    table = Table("figure", *names, title=f"{chosen.title}, {chosen.stop:g} s", title_justify="left")
+    table.columns[0].overflow = "fold"
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for line in lines:
+        table.add_row(*map(escape, line))
     out.print(table)
+    if response.bus:
+        out.print("bus: " + ", ".join(f"{name} {number(value)}" for name, value in response.bus.items()),
+                  highlight=False, soft_wrap=True)
     for path in (output, plot, as_json):
         if path:
             out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)

@@ -9,8 +9,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from ..actuators import EXTENSIONS, NAMES
-from .common import ParametersOption, check_outputs, failures, out, progress_bar, stepper
+from .common import ParametersOption, SubjectModelOption, check_outputs, failures, out, progress_bar, stepper, warn
 
 EPILOG = ("Examples:\n\n  emcas ssp --output EMCAS.ssp\n\n  emcas ssp --fmu EMCAS.fmu --layout plus"
           "\n\n  emcas ssp --model elastic+faults --variant jammed=jammed.toml"
@@ -30,10 +29,7 @@ def write(
                                              metavar="FMU")] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Archive to write.",
                                          metavar="FILE.ssp")] = Path("EMCAS.ssp"),
-    model: Annotated[str | None, typer.Option(help=f"Which model of the actuator to build: {', '.join(NAMES)}. Behind "
-                                              "it extensions, as in elastic+heat+faults: "
-                                              f"{', '.join(EXTENSIONS)}. Of an FMU it is the FMU's.",
-                                              metavar="NAME[+EXTENSION...]")] = None,
+    model: SubjectModelOption = None,
     parameters: ParametersOption = None,
     fins: Annotated[int, typer.Option(help="Number of fins, evenly about the body, 1 to 8.")] = 4,
     layout: Annotated[str, typer.Option(help="cross: the first fin half a pitch from body y (45 deg with four); plus: "
@@ -46,11 +42,14 @@ def write(
     prefix: Annotated[str, typer.Option("--connections-prefix", help="XML prefix of Connections. Tools that look for "
                                         "'ssd' letter by letter need ssd; libcosim and Ecos refuse that.")] = "wiring",
 ) -> None:
-    """Write an SSP 1.0 archive with variants nominal, cold and degraded."""
+    """Write an SSP 1.0 archive with variants nominal, cold and degraded.
+
+    Those that change what an actuator has not are left out.
+    """
     if context.invoked_subcommand:
         return
     from ..fmi.interface import fin_files
-    from ..ssp.schema import NOMINAL
+    from ..ssp.schema import DEFAULT, NOMINAL
     from ..ssp.variants import variant_files
     from ..ssp.write import write_ssp
 
@@ -62,8 +61,9 @@ def write(
                             progress=stepper(progress, "compile"))
     out.print(f"written {escape(str(written.path))}  {written.size / 1024:.0f} KiB  {fins} fins, FMU {written.guid}",
               highlight=False, soft_wrap=True)
-    others = ", ".join(f"{name} ({name}.ssd)" for name in written.variants if name != NOMINAL)
-    out.print(f"variants {NOMINAL} (SystemStructure.ssd), {others}; schema and wiring checked", highlight=False,
+    warn(f"left out: {what}" for what in written.left_out)
+    files = ", ".join(f"{name} ({DEFAULT if name == NOMINAL else f'{name}.ssd'})" for name in written.variants)
+    out.print(f"variants {files}; schema and wiring checked", highlight=False,
               soft_wrap=True)
     for finding in written.report.warnings:
         out.print(f"[yellow]warning:[/] {escape(str(finding))}", highlight=False, soft_wrap=True)
@@ -76,6 +76,7 @@ def check(
     fmu: Annotated[Path | None, typer.Option(help="The FMU the archive should have; another one is an error.",
                                              metavar="FMU")] = None,
     guid: Annotated[str | None, typer.Option(help="Its GUID, instead of the file.")] = None,
+    model: SubjectModelOption = None,
     as_json: Annotated[Path | None, typer.Option("--json", help="Write all findings to this file.",
                                                  metavar="FILE")] = None,
 ) -> None:
@@ -88,7 +89,7 @@ def check(
         if fmu and guid:
             raise EmcasError("give one of --fmu and --guid")
         check_outputs(as_json, inputs=(ssp, fmu))
-        report = run(ssp, guid, fmu)
+        report = run(ssp, guid, fmu, model)
         if as_json:
             write_json(report, as_json)
     if report.findings:

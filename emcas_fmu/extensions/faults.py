@@ -32,9 +32,11 @@ from .status import DISABLED, OPERATIONAL, STATUS
 
 WORDS = (
     integer_output("fault_word", "faults active, a bit each: "
-                   + ", ".join(f"{2**i} {fault.name}" for i, fault in enumerate(fault_list.FAULTS))),
+                   + ", ".join(f"{2**i} {fault.name}" for i, fault in enumerate(fault_list.FAULTS)),
+                   tuple(fault.name for fault in fault_list.FAULTS)),
     integer_output("built_in_test", "monitors tripped, a bit each: "
-                   + ", ".join(f"{2**i} {monitor.name}" for i, monitor in enumerate(monitors.MONITORS))),
+                   + ", ".join(f"{2**i} {monitor.name}" for i, monitor in enumerate(monitors.MONITORS)),
+                   tuple(monitor.name for monitor in monitors.MONITORS)),
 )
 _BROKEN = (State("fin_broken_off"), State("broken_fin_angle", "rad"), State("broken_fin_rate", "rad/s"))
 _HELD = tuple(f"fault_{name}" for name in Held._fields)

@@ -20,6 +20,7 @@ from ..trace.tracer import Tracer
 from ..trace.usage import dependencies
 from . import schedule
 from .core import Core
+from .multi_fin import Mix, MultiFin, mixes
 
 Make = Callable[[Mapping[str, Any]], tuple[Callable[..., tuple[Any, ...]], ...]]
 Traced = tuple[str, tuple[str, ...], Callable[..., tuple[Value, ...]]]
@@ -131,6 +132,17 @@ def traced_rules(model: str = NONLINEAR) -> Tracer:
 def core(values: Mapping[str, Any], model: str = NONLINEAR) -> Core:
     """Return a core of an actuator, in Python, with these parameters."""
     return Core(make(model=model)(values), *sizes(get(model)))
+
+
+def multi_fin(sets: Sequence[Mapping[str, Any]], resistance: float, interval: float, model: str = NONLINEAR
+         ) -> tuple[MultiFin, list[Mix]]:
+    """Return the cores of several fins with these parameters on one bus, in Python, and their mixing of commands.
+
+    The source's `resistance` is in Ohm, the `interval` of the bus in s.
+    """
+    actuator, bound = get(model), [make(True, model)(values) for values in sets]
+    power = None if actuator.supply is None else actuator.outputs.index(actuator.supply.power)
+    return MultiFin(bound, resistance, interval, power, sizes(actuator)), mixes(bound)
 
 
 def sizes(actuator: Actuator) -> tuple[int, int, int]:

@@ -18,11 +18,12 @@ _FMU = "application/x-fmu-sharedlibrary"
 _CORRECT = "correct the file, or write the archive anew"
 
 
-def check(path: Path, guid: str | None = None, fmu: Path | None = None) -> Report:
+def check(path: Path, guid: str | None = None, fmu: Path | None = None, model: str | None = None) -> Report:
     """Check every structure of an archive against the FMUs in it.
 
-    With `guid`, or the `fmu` to take it from, the actuators in it must have that one. Whatever is wrong with the
-    archive is in the report; raises EmcasError only if a file cannot be opened at all, SspError if `fmu` is no FMU.
+    With `guid`, or the `fmu` to take it from, the actuators in it must have that one. `model` names the actuator of
+    FMUs that do not tell their own. Whatever is wrong with the archive is in the report; raises EmcasError only if a
+    file cannot be opened at all, SspError if `fmu` is no FMU.
     """
     if fmu is not None:
         guid = read_interface(file_content(fmu), str(fmu)).guid
@@ -47,7 +48,7 @@ def check(path: Path, guid: str | None = None, fmu: Path | None = None) -> Repor
                     found[id(component)] = interface
                     _guid(file, prefix + component.name, component, interface, guid, log)
         check_wiring(structure, found, log)
-        check_settings(structure, found, [b for b in loose if b.name == structure.name], log)
+        check_settings(structure, found, [b for b in loose if b.name == structure.name], log, model)
     return Report(path, tuple(s.name for s in structures), log.connections, log.parameters, tuple(log.findings))
 
 

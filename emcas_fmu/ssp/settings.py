@@ -66,8 +66,11 @@ def _values(path: str, element: Element, binding: Binding) -> Values:
 
 
 def check_settings(structure: Structure, interfaces: Mapping[int, Interface], loose: Sequence[Binding],
-                   log: Log) -> None:
-    """Check all parameter sets of a structure, and the `loose` ones with hierarchical names that belong to it."""
+                   log: Log, model: str | None = None) -> None:
+    """Check all parameter sets of a structure, and the `loose` ones with hierarchical names that belong to it.
+
+    `model` is the actuator of those FMUs that do not tell their own.
+    """
     bound = list(_bindings(structure))
     for path, element, binding in (*bound, *(("", structure.system, b) for b in loose)):
         if binding.mapped:
@@ -91,7 +94,7 @@ def check_settings(structure: Structure, interfaces: Mapping[int, Interface], lo
                 _variable(structure, binding, setting, place, fed, interfaces[id(fed.element)], log)
     files = {structure.file, *(binding.file for _, _, binding in bound)}
     if not any(f.level == "error" and f.file in files for f in log.findings):  # else it is asked of wrong numbers
-        _sense(structure, interfaces, log)
+        _sense(structure, interfaces, log, model)
     _agreement(structure, bound, loose, log)
 
 
@@ -166,7 +169,7 @@ def _agreement(structure: Structure, bound: Sequence[tuple[str, Element, Binding
                             "change both, or write the archive anew from a parameter file")
 
 
-def _sense(structure: Structure, interfaces: Mapping[int, Interface], log: Log) -> None:
+def _sense(structure: Structure, interfaces: Mapping[int, Interface], log: Log, otherwise: str | None) -> None:
     """Combinations an actuator of ours refuses at its initialization."""
     values = effective(structure)
     for path, system in systems(structure.system):
@@ -174,7 +177,7 @@ def _sense(structure: Structure, interfaces: Mapping[int, Interface], log: Log) 
             interface = interfaces.get(id(element))
             if interface is None:
                 continue
-            model = model_of(interface.model) or NONLINEAR
+            model = model_of(interface.model) or otherwise or NONLINEAR
             table = get(model).parameters
             if any(v.name not in interface.ports for v in table):
                 continue

@@ -10,26 +10,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from xml.etree.ElementTree import Element, SubElement
 
-from ..actuators import NONLINEAR, get
+from ..actuators import NONLINEAR
 from ..fmi.interface import FmuInterface
 from ..fmi.model_description import STEP_SIZE, STOP_TIME, describe
 from ..variables import Variable
 from .schema import ANNOTATION, EMCAS, OSP, SSC, SSD, SSV
-from .sets import TOOL, text, unit_definitions
+from .sets import TOOL, shared_inputs, text, unit_definitions
 from .variants import fin_name
 
-# Of each fin, as are a model's own; the vehicle gives all fins the others.
-OWN_INPUTS = ("fin_command", "aero_torque")
 # libcosim and Ecos look for "ssd:Connections" letter by letter and refuse a file with connections of the system's own
 # connectors in it, and libcosim ends the process over a connector of an enumeration. Under another prefix for the same
 # namespace they pass both over, and readers of XML see no difference.
 PREFIX = "wiring"
 
 
-def outer_name(number: int, name: str) -> str:
+def outer_name(number: int, name: str, model: str = NONLINEAR) -> str:
     """The system's connector for a variable of a fin (counted from 1)."""
-    shared = any(v.name == name for v in get(NONLINEAR).inputs) and name not in OWN_INPUTS
-    return name if shared else f"fin[{number}].{name}"
+    return name if name in shared_inputs(model) else f"fin[{number}].{name}"
 
 
 def _connector(parent: Element, name: str, v: Variable, prefix: str) -> None:
@@ -55,12 +52,13 @@ def _component(parent: Element, unit: FmuInterface, name: str, fmu: str, guid: s
 def _connections(parent: Element, unit: FmuInterface, fins: int, prefix: str) -> None:
     connections = SubElement(parent, f"{prefix}:Connections")
     for number in range(1, fins + 1):
+        fin = fin_name(number)
         for v in unit.inputs:
-            SubElement(connections, "ssd:Connection", {
-                "startConnector": outer_name(number, v.name), "endElement": fin_name(number), "endConnector": v.name})
+            SubElement(connections, "ssd:Connection", {"startConnector": outer_name(number, v.name, unit.kind),
+                                                       "endElement": fin, "endConnector": v.name})
         for v in unit.outputs:
-            SubElement(connections, "ssd:Connection", {
-                "startElement": fin_name(number), "startConnector": v.name, "endConnector": outer_name(number, v.name)})
+            SubElement(connections, "ssd:Connection", {"startElement": fin, "startConnector": v.name,
+                                                       "endConnector": outer_name(number, v.name, unit.kind)})
 
 
 def _enumerations(root: Element, variables: Sequence[Variable]) -> None:
@@ -100,12 +98,12 @@ def system_structure(name: str, fmu: str, guid: str, system_sets: Sequence[tuple
     system = SubElement(root, "ssd:System", {"name": "EMCAS", "description": f"{fins} fins, {name}"})
     connectors = SubElement(system, "ssd:Connectors")
     for v in unit.inputs:
-        if outer_name(1, v.name) == v.name:
+        if v.name in shared_inputs(model):
             _connector(connectors, v.name, v, prefix)
     for number in range(1, fins + 1):
         for v in unit.inputs + unit.outputs:
-            if (outer := outer_name(number, v.name)) != v.name:
-                _connector(connectors, outer, v, prefix)
+            if v.name not in shared_inputs(model):
+                _connector(connectors, outer_name(number, v.name, model), v, prefix)
     # Those bound at the system count before those bound to a component, where both are read.
     bindings = SubElement(system, "ssd:ParameterBindings")
     for at, file in system_sets:

@@ -53,6 +53,19 @@ def nominal(base: ParameterSet, fins: int, layout: str, files: Mapping[int, Path
     return Variant(NOMINAL, fin_sets(base, fins, layout, files))
 
 
+def without_shipped(files: Mapping[str, Path], base: ParameterSet) -> tuple[dict[str, Path], list[str]]:
+    """The variants but for the shipped ones that change what the actuator has not, and why those are left out."""
+    names, kept, without = {e.variable.name for e in base.entries}, {}, []
+    for name, file in files.items():
+        shipped = file == models_directory() / f"{name}.toml"
+        changes = {entry for table in _document(file).values() for entry, _ in _entries(table)} if shipped else set()
+        if lacking := sorted(changes - names):
+            without.append(f"variant {name}: this actuator has no {', '.join(lacking)}")
+        else:
+            kept[name] = file
+    return kept, without
+
+
 def derived(name: str, file: Path, origin: Variant) -> Variant:
     """A variant of the system as built, out of a file such as models/cold.toml. Raises SspError or ParameterError."""
     document = _document(file)

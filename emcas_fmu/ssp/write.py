@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from ..actuators import NONLINEAR, get
+from ..actuators import NONLINEAR, full_name, get
 from ..bench.fmu import chosen_model
 from ..fmi.model_description import to_bytes
 from ..fmi.package import Progress, build
@@ -21,17 +21,19 @@ from .interface import Interface, read_interface
 from .schema import DEFAULT, NOMINAL, SspError
 from .sets import parameter_sets
 from .system import PREFIX, system_structure
-from .variants import derived, nominal
+from .variants import derived, nominal, without_shipped
 
 
 @dataclass(frozen=True)
 class Written:
-    """What was written: the file, its size [bytes], the FMU's GUID, the variants and what the check says of it."""
+    """What was written: the file, its size [bytes], the FMU's GUID, the variants, those left out with the reason, and
+    what the check says of it."""
 
     path: Path
     size: int
     guid: str
     variants: tuple[str, ...]
+    left_out: tuple[str, ...]
     report: Report
 
 
@@ -54,14 +56,15 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
         raise SspError(f"--connections-prefix {prefix}: expected a word other than ssc, ssv, osp, emcas and xml")
     content = b"" if fmu is None else file_content(fmu)
     if fmu is not None:
-        asked = None if model is None else get(model).name
+        asked = None if model is None else full_name(model)
         model = chosen_model(str(fmu), read_interface(content, str(fmu)).model, asked, SspError)
     base = load_parameters(parameters, model=model or NONLINEAR)
     if fmu is not None and not parameters:
         starts = _starts(read_interface(content, str(fmu)), str(fmu), base.model)
         base = base.replace({name: value for name, value in starts.items() if value != base.values[name]})
     built = nominal(base, fins, layout, fin_files or {})
-    variants = [built, *(derived(name, file, built) for name, file in (variant_files or {}).items())]
+    files, left_out = without_shipped(variant_files or {}, base)
+    variants = [built, *(derived(name, file, built) for name, file in files.items())]
     # Compiling takes longest: all other mistakes are told before.
     if fmu is None:
         with TemporaryDirectory() as folder:
@@ -79,13 +82,14 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
     partial = output.with_name(f".{output.stem}.{os.getpid()}.ssp")
     try:
         write_archive(contents, partial)
-        report = check(partial, guid=interface.guid)
+        report = check(partial, interface.guid, model=base.model)
         if report.errors:
             raise SspError("\n".join(["what was to be written does not pass the check:", *map(str, report.errors)]))
         partial.replace(output)
     finally:
         partial.unlink(missing_ok=True)
-    return Written(output, output.stat().st_size, interface.guid, tuple(v.name for v in variants), report)
+    return Written(output, output.stat().st_size, interface.guid, tuple(v.name for v in variants), tuple(left_out),
+                   report)
 
 
 def _starts(interface: Interface, file: str, model: str) -> dict[str, Value]:
@@ -93,7 +97,7 @@ def _starts(interface: Interface, file: str, model: str) -> dict[str, Value]:
     actuator = get(model)
     table = (*actuator.inputs, *actuator.outputs, *actuator.parameters)
     if missing := [v.name for v in table if v.name not in interface.ports]:
-        of = "" if model == NONLINEAR else f" of the model {model}"
+        of = "" if model == NONLINEAR else f" of the model {actuator.name}"
         raise SspError(f"{file}: is not an FMU of one actuator{of}: it lacks {', '.join(missing[:3])}"
                        f"{' and more' if len(missing) > 3 else ''}; build one with emcas build")
     keys = {v.key: v.name for v in actuator.inputs if v.key is not None}

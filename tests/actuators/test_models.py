@@ -15,15 +15,12 @@ from fmpy.validation import validate_fmu
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.signal import lsim
-from typer.testing import CliRunner
 
 from emcas_fmu.actuators import NAMES, NONLINEAR, fin_port, get
-from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.fmi2.slave import Slave
 from emcas_fmu.fmi.interface import FmuInterface
 from emcas_fmu.fmi.model_description import SINGLE
-from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.simulation import simulate
@@ -163,13 +160,6 @@ def test_fit_keeps_the_actuator(tmp_path: Path) -> None:
     again = load_parameters(tmp_path / "fitted.toml", model=MODEL)
     assert dict(again.values) == dict(found.parameters.values)
     assert again.values["command.limit"] == radians(25.0)
-
-
-def test_other_models_have_no_baseline(tmp_path: Path) -> None:
-    path = build(load_parameters(model=MODEL), tmp_path / "EMCAS_second_order.fmu").path
-    done = CliRunner().invoke(app, ["baseline", "record", str(path), "-o", str(tmp_path / "b")])
-    assert done.exit_code == 2
-    assert "is for the nonlinear" in " ".join(done.stderr.split())
 
 
 def test_registry_and_files() -> None:

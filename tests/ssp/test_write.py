@@ -19,7 +19,7 @@ from emcas_fmu.ssp.archive import Archive
 from emcas_fmu.ssp.schema import SSC, SSD, SSV, parse, violations
 from emcas_fmu.ssp.settings import Values, effective
 from emcas_fmu.ssp.structure import Structure, read_structure
-from emcas_fmu.ssp.system import OWN_INPUTS, outer_name
+from emcas_fmu.ssp.system import outer_name
 from emcas_fmu.ssp.variants import variant_files
 from emcas_fmu.ssp.write import write_ssp
 from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS
@@ -66,10 +66,9 @@ def test_connectors_are_those_of_the_table(ssp: Path) -> None:
     for element in read.system.elements.values():
         assert {(c.name, c.kind, c.type, c.unit) for c in element.connectors.values()} == {
             (v.name, v.causality, v.kind, v.unit if v.kind == "Real" else "") for v in INPUTS + OUTPUTS}
-    own = {v.name for v in OUTPUTS} | set(OWN_INPUTS)
-    shared = {v.name for v in INPUTS} - own
-    assert set(OWN_INPUTS) < {v.name for v in INPUTS}
-    assert set(read.system.connectors) == shared | {f"fin[{i}].{name}" for i in range(1, 5) for name in own}
+    of_fins = {"fin_command", "aero_torque", *(v.name for v in OUTPUTS)}
+    shared = {v.name for v in INPUTS} - of_fins
+    assert set(read.system.connectors) == shared | {f"fin[{i}].{name}" for i in range(1, 5) for name in of_fins}
     for name, unit in read.units.items():
         assert unit.exponents == tuple(fmi_unit(name).exponents.get(b, 0)
                                        for b in ("kg", "m", "s", "A", "K", "mol", "cd", "rad"))

@@ -150,7 +150,7 @@ def test_simulate_a_step(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.stderr
     found = json.loads(figures.read_text(encoding="utf-8"))
     assert abs(found["fin_angle_final_deg"] - 10.0) < 0.5
-    assert 200.0 < found["fin_rate_peak_deg_per_s"] < 300.0
+    assert 200.0 < found["peak_rate_deg_per_s"] < 300.0
     columns = read_csv(table)
     assert columns["time"][-1] == 0.3
     assert set(columns["aero_torque"]) == {-50.0}

@@ -8,15 +8,13 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from ...bench.metrics import FIGURES, shown
+from ...bench.metrics import FIGURES, written
 from ...bench.verdict import unit_of
 
 Array = NDArray[Any]
 Value = float | bool
 Figures = Mapping[str, Mapping[str, Value]]
 """Group, then figure: {"plus_20deg": {"rise_time_s": ...}}; nan where there is no such figure."""
-
-_ENDINGS = {"deg": "_deg", "deg/s": "_deg_per_s", "s": "_s", "%": "_percent", "Hz": "_hz", "dB": "_db", "": ""}
 
 
 @dataclass(frozen=True)
@@ -34,22 +32,16 @@ class Quantity:
         return unit_of(self.key)
 
 
-def _display(name: str) -> tuple[str, float]:
-    """The name of a figure of the bench here, ending in its unit, and the factor to it."""
-    unit, factor = ("s", 1.0) if FIGURES[name].unit == "s" else shown(FIGURES[name].unit)
-    return name + _ENDINGS[unit], factor
-
-
 def quantity(name: str, label: str) -> Quantity:
     """A figure of the bench."""
-    return Quantity(_display(name)[0], label, FIGURES[name].title, FIGURES[name].needs)
+    return Quantity(written(name)[0], label, FIGURES[name].title, FIGURES[name].needs)
 
 
 def displayed(found: Mapping[str, float], quantities: tuple[Quantity, ...]) -> dict[str, Value]:
     """Figures of the bench as they are written, those of `quantities` only."""
     keys = {q.key for q in quantities}
     return {key: value * factor for name, value in found.items()
-            for key, factor in [_display(name)] if key in keys}
+            for key, factor in [written(name)] if key in keys}
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite
 
-from .compare import Comparison, Row
 from .model import NEVER
+from .study import Comparison, Row
 
 HEADER = ("case", "figure", "approved", "now", "change", "limit", "verdict")
 NUMERIC = range(2, 6)  # of the header

@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from .. import __version__
-from ..actuators import NONLINEAR, get
-from ..bench.subject import Identification, Subject
-from ..errors import EmcasError
-from .measure import FIGURES, figures
-from .model import TRACES, Approved, Array, Baseline, rounded
+from ... import __version__
+from ...bench.metrics import FIGURES, shown
+from ...bench.subject import Identification, Subject
+from ...errors import EmcasError
+from .model import ALL, Array, Baseline, Case, rounded, start_entries, unit_of
 
 Progress = Callable[[str, int, int], None]
 TEMPLATE = Path(__file__).parent / "default.toml"
@@ -100,17 +99,29 @@ class Comparison:
         return bool(self.judged) and not self.stopped and not self.drifted
 
 
-def first(template: Baseline, subject: Subject) -> Baseline:
-    """A template for a subject: no command beyond what it follows."""
-    most = round(degrees(subject.values["command.limit"]), 9)
+def first(template: Baseline, subject: Subject) -> tuple[Baseline, list[str]]:
+    """Return a template for a subject, no command beyond what it follows, and what is left out of it, and why."""
+    most = round(degrees(subject.command_limit), 9)
+    without = [*_left_out(subject)]
+    figures = {name: limit for name, limit in template.limits.figures.items()
+               if not subject.lacking(FIGURES[name].needs)}
+    cases: dict[str, Case] = {}
+    for name, case in template.cases.items():
+        if why := subject.obstacle(case.excitation(Path(), template.model)):
+            without.append(f"case {name}: {why}")
+            continue
+        command = getattr(case, "command", None)
+        cases[name] = case if command is None else case.model_copy(
+            update={"command": copysign(min(abs(command), most), command)})
+    limits = template.limits.model_copy(update={"figures": figures})
+    return replace(template, model=subject.model, limits=limits, cases=cases), without
 
-    def fitting(approved: Approved) -> Approved:
-        entries = dict(approved.case.entries)
-        if "command" in entries:
-            entries["command"] = copysign(min(abs(entries["command"]), most), entries["command"])
-        return replace(approved, case=replace(approved.case, entries=entries))
 
-    return replace(template, cases=tuple(map(fitting, template.cases)))
+def _left_out(subject: Subject) -> Iterator[str]:
+    """Figures of which the subject lacks an output, with the reason."""
+    lacking = {name: why for name in ALL if (why := subject.lacking(FIGURES[name].needs))}
+    for why in dict.fromkeys(lacking.values()):
+        yield f"{', '.join(name for name, each in lacking.items() if each == why)}: {why}"
 
 
 def record(plan: Baseline, subject: Subject, folder: Path, command: str, progress: Progress | None = None) -> Baseline:
@@ -118,76 +129,80 @@ def record(plan: Baseline, subject: Subject, folder: Path, command: str, progres
 
     CSV inputs are looked for in `folder`. Raises EmcasError where a run does not reach its end.
     """
-    done = []
-    for approved, found, traces, stopped in _responses(plan, subject, folder, progress):
+    cases, traces = {}, {}
+    for name, figures, curves, stopped in _responses(plan, subject, folder, progress):
         if stopped:
-            raise EmcasError(f"{subject.identification.file}: case {approved.case.name} {stopped}; a baseline needs "
-                             "every case to run to its end")
-        done.append(replace(approved, figures=found, traces=traces))
-    return replace(plan, cases=tuple(done), recorded={**_marks(subject), "command": command},
-                   parameters={v.name: subject.values[v.name] for v in get(NONLINEAR).file_entries})
+            raise EmcasError(f"{subject.identification.file}: case {name} {stopped}; a baseline needs every case to "
+                             "run to its end")
+        cases[name] = plan.cases[name].model_copy(update={"figures": figures})
+        traces[name] = curves
+    return replace(plan, cases=cases, traces={name: each for name, each in traces.items() if each},
+                   recorded={**_marks(subject), "command": command},
+                   parameters={name: subject.values[name] for name in start_entries(plan.model)})
 
 
 def compare(baseline: Baseline, subject: Subject, folder: Path, progress: Progress | None = None) -> Comparison:
     """The subject's response against the approved one, which `folder` is of. Raises EmcasError."""
     rows: list[Row] = []
     stops, curves, notes = {}, {}, []
-    for approved, found, traces, stopped in _responses(baseline, subject, folder, progress):
-        name = approved.case.name
+    for name, figures, traces, stopped in _responses(baseline, subject, folder, progress):
         if stopped:
             stops[name] = stopped
             continue
-        limits = {**baseline.limits.figures, **approved.limits}
-        for key, value in approved.figures.items():
-            if key not in found:
-                raise EmcasError(f"{folder}: case.{name}.figures.{key}: a case of kind {approved.case.kind} has no "
-                                 "such figure; remove the line")
+        case = baseline.cases[name]
+        limits = {**baseline.limits.figures, **case.limits}
+        for key, value in case.figures.items():
+            if key not in figures:
+                raise EmcasError(f"{folder}: case.{name}.figures.{key}: {subject.lacking(FIGURES[key].needs)}; remove "
+                                 "the line")
             limit = limits[key].of(value) if key in limits else None
-            rows.append(Row(name, key, FIGURES[key].unit, value, found[key], limit))
-        if more := [key for key in found if key not in approved.figures]:
+            rows.append(Row(name, key, unit_of(key), value, figures[key], limit))
+        if more := [key for key in figures if key not in case.figures]:
             notes.append(f"case {name}: {', '.join(more)} not in the baseline, not compared; record it again")
-        curves[name] = dict(_curves(approved, traces, baseline.limits.sample_time, folder))
+        curves[name] = dict(_curves(name, baseline, traces, folder))
         for key, (times, old, new) in curves[name].items():
             k = int(np.argmax(np.abs(new - old)))
-            rows.append(Row(name, key, TRACES[key][0], float(old[k]), float(new[k]), baseline.limits.traces[key],
-                            float(times[k])))
+            rows.append(Row(name, key, shown(subject.outputs[key].unit)[0], float(old[k]), float(new[k]),
+                            baseline.limits.traces[key], float(times[k])))
     was, now = baseline.recorded, _marks(subject)
     if "fin" in was and "fin" in now and was["fin"] != now["fin"]:
         notes.append(f"the baseline is of fin {was['fin']}, compared is fin {now['fin']}; see --fin")
     marks = tuple(Changed(key, was.get(key, "-"), now.get(key, "-")) for key in dict.fromkeys((*now, *was))
                   if key != "command" and was.get(key) != now.get(key))
     return Comparison(baseline, subject.identification, subject.identification.fin, tuple(rows), stops,
-                      tuple(_parameters(baseline.parameters, subject.values)), marks, tuple(notes), curves)
+                      tuple(_parameters(baseline, subject.values)), marks, tuple(notes), curves)
 
 
 def _responses(plan: Baseline, subject: Subject, folder: Path, progress: Progress | None
-               ) -> Iterator[tuple[Approved, dict[str, float], dict[str, Array], str]]:
+               ) -> Iterator[tuple[str, dict[str, float], dict[str, Array], str]]:
     """Each case with figures and trajectories as a file would hold them, or why its run ended early."""
-    for done, approved in enumerate(plan.cases):
+    for done, (name, case) in enumerate(plan.cases.items()):
         if progress:
-            progress(approved.case.name, done, len(plan.cases))
-        excitation = approved.case.excitation(folder)
+            progress(name, done, len(plan.cases))
+        excitation = case.excitation(folder, plan.model)
         run = subject.run(excitation)
         if run.stopped is not None:
-            yield approved, {}, {}, (f"went no further than {run.stopped:.6g} s: "
-                                     f"{run.messages[-1] if run.messages else 'it gave no reason'}")
+            yield name, {}, {}, run.reason
             continue
-        found = {name: rounded(value) for name, value in figures(approved.case, excitation, run.columns).items()}
+        with np.errstate(divide="ignore", invalid="ignore"):  # a fin that does not move has no gain
+            measured = case.measure(run)
+        figures = {key: rounded(measured[key] * shown(FIGURES[key].unit)[1]) for key in ALL
+                   if key in case.measured and key in measured}
         every = round(plan.limits.sample_time / excitation.step)
-        traces = {} if approved.case.kind == "sweep" else {
-            name: np.array([rounded(v) for v in (run.columns[name] * TRACES[name][1])[::every].tolist()])
-            for name in plan.limits.traces}
-        yield approved, found, traces, ""
+        traces = {} if case.kind == "sweep" else {
+            key: np.array([rounded(v) for v in (run.columns[key] * shown(subject.outputs[key].unit)[1])[::every]
+                           .tolist()]) for key in plan.limits.traces}
+        yield name, figures, traces, ""
 
 
-def _curves(approved: Approved, traces: Mapping[str, Array], step: float, folder: Path
+def _curves(case: str, baseline: Baseline, traces: Mapping[str, Array], folder: Path
             ) -> Iterator[tuple[str, tuple[Array, Array, Array]]]:
     for key, new in traces.items():
-        old = approved.traces[key]
+        old = baseline.traces[case][key]
         if len(old) != len(new):
-            raise EmcasError(f"{folder / approved.case.name}.csv: has {len(old)} rows, the case now gives {len(new)}; "
-                             "was the case edited? Record the baseline again")
-        yield key, (np.round(np.arange(len(new)) * step, 9), old, new)
+            raise EmcasError(f"{folder / case}.csv: has {len(old)} rows, the case now gives {len(new)}; was the case "
+                             "edited? Record the baseline again")
+        yield key, (np.round(np.arange(len(new)) * baseline.limits.sample_time, 9), old, new)
 
 
 def _marks(subject: Subject) -> dict[str, str]:
@@ -198,13 +213,13 @@ def _marks(subject: Subject) -> dict[str, str]:
     return {name: value for name, value in marks.items() if value}
 
 
-def _parameters(approved: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[Changed]:
-    for v in get(NONLINEAR).file_entries:
-        old, new = approved.get(v.name), now[v.name]
+def _parameters(baseline: Baseline, now: Mapping[str, Any]) -> Iterator[Changed]:
+    for v in start_entries(baseline.model).values():
+        old, new = baseline.parameters.get(v.name), now[v.name]
         if old != new:
             unit = "" if v.unit in ("", "1") else f" {v.unit}"
-            yield Changed(v.name, "-" if old is None else f"{_told(old)}{unit}", f"{_told(new)}{unit}")
+            yield Changed(v.name, "-" if old is None else f"{_in_words(old)}{unit}", f"{_in_words(new)}{unit}")
 
 
-def _told(value: Any) -> str:
+def _in_words(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else f"{value:.6g}"

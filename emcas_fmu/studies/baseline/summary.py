@@ -9,7 +9,7 @@ from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Table
 
-from .compare import Changed, Comparison
+from .study import Changed, Comparison
 from .table import HEADER, NUMERIC, lines, verdict
 
 _STYLES = {"ok": "green", "told": "dim", "DRIFT": "bold red"}

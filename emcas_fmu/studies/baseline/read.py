@@ -1,0 +1,123 @@
+"""Reading a baseline: every entry is checked, and a wrong one named with its file."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import PlainValidator, ValidationInfo, model_validator
+
+from ... import schema
+from ...actuators import NONLINEAR, get
+from ...bench.metrics import shown
+from ...errors import EmcasError
+from .model import (
+    FILE,
+    KINDS,
+    SCHEMA,
+    Array,
+    Baseline,
+    Case,
+    Limits,
+    Reading,
+    Replay,
+    outputs,
+    parameter_of,
+    quantity_of,
+    reading,
+    start_entries,
+)
+
+REMEDY = "restore it from your repository, or write it anew with `emcas baseline record`"
+
+
+def _parameters(written: Any, info: ValidationInfo) -> dict[str, Any]:
+    variables = start_entries(reading(info).model)
+    return schema.each(written, lambda name, entry: quantity_of(parameter_of(name, variables)).number(entry))
+
+
+def _case(name: str, written: Any, info: ValidationInfo) -> Case:
+    if not name.replace("_", "").replace("-", "").isalnum():
+        raise ValueError("a case is named by letters, digits, - and _, because a file is named after it")
+    case = KINDS[schema.kind_of(written, KINDS)].model_validate(written, context=info.context)
+    if reading(info).approved and case.figures is None:
+        raise ValueError(f"figures is missing; {REMEDY}")
+    return case
+
+
+def _cases(written: Any, info: ValidationInfo) -> dict[str, Case]:
+    cases = schema.each(written, lambda name, entry: _case(name, entry, info))
+    if not cases:
+        raise ValueError("there is no case; add one such as those of a new baseline")
+    for name in cases:
+        if any(isinstance(c, Replay) and Path(c.file) == Path(f"{name}.csv") for c in cases.values()):
+            raise ValueError(f"the trajectory of {name} would be written over the inputs {name}.csv; rename the case")
+    return cases
+
+
+class _File(schema.Table):
+    limits: Limits
+    case: Annotated[Mapping[str, Case], PlainValidator(_cases)]
+    recorded: dict[str, str] | None = None
+    parameters: Annotated[Mapping[str, Any] | None, PlainValidator(_parameters)] = None
+
+    @model_validator(mode="after")
+    def _complete(self, info: ValidationInfo) -> _File:
+        if reading(info).approved and (self.recorded is None or self.parameters is None):
+            raise ValueError(f"{'recorded' if self.recorded is None else 'parameters'} is missing; {REMEDY}")
+        return self
+
+
+def read(path: Path, model: str = NONLINEAR) -> Baseline:
+    """The baseline, of an actuator, of a folder; of a file only limits and cases, which is what recording needs.
+
+    Raises EmcasError.
+    """
+    plan = path.suffix == ".toml"
+    file = path if plan else path / FILE
+    if not file.is_file():
+        raise EmcasError(f"{file}: there is no such file; record a baseline with `emcas baseline record MODEL "
+                         f"--output {path}`")
+    try:
+        _, document = schema.document(file, EmcasError)
+    except EmcasError as error:
+        raise EmcasError(f"{error}; {REMEDY}") from error
+    if (version := document.pop("schema", None)) != SCHEMA:
+        raise EmcasError(f"{file}: schema: is {version!r}, this emcas reads {SCHEMA!r}; record the baseline again with "
+                         "`emcas baseline record`, or use the emcas it was made with")
+    name = get(model).name
+    if (of := document.pop("model", NONLINEAR)) != name:
+        raise EmcasError(f"{file}: is of the actuator {of}, not of {name}; say with --model what a parameter file is "
+                         "of, or keep the baseline of each actuator in a folder of its own")
+    found = schema.read(_File, document, file, EmcasError, Reading(model, not plan))
+    traces = {} if plan else {key: _traces(path / f"{key}.csv", found.limits, model) for key, case in
+                              found.case.items() if case.kind != "sweep"}
+    return Baseline(model, found.limits, found.case, traces, found.recorded or {}, found.parameters or {})
+
+
+def _traces(path: Path, limits: Limits, model: str) -> dict[str, Array]:
+    """The columns of a case's file but its time."""
+    units = {name: shown(v.unit)[0] for name, v in outputs(model).items()}
+    wanted = ["time [s]", *(f"{name} [{units[name]}]" for name in limits.traces)]
+    if not path.is_file():
+        raise EmcasError(f"{path}: is missing; {REMEDY}")
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            header, *rows = list(csv.reader(file))
+        if header != wanted:
+            raise ValueError(f"its columns are {', '.join(header)}; expected {', '.join(wanted)}")
+        for line, row in enumerate(rows, 2):
+            if len(row) != len(header):
+                raise ValueError(f"line {line} has {len(row)} values, not {len(header)}")
+            for cell in row:
+                if not np.isfinite(float(cell)):
+                    raise ValueError(f"line {line} has {cell}")
+        table = np.array([[float(cell) for cell in row] for row in rows]).reshape(-1, len(header))
+        if not np.allclose(table[:, 0], np.arange(len(table)) * limits.sample_time, rtol=0.0, atol=1e-6):
+            raise ValueError(f"its times are not {limits.sample_time:g} s apart from 0")
+    except ValueError as error:
+        raise EmcasError(f"{path}: {error}; {REMEDY}") from error
+    return dict(zip(limits.traces, table.T[1:], strict=True))

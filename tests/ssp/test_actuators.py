@@ -1,0 +1,88 @@
+"""Archives of actuators that have no supply, no screw, or are a user's: written, checked, and run in fmpy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from emcas_fmu.actuators import get
+from emcas_fmu.bench.excitation import step_to
+from emcas_fmu.cli import app
+from emcas_fmu.compiler import local_platform
+from emcas_fmu.fmi.package import build
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.simulation import simulate
+from emcas_fmu.ssp.archive import Archive
+from emcas_fmu.ssp.schema import SSD, SSV, parse, violations
+from examples.ssp_hosts import hosts
+
+pytestmark = pytest.mark.fmu
+DIRECT_DRIVE = str(Path(__file__).parents[2] / "examples/own_actuator/direct_drive.py")
+# The FMU and the kernel in this process compute the same bits; a host's clock is within 1e-15 s (test_hosts.py).
+SAME = 1e-9
+
+
+def emcas(*arguments: str | Path, code: int = 0) -> str:
+    """What `emcas ssp` prints."""
+    done = CliRunner().invoke(app, ["ssp", *map(str, arguments)])
+    assert done.exit_code == code, done.output
+    return " ".join(done.output.split())
+
+
+@pytest.fixture(scope="module", params=["second-order", DIRECT_DRIVE])
+def model(request: pytest.FixtureRequest) -> str:
+    """An actuator."""
+    return str(request.param)
+
+
+@pytest.fixture(scope="module")
+def written(model: str, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """Its archive, of a native FMU for this platform and a second fin of its own, and what was printed."""
+    folder, local = tmp_path_factory.mktemp("actuator"), local_platform()
+    assert local is not None
+    unit = build(load_parameters(model=model), folder / "unit.fmu", "native", [local.name]).path
+    (folder / "second.toml").write_text('[fin]\nstart_angle = "3 deg"\n', encoding="utf-8")
+    asked = ("--model", model) if model == DIRECT_DRIVE else ()
+    return folder / "a.ssp", emcas("--fmu", unit, "-o", folder / "a.ssp", "--fin", f"2={folder / 'second.toml'}",
+                                   *asked)
+
+
+def test_variants_it_has_no_parameters_for_are_left_out(model: str, written: tuple[Path, str]) -> None:
+    path, printed = written
+    assert "left out: variant cold: this actuator has no friction.temperature" in printed
+    assert "left out: variant degraded: this actuator has no" in printed
+    assert "variants nominal (SystemStructure.ssd); schema and wiring checked" in printed
+    said = emcas("check", path, *(("--model", model) if model == DIRECT_DRIVE else ()))
+    assert said.startswith("passed, 0 warnings")
+
+
+def test_files_are_valid_and_inputs_those_of_the_actuator(model: str, written: tuple[Path, str]) -> None:
+    archive = Archive(written[0])
+    for name in archive.names:
+        if name.endswith((".ssd", ".ssv")):
+            assert violations(parse(archive.read(name), name), SSD if name.endswith(".ssd") else SSV) == []
+    assert (b"supply_voltage" in archive.read("SystemStructure.ssd")) is (get(model).supply is not None)
+    assert (b"supply_voltage" in archive.read("resources/inputs.ssv")) is (get(model).supply is not None)
+
+
+def test_fmpy_computes_what_the_kernel_does(model: str, written: tuple[Path, str]) -> None:
+    excitation = step_to(0.1, 0.2, -5.0)
+    found: Mapping[int, list[float]] = {1: [], 2: []}
+    with hosts.open(written[0], "fmpy") as system:
+        for k in range(len(excitation.time) - 1):
+            for i in found:
+                for name, column in excitation.columns.items():
+                    system.set(f"fin[{i}].{name}", float(column[k]))
+            system.step()
+            for i, angles in found.items():
+                angles.append(float(system.get(f"fin[{i}].fin_angle")))
+    base, columns = load_parameters(model=model), dict[str, Any](excitation.columns)
+    for i, start in ((1, 0.0), (2, np.radians(3.0))):
+        values = base.replace({"fin.start_angle": start}).values
+        alone = simulate(values, excitation.stop, excitation.step, model=model, **columns)
+        assert np.max(np.abs(alone["fin_angle"][1:] - found[i])) < SAME

@@ -1,0 +1,167 @@
+"""`emcas simulate` of several fins, its figures, and statuses by name."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from math import radians
+from pathlib import Path
+from typing import Any
+
+import fmpy
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from emcas_fmu.actuators import get
+from emcas_fmu.bench import metrics
+from emcas_fmu.bench.excitation import step_to
+from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.cli import app
+from emcas_fmu.fmi.interface import FmuInterface, fin_sets
+from emcas_fmu.fmi.package import build
+from emcas_fmu.parameters import ParameterError, load_parameters
+from emcas_fmu.plots import style
+from emcas_fmu.reference.files import read_csv
+from emcas_fmu.response import Response, draw
+from emcas_fmu.simulation import simulate, simulate_fins, spread
+
+DIRECT_DRIVE = str(Path(__file__).parents[2] / "examples/own_actuator/direct_drive.py")
+MODELS = ("nonlinear", "second-order", DIRECT_DRIVE, "elastic+heat+homing+faults")
+SAG = {"bus.source_resistance": 0.02}
+
+
+def emcas(*arguments: str | Path, code: int = 0) -> str:
+    """What `emcas simulate` prints."""
+    done = CliRunner().invoke(app, ["simulate", *map(str, arguments)])
+    assert done.exit_code == code, done.output
+    return str(done.output)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_fin_on_a_stiff_bus_does_what_it_does_alone(model: str) -> None:
+    """To the bit: the same kernel, and nothing couples the fins."""
+    sets = fin_sets(load_parameters(model=model), 2, "cross", {})
+    inputs: dict[str, Any] = {"fin_command": lambda t: 0.1 * (t > 0.005), "aero_torque": -20.0}
+    both = simulate_fins([each.values for each in sets], 0.03, model=model,
+                         **{**inputs, "fin[2].fin_command": 0.0})
+    for fin, given in ((1, inputs), (2, {**inputs, "fin_command": 0.0})):
+        alone = simulate(sets[fin - 1].values, 0.03, kernel="python", model=model, **given)
+        assert all(np.array_equal(both[f"fin[{fin}].{v.name}"], alone[v.name]) for v in get(model).outputs)
+
+
+@pytest.mark.fmu
+@pytest.mark.parametrize("model", ["nonlinear", DIRECT_DRIVE])
+def test_the_bus_and_mixing_of_the_fmu(model: str, tmp_path: Path) -> None:
+    """The Python FMU steps the same bank: what the bus sags by and commands are mixed to is the same to the bit."""
+    base = load_parameters(model=model)
+    path = build(base, tmp_path / "two.fmu", fins=2).path
+    given: dict[str, Any] = {"fin[1].fin_command": 0.1, "fin[2].fin_command": -0.2, "pitch_command": 0.05}
+    names = ["bus_voltage", "bus_current", "fin[1].fin_angle", "fin[2].fin_angle"]
+    found = fmpy.simulate_fmu(str(path), stop_time=0.03, output_interval=1e-3, start_values={**SAG, **given},
+                              output=names)
+    sets = [each.values for each in fin_sets(base, 2, "cross", {})]
+    ours = simulate_fins(sets, 0.03, model=model, bus=SAG, **given)
+    assert np.min(ours["bus_voltage"]) < base.values["drive.supply_voltage"] - 0.1
+    # fmpy's clock is a product, ours too: at most the rounding of the times apart.
+    assert all(np.allclose(ours[name], found[name], rtol=1e-9, atol=1e-12) for name in names)
+
+
+def test_what_is_refused() -> None:
+    good = load_parameters().values
+    with pytest.raises(ParameterError, match=r"fin 2: motor.resistance"):
+        simulate_fins([good, {**good, "motor.resistance": -1.0}], 0.01)
+    with pytest.raises(ParameterError, match=r"bus.source_resistance"):
+        simulate_fins([good, good], 0.01, bus={"bus.source_resistance": 2.0})
+    with pytest.raises(ValueError, match="one fin has no bus"):
+        simulate_fins([good], 0.01)
+    unknown: dict[str, Any] = {"fin[3].fin_command": 0.1}
+    with pytest.raises(TypeError, match=r"no input 'fin\[3\].fin_command'"):
+        simulate_fins([good, good], 0.01, **unknown)
+    for arguments, said in ((("--fin", "2=a.toml"), "goes with --fins"), (("--fins", "9"), "1 to 8 fins"),
+                            (("--fins", "2", "--kernel", "compiled"), "computed in Python here"),
+                            (("--fins", "2", "--model", "second-order", "--set", "bus.source_resistance=0.02"),
+                             "second-order has no supply"),
+                            (("--fins", "2", "--set", "fin[2].drive.supply_voltage=20"), "differs between fins"),
+                            (("--fins", "2", "--set", "fin[2].motor.resistence=1"), "did you mean motor.resistance"),
+                            (("--set", "aero_torque=3"), "is given by Step to +5 deg already"),
+                            (("--set", "enable=5"), "expected true or false"),
+                            (("--fins", "2", "--set", "bus.source_resistance=2"), "within 0 .. 1 Ohm")):
+        assert said in " ".join(emcas("--step", "5", *arguments, code=2).split())
+
+
+def test_four_fins_by_the_command(tmp_path: Path) -> None:
+    (tmp_path / "worn.toml").write_text('[motor]\ntorque_constant = "0.09 N.m/A"\n')
+    files = {key: tmp_path / f"r.{key}" for key in ("output", "plot", "json")}
+    files["plot"] = tmp_path / "r.svg"
+    printed = emcas("--fins", "4", "--fin", f"2={tmp_path / 'worn.toml'}", "--layout", "plus", "--step", "5", "--stop",
+                    "0.2", "--set", "bus.source_resistance=0.02", "--set", "pitch_command=1 deg",
+                    *(part for key, path in files.items() for part in (f"--{key}", path)))
+    assert "fin 4" in printed
+    assert "bus: lowest_bus_voltage_v 3" in printed
+    columns = read_csv(files["output"])
+    assert {f"fin[{i}].{v.name}" for i in range(1, 5) for v in get("nonlinear").outputs} < set(columns)
+    assert {"pitch_command", "fin[3].fin_command", "bus_voltage", "bus_current"} < set(columns)
+    found = json.loads(files["json"].read_text())
+    assert len(found["fins"]) == 4
+    # Fin 1 along body y takes pitch with the sign of -cos(0), fin 3 opposite, fins 2 and 4 none of it.
+    ends = [each["fin_angle_final_deg"] for each in found["fins"]]
+    assert ends == pytest.approx([4.0, 5.0, 6.0, 5.0], abs=0.3)
+    assert found["fins"][1]["peak_current_a"] != found["fins"][3]["peak_current_a"]
+    # Judged by the command as mixed: the error of a fin that follows is no degree.
+    assert all(abs(each["steady_error_deg"]) < 0.5 for each in found["fins"])
+    assert found["bus"]["lowest_bus_voltage_v"] < 38.9
+
+
+def response(model: str, changes: list[Mapping[str, Any]], stop: float = 0.2) -> Response:
+    """A step of 5 degrees of fins with changes of parameters."""
+    excitation, unit = step_to(radians(5.0), stop - 0.05), FmuInterface(len(changes), model)
+    columns: dict[str, Any] = dict(excitation.columns)
+    sets = [load_parameters(model=model).replace(change) for change in changes]
+    if unit.fins == 1:
+        return Response(unit, sets, excitation, simulate(sets[0].values, stop, model=model, **columns))
+    moved = simulate_fins([each.values for each in sets], stop, model=model, **columns)
+    given = spread(excitation.columns, unit)
+    return Response(unit, sets, excitation.holding(given), moved)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_figures_are_those_of_the_bench(model: str) -> None:
+    changes = {"homing.required": False} if "homing" in model else {}
+    ours = response(model, [changes]).figures()
+    subject = ParameterSubject(load_parameters(model=model).replace(changes))
+    run = subject.run(step_to(radians(5.0), 0.15))
+    for name, value in metrics.motion(run).items():
+        key, factor = metrics.written(name)
+        assert ours[key] == pytest.approx(value * factor, rel=1e-12, nan_ok=True)
+    assert ("peak_current_a" in ours) is ("motor_current" in subject.outputs)
+    assert ("energy_drawn_j" in ours) is ("supply_power" in subject.outputs)
+
+
+def test_statuses_and_words_by_name() -> None:
+    """Fin 2 is jammed from 80 ms on: its table and plot say so, with the names of the flags."""
+    jam = {"fault.jam.begin": 0.08, "fault.jam.end": 9.0, "monitor.persistence": 0.02}
+    known = {"homing.required": False}
+    made = response("nonlinear+homing+faults", [known, {**known, **jam}], 0.3)
+    lines = {name: values for name, *values in made.lines()}
+    assert lines["status"][0] == "operational"
+    assert lines["status"][1].startswith("operational, ")
+    assert lines["status"][1].endswith("failed")
+    # An output tells of a sample at the row after it.
+    assert lines["fault_word"] == ["none", "none, 0.081 s jam"]
+    assert "tracking" in lines["built_in_test"][1]
+    assert "fault_word_final" not in lines
+    with style():
+        ticks = {axes.get_ylabel(): [label.get_text() for label in axes.get_yticklabels()]
+                 for axes in draw(made).axes}
+    assert ticks["fault word"] == ["jam"]
+    assert "operational" in ticks["status"]
+    assert "tracking" in ticks["built in test"]
+
+
+def test_words() -> None:
+    by_name = {v.name: v for v in get("nonlinear+faults").outputs}
+    assert by_name["status"].in_words(6.0) == "failed"
+    assert by_name["fault_word"].in_words(5.0) == "jam hard_over"
+    assert by_name["built_in_test"].in_words(0.0) == "none"
+    assert by_name["fin_angle"].in_words(0.5) == "0.5"
