@@ -111,6 +111,10 @@ def extend(actuator: Actuator) -> Actuator:
             moved["i2t_load"] = heat.loaded(ops, p, x.i2t_load, square, used, u.rated_current_limit)
         return moved, used
 
+    def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+        """Return d/dt of the states of a motor whose temperatures stay: seconds pass before they do not."""
+        return actuator.rates(ops, heat.at_temperatures(ops, p, x.winding_temperature, x.case_temperature), x, u)
+
     def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
         load = x.i2t_load if limits else None
         q = at(ops, p, u, x.winding_temperature, x.case_temperature, load)
@@ -120,8 +124,8 @@ def extend(actuator: Actuator) -> Actuator:
 
     return replace(
         actuator, states=(*actuator.states, *STATES, *((I2T_LOAD,) if limits else ())),
-        outputs=actuator.outputs + (OUTPUTS + I2T_OUTPUTS if limits else OUTPUTS), initial=initial, step=step,
-        output_values=output_values)
+        outputs=actuator.outputs + (OUTPUTS + I2T_OUTPUTS if limits else OUTPUTS), initial=initial,
+        derivatives=derivatives if actuator.derivatives else None, step=step, output_values=output_values)
 
 
 def _parameters(actuator: Actuator) -> tuple[Variable, ...]:

@@ -28,9 +28,13 @@ _GAPLESS = {**{f"drive_line.{name}": 0.0 for name in ("axial_compliance", "axial
                                                       "contact_damping")}, "drive_line.contact_stiffness": 1.0}
 
 
+def _gapless(_: Ops, p: Any) -> Any:
+    return with_values(at_motor(p), _GAPLESS)
+
+
 def _ozkan(ops: Ops, p: Any) -> Any:
-    return with_values(at_motor(p), {
-        **_GAPLESS, "drive_line.torsional_compliance": ops.maximum(p.drive_line.torsional_compliance, _STIFFEST)})
+    return with_values(_gapless(ops, p), {
+        "drive_line.torsional_compliance": ops.maximum(p.drive_line.torsional_compliance, _STIFFEST)})
 
 
 def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
@@ -52,10 +56,11 @@ ACTUATOR = replace(
     parameters=interface.PARAMETERS + elastic.TORSIONAL,
     provides=elastic.ACTUATOR.provides - {
         capabilities.SCREW_LOAD, capabilities.BACKLASH, capabilities.CURRENT_LOOP, capabilities.VOLTAGE_LIMIT},
-    descriptions={"supply_voltage": "bus voltage of the drive; limits nothing here"},
+    descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; limits nothing here"},
     structure=Structure(constant_ratio=True, current="ideal", drive_line=True),
     initial=rewired(elastic.initial, _ozkan),
     sample=rewired(elastic.sample, _ozkan),
+    derivatives=rewired(elastic.derivatives, _gapless),
     step=rewired(elastic.yielding, _ozkan),
     output_values=output_values,
     modules=(sys.modules[__name__], *elastic.ACTUATOR.modules),
