@@ -1,7 +1,8 @@
 """The excitations of the bench: rows of inputs that are given to an actuator, each held until the next.
 
 Angles are in rad, moments in N.m, times in s, frequencies in Hz. Every motion begins after a rest (LEAD_IN; a slew
-after SETTLE at its starting end), and every load comes on within LOAD_RISE of the command, as in the reference cases.
+after SETTLE at its starting end, unless told otherwise), and every load comes on within LOAD_RISE of the command, as in
+the reference cases.
 """
 
 from __future__ import annotations
@@ -106,12 +107,13 @@ def step_to(level: float, duration: float, load: float = 0.0, step: float = STEP
                    load, step)
 
 
-def slew_to(level: float, duration: float, load: float = 0.0, step: float = STEP) -> Excitation:
-    """From rest at -level to +level [rad], as `step_to`."""
-    time = _rows(SETTLE + duration, step)
-    command = np.where(time > SETTLE - step / 2, level, -level)
+def slew_to(level: float, duration: float, load: float = 0.0, step: float = STEP,
+            settle: float = SETTLE) -> Excitation:
+    """From rest at -level, after `settle` [s] there, to +level [rad], as `step_to`."""
+    time = _rows(settle + duration, step)
+    command = np.where(time > settle - step / 2, level, -level)
     command[0] = 0.0
-    return _loaded(f"slew from {-degrees(level):+.6g} to {degrees(level):+.6g} deg", command, time, SETTLE, load, step)
+    return _loaded(f"slew from {-degrees(level):+.6g} to {degrees(level):+.6g} deg", command, time, settle, load, step)
 
 
 def sweep(amplitude: float, duration: float, low: float = SWEEP[0], high: float = SWEEP[1],

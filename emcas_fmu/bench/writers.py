@@ -77,7 +77,9 @@ def number(value: float | bool | None) -> str:
 def with_unit(value: float | bool | None, unit: str) -> str:
     """A figure with its unit, typeset."""
     text, shown = number(value).replace("-", "−"), typeset(unit)
-    return text if not shown or text == "–" else f"{text}{shown}" if shown.startswith("°") else f"{text} {shown}"
+    if not shown or not text[-1].isdigit():
+        return text
+    return f"{text}{shown}" if shown.startswith("°") else f"{text} {shown}"
 
 
 def typeset(unit: str) -> str:

@@ -10,10 +10,10 @@ from typing import Annotated, Any
 from pydantic import PlainValidator, create_model
 
 from ..actuators import EXTENSIONS, NAMES, NONLINEAR, get
+from ..bench.excitation import STEP
 from ..errors import hint
 from ..parameters import ParameterSet
 from ..schema import In, Table, each, kind_of
-from ..tuning.experiments import STEP
 from ..variables import Variable
 from .distributions import MOST_OUTSIDE, Value, distribution
 from .experiments import COMMAND, EXPERIMENTS, LOAD, OPTIONAL, PROFILES, SAME, Experiment, Profile

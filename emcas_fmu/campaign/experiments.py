@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..actuators import NONLINEAR, get
+from ..bench.excitation import STEP
+from ..reference.cases import LEAD_IN
 from ..simulation import Array
-from ..tuning.experiments import REST, STEP
 
 SAME = ""  # in the tables below: the unit of the input itself
 # The command of each kind of experiment: fields with units. All but those with a default must be given.
@@ -74,13 +75,13 @@ class Excitation:
 
 def excitation(experiment: Experiment, values: Mapping[str, Any], numbers: Mapping[str, Any],
                model: str = NONLINEAR) -> Excitation:
-    """The rows of inputs of an experiment, STEP apart, each held until the next; the command begins after REST.
+    """The rows of inputs of an experiment, STEP apart, each held until the next; the command begins after LEAD_IN.
 
     `values` are flat parameters in SI, `numbers` those of profiles and commands by name; the table's columns are the
     inputs of the `model`.
     """
     inputs = get(model).inputs
-    time = np.arange(round((REST + experiment.duration) / STEP) + 1) * STEP - REST
+    time = np.arange(round((LEAD_IN + experiment.duration) / STEP) + 1) * STEP - LEAD_IN
     table = np.empty((len(time), len(inputs)))
     starts = [float(values[v.key] if v.key else v.start or 0.0) for v in inputs]
     index = {v.name: i for i, v in enumerate(inputs)}
@@ -104,8 +105,8 @@ def _told(values: Mapping[str, Any], end: float) -> Array:
     period, delay = float(values["controller.sample_time"]), float(values["drive.transport_delay"])
     if period < 2.0 * POWER_STEP:
         return np.empty(0)
-    first = np.ceil((REST - delay) / period - 1e-6)
-    return np.arange(first, (end + REST - delay) / period) * period + delay - REST
+    first = np.ceil((LEAD_IN - delay) / period - 1e-6)
+    return np.arange(first, (end + LEAD_IN - delay) / period) * period + delay - LEAD_IN
 
 
 Number = Callable[[str], float]

@@ -1,4 +1,4 @@
-"""Figures of a sample's responses. All in SI; names of tuning's figures where they are the same."""
+"""Figures of a sample's responses. All in SI; names of the bench's figures where they are the same."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from math import inf, isnan
 import numpy as np
 
 from ..bench import metrics
+from ..bench.excitation import STEP
 from ..simulation import Array
-from ..tuning import experiments as tuning
 from .experiments import COMMAND, INDEX, POWER, POWER_ROWS, POWER_STEP, Excitation, Experiment
 
 
@@ -36,7 +36,7 @@ _ALL = ("step", "sine", "chirp", "hold")
 
 
 def _as_tuned(name: str, kinds: tuple[str, ...], bad: float = 1.0) -> Figure:
-    found = tuning.FIGURES[name]
+    found = metrics.FIGURES[name]
     return Figure(found.unit, found.title, kinds, bad)
 
 
@@ -74,7 +74,7 @@ def figures(experiment: Experiment, numbers: Mapping[str, float], made: Excitati
     `response` has an array per output at the times of the excitation, `supply_power` POWER_ROWS to each. All from
     the command's instant on.
     """
-    first = int(np.argmax(made.time > -tuning.STEP / 2))
+    first = int(np.argmax(made.time > -STEP / 2))
     found = _common({name: column[first:] for name, column in response.items() if name != POWER})
     found |= _power(response[POWER][first * POWER_ROWS:], made.told)
     if experiment.kind == "step":

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from ..actuators import EXTENSIONS, NAMES, NONLINEAR, extension_outputs
+from ..bench.excitation import STEP
 from ..extensions import fault_list, monitors
 from ..simulation import Array
-from ..tuning.experiments import STEP
 from ..variables import Variable
 from .experiments import Excitation, Experiment
 from .measure import FIGURES, Figure

@@ -14,11 +14,11 @@ import numpy as np
 
 from ..actuators import NONLINEAR, get
 from ..actuators.declaration import Actuator
+from ..bench.excitation import STEP
 from ..parameters import ParameterError, check_parameters
 from ..runtime import codegen, compiled
 from ..runtime.core import Core
 from ..simulation import Array, respond
-from ..tuning.experiments import STEP
 from .distributions import CampaignError
 from .experiments import INDEX, LOAD, POWER, POWER_ROWS, POWER_STEP, Excitation
 from .plan import Plan

@@ -1,4 +1,4 @@
-"""`emcas tune`: controller gains that meet requirements on the nonlinear model."""
+"""`emcas tune`: controller gains that meet requirements, of any actuator."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
+from ..actuators import NONLINEAR
 from ..errors import EmcasError
 from ..parameters import load_parameters
 from .common import (
     INTERRUPTED,
+    ModelOption,
     ParametersOption,
     check_outputs,
     err,
@@ -27,6 +29,7 @@ from .common import (
 
 EPILOG = ("Examples:\n\n  emcas tune --output tuned.toml --report tuning.html"
           "\n\n  emcas tune my_requirements.toml -p my_actuator.toml --output tuned.toml --journal tuning.jsonl"
+          "\n\n  emcas tune gains.toml --model my_actuator.py --output tuned.toml"
           "\n\n  emcas tune --pareto overshoot_5deg --pareto time_to_accuracy_20deg --report tuning.html")
 
 
@@ -34,6 +37,7 @@ def tune(
     study: Annotated[Path | None, typer.Argument(help="Requirements, cases and what may be tuned (TOML); "
                                                       "models/tuning.toml unless given.", metavar="FILE")] = None,
     parameters: ParametersOption = None,
+    model: ModelOption = NONLINEAR,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write a parameter file: the gains "
                                                                               "and what --parameters already changed.",
                                                 metavar="FILE")] = None,
@@ -51,20 +55,20 @@ def tune(
     pareto: Annotated[list[str] | None, typer.Option(help="Draw what one requirement costs another (give two); the "
                                                           "two that conflict most unless given.")] = None,
 ) -> None:
-    """Find controller gains that meet requirements in every case at once, on the nonlinear model.
+    """Find controller gains that meet requirements in every case at once, limits, friction and delay included.
 
     The shipped study takes about five minutes on two processors. Ctrl-C ends the search: the best gains it has found
     are shown and written, and the exit code is 130.
     """
-    from ..files import models_directory
-    from ..tuning.evaluate import Journal
-    from ..tuning.optimise import tune as run
-    from ..tuning.output import summary, verdict, write_json, write_tuned
-    from ..tuning.study import load_study
+    from ..studies.tuning.evaluate import Journal
+    from ..studies.tuning.optimise import tune as run
+    from ..studies.tuning.output import summary, verdict, write_json, write_report, write_tuned
+    from ..studies.tuning.study import load_study, shipped_study
 
     with failures():
         check_outputs(output, report, as_json, journal, inputs=(study, *(parameters or ())))
-        chosen = load_study(study or models_directory() / "tuning.toml", load_parameters(parameters))
+        base = load_parameters(parameters, model=model)
+        chosen = load_study(study, base) if study else shipped_study(base)
         names = [r.name for r in chosen.requirements]
         if pareto is not None and (len(pareto) != 2 or not set(pareto) <= set(names)):
             raise EmcasError(f"--pareto is given twice, with two of {', '.join(names)}")
@@ -81,14 +85,13 @@ def tune(
         out.print(summary(result))
         out.print(verdict(result), highlight=False, soft_wrap=True)
         command = shlex.join(["emcas", "tune", *([str(study)] if study else []), *parameter_arguments(parameters),
-                              "--seed", str(seed), "--generations", str(generations)])
+                              *([] if model == NONLINEAR else ["--model", model]), "--seed", str(seed),
+                              "--generations", str(generations)])
         if output:
             write_tuned(result, output, command)
         if as_json:
             write_json(result, as_json, command)
         if report:
-            from ..tuning.report import write_report
-
             write_report(result, report, command, (pareto[0], pareto[1]) if pareto else None)
     out.print(f"{len(result.evaluated)} evaluations", highlight=False)
     for path in (output, as_json, report, journal):

@@ -25,9 +25,9 @@ from emcas_fmu.compiler import local_platform
 from emcas_fmu.files import models_directory
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.reference.cases import LEAD_IN
 from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
-from emcas_fmu.tuning.experiments import REST
 
 from .conftest import SMALL
 
@@ -103,11 +103,11 @@ def test_a_fault_shows_in_words_state_and_time(write: Write) -> None:
     angle = radians(10.0)
     values = load_parameters(model="nonlinear+faults").replace(
         {"fault.jam.begin": 0.15, "fault.jam.end": 1000.0}).values
-    direct = simulate(values, REST + 1.0, model="nonlinear+faults",
-                      fin_command=lambda t: angle * np.sin(4.0 * np.pi * max(t - REST, 0.0)))
+    direct = simulate(values, LEAD_IN + 1.0, model="nonlinear+faults",
+                      fin_command=lambda t: angle * np.sin(4.0 * np.pi * max(t - LEAD_IN, 0.0)))
     first = np.argmax(direct["built_in_test"] > 0.0)
-    assert jammed["fly.fault_word_first"] == pytest.approx(0.15 - REST, abs=1.01e-3)
-    assert jammed["fly.built_in_test_first"] == pytest.approx(direct["time"][first] - REST, abs=1e-9)
+    assert jammed["fly.fault_word_first"] == pytest.approx(0.15 - LEAD_IN, abs=1.01e-3)
+    assert jammed["fly.built_in_test_first"] == pytest.approx(direct["time"][first] - LEAD_IN, abs=1e-9)
     assert jammed["fly.fault_word_ever"] == jammed["fly.fault_word_last"] == 1
     ever = np.bitwise_or.reduce(direct["built_in_test"].astype(int))
     assert jammed["fly.built_in_test_ever"] == ever != 0

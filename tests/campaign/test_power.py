@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from emcas_fmu.bench.excitation import STEP
 from emcas_fmu.campaign import measure, runners
 from emcas_fmu.campaign.experiments import POWER_STEP, Excitation, Experiment, Profile, excitation
+from emcas_fmu.reference.cases import LEAD_IN
 from emcas_fmu.simulation import respond
-from emcas_fmu.tuning.experiments import REST, STEP
 
 FINE = 50  # rows of 20 us
 Set = Mapping[str, Any]
@@ -30,7 +31,7 @@ def stepped(values: Set, degrees: float, *profiles: Profile, **more: float) -> t
 def finely(values: Set, made: Excitation) -> dict[str, Any]:
     """The response from the command's instant on, in rows of 20 us."""
     table = np.repeat(made.table, FINE, axis=0)[:1 - FINE]
-    first = round(REST / STEP) * FINE
+    first = round(LEAD_IN / STEP) * FINE
     return {name: column[first:] for name, column in respond(values, table, STEP / FINE).items()}
 
 
@@ -72,7 +73,7 @@ def test_leaps_between_rows_cost_nothing(values: Set, leap: float) -> None:
     numbers = {"experiments.a.amplitude": 0.0}
     made = excitation(experiment, {**values, "drive.transport_delay": leap * 1e-3}, numbers)
     response = runners.by_kernel(values, made)
-    time = np.arange(len(response["supply_power"])) * POWER_STEP - REST
+    time = np.arange(len(response["supply_power"])) * POWER_STEP - LEAD_IN
     phase = np.mod(time / STEP - leap % 1.0 - 1e-6, 1.0)  # a row on a leap is before it
     found = measure.figures(experiment, numbers, made, {**response, "supply_power": 7.0 - 4.0 * phase})
     assert found["a.energy"] == pytest.approx(0.1 * 5.0, rel=0.005)  # the first and last cut are not extended to

@@ -12,15 +12,17 @@ import numpy as np
 import pytest
 
 from emcas_fmu.bench import metrics
+from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.campaign import measure, runners, sample
 from emcas_fmu.campaign.distributions import CampaignError
 from emcas_fmu.campaign.experiments import Experiment, Profile, excitation
 from emcas_fmu.campaign.sampling import Sampler
 from emcas_fmu.campaign.study import load_study
-from emcas_fmu.reference.cases import CASES
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.reference.cases import CASES, LEAD_IN
 from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
-from emcas_fmu.tuning import experiments as tuning
+from emcas_fmu.studies.tuning import measure as tuning
 
 from .conftest import SMALL
 
@@ -57,7 +59,8 @@ def test_a_step_has_tunings_figures(values: Mapping[str, Any]) -> None:
     found = measure.figures(experiment, numbers, made, runners.by_kernel(values, made))
     same = ("rise_time", "settling_time", "overshoot", "sustained_rate", "peak_current")
     # Senses by which the worse of two directions would be the positive one are not known: both are looked at.
-    sides = [tuning.measure(tuning.Test("step", radians(5.0), 0.6), values, same, (sense,) * len(same))
+    subject = ParameterSubject(load_parameters())
+    sides = [tuning.measure(tuning.Test("step", radians(5.0), 0.6), subject, values, same, (sense,) * len(same))
              for sense in ("maximum", "minimum")]
     for name, *pair in zip(same, *sides, strict=True):
         assert found[f"a.{name}"] in pair, name
@@ -69,7 +72,7 @@ def test_a_sweep_has_the_validations_bandwidth(values: Mapping[str, Any]) -> Non
     inputs = case.inputs()
     angle = simulate(values, case.stop_time, fin_command=inputs["fin_command"])["fin_angle"]
     expected = metrics.frequency_response(inputs["time"], inputs["fin_command"], angle, 0.5, 30.0)
-    experiment = Experiment("a", "chirp", case.stop_time - tuning.REST)
+    experiment = Experiment("a", "chirp", case.stop_time - LEAD_IN)
     numbers = {"experiments.a.amplitude": case.amplitude, "experiments.a.low": 0.5, "experiments.a.high": 30.0}
     made = excitation(experiment, values, numbers)
     found = measure.figures(experiment, numbers, made, runners.by_kernel(values, made))

@@ -17,7 +17,7 @@ from emcas_fmu.campaign.study import load_study
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.tuning.experiments import REST
+from emcas_fmu.reference.cases import LEAD_IN
 from tests.default_actuator import INPUTS
 
 from .conftest import ODD, SMALL, replaced
@@ -104,7 +104,7 @@ duration = "0.2 s"
     assert set(made.table[:, COLUMN["aero_torque"]]) == {-7.0}
     assert set(made.table[time < -1e-9, COLUMN["fin_command"]]) == {0.0}
     assert set(made.table[time > -1e-9, COLUMN["fin_command"]]) == {radians(5.0)}
-    assert time[0] == -REST
+    assert time[0] == -LEAD_IN
     # What is said under one experiment is none of another's.
     other = excitation(quiet, plan.base, {**plan.numbers, "inputs.aero_torque.value": -7.0}).table
     assert set(other[:, COLUMN["supply_voltage"]]) == {39.0}

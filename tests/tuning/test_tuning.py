@@ -16,23 +16,27 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fmpy import read_model_description
 from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner, Result
 
-from emcas_fmu.bench.metrics import step_metrics
+from emcas_fmu.bench import subject
+from emcas_fmu.bench.metrics import FIGURES, step_metrics
+from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.cli import app
 from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.simulation import simulate
-from emcas_fmu.tuning import evaluate as evaluation
-from emcas_fmu.tuning.evaluate import HOPELESS, Evaluation, Journal, Judgement, evaluate, share
-from emcas_fmu.tuning.experiments import FIGURES, Test, fundamental, measure
-from emcas_fmu.tuning.optimise import rounded, tune
-from emcas_fmu.tuning.pareto import conflict, front
-from emcas_fmu.tuning.study import Study, StudyError, load_study
+from emcas_fmu.studies.tuning.evaluate import HOPELESS, Evaluation, Journal, Judgement, evaluate, share
+from emcas_fmu.studies.tuning.measure import KINDS, Test, describing_function, measure
+from emcas_fmu.studies.tuning.optimise import rounded, tune
+from emcas_fmu.studies.tuning.pareto import conflict, front
+from emcas_fmu.studies.tuning.study import Study, StudyError, load_study
 from tests.campaign.conftest import ODD, replaced
+from tests.own_actuator.example import MODEL, changed
 
+SHIPPED = ParameterSubject(load_parameters())
 SMALL = """
 [tunables]
 "controller.position.kp" = { lower = "20 1/s", upper = "150 1/s" }
@@ -79,7 +83,7 @@ def emcas(*arguments: object) -> Result:
 
 def test_figures_of_a_step_are_those_of_the_response() -> None:
     values = dict(load_parameters().values)
-    rise, overshoot = measure(Test("step", radians(5), 0.6), values, ("rise_time", "overshoot"),
+    rise, overshoot = measure(Test("step", radians(5), 0.6), SHIPPED, {}, ("rise_time", "overshoot"),
                               ("maximum", "maximum"))
     worst_rise, worst_overshoot = 0.0, 0.0
     for sign in (1.0, -1.0):
@@ -93,15 +97,15 @@ def test_figures_of_a_step_are_those_of_the_response() -> None:
 
 
 def test_the_worse_direction_counts() -> None:
-    values = {**load_parameters().values, "friction.viscous.positive": 5e-3}
+    changes = {"friction.viscous.positive": 5e-3}
     test = Test("step", radians(20), 0.5)
-    (slow,), (fast,) = (measure(test, values, ("sustained_rate",), (sense,)) for sense in ("minimum", "maximum"))
+    (slow,), (fast,) = (measure(test, SHIPPED, changes, ("sustained_rate",), (sense,))
+                        for sense in ("minimum", "maximum"))
     assert slow < 0.95 * fast
 
 
 def test_a_slew_is_loaded_both_ways() -> None:
-    values = dict(load_parameters().values)
-    rates = [measure(Test("slew", radians(20), 0.6, torque), values, ("sustained_rate",), ("minimum",))[0]
+    rates = [measure(Test("slew", radians(20), 0.6, torque), SHIPPED, {}, ("sustained_rate",), ("minimum",))[0]
              for torque in (-100.0, 0.0, 100.0)]
     assert rates == sorted(rates)
     assert degrees(rates[0]) > 200.0
@@ -117,7 +121,7 @@ def test_bandwidth_of_small_sines_is_that_of_the_swept_response() -> None:
     command = case.inputs()["fin_command"]
     swept = simulate(values, case.stop_time, case.step, fin_command=command)
     expected = frequency_response(swept["time"], command, swept["fin_angle"], 0.5, 24.0)
-    found = measure(Test("sine", radians(1)), values, ("bandwidth_3db", "bandwidth_90deg"), ("minimum",) * 2)
+    found = measure(Test("sine", radians(1)), SHIPPED, {}, ("bandwidth_3db", "bandwidth_90deg"), ("minimum",) * 2)
     if not np.isnan(expected.bandwidth):  # beyond the sweep with faster gains
         assert found[0] == pytest.approx(expected.bandwidth, rel=0.04)
     assert found[1] == pytest.approx(expected.phase_bandwidth, rel=0.04)
@@ -125,9 +129,8 @@ def test_bandwidth_of_small_sines_is_that_of_the_swept_response() -> None:
 
 def test_the_fundamental_of_a_slow_sine_is_one() -> None:
     # Without integral action the loop is an integrator, of bandwidth kp = 60 1/s, and 0.5 Hz is 3 rad/s.
-    values = {**load_parameters().values, "encoder.enabled": False, "controller.position.kp": 60.0,
-              "controller.position.ki": 0.0}
-    gain = fundamental(values, radians(5), 0.5)
+    changes = {"encoder.enabled": False, "controller.position.kp": 60.0, "controller.position.ki": 0.0}
+    gain = describing_function(SHIPPED, changes, radians(5), 0.5)
     assert abs(gain) == pytest.approx(1.0, abs=0.02)
     assert np.angle(gain) == pytest.approx(-np.pi / 60.0, rel=0.2)  # and friction, not quite cancelled
 
@@ -138,11 +141,11 @@ def test_margins_are_those_of_the_analysis() -> None:
 
     values = dict(load_parameters().values)
     expected = margins(LinearActuator(values).loop("reference"))
-    found = measure(Test("linear"), values, ("gain_margin", "phase_margin", "delay_margin"), ("minimum",) * 3)
+    found = measure(Test("linear"), SHIPPED, {}, ("gain_margin", "phase_margin", "delay_margin"), ("minimum",) * 3)
     # Fewer frequencies to look between: a cubic spline over 7 % steps.
     assert found == pytest.approx([expected.gain_db, expected.phase, expected.delay], rel=1e-4)
-    unstable = {**values, "controller.velocity.kp": 10.0 * values["controller.velocity.kp"]}
-    assert np.isnan(measure(Test("linear"), unstable, ("gain_margin",), ("minimum",)))
+    unstable = {"controller.velocity.kp": 10.0 * values["controller.velocity.kp"]}
+    assert np.isnan(measure(Test("linear"), SHIPPED, unstable, ("gain_margin",), ("minimum",)))
 
 
 @pytest.mark.parametrize(("sense", "limit", "measured", "expected"), [
@@ -256,7 +259,7 @@ def test_a_run_that_was_stopped_goes_on(study: Study, tmp_path: Path, monkeypatc
         return evaluate(*arguments)
 
     with monkeypatch.context() as patch:
-        patch.setattr("emcas_fmu.tuning.optimise.evaluate", interrupted)
+        patch.setattr("emcas_fmu.studies.tuning.optimise.evaluate", interrupted)
         with pytest.raises(Killed):
             tune(study, generations=3, journal=Journal(path, study))
     with path.open("a", encoding="utf-8") as file:
@@ -265,7 +268,7 @@ def test_a_run_that_was_stopped_goes_on(study: Study, tmp_path: Path, monkeypatc
     assert len(kept) == 39
     calls = -1_000_000
     with monkeypatch.context() as patch:
-        patch.setattr("emcas_fmu.tuning.optimise.evaluate", interrupted)
+        patch.setattr("emcas_fmu.studies.tuning.optimise.evaluate", interrupted)
         resumed = tune(study, generations=3, journal=kept)
     assert resumed.best == whole.best
     assert calls + 1_000_000 == len(whole.evaluated) - 39  # nothing is made twice
@@ -298,12 +301,17 @@ def test_the_journal_of_another_study_is_refused(study: Study, tmp_path: Path) -
 
 
 def test_what_cannot_be_computed_is_hopeless(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(*_: Any) -> Any:
-        raise ArithmeticError
+    def fails(*_: Any, **__: Any) -> Any:
+        raise ArithmeticError("gone")
 
-    monkeypatch.setattr(evaluation, "measure", fails)
-    found = evaluate(study, {t.name: t.lower for t in study.tunables})
-    assert {j.share for j in found.judgements} == {HOPELESS}
+    def judged(gains: dict[str, float]) -> set[float]:
+        return {j.share for j in evaluate(study, gains).judgements}
+
+    gains = {t.name: t.lower for t in study.tunables}
+    assert judged(gains) != {HOPELESS}
+    assert judged({**gains, "controller.sample_time": 1.0}) == {HOPELESS}  # beyond its limits
+    monkeypatch.setattr(subject, "simulate", fails)
+    assert judged(gains) == {HOPELESS}
 
 
 # -- conflicts -------------------------------------------------------------------------
@@ -445,5 +453,107 @@ def test_ctrl_c_keeps_the_best_gains(small: Path, tmp_path: Path, evaluations: i
     assert found["gains"] == rounded(min(judged, key=lambda e: e.objective).gains)
 
 
-def test_every_figure_is_documented() -> None:
-    assert all(f.title and f.kinds and f.unit for f in FIGURES.values())
+def test_every_figure_is_one_of_the_bench_and_measured() -> None:
+    for kind, names in KINDS.items():
+        assert set(names) <= set(FIGURES)
+        found = measure(Test(kind, radians(5)), SHIPPED, {}, names, ("maximum",) * len(names))
+        assert dict(zip(names, np.isfinite(found), strict=True)) == dict.fromkeys(names, True)
+
+
+# -- every actuator ------------------------------------------------------------------------
+
+DIRECT = """
+[tunables]
+"controller.kp" = { lower = "100 V/rad", upper = "1000 V/rad" }
+"controller.ki" = { lower = "1000 V/(rad.s)", upper = "20000 V/(rad.s)" }
+
+[cases.nominal]
+
+[cases.sag]
+"drive.supply_voltage" = "90 %"
+
+[[requirements]]
+name = "rise"
+test = { kind = "step", amplitude = "2 deg", duration = "0.3 s" }
+figure = "rise_time"
+maximum = "20 ms"
+
+[[requirements]]
+name = "overshoot"
+test = { kind = "slew", amplitude = "10 deg", torque = "-50 N.m", duration = "0.5 s", settle = "0.5 s" }
+figure = "overshoot"
+maximum = "3 %"
+"""
+
+
+def test_a_users_actuator_is_tuned_and_built(tmp_path: Path) -> None:
+    """The gains are bad at first, and those of the shipped study are not this actuator's."""
+    study, bad, made, fmu = (tmp_path / name for name in ("direct.toml", "bad.toml", "tuned.toml", "tuned.fmu"))
+    study.write_text(DIRECT, encoding="utf-8")
+    bad.write_text('controller.kp = "120 V/rad"\ncontroller.ki = "1100 V/(rad.s)"\n', encoding="utf-8")
+    done = emcas(study, "--model", MODEL, "-p", bad, "-o", made, "--report", tmp_path / "t.html", "--json",
+                 tmp_path / "t.json", "--generations", 2, "--workers", 1)
+    assert done.exit_code == 0, done.output
+    found = json.loads((tmp_path / "t.json").read_text(encoding="utf-8"))
+    assert not all(row["met"] for row in found["requirements_before"])
+    assert all(row["met"] for row in found["requirements"])
+    assert found["model"] == "direct-drive"
+    tuned = load_parameters(made, model=MODEL)
+    assert {name: tuned.values[name] for name in found["gains"]} == found["gains"]
+    assert "direct-drive" in (tmp_path / "t.html").read_text(encoding="utf-8")
+    built = CliRunner().invoke(app, ["build", "--model", MODEL, "-p", str(made), "-o", str(fmu)])
+    assert built.exit_code == 0, built.output
+    starts = {v.name: v.start for v in read_model_description(fmu).modelVariables}
+    assert float(starts["controller.kp"]) == found["gains"]["controller.kp"]
+
+
+ORDER = """
+[tunables]
+"second_order.natural_frequency" = { lower = "30 rad/s", upper = "300 rad/s" }
+[cases.nominal]
+[[requirements]]
+name = "rise"
+test = { kind = "%s", amplitude = "2 deg" }
+figure = "%s"
+maximum = "%s"
+"""
+
+
+@pytest.mark.parametrize(("model", "changes"), [
+    ("second-order", ()),
+    ("elastic+heat+homing+faults", (("second_order.natural_frequency", "controller.position.kp"), ("rad/s", "1/s"),
+                                    ("[cases.nominal]", "[cases.nominal]\n'homing.required' = false")))])
+def test_other_actuators_are_tuned(tmp_path: Path, model: str, changes: tuple[tuple[str, str], ...]) -> None:
+    """The natural frequency is fixed in the FMU; homed is what a case says."""
+    path, text = tmp_path / "order.toml", ORDER % ("step", "rise_time", "30 ms")
+    for old, new in changes:
+        text = text.replace(old, new)
+    path.write_text(text, encoding="utf-8")
+    done = emcas(path, "--model", model, "--generations", 1, "--workers", 1)
+    assert done.exit_code == 0, done.output
+
+
+@pytest.mark.parametrize(("model", "study", "said"), [
+    ("second-order", ORDER.replace(', amplitude = "2 deg"', "") % ("linear", "phase_margin", "30 deg"),
+     "--model second-order: a test of kind linear needs a sampled position loop; second-order has none, nonlinear"),
+    ("second-order", ORDER % ("step", "peak_current", "3 A"), "figure = peak_current: this actuator has no "
+     "motor_current (second-order)"),
+    (MODEL, ORDER % ("step", "rise_time", "3 s"), "no such parameter; made to be tuned are controller.kp, contr"),
+    ("second-order", None, "--model second-order: the shipped study is of nonlinear")])
+def test_what_an_actuator_lacks_is_said(tmp_path: Path, model: str, study: str | None, said: str) -> None:
+    path = tmp_path / "order.toml"
+    path.write_text(study or "", encoding="utf-8")
+    done = emcas(*([path] if study else []), "--model", model)
+    assert done.exit_code == 2, done.output
+    assert said in " ".join(done.stderr.split())
+    assert done.stderr.count("\n") == 1, done.stderr
+
+
+def test_a_journal_is_of_one_actuator(tmp_path: Path) -> None:
+    """A user's file that has changed gives another."""
+    path = tmp_path / "direct.toml"
+    path.write_text(DIRECT, encoding="utf-8")
+    models = [str(changed(tmp_path, name="one.py")), str(changed(tmp_path, ("p.hinge.damping", "1.1 * p.hinge.damping"),
+                                                                 name="two.py"))]
+    one, two = (load_study(path, load_parameters(model=model)) for model in models)
+    assert one.digest != two.digest

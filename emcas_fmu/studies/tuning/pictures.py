@@ -6,41 +6,47 @@ from collections.abc import Iterator
 from math import degrees
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from ..plots import BLUE, GRAY, GREEN, VERMILLION, figure
+from ...bench.subject import ParameterSubject
+from ...plots import BLUE, GRAY, GREEN, VERMILLION, Drawing, figure
 from .evaluate import HOPELESS
-from .experiments import Test, response
+from .measure import Test, response
 from .optimise import Result
 from .pareto import Conflict, shares
 
-Drawing = tuple[Figure, str, str]
 _SHOWN = 1.0  # s of a response, at most: past any settling of use
 
 
-def all_figures(result: Result, found: Conflict | None) -> Iterator[Drawing]:
-    """Figure, title and caption of each."""
-    yield responses(result)
+def drawings(result: Result, found: Conflict | None) -> Iterator[Drawing]:
+    """Every picture the result has something for."""
+    if drawn := responses(result):
+        yield drawn
     yield search(result)
     if found is not None:
         yield trade(result, found)
 
 
-def responses(result: Result) -> Drawing:
+def responses(result: Result) -> Drawing | None:
     """Every step and slew of the study, in every case, with the gains begun with and those found."""
     moves: list[Test] = []
     for r in result.study.requirements:
         if r.test.kind in ("step", "slew") and r.test not in moves:
             moves.append(r.test)
+    if not moves:
+        return None
+    subject = ParameterSubject(result.study.base)
     columns = 2 if len(moves) > 1 else 1
     drawn, grid = figure(-(-len(moves) // columns), columns, width=10.0, height=2.6)
     for axes, test in zip(grid.flat, moves, strict=False):
         for gains, color, label in ((result.before.gains, GRAY, "before"), (result.best.gains, BLUE, "tuned")):
             for case in result.study.cases:
-                found = response(test, result.study.values(case, gains))
-                shown = (found["time"] > -0.03) & (found["time"] <= min(test.duration, _SHOWN))
-                axes.plot(found["time"][shown] * 1e3, np.degrees(found["fin_angle"][shown]), color=color,
-                          linewidth=0.9, alpha=0.8, label=label if case is result.study.cases[0] else None)
+                run = response(test, subject, {**case.values, **gains})
+                if run.stopped is not None:
+                    continue
+                time = run.columns["time"] - run.excitation.begin
+                shown = (time > -0.03) & (time <= min(test.duration, _SHOWN))
+                axes.plot(time[shown] * 1e3, np.degrees(run.columns["fin_angle"][shown]), color=color, linewidth=0.9,
+                          alpha=0.8, label=label if case is result.study.cases[0] else None)
         axes.axhline(degrees(test.amplitude), color=VERMILLION, linewidth=0.7, linestyle="--")
         load = f", {test.torque:+g} N.m" if test.torque else ""
         axes.set_title(f"{test.kind} to {degrees(test.amplitude):g} deg{load}")
@@ -48,8 +54,8 @@ def responses(result: Result) -> Drawing:
         axes.legend(loc="lower right")
     for axes in grid.flat[len(moves):]:
         axes.set_visible(False)
-    return drawn, "Responses", (f"Every case ({', '.join(c.name for c in result.study.cases)}), positive direction, "
-                                "with the gains begun with and those found.")
+    return Drawing("Responses", drawn, f"Every case ({', '.join(c.name for c in result.study.cases)}), positive "
+                                       "direction, with the gains begun with and those found.")
 
 
 def search(result: Result) -> Drawing:
@@ -66,8 +72,9 @@ def search(result: Result) -> Drawing:
         axes.semilogx(gains, np.minimum(objective, top), ".", color=GRAY, markersize=2.0)
         axes.axvline(result.best.gains[name], color=BLUE, linewidth=0.8)
         axes.set(title=name.removeprefix("controller."), xlabel="value")
-    return drawn, "Search", (f"{len(result.evaluated)} sets of gains. Each dot is one; the line is the set found. A "
-                             "sharp lower edge tells a gain that matters, a flat one a gain that does not.")
+    return Drawing("Search", drawn, f"{len(result.evaluated)} sets of gains. Each dot is one; the line is the set "
+                                    "found. A sharp lower edge tells a gain that matters, a flat one a gain that does "
+                                    "not.")
 
 
 def trade(result: Result, found: Conflict) -> Drawing:
@@ -84,6 +91,7 @@ def trade(result: Result, found: Conflict) -> Drawing:
     axes.axhline(1.0, color=VERMILLION, linewidth=0.7, linestyle="--")
     axes.set(xlabel=f"{found.first} / limit", ylabel=f"{found.second} / limit")
     axes.legend(loc="upper right")
-    return drawn, "What one costs the other", (
+    return Drawing(
+        "What one costs the other", drawn,
         f"{found.first} and {found.second} as shares of their limits, worst case each (rank correlation near the best "
         f"{found.correlation:.2f}); below and left of the dashed lines both are met.")

@@ -11,11 +11,16 @@ from typing import Annotated, Any
 
 from pydantic import Field, PlainValidator, ValidationInfo, field_validator, model_validator
 
-from ..errors import EmcasError, hint
-from ..parameters import ParameterSet
-from ..schema import In, Quantity, Table, each, kind_of, load, named, unknown
-from ..variables import Variable
-from .experiments import FIGURES, TAIL, Test
+from ...actuators import NAMES
+from ...bench.excitation import SETTLE, STEP
+from ...bench.metrics import FIGURES, TAIL
+from ...bench.subject import ParameterSubject
+from ...errors import EmcasError, hint
+from ...files import models_directory
+from ...parameters import ParameterSet, load_parameters
+from ...schema import In, Quantity, Table, each, kind_of, load, named, unknown
+from ...variables import Variable
+from .measure import KINDS, Test, lacking
 
 
 class StudyError(EmcasError):
@@ -61,7 +66,11 @@ class _Move(_Sine):
     torque: Annotated[float, In("N.m")] = 0.0
 
 
-_TESTS: Mapping[str, type[_Linear]] = {"step": _Move, "slew": _Move, "sine": _Sine, "linear": _Linear}
+class _Slew(_Move):
+    settle: Annotated[float, In("s", STEP, 100.0)] = SETTLE
+
+
+_TESTS: Mapping[str, type[_Linear]] = {"step": _Move, "slew": _Slew, "sine": _Sine, "linear": _Linear}
 
 
 def _test(written: Any, info: ValidationInfo) -> Test:
@@ -91,10 +100,13 @@ class Requirement(Table):
     @field_validator("figure")
     @classmethod
     def _of_the_test(cls, figure: str, info: ValidationInfo) -> str:
-        kinds = [info.data["test"].kind] if "test" in info.data else list(_TESTS)
-        available = [name for name, f in FIGURES.items() if set(kinds) & set(f.kinds)]
+        kinds = [info.data["test"].kind] if "test" in info.data else list(KINDS)
+        available = list(dict.fromkeys(name for kind in kinds for name in KINDS[kind]))
         if figure not in available:
             raise ValueError(f"a {' or '.join(kinds)} test has no such figure; {unknown(figure, available)}")
+        base: Any = info.context
+        if "test" in info.data and (reason := lacking(info.data["test"], figure, ParameterSubject(base))):
+            raise ValueError(f"{reason} ({base.model})")
         return figure
 
     @model_validator(mode="after")
@@ -128,16 +140,14 @@ class Study:
     cases: tuple[Case, ...]
     requirements: tuple[Requirement, ...]
 
-    def values(self, case: Case, gains: Mapping[str, float]) -> dict[str, Any]:
-        """The flat parameters of a case with these gains."""
-        return {**self.base.values, **case.values, **gains}
-
     @property
     def digest(self) -> str:
         """A hash of all that decides what is measured for given gains."""
         tuned = {t.name for t in self.tunables}
+        actuator = self.base.actuator
         parts = [{n: v for n, v in self.base.values.items() if n not in tuned}, *map(asdict, self.tunables),
-                 *map(asdict, self.cases), *map(repr, self.requirements)]
+                 *map(asdict, self.cases), *map(repr, self.requirements), actuator.name,
+                 actuator.source.read_text(encoding="utf-8") if actuator.source else ""]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -181,7 +191,9 @@ def _cases(written: Any, info: ValidationInfo) -> Any:
 def _variable(name: str, base: ParameterSet) -> Variable:
     variables = {e.variable.name: e.variable for e in base.entries}
     if name not in variables:
-        raise ValueError(f"there is no such parameter{hint(name, variables)}")
+        listed = ", ".join(v.name for v in variables.values() if v.variability == "tunable")
+        raise ValueError(f"there is no such parameter{hint(name, variables)}"
+                         f"{f'; made to be tuned are {listed}' if listed else ''}")
     return variables[name]
 
 
@@ -204,7 +216,30 @@ class _File(Table):
     requirements: Annotated[dict[str, Requirement], PlainValidator(_requirements), Field(min_length=1)]
 
 
+def shipped_study(base: ParameterSet) -> Study:
+    """Return the study of models/tuning.toml for a parameter set. Raises StudyError, for an actuator that has not what
+    it tunes too."""
+    path = models_directory() / "tuning.toml"
+    try:
+        return load_study(path, base)
+    except StudyError as error:
+        having = [name for name in NAMES if _fits(path, name)]
+        if base.model in having or _fits(path, base.model):
+            raise
+        first, *_ = str(error).splitlines()
+        raise StudyError(f"--model {base.model}: the shipped study is of {', '.join(having)}, and does not fit (first: "
+                         f"{first}); name a study of this actuator's parameters") from error
+
+
+def _fits(path: Path, model: str) -> bool:
+    try:
+        load_study(path, load_parameters(model=model))
+    except StudyError:
+        return False
+    return True
+
+
 def load_study(path: Path, base: ParameterSet) -> Study:
-    """The study of a TOML file (see models/tuning.toml) for a parameter set. Raises StudyError."""
+    """Return the study of a TOML file (see models/tuning.toml) for a parameter set. Raises StudyError."""
     file = load(_File, path, StudyError, base)
     return Study(base, tuple(file.tunables.values()), tuple(file.cases.values()), tuple(file.requirements.values()))

@@ -9,7 +9,9 @@ from itertools import groupby
 from math import isnan
 from pathlib import Path
 
-from .experiments import measure
+from ...bench.subject import ParameterSubject, StoppedError
+from ...parameters import ParameterError
+from .measure import measure
 from .study import Requirement, Study, StudyError
 
 # Share of its limit at which a figure stands that cannot be had: never reached, unstable, not finite.
@@ -71,16 +73,20 @@ def share(requirement: Requirement, measured: float) -> float:
 
 
 def evaluate(study: Study, gains: Mapping[str, float]) -> Evaluation:
-    """Every requirement in every case. A response that cannot be computed counts as hopeless."""
-    judgements = []
+    """Judge every requirement in every case.
+
+    Hopeless are responses that cannot be computed, and gains that break a rule of the actuator.
+    """
+    subject, judgements = ParameterSubject(study.base), []
     for case in study.cases:
-        values = study.values(case, gains)
+        changes = {**case.values, **gains}
         asked = [r for r in study.requirements if case.name in r.cases]
         for test, group in groupby(sorted(asked, key=lambda r: repr(r.test)), key=lambda r: r.test):
             together = list(group)
             try:
-                found = measure(test, values, tuple(r.figure for r in together), tuple(r.sense for r in together))
-            except ArithmeticError:
+                found = measure(test, subject, changes, tuple(r.figure for r in together),
+                                tuple(r.sense for r in together))
+            except (StoppedError, ParameterError, ArithmeticError):
                 found = [float("nan")] * len(together)
             judgements += [Judgement(r.name, case.name, float(x), float(share(r, x)))
                            for r, x in zip(together, found, strict=True)]

@@ -1,34 +1,21 @@
-"""What a tuning run leaves: a parameter file with provenance, JSON, and a table for the terminal."""
+"""What a tuning run leaves: a parameter file with provenance, JSON, a page, and a table for the terminal."""
 
 from __future__ import annotations
 
-import json
-from math import degrees, isfinite
 from pathlib import Path
 from typing import Any
 
 from rich.table import Table
 
-from .. import __version__
-from ..bench.writers import plain
-from ..parameters import file_entry, write_parameters
+from ... import __version__
+from ...bench import writers
+from ...bench.metrics import FIGURES, shown
+from ...parameters import file_entry, write_parameters
+from ...plots import pictures
 from .evaluate import Evaluation
-from .experiments import FIGURES
 from .optimise import Result
-from .study import Requirement
-
-_SHOWN = {"rad": ("deg", degrees(1.0)), "rad/s": ("deg/s", degrees(1.0)), "s": ("ms", 1e3), "1": ("%", 100.0)}
-
-
-def shown(requirement: Requirement, value: float) -> tuple[float, str]:
-    """A figure in the unit people read it in."""
-    unit, factor = _SHOWN.get(requirement.unit, (requirement.unit, 1.0))
-    return value * factor, unit
-
-
-def text(value: float, unit: str = "") -> str:
-    """A figure for people."""
-    return f"{value:.3g} {unit}".rstrip() if isfinite(value) else "not reached"
+from .pareto import conflict
+from .pictures import drawings
 
 
 def rows(result: Result, evaluation: Evaluation) -> list[dict[str, Any]]:
@@ -37,9 +24,9 @@ def rows(result: Result, evaluation: Evaluation) -> list[dict[str, Any]]:
     table = []
     for r in result.study.requirements:
         judged = found[r.name]
-        measured, unit = shown(r, judged.measured)
+        unit, factor = shown(r.unit)
         table.append({"requirement": r.name, "figure": r.figure, "how": FIGURES[r.figure].title, "case": judged.case,
-                      "measured": measured, "sense": r.sense, "limit": shown(r, r.limit)[0], "unit": unit,
+                      "measured": judged.measured * factor, "sense": r.sense, "limit": r.limit * factor, "unit": unit,
                       "margin": judged.margin, "met": judged.share <= 1.0, "source": r.source})
     return table
 
@@ -54,7 +41,7 @@ def summary(result: Result) -> Table:
     for column in table.columns[2:5]:
         column.justify = "right"
     for row in rows(result, result.best):
-        table.add_row(row["requirement"], row["case"], text(row["measured"], row["unit"]),
+        table.add_row(row["requirement"], row["case"], writers.with_unit(row["measured"], row["unit"]),
                       f"{'≤' if row['sense'] == 'maximum' else '≥'} {row['limit']:.3g}", f"{row['margin']:.0%}",
                       "ok" if row["met"] else "MISSED")
     return table
@@ -84,13 +71,22 @@ def write_tuned(result: Result, path: Path, command: str) -> None:
 
 def write_json(result: Result, path: Path, command: str) -> None:
     """Gains, requirements by worst case, every judgement, what binds."""
-    document = {
-        "schema": "emcas-tuning/1", "command": command, "study": result.study.digest, "seed": result.seed,
+    writers.write_json({
+        "schema": "emcas-tuning/1", "command": command, "model": result.study.base.actuator.name,
+        "study": result.study.digest, "seed": result.seed,
         "met": result.met, "stopped": result.stopped, "evaluations": len(result.evaluated),
         "gains": dict(result.best.gains), "before": dict(result.before.gains), "binding": result.binding(),
         "requirements": rows(result, result.best), "requirements_before": rows(result, result.before),
         "judgements": [{"requirement": j.requirement, "case": j.case, "measured_si": j.measured, "share": j.share}
                        for j in result.best.judgements],
-    }
-    text = json.dumps(plain(document), indent=1, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8", newline="\n")
+    }, path)
+
+
+def write_report(result: Result, path: Path, command: str, pair: tuple[str, str] | None = None) -> None:
+    """Write the page of a result; the same result gives the same bytes."""
+    by_case = {(j.requirement, j.case): j for j in result.best.judgements}
+    writers.write_page(
+        path, "studies/tuning/page.html.j2", result=result, command=command, verdict=verdict(result), shown=shown,
+        by_case=by_case, rows=list(zip(rows(result, result.best), rows(result, result.before), strict=True)),
+        units={e.variable.name: e.variable.unit for e in result.study.base.entries},
+        pictures=pictures(drawings(result, conflict(result.evaluated, pair))))

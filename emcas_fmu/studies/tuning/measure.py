@@ -1,0 +1,156 @@
+"""The tests of a tuning study and the figures read off them: steps and slews, sines, the linear loop.
+
+Steps and slews are made both ways; a figure is the worse of the two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from math import ceil, nan
+from typing import Any
+
+import numpy as np
+
+from ...actuators import capabilities, require
+from ...bench.excitation import LOAD, SETTLE, Excitation, sine, slew_to, step_to
+from ...bench.metrics import FIGURES, fundamental, motion, since, usage
+from ...bench.subject import Run, Subject
+
+_MARGINS = ("gain_margin", "phase_margin", "delay_margin")
+_BANDWIDTHS = ("bandwidth_3db", "bandwidth_90deg")
+_USAGE = ("peak_angle", "peak_tracking_error", "rms_tracking_error", "peak_current", "rms_current", "peak_power",
+          "peak_returned_power", "energy_drawn", "energy_returned", "saturated_share", "at_stop_share")
+_MOVES = ("rise_time", "settling_time", "time_to_accuracy", "time_to_90_percent", "overshoot", "steady_error", "ripple",
+          "peak_rate", "sustained_rate", *_USAGE)
+KINDS: Mapping[str, tuple[str, ...]] = {"step": _MOVES, "slew": _MOVES, "sine": _BANDWIDTHS, "linear": _MARGINS}
+"""The figures of each kind of test."""
+_LOWEST, _HIGHEST = 2.0, 60.0  # Hz, where a bandwidth is looked for
+_LOOP_LOWEST, _LOOP_POINTS = 0.5, 150  # Hz, and how many: enough for margins to 1e-6
+_CYCLES, _FITTED = 4.0, 0.15  # of a sine that are fitted, and s that these last at least
+_TRANSIENT = (2.0, 0.1)  # cycles, and at least s, before them
+
+
+@dataclass(frozen=True)
+class Test:
+    """A test. ``amplitude`` [rad]; ``duration`` [s] after the step or slew; ``torque`` [N.m] along the motion
+    (negative: against it), constant in a step, risen with the command in a slew from -amplitude to amplitude, which
+    comes after ``settle`` [s]."""
+
+    __test__ = False  # not one of pytest's
+
+    kind: str
+    amplitude: float = 0.0
+    duration: float = 0.6
+    torque: float = 0.0
+    settle: float = SETTLE
+
+
+def lacking(test: Test, figure: str, subject: Subject) -> str:
+    """Return why a subject has not this figure of a test, in words; empty where it has it."""
+    if test.kind == "linear":
+        require(subject.model, "a test of kind linear", capabilities.POSITION_LOOP)
+    return subject.lacking(FIGURES[figure].needs)
+
+
+def measure(test: Test, subject: Subject, changes: Mapping[str, Any], figures: tuple[str, ...],
+            senses: tuple[str, ...]) -> list[float]:
+    """Return figures of a test, SI, the worse of both directions by the sense of their limits; nan where there is none.
+
+    `changes` are parameters that differ from the subject's. Figures that only some limits need are only then computed.
+    Raises StoppedError for a response that cannot be computed.
+    """
+    if test.kind == "linear":
+        margins = _margins({**subject.values, **changes})
+        return [margins[name] for name in figures]
+    if test.kind == "sine":
+        return _bandwidths(test, subject, changes, figures)
+    sides = [_moved(response(test, subject, changes, sign), figures) for sign in (1.0, -1.0)]
+    return [_worse([side[name] for side in sides], sense) for name, sense in zip(figures, senses, strict=True)]
+
+
+def _worse(pair: list[float], sense: str) -> float:
+    if any(np.isnan(pair)):
+        return nan
+    return max(pair) if sense == "maximum" else min(pair)
+
+
+def response(test: Test, subject: Subject, changes: Mapping[str, Any], sign: float = 1.0) -> Run:
+    """Return the run of a step or slew."""
+    return subject.run(_motion(test, sign), changes)
+
+
+@lru_cache(maxsize=64)
+def _motion(test: Test, sign: float) -> Excitation:
+    level, torque = sign * test.amplitude, sign * test.torque
+    if test.kind == "slew":
+        return slew_to(level, test.duration, torque, settle=test.settle)
+    return step_to(level, test.duration).holding({LOAD: torque})
+
+
+def _moved(run: Run, figures: tuple[str, ...]) -> dict[str, float]:
+    run.finished()
+    found = motion(run, -1)
+    if set(figures) & set(_USAGE):
+        found = usage(run) | found
+    return found | {"steady_error": abs(found["steady_error"])}
+
+
+def _bandwidths(test: Test, subject: Subject, changes: Mapping[str, Any], figures: tuple[str, ...]) -> list[float]:
+    """Frequencies where gain and lag pass their levels, by bisection of the describing function."""
+    known: dict[float, complex] = {}
+
+    def at(frequency: float) -> complex:
+        if frequency not in known:
+            known[frequency] = describing_function(subject, changes, test.amplitude, frequency)
+        return known[frequency]
+
+    levels: dict[str, Callable[[complex], float]] = {
+        "bandwidth_3db": lambda h: abs(h) - 10.0 ** (-3.0 / 20.0),
+        "bandwidth_90deg": lambda h: h.real,  # a servo's lag grows from none: it is 90 deg where this first vanishes
+    }
+    return [_crossing(levels[name], at) for name in figures]
+
+
+def _crossing(level: Callable[[complex], float], response_at: Callable[[float], complex]) -> float:
+    """Where a level that is positive at low frequency first falls to zero; the highest looked at if nowhere."""
+    def margin(frequency: float) -> float:
+        return level(response_at(frequency))
+
+    grid = np.geomspace(_LOWEST, _HIGHEST, 12)
+    low = _LOWEST
+    for high in grid:
+        if margin(float(high)) <= 0.0:
+            break
+        low = float(high)
+    else:
+        return _HIGHEST
+    if low == high:
+        return _LOWEST
+    high = float(high)
+    for _ in range(6):  # to 2 parts in 1000
+        middle = (low * high) ** 0.5
+        low, high = (middle, high) if margin(middle) > 0.0 else (low, middle)
+    return float((low * high) ** 0.5)
+
+
+def describing_function(subject: Subject, changes: Mapping[str, Any], amplitude: float, frequency: float) -> complex:
+    """Return the fundamental of the fin angle over a sine command of `amplitude` [rad] at a `frequency` [Hz]."""
+    wave = sine(amplitude, frequency, max(_CYCLES, ceil(_FITTED * frequency)), _TRANSIENT)
+    columns = subject.run(wave, changes, ("fin_angle",)).finished()
+    time, angle = since(wave.begin, columns["time"], columns["fin_angle"])
+    return 1j * fundamental(time, angle, frequency) / amplitude
+
+
+def _margins(values: Mapping[str, Any]) -> dict[str, float]:
+    """Margins of the loop broken at the drive's reference; none where the closed loop is unstable."""
+    from ..analysis.frequency import highest, margins
+    from ..analysis.linear import LinearActuator
+
+    linear = LinearActuator(values)
+    if not linear.stable:
+        return dict.fromkeys(_MARGINS, nan)
+    loop = linear.loop("reference")
+    found = margins(loop, np.geomspace(_LOOP_LOWEST, highest(loop), _LOOP_POINTS))
+    return dict(zip(_MARGINS, (found.gain_db, found.phase, found.delay), strict=True))
