@@ -549,6 +549,21 @@ def test_what_an_actuator_lacks_is_said(tmp_path: Path, model: str, study: str |
     assert done.stderr.count("\n") == 1, done.stderr
 
 
+@pytest.mark.parametrize("model", ["elastic+heat+homing+faults", MODEL])
+def test_margins_are_of_the_actuator_at_hand(model: str) -> None:
+    from emcas_fmu.analysis.frequency import margins
+    from emcas_fmu.analysis.linear import LinearActuator, sound
+
+    base = load_parameters(model=model)
+    plain, name = sound(base), "controller.kp" if model == MODEL else "controller.position.kp"
+    values = {**plain.values, name: 0.5 * float(plain.values[name])}
+    expected = margins(LinearActuator(values, model=plain.model).loop("reference"))
+    found = measure(Test("linear"), ParameterSubject(base), {name: values[name]}, ("gain_margin", "phase_margin"),
+                    ("minimum",) * 2)
+    # As with the shipped actuator: fewer frequencies to look between.
+    assert found == pytest.approx([expected.gain_db, expected.phase], rel=1e-4)
+
+
 def test_a_journal_is_of_one_actuator(tmp_path: Path) -> None:
     """A user's file that has changed gives another."""
     path = tmp_path / "direct.toml"

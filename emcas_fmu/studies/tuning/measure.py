@@ -16,7 +16,8 @@ import numpy as np
 from ...actuators import capabilities, require
 from ...bench.excitation import LOAD, SETTLE, Excitation, sine, slew_to, step_to
 from ...bench.metrics import FIGURES, fundamental, motion, since, usage
-from ...bench.subject import Run, Subject
+from ...bench.subject import ParameterSubject, Run
+from ...parameters import ParameterSet
 
 _MARGINS = ("gain_margin", "phase_margin", "delay_margin")
 _BANDWIDTHS = ("bandwidth_3db", "bandwidth_90deg")
@@ -47,14 +48,14 @@ class Test:
     settle: float = SETTLE
 
 
-def lacking(test: Test, figure: str, subject: Subject) -> str:
+def lacking(test: Test, figure: str, subject: ParameterSubject) -> str:
     """Return why a subject has not this figure of a test, in words; empty where it has it."""
     if test.kind == "linear":
         require(subject.model, "a test of kind linear", capabilities.POSITION_LOOP)
     return subject.lacking(FIGURES[figure].needs)
 
 
-def measure(test: Test, subject: Subject, changes: Mapping[str, Any], figures: tuple[str, ...],
+def measure(test: Test, subject: ParameterSubject, changes: Mapping[str, Any], figures: tuple[str, ...],
             senses: tuple[str, ...]) -> list[float]:
     """Return figures of a test, SI, the worse of both directions by the sense of their limits; nan where there is none.
 
@@ -62,7 +63,7 @@ def measure(test: Test, subject: Subject, changes: Mapping[str, Any], figures: t
     Raises StoppedError for a response that cannot be computed.
     """
     if test.kind == "linear":
-        margins = _margins({**subject.values, **changes})
+        margins = _margins(subject.parameters, changes)
         return [margins[name] for name in figures]
     if test.kind == "sine":
         return _bandwidths(test, subject, changes, figures)
@@ -76,7 +77,7 @@ def _worse(pair: list[float], sense: str) -> float:
     return max(pair) if sense == "maximum" else min(pair)
 
 
-def response(test: Test, subject: Subject, changes: Mapping[str, Any], sign: float = 1.0) -> Run:
+def response(test: Test, subject: ParameterSubject, changes: Mapping[str, Any], sign: float = 1.0) -> Run:
     """Return the run of a step or slew."""
     return subject.run(_motion(test, sign), changes)
 
@@ -97,7 +98,8 @@ def _moved(run: Run, figures: tuple[str, ...]) -> dict[str, float]:
     return found | {"steady_error": abs(found["steady_error"])}
 
 
-def _bandwidths(test: Test, subject: Subject, changes: Mapping[str, Any], figures: tuple[str, ...]) -> list[float]:
+def _bandwidths(test: Test, subject: ParameterSubject, changes: Mapping[str, Any],
+                figures: tuple[str, ...]) -> list[float]:
     """Frequencies where gain and lag pass their levels, by bisection of the describing function."""
     known: dict[float, complex] = {}
 
@@ -135,7 +137,8 @@ def _crossing(level: Callable[[complex], float], response_at: Callable[[float], 
     return float((low * high) ** 0.5)
 
 
-def describing_function(subject: Subject, changes: Mapping[str, Any], amplitude: float, frequency: float) -> complex:
+def describing_function(subject: ParameterSubject, changes: Mapping[str, Any], amplitude: float,
+                        frequency: float) -> complex:
     """Return the fundamental of the fin angle over a sine command of `amplitude` [rad] at a `frequency` [Hz]."""
     wave = sine(amplitude, frequency, max(_CYCLES, ceil(_FITTED * frequency)), _TRANSIENT)
     columns = subject.run(wave, changes, ("fin_angle",)).finished()
@@ -143,12 +146,13 @@ def describing_function(subject: Subject, changes: Mapping[str, Any], amplitude:
     return 1j * fundamental(time, angle, frequency) / amplitude
 
 
-def _margins(values: Mapping[str, Any]) -> dict[str, float]:
+def _margins(parameters: ParameterSet, changes: Mapping[str, Any]) -> dict[str, float]:
     """Margins of the loop broken at the drive's reference; none where the closed loop is unstable."""
     from ..analysis.frequency import highest, margins
-    from ..analysis.linear import LinearActuator
+    from ..analysis.linear import LinearActuator, sound
 
-    linear = LinearActuator(values)
+    plain = sound(parameters)
+    linear = LinearActuator({**plain.values, **plain.having(changes)}, model=plain.model)
     if not linear.stable:
         return dict.fromkeys(_MARGINS, nan)
     loop = linear.loop("reference")

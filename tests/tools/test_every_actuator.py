@@ -1,0 +1,103 @@
+"""Every actuator through every tool: what a tool refuses, docs/tools/README.md gives the reason for."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from emcas_fmu.actuators import NAMES, get
+from emcas_fmu.cli import app
+from tests.own_actuator.example import MODEL as DIRECT_DRIVE
+
+# The option sets of tests/extensions/test_together.py.
+TOGETHER = ("nonlinear+lugre+heat+homing+faults", "elastic+stribeck+efficiency+heat+homing+faults",
+            "ristanovic+stribeck+efficiency+heat+homing+faults", "second-order+faults")
+ACTUATORS = (*NAMES, DIRECT_DRIVE, *TOGETHER)
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "tools" / "README.md"
+
+CAMPAIGN = """
+[campaign]
+samples = 2
+[vary."{parameter}"]
+distribution = "uniform"
+low = "95 %"
+high = "105 %"
+[experiments.step]
+kind = "step"
+amplitude = "2 deg"
+duration = "0.3 s"
+"""
+TUNING = """
+[tunables]
+"{parameter}" = {{ lower = "95 %", upper = "105 %" }}
+[cases.nominal]
+[[requirements]]
+name = "rise"
+test = {{ kind = "step", amplitude = "2 deg", duration = "0.3 s" }}
+figure = "rise_time"
+maximum = "10 s"
+"""
+
+
+def varied(model: str) -> str:
+    """A parameter that every actuator of its kind has: the gain of its position loop, or how fast it follows."""
+    names = {v.name for v in get(model).parameters}
+    return next(name for name in ("controller.position.kp", "controller.kp", "second_order.natural_frequency")
+                if name in names)
+
+
+def written(folder: Path, template: str, model: str) -> str:
+    path = folder / "study.toml"
+    path.write_text(template.format(parameter=varied(model)), encoding="utf-8")
+    return str(path)
+
+
+def empty(folder: Path) -> str:
+    """A parameter file that changes nothing."""
+    path = folder / "unit.toml"
+    path.write_text("", encoding="utf-8")
+    return str(path)
+
+
+TOOLS: dict[str, Callable[[Path, str], list[str]]] = {
+    "parameters": lambda folder, model: [],
+    "build": lambda folder, model: ["-o", str(folder / "one.fmu")],
+    "build --fins": lambda folder, model: ["--fins", "4", "-o", str(folder / "four.fmu")],
+    "simulate": lambda folder, model: ["--step", "2", "--stop", "0.1", "-o", str(folder / "a.csv")],
+    "simulate --fins": lambda folder, model: ["--fins", "2", "--step", "2", "--stop", "0.02"],
+    "validate": lambda folder, model: ["--case", "step_1deg", "--report", str(folder / "v.html")],
+    "report": lambda folder, model: ["-o", str(folder / "r.html"), "--json", str(folder / "r.json")],
+    "baseline": lambda folder, model: ["record", empty(folder), "-o", str(folder / "baseline")],
+    "tune": lambda folder, model: [written(folder, TUNING, model), "--generations", "1", "--workers", "1"],
+    "analyse": lambda folder, model: ["--json", str(folder / "analysis.json")],
+    "campaign": lambda folder, model: [written(folder, CAMPAIGN, model), "-o", str(folder / "c"), "--workers", "1"],
+    "ssp": lambda folder, model: ["-o", str(folder / "four.ssp")],
+    "reference": lambda folder, model: ["--directory", str(folder)],
+}
+
+
+def reasons(tool: str) -> list[str]:
+    """What the page says `emcas TOOL` refuses with: the texts in quotes in its row."""
+    rows = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith(f"| `{tool.split()[0]}`")]
+    assert rows, f"{PAGE.name} has no row of {tool}"
+    return re.findall(r"“([^”]+)”", " ".join(rows))
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+@pytest.mark.parametrize("model", ACTUATORS, ids=lambda model: Path(model).stem)
+def test_a_tool_serves_an_actuator_or_says_why_not(model: str, tool: str, tmp_path: Path,
+                                                   monkeypatch: pytest.MonkeyPatch) -> None:
+    """Exit code 1 is a verdict: the thesis's requirements are not those of an actuator of another kind."""
+    monkeypatch.chdir(tmp_path)
+    command, arguments = tool.split()[0], TOOLS[tool](tmp_path, model)
+    done = CliRunner().invoke(app, [command, *arguments, "--model", model])
+    if done.exit_code == 2:
+        said = " ".join(done.stderr.split())
+        assert any(reason in said for reason in reasons(tool)), said
+        return
+    judged = (0, 1) if command in ("validate", "report", "tune") else (0,)
+    assert done.exit_code in judged, done.output + done.stderr
