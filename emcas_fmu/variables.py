@@ -24,7 +24,8 @@ class Variable:
     ``minimum``/``maximum`` are inclusive; infinite where physics knows no limit.
     ``start`` is given for inputs only: a parameter's comes from its file.
     ``key`` names the parameter-file entry a start value is taken from, where the
-    variable itself is no parameter. ``items`` are an enumeration's from 1 on, each with what it means.
+    variable itself is no parameter. ``items`` are an enumeration's from 1 on, each with what it means;
+    ``bits`` what those of an Integer that is a word stand for, the least first.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Variable:
     start: float | bool | None = None
     key: str | None = None
     items: tuple[tuple[str, str], ...] = ()
+    bits: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -71,9 +73,9 @@ def boolean_output(name: str, description: str) -> Variable:
     return Variable(name, "Boolean", "output", "discrete", "", description)
 
 
-def integer_output(name: str, description: str) -> Variable:
-    """Declare an Integer output."""
-    return Variable(name, "Integer", "output", "discrete", "", description)
+def integer_output(name: str, description: str, bits: tuple[str, ...] = ()) -> Variable:
+    """Declare an Integer output; `bits` are those of one that is a word, the least first."""
+    return Variable(name, "Integer", "output", "discrete", "", description, bits=bits)
 
 
 def parameter(name: str, unit: str, minimum: float, maximum: float, description: str) -> Variable:

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from emcas_fmu.acceptance.article import opened_article
-from emcas_fmu.campaign.study import load_study
+from emcas_fmu.studies.campaign.study import load_study
 from emcas_fmu.cli import app
 from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import Entry, load_parameters, write_parameters
