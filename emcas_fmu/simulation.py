@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -120,10 +120,11 @@ def _held(signal: float | Sequence[float] | Array, name: str, times: Array) -> A
 
 
 def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = "auto",
-            model: str = NONLINEAR) -> dict[str, Array]:
+            model: str = NONLINEAR, outputs: Collection[str] | None = None) -> dict[str, Array]:
     """Outputs at the times of the rows of `table`, `step` [s] apart from 0, each row held until the next.
 
-    The table's columns are the inputs of the variable table, in SI; see :func:`simulate` for the rest.
+    The table's columns are the inputs of the variable table, in SI. All outputs unless they are named; see
+    :func:`simulate` for the rest.
     """
     if kernel not in KERNELS:
         raise EmcasError(f"kernel {kernel}: there is {', '.join(KERNELS)}")
@@ -131,7 +132,8 @@ def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = 
     fast = kernel == "compiled" or (kernel == "auto" and compiled.available(model))
     rows = compiled.run_table(values, step, table, model) if fast else _by_python(values, table, step, model)
     times = np.arange(len(table)) * step
-    return {"time": times, **{v.name: rows[:, i].copy() for i, v in enumerate(get(model).outputs)}}
+    return {"time": times, **{v.name: rows[:, i].copy() for i, v in enumerate(get(model).outputs)
+                              if outputs is None or v.name in outputs}}
 
 
 def _check_finite(table: Array, inputs: Sequence[Variable], step: float) -> None:

@@ -140,6 +140,13 @@ def sine(amplitude: float, frequency: float, cycles: float = 6.0, settle: tuple[
                       float(time[-1] - cycles / frequency), step)
 
 
+def sine_from_rest(amplitude: float, frequency: float, duration: float, step: float = STEP) -> Excitation:
+    """From rest at zero, a sine of the command [rad] at a frequency [Hz] for `duration` [s]; all of it is judged."""
+    since = np.maximum(_rows(LEAD_IN + duration, step) - LEAD_IN, 0.0)
+    return Excitation(f"sine of {degrees(amplitude):.6g} deg at {frequency:g} Hz",
+                      {COMMAND: amplitude * np.sin(2.0 * pi * frequency * since)}, LEAD_IN, step)
+
+
 def load_ramp(moment: float, duration: float, step: float = STEP) -> Excitation:
     """The hinge moment from zero to `moment` [N.m] in `duration` [s], command at zero."""
     time = _rows(duration, step)

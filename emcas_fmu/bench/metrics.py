@@ -72,6 +72,8 @@ FIGURES: Mapping[str, Figure] = {
     "rms_current": Figure("A", "motor current, root mean square", ("motor_current",)),
     "peak_power": Figure("W", "largest power drawn", ("supply_power",)),
     "peak_returned_power": Figure("W", "largest power fed back", ("supply_power",)),
+    "rms_power": Figure("W", "power, root mean square", ("supply_power",)),
+    "net_energy": Figure("J", "energy drawn less regenerated", ("supply_power",)),
     "energy_drawn": Figure("J", "integral of the power drawn", ("supply_power",)),
     "energy_returned": Figure("J", "integral of the power fed back", ("supply_power",)),
     "saturated_share": Figure("1", "share of the time a limit is active", ("saturated",)),
@@ -244,6 +246,26 @@ def usage(run: Run) -> dict[str, float]:
 def energies(time: Array, power: Array) -> tuple[float, float]:
     """Return the energy [J] drawn and, as a magnitude, fed back, by the trapezoidal rule."""
     return (float(np.trapezoid(np.maximum(power, 0.0), time)), float(np.trapezoid(np.maximum(-power, 0.0), time)))
+
+
+def leaping_power(power: Array, step: float, leaps: Array) -> dict[str, float]:
+    """Return peak, root mean square and net energy of power in rows `step` [s] apart that leaps at times between them.
+
+    `leaps` [s], two rows apart or more, are from the first row on. The cut with a leap is extended to it from either
+    side, by the line through the two rows there: leaps in step with the rows would bias the trapezoidal rule.
+    """
+    weights = np.full(len(power), step)
+    weights[[0, -1]] /= 2.0
+    last = np.floor(leaps / step + 1e-6).astype(int)  # row before the leap
+    inside = (last >= 1) & (last <= len(power) - 3)
+    before = last[inside]
+    left = leaps[inside] - before * step
+    for row, inner, length in ((before, -1, left), (before + 1, 1, step - left)):
+        line = length**2 / (2.0 * step)
+        weights[row] += length - step / 2.0 + line
+        weights[row + inner] -= line
+    return {"peak_power": float(power.max()), "net_energy": float(weights @ power),
+            "rms_power": float(np.sqrt(weights @ power**2 / weights.sum()))}
 
 
 @dataclass(frozen=True)

@@ -26,10 +26,12 @@ from numpy.typing import NDArray
 from ..actuators import NONLINEAR, full_name, get
 from ..actuators.declaration import Actuator
 from ..errors import EmcasError
+from ..namespace import with_values
+from ..ops.floats import FLOATS
 from ..parameters import ParameterError, ParameterSet, check_parameters, load_parameters
 from ..reference.files import parameters_hash
 from ..runtime import codegen, compiled
-from ..simulation import simulate
+from ..simulation import respond
 from ..variables import Variable
 from .excitation import LOAD, Excitation
 from .fmu import OpenedFmu, chosen_model, opened
@@ -72,7 +74,7 @@ class Identification:
 
 @dataclass(frozen=True)
 class Run:
-    """The response to an excitation: `columns` by name, `time` [s] first.
+    """The response to an excitation: `columns` by name, `time` [s] first, and those that were asked for between rows.
 
     ``stopped`` is the time [s] the subject went no further than, None where it ran to the end;
     ``messages`` what it logged; ``wall_time`` [s].
@@ -115,8 +117,9 @@ class Subject(ABC):
 
     @abstractmethod
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
-            outputs: Iterable[str] | None = None, substeps: int = 1) -> Run:
-        """The response at the times of the rows, or at `substeps` equal steps of each row.
+            outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
+        """The response at the times of the rows, and of those of the outputs that are `fine` between rows as well:
+        at `substeps` equal steps of each.
 
         `start_values` are parameters that differ, over those of the excitation; `outputs` what to record, everything
         unless given. Raises EmcasError for what the subject has not and ParameterError for values it refuses; what
@@ -145,7 +148,16 @@ class Subject(ABC):
 
     def lacking(self, outputs: Iterable[str]) -> str:
         """Which of these outputs it has not, in words; empty where it has them all."""
-        return _words(name for name in outputs if name not in self.outputs)
+        return lacking(self.model, outputs)
+
+    @cached_property
+    def _namespace(self) -> Any:
+        return get(self.model).namespace(self.values)
+
+    def transport_delay(self, start_values: Mapping[str, Any]) -> float:
+        """The time [s] from a sample of the controllers to the drive, with parameters that differ."""
+        delay = self.actuator.transport_delay
+        return 0.0 if delay is None else float(delay(FLOATS, with_values(self._namespace, start_values)))
 
     def obstacle(self, excitation: Excitation) -> str:
         """Why it cannot be excited so, in words; empty where it can."""
@@ -159,6 +171,12 @@ class Subject(ABC):
         if missing:
             raise EmcasError(f"{excitation.title}: {missing} ({self.model})")
         return changes
+
+
+def lacking(model: str, outputs: Iterable[str]) -> str:
+    """Which of these outputs an actuator has not, in words; empty where it has them all."""
+    there = {v.name for v in get(model).outputs}
+    return _words(name for name in outputs if name not in there)
 
 
 def _words(missing: Iterable[str]) -> str:
@@ -186,29 +204,49 @@ class ParameterSubject(Subject):
             tuple(e.variable.name for e in self.parameters.entries if e.source == "estimate"), self.actuator.name)
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
-            outputs: Iterable[str] | None = None, substeps: int = 1) -> Run:
+            outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
         begin = perf_counter()
         names = ("time", *(self.outputs if outputs is None else outputs))
         values = {**self.values, **self._start(excitation, start_values)}
         try:
+            table = self._table(values, excitation)
             if excitation.spring:
-                found = _sprung(values, self.model, excitation, substeps)
+                found = _sprung(values, self.model, excitation, table, substeps, fine)
             else:
-                signals: dict[str, Any] = {name.replace(".", "__"): _repeated(column, substeps)
-                                           for name, column in excitation.columns.items()}
-                found = simulate(values, float(excitation.time[-1]), excitation.step / substeps, model=self.model,
-                                 **signals)
+                repeated = table if substeps == 1 else np.repeat(table, substeps, axis=0)[:1 - substeps]
+                found = respond(values, repeated, excitation.step / substeps, model=self.model, outputs=names)
+                found = {name: column if name in fine else column[::substeps] for name, column in found.items()}
         except ArithmeticError as error:
             empty = {name: np.array([]) for name in names}
             return Run(excitation, empty, 0.0, (str(error),), perf_counter() - begin)
         return Run(excitation, {name: found[name] for name in names}, None, (), perf_counter() - begin)
 
 
-def _repeated(column: Array, substeps: int) -> Array:
-    return column if substeps == 1 else np.repeat(column, substeps)[:1 - substeps]
+    def _table(self, values: Mapping[str, Any], excitation: Excitation) -> Array:
+        """Rows of all inputs, those that are not excited at their start."""
+        table = np.empty((len(excitation.time), len(self.inputs)))
+        table[:] = [values[v.key] if v.key else v.start or 0.0 for v in self.inputs.values()]
+        for i, name in enumerate(self.inputs):
+            if name in excitation.columns:
+                table[:, i] = excitation.columns[name]
+        return table
 
 
-def _sprung(values: Mapping[str, Any], model: str, excitation: Excitation, substeps: int) -> dict[str, Array]:
+def _recorded(names: Sequence[str], rows: Sequence[Any], fine: Sequence[str], between: Sequence[Any],
+              substeps: int) -> dict[str, Array]:
+    """Columns out of what was read at each row, and `between` rows of those that are `fine`."""
+    table = np.array(rows, dtype=float).reshape(len(rows), len(names))
+    found = {name: table[:, i] for i, name in enumerate(names)}
+    if fine and substeps > 1 and len(rows):
+        inside = np.array(between[:(len(rows) - 1) * (substeps - 1)], dtype=float).reshape(-1, substeps - 1, len(fine))
+        for i, name in enumerate(fine):
+            steps = np.column_stack([found[name][:-1], inside[:, :, i]])
+            found[name] = np.append(steps, found[name][-1])
+    return found
+
+
+def _sprung(values: Mapping[str, Any], model: str, excitation: Excitation, table: Array, substeps: int,
+            fine: Sequence[str]) -> dict[str, Array]:
     """Row by row, with the spring's moment by the fin angle at the beginning of each."""
     inputs, outputs = get(model).inputs, get(model).outputs
     if compiled.available(model):
@@ -216,25 +254,24 @@ def _sprung(values: Mapping[str, Any], model: str, excitation: Excitation, subst
     else:  # the compiled one checks for itself
         _check(values, model)
         core = codegen.core(values, model)
-    starts = [values[v.key] if v.key else v.start or 0.0 for v in inputs]
-    index, places = {v.name: i for i, v in enumerate(inputs)}, codegen.places(model)
-    given = {index[name]: column.tolist() for name, column in excitation.columns.items()}
-    angle = [v.name for v in outputs].index("fin_angle")
+    load, places = [v.name for v in inputs].index(LOAD), codegen.places(model)
+    names = [v.name for v in outputs]
+    angle, finely = names.index("fin_angle"), [names.index(name) for name in fine]
 
     def acting(k: int, at: float) -> tuple[Any, ...]:
-        row = list(starts)
-        for i, column in given.items():
-            row[i] = column[k]
-        row[index[LOAD]] -= excitation.spring * at
+        row = table[k].tolist()
+        row[load] -= excitation.spring * at
         return places.arrange(row, core.forces)
 
-    rows = [core.outputs(acting(0, 0.0))]
+    rows, between = [core.outputs(acting(0, 0.0))], []
     step = excitation.step / substeps
     for k in range(len(excitation.time) - 1):
         boundary = acting(k, rows[-1][angle])
-        rows += [core.run((k * substeps + sub) * step, boundary) for sub in range(1, substeps + 1)]
-    table = np.array(rows, dtype=float)
-    return {"time": np.arange(len(table)) * step, **{v.name: table[:, i] for i, v in enumerate(outputs)}}
+        for sub in range(1, substeps):
+            now = core.run((k * substeps + sub) * step, boundary)
+            between.append([now[i] for i in finely])
+        rows.append(core.run((k + 1) * substeps * step, boundary))
+    return {"time": np.arange(len(rows)) * substeps * step, **_recorded(names, rows, fine, between, substeps)}
 
 
 class FmuSubject(Subject):
@@ -265,30 +302,33 @@ class FmuSubject(Subject):
             tuple(name for name in estimates if name not in changed), self.actuator.name, self.fin)
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
-            outputs: Iterable[str] | None = None, substeps: int = 1) -> Run:
+            outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
         begin, changes = perf_counter(), self._start(excitation, start_values)
         recorded = [self.outputs[name] for name in (self.outputs if outputs is None else outputs)]
         if changes:  # an FMU refuses, too, in words of its own or by not stepping
             _check({**self.values, **changes}, self.model)
         self._messages.clear()
-        steps = self._steps(excitation, changes, recorded, substeps)
-        times, rows, stopped = [], [], None
+        steps = self._steps(excitation, changes, recorded, substeps, fine)
+        times, rows, between, stopped = [], [], [], None
         try:
             for time, row in steps:
-                times.append(time)
-                rows.append(row)
+                if time is None:
+                    between.append(row)
+                else:
+                    times.append(time)
+                    rows.append(row)
         except FMICallException as error:
             if not self._messages:  # what the FMU says tells more
                 self._messages.append(str(error))
             self.close()
             stopped = times[-1] if times else 0.0
-        table = np.array(rows, dtype=float).reshape(len(rows), len(recorded))
-        columns = {"time": np.array(times), **{v.name: table[:, i] for i, v in enumerate(recorded)}}
+        columns = {"time": np.array(times),
+                   **_recorded([v.name for v in recorded], rows, fine, between, substeps)}
         return Run(excitation, columns, stopped, tuple(self._messages), perf_counter() - begin)
 
     def _steps(self, excitation: Excitation, changes: Mapping[str, Any], recorded: Sequence[Variable],
-               substeps: int) -> Iterator[tuple[float, list[float]]]:
-        """Time [s] and what is recorded at the beginning and after each step."""
+               substeps: int, fine: Sequence[str]) -> Iterator[tuple[float | None, list[float]]]:
+        """Time [s] and what is recorded at each row; between rows no time and what is `fine`."""
         if self._instance is None:
             self._instance = self.unit.instance(self._log)
         else:
@@ -301,7 +341,8 @@ class FmuSubject(Subject):
         given = [(self.inputs[name].kind, references[name], column.tolist())
                  for name, column in excitation.columns.items()]
         hinge = excitation.columns.get(LOAD, np.zeros(len(excitation.time)))
-        read = _reader(fmu, [(v.kind, references[v.name]) for v in recorded])
+        read, read_between = (_reader(fmu, [(v.kind, references[v.name]) for v in wanted])
+                              for wanted in (recorded, [self.outputs[name] for name in fine]))
         fmu.setupExperiment(startTime=0.0)
 
         def apply(k: int) -> None:
@@ -322,9 +363,10 @@ class FmuSubject(Subject):
             if k:
                 apply(k)
             strain(k)
-            for sub in range(k * substeps, (k + 1) * substeps):
-                fmu.doStep(sub * step, (sub + 1) * step - sub * step)
-                yield (sub + 1) * step, read()
+            last = (k + 1) * substeps
+            for now in range(k * substeps, last):
+                fmu.doStep(now * step, (now + 1) * step - now * step)
+                yield (last * step, read()) if now + 1 == last else (None, read_between())
         fmu.terminate()
 
     @cached_property

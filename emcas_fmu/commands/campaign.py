@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shlex
 from pathlib import Path
@@ -18,6 +17,7 @@ from .common import INTERRUPTED, check_outputs, err, failures, out, progress_bar
 
 EPILOG = ("Examples:\n\n  emcas campaign models/campaign.toml --output results"
           "\n\n  emcas campaign models/campaign_faults.toml --model elastic+faults"
+          "\n\n  emcas campaign mine.toml --model my_actuator.py"
           "\n\n  emcas campaign mine.toml --fmu EMCAS.fmu --workers 8"
           "\n\n  emcas campaign mine.toml --fmu EMCAS4.fmu --fin 2"
           "\n\n  emcas campaign mine.toml --scheduler tcp://head:8786"
@@ -37,9 +37,10 @@ def campaign(
     fin: Annotated[int | None, typer.Option(help="Which fin of an FMU of several; the first unless given.", min=1,
                                             metavar="N")] = None,
     model: Annotated[str | None, typer.Option(help="Which model of the actuator, instead of the file's: "
-                                              f"{', '.join(NAMES)}. Behind it extensions, as in elastic+heat+faults: "
-                                              f"{', '.join(EXTENSIONS)}. Of an FMU it is the FMU's.",
-                                              metavar="NAME[+EXTENSION...]")] = None,
+                                              f"{', '.join(NAMES)}, or a Python file of yours. Behind it options, as "
+                                              f"in elastic+heat+faults: {', '.join(EXTENSIONS)}. Of an FMU it is the "
+                                              "FMU's; name it for one of a file of yours.",
+                                              metavar="NAME[+OPTION...]")] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given. 0: in "
                                                      "this process, without Dask.", min=0)] = None,
     scheduler: Annotated[str | None, typer.Option(help="Of a Dask cluster that is running, instead of processes "
@@ -54,7 +55,7 @@ def campaign(
 ) -> None:
     """Run samples over parameters, commands, loads and faults: percentiles, sensitivities, worst samples."""
     with failures():
-        from ..campaign.study import load_study
+        from ..studies.campaign.study import load_study
 
         if workers is not None and scheduler is not None:
             raise EmcasError("--workers are processes here, --scheduler is another cluster: give one of them")
@@ -67,8 +68,8 @@ def campaign(
             _one(study, only, as_json)
             return
         require_extra("campaign", "campaigns need", "filelock", "pyarrow", *(["distributed"] if workers != 0 else []))
-        from ..campaign.store import Store
-        from ..campaign.summary import summarise, write_json
+        from ..studies.campaign.store import Store
+        from ..studies.campaign.summary import summarise, write_json
 
         with Store(folder, study) as store:
             stopped = _run(store, study, workers, scheduler, chunk)
@@ -77,7 +78,7 @@ def campaign(
                 err.print(f"stopped: {kept} of {study.samples} samples are kept in {escape(str(folder))}; the same "
                           "command goes on", highlight=False, soft_wrap=True)
                 raise typer.Exit(INTERRUPTED)
-            from ..campaign.report import write_report
+            from ..studies.campaign.report import write_report
 
             found = summarise(study, store.table())
             command = shlex.join(["emcas", "campaign", str(file), *(["--fmu", str(fmu)] if fmu else []),
@@ -103,7 +104,7 @@ def campaign(
 
 def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chunk: int | None) -> bool:
     """Run what is missing; whether it was stopped by Ctrl-C."""
-    from ..campaign import run
+    from ..studies.campaign import run
 
     missing = store.missing()
     if not len(missing):
@@ -131,43 +132,41 @@ def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chu
 
 def _one(study: Any, index: int, as_json: Path | None) -> None:
     """One sample again, here."""
-    from ..bench.writers import plain
-    from ..campaign.own import told
-    from ..campaign.sample import observed, rows
-    from ..campaign.sampling import Sampler
+    from ..bench.writers import write_json
+    from ..studies.campaign.sample import observed, rows
+    from ..studies.campaign.sampling import Sampler
 
     if not 0 <= index < study.samples:
         raise EmcasError(f"--only {index}: samples are numbered from 0 to {study.samples - 1}")
     row = rows(study.plan.packed(), [index], Sampler(study).draw([index]))[0]
     if as_json:
-        as_json.write_text(json.dumps(plain(row), indent=1, allow_nan=False) + "\n", encoding="utf-8", newline="\n")
-    units = _units(study)
+        write_json(row, as_json)
+    units, observations = _units(study), observed(study.plan)
     table = Table("", "value", "unit", title=f"Sample {index} of {study.path.name}", title_justify="left")
     table.columns[1].justify = "right"
     for name, value in row.items():
         if value != "":
-            said = told(name, value) if name in observed(study.plan) else str(value)
-            table.add_row(escape(name), escape(f"{value:.8g}" if isinstance(value, float) else said),
-                          units.get(name, ""))
+            said = (f"{value:.8g}" if isinstance(value, float) else
+                    observations[name].text(value) if name in observations else str(value))
+            table.add_row(escape(name), escape(said), units.get(name, ""))
     out.print(table)
     if row["error"]:
         raise typer.Exit(1)
 
 
 def _units(study: Any) -> dict[str, str]:
-    from ..actuators import get
-    from ..campaign.own import figure_of
-    from ..campaign.sample import columns
+    from ..studies.campaign.sample import columns
 
-    table = get(study.plan.model).file_entries
-    units = {v.name: v.unit for v in table} | {f.name: f.unit for f in study.plan.factors}
-    return {name: "" if unit == "1" else unit for name, unit in
-            {**units, **{name: figure_of(name).unit for name in columns(study.plan)}}.items()}
+    plan = study.plan
+    units = {**{v.name: v.unit for v in plan.actuator.file_entries}, **{f.name: f.unit for f in plan.factors},
+             **{name: figure.unit for name, figure in columns(plan).items()}}
+    return {name: "" if unit == "1" else unit for name, unit in units.items()}
 
 
 def _table(summary: Any) -> Table:
     """Percentiles of every figure."""
-    from ..campaign.summary import PERCENTILES, shown, text
+    from ..bench.metrics import shown
+    from ..studies.campaign.summary import PERCENTILES, text
 
     chosen = (5, 50, 95)
     table = Table("figure", "unit", *(f"{p} %" for p in chosen), "depends most on", title_justify="left",
@@ -177,15 +176,15 @@ def _table(summary: Any) -> Table:
         column.justify = "right"
     for s in summary.spreads:
         first = s.effects[0] if s.effects else None
-        figures = [text(s.name, s.percentiles[PERCENTILES.index(p)]) for p in chosen]
-        table.add_row(s.name, shown(s.name, 1.0)[1], *figures,
+        figures = [text(s.figure, s.percentiles[PERCENTILES.index(p)]) for p in chosen]
+        table.add_row(s.name, shown(s.figure.unit)[0], *figures,
                       f"{_short(first.factor)} ({first.rank:+.2f})" if first and first.sure else "")
     return table
 
 
 def _faults(summary: Any) -> Table:
     """What was injected, and what was found."""
-    from ..campaign.report import seconds
+    from ..studies.campaign.report import seconds
 
     table = Table("fault, alone", "samples", "found", "after", "before", "by", title_justify="left",
                   title="Faults, and what the built-in test found")

@@ -30,14 +30,14 @@ from .declaration import Extension
 from .fault_effects import SOUND, Held, acting, faulted, standing
 from .status import DISABLED, OPERATIONAL, STATUS
 
-WORDS = (
-    integer_output("fault_word", "faults active, a bit each: "
-                   + ", ".join(f"{2**i} {fault.name}" for i, fault in enumerate(fault_list.FAULTS)),
-                   tuple(fault.name for fault in fault_list.FAULTS)),
-    integer_output("built_in_test", "monitors tripped, a bit each: "
-                   + ", ".join(f"{2**i} {monitor.name}" for i, monitor in enumerate(monitors.MONITORS)),
-                   tuple(monitor.name for monitor in monitors.MONITORS)),
-)
+
+def _word(name: str, description: str, bits: tuple[str, ...]) -> Variable:
+    listed = ", ".join(f"{2**i} {bit}" for i, bit in enumerate(bits))
+    return integer_output(name, f"{description}, a bit each: {listed}", bits)
+
+
+FAULT_WORD = _word("fault_word", "faults active", tuple(fault.name for fault in fault_list.FAULTS))
+BUILT_IN_TEST = _word("built_in_test", "monitors tripped", tuple(monitor.name for monitor in monitors.MONITORS))
 _BROKEN = (State("fin_broken_off"), State("broken_fin_angle", "rad"), State("broken_fin_rate", "rad/s"))
 _HELD = tuple(f"fault_{name}" for name in Held._fields)
 _WAITING = tuple(f"command_{i + 1}_ago" for i in range(fault_list.LONGEST_COMMAND_DELAY))
@@ -222,7 +222,7 @@ def extend(actuator: Actuator) -> Actuator:
         if has_status:
             known = status(ops, p, x, u)
             verdict = ops.where(ops.equal(known, OPERATIONAL), verdict, known)
-        return {**outputs, STATUS.name: verdict, "fault_word": f.faults, "built_in_test": f.built_in_test}
+        return {**outputs, STATUS.name: verdict, FAULT_WORD.name: f.faults, BUILT_IN_TEST.name: f.built_in_test}
 
     def off_shaft(ops: Ops, q: Any, x: Record, u: Acting, outputs: Values) -> Values:
         """Return the outputs that are of a fin that is broken off, where it is."""
@@ -257,4 +257,5 @@ def _command_delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 RULES = (Rule(_command_delay, "fault.command_delay.time = %.6g s must be at most "
                               f"{fault_list.LONGEST_COMMAND_DELAY} times controller.sample_time = %.6g s"),)
 EXTENSION = Extension("faults", "faults and built-in test", extend, parameters=_parameters,
-                      outputs=(STATUS, *WORDS), rules=lambda actuator: RULES, module=sys.modules[__name__])
+                      outputs=(STATUS, FAULT_WORD, BUILT_IN_TEST), rules=lambda actuator: RULES,
+                      module=sys.modules[__name__])

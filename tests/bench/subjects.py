@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from math import degrees
 from typing import Any
 
@@ -41,7 +41,7 @@ class Known(Subject):
         raise NotImplementedError
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
-            outputs: Iterable[str] | None = None, substeps: int = 1) -> Run:
+            outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
         """The run of a subject."""
         zero = np.zeros(len(excitation.time))
         columns = {"time": excitation.time, **dict.fromkeys(self.outputs if outputs is None else outputs, zero)}
@@ -90,7 +90,7 @@ class Broken(Known):
     """Goes no further than 10 ms."""
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
-            outputs: Iterable[str] | None = None, substeps: int = 1) -> Run:
+            outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
         """A run that ends early."""
         names = self.outputs if outputs is None else outputs
         columns = {"time": np.array([0.0, 0.01]), **{name: np.zeros(2) for name in names}}

@@ -13,6 +13,7 @@ from emcas_fmu.bench.excitation import (
     load_ramp,
     reference_case,
     sine,
+    sine_from_rest,
     slew_to,
     staircase,
     step_to,
@@ -57,6 +58,14 @@ def test_sweep_passes_its_frequencies() -> None:
     assert np.max(np.abs(swept.command)) == pytest.approx(1.0, abs=1e-4)
     with pytest.raises(ValueError, match="not below"):
         sweep(1.0, 8.0, 5.0, 5.0)
+
+
+def test_a_sine_from_rest_is_judged_from_its_beginning() -> None:
+    made = sine_from_rest(0.1, 5.0, 0.3)
+    quarter = round(LEAD_IN / made.step) + 50  # rows of 1 ms, of a period of 200 ms
+    assert not made.command[made.time < LEAD_IN].any()
+    assert made.command[quarter] == pytest.approx(0.1, rel=1e-12)  # a few roundings
+    assert (made.begin, made.stop) == (LEAD_IN, pytest.approx(LEAD_IN + 0.3, rel=1e-12))
 
 
 def test_sines_hold_whole_cycles_to_look_at() -> None:

@@ -42,9 +42,12 @@ SPRING = replace(step_to(0.2, 0.1), spring=300.0)
     ids=["case", "parameter", "substeps", "spring", "supply"])
 def test_every_way_gives_the_same_bits(subjects: Subjects, excitation: Excitation, changes: dict[str, Any],
                                        substeps: int) -> None:
-    runs = {name: subject.run(excitation, changes, substeps=substeps) for name, subject in subjects.items()}
+    runs = {name: subject.run(excitation, changes, substeps=substeps, fine=("supply_power", "at_stop"))
+            for name, subject in subjects.items()}
     expected = runs["kernel"]
-    assert len(expected.columns["time"]) == (len(excitation.time) - 1) * substeps + 1
+    assert {name: len(column) for name, column in expected.columns.items()} == {
+        name: (len(excitation.time) - 1) * (substeps if name in ("supply_power", "at_stop") else 1) + 1
+        for name in ("time", *subjects["kernel"].outputs)}
     for run in runs.values():
         assert run.stopped is None
         assert list(run.columns) == ["time", *subjects["kernel"].outputs]
@@ -63,10 +66,12 @@ def test_a_run_leaves_nothing_to_the_next(subjects: Subjects) -> None:
 
 def test_substeps_show_what_is_between_rows() -> None:
     subject = ParameterSubject(load_parameters())
-    coarse, fine = (subject.run(step_to(0.2, 0.1), substeps=n).columns for n in (1, 5))
-    assert fine["time"][1] == pytest.approx(2e-4)
+    coarse, fine, every = (subject.run(step_to(0.2, 0.1, step=step), substeps=n, fine=["fin_angle"]).columns
+                           for step, n in ((1e-3, 1), (1e-3, 5), (2e-4, 1)))
+    assert len(fine["fin_rate"]) == len(fine["time"]) == len(coarse["time"])
     # A step's end is met to a rounding of its time only, which moves an angle of 0.2 rad by less than 1e-12.
     np.testing.assert_allclose(fine["fin_angle"][::5], coarse["fin_angle"], atol=1e-12)
+    np.testing.assert_allclose(fine["fin_angle"], every["fin_angle"], atol=1e-12)
 
 
 def test_spring_is_a_moment_by_the_angle(subjects: Subjects) -> None:

@@ -62,7 +62,7 @@ def write(tmp_path: Path) -> Callable[[str], Path]:
 @pytest.fixture(scope="module")
 def client() -> Iterator[Any]:
     """A Dask client with two worker processes."""
-    from emcas_fmu.campaign.run import local_client
+    from emcas_fmu.studies.campaign.run import local_client
 
     with local_client(2) as ready:
         yield ready

@@ -15,9 +15,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from emcas_fmu.bench.writers import plain
-from emcas_fmu.campaign.sample import Row
-from emcas_fmu.campaign.store import Store
 from emcas_fmu.cli import app
+from emcas_fmu.studies.campaign.sample import Row
+from emcas_fmu.studies.campaign.store import Store
 
 from .conftest import SMALL
 
@@ -98,7 +98,7 @@ def test_a_scheduler_that_is_running(write: Write, tmp_path: Path, client: Any) 
 def test_refusals(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...],
                   said: str) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("emcas_fmu.campaign.run._CONNECT", 1.0)
+    monkeypatch.setattr("emcas_fmu.studies.campaign.run._CONNECT", 1.0)
     done = campaign(write(SMALL), *arguments)
     assert done.exit_code == 2, done.output
     assert said in " ".join(done.stderr.split())
@@ -133,7 +133,7 @@ def refused_by(write: Write, address: str) -> str:
 def test_what_is_no_scheduler_is_told_in_time(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                               silent: int, client: Any) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("emcas_fmu.campaign.run._CONNECT", 1.0)
+    monkeypatch.setattr("emcas_fmu.studies.campaign.run._CONNECT", 1.0)
     begin = time.monotonic()
     said = refused_by(write, f"tcp://127.0.0.1:{silent}")
     assert time.monotonic() - begin < 15.0  # of 1 s, on a machine with other work

@@ -8,14 +8,15 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from emcas_fmu.campaign import runners, sample
-from emcas_fmu.campaign.sampling import Sampler
-from emcas_fmu.campaign.store import identity
-from emcas_fmu.campaign.study import load_study
+from emcas_fmu.bench.subject import FmuSubject
 from emcas_fmu.cli import app
 from emcas_fmu.compiler import local_platform
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.studies.campaign import sample
+from emcas_fmu.studies.campaign.sampling import Sampler
+from emcas_fmu.studies.campaign.store import identity
+from emcas_fmu.studies.campaign.study import load_study
 
 from .conftest import SMALL
 
@@ -48,9 +49,9 @@ def test_a_fin_has_the_figures_of_its_parameters(write: Write, pair: Path) -> No
         expected = sample.rows(study.plan.packed(), [0], drawn)[0]
         assert (rows[fin].pop("error"), rows[fin].pop("status")) == (expected.pop("error"), expected.pop("status"))
         assert rows[fin] == pytest.approx(expected, rel=1e-6, abs=1e-9)
-        run = runners.runner(by_fin[fin].plan)
-        assert isinstance(run, runners._FmuRunner)
-        assert run._unit.names["fin_command"] == f"fin[{fin}].fin_command"  # and no other with its parameters
+        subject = sample.subject_of(by_fin[fin].plan)
+        assert isinstance(subject, FmuSubject)
+        assert subject.unit.names["fin_command"] == f"fin[{fin}].fin_command"  # and no other with its parameters
     assert rows[2]["step.energy"] > 1.1 * rows[1]["step.energy"]
 
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from emcas_fmu.campaign.distributions import CampaignError
-from emcas_fmu.campaign.store import Store
-from emcas_fmu.campaign.study import load_study
 from emcas_fmu.cli import app
+from emcas_fmu.studies.campaign.distributions import CampaignError
+from emcas_fmu.studies.campaign.store import Store
+from emcas_fmu.studies.campaign.study import load_study
 
 from .conftest import SMALL
 
@@ -21,8 +21,8 @@ Write = Callable[[str], Path]
 HOLDING = """
 import sys
 from pathlib import Path
-from emcas_fmu.campaign.store import Store
-from emcas_fmu.campaign.study import load_study
+from emcas_fmu.studies.campaign.store import Store
+from emcas_fmu.studies.campaign.study import load_study
 store = Store(Path(sys.argv[1]), load_study(Path(sys.argv[2])))
 print("held", flush=True)
 sys.stdin.read()

@@ -13,21 +13,21 @@ import pyarrow as pa
 import pytest
 from typer.testing import CliRunner
 
-from emcas_fmu.campaign import found, own, sample
-from emcas_fmu.campaign.distributions import CampaignError
-from emcas_fmu.campaign.experiments import excitation
-from emcas_fmu.campaign.runners import by_kernel, runner
-from emcas_fmu.campaign.sampling import Sampler
-from emcas_fmu.campaign.store import Store, identity
-from emcas_fmu.campaign.study import load_study
 from emcas_fmu.cli import app
 from emcas_fmu.compiler import local_platform
+from emcas_fmu.errors import EmcasError
 from emcas_fmu.files import models_directory
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import LEAD_IN
 from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
+from emcas_fmu.studies.campaign import fault_detection, sample
+from emcas_fmu.studies.campaign.distributions import CampaignError
+from emcas_fmu.studies.campaign.experiments import excitation
+from emcas_fmu.studies.campaign.sampling import Sampler
+from emcas_fmu.studies.campaign.store import Store, identity
+from emcas_fmu.studies.campaign.study import load_study
 
 from .conftest import SMALL
 
@@ -92,7 +92,7 @@ def test_the_nonlinear_model_is_as_ever(write: Write) -> None:
     assert study.plan.model == "nonlinear"
     assert "model" not in identity(study)
     assert sample.observed(study.plan) == {}
-    assert runner(study.plan) is by_kernel
+    assert sample.subject_of(study.plan).model == "nonlinear"
 
 
 def test_a_fault_shows_in_words_state_and_time(write: Write) -> None:
@@ -111,7 +111,7 @@ def test_a_fault_shows_in_words_state_and_time(write: Write) -> None:
     assert jammed["fly.fault_word_ever"] == jammed["fly.fault_word_last"] == 1
     ever = np.bitwise_or.reduce(direct["built_in_test"].astype(int))
     assert jammed["fly.built_in_test_ever"] == ever != 0
-    assert "tracking" in own.bits("built_in_test", int(ever))
+    assert "tracking" in sample.observed(study.plan)["fly.built_in_test_ever"].names(int(ever))
     assert jammed["fly.status_last"] == "failed"
     assert (sound["fly.fault_word_ever"], sound["fly.built_in_test_ever"]) == (0, 0)
     assert isnan(sound["fly.fault_word_first"])
@@ -128,10 +128,9 @@ def test_an_own_input_and_a_flag(write: Write, monkeypatch: pytest.MonkeyPatch, 
     assert (row["status"], row["error"]) == ("ok", "")
     assert (row["home.status_last"], row["home.homed_last"], row["home.homed_share"]) == ("homing", False, 0.0)
     made = excitation(plan.experiments[0], plan.base, plan.numbers, plan.model)
-    assert made.table.shape[1] == 11
-    status = runner(plan)(plan.base, made)["status"]
-    assert status[np.searchsorted(made.time, 0.015)] == 2.0  # unreferenced
-    assert status[np.searchsorted(made.time, 0.03)] == 3.0
+    status = sample.subject_of(plan).run(made).columns["status"]
+    assert status[np.searchsorted(made.time, LEAD_IN + 0.015)] == 2.0  # unreferenced
+    assert status[np.searchsorted(made.time, LEAD_IN + 0.03)] == 3.0
 
 
 def test_own_real_outputs_are_reduced(write: Write) -> None:
@@ -145,7 +144,7 @@ def test_own_real_outputs_are_reduced(write: Write) -> None:
     for row in (cold, warm):
         low, last, high = (row[f"fly.winding_temperature_{end}"] for end in ("smallest", "last", "largest"))
         assert low <= last <= high
-    assert own.figure_of("fly.winding_temperature_last").unit == "degC"
+    assert sample.columns(plan)["fly.winding_temperature_last"].unit == "degC"
 
 
 def test_a_model_is_another_campaign(write: Write, tmp_path: Path) -> None:
@@ -187,7 +186,7 @@ def test_an_fmu_tells_its_model(write: Write, faulty: Path) -> None:
         texts = [name for name in one if not isinstance(one[name], float)]
         assert {name: one.pop(name) for name in texts} == {name: other.pop(name) for name in texts}
         assert one == pytest.approx(other, rel=1e-6, abs=1e-9, nan_ok=True)
-    with pytest.raises(CampaignError, match=r"is of the model nonlinear\+faults, and nonlinear\+heat is asked for"):
+    with pytest.raises(EmcasError, match=r"is of the model nonlinear\+faults, and nonlinear\+heat is asked for"):
         load_study(write(plain), faulty, model="nonlinear+heat")
 
 
@@ -195,7 +194,7 @@ def test_an_fmu_tells_its_model(write: Write, faulty: Path) -> None:
 def test_an_fmu_that_does_not_tell(write: Write, faulty: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("emcas_fmu.bench.fmu.model_of", lambda name: None)
     plain = FAULTS.replace('[base]\nmodel = "nonlinear+faults"\n', "")
-    with pytest.raises(CampaignError, match=r"does not tell its model; name it with --model"):
+    with pytest.raises(EmcasError, match=r"does not tell its model; name it with --model"):
         load_study(write(plain), faulty)
     assert load_study(write(FAULTS), faulty).plan.model == "nonlinear+faults"
 
@@ -228,16 +227,16 @@ def test_findings_on_rows_with_known_answers(write: Write) -> None:
         row(1, 3, 0.2, 0.5), row(1, 1, 0.3, 0.4), row(1, 0, 0.3, never), row(1, 1, 0.3, 0.1),  # the last one too soon
         row(5, 8, 0.1, 0.9)])
     plan = load_study(write(FAULTS)).plan
-    none, jam, several = found.findings(plan, table)
-    assert (none.fault, none.samples, none.found) == (found.NONE, 2, 1)
+    none, jam, several = fault_detection.findings(plan, table)
+    assert (none.fault, none.samples, none.found) == (fault_detection.NONE, 2, 1)
     assert (jam.fault, jam.samples, jam.found, jam.before) == ("jam", 4, 2, 1)
     assert (jam.delay, jam.longest) == pytest.approx((0.2, 0.3))
     assert (jam.monitors["tracking"], jam.monitors["stall"]) == (3, 1)
-    assert (several.fault, several.samples, several.found) == (found.SEVERAL, 1, 1)
-    told = {t.name: dict(t.counts) for t in found.tallies(plan, table)}
+    assert (several.fault, several.samples, several.found) == (fault_detection.SEVERAL, 1, 1)
+    told = {t.name: dict(t.counts) for t in fault_detection.tallies(plan, table)}
     assert told["fly.status_last"] == {"failed": 5, "operational": 2}
     assert told["fly.fault_word_ever"] == {"jam": 5, "none": 2, "hard_over": 1}
-    assert found.findings(load_study(write(SMALL)).plan, table) == ()
+    assert fault_detection.findings(load_study(write(SMALL)).plan, table) == ()
 
 
 def test_the_shipped_campaign(tmp_path: Path) -> None:

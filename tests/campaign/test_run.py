@@ -15,10 +15,10 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from emcas_fmu.campaign.distributions import CampaignError
-from emcas_fmu.campaign.run import by_dask, chunk_size, in_process, local_client
-from emcas_fmu.campaign.store import Store
-from emcas_fmu.campaign.study import Study, load_study
+from emcas_fmu.studies.campaign.distributions import CampaignError
+from emcas_fmu.studies.campaign.run import by_dask, chunk_size, in_process, local_client
+from emcas_fmu.studies.campaign.store import Store
+from emcas_fmu.studies.campaign.study import Study, load_study
 
 from .conftest import SMALL
 from .work import DEADLY, deadly, slow

@@ -12,20 +12,22 @@ import numpy as np
 import pytest
 
 from emcas_fmu.bench import metrics
+from emcas_fmu.bench.excitation import step_to
 from emcas_fmu.bench.subject import ParameterSubject
-from emcas_fmu.campaign import measure, runners, sample
-from emcas_fmu.campaign.distributions import CampaignError
-from emcas_fmu.campaign.experiments import Experiment, Profile, excitation
-from emcas_fmu.campaign.sampling import Sampler
-from emcas_fmu.campaign.study import load_study
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES, LEAD_IN
 from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
-from emcas_fmu.studies.tuning import measure as tuning
+from emcas_fmu.studies.campaign import measure, sample
+from emcas_fmu.studies.campaign.distributions import CampaignError
+from emcas_fmu.studies.campaign.experiments import Experiment, Profile, excitation
+from emcas_fmu.studies.campaign.sampling import Sampler
+from emcas_fmu.studies.campaign.study import load_study
+from tests.bench.subjects import Broken
 
 from .conftest import SMALL
 
+SUBJECT = ParameterSubject(load_parameters())
 Write = Callable[[str], Path]
 FAULTY = SMALL + """
 [experiments.step.inputs.supply_voltage]
@@ -51,19 +53,21 @@ stiffness = "150 N.m/rad"
 """
 
 
-def test_a_step_has_tunings_figures(values: Mapping[str, Any]) -> None:
-    """The same response, measured by the same functions: equal to the bit."""
-    experiment = Experiment("a", "step", 0.6)
-    numbers = {"experiments.a.amplitude": radians(5.0)}
-    made = excitation(experiment, values, numbers)
-    found = measure.figures(experiment, numbers, made, runners.by_kernel(values, made))
-    same = ("rise_time", "settling_time", "overshoot", "sustained_rate", "peak_current")
-    # Senses by which the worse of two directions would be the positive one are not known: both are looked at.
-    subject = ParameterSubject(load_parameters())
-    sides = [tuning.measure(tuning.Test("step", radians(5.0), 0.6), subject, values, same, (sense,) * len(same))
-             for sense in ("maximum", "minimum")]
-    for name, *pair in zip(same, *sides, strict=True):
-        assert found[f"a.{name}"] in pair, name
+def figures(experiment: Experiment, numbers: Mapping[str, float]) -> dict[str, float]:
+    """Figures of an experiment with the shipped parameters, by the bench's names."""
+    run = SUBJECT.run(excitation(experiment, SUBJECT.values, numbers, SUBJECT.model), substeps=measure.POWER_ROWS,
+                      fine=[measure.POWER])
+    return measure.measured(experiment, numbers, run, measure.leaps(SUBJECT, {}, run))
+
+
+def test_a_step_has_the_benchs_figures() -> None:
+    """Rows of power between the others split the kernel's ticks: equal but for roundings."""
+    found = figures(Experiment("a", "step", 0.6), {"experiments.a.amplitude": radians(5.0)})
+    run = SUBJECT.run(step_to(radians(5.0), 0.6))
+    expected = {**metrics.usage(run), **metrics.motion(run)}
+    for name in ("rise_time", "settling_time", "overshoot", "sustained_rate", "peak_current", "rms_tracking_error"):
+        assert found[name] == pytest.approx(expected[name], rel=1e-9), name
+    assert found["steady_error"] == pytest.approx(abs(expected["steady_error"]), rel=1e-9)
 
 
 def test_a_sweep_has_the_validations_bandwidth(values: Mapping[str, Any]) -> None:
@@ -72,23 +76,21 @@ def test_a_sweep_has_the_validations_bandwidth(values: Mapping[str, Any]) -> Non
     inputs = case.inputs()
     angle = simulate(values, case.stop_time, fin_command=inputs["fin_command"])["fin_angle"]
     expected = metrics.frequency_response(inputs["time"], inputs["fin_command"], angle, 0.5, 30.0)
-    experiment = Experiment("a", "chirp", case.stop_time - LEAD_IN)
-    numbers = {"experiments.a.amplitude": case.amplitude, "experiments.a.low": 0.5, "experiments.a.high": 30.0}
-    made = excitation(experiment, values, numbers)
-    found = measure.figures(experiment, numbers, made, runners.by_kernel(values, made))
-    assert found["a.bandwidth_3db"] == pytest.approx(expected.bandwidth, rel=1e-4)
-    assert found["a.bandwidth_90deg"] == pytest.approx(expected.phase_bandwidth, rel=1e-4)
+    found = figures(Experiment("a", "chirp", case.stop_time - LEAD_IN), {
+        "experiments.a.amplitude": case.amplitude, "experiments.a.low": 0.5, "experiments.a.high": 30.0})
+    assert found["bandwidth_3db"] == pytest.approx(expected.bandwidth, rel=1e-4)
+    assert found["bandwidth_90deg"] == pytest.approx(expected.phase_bandwidth, rel=1e-4)
 
 
 @pytest.mark.parametrize("machine", [True, False])
-def test_a_spring_pulls_by_the_angle_a_step_ago(values: Mapping[str, Any], monkeypatch: pytest.MonkeyPatch,
-                                                machine: bool) -> None:
+def test_a_spring_pulls_by_the_angle_a_step_ago(monkeypatch: pytest.MonkeyPatch, machine: bool) -> None:
     if not machine:  # both kernels are stepped the same
         monkeypatch.setattr(compiled, "available", lambda *_: False)
     experiment = Experiment("a", "step", 0.2, (Profile("aero_torque", "spring", "inputs.aero_torque"),))
     numbers = {"experiments.a.amplitude": radians(10.0), "inputs.aero_torque.stiffness": 200.0,
                "inputs.aero_torque.offset": -3.0}
-    found = runners.by_kernel(values, excitation(experiment, values, numbers))
+    found = SUBJECT.run(excitation(experiment, SUBJECT.values, numbers, SUBJECT.model), substeps=5,
+                        fine=["supply_power"]).columns
     # Gravity and acceleration are off: the moment about the hinge is the spring's. Up to rounding of the product.
     assert found["hinge_torque"][1:] == pytest.approx(-3.0 - 200.0 * found["fin_angle"][:-1], abs=1e-12)
     assert found["fin_angle"][-1] > radians(9.0)
@@ -97,7 +99,7 @@ def test_a_spring_pulls_by_the_angle_a_step_ago(values: Mapping[str, Any], monke
 def test_faults_show_in_the_figures(write: Write) -> None:
     plan = load_study(write(FAULTY)).plan
     drawn = [0.11, 24.0, -20.0]
-    low, full = (sample.row(plan, 0, [*drawn, volts], runners.by_kernel) for volts in (12.0, 39.0))
+    low, full = (sample.row(plan, 0, [*drawn, volts], SUBJECT) for volts in (12.0, 39.0))
     assert low["status"] == full["status"] == "ok"
     # At a third of the voltage the fin cannot go half as fast.
     assert low["step.rise_time"] > 1.5 * full["step.rise_time"]
@@ -127,17 +129,20 @@ def test_a_sample_that_cannot_be_is_recorded(write: Write) -> None:
     assert "motor.torque_constant = -1 is below its minimum" in rows[1]["error"]
     assert all(isnan(rows[0][name]) for name in sample.columns(plan))
 
-    def lost(values: Mapping[str, Any], made: object) -> Any:
-        raise KeyError("odd")
+    class Lost(ParameterSubject):
+        def run(self, *_: Any, **__: Any) -> Any:
+            raise KeyError("odd")
 
-    row = sample.row(plan, 5, [0.11, 20.0, 0.0, 0.0], lost)
+    row = sample.row(plan, 5, [0.11, 20.0, 0.0, 0.0], Lost(SUBJECT.parameters))
     assert row["error"] == "KeyError: 'odd'"
+    stopped = sample.row(plan, 5, [0.11, 20.0, 0.0, 0.0], Broken(SUBJECT.values))
+    assert (stopped["status"], stopped["error"]) == ("failed", "error: the bridge is open")
 
 
 def test_a_level_never_reached_is_no_failure(write: Write) -> None:
     """Against more than the motor can hold the fin goes the other way: times are missing, the rest is there."""
     plan = load_study(write(SMALL)).plan
-    row = sample.row(plan, 0, [0.11, 20.0, -2000.0], runners.by_kernel)
+    row = sample.row(plan, 0, [0.11, 20.0, -2000.0], SUBJECT)
     assert row["status"] == "ok"
     assert isnan(row["step.rise_time"])
     assert row["step.at_stop_share"] > 0.0
@@ -164,7 +169,7 @@ duration = "2 s"
 def test_no_response_is_no_bandwidth(write: Write, recwarn: pytest.WarningsRecorder) -> None:
     """At rest 0, and no gain; -3 dB is at about 30 Hz: beyond sweeps that end before, which is infinite."""
     plan = load_study(write(SWEPT)).plan
-    dead, alive = (sample.row(plan, 0, [0.11, enable, 6.0], runners.by_kernel) for enable in (0.0, 1.0))
+    dead, alive = (sample.row(plan, 0, [0.11, enable, 6.0], SUBJECT) for enable in (0.0, 1.0))
     assert dead["status"] == alive["status"] == "ok"
     assert (dead["sweep.bandwidth_3db"], dead["sweep.bandwidth_90deg"], dead["sweep.peak_gain"]) == (0.0, 0.0, -inf)
     assert (alive["sweep.bandwidth_3db"], alive["sweep.bandwidth_90deg"]) == (inf, inf)
@@ -181,12 +186,12 @@ begin = "20 ms"
 end = { distribution = "uniform", low = "10 ms", high = "40 ms" }
 """
     plan = load_study(write(text)).plan
-    wrong, right = (sample.row(plan, 0, [0.11, 20.0, 0.0, end], runners.by_kernel) for end in (0.012, 0.03))
+    wrong, right = (sample.row(plan, 0, [0.11, 20.0, 0.0, end], SUBJECT) for end in (0.012, 0.03))
     assert right["status"] == "ok"
     assert wrong["error"] == "a window's end = 0.012 s is before its begin = 0.02 s"
     tails = SWEPT.replace('{ levels = ["20 Hz", "6 Hz"] }', '{ distribution = "normal", mean = "20 Hz", sd = "5 Hz" }')
     plan = load_study(write(tails)).plan
-    row = sample.row(plan, 0, [0.11, 1.0, 1.5], runners.by_kernel)
+    row = sample.row(plan, 0, [0.11, 1.0, 1.5], SUBJECT)
     assert row["error"] == "the sweep's low = 2 Hz is not below its high = 1.5 Hz"
 
 
@@ -208,12 +213,12 @@ def test_an_fmu_gives_the_kernels_figures(write: Write, native: Path) -> None:
 @pytest.mark.fmu
 def test_an_fmu_after_a_failure_and_another_file(write: Write, native: Path, tmp_path: Path) -> None:
     plan = load_study(write(SMALL), native).plan
-    run = runners.runner(plan)
+    subject = sample.subject_of(plan)
     good = [0.11, 20.0, 0.0]
-    before = sample.row(plan, 0, good, run)
-    values, numbers = dict(plan.base), {**plan.numbers, "inputs.aero_torque.value": nan}
-    with pytest.raises(ArithmeticError, match="aero_torque"):
-        run(values, excitation(plan.experiments[0], values, numbers))
-    assert sample.row(plan, 0, good, run) == before
-    with pytest.raises(CampaignError, match="is not the FMU the campaign began with"):
-        runners.runner(replace(plan, fmu_sha256="0" * 64))
+    before = sample.row(plan, 0, good, subject)
+    bad = sample.row(plan, 0, [0.11, 20.0, nan], subject)
+    assert bad["status"] == "failed"
+    assert "aero_torque" in bad["error"]
+    assert sample.row(plan, 0, good, subject) == before
+    with pytest.raises(CampaignError, match="is not the file the campaign began with"):
+        sample.subject_of(replace(plan, fmu_sha256="0" * 64))

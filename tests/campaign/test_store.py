@@ -11,12 +11,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from emcas_fmu import __version__
-from emcas_fmu.campaign.distributions import CampaignError
-from emcas_fmu.campaign.run import in_process
-from emcas_fmu.campaign.store import Store
-from emcas_fmu.campaign.study import load_study
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.studies.campaign.distributions import CampaignError
+from emcas_fmu.studies.campaign.run import in_process
+from emcas_fmu.studies.campaign.store import Store
+from emcas_fmu.studies.campaign.study import load_study
 
 from .conftest import SMALL
 

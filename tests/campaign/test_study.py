@@ -10,20 +10,18 @@ from pathlib import Path
 
 import pytest
 
-from emcas_fmu.campaign.distributions import CampaignError
-from emcas_fmu.campaign.experiments import excitation
-from emcas_fmu.campaign.plan import varied
-from emcas_fmu.campaign.study import load_study
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import LEAD_IN
-from tests.default_actuator import INPUTS
+from emcas_fmu.studies.campaign.distributions import CampaignError
+from emcas_fmu.studies.campaign.experiments import excitation
+from emcas_fmu.studies.campaign.plan import varied
+from emcas_fmu.studies.campaign.study import load_study
 
 from .conftest import ODD, SMALL, replaced
 
 Write = Callable[[str], Path]
-COLUMN = {v.name: i for i, v in enumerate(INPUTS)}
 
 
 def test_the_example_is_sound() -> None:
@@ -94,21 +92,23 @@ duration = "0.2 s"
 """
     plan = load_study(write(text)).plan
     step, quiet = plan.experiments
-    made = excitation(step, plan.base, {**plan.numbers, "inputs.aero_torque.value": -7.0})
-    supply, time = made.table[:, COLUMN["supply_voltage"]], made.time
+    numbers = {**plan.numbers, "inputs.aero_torque.value": -7.0}
+    made = excitation(step, plan.base, numbers, plan.model)
+    supply, time = made.columns["supply_voltage"], made.time - LEAD_IN
     low = (time > 0.0195) & (time < 0.0295)
     assert set(supply[low]) == {19.5}
     assert set(supply[~low]) == {39.0}
     off = (time > -0.0105) & (time < 0.0045)
-    assert (made.table[:, COLUMN["enable"]] == ~off).all()
-    assert set(made.table[:, COLUMN["aero_torque"]]) == {-7.0}
-    assert set(made.table[time < -1e-9, COLUMN["fin_command"]]) == {0.0}
-    assert set(made.table[time > -1e-9, COLUMN["fin_command"]]) == {radians(5.0)}
-    assert time[0] == -LEAD_IN
+    assert (made.columns["enable"] == ~off).all()
+    assert set(made.columns["aero_torque"]) == {-7.0}
+    assert set(made.command[time < -1e-9]) == {0.0}
+    assert set(made.command[time > -1e-9]) == {radians(5.0)}
+    assert made.begin == LEAD_IN
     # What is said under one experiment is none of another's.
-    other = excitation(quiet, plan.base, {**plan.numbers, "inputs.aero_torque.value": -7.0}).table
-    assert set(other[:, COLUMN["supply_voltage"]]) == {39.0}
-    assert set(other[:, COLUMN["aero_torque"]]) == {-7.0}
+    other = excitation(quiet, plan.base, numbers, plan.model)
+    assert set(other.columns) == {"fin_command", "aero_torque"}
+    assert set(other.columns["aero_torque"]) == {-7.0}
+    assert set(other.command) == {radians(1.0)}
 
 
 @pytest.mark.parametrize(("before", "after", "said"), [

@@ -13,10 +13,11 @@ import pyarrow as pa
 import pytest
 from scipy import stats
 
-from emcas_fmu.campaign import sample, summary
-from emcas_fmu.campaign.report import write_report
-from emcas_fmu.campaign.store import Store
-from emcas_fmu.campaign.study import Study, load_study
+from emcas_fmu.bench.metrics import FIGURES
+from emcas_fmu.studies.campaign import sample, summary
+from emcas_fmu.studies.campaign.report import write_report
+from emcas_fmu.studies.campaign.store import Store
+from emcas_fmu.studies.campaign.study import Study, load_study
 
 from .conftest import SMALL
 
@@ -58,8 +59,8 @@ def test_what_was_never_reached_is_worst(write: Write, tmp_path: Path) -> None:
     assert [i for i, _ in spread.worst] == [i for i, _ in rate.worst] == [3, 13, 23]
     assert spread.mean == pytest.approx(np.nanmean(times), rel=1e-14)
     assert np.isfinite(rate.percentiles[2:]).all()
-    assert {summary.text("step.rise_time", inf), summary.text("step.sustained_rate", -inf)} == {"not reached"}
-    assert summary.text("sweep.bandwidth_3db", inf) == "beyond the sweep"
+    assert {summary.text(FIGURES["rise_time"], inf), summary.text(FIGURES["sustained_rate"], -inf)} == {"not reached"}
+    assert summary.text(FIGURES["bandwidth_3db"], inf) == "beyond the sweep"
 
 
 def test_infinite_figures_keep_their_side(write: Write, tmp_path: Path) -> None:
@@ -71,7 +72,7 @@ def test_infinite_figures_keep_their_side(write: Write, tmp_path: Path) -> None:
     gain, band = (next(s for s in found.spreads if s.name == f"sweep.{n}") for n in ("peak_gain", "bandwidth_3db"))
     assert (gain.smallest, gain.largest, gain.worst[0]) == (-inf, inf, (8, inf))
     assert (band.smallest, band.largest, band.worst[0]) == (-inf, inf, (8, -inf))
-    assert summary.text("sweep.peak_gain", -inf) == "no response"
+    assert summary.text(FIGURES["peak_gain"], -inf) == "no response"
 
 
 def test_sensitivities_of_a_linear_figure() -> None:

@@ -7,8 +7,8 @@ import signal
 import time
 from collections.abc import Sequence
 
-from emcas_fmu.campaign.sample import Row, rows
 from emcas_fmu.simulation import Array
+from emcas_fmu.studies.campaign.sample import Row, rows
 
 DEADLY = 13
 

@@ -551,8 +551,8 @@ def test_what_an_actuator_lacks_is_said(tmp_path: Path, model: str, study: str |
 
 @pytest.mark.parametrize("model", ["elastic+heat+homing+faults", MODEL])
 def test_margins_are_of_the_actuator_at_hand(model: str) -> None:
-    from emcas_fmu.analysis.frequency import margins
-    from emcas_fmu.analysis.linear import LinearActuator, sound
+    from emcas_fmu.studies.analysis.frequency import margins
+    from emcas_fmu.studies.analysis.linear import LinearActuator, sound
 
     base = load_parameters(model=model)
     plain, name = sound(base), "controller.kp" if model == MODEL else "controller.position.kp"

@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
-
-from ... import __version__
+from ...bench.writers import write_page
 from ...plots import style, svg
 from .result import Identification
 
@@ -27,14 +25,8 @@ def _number(value: float | None, digits: int = 6) -> str:
 
 def write_report(result: Identification, path: Path) -> None:
     """Write the page; the same result gives the same bytes."""
-    environment = Environment(loader=PackageLoader("emcas_fmu", "identification"), undefined=StrictUndefined,
-                              trim_blocks=True, lstrip_blocks=True, autoescape=select_autoescape(["html.j2"]))
-    environment.filters["number"] = _number
-    names, matrix = result.correlation
-    page = environment.get_template("report.html.j2").render(
-        result=result, version=__version__, figures=figures(result), correlated=_strongest(names, matrix),
-        files={n["file"]: n for n in result.noise})
-    path.write_text(page, encoding="utf-8", newline="\n")
+    write_page(path, "identification/report.html.j2", result=result, figures=figures(result), number=_number,
+               correlated=_strongest(*result.correlation), files={n["file"]: n for n in result.noise})
 
 
 def _strongest(names: Any, matrix: Any) -> list[tuple[str, str, float]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from ... import __version__
+from ...bench import writers
 from .estimation import Fit
 from .records import Array, Record, summary
 
@@ -83,4 +83,4 @@ def write_json(result: Identification, path: Path) -> None:
         "given": dict(result.given), "notes": list(result.notes), "residuals": list(result.noise),
         "files": [summary(r) for r in result.records],
     }
-    path.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8", newline="\n")
+    writers.write_json(document, path)

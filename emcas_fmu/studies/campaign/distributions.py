@@ -13,9 +13,9 @@ import numpy as np
 from pydantic import Field, PlainValidator, ValidationInfo, create_model
 from scipy import stats
 
-from ..errors import EmcasError
-from ..schema import In, Quantity, Table, kind_of
-from ..simulation import Array
+from ...errors import EmcasError
+from ...schema import In, Quantity, Table, kind_of
+from ...simulation import Array
 
 Value = float | int | bool
 # Of all samples, how many may lie outside the limits before the entry is refused: tails fail one by one.

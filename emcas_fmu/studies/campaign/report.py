@@ -5,15 +5,14 @@ from __future__ import annotations
 from math import isfinite
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
-
-from .. import __version__
-from ..plots import style, svg
+from ...bench.metrics import shown
+from ...bench.writers import write_page
+from ...plots import style, svg
 from .distributions import Distribution
 from .figures import all_figures
-from .own import figure_of
+from .measure import left_out
 from .plan import Factor
-from .summary import PERCENTILES, Summary, angles, shown, text
+from .summary import PERCENTILES, Summary, angles, text
 
 _MOST_LEVELS = 8
 
@@ -39,12 +38,9 @@ def seconds(value: float) -> str:
 
 def write_report(summary: Summary, path: Path, command: str) -> None:
     """Write the page; the same rows give the same bytes. `command` runs the campaign."""
-    environment = Environment(loader=PackageLoader("emcas_fmu", "campaign"), undefined=StrictUndefined,
-                              trim_blocks=True, lstrip_blocks=True, autoescape=select_autoescape(["html.j2"]))
     with style():
         pictures = [(svg(drawn, title), title, caption) for drawn, title, caption in all_figures(summary)]
-    page = environment.get_template("report.html.j2").render(
-        s=summary, study=summary.study, plan=summary.study.plan, version=__version__, command=command,
-        pictures=pictures, percentiles=PERCENTILES, text=text, described=described, figure_of=figure_of,
-        unit=lambda name: shown(name, 1.0)[1], seconds=seconds)
-    path.write_text(page, encoding="utf-8", newline="\n")
+    plan = summary.study.plan
+    write_page(path, "studies/campaign/page.html.j2", s=summary, study=summary.study, plan=plan, command=command,
+               pictures=pictures, percentiles=PERCENTILES, text=text, described=described, seconds=seconds,
+               unit=lambda figure: shown(figure.unit)[0], left_out=left_out(plan.model))

@@ -13,10 +13,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import __version__
-from ..actuators import NONLINEAR
-from ..runtime import compiled
-from ..simulation import Array
+from ... import __version__
+from ...actuators import NONLINEAR
+from ...runtime import compiled
+from ...simulation import Array
 from .distributions import CampaignError
 from .plan import Plan, followed
 from .sample import Row, failed, rows

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..plots import BLUE, GRAY, INK, VERMILLION, figure
+from ...bench.metrics import shown
+from ...plots import BLUE, GRAY, INK, VERMILLION, figure
 from .sample import OK
-from .summary import PERCENTILES, Spread, Summary, shown
+from .summary import PERCENTILES, Spread, Summary
 
 Drawing = tuple[Figure, str, str]
 _COLUMNS = 3
@@ -35,7 +36,7 @@ def histograms(name: str, spreads: list[Spread], summary: Summary) -> Drawing:
     for axes, s in zip(grid.flat, spreads):
         values = summary.table[s.name].to_numpy()[good]
         values = values[np.isfinite(values)]
-        scale, unit = shown(s.name, 1.0)
+        unit, scale = shown(s.figure.unit)
         axes.hist(values * scale, bins=min(_BINS, max(5, int(np.sqrt(len(values))))), color=BLUE, alpha=0.75)
         for p, color in ((50, INK), (95, VERMILLION), (5, VERMILLION)):
             at = s.percentiles[PERCENTILES.index(p)]

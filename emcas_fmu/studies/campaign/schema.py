@@ -1,4 +1,4 @@
-"""The entries of a campaign file: what varies, how inputs go, which experiments; each checked with its unit."""
+"""The schema of a campaign file: what varies, how inputs go, which experiments; each checked with its unit."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Annotated, Any
 
 from pydantic import PlainValidator, create_model
 
-from ..actuators import EXTENSIONS, NAMES, NONLINEAR, get
-from ..bench.excitation import STEP
-from ..errors import hint
-from ..parameters import ParameterSet
-from ..schema import In, Table, each, kind_of
-from ..variables import Variable
+from ...actuators import EXTENSIONS, NAMES, get, parts
+from ...bench.excitation import COMMAND, LOAD, STEP
+from ...errors import EmcasError, hint
+from ...parameters import ParameterSet
+from ...schema import In, Table, each, kind_of
+from ...variables import Variable
 from .distributions import MOST_OUTSIDE, Value, distribution
-from .experiments import COMMAND, EXPERIMENTS, LOAD, OPTIONAL, PROFILES, SAME, Experiment, Profile
+from .experiments import EXPERIMENTS, OPTIONAL, PROFILES, SAME, Experiment, Profile
 from .plan import Factor
 
 LONGEST = 300.0  # s, of an experiment: half a gigabyte of rows
@@ -170,8 +170,13 @@ def _leaves(entries: Any, known: Mapping[str, Variable], prefix: str = "") -> It
 
 
 def _elsewhere(name: str, model: str) -> str:
-    """What to say of a parameter or input that another model, or one with an option, has."""
-    for kind in (*NAMES, *(f"{NONLINEAR}+{option}" for option in EXTENSIONS)):
-        if any(v.name == name for v in (*get(kind).parameters, *get(kind).inputs)):
-            return f" of the {model} model; {kind} has one: name the model in [base], or with --model"
+    """What to say of a parameter or input that the actuator with an extension, or another actuator, has."""
+    actuator, there = parts(model)
+    for kind in (*("+".join((actuator, *there, more)) for more in EXTENSIONS if more not in there), *NAMES):
+        try:
+            chosen = get(kind)
+        except EmcasError:  # an extension that does not go with it
+            continue
+        if any(v.name == name for v in (*chosen.parameters, *chosen.inputs)):
+            return f" of the {get(model).name} model; {kind} has one: name the model in [base], or with --model"
     return ""

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from . import own
+from ...extensions.faults import BUILT_IN_TEST, FAULT_WORD
+from .extension_outputs import Observation
 from .plan import Plan
 from .sample import observed
 
-INJECTED, FOUND = "fault_word", "built_in_test"
 NONE, SEVERAL = "no fault", "several faults"
 
 
@@ -47,33 +47,29 @@ class Finding:
 
 def tallies(plan: Plan, table: pa.Table) -> tuple[Tally, ...]:
     """Of every column that is no figure, over the rows of samples that were run."""
-    return tuple(_tally(name, table[name].to_pylist()) for name in observed(plan))
+    return tuple(_tally(name, observation, table[name].to_pylist()) for name, observation in observed(plan).items())
 
 
-def _tally(name: str, values: list[Any]) -> Tally:
-    word = name.partition(".")[2].rpartition("_")[0]
-    told: list[str] = []
+def _tally(name: str, observation: Observation, values: list[Any]) -> Tally:
+    seen: list[str] = []
     for value in values:
-        if word in own.WORDS:
-            told += own.bits(word, value) or ("none",)
-        else:
-            told.append(str(value).lower() if isinstance(value, bool) else str(value))
-    return Tally(name, tuple(Counter(told).most_common()))
+        seen += observation.names(value) or ("none",) if observation.bits else (observation.text(value),)
+    return Tally(name, tuple(Counter(seen).most_common()))
 
 
 def findings(plan: Plan, table: pa.Table) -> tuple[Finding, ...]:
     """For each experiment what became of each fault that was injected alone; nothing of a model without faults."""
-    seen = set(observed(plan))
-    there = [e.name for e in plan.experiments if {f"{e.name}.{word}_ever" for word in (INJECTED, FOUND)} <= seen]
-    return tuple(finding for name in there for finding in _of(name, table))
+    if not {FAULT_WORD, BUILT_IN_TEST} <= set(plan.actuator.outputs):
+        return ()
+    return tuple(finding for e in plan.experiments for finding in _of(e.name, plan, table))
 
 
-def _of(experiment: str, table: pa.Table) -> list[Finding]:
-    injected, tripped = ([own.bits(word, value) for value in table[f"{experiment}.{word}_ever"].to_pylist()]
-                         for word in (INJECTED, FOUND))
-    begin, first = (np.asarray(table[f"{experiment}.{word}_first"].to_numpy(), dtype=float)
-                    for word in (INJECTED, FOUND))
-    groups: dict[str, list[int]] = {NONE: [], **{name: [] for name in own.WORDS[INJECTED]}, SEVERAL: []}
+def _of(experiment: str, plan: Plan, table: pa.Table) -> list[Finding]:
+    words = [f"{experiment}.{v.name}" for v in (FAULT_WORD, BUILT_IN_TEST)]
+    injected, tripped = ([observed(plan)[f"{word}_ever"].names(value) for value in table[f"{word}_ever"].to_pylist()]
+                         for word in words)
+    begin, first = (np.asarray(table[f"{word}_first"].to_numpy(), dtype=float) for word in words)
+    groups: dict[str, list[int]] = {NONE: [], **{name: [] for name in FAULT_WORD.bits}, SEVERAL: []}
     for i, faults in enumerate(injected):
         groups[NONE if not faults else faults[0] if len(faults) == 1 else SEVERAL].append(i)
     found = []
@@ -84,6 +80,6 @@ def _of(experiment: str, table: pa.Table) -> list[Finding]:
         counts = Counter(name for i in rows for name in tripped[i])
         found.append(Finding(
             experiment, fault, len(rows), sum(1 for i in rows if tripped[i]) if fault == NONE else len(late),
-            sum(1 for i in rows if first[i] < begin[i]), {name: counts[name] for name in own.WORDS[FOUND]},
+            sum(1 for i in rows if first[i] < begin[i]), {name: counts[name] for name in BUILT_IN_TEST.bits},
             float(np.median(late)) if late else float("nan"), max(late, default=float("nan"))))
     return found

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import qmc
 
-from ..simulation import Array
+from ...simulation import Array
 from .study import Study
 
 

@@ -14,8 +14,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from .. import __version__
-from ..actuators import NONLINEAR
+from ... import __version__
+from ...actuators import NONLINEAR
 from .distributions import CampaignError
 from .lock import LOCK, OWNER, Lock
 from .sample import Row, columns, observed
@@ -30,7 +30,9 @@ _MOST_NAMED = 6  # changes told in a refusal
 def identity(study: Study) -> dict[str, Any]:
     """All that decides the rows, as JSON: the campaign, base parameters, what runs, the program's version."""
     plan = study.plan
-    model = {} if plan.model == NONLINEAR else {"model": plan.model}
+    model = {} if plan.model == NONLINEAR else {"model": plan.actuator.name}
+    if plan.model_sha256:
+        model["model_sha256"] = plan.model_sha256
     return {"schema": SCHEMA, "version": __version__, "guid": study.guid, "fmu_sha256": plan.fmu_sha256, **model,
             "fin": plan.fin, "campaign": json.loads(json.dumps(study.document)), "parameters": dict(plan.base)}
 
@@ -132,7 +134,7 @@ def _schema(study: Study, about: Mapping[str, Any]) -> pa.Schema:
     fields = [("index", pa.int64()), ("seed", pa.int64()), *((f.name, _TYPES[f.type]) for f in plan.factors),
               *((name, pa.float64()) for name in plan.followers),
               *((name, pa.float64()) for name in columns(plan)),
-              *((name, _TYPES[kind]) for name, kind in observed(plan).items()),
+              *((name, _TYPES[observation.kind]) for name, observation in observed(plan).items()),
               ("status", pa.string()), ("error", pa.string())]
     text = study.text.encode()
     metadata = {"emcas.schema": SCHEMA, "emcas.version": __version__, "emcas.guid": study.guid,

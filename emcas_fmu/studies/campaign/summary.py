@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from math import atanh, degrees, isfinite, nan, sqrt, tanh
+from math import atanh, inf, isfinite, nan, sqrt, tanh
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +13,13 @@ import numpy as np
 import pyarrow as pa
 from scipy import stats
 
-from .. import __version__
-from ..actuators import NONLINEAR
-from ..bench.writers import plain
-from ..simulation import Array
-from . import found as words
-from .own import figure_of
+from ... import __version__
+from ...actuators import NONLINEAR
+from ...bench import writers
+from ...bench.metrics import Figure, shown
+from ...simulation import Array
+from . import fault_detection
+from .measure import left_out
 from .sample import OK, columns
 from .study import Study
 
@@ -28,7 +28,6 @@ WORST = 3  # samples told for each figure
 _CONFIDENCE = 0.95
 # Fewer say nothing of what figures depend on.
 _FEWEST = 10
-_SHOWN = {"rad": ("deg", degrees(1.0)), "rad/s": ("deg/s", degrees(1.0)), "s": ("ms", 1e3), "1": ("%", 100.0)}
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,7 @@ class Effect:
 
 @dataclass(frozen=True)
 class Spread:
-    """A figure over the samples that were run, SI.
+    """A figure over the samples that were run, SI; `name` is its column's.
 
     `percentiles` by PERCENTILES, of all samples: one that has no such figure counts as worse than the rest, and a
     percentile that falls there is infinite. `mean` and `sd` are of finite ones, `without` is how many are not.
@@ -59,6 +58,7 @@ class Spread:
     """
 
     name: str
+    figure: Figure
     count: int
     without: int
     mean: float
@@ -80,8 +80,8 @@ class Summary:
     spreads: tuple[Spread, ...]
     failures: tuple[tuple[str, int, int], ...]
     """Message, how many samples, and the first of them."""
-    tallies: tuple[words.Tally, ...] = ()
-    findings: tuple[words.Finding, ...] = ()
+    tallies: tuple[fault_detection.Tally, ...] = ()
+    findings: tuple[fault_detection.Finding, ...] = ()
 
     @property
     def done(self) -> int:
@@ -100,10 +100,10 @@ def summarise(study: Study, table: pa.Table) -> Summary:
     factors = {f.name: np.asarray(good[f.name].to_numpy(zero_copy_only=False), dtype=float)
                for f in study.plan.factors}
     index = good["index"].to_numpy()
-    spreads = tuple(_spread(name, good[name].to_numpy(), index, factors)
-                    for name in columns(study.plan)) if good.num_rows else ()
-    return Summary(study, table, spreads, _failures(table), words.tallies(study.plan, good),
-                   words.findings(study.plan, good))
+    spreads = tuple(_spread(name, figure, good[name].to_numpy(), index, factors)
+                    for name, figure in columns(study.plan).items()) if good.num_rows else ()
+    return Summary(study, table, spreads, _failures(table), fault_detection.tallies(study.plan, good),
+                   fault_detection.findings(study.plan, good))
 
 
 def _failures(table: pa.Table) -> tuple[tuple[str, int, int], ...]:
@@ -127,10 +127,10 @@ def _is_number(word: str) -> bool:
     return True
 
 
-def _spread(name: str, values: Array, index: Array, factors: Mapping[str, Array]) -> Spread:
-    figure = figure_of(name)
+def _spread(name: str, figure: Figure, values: Array, index: Array, factors: Mapping[str, Array]) -> Spread:
     has = np.isfinite(values)
-    ordered = np.where(np.isnan(values), figure.missing, values)
+    # One that cannot be had counts as worse than any: a time never reached is longer than all.
+    ordered = np.where(np.isnan(values), figure.bad * inf, values)
     # The sample at the percentile, without interpolation: between a number and infinity there is none.
     found = np.percentile(ordered, PERCENTILES, method="inverted_cdf")
     inside = values[has]
@@ -141,7 +141,7 @@ def _spread(name: str, values: Array, index: Array, factors: Mapping[str, Array]
     explained, effects = sensitivities(ordered, acting)
     mean, sd = (float(inside.mean()), float(inside.std())) if has.any() else (nan, nan)
     return Spread(
-        name, len(values), int(np.sum(~has)), mean, sd,
+        name, figure, len(values), int(np.sum(~has)), mean, sd,
         tuple(float(x) for x in found), float(ordered.min()), float(ordered.max()), explained, effects,
         tuple((int(index[k]), float(ordered[k])) for k in worst))
 
@@ -187,31 +187,26 @@ def _regression(figure: Array, factors: Mapping[str, Array]) -> tuple[list[float
     return found.tolist(), errors.tolist(), 1.0 - left / n
 
 
-def shown(name: str, value: float) -> tuple[float, str]:
-    """A figure in the unit people read it in."""
-    unit, factor = _SHOWN.get(figure_of(name).unit, (figure_of(name).unit, 1.0))
-    return value * factor, unit
-
-
 def angles(unit: str) -> tuple[str, float]:
     """The unit people read angles in, and the factor to it; any other as it is."""
-    return _SHOWN[unit] if unit.startswith("rad") else (unit, 1.0)
+    return shown(unit) if unit.startswith("rad") else (unit, 1.0)
 
 
-def text(name: str, value: float) -> str:
+def text(figure: Figure, value: float) -> str:
     """A figure for people, without its unit; what lies beyond all that was found is told so."""
     if isfinite(value):
-        return f"{shown(name, value)[0]:.4g}"
-    if value * figure_of(name).bad > 0.0:
+        return f"{value * shown(figure.unit)[1]:.4g}"
+    if value * figure.bad > 0.0:
         return "not reached"
     return "–" if value != value else "beyond the sweep" if value > 0.0 else "no response"
 
 
 def _of_model(summary: Summary) -> dict[str, Any]:
     """What a model besides the nonlinear one tells."""
-    if summary.study.plan.model == NONLINEAR:
+    plan = summary.study.plan
+    if plan.model == NONLINEAR:
         return {}
-    return {"model": summary.study.plan.model,
+    return {"model": plan.actuator.name, "left_out": left_out(plan.model),
             "tallies": [{"name": t.name, "samples": dict(t.counts)} for t in summary.tallies],
             "findings": [{**asdict(f), "monitors": dict(f.monitors)} for f in summary.findings]}
 
@@ -230,7 +225,7 @@ def as_dict(summary: Summary, command: str) -> dict[str, Any]:
         "follow": dict(plan.followers),
         "failures": [{"error": e, "samples": n, "first": first} for e, n, first in summary.failures],
         "figures": [{
-            "name": s.name, "unit": figure_of(s.name).unit, "title": figure_of(s.name).title, "samples": s.count,
+            "name": s.name, "unit": s.figure.unit, "title": s.figure.title, "samples": s.count,
             "without": s.without, "mean": s.mean, "sd": s.sd, "smallest": s.smallest, "largest": s.largest,
             "percentiles": {str(p): x for p, x in zip(PERCENTILES, s.percentiles, strict=True)},
             "explained": s.explained,
@@ -243,5 +238,4 @@ def as_dict(summary: Summary, command: str) -> dict[str, Any]:
 
 def write_json(summary: Summary, path: Path, command: str) -> None:
     """Write it; infinite and missing figures as null."""
-    document = json.dumps(plain(as_dict(summary, command)), indent=1, allow_nan=False)
-    path.write_text(document + "\n", encoding="utf-8", newline="\n")
+    writers.write_json(as_dict(summary, command), path)

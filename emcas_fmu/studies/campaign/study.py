@@ -10,16 +10,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, PlainValidator
 
-from .. import schema
-from ..actuators import NONLINEAR, get
-from ..errors import EmcasError
-from ..fmi.interface import MOST_FINS, FmuInterface, start_values
-from ..fmi.package import interface_guid
-from ..parameters import ParameterSet, check_parameters, load_parameters
-from ..schema import Table
+from ... import schema
+from ...actuators import NONLINEAR, full_name, get
+from ...errors import EmcasError
+from ...fmi.interface import MOST_FINS, FmuInterface, start_values
+from ...fmi.package import interface_guid
+from ...parameters import ParameterSet, check_parameters, load_parameters
+from ...schema import Table
 from .distributions import CampaignError
-from .entries import Entries, Reader
-from .plan import Factor, Plan, varied
+from .plan import Factor, Plan, source_sha256, varied
+from .schema import Entries, Reader
 
 MOST_SAMPLES = 100_000_000
 
@@ -84,7 +84,7 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, mode
         raise CampaignError(f"{path}: nothing is done; give at least one [experiments.NAME] with a kind")
     about = file.campaign
     plan = Plan(dict(base.values), reader.numbers, tuple(reader.factors), reader.followers,
-                tuple(reader.experiments), about.seed, unit, digest, chosen, base.model)
+                tuple(reader.experiments), about.seed, unit, digest, chosen, base.model, source_sha256(base.model))
     samples = _samples(path, about, plan.factors)
     _check_middle(path, plan)
     return Study(path, text, document, about.method, samples, plan.seed, guid, plan)
@@ -104,29 +104,26 @@ def _base(path: Path, entry: _Base, fmu: Path | None, fin: int | None,
         base = load_parameters(files, model=kind or NONLINEAR)
         shown = FmuInterface(1, base.model)
         return base, interface_guid(start_values(shown, [base.values]), shown), "", "", 1
-    from ..bench.fmu import chosen_model, opened
+    from ...bench.subject import open_subject
 
     if unit.suffix.lower() != ".fmu":
         raise CampaignError(f"{unit}: is no FMU by its name; give a file that ends in .fmu")
-    with opened(unit, chosen) as there:
-        kind = chosen_model(str(unit), there.description.modelName, kind, CampaignError)
-        actuator = get(kind)
-        for variables, causality in ((actuator.inputs, "input"), (actuator.outputs, "output"),
-                                     (actuator.parameters, "parameter")):
-            there.require([v.name for v in variables], causality)
-        guid, values = there.description.guid, {v.name: there.starts[v.name] for v in actuator.parameters}
-        values |= {v.key: there.starts[v.name] for v in actuator.inputs if v.key}
-    base = load_parameters(files, model=kind)
-    return base if files else base.replace(values), guid, str(unit.resolve()), there.sha256, chosen
+    with open_subject(unit, kind, chosen) as subject:
+        about, base = subject.identification, load_parameters(files, model=subject.model)
+        base = base if files else base.replace(dict(subject.values))
+    return base, about.guid, str(unit.resolve()), about.sha256, chosen
 
 
 def _model(path: Path, entry: _Base, given: str | None) -> str | None:
-    """The model asked for, its options in their order; nothing if none is."""
+    """The full name of the model asked for; nothing if none is."""
     asked = given or entry.model
     if asked is None:
         return None
+    if given is None and asked.partition("+")[0].endswith(".py"):
+        asked = str(path.parent / asked)
     try:
-        return get(asked).name
+        get(asked)
+        return full_name(asked)
     except EmcasError as error:
         where = f"{path}: base.model = " if given is None else "--model "
         raise CampaignError(where + str(error).removeprefix("--model ")) from error
@@ -156,5 +153,5 @@ def _check_middle(path: Path, plan: Plan) -> None:
     """With everything at its median the parameters must go together: what does not there seldom does anywhere."""
     drawn = {f.name: f.value(float(f.distribution.at(0.5))) for f in plan.factors}
     values, _ = varied(plan, drawn)
-    if problems := check_parameters({v.name: values[v.name] for v in get(plan.model).parameters}, plan.model):
+    if problems := check_parameters({v.name: values[v.name] for v in plan.actuator.parameters}, plan.model):
         raise CampaignError(f"{path}: with everything at its median: {'; '.join(problems)}")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ..actuators import NONLINEAR
+from ...actuators import NONLINEAR, get
+from ...actuators.declaration import Actuator
 from .distributions import Distribution, Value
 from .experiments import Experiment
 
@@ -31,7 +33,8 @@ class Plan:
 
     `followers` are parameters that keep their ratio to one that varies. `fmu` is the path of an FMU,
     with its SHA-256, or empty for the kernel; `fin`, from 1, which of a unit of several. `model` is one of
-    :mod:`emcas_fmu.actuators`, whose parameters `base` has.
+    :mod:`emcas_fmu.actuators`, whose parameters `base` has, by its full name; `model_sha256` is of the user's file
+    that declares it, or empty.
     """
 
     base: Mapping[str, Value]
@@ -44,10 +47,22 @@ class Plan:
     fmu_sha256: str = ""
     fin: int = 1
     model: str = NONLINEAR
+    model_sha256: str = ""
+
+    @property
+    def actuator(self) -> Actuator:
+        """What the samples are run with."""
+        return get(self.model)
 
     def packed(self) -> bytes:
         """For sending."""
         return pickle.dumps(self)
+
+
+def source_sha256(model: str) -> str:
+    """Return the SHA-256 of the user's file that declares an actuator; empty for one that is no file."""
+    source = get(model).source
+    return "" if source is None else hashlib.sha256(source.read_bytes()).hexdigest()
 
 
 def varied(plan: Plan, drawn: Mapping[str, Value]) -> tuple[dict[str, Value], dict[str, Value]]:

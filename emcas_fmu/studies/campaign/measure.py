@@ -1,0 +1,102 @@
+"""Which figures of the bench each kind of experiment gives; all from the command's instant on, SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
+from math import inf, isnan
+from typing import Any
+
+import numpy as np
+
+from ...bench.metrics import FIGURES, Figure, leaping_power, motion, sweep_response, swept, usage
+from ...bench.subject import Run, Subject, lacking
+from ...simulation import Array
+from .experiments import Experiment
+
+POWER = "supply_power"
+# Power is looked at more often than the rest: the drive's short transients follow the controller's samples.
+POWER_ROWS = 5
+_PERIOD = "controller.sample_time"
+_ALL = ("step", "sine", "chirp", "hold")
+# Columns with the bench's name of each and the kinds of experiment that give it.
+_COLUMNS: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    **{name: (name, ("step",)) for name in ("rise_time", "settling_time", "overshoot", "steady_error",
+                                            "sustained_rate")},
+    **{name: (name, ("chirp",)) for name in ("bandwidth_3db", "bandwidth_90deg", "peak_gain")},
+    "peak_rate": ("peak_rate", _ALL),
+    "tracking_error_peak": ("peak_tracking_error", ("sine", "chirp", "hold")),
+    "tracking_error_rms": ("rms_tracking_error", _ALL),
+    "power_peak": ("peak_power", _ALL),
+    "power_rms": ("rms_power", _ALL),
+    "energy": ("net_energy", _ALL),
+    **{name: (name, _ALL) for name in ("peak_current", "rms_current", "saturated_share", "at_stop_share")},
+}
+
+
+@cache
+def figures(kind: str, model: str) -> Mapping[str, Figure]:
+    """Return the figures of a kind of experiment by name, those for which the actuator has the outputs."""
+    return {name: FIGURES[known] for name, (known, kinds) in _COLUMNS.items()
+            if kind in kinds and not lacking(model, FIGURES[known].needs)}
+
+
+def left_out(model: str) -> dict[str, list[str]]:
+    """Return the figures an actuator has not, by the reason."""
+    found: dict[str, list[str]] = {}
+    for name, (known, _) in _COLUMNS.items():
+        if why := lacking(model, FIGURES[known].needs):
+            found.setdefault(why, []).append(name)
+    return found
+
+
+def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps: Array) -> dict[str, float]:
+    """Return the figures of a finished run, by the bench's names; nan where there is none (a level never reached).
+
+    Of its columns POWER has POWER_ROWS to each row; it leaps at `leaps` [s] from the command's instant.
+    """
+    columns = {name: column for name, column in run.columns.items() if name != POWER}
+    rows = replace(run, columns=columns)
+    begun = int(np.argmax(run.excitation.judged(columns["time"])))
+    found = usage(rows)
+    if POWER in run.columns:
+        found |= leaping_power(run.columns[POWER][begun * POWER_ROWS:], run.excitation.step / POWER_ROWS, leaps)
+    if experiment.kind == "step":
+        moves = run.excitation.moves
+        if not moves or moves[0].level == columns["fin_angle"][begun]:
+            raise ValueError("the step has no height: the fin is told to stay where it is")
+        found |= motion(rows)
+        found["steady_error"] = abs(found["steady_error"])
+    if experiment.kind == "chirp":
+        low, high = (float(numbers[f"{experiment.prefix}.{side}"]) for side in ("low", "high"))
+        found |= _within(swept(sweep_response(rows, low, high)))
+    return found
+
+
+def _within(found: dict[str, float]) -> dict[str, float]:
+    """A bandwidth beyond the sweep is infinite; 0 where the fin never comes within 3 dB of the command."""
+    follows = found["peak_gain"] >= -3.0
+    beyond = inf if follows else 0.0
+    gain, phase = found["bandwidth_3db"], found["bandwidth_90deg"]
+    return {**found, "bandwidth_3db": beyond if isnan(gain) or not follows else gain,
+            "bandwidth_90deg": beyond if isnan(phase) else phase}
+
+
+def named(experiment: Experiment, model: str, found: Mapping[str, float]) -> dict[str, float]:
+    """Return the figures of an experiment by column name."""
+    return {f"{experiment.name}.{name}": float(found[_COLUMNS[name][0]]) for name in figures(experiment.kind, model)}
+
+
+def leaps(subject: Subject, changes: Mapping[str, Any], run: Run) -> Array:
+    """Return when [s], from the command's instant, the drive gets a new reference: each sample, a delay later.
+
+    None where samples come too often to be told apart.
+    """
+    begin, stop = run.excitation.begin, run.excitation.stop
+    period = float(changes.get(_PERIOD, subject.values[_PERIOD]))
+    if period < 2.0 * run.excitation.step / POWER_ROWS:
+        return np.empty(0)
+    delay = subject.transport_delay(changes)
+    first = np.ceil((begin - delay) / period - 1e-6)
+    return np.arange(first, (stop - delay) / period) * period + delay - begin

@@ -1,0 +1,118 @@
+"""One sample: from the factors' values to a row of figures, whatever happens on the way."""
+
+from __future__ import annotations
+
+import atexit
+import pickle
+from collections.abc import Sequence
+from contextlib import ExitStack
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+from ...bench.metrics import Figure
+from ...bench.subject import Subject, open_subject
+from ...errors import EmcasError
+from ...simulation import Array
+from . import extension_outputs as added
+from . import measure
+from .distributions import CampaignError
+from .experiments import excitation
+from .plan import Plan, followed, source_sha256, varied
+
+OK, FAILED = "ok", "failed"
+Row = dict[str, Any]
+
+
+def columns(plan: Plan) -> dict[str, Figure]:
+    """Return a row's figures by column name."""
+    return {f"{experiment.name}.{name}": figure for experiment in plan.experiments
+            for name, figure in {**measure.figures(experiment.kind, plan.model), **added.figures(plan.model)}.items()}
+
+
+def observed(plan: Plan) -> dict[str, added.Observation]:
+    """Return what a row tells besides figures, by column name."""
+    return {f"{experiment.name}.{name}": observation for experiment in plan.experiments
+            for name, observation in added.observations(plan.model).items()}
+
+
+def row(plan: Plan, index: int, drawn: Sequence[float], subject: Subject) -> Row:
+    """Index, seed, what varied, figures (nan where there is none), status and error of a sample."""
+    chosen = {f.name: f.value(x) for f, x in zip(plan.factors, drawn, strict=True)}
+    about: Row = {"index": index, "seed": plan.seed, **chosen, **followed(plan, chosen)}
+    try:
+        return {**about, **_figures(plan, chosen, subject), "status": OK, "error": ""}
+    # Nothing one sample does may end a campaign.
+    except Exception as error:  # noqa: BLE001
+        expected = isinstance(error, (ArithmeticError, ValueError, EmcasError))
+        return failed(plan, about, str(error) if expected else f"{type(error).__name__}: {error}")
+
+
+def failed(plan: Plan, about: Row, error: str) -> Row:
+    """The row of a sample without figures."""
+    return {**about, **dict.fromkeys(columns(plan), float("nan")), **dict.fromkeys(observed(plan)),
+            "status": FAILED, "error": error}
+
+
+def _figures(plan: Plan, chosen: dict[str, Any], subject: Subject) -> Row:
+    values, numbers = varied(plan, chosen)
+    known = subject.values
+    changes = {name: value for name, value in values.items() if value != known[name]}
+    found: Row = {}
+    for experiment in plan.experiments:
+        outputs = _outputs(experiment.kind, plan.model)
+        run = subject.run(excitation(experiment, values, numbers, plan.model), changes, outputs, measure.POWER_ROWS,
+                          [name for name in outputs if name == measure.POWER])
+        if run.stopped is not None:
+            raise ArithmeticError("; ".join(run.messages[-3:]) or run.reason)
+        of_run = measure.measured(experiment, numbers, run, measure.leaps(subject, changes, run))
+        found |= measure.named(experiment, plan.model, of_run)
+        found |= added.reduced(experiment, plan.model, run)
+    return {name: found[name] for name in (*columns(plan), *observed(plan))}
+
+
+@cache
+def _outputs(kind: str, model: str) -> tuple[str, ...]:
+    """What is recorded for a kind of experiment."""
+    needed = (name for figure in measure.figures(kind, model).values() for name in figure.needs)
+    return tuple(dict.fromkeys((*needed, *(v.name for v in added.variables(model)))))
+
+
+@lru_cache(maxsize=4)
+def _unpacked(packed: bytes) -> Plan:
+    plan: Plan = pickle.loads(packed)
+    return plan
+
+
+def subject_of(plan: Plan) -> Subject:
+    """Return what runs the samples of a campaign in this process, opened once.
+
+    Raises CampaignError where a file is not the one the campaign began with.
+    """
+    return _opened(plan.fmu, plan.fmu_sha256, plan.fin, plan.model, plan.model_sha256)
+
+
+@lru_cache(maxsize=4)
+def _opened(fmu: str, fmu_sha256: str, fin: int, model: str, model_sha256: str) -> Subject:
+    _check_same(model.partition("+")[0], source_sha256(model), model_sha256)
+    stack = ExitStack()
+    subject = stack.enter_context(open_subject(Path(fmu) if fmu else None, model, fin if fmu else None))
+    atexit.register(stack.close)
+    _check_same(fmu, subject.identification.sha256, fmu_sha256)
+    return subject
+
+
+def _check_same(path: str, found: str, begun: str) -> None:
+    if found != begun:
+        raise CampaignError(f"{path}: is not the file the campaign began with (SHA-256 {found[:16]}, not "
+                            f"{begun[:16]}); every worker must see the same file")
+
+
+def rows(packed: bytes, indices: Sequence[int], drawn: Array) -> list[Row]:
+    """Rows of samples; `drawn` (indices, factors). The work of a task.
+
+    Raises CampaignError where no sample can be run here at all, as without the FMU.
+    """
+    plan = _unpacked(packed)
+    subject = subject_of(plan)
+    return [row(plan, index, values.tolist(), subject) for index, values in zip(indices, drawn, strict=True)]

@@ -1,0 +1,200 @@
+"""Campaigns over a user's own actuator and over one without motor and supply: by the kernel, an FMU, and workers."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from math import isnan, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from emcas_fmu.bench.excitation import STEP
+from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.cli import app
+from emcas_fmu.compiler import local_platform
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.package import build
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.reference.cases import LEAD_IN
+from emcas_fmu.studies.campaign import measure, sample
+from emcas_fmu.studies.campaign.distributions import CampaignError
+from emcas_fmu.studies.campaign.experiments import excitation
+from emcas_fmu.studies.campaign.run import by_dask, in_process
+from emcas_fmu.studies.campaign.sampling import Sampler
+from emcas_fmu.studies.campaign.store import Store
+from emcas_fmu.studies.campaign.study import load_study
+
+Write = Callable[[str], Path]
+EXAMPLE = Path(__file__).parents[2] / "examples" / "own_actuator"
+DIRECT = """
+[campaign]
+samples = 12
+[base]
+model = "direct_drive.py"
+[vary."spring.stiffness"]
+distribution = "uniform"
+low = "50 %"
+high = "150 %"
+[inputs.aero_torque]
+kind = "constant"
+value = { distribution = "uniform", low = "-5 N.m", high = "5 N.m" }
+[experiments.step]
+kind = "step"
+amplitude = "5 deg"
+duration = "0.3 s"
+[experiments.pulled]
+kind = "sine"
+amplitude = "5 deg"
+frequency = "3 Hz"
+duration = "0.3 s"
+[experiments.pulled.inputs.aero_torque]
+kind = "spring"
+stiffness = "20 N.m/rad"
+"""
+SECOND_ORDER = """
+[campaign]
+samples = 12
+[base]
+model = "second-order"
+[vary."second_order.natural_frequency"]
+distribution = "uniform"
+low = "80 %"
+high = "120 %"
+[experiments.step]
+kind = "step"
+amplitude = "5 deg"
+duration = "0.3 s"
+[experiments.sweep]
+kind = "chirp"
+amplitude = "1 deg"
+low = "1 Hz"
+high = "30 Hz"
+duration = "3 s"
+"""
+POWERED = ("power_peak", "power_rms", "energy", "peak_current", "rms_current")
+
+
+@pytest.fixture
+def direct(write: Write, tmp_path: Path) -> Path:
+    """A campaign beside the user's files it is over, which it names as seen from itself."""
+    for name in ("direct_drive.py", "direct_drive.toml"):
+        shutil.copy(EXAMPLE / name, tmp_path)
+    return write(DIRECT)
+
+
+def native(model: str, folder: Path) -> Path:
+    """The native FMU of an actuator, for this platform."""
+    local = local_platform()
+    assert local is not None
+    return build(load_parameters(model=model), folder / "unit.fmu", "native", [local.name]).path
+
+
+def assert_same_rows(file: Path, fmu: Path, model: str | None = None) -> None:
+    """Figures divide by rates and heights no smaller than 1e-3; trajectories are within 1e-9 rad."""
+    by_kernel, by_unit = load_study(file), load_study(file, fmu, model=model)
+    assert by_unit.guid == by_kernel.guid
+    drawn = Sampler(by_kernel).draw([0, 1])
+    pairs = zip(*(sample.rows(study.plan.packed(), [0, 1], drawn) for study in (by_kernel, by_unit)), strict=True)
+    for one, other in pairs:
+        assert (one.pop("status"), one.pop("error")) == (other.pop("status"), other.pop("error")) == ("ok", "")
+        assert one == pytest.approx(other, rel=1e-6, abs=1e-9)
+
+
+def test_a_users_actuator_varies_by_spring_and_load(direct: Path) -> None:
+    """A stiffer spring costs energy; what is drawn for a sample is what the actuator is run with."""
+    study = load_study(direct)
+    plan, values = study.plan, study.plan.base
+    assert {name for name in sample.columns(plan) if name.startswith("pulled.")} == {
+        f"pulled.{name}" for name in (*POWERED, "peak_rate", "tracking_error_peak", "tracking_error_rms",
+                                      "saturated_share", "at_stop_share")}
+    soft, stiff, loaded = sample.rows(plan.packed(), [0, 1, 2], np.array([[10.0, 0.0], [30.0, 0.0], [10.0, -4.0]]))
+    assert {row["status"] for row in (soft, stiff, loaded)} == {"ok"}
+    assert stiff["step.energy"] > soft["step.energy"]
+    assert not any(isnan(row[name]) for row in (soft, stiff, loaded) for name in sample.columns(plan))
+    held = ParameterSubject(load_parameters(model=plan.model)).run(
+        excitation(plan.experiments[0], values, {**plan.numbers, "inputs.aero_torque.value": -4.0}, plan.model),
+        {"spring.stiffness": 10.0}).columns
+    assert loaded["step.peak_current"] == pytest.approx(
+        np.abs(held["motor_current"][round(LEAD_IN / STEP):]).max(), rel=1e-6)
+
+
+def test_power_of_one_without_delay_leaps_at_its_samples(direct: Path) -> None:
+    """Against rows of 20 us, whose own error is about a third of the 1.2 % asked for."""
+    plan = load_study(direct).plan
+    (row,) = sample.rows(plan.packed(), [0], np.array([[20.0, 0.0]]))
+    made = excitation(plan.experiments[0], plan.base, {**plan.numbers, "inputs.aero_torque.value": 0.0}, plan.model)
+    fine = sample.subject_of(plan).run(made, {"spring.stiffness": 20.0}, substeps=50, fine=[measure.POWER]).columns
+    power = fine[measure.POWER][round(LEAD_IN / STEP) * 50:]
+    assert row["step.energy"] == pytest.approx(np.trapezoid(power, dx=STEP / 50), rel=0.012)
+    assert row["step.power_rms"] == pytest.approx(np.sqrt(np.mean(power**2)), rel=0.012)
+
+
+def test_workers_import_a_users_file(direct: Path, tmp_path: Path, client: Any) -> None:
+    study = load_study(direct)
+    with Store(tmp_path / "there", study) as there, Store(tmp_path / "here", study) as here:
+        by_dask(client, study, there.missing(), there.write, chunk=3)
+        in_process(study, here.missing(), here.write)
+        assert repr(there.table().to_pylist()) == repr(here.table().to_pylist())
+
+
+def test_a_users_file_that_changed_is_another_campaign(direct: Path, tmp_path: Path) -> None:
+    study = load_study(direct)
+    Store(tmp_path / "out", study).close()
+    declared = tmp_path / "direct_drive.py"
+    declared.write_text(declared.read_text(encoding="utf-8") + "# changed\n", encoding="utf-8")
+    with pytest.raises(CampaignError, match="model_sha256"):
+        Store(tmp_path / "out", load_study(direct))
+    sample._opened.cache_clear()
+    with pytest.raises(CampaignError, match=r"direct_drive\.py: is not the file the campaign began with"):
+        sample.rows(study.plan.packed(), [0], np.array([[20.0, 0.0]]))
+
+
+def test_a_command_line_takes_a_users_file(direct: Path, write: Write, tmp_path: Path) -> None:
+    file = write(DIRECT.replace('[base]\nmodel = "direct_drive.py"\n', ""))
+    done = CliRunner().invoke(app, ["campaign", str(file), "--output", str(tmp_path / "out"), "--workers", "0",
+                                    "--model", str(tmp_path / "direct_drive.py")])
+    assert done.exit_code == 0, done.output
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    assert (summary["model"], summary["left_out"], summary["done"]) == ("direct-drive", {}, 12)
+    page = (tmp_path / "out" / "summary.html").read_text(encoding="utf-8")
+    assert "model direct-drive" in page
+    assert "left out" not in page
+
+
+@pytest.mark.fmu
+def test_an_fmu_of_a_users_actuator(direct: Path, tmp_path: Path) -> None:
+    model = str(tmp_path / "direct_drive.py")
+    unit = native(model, tmp_path)
+    assert_same_rows(direct, unit)
+    direct.write_text(DIRECT.replace('[base]\nmodel = "direct_drive.py"\n', ""), encoding="utf-8")
+    with pytest.raises(EmcasError, match="does not tell its model; name it with --model"):
+        load_study(direct, unit)
+    assert load_study(direct, unit, model=model).plan.actuator.name == "direct-drive"
+
+
+def test_one_without_motor_and_supply_leaves_their_figures_out(write: Write, tmp_path: Path) -> None:
+    plan = load_study(write(SECOND_ORDER)).plan
+    assert not {name.partition(".")[2] for name in sample.columns(plan)} & set(POWERED)
+    slow, quick = sample.rows(plan.packed(), [0, 1], np.array([[60.0], [120.0]]))
+    # From the closed form of a damping near 0.7 the -90 deg frequency is the natural one, but for hold and delay.
+    assert quick["sweep.bandwidth_90deg"] > 1.3 * slow["sweep.bandwidth_90deg"]
+    assert slow["step.rise_time"] > 1.3 * quick["step.rise_time"]
+    assert 0.0 < slow["step.peak_rate"] < radians(1000.0)
+    done = CliRunner().invoke(app, ["campaign", str(tmp_path / "small.toml"), "--output", str(tmp_path / "out"),
+                                    "--workers", "0"])
+    assert done.exit_code == 0, done.output
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
+    assert summary["left_out"] == {"this actuator has no supply_power": ["power_peak", "power_rms", "energy"],
+                                   "this actuator has no motor_current": ["peak_current", "rms_current"]}
+    page = (tmp_path / "out" / "summary.html").read_text(encoding="utf-8")
+    assert "power_peak, power_rms, energy: left out, this actuator has no supply_power." in page
+
+
+@pytest.mark.fmu
+def test_an_fmu_without_motor_and_supply(write: Write, tmp_path: Path) -> None:
+    assert_same_rows(write(SECOND_ORDER), native("second-order", tmp_path))
