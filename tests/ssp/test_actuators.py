@@ -83,5 +83,5 @@ def test_fmpy_computes_what_the_kernel_does(model: str, written: tuple[Path, str
     base = load_parameters(model=model)
     for i, start in ((1, 0.0), (2, np.radians(3.0))):
         values = base.replace({"fin.start_angle": start}).values
-        alone = simulate(values, excitation.stop, excitation.step, model=model, **excitation.columns)
+        alone = simulate(values, excitation.stop, excitation.step, "auto", model, **excitation.columns)
         assert np.max(np.abs(alone["fin_angle"][1:] - found[i])) < SAME
