@@ -24,6 +24,7 @@ from fmpy.fmi1 import FMICallException
 from numpy.typing import NDArray
 
 from ..actuators import NONLINEAR, full_name, get
+from ..actuators.declaration import Actuator
 from ..errors import EmcasError
 from ..kernels import compiled, program
 from ..parameters import ParameterError, ParameterSet, check_parameters, load_parameters
@@ -122,15 +123,20 @@ class Subject(ABC):
         goes wrong on the way is in the run.
         """
 
+    @property
+    def actuator(self) -> Actuator:
+        """What it is of."""
+        return get(self.model)
+
     @cached_property
     def inputs(self) -> Mapping[str, Variable]:
         """Its inputs by name."""
-        return {v.name: v for v in get(self.model).inputs}
+        return {v.name: v for v in self.actuator.inputs}
 
     @cached_property
     def outputs(self) -> Mapping[str, Variable]:
         """Its outputs by name."""
-        return {v.name: v for v in get(self.model).outputs}
+        return {v.name: v for v in self.actuator.outputs}
 
     @property
     def command_limit(self) -> float:
@@ -177,7 +183,7 @@ class ParameterSubject(Subject):
             hashlib.sha256(b"".join(file.read_bytes() for file in self.files)).hexdigest() if self.files else "",
             "EMCAS", "", "",
             parameters_hash(self.values), "the kernel of emcas", _differences(self.values, self.model),
-            tuple(e.variable.name for e in self.parameters.entries if e.source == "estimate"), self.model)
+            tuple(e.variable.name for e in self.parameters.entries if e.source == "estimate"), self.actuator.name)
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1) -> Run:
@@ -256,7 +262,7 @@ class FmuSubject(Subject):
             "FMU", self.unit.path.name, self.unit.sha256,
             f"{description.modelName} {description.version or ''}".strip(), description.guid,
             description.generationTool or "", parameters_hash(self.values), f"fmpy {fmpy.__version__}", changed,
-            tuple(name for name in estimates if name not in changed), self.model, self.fin)
+            tuple(name for name in estimates if name not in changed), self.actuator.name, self.fin)
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1) -> Run:

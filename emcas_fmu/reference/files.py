@@ -224,6 +224,7 @@ def _provenance(case: Case, directory: Path, values: Mapping[str, Value], model:
         "step": case.step,
         "command": COMMAND,
         **_method(model),
+        **({} if model == NONLINEAR else {"model": get(model).name}),
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,

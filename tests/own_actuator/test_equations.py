@@ -41,7 +41,7 @@ def largest_error(case: Case, tick: float) -> float:
 
 @pytest.mark.parametrize("name", ["step", "sag", "load_opposing"])
 def test_against_its_independent_integration(name: str) -> None:
-    """At the default tick of 0.1 ms, a fifth of the winding's time constant; measured up to 9e-5 deg."""
+    """At its default tick of 0.1 ms, a tenth of L/R; measured up to 9e-5 deg."""
     assert largest_error(CASES[name], 1e-4) < 2e-4
 
 

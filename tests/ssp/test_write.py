@@ -70,8 +70,8 @@ def test_connectors_are_those_of_the_table(ssp: Path) -> None:
     shared = {v.name for v in INPUTS} - of_fins
     assert set(read.system.connectors) == shared | {f"fin[{i}].{name}" for i in range(1, 5) for name in of_fins}
     for name, unit in read.units.items():
-        exponents = fmi_unit(name).exponents
-        assert unit.exponents == tuple(exponents.get(b, 0) for b in ("kg", "m", "s", "A", "K", "mol", "cd", "rad"))
+        assert unit.exponents == tuple(fmi_unit(name).exponents.get(b, 0)
+                                       for b in ("kg", "m", "s", "A", "K", "mol", "cd", "rad"))
 
 
 def test_every_variable_is_wired(ssp: Path) -> None:

@@ -147,7 +147,7 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
         starting(case.name)
         # The encoder's chatter hides small errors, so references do without; performance does not.
         exact, shipped = _of(case), as_it_is(_of(case))
-        compared = subject.run(exact, outputs=outputs) if case.model == subject.model else None
+        compared = subject.run(exact, outputs=outputs) if case.model == subject.actuator.name else None
         same = compared if exact.start_values == shipped.start_values else None
         run = same or subject.run(shipped, outputs=outputs)
         series[case.name] = Series(run, case.reference if compared else {}, compared)
@@ -169,8 +169,8 @@ def _result(subject: Subject, folder: Path, cases: Sequence[stored.Stored], seri
     results = [_case_result(case, series[case.name]) for case in cases]
     trajectory = tuple(_trajectory(result, series[result.name]) for result in results if result.errors)
     if not trajectory:
-        notes.insert(0, f"There is no independent reference of {subject.model} in {folder}: trajectories are not "
-                        "judged, performance is")
+        notes.insert(0, f"There is no independent reference of {subject.actuator.name} in {folder}: trajectories are "
+                        "not judged, performance is")
     with np.errstate(divide="ignore", invalid="ignore"):  # a fin that does not move has no gain: nan, which fails
         table2 = tuple(verdict.judge_table2(runs))
     found = (*claims.claims(comparisons), *claims.accuracy(runs))
