@@ -169,7 +169,7 @@ def test_the_command_and_its_refusals(unit: Path, tmp_path: Path, monkeypatch: p
         "--fmu", unit, "--model", "nonlinear+faults")
     assert "there is no extension 'fault'" in call("--model", "elastic+fault")
     (tmp_path / "hot.toml").write_text('[fin1.heat]\ncase_start_rise = "40 K"\n', encoding="utf-8")
-    assert f"the {MODEL} model has no such parameter" in call("--fmu", unit, "--variant", "hot=hot.toml")
+    assert f"the {MODEL} actuator has no such parameter" in call("--fmu", unit, "--variant", "hot=hot.toml")
     monkeypatch.setattr("emcas_fmu.bench.fmu.model_of", lambda name: None)
     with pytest.raises(EmcasError, match="does not tell its model; name it with --model"):
         write_ssp(tmp_path / "a.ssp", unit)

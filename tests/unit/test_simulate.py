@@ -105,8 +105,8 @@ def test_four_fins_by_the_command(tmp_path: Path) -> None:
     found = json.loads(files["json"].read_text())
     assert len(found["fins"]) == 4
     # Fin 1 along body y takes pitch with the sign of -cos(0), fin 3 opposite, fins 2 and 4 none of it.
-    ends = [each["fin_angle_final_deg"] for each in found["fins"]]
-    assert ends == pytest.approx([4.0, 5.0, 6.0, 5.0], abs=0.3)
+    asked = [each["fin_angle_final_deg"] + each["tracking_error_final_deg"] for each in found["fins"]]
+    assert asked == pytest.approx([4.0, 5.0, 6.0, 5.0], abs=1e-9)  # rounding
     assert found["fins"][1]["peak_current_a"] != found["fins"][3]["peak_current_a"]
     # Judged by the command as mixed: the error of a fin that follows is no degree.
     assert all(abs(each["steady_error_deg"]) < 0.5 for each in found["fins"])
@@ -139,8 +139,8 @@ def test_figures_are_those_of_the_bench(model: str) -> None:
 
 
 def test_statuses_and_words_by_name() -> None:
-    """Fin 2 is jammed from 80 ms on: its table and plot say so, with the names of the flags."""
-    jam = {"fault.jam.begin": 0.08, "fault.jam.end": 9.0, "monitor.persistence": 0.02}
+    """Fin 2 is jammed from 60 ms on: its table and plot say so, with the names of the flags."""
+    jam = {"fault.jam.begin": 0.06, "fault.jam.end": 9.0, "monitor.persistence": 0.02}
     known = {"homing.required": False}
     made = response("nonlinear+homing+faults", [known, {**known, **jam}], 0.3)
     lines = {name: values for name, *values in made.lines()}
@@ -148,7 +148,7 @@ def test_statuses_and_words_by_name() -> None:
     assert lines["status"][1].startswith("operational, ")
     assert lines["status"][1].endswith("failed")
     # An output tells of a sample at the row after it.
-    assert lines["fault_word"] == ["none", "none, 0.081 s jam"]
+    assert lines["fault_word"] == ["none", "none, 0.061 s jam"]
     assert "tracking" in lines["built_in_test"][1]
     assert "fault_word_final" not in lines
     with style():
