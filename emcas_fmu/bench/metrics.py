@@ -335,11 +335,15 @@ def swept(response: FrequencyResponse) -> dict[str, float]:
                 "lowest_coherence": float(np.min(response.coherence[upto])) if upto.any() else nan}
 
 
-def fundamental(time: Array, values: Array, frequency: float) -> complex:
-    """Return the complex amplitude c of Re(c exp(2 pi i f t)) in `values`, by least squares beside offset and drift."""
+def fundamental(time: Array, values: Array, frequency: float, drift: bool = True) -> complex:
+    """Return the complex amplitude c of Re(c exp(2 pi i f t)) in `values`, by least squares beside an offset.
+
+    And beside a drift, unless it is known that there is none to speak of.
+    """
     angle = 2.0 * pi * frequency * time
     span = float(time[-1] - time[0]) or 1.0
-    terms = np.column_stack([np.cos(angle), np.sin(angle), np.ones_like(time), (time - time[0]) / span])
+    slow = (np.ones_like(time), (time - time[0]) / span)[:1 + drift]
+    terms = np.column_stack([np.cos(angle), np.sin(angle), *slow])
     cosine, sine, *_ = np.linalg.lstsq(terms, values, rcond=None)[0]
     return complex(cosine, -sine)
 

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from ...actuators import capabilities, require
-from ...bench.excitation import LOAD, SETTLE, Excitation, sine, slew_to, step_to
-from ...bench.metrics import FIGURES, fundamental, motion, since, usage
+from ...bench.excitation import COMMAND, LOAD, SETTLE, Excitation, sine, slew_to, step_to
+from ...bench.metrics import FIGURES, fundamental, motion, usage
 from ...bench.subject import ParameterSubject, Run
 from ...parameters import ParameterSet
 
@@ -86,7 +86,8 @@ def response(test: Test, subject: ParameterSubject, changes: Mapping[str, Any], 
 def _motion(test: Test, sign: float) -> Excitation:
     level, torque = sign * test.amplitude, sign * test.torque
     if test.kind == "slew":
-        return slew_to(level, test.duration, torque, settle=test.settle)
+        slew = slew_to(level, test.duration, torque, settle=test.settle)
+        return slew.holding({COMMAND: np.where(slew.judged(slew.time), level, -level)})  # from the first row on
     return step_to(level, test.duration).holding({LOAD: torque})
 
 
@@ -140,10 +141,12 @@ def _crossing(level: Callable[[complex], float], response_at: Callable[[float], 
 def describing_function(subject: ParameterSubject, changes: Mapping[str, Any], amplitude: float,
                         frequency: float) -> complex:
     """Return the fundamental of the fin angle over a sine command of `amplitude` [rad] at a `frequency` [Hz]."""
-    wave = sine(amplitude, frequency, max(_CYCLES, ceil(_FITTED * frequency)), _TRANSIENT)
-    columns = subject.run(wave, changes, ("fin_angle",)).finished()
-    time, angle = since(wave.begin, columns["time"], columns["fin_angle"])
-    return 1j * fundamental(time, angle, frequency) / amplitude
+    cycles = ceil(max(_CYCLES / frequency, _FITTED) * frequency)
+    columns = subject.run(sine(amplitude, frequency, cycles, _TRANSIENT), changes, ("fin_angle",)).finished()
+    begin = max(_TRANSIENT[0] / frequency, _TRANSIENT[1])
+    fitted = (columns["time"] >= begin) & (columns["time"] <= begin + cycles / frequency)
+    angle = fundamental(columns["time"][fitted], columns["fin_angle"][fitted], frequency, drift=False)
+    return 1j * angle / amplitude
 
 
 def _margins(parameters: ParameterSet, changes: Mapping[str, Any]) -> dict[str, float]:
