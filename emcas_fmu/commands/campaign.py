@@ -36,11 +36,11 @@ def campaign(
                                              metavar="FILE.fmu")] = None,
     fin: Annotated[int | None, typer.Option(help="Which fin of an FMU of several; the first unless given.", min=1,
                                             metavar="N")] = None,
-    model: Annotated[str | None, typer.Option(help="Which model of the actuator, instead of the file's: "
-                                              f"{', '.join(NAMES)}, or a Python file of yours. Behind it options, as "
+    model: Annotated[str | None, typer.Option(help="Which actuator, instead of the file's: "
+                                              f"{', '.join(NAMES)}, or a Python file of yours. Behind it extensions, as "
                                               f"in elastic+heat+faults: {', '.join(EXTENSIONS)}. Of an FMU it is the "
                                               "FMU's; name it for one of a file of yours.",
-                                              metavar="NAME[+OPTION...]")] = None,
+                                              metavar="NAME|FILE.py[+EXTENSION...]")] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given. 0: in "
                                                      "this process, without Dask.", min=0)] = None,
     scheduler: Annotated[str | None, typer.Option(help="Of a Dask cluster that is running, instead of processes "

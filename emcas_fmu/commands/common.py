@@ -22,17 +22,18 @@ out = Console()
 err = Console(stderr=True)
 
 ModelOption = Annotated[str, typer.Option(
-    "--model", help=f"Which model of the actuator: {', '.join(NAMES)}. or a Python file that declares one. Behind it "
+    "--model", help=f"Which actuator: {', '.join(NAMES)}, or a Python file that declares one. Behind it "
                     f"extensions, as in elastic+heat+faults: {', '.join(EXTENSIONS)}.",
-    metavar="NAME[+EXTENSION...]")]
+    metavar="NAME|FILE.py[+EXTENSION...]")]
 ParametersOption = Annotated[list[Path] | None, typer.Option(
     "--parameters", "-p", help="Parameter file (TOML); overrides any subset of the defaults (may be given several "
                                "times: a later file goes over those before it).", metavar="FILE")]
 INTERRUPTED = 130
 """Exit code of a run that was stopped by Ctrl-C."""
 SubjectModelOption = Annotated[str | None, typer.Option(
-    "--model", help="Which actuator a parameter file is of, with its options, as in elastic+heat; nonlinear unless "
-                    "given. An FMU tells it by its name.", metavar="NAME[+OPTION...]")]
+    "--model", help="Which actuator a parameter file is of, with its extensions, as in elastic+heat, or a Python file "
+                    "that declares one; nonlinear unless given. An FMU tells it by its name.",
+    metavar="NAME|FILE.py[+EXTENSION...]")]
 FinOption = Annotated[int | None, typer.Option(help="Which fin of a unit of several; the first unless given.",
                                                metavar="N")]
 

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.cli import app
+from emcas_fmu.parameters import load_parameters
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 
 # The option sets of tests/extensions/test_together.py.
@@ -33,7 +34,7 @@ duration = "0.3 s"
 """
 TUNING = """
 [tunables]
-"{parameter}" = {{ lower = "95 %", upper = "105 %" }}
+"{parameter}" = {{ lower = {lower}, upper = {upper} }}
 [cases.nominal]
 [[requirements]]
 name = "rise"
@@ -43,16 +44,14 @@ maximum = "10 s"
 """
 
 
-def varied(model: str) -> str:
-    """A parameter that every actuator of its kind has: the gain of its position loop, or how fast it follows."""
-    names = {v.name for v in get(model).parameters}
-    return next(name for name in ("controller.position.kp", "controller.kp", "second_order.natural_frequency")
-                if name in names)
-
-
 def written(folder: Path, template: str, model: str) -> str:
+    """A study of what an actuator of any kind has: the gain of its position loop, or how fast it follows."""
+    base = load_parameters(model=model)
+    parameter = next(v for v in get(model).parameters
+                     if v.name in ("controller.position.kp", "controller.kp", "second_order.natural_frequency"))
+    lower, upper = (f'"{share * base.values[parameter.name]!r} {parameter.unit}"' for share in (0.95, 1.05))
     path = folder / "study.toml"
-    path.write_text(template.format(parameter=varied(model)), encoding="utf-8")
+    path.write_text(template.format(parameter=parameter.name, lower=lower, upper=upper), encoding="utf-8")
     return str(path)
 
 
@@ -68,8 +67,8 @@ TOOLS: dict[str, Callable[[Path, str], list[str]]] = {
     "build": lambda folder, model: ["-o", str(folder / "one.fmu")],
     "build --fins": lambda folder, model: ["--fins", "4", "-o", str(folder / "four.fmu")],
     "simulate": lambda folder, model: ["--step", "2", "--stop", "0.1", "-o", str(folder / "a.csv")],
-    "simulate --fins": lambda folder, model: ["--fins", "2", "--step", "2", "--stop", "0.02"],
-    "validate": lambda folder, model: ["--case", "step_1deg", "--report", str(folder / "v.html")],
+    "simulate --fins": lambda folder, model: ["--fins", "2", "--step", "2", "--stop", "0.06"],
+    "validate": lambda folder, model: ["--case", "step_plus1", "--report", str(folder / "v.html")],
     "report": lambda folder, model: ["-o", str(folder / "r.html"), "--json", str(folder / "r.json")],
     "baseline": lambda folder, model: ["record", empty(folder), "-o", str(folder / "baseline")],
     "tune": lambda folder, model: [written(folder, TUNING, model), "--generations", "1", "--workers", "1"],
