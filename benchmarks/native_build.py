@@ -18,8 +18,8 @@ from xml.etree.ElementTree import fromstring
 
 from fmpy import extract
 
-from emcas_fmu.fmi.model_description import model_description, start_values, to_bytes
-from emcas_fmu.variables import PARAMETERS, START_ENTRIES, VARIABLES
+from emcas_fmu.actuators import NONLINEAR, get
+from emcas_fmu.fmi.model_description import SINGLE, model_description, start_values, to_bytes
 
 FLAGS = ("-O2", "-std=c11", "-ffp-contract=off", "-Wall", "-Wextra")
 SHARED = ("-fPIC", "-shared", "-fvisibility=default")
@@ -37,9 +37,10 @@ def _number(value: Any) -> str:
 
 def header(values: Mapping[str, Any]) -> str:
     """C header of value references (VR_...) and parameters (P_..., SI; polynomials as initialisers)."""
-    lines = [f"#define VR_{_identifier(v.name)} {i}" for i, v in enumerate(VARIABLES) if v.causality != "parameter"]
+    lines = [f"#define VR_{_identifier(v.name)} {i}" for i, v in enumerate(SINGLE.variables)
+             if v.causality != "parameter"]
     arrays: dict[str, list[str]] = {}
-    for v in (*PARAMETERS, *START_ENTRIES):
+    for v in get(NONLINEAR).file_entries:
         if v.name.endswith("]"):
             arrays.setdefault(v.name.partition("[")[0], []).append(_number(values[v.name]))
         else:

@@ -11,8 +11,8 @@ import numpy as np
 from make_tables import main, markdown
 
 from emcas_fmu import plots
-from emcas_fmu.actuators import NAMES
-from emcas_fmu.extensions.fault_list import FAULTS
+from emcas_fmu.actuators import NAMES, get
+from emcas_fmu.extensions.fault_list import FAULTS, Fault, possible
 from emcas_fmu.extensions.monitors import MONITORS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
@@ -32,6 +32,10 @@ def _load(time: float) -> float:
     return 40.0 * sin(2.0 * pi * 1.7 * time)
 
 
+def _has(model: str, fault: Fault) -> bool:
+    return fault in possible(get(model))
+
+
 def _run(model: str, fault: str, begin: float = BEGIN, end: float = END) -> dict[str, Any]:
     window = {f"fault.{fault}.begin": begin, f"fault.{fault}.end": end}
     values = load_parameters(model=f"{model}+faults").replace(window).values
@@ -46,7 +50,8 @@ def acting() -> str:
     for fault in FAULTS:
         row = [f"`{fault.name}`"]
         for model in NAMES:
-            moved = degrees(np.abs(_run(model, fault.name)["fin_angle"] - sound[model]).max())
+            moved = (degrees(np.abs(_run(model, fault.name)["fin_angle"] - sound[model]).max()) if _has(model, fault)
+                     else 0.0)
             row.append(f"{moved:.2g}°" if moved > LEAST else "–")
         rows.append(row)
     return markdown(("fault", *NAMES), rows)
@@ -55,14 +60,14 @@ def acting() -> str:
 def found() -> str:
     """What the built-in test of the nonlinear model finds, and when."""
     rows = []
-    for fault in FAULTS:
+    for fault in possible(get("nonlinear")):
         values = load_parameters(model="nonlinear+faults").replace({
             f"fault.{fault.name}.begin": BEGIN, f"fault.{fault.name}.end": 1e9}).values
         run = simulate(values, FOUND_STOP, model="nonlinear+faults",
                        fin_command=lambda t: radians(10.0 if t % 1.0 < 0.5 else -10.0))
         words = run["built_in_test"].astype(int)
-        seen = [f"{name} after {np.flatnonzero(words & 2**i)[0] * 1e-3 - BEGIN:.2f} s"
-                for i, (name, _) in enumerate(MONITORS) if (words & 2**i).any()]
+        seen = [f"{monitor.name} after {np.flatnonzero(words & 2**i)[0] * 1e-3 - BEGIN:.2f} s"
+                for i, monitor in enumerate(MONITORS) if (words & 2**i).any()]
         rows.append((f"`{fault.name}`", fault.description, ", ".join(seen) or "–"))
     return markdown(("fault", "what it is", "found by"), rows)
 

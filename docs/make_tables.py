@@ -15,18 +15,18 @@ from pathlib import Path
 
 import numpy as np
 
-from emcas_fmu.actuators import NAMES, NONLINEAR
+from emcas_fmu.actuators import NAMES, NONLINEAR, get
 from emcas_fmu.baseline.compare import TEMPLATE, compare, record
 from emcas_fmu.baseline.read import read
 from emcas_fmu.baseline.table import HEADER, lines, verdict
-from emcas_fmu.bench.excitation import reference_case
+from emcas_fmu.bench.excitation import Excitation, reference_case
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.kernels import program
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.simulation import simulate
-from emcas_fmu.unit import BUS_OUTPUTS, BUS_PARAMETERS, MIXING, SHARED
-from emcas_fmu.variables import INPUTS, OUTPUTS, Variable
+from emcas_fmu.unit import BUS_PARAMETERS, MIXING, Unit
+from emcas_fmu.variables import Variable
 
 HERE = Path(__file__).parent
 FINE = 1e-4  # s, the communication step the others are compared with
@@ -59,16 +59,16 @@ def _wiring(variables: Iterable[Variable], name: Callable[[Variable], str] = lam
 
 def single() -> str:
     """Inputs and outputs of one actuator."""
-    return _wiring((*INPUTS, *OUTPUTS))
+    return _wiring((*get(NONLINEAR).inputs, *get(NONLINEAR).outputs))
 
 
 def several() -> str:
     """What a unit of four has beside its fins."""
-    shared = tuple(v for v in INPUTS if v.name in SHARED)
-    own = tuple(v for v in (*INPUTS, *OUTPUTS) if v.name not in SHARED)
-    names = ", ".join(f"`fin[1].{v.name}`" for v in own)
-    return (_wiring((*MIXING, *BUS_OUTPUTS, *BUS_PARAMETERS))
-            + "\n\nShared by all fins, at the top: " + ", ".join(f"`{v.name}`" for v in shared)
+    unit = Unit(4)
+    of_fin = [v for v in (*unit.actuator.inputs, *unit.actuator.outputs) if v.name not in unit.shared]
+    names = ", ".join(f"`fin[1].{v.name}`" for v in of_fin)
+    return (_wiring((*MIXING, *unit.bus_outputs, *BUS_PARAMETERS))
+            + "\n\nShared by all fins, at the top: " + ", ".join(f"`{name}`" for name in unit.shared)
             + f".\n\nOf each fin: {names}, and every parameter, such as `fin[1].mounting.azimuth`.")
 
 
@@ -133,15 +133,22 @@ def drift() -> str:
             + f"\n\n`{verdict(found)}`")
 
 
+def _angle(model: str, chosen: Excitation) -> np.ndarray:
+    """Fin angle [rad] under what a model has of an excitation's parameters and inputs."""
+    parameters = load_parameters(model=model)
+    inputs = {v.name for v in get(model).inputs}
+    signals = {name.replace(".", "__"): column for name, column in chosen.columns.items() if name in inputs}
+    return simulate(parameters.replace(parameters.having(chosen.start_values)).values, chosen.stop, chosen.step,
+                    model=model, **signals)["fin_angle"]
+
+
 def models() -> str:
     """How far the fin angle of each model is from the nonlinear one's in the reference cases: largest, and rms."""
     others = [name for name in NAMES if name != NONLINEAR]
     rows = []
     for case in CASES:
         chosen = reference_case(case.name)
-        signals = {name.replace(".", "__"): column for name, column in chosen.columns.items()}
-        angles = {name: simulate(load_parameters(model=name).replace(chosen.start_values).values, chosen.stop,
-                                 chosen.step, model=name, **signals)["fin_angle"] for name in NAMES}
+        angles = {name: _angle(name, chosen) for name in NAMES}
         apart = [np.degrees(np.abs(angles[name] - angles[NONLINEAR])) for name in others]
         rows.append([f"`{case.name}`", *(f"{a.max():.2g}°, {np.sqrt(np.mean(a**2)):.2g}°" for a in apart)])
     return markdown(("reference case", *others), rows)

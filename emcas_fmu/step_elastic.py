@@ -193,10 +193,7 @@ def _margins(ops: Ops, p: Any, c: drive_line.Line, start: Pair, s: Pair, mode: _
     side = ops.where(mode.flank > 0.0, 1.0, -1.0)
     pressure = side * drive_line.torque(c, deflection, s.speed - s.fin_speed, mode.flank) - drive_line.least(c)
     low_stop, high_stop = stops(ops, p)
-    d = mode.drive
-    demand = drive.voltage_demand(p, d.i_ref, s.current, s.integral)
-    reserve = ops.where(ops.equal(d.side, 0.0), d.limit - ops.fabs(demand), demand * d.side - d.limit)
-    watched = ops.both(d.enabled, ops.equal(d.at_limit, 0.0))
+    watched, reserve = _reserve(ops, p, s, mode.drive)
     dry = p.friction.fin_coulomb > 0.0
     return (
         ops.where(c.loose, ops.where(mode.pressed, pressure, c.half_gap - deflection), 1.0),
@@ -205,8 +202,17 @@ def _margins(ops: Ops, p: Any, c: drive_line.Line, start: Pair, s: Pair, mode: _
         ops.where(dry, ops.where(start.fin_speed > 0.0, s.fin_speed, -s.fin_speed), 1.0),
         high_stop - s.fin_angle,
         s.fin_angle - low_stop,
-        1.0 if _ideal(p) else ops.where(watched, reserve, 1.0),
+        ops.where(watched, reserve, 1.0),
     )
+
+
+def _reserve(ops: Ops, p: Any, s: Pair, d: Any) -> tuple[Value, Value]:
+    """Return whether the demanded voltage is watched, and what is above zero until it meets or leaves its limit [V]."""
+    if _ideal(p):
+        return False, 1.0
+    demand = drive.voltage_demand(p, d.i_ref, s.current, s.integral)
+    reserve = ops.where(ops.equal(d.side, 0.0), d.limit - ops.fabs(demand), demand * d.side - d.limit)
+    return ops.both(d.enabled, ops.equal(d.at_limit, 0.0)), reserve
 
 
 def _zero(ops: Ops, x: Value, y: Value, other_x: Value, other_y: Value) -> Value:

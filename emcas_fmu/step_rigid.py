@@ -163,6 +163,8 @@ def electrical_mode(ops: Ops, p: Any, s: Plant, u: Record) -> Drive:
     if p.structure.current == "pwm":
         return _pwm_mode(ops, p, u)
     i_ref = drive.current_reference(ops, p, u.reference)
+    if p.structure.current == "ideal":  # the current is its reference at once, and no voltage matters
+        return Drive(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, i_ref, u.enabled, 0.0, 1.0)
     demand = drive.voltage_demand(p, i_ref, s.current, s.integral)
     limit = ops.maximum(u.supply, 0.0)
     inside = ops.fabs(demand) < limit * (1.0 - _BAND)

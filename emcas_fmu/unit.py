@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from .actuators import NAMES, NONLINEAR, fin_port, get, parts
+from .actuators import NONLINEAR, fin_port, get
 from .actuators.declaration import Actuator, identifier
 from .errors import EmcasError
 from .parameters import ParameterSet, load_parameters
@@ -41,6 +41,13 @@ BUS_PARAMETERS = (
 _BUS_START = {"bus.source_resistance": 0.0, "bus.update_time": 1e-4}
 
 
+def model_name(actuator: str, fins: int = 1) -> str:
+    """Return the name of the model of an actuator: EMCAS, EMCAS4, EMCAS_second_order, EMCAS_heat (nonlinear)."""
+    several = "" if fins == 1 else f"{fins}"
+    return f"EMCAS{several}" + (
+        "" if actuator == NONLINEAR else f"_{identifier(actuator.removeprefix(f'{NONLINEAR}+'))}")
+
+
 @dataclass(frozen=True)
 class Unit:
     """`fins` actuators of a `kind` (a name for :func:`emcas_fmu.actuators.get`) in one FMU.
@@ -58,11 +65,8 @@ class Unit:
 
     @property
     def model(self) -> str:
-        """Name of the model: EMCAS, EMCAS4, EMCAS_second_order, EMCAS_heat (nonlinear)."""
-        several = "" if self.fins == 1 else f"{self.fins}"
-        actuator, extensions = parts(self.kind)
-        names = [actuator if actuator in NAMES else get(actuator).name, *extensions]
-        return "_".join([f"EMCAS{several}", *(identifier(name) for name in names if name != NONLINEAR)])
+        """Name of the model (:func:`model_name`)."""
+        return model_name(self.actuator.name, self.fins)
 
     @property
     def actuator(self) -> Actuator:

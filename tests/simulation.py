@@ -3,17 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
+from emcas_fmu.actuators import get
 from emcas_fmu.kernels import program
 from emcas_fmu.kernels.core import Core
+from emcas_fmu.namespace import Record, namespace
 from emcas_fmu.simulation import simulate
 from tests.default_actuator import OUTPUTS
 
-__all__ = ["NAMES", "new_core", "simulate"]
+__all__ = ["NAMES", "acting", "nested", "new_core", "simulate"]
 NAMES = [v.name for v in OUTPUTS]
 
 
 def new_core(values: Mapping[str, Any]) -> Core:
     """A core at its start."""
     return program.core(values)
+
+
+def acting(reference: float = 0.0, supply: float = 39.0, enabled: bool = True) -> Record:
+    """What acts on an electromechanical plant through a step: a drive's reference [V], and no load."""
+    return Record(reference=reference, aero_torque=0.0, f_x=0.0, f_z=0.0, supply=supply, enabled=enabled,
+                  rated_current_limit=None)
+
+
+def nested(values: Mapping[str, Any], model: str, **structure: Any) -> Any:
+    """Parameters as a model's equations take them, some of its structure chosen otherwise."""
+    return namespace(values, replace(get(model).structure, **structure))

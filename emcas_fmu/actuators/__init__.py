@@ -98,7 +98,7 @@ def _get(name: str, extensions: tuple[str, ...]) -> Actuator:
 def _extended(actuator: Actuator, extension: Extension, name: str, extensions: tuple[str, ...]) -> Actuator:
     for need in extension.needs:
         if need not in actuator.provides and (
-                taken := [each for each in extensions if need in get_extension(each).replaces]):
+                taken := [each for each in extensions[:-1] if need in get_extension(each).replaces]):
             raise EmcasError(f"--model {_SEPARATOR.join((name, *extensions))}: {extension.name} needs {need}, which "
                              f"{taken[0]} replaces")
     require(_SEPARATOR.join((name, *extensions)), extension.name, *extension.needs, actuator=actuator)
@@ -110,7 +110,7 @@ def require(name: str, purpose: str, *needs: str, actuator: Actuator | None = No
     chosen = get(name) if actuator is None else actuator
     for need in needs:
         if need not in chosen.provides:
-            having = [each for each in NAMES if need in get(each).provides]
+            having = [each for each in NAMES if get(each).provides.issuperset(needs)]
             raise EmcasError(f"--model {name}: {purpose} needs {need}; {chosen.name} has none, {', '.join(having)} "
                              f"{'has' if len(having) == 1 else 'have'}")
 

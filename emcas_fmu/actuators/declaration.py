@@ -6,13 +6,13 @@ The equations are functions of ``ops`` (:class:`emcas_fmu.ops.base.Ops`), ``p``,
     initial(ops, p, start)       states at rest: ``start.fin_angle`` [rad], ``start.encoder_offset``
     sample(ops, p, x, asked)     what the sampled controllers do, every controller.sample_time
     step(ops, p, x, u, h)        the plant after h [s] or at the first event before, and the time that took; or
-    derivatives(ops, p, x, u)    d/dt of every state where the equations are smooth: without dry friction, gaps and
-                                 limits. Linear analysis takes these, and stepping where there is no `step`
-                                 (:mod:`emcas_fmu.step_smooth`)
+    derivatives(ops, p, x, u)    d/dt of the states where the equations are smooth: enabled, without dry friction, gaps
+                                 and limits. Linear analysis takes these (:mod:`emcas_fmu.analysis.linear`), and
+                                 stepping where there is no `step` (:mod:`emcas_fmu.step_smooth`)
     output_values(ops, p, x, u)  every output
 
 ``x`` has the states by name, ``u`` what acts and is held through a step (:class:`Acting`). The functions give a
-mapping of names to values; `sample`, `step` and `initial` leave out what does not change (from 0, for `initial`).
+mapping of names to values; all but `output_values` leave out what does not change (from 0, for `initial`).
 """
 
 from __future__ import annotations
@@ -130,9 +130,11 @@ class Actuator:
 
     name: str
     title: str
+    # Where the equations come from, in sentences.
+    origin: str = ""
 
     # States: moved by steps; moved by samples, which alone see them; set by samples and seen by everything.
-    states: tuple[State, ...]
+    states: tuple[State, ...] = ()
     controller_states: tuple[State, ...] = ()
     sampled_states: tuple[State, ...] = ()
     # Those, of angle and speed, that the sensors read.
@@ -181,7 +183,7 @@ class Actuator:
             if self.derivatives is None:
                 raise EmcasError(f"actuator {self.name}: has neither step nor derivatives; smooth equations need only "
                                  "derivatives")
-            object.__setattr__(self, "step", smooth_step(self.derivatives, [s.name for s in self.states]))
+            object.__setattr__(self, "step", smooth_step(self.rates, [s.name for s in self.states]))
         # Those that act on the plant first: the core takes them so.
         object.__setattr__(self, "further_inputs", tuple(sorted(self.further_inputs, key=lambda v: v.kind != "Real")))
         arguments = [a for _, names, _ in self.functions for a in names]
@@ -290,6 +292,12 @@ class Actuator:
                           ("measured_fin_angle", "limited", *names))
         before = {name: getattr(x, name) for name in names}
         return {"measured_fin_angle": getattr(x, self.encoder[0]), "limited": 0.0, **before, **given}
+
+    def rates(self, ops: Ops, p: Parameters, x: Record, u: Acting) -> dict[str, Value]:
+        """Return d/dt of every state of an actuator that has derivatives."""
+        assert self.derivatives is not None
+        names = tuple(s.name for s in self.states)
+        return {**dict.fromkeys(names, 0.0), **_complete(self.derivatives, self.derivatives(ops, p, x, u), (), names)}
 
     def _acting(self, held: Iterable[Value], active: Value, acting: Iterable[Value]) -> dict[str, Value]:
         names = (*(s.name for s in self.sampled_states), "reference", "aero_torque", "f_x", "f_z", "supply", "enabled",

@@ -19,7 +19,7 @@ from ..variables import Terminal, Variable, boolean_input, boolean_output, param
 # -- inputs ------------------------------------------------------------------------
 
 MOTION = (
-    real_input("acceleration.x", "m/s2", "vehicle acceleration along body x (forward, along the screw)", nominal=10.0),
+    real_input("acceleration.x", "m/s2", "vehicle acceleration along body x (forward)", nominal=10.0),
     real_input("acceleration.y", "m/s2", "vehicle acceleration along body y", nominal=10.0),
     real_input("acceleration.z", "m/s2", "vehicle acceleration along body z (down)", nominal=10.0),
     real_input("attitude.roll", "rad", "vehicle roll angle, for gravity"),
@@ -30,7 +30,7 @@ COMMAND = real_input("fin_command", "rad", "commanded fin angle; clipped to +-co
 AERO_TORQUE = real_input(
     "aero_torque", "N.m", "aerodynamic hinge moment on the fin, positive along positive fin_angle "
     "(a restoring moment is negative at positive angle)", nominal=100.0)
-ENABLE = boolean_input("enable", "false opens the drive's bridge: the fin is driven by loads and friction only", True)
+ENABLE = boolean_input("enable", "false switches the drive off: the fin is moved by loads and friction only", True)
 
 # -- outputs -----------------------------------------------------------------------
 
@@ -40,8 +40,8 @@ HINGE_TORQUE = real_output(
     "hinge_torque", "N.m", "total external moment about the hinge (aerodynamic + gravity + inertial)", 100.0)
 TRACKING_ERROR = real_output("tracking_error", "rad", "clipped command minus fin angle", 0.01)
 MEASURED_FIN_ANGLE = real_output(
-    "measured_fin_angle", "rad", "fin angle the controller reads from its encoder at the last sample", 0.1)
-SATURATED = boolean_output("saturated", "any limit active: command, speed, DAC, current or voltage")
+    "measured_fin_angle", "rad", "fin angle the controllers read at the last sample", 0.1)
+SATURATED = boolean_output("saturated", "any limit active")
 AT_STOP = boolean_output("at_stop", "the fin rests against a mechanical stop")
 OUTPUTS = (FIN_ANGLE, FIN_RATE, HINGE_TORQUE, TRACKING_ERROR, MEASURED_FIN_ANGLE, SATURATED, AT_STOP)
 
@@ -67,7 +67,7 @@ TRAVEL = (
     parameter("fin.start_angle", "rad", radians(-80), radians(80), "fin angle at the start, at rest"),
 )
 MOUNTING = (
-    switch("loads.gravity", "true: gravity acts on fin, shaft, fork and nut (wire the attitude inputs)"),
+    switch("loads.gravity", "true: gravity acts on the moving parts (wire the attitude inputs)"),
     parameter("mounting.azimuth", "rad", radians(-360), radians(360), "roll of the fin's frame about body x"),
 )
 MAX_TICK = parameter("solver.max_tick", "s", 1e-7, 1e-3, "longest internal tick")

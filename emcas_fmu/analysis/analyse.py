@@ -12,17 +12,26 @@ from typing import Any
 import numpy as np
 
 from .. import __version__
+from ..actuators import capabilities, get, parts
 from ..bench.metrics import FrequencyResponse
 from ..errors import EmcasError
 from ..parameters import ParameterSet
 from . import capability, final_values, frequency, locus, steps, sweep, thesis
-from .linear import LOOPS, LinearActuator, System
+from .linear import LinearActuator, System, sound
 from .modes import Modes, load_rod, modes_at, thesis_modes
 
 Progress = Callable[[str, int, int], None]
 # Swept to this many times the linear bandwidth, to show what the gain does beyond it.
 _BEYOND = 3.0
-_STEPS = 8
+_STEPS = 7
+# Of what not every actuator has: what it needs.
+SECTIONS = {
+    "thesis_linear": ("the thesis's linear model", (
+        capabilities.CASCADE, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE)),
+    "modes": ("natural frequencies of the rod", (capabilities.SCREW_DRIVE,)),
+    "limits": ("limits in the amplitude sweep", sweep.NEEDS),
+    "capability": ("torque-speed capability", capability.NEEDS),
+}
 
 
 @dataclass(frozen=True)
@@ -37,69 +46,99 @@ class ClosedLoop:
 
 
 @dataclass(frozen=True)
+class Limits:
+    """What motor and drive can do, and where the reference cases take them."""
+
+    envelope: capability.Envelope
+    cases: list[capability.CasePoints]
+    fin: capability.Capability
+
+
+@dataclass(frozen=True)
 class Analysis:
-    """The findings, each as its module gives it; ``thesis`` is None where its model, at fin angle 0, is unstable."""
+    """The findings, each as its module gives it; ``left_out`` says of SECTIONS why there is none, the rest is None.
+
+    ``thesis`` is None also where its model, at fin angle 0, is unstable. ``parameters`` are the sound actuator's.
+    """
 
     parameters: ParameterSet
     actuator: LinearActuator
     linear: ClosedLoop
+    left_out: Mapping[str, str]
     thesis: ClosedLoop | None
     final_values: list[final_values.FinalValues]
     sweeps: list[sweep.Sweep]
-    modes: Modes
-    thesis_modes: Modes
-    envelope: capability.Envelope
-    cases: list[capability.CasePoints]
-    capability: capability.Capability
+    modes: tuple[Modes, Modes] | None
+    """With the parameter set's inertia, and with the thesis's."""
+    capability: Limits | None
     locus: locus.Locus
     steps: list[steps.StepComparison]
 
 
 def analyse(parameters: ParameterSet, fin_angle: float = 0.0, aero_torque: float = 0.0, rod: Path | None = None,
-            locus_name: str = locus.DEFAULT, progress: Progress | None = None) -> Analysis:
+            locus_name: str | None = None, progress: Progress | None = None) -> Analysis:
     """Analyse a set at rest at `fin_angle` [rad] under `aero_torque` [N.m]; `rod` overrides models/rod.toml.
 
-    Raises EmcasError for an operating point that cannot be held, an unstable loop, a bad file or locus.
+    Raises EmcasError for an actuator without a sampled position loop, an operating point that cannot be held, an
+    unstable loop, a bad file or locus.
     """
     tell: Progress = progress or (lambda name, done, total: None)
-    values = parameters.values
+    parameters = sound(parameters)
+    values, model = parameters.values, parameters.model
+    left_out = _left_out(model)
     tell("linear models", 0, _STEPS)
     beam = load_rod(rod)
-    actuator = LinearActuator(values, fin_angle, aero_torque)
+    actuator = LinearActuator(values, fin_angle, aero_torque, model)
     if not actuator.stable:
         largest = float(np.max(np.abs(actuator.closed.poles())))
         where = f"the linearised loop at {degrees(fin_angle):g} deg"
-        if values["controller.velocity.kp"] <= 0.0 or values["controller.position.kp"] <= 0.0:
+        cascade = capabilities.CASCADE in actuator.actuator.provides
+        if cascade and (values["controller.velocity.kp"] <= 0.0 or values["controller.position.kp"] <= 0.0):
             raise EmcasError(f"{where} does not hold the fin: controller.velocity.kp and controller.position.kp must "
                              "both be above 0")
+        remedy = ("controller.velocity.kp, controller.position.kp or controller.position.ki, or shorten "
+                  "drive.transport_delay" if cascade else "the gains of its controller")
         raise EmcasError(f"{where} is unstable (a mode grows by {100.0 * (largest - 1.0):.2g} % a sample): lower "
-                         "controller.velocity.kp, controller.position.kp or controller.position.ki, or shorten "
-                         "drive.transport_delay")
+                         f"{remedy}")
     linear = _closed_loop(actuator)
     tell("root locus", 1, _STEPS)
     poles = locus.locus(parameters, locus_name, fin_angle, aero_torque)
     tell("final values", 2, _STEPS)
-    finals = final_values.final_values(values, fin_angle, aero_torque)
-    tell("capability", 3, _STEPS)
-    limits = capability.envelope(values), capability.capability(values)
+    finals = final_values.final_values(values, fin_angle, aero_torque, model)
     try:
-        tell("reference cases", 4, _STEPS)
-        cases = capability.case_points(parameters)
-        tell("steps", 5, _STEPS)
-        compared = steps.comparisons(values, actuator)
+        tell("capability", 3, _STEPS)
+        limits = None if "capability" in left_out else Limits(
+            capability.envelope(values, model), capability.case_points(parameters),
+            capability.capability(values, model))
+        tell("steps", 4, _STEPS)
+        compared = steps.comparisons(values, actuator, "thesis_linear" not in left_out)
         crossings = [f for f in (linear.command.bandwidth, linear.command.phase_bandwidth) if isfinite(f)]
         highest = _BEYOND * max(crossings, default=linear.command.frequency[-1] / _BEYOND)
-        swept = sweep.sweeps(values, highest, fin_angle, aero_torque,
-                             progress=lambda name, done, total: tell(name, 6, _STEPS))
+        swept = sweep.sweeps(values, highest, fin_angle, aero_torque, model=model,
+                             progress=lambda name, done, total: tell(name, 5, _STEPS))
     except (ArithmeticError, ValueError) as error:
         raise EmcasError(f"the response cannot be computed: {error}") from error
-    tell("thesis", 7, _STEPS)
-    return Analysis(parameters, actuator, linear, _thesis(values), finals, swept, modes_at(beam, values, fin_angle),
-                    thesis_modes(beam), limits[0], cases, limits[1], poles, compared)
+    tell("thesis", 6, _STEPS)
+    theirs = None if "thesis_linear" in left_out else _thesis(values)
+    modes = None if "modes" in left_out else (modes_at(beam, values, fin_angle, model), thesis_modes(beam))
+    return Analysis(parameters, actuator, linear, left_out, theirs, finals, swept, modes, limits, poles, compared)
+
+
+def _left_out(model: str) -> dict[str, str]:
+    actuator = get(model)
+    told = {}
+    for section, (title, needs) in SECTIONS.items():
+        if missing := [need for need in needs if need not in actuator.provides]:
+            told[section] = f"{title} left out: needs {missing[0]}, which {actuator.name} has not"
+    for extension, why in (("heat", "of a motor at one temperature; emcas envelope has it with heat"),
+                           ("efficiency", "of a screw without losses")):
+        if extension in parts(model)[1]:
+            told.setdefault("capability", f"{SECTIONS['capability'][0]} left out: it is {why}")
+    return told
 
 
 def _closed_loop(actuator: LinearActuator) -> ClosedLoop:
-    loops = {name: actuator.loop(name) for name in LOOPS}
+    loops = {name: actuator.loop(name) for name in actuator.loops}
     return ClosedLoop(actuator.closed, frequency.response(actuator.command_to_angle),
                       frequency.response(actuator.load_to_angle), loops,
                       {name: frequency.margins(loop) for name, loop in loops.items()})
@@ -117,10 +156,10 @@ def _thesis(values: Mapping[str, Any]) -> ClosedLoop | None:
 def figures(found: Analysis) -> dict[str, Any]:
     """All figures as nested dictionaries; units in the names, None for what does not exist or is unlimited."""
     point = found.actuator.point
-    own, theirs = found.modes, found.thesis_modes
-    cap, env = found.capability, found.envelope
     tree: dict[str, Any] = {
         "emcas": __version__,
+        "model": found.actuator.actuator.name,
+        "left_out": dict(found.left_out),
         "operating_point": {
             "fin_angle_deg": degrees(point.fin_angle), "aero_torque_nm": point.aero_torque, "ratio": point.ratio,
             "motor_angle_rad": point.motor_angle, "current_a": point.current, "voltage_v": point.voltage,
@@ -129,32 +168,18 @@ def figures(found: Analysis) -> dict[str, Any]:
         "thesis_linear": _loop_figures(found.thesis) if found.thesis else None,
         "final_values": {
             "command_step_deg": final_values.COMMAND, "load_step_nm": final_values.TORQUE,
-            **{row.name.lower(): {"ki": row.ki, "stable": row.stable, "command_error_deg": row.command_error,
-                                  "load_error_deg": row.load_error, "slowest_time_constant_s": row.slowest}
+            **{row.name.lower().replace(" ", "_"): {
+                "ki": row.ki, "stable": row.stable, "command_error_deg": row.command_error,
+                "load_error_deg": row.load_error, "slowest_time_constant_s": row.slowest}
                for row in found.final_values}},
         "sweep": [{"amplitude_deg": degrees(s.amplitude), "bandwidth_3db_hz": s.response.bandwidth,
                    "bandwidth_90deg_hz": s.response.phase_bandwidth,
-                   "limit_onset_hz": {name: s.onset(name) for name in sweep.LIMITS},
+                   "limit_onset_hz": {name: s.onset(name) for name in sweep.LIMITS[:len(s.active)]},
                    "frequency_hz": s.response.frequency, "gain_db": s.response.gain_db,
                    "phase_deg": np.degrees(s.response.phase),
-                   "limit_share": dict(zip(sweep.LIMITS, s.active, strict=True))} for s in found.sweeps],
-        "modes": {"axial_hz": own.axial, "torsional_hz": own.torsional, "inertia_kgm2": own.inertia,
-                  "mass_kg": own.mass,
-                  "axial_over_bandwidth": own.ratios[0], "torsional_over_bandwidth": own.ratios[1],
-                  "thesis": {"axial_hz": theirs.axial, "torsional_hz": theirs.torsional,
-                             "axial_over_bandwidth": theirs.ratios[0], "torsional_over_bandwidth": theirs.ratios[1],
-                             "axial_rad_per_s_over_hz": theirs.slipped[0],
-                             "torsional_rad_per_s_over_hz": theirs.slipped[1], "bandwidth_hz": theirs.bandwidth}},
-        "envelope": {"stall_torque_nm": env.stall_torque, "no_load_speed_rad_per_s": env.no_load_speed,
-                     "integral_time_s": env.integral_time, "speed_rad_per_s": env.speed, "torque_nm": env.highest,
-                     "prompt_torque_nm": env.prompt},
-        "capability": {"fin_angle_deg": np.degrees(cap.fin_angle), "ratio": cap.ratio,
-                       "stall_torque_nm": np.min(cap.stall, axis=0), "held_torque_nm": np.min(cap.held, axis=0),
-                       "rate_deg_per_s": np.degrees(np.min(cap.rate, axis=0)),
-                       "rate_loaded_deg_per_s": np.degrees(np.min(cap.rate_loaded, axis=0)),
-                       "free_rate_deg_per_s": np.degrees(np.min(cap.free_rate, axis=0)),
-                       "free_rate_loaded_deg_per_s": np.degrees(np.min(cap.free_rate_loaded, axis=0)),
-                       "load_nm": final_values.TORQUE},
+                   "limit_share": dict(zip(sweep.LIMITS, s.active))} for s in found.sweeps],
+        "modes": _mode_figures(*found.modes) if found.modes else None,
+        **_limit_figures(found.capability),
         "locus": {"parameter": found.locus.name, "unit": found.locus.unit, "value": found.locus.nominal,
                   "tried": [found.locus.values[0], found.locus.values[-1]], "stable": found.locus.stable_range},
         "steps": [{"step_deg": s.size, "largest_difference_percent": s.difference,
@@ -165,6 +190,32 @@ def figures(found: Analysis) -> dict[str, Any]:
     }
     plain: dict[str, Any] = _plain(tree)
     return plain
+
+
+def _mode_figures(own: Modes, theirs: Modes) -> dict[str, Any]:
+    return {"axial_hz": own.axial, "torsional_hz": own.torsional, "inertia_kgm2": own.inertia, "mass_kg": own.mass,
+            "axial_over_bandwidth": own.ratios[0], "torsional_over_bandwidth": own.ratios[1],
+            "thesis": {"axial_hz": theirs.axial, "torsional_hz": theirs.torsional,
+                       "axial_over_bandwidth": theirs.ratios[0], "torsional_over_bandwidth": theirs.ratios[1],
+                       "axial_rad_per_s_over_hz": theirs.slipped[0],
+                       "torsional_rad_per_s_over_hz": theirs.slipped[1], "bandwidth_hz": theirs.bandwidth}}
+
+
+def _limit_figures(limits: Limits | None) -> dict[str, Any]:
+    if limits is None:
+        return {"envelope": None, "capability": None}
+    env, cap = limits.envelope, limits.fin
+    return {
+        "envelope": {"stall_torque_nm": env.stall_torque, "no_load_speed_rad_per_s": env.no_load_speed,
+                     "integral_time_s": env.integral_time, "speed_rad_per_s": env.speed, "torque_nm": env.highest,
+                     "prompt_torque_nm": env.prompt},
+        "capability": {"fin_angle_deg": np.degrees(cap.fin_angle), "ratio": cap.ratio,
+                       "stall_torque_nm": np.min(cap.stall, axis=0), "held_torque_nm": np.min(cap.held, axis=0),
+                       "rate_deg_per_s": np.degrees(np.min(cap.rate, axis=0)),
+                       "rate_loaded_deg_per_s": np.degrees(np.min(cap.rate_loaded, axis=0)),
+                       "free_rate_deg_per_s": np.degrees(np.min(cap.free_rate, axis=0)),
+                       "free_rate_loaded_deg_per_s": np.degrees(np.min(cap.free_rate_loaded, axis=0)),
+                       "load_nm": final_values.TORQUE}}
 
 
 def _loop_figures(loop: ClosedLoop) -> dict[str, Any]:

@@ -17,8 +17,7 @@ from typing import Any, cast
 import numpy as np
 from scipy.optimize import brentq
 
-from ..actuators import fin_port
-from ..actuators.electromechanical import nonlinear
+from ..actuators import NONLINEAR, capabilities, fin_port, get
 from ..bench.excitation import reference_case
 from ..ops.arrays import ARRAYS as _ARRAYS
 from ..ops.base import Ops
@@ -29,6 +28,8 @@ from ..reference.cases import CASES, LOAD
 from ..simulation import Array, simulate
 
 ARRAYS: Ops = cast(Ops, _ARRAYS)
+NEEDS = (capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.SCREW_LOAD,
+         capabilities.COULOMB_FRICTION)
 _POINTS = 101
 
 
@@ -55,9 +56,9 @@ def limit_torque(p: Any, speed: Any, side: float) -> Any:
     return drive.torque(p, ARRAYS.clip(current, -p.drive.current_limit, p.drive.current_limit))
 
 
-def envelope(values: Mapping[str, Any]) -> Envelope:
+def envelope(values: Mapping[str, Any], model: str = NONLINEAR) -> Envelope:
     """The torque-speed envelope, over all speeds the supply reaches without load, both ways."""
-    p = nonlinear.ACTUATOR.namespace(values)
+    p = get(model).namespace(values)
     free = p.drive.supply_voltage / p.motor.back_emf_constant
     speed = np.linspace(-free, free, 4 * _POINTS)
     highest = limit_torque(p, speed, 1.0)
@@ -83,7 +84,8 @@ def case_points(parameters: ParameterSet) -> list[CasePoints]:
     for case in CASES:
         chosen = reference_case(case.name)
         inputs: dict[str, Any] = dict(chosen.columns)
-        run = simulate(parameters.replace(chosen.start_values).values, chosen.stop, chosen.step, **inputs)
+        run = simulate(parameters.replace(chosen.start_values).values, chosen.stop, chosen.step, model=parameters.model,
+                       **inputs)
         points.append(CasePoints(case.name, case.title, run["motor_speed"], run["motor_torque"]))
     return points
 
@@ -107,9 +109,9 @@ class Capability:
     free_rate_loaded: Array
 
 
-def capability(values: Mapping[str, Any]) -> Capability:
+def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
     """Over the range of commands."""
-    p = nonlinear.ACTUATOR.namespace(values)
+    p = get(model).namespace(values)
     fin = np.linspace(-p.command.limit, p.command.limit, _POINTS)
     force = fin_port.specific_force(FLOATS, p, 0.0, 0.0, 0.0, 0.0, 0.0)
     m = mechanics.coefficients(ARRAYS, p, kinematics.motor_angle(ARRAYS, p, fin), 0.0, *force)

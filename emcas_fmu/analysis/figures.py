@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from math import degrees, pi
 from typing import Any
 
@@ -31,7 +31,9 @@ _MARKERS = {"rate": "o", "current": "s", "voltage": "^", "dac": "x"}
 
 def all_figures(found: Analysis) -> Iterator[tuple[str, str, str]]:
     """Title, inline SVG and caption of every figure."""
-    for draw in DRAWINGS:
+    for draw, section in DRAWINGS.items():
+        if section in found.left_out:
+            continue
         with plots.style():
             title, figure, caption = draw(found)
             yield title, plots.svg(figure, title), caption
@@ -65,7 +67,7 @@ def bode(found: Analysis) -> Drawing:
         look: dict[str, Any] = {"color": color, "linestyle": "none", "marker": "o", "markersize": 2.6,
                                 "markerfacecolor": "none"}
         _bode_pair(grid[0, 0], grid[1, 0], sweep.response, **look)
-        entries.append((f"nonlinear, {degrees(sweep.amplitude):.3g} deg", look))
+        entries.append((f"simulated, {degrees(sweep.amplitude):.3g} deg", look))
     grid[0, 0].axhline(-3.0, **_THIN)
     grid[1, 0].axhline(-90.0, **_THIN)
     grid[0, 0].set(ylabel="gain / dB", ylim=(-40, 6))
@@ -80,8 +82,8 @@ def bode(found: Analysis) -> Drawing:
     r = found.linear.command
     return ("Bode diagrams", figure, f"Left, fin angle over command: -3 dB at {r.bandwidth:.1f} Hz, -90 deg at "
             f"{r.phase_bandwidth:.1f} Hz (linear). Right, fin angle over hinge moment. The linear responses are those "
-            "of the sampled system with its transport delay, exactly; circles are the fundamental of the nonlinear "
-            "model's response to steady sines.")
+            "of the sampled system with its transport delay, exactly; circles are the fundamental of the simulated "
+            "response to steady sines.")
 
 
 def nichols(found: Analysis) -> Drawing:
@@ -101,8 +103,10 @@ def nichols(found: Analysis) -> Drawing:
     axes.text(-40.0, 8.0, "-3 dB", fontsize=6.5, color=plots.GRAY)
     colors = {"velocity": plots.GREEN, "position": plots.PURPLE, "reference": plots.BLUE}
     entries: list[tuple[str, Mapping[str, Any]]] = []
-    for name, color in colors.items():
-        look = {"color": color}
+    for name in found.linear.loops:
+        if name not in colors:  # the current loop is in continuous time
+            continue
+        look = {"color": colors[name]}
         _nichols_line(axes, found.linear.loops[name], found.linear.margins[name], **look)
         entries.append((f"{name} loop" if name != "reference" else "at the drive's reference", look))
     if found.thesis:
@@ -173,7 +177,7 @@ def root_locus(found: Analysis) -> Drawing:
 
 
 def steps(found: Analysis) -> Drawing:
-    """Steps of both linear models and the nonlinear one."""
+    """Steps of the linear models and the simulated one."""
     columns = len(found.steps)
     figure, grid = plots.figure(1, max(columns, 1), height=2.6, sharex=True, sharey=True)
     blue, orange = {"color": plots.GREEN}, {"color": plots.BLUE}
@@ -181,17 +185,19 @@ def steps(found: Analysis) -> Drawing:
     end = 1e3 * float(np.clip(1.15 * np.max(settled, initial=0.0), 0.15, STOP))
     for axes, s in zip(grid[0], found.steps, strict=False):
         plots.shade(axes, s.time * 1e3, s.active)
-        axes.plot(s.time * 1e3, s.thesis / s.size, **_THESIS)
+        if s.thesis is not None:
+            axes.plot(s.time * 1e3, s.thesis / s.size, **_THESIS)
         axes.plot(s.time * 1e3, s.linear / s.size, **orange)
         axes.plot(s.time * 1e3, s.nonlinear / s.size, **blue)
         axes.set_xlabel("time / ms")
         axes.text(0.97, 0.05, f"{s.size:+g} deg", transform=axes.transAxes, ha="right", fontsize=9)
         axes.set_xlim(0, end)
     grid[0, 0].set_ylabel("fin angle / step")
-    _legend(grid[0, 0], ("nonlinear", blue), ("linearised here", orange), ("thesis's linear model", _THESIS),
+    thesis = [] if "thesis_linear" in found.left_out else [("thesis's linear model", _THESIS)]
+    _legend(grid[0, 0], ("simulated", blue), ("linearised here", orange), *thesis,
             ("a limit is active", {"color": plots.GRAY, "alpha": 0.3, "linewidth": 7}), columns=4)
     told = ", ".join(f"{s.difference:.0f} % at {abs(s.size):g} deg" for s in found.steps)
-    return ("Steps, linear and nonlinear", figure, f"Divided by their size. Largest difference of nonlinear and "
+    return ("Steps, linear and simulated", figure, f"Divided by their size. Largest difference of simulated and "
             f"linear: {told}. Small steps differ by friction, its compensation and the encoder's counts, large ones by "
             "the limits.")
 
@@ -208,7 +214,8 @@ def amplitudes(found: Analysis) -> Drawing:
         axes.loglog(size, measured, color=color, linewidth=1.8)
         axes.axhline(linear, color=color, linestyle=(0, (5, 1.5)), linewidth=0.9)
         entries.append((label, {"color": color, "linewidth": 1.8}))
-    for name, color in zip(LIMITS, (plots.GREEN, plots.PURPLE, plots.ORANGE, plots.SKY), strict=True):
+    limits = () if "limits" in found.left_out else LIMITS
+    for name, color in zip(limits, (plots.GREEN, plots.PURPLE, plots.ORANGE, plots.SKY)):
         look = {"color": color, "marker": _MARKERS[name], "markersize": 4.0, "linewidth": 0.9}
         axes.loglog(size, [s.onset(name) for s in found.sweeps], **look)
         entries.append((f"{_LIMIT_NAMES[name]} limited above", look))
@@ -221,9 +228,10 @@ def amplitudes(found: Analysis) -> Drawing:
     axes.set_yticks([t for t in ticks if low <= t <= high], [f"{t}" for t in ticks if low <= t <= high])
     axes.yaxis.set_minor_formatter("")
     _legend(axes, *entries, columns=3)
-    return ("Bandwidth against amplitude", figure, "Describing function by steady sines of the nonlinear model, about "
-            "the operating point or as near to it as the range of commands allows. Thin "
-            "lines with marks: from which frequency on a limit acts at some instant of the period. Small amplitudes "
+    marks = ("Thin lines with marks: from which frequency on a limit acts at some instant of the period. " if limits
+             else "")
+    return ("Bandwidth against amplitude", figure, "Describing function by steady sines of the simulated actuator, "
+            f"about the operating point or as near to it as the range of commands allows. {marks}Small amplitudes "
             "lose bandwidth to friction and counts, large ones to the limits met first.")
 
 
@@ -250,7 +258,8 @@ def limit_shares(found: Analysis) -> Drawing:
 def torque_speed(found: Analysis) -> Drawing:
     """Envelope, with the reference cases' operating points."""
     figure, ((axes,),) = plots.figure(1, height=4.0, width=7.5)
-    e = found.envelope
+    assert found.capability is not None
+    e, cases = found.capability.envelope, found.capability.cases
     axes.fill_between(e.speed, e.lowest, e.highest, color=plots.GRAY, alpha=0.13, linewidth=0)
     edge: dict[str, Any] = {"color": plots.INK, "linewidth": 1.2}
     prompt: dict[str, Any] = {"color": plots.GRAY, "linewidth": 1.0, "linestyle": (0, (5, 1.5))}
@@ -262,7 +271,7 @@ def torque_speed(found: Analysis) -> Drawing:
                                                     ("without the drive's integral", prompt)]
     drawn = {"step_plus20": plots.BLUE, "load_opposing": plots.VERMILLION, "load_aiding": plots.GREEN,
              "sag": plots.ORANGE}
-    for case in found.cases:
+    for case in cases:
         color = drawn.get(case.name, plots.SKY)
         every = max(len(case.speed) // _DOTS, 1)
         axes.plot(case.speed[::every], case.torque[::every], ".", markersize=2.6, color=color,
@@ -273,8 +282,8 @@ def torque_speed(found: Analysis) -> Drawing:
     limit = found.parameters.values["controller.speed_limit"]
     for side in (1.0, -1.0):
         axes.axvline(side * limit, **_THIN)
-    reach = 1.05 * max(float(np.max(np.abs(case.torque))) for case in found.cases)
-    fast = 1.05 * max(e.no_load_speed, max(float(np.max(np.abs(case.speed))) for case in found.cases))
+    reach = 1.05 * max(float(np.max(np.abs(case.torque))) for case in cases)
+    fast = 1.05 * max(e.no_load_speed, max(float(np.max(np.abs(case.speed))) for case in cases))
     top = max(reach, 1.1 * float(np.max(e.highest)))
     axes.set(xlabel="motor speed / rad/s", ylabel="motor torque / N.m", xlim=(-fast, fast), ylim=(-top, top))
     _legend(axes, *entries, columns=4)
@@ -289,7 +298,8 @@ def torque_speed(found: Analysis) -> Drawing:
 def fin_capability(found: Analysis) -> Drawing:
     """Hinge moment and rate against the fin angle."""
     figure, grid = plots.figure(1, 3, height=2.6, sharex=True)
-    c = found.capability
+    assert found.capability is not None
+    c = found.capability.fin
     angle = np.degrees(c.fin_angle)
     plus, minus = {"color": plots.BLUE}, {"color": plots.VERMILLION, "linestyle": (0, (5, 1.5))}
     faint: dict[str, Any] = {"color": plots.GRAY}
@@ -316,5 +326,7 @@ def fin_capability(found: Analysis) -> Drawing:
             "controllers' speed limit.")
 
 
-DRAWINGS: Sequence[Callable[[Analysis], Drawing]] = (bode, nichols, root_locus, steps, amplitudes, limit_shares,
-                                                     torque_speed, fin_capability)
+# Each with the section of `analyse.SECTIONS` it belongs to.
+DRAWINGS: Mapping[Callable[[Analysis], Drawing], str] = {
+    bode: "", nichols: "", root_locus: "", steps: "", amplitudes: "", limit_shares: "limits",
+    torque_speed: "capability", fin_capability: "capability"}

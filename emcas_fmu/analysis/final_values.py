@@ -1,4 +1,4 @@
-"""Steady errors by the final-value theorem, P against PI position control.
+"""Steady errors by the final-value theorem, for loops in cascade P against PI position control.
 
 For a step of size a, lim e(k) = lim_{z->1} (z - 1) E(z) = a (1 - G(1)) for a command and -a G(1) for a load, with G
 the closed loop; it holds where the closed loop is stable.
@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ..actuators import NONLINEAR, capabilities, get
 from ..reference.cases import LOAD
 from .linear import LinearActuator
 
@@ -22,28 +23,30 @@ TORQUE = LOAD  # N.m, the load of the thesis's Table 2
 
 @dataclass(frozen=True)
 class FinalValues:
-    """Of one position controller: ``name``, its integral gain [1/s2], and fin errors [deg], command minus angle.
-
-    After a step of COMMAND and of TORQUE; nan where the loop is unstable. ``slowest`` [s] is the
+    """Of one position controller: ``name``, integral gain [1/s2] of one in cascade, fin errors [deg], command
+    less angle, after a step of COMMAND and of TORQUE; nan where the loop is unstable. ``slowest`` [s] is the
     largest time constant of the closed loop: final values are reached after several of them.
     """
 
     name: str
-    ki: float
+    ki: float | None
     command_error: float
     load_error: float
     slowest: float
     stable: bool
 
 
-def final_values(values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque: float = 0.0) -> list[FinalValues]:
-    """P, and PI with the parameter set's integral gain; P alone where that is zero."""
-    gain = float(values["controller.position.ki"])
+def final_values(values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque: float = 0.0,
+                 model: str = NONLINEAR) -> list[FinalValues]:
+    """P, and PI with the parameter set's integral gain; P alone where that is zero. Other loops as they are set."""
+    gains: dict[str, float | None] = {"as set": None}
+    if capabilities.CASCADE in get(model).provides:
+        gain = float(values["controller.position.ki"])
+        gains = {"P": 0.0, "PI": gain} if gain else {"P": 0.0}
     table = []
-    for name, ki in (("P", 0.0), ("PI", gain)):
-        if name == "PI" and ki == 0.0:
-            continue
-        linear = LinearActuator({**values, "controller.position.ki": ki}, fin_angle, aero_torque)
+    for name, ki in gains.items():
+        changed = values if ki is None else {**values, "controller.position.ki": ki}
+        linear = LinearActuator(changed, fin_angle, aero_torque, model)
         at_rest = linear.closed.dcgain()[0] if linear.stable else (nan, nan)
         largest = float(np.max(np.abs(linear.closed.poles())))
         slowest = -linear.period / log(largest) if largest < 1.0 else inf

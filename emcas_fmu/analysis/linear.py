@@ -1,13 +1,14 @@
-"""The actuator linearised at an operating point, as python-control systems.
+"""An actuator with a sampled position loop, linearised at an operating point, as python-control systems.
 
-Five blocks come from exact Jacobians of the model's own functions: motor with mechanics, current
-controller, sensor, sampled controllers, and the fin angle. The plant between samples is solved by
-matrix exponentials, cut where the delayed reference reaches the drive, and the DAC values on
-their way to the drive are states: sampling and transport delay are exact, without a rational approximation
-(Astroem & Wittenmark, "Computer-Controlled Systems", 3rd ed., section 2.6).
+Two blocks come from exact Jacobians of what the actuator declares: the plant from `derivatives` and the fin angle
+among `output_values`, the sampled controllers with their encoder from `sample`. The plant between samples is solved
+by matrix exponentials, cut where the delayed reference reaches the drive, and the references on their way to it are
+states: sampling and transport delay are exact, without a rational approximation (Astroem & Wittenmark,
+"Computer-Controlled Systems", 3rd ed., section 2.6).
 
-What is linearised: no limits, no Coulomb friction and no compensation of it, no quantisation; the
-encoder's speed from the difference of two samples stays, where the encoder is on.
+What is linearised: no limits, no dry friction and no compensation of it, no gaps, no quantisation; the encoder's speed
+from the difference of two samples stays, where the encoder is on. Of extensions, heat gives the motor its temperatures
+at the start; faults and homing are laid aside, and friction's and the screw's have nothing that is smooth at rest.
 """
 
 from __future__ import annotations
@@ -15,43 +16,49 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import degrees, pi
+from math import degrees, nan
 from typing import Any
 
+import casadi as ca
 import control as ct
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from .. import control, sensors
-from ..actuators import fin_port
-from ..actuators.electromechanical import nonlinear
+from ..actuators import NONLINEAR, capabilities, fin_port, get, parts, require
+from ..actuators.declaration import identifier
 from ..errors import EmcasError
+from ..namespace import Record
 from ..ops.base import Value
 from ..ops.floats import FLOATS
-from ..ops.symbols import SymbolOps, jacobian
+from ..ops.symbols import SymbolOps, linearised
+from ..parameters import ParameterSet
 from ..physics import kinematics
 from ..schedule import schedule
-from . import wiring
 
 Array = NDArray[Any]
 System = Any
 """A control.StateSpace with named inputs and outputs."""
-LOOPS = ("current", "velocity", "position", "reference")
-_LINKS = (("reference", "dac"), ("motor_angle", "true_angle"), ("motor_speed", "true_speed"),
-          ("measured_angle", "seen_angle"), ("measured_speed", "seen_speed"))
-_BROKEN = {"velocity": ("measured_speed", "seen_speed"), "position": ("measured_angle", "seen_angle"),
-           "reference": ("reference", "dac")}
-# Signals a loop is broken without: the inner loop is judged with the outer one open.
-_OPEN = {"velocity": ("measured_angle", "seen_angle")}
+LOOPS = {"current": capabilities.CURRENT_LOOP, "velocity": capabilities.CASCADE, "position": capabilities.CASCADE,
+         "reference": capabilities.POSITION_LOOP}
+"""Loops by name, with what an actuator needs to have them."""
+_LAID_ASIDE = ("homing", "faults")
+_SHOWN = ("fin_angle", "motor_angle", "motor_current", "motor_voltage")
+_ITERATIONS = 30
+_REST = 1e-6  # of what the reference does to the states: more is no rest
 
 
 class _Fine(SymbolOps):
-    """Symbols with encoder counts that are no whole numbers: the encoder without its quantisation."""
+    """Symbols without quantisation and limits: counts are no whole numbers, and nothing that moves is clipped."""
 
     @staticmethod
     def floor(x: Value) -> Value:
         return x
+
+    @staticmethod
+    def clip(x: Value, low: Value, high: Value) -> Value:
+        moves = isinstance(x, ca.SX) and not x.is_constant()
+        return x if moves else SymbolOps.clip(x, low, high)
 
 
 FINE = _Fine()
@@ -59,102 +66,176 @@ FINE = _Fine()
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """A rest: fin [rad] and motor angle [rad], hinge moment [N.m], current [A], voltage [V], drive reference [V]."""
+    """A rest: fin angle [rad], hinge moment [N.m], reference of the drive [V]; motor angle [rad], ratio R [1], current
+    [A] and voltage [V], nan of an actuator that has none."""
 
     fin_angle: float
     aero_torque: float
+    reference: float
     motor_angle: float
     ratio: float
     current: float
     voltage: float
-    reference: float
+
+
+def sound(parameters: ParameterSet) -> ParameterSet:
+    """Return a set as that of the sound, homed actuator: without faults and homing.
+
+    Raises EmcasError for an actuator that linear analysis cannot take.
+    """
+    actuator, extensions = parts(parameters.model)
+    model = "+".join((actuator, *(each for each in extensions if each not in _LAID_ASIDE)))
+    require(parameters.model, "emcas analyse", capabilities.POSITION_LOOP, actuator=get(model))
+    names = {v.name for v in get(model).file_entries}
+    return ParameterSet(tuple(e for e in parameters.entries if e.variable.name in names), model)
 
 
 class LinearActuator:
     """The linearised actuator of flat parameter `values` in SI, at rest at `fin_angle` [rad] under `aero_torque` [N.m].
 
-    ``motor`` and ``drive`` are continuous, ``plant`` (both, with the delay), ``sensor`` and
-    ``controller`` sampled. Raises EmcasError where the actuator cannot rest there.
+    ``continuous`` is its plant, ``plant`` that at the samples with the delay, ``controller`` the sampled controllers;
+    ``rest`` are the plant's states there, ``loops`` those of LOOPS that it has. Sampled states stay as at the start
+    while the rest is solved for. Raises EmcasError where the actuator cannot rest there.
     """
 
-    def __init__(self, values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque: float = 0.0) -> None:
+    def __init__(self, values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque: float = 0.0,
+                 model: str = NONLINEAR) -> None:
+        self.actuator = actuator = get(model)
+        if actuator.derivatives is None:
+            raise EmcasError(f"--model {model}: linear analysis takes an actuator's derivatives; {actuator.name} "
+                             "declares a step alone, give it both")
         limit = values["command.limit"]
         if not abs(fin_angle) <= limit * (1.0 + 1e-9):
             raise EmcasError(f"operating point {degrees(fin_angle):g} deg: no command reaches it; give an angle within "
                              f"±{degrees(limit):g} deg (command.limit)")
-        # At the end of the range the command's limit has no slope; a linear model has no limits.
-        self.values = {**values, "command.limit": 0.5 * pi, "compensation.gain": 0.0}
-        self.p = p = nonlinear.ACTUATOR.namespace(self.values)
+        self.values = {**values, "compensation.gain": 0.0}
+        self.p = p = actuator.namespace(self.values)
         self.period = float(p.controller.sample_time)
-        self._force = fin_port.specific_force(FLOATS, p, 0.0, 0.0, 0.0, 0.0, 0.0)
-        self.point = self._rest(values, fin_angle, aero_torque)
-        self.motor, self.drive = self._motor(), self._drive()
-        self.sensor, self.controller = self._sensor(), self._controller()
-        self.continuous = wire([self.drive, self.motor], [("demand", "voltage"), ("current", "sensed")],
-                               ["dac", "aero_torque"], ["motor_angle", "motor_speed", "fin_angle"])
-        plan = schedule(FLOATS, p, nonlinear.ACTUATOR)
+        self.loops = tuple(name for name, need in LOOPS.items() if need in actuator.provides)
+        self._at, self.model = (fin_angle, aero_torque), model
+        self._start = {name: float(value) for name, value in actuator.start(FINE, p, fin_angle).items()}
+        self._states = [s.name for s in actuator.states]
+        self._held = [s.name for s in actuator.sampled_states]
+        self._kept = [s.name for s in actuator.controller_states]
+        self.continuous = self._linear_plant()
+        self.controller = self._linear_controllers()
+        plan = schedule(FLOATS, p, actuator)
         self.plant = sampled(self.continuous, self.period, int(plan.delay_samples), plan.arrival)
 
-    def _rest(self, values: Mapping[str, Any], fin_angle: float, aero_torque: float) -> OperatingPoint:
-        p = self.p
-        angle = kinematics.motor_angle(FLOATS, p, fin_angle)
-        ratio = kinematics.reduction_ratio(FLOATS, p, kinematics.lever_tangent(FLOATS, p, angle))
+    def _acting(self, reference: Value, aero_torque: Value, held: Sequence[Value]) -> Record:
+        """Return what acts on the plant; inputs that are not named are at their start values."""
+        p, actuator, at = self.p, self.actuator, self._at[0]
+        f_x, f_z = fin_port.specific_force(FLOATS, p, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return Record(
+            reference=reference, aero_torque=aero_torque, f_x=f_x, f_z=f_z, supply=self._supply, enabled=True,
+            rated_current_limit=None, command=at, sampled_reference=reference, measured_fin_angle=at, limited=0.0,
+            **{identifier(v.name): self._started(v) for v in actuator.acting_inputs},
+            **dict(zip(self._held, held, strict=True)))
 
-        def forces(current: Value, reference: Value, integral: Value) -> tuple[Value, ...]:
-            change, demand = wiring.current_controller(FINE, p, integral, reference, current)
-            return (*wiring.motor(FINE, p, self._force, angle, 0.0, current, demand, aero_torque)[1:], change)
+    def _started(self, variable: Any) -> Any:
+        return self.values[variable.key] if variable.key else variable.start or 0.0
 
-        # Within the limits the balance is linear: one Newton step solves it. Without integral action xi stays 0.
-        size = 3 if p.drive.ki > 0.0 else 2
-        there, slopes = jacobian(forces, [0.0] * 3)
-        balance = np.zeros(3)
-        balance[:size] = np.linalg.solve(slopes[:size, :size], -there[:size])
-        current, reference, integral = map(float, balance)
-        _, voltage = wiring.current_controller(FLOATS, p, integral, reference, current)
-        for name, needed, limit, unit in (
-                ("drive.current_limit", current, p.drive.current_limit, "A"),
-                ("drive.supply_voltage", voltage, values["drive.supply_voltage"], "V"),
-                ("drive.reference_limit", reference, p.drive.reference_limit, "V")):
-            if abs(needed) >= limit:
-                raise EmcasError(f"operating point {degrees(fin_angle):g} deg under {aero_torque:g} N.m: holding it "
-                                 f"takes {abs(needed):.4g} {unit}, {name} is {limit:g} {unit}; give a smaller torque")
-        return OperatingPoint(fin_angle, aero_torque, angle, ratio, current, voltage, reference)
+    @property
+    def _supply(self) -> Any:
+        return self._started(self.actuator.supply.input) if self.actuator.supply else 0.0
 
-    def _motor(self) -> System:
-        p, at = self.p, self.point
+    def _linear_plant(self) -> System:
+        """Return the plant at the rest, which is solved for on the way."""
+        p, actuator, states = self.p, self.actuator, self._states
+        fin_angle, aero_torque = self._at
+        count = len(states)
 
-        def function(angle: Value, speed: Value, current: Value, voltage: Value, torque: Value) -> tuple[Value, ...]:
-            change = wiring.motor(FINE, p, self._force, angle, speed, current, voltage, torque)
-            return (*change, angle, speed, wiring.fin(FINE, p, angle), current)
+        def function(*arguments: Value) -> list[Value]:
+            x = Record(**dict(zip(states, arguments, strict=False)))
+            u = self._acting(arguments[count], arguments[count + 1], arguments[count + 2:])
+            shown = actuator.output_values(FINE, p, x, u)
+            return [*actuator.rates(FINE, p, x, u).values(), *(shown.get(name, nan) for name in _SHOWN)]
 
-        return block(function, [at.motor_angle, 0.0, at.current, at.voltage, at.aero_torque], 3,
-                     ["voltage", "aero_torque"], ["motor_angle", "motor_speed", "fin_angle", "current"])
+        held = [self._start[name] for name in self._held]
+        at = linearised(function, count + 2 + len(held))
+        begin = np.array([self._start[name] for name in states])
+        # States that stand still, such as an integral without a gain, are no modes; those that move alike are one.
+        rows = [tuple(row) for row in at([*begin, 0.0, aero_torque, *held])[1][:count]]
+        groups = {row: [i for i, other in enumerate(rows) if other == row] for row in rows if any(row)}
+        spread = np.array([[float(i in group) for group in groups.values()] for i in range(count)])
+        used = [group[0] for group in groups.values()]
+        size, fin = len(used), count + _SHOWN.index("fin_angle")
 
-    def _drive(self) -> System:
-        def function(integral: Value, reference: Value, current: Value) -> tuple[Value, ...]:
-            return wiring.current_controller(FINE, self.p, integral, reference, current)
+        def balance(unknown: Array) -> tuple[Array, Array]:
+            values, slopes = at([*(begin + spread @ unknown[:size]), unknown[size], aero_torque, *held])
+            rows = [*used, fin]
+            return (values[rows] - np.append(np.zeros(size), fin_angle),
+                    np.column_stack([slopes[rows, :count] @ spread, slopes[rows, count]]))
 
-        return block(function, [0.0, self.point.reference, self.point.current], 1, ["dac", "sensed"], ["demand"])
+        found = _solve(balance, np.zeros(size + 1))
+        reference = float(found[size])
+        self.rest = begin + spread @ found[:size]
+        residual, slopes = balance(found)
+        scale = np.max(np.abs(slopes[:size, size])) * max(abs(reference), 1.0)
+        values, slopes = at([*self.rest, reference, aero_torque, *held])
+        self.point = self._resting(reference, *values[count + 1:])
+        x = Record(**dict(zip(states, map(float, self.rest), strict=True)))
+        limited = actuator.rates(FLOATS, p, x, self._acting(reference, aero_torque, held)).values()
+        if not max(np.max(np.abs(residual)), *map(abs, limited)) <= _REST * scale:
+            raise EmcasError(f"{self._where} no reference within the drive's limits holds it; give a smaller torque")
+        self._voltage = slopes[count + _SHOWN.index("motor_voltage"), :count] @ spread
+        inputs = ["reference", "aero_torque", *self._held]
+        c = np.vstack([spread, slopes[fin, :count] @ spread])
+        return ct.ss(slopes[used, :count] @ spread, slopes[used, count:], c, np.zeros((count + 1, len(inputs))),
+                     inputs=inputs, outputs=[*map(_seen, states), "fin_angle"], states=[states[i] for i in used])
 
-    def _sensor(self) -> System:
-        def function(counts: Value, angle: Value, speed: Value) -> tuple[Value, ...]:
-            seen = sensors.measure(FINE, self.p, angle, speed, counts)
-            return seen.counts, seen.motor_angle, seen.motor_speed
+    @property
+    def _where(self) -> str:
+        return f"operating point {degrees(self._at[0]):g} deg under {self._at[1]:g} N.m:"
 
-        angle = self.point.motor_angle
-        before = sensors.counts(FINE, self.p, angle) if self.p.encoder.enabled else 0.0
-        return block(function, [float(before), angle, 0.0], 1, ["true_angle", "true_speed"],
-                     ["measured_angle", "measured_speed"], self.period)
+    def _resting(self, reference: float, *shown: float) -> OperatingPoint:
+        """Return the operating point. Raises EmcasError where a limit keeps the actuator from it."""
+        p, provides, (fin_angle, aero_torque) = self.p, self.actuator.provides, self._at
+        motor, current, voltage = map(float, shown)
+        for capability, name, needed, unit in (
+                (capabilities.CURRENT_LIMIT, "drive.current_limit", current, "A"),
+                (capabilities.VOLTAGE_LIMIT, "drive.supply_voltage", voltage, "V"),
+                (capabilities.REFERENCE_LIMIT, "drive.reference_limit", reference, "V")):
+            if capability in provides and abs(needed) >= (limit := self.values[name]):
+                raise EmcasError(f"{self._where} holding it takes {abs(needed):.4g} {unit}, {name} is {limit:g} "
+                                 f"{unit}; give a smaller torque")
+        ratio = nan
+        if capabilities.SCREW_DRIVE in provides:
+            tangent = kinematics.lever_tangent(FLOATS, p, kinematics.motor_angle(FLOATS, p, fin_angle))
+            ratio = float(kinematics.reduction_ratio(FLOATS, p, tangent))
+        return OperatingPoint(fin_angle, aero_torque, reference, motor, ratio, current, voltage)
 
-    def _controller(self) -> System:
-        p, at = self.p, self.point
+    def _linear_controllers(self) -> System:
+        """Return the sampled controllers from the plant's states and the command to the reference."""
+        p, actuator = self.p, self.actuator
+        names = [*self._kept, *self._held]
+        count, fin_angle = len(names), self._at[0]
+        further = {identifier(v.name): self._started(v) for v in actuator.further_inputs}
 
-        def function(integral: Value, command: Value, angle: Value, speed: Value) -> tuple[Value, ...]:
-            out = control.output(FINE, p, integral, sensors.Measurement(angle, speed, at.fin_angle, 0.0), command)
-            return control.update(FINE, p, integral, out), out.reference
+        def function(*arguments: Value) -> list[Value]:
+            *values, command = arguments
+            asked = Record(command=command, supply=self._supply, enable=True, encoder_offset=None, **further)
+            given = actuator.sampled(FINE, p, Record(**dict(zip((*names, *self._states), values, strict=True))), asked)
+            return [given[name] for name in (*names, "reference", "measured_fin_angle", *self._held)]
 
-        return block(function, [0.0, at.fin_angle, at.motor_angle, 0.0], 1, ["command", "seen_angle", "seen_speed"],
-                     ["reference"], self.period)
+        at = linearised(function, count + len(self._states) + 1)
+        still = np.append(np.eye(count), np.zeros((1, count)), axis=0)
+
+        def balance(kept: Array) -> tuple[Array, Array]:
+            values, slopes = at([*kept, *self.rest, fin_angle])
+            return (values[:count + 1] - np.append(kept, self.point.reference), slopes[:count + 1, :count] - still)
+
+        kept = _solve(balance, np.array([self._start[name] for name in names]))
+        _, slopes = at([*kept, *self.rest, fin_angle])
+        a, b, c, d = slopes[:count, :count], slopes[:count, count:], slopes[count:, :count], slopes[count:, count:]
+        moving = np.any(a != np.eye(count), axis=1) | np.any(b != 0.0, axis=1)
+        return ct.ss(a[np.ix_(moving, moving)], b[moving], c[:, moving], d, self.period,
+                     inputs=[*map(_seen, self._states), "command"],
+                     outputs=["reference", "measured_angle", *self._held])
+
+    @cached_property
+    def _links(self) -> list[tuple[str, str]]:
+        return [(name, name) for name in ("reference", *self._held, *map(_seen, self._states))]
 
     @cached_property
     def closed(self) -> System:
@@ -162,7 +243,7 @@ class LinearActuator:
 
         A load is held between samples like a host's input over a communication step.
         """
-        return wire([self.controller, self.plant, self.sensor], _LINKS, ["command", "aero_torque"], ["fin_angle"])
+        return wire([self.controller, self.plant], self._links, ["command", "aero_torque"], ["fin_angle"])
 
     @property
     def command_to_angle(self) -> System:
@@ -175,18 +256,27 @@ class LinearActuator:
         return channel(self.closed, 1)
 
     def loop(self, name: str) -> System:
-        """Loop transfer function L (closed by 1 + L) of one of LOOPS, all the others in their places.
+        """Loop transfer function L (closed by 1 + L) of one of `loops`, all the others in their places.
 
-        ``current`` is broken at the drive's voltage, in continuous time, the outer loops open;
-        ``velocity`` at the measured speed, the position loop open; ``position`` at the measured
-        angle, the velocity loop closed; ``reference`` at the drive's reference u, where the gain and the delay
-        of the hardware act on all that is fed back.
+        ``current`` is broken at the drive's voltage, in continuous time, the outer loops open; ``velocity`` at the
+        measured speed, the position loop open; ``position`` at the measured angle, the velocity loop closed;
+        ``reference`` at the drive's reference u, where the gain and the delay of the hardware act on all that is fed
+        back. Loops in cascade see command and measured angle by their difference: a command of the measured angle
+        opens the position loop, and with it open the velocity loop is all that passes the reference.
         """
         if name == "current":
-            return -wire([self.drive, self.motor], [("current", "sensed")], ["voltage"], ["demand"])
-        out, into = _BROKEN[name]
-        links = [link for link in _LINKS if link not in (_BROKEN[name], _OPEN.get(name))]
-        return -wire([self.controller, self.plant, self.sensor], links, [into], [out])
+            return self._current_loop()
+        blocks, opened = [self.controller, self.plant], [*self._links, ("measured_angle", "command")]
+        if name == "position":
+            return wire(blocks, opened, ["command"], ["measured_angle"])
+        return -wire(blocks, (opened if name == "velocity" else self._links)[1:], ["reference"], ["reference"])
+
+    def _current_loop(self) -> System:
+        plant = self.continuous
+        into = np.zeros((len(plant.A), 1))
+        into[plant.state_labels.index("motor_current")] = 1.0 / self.p.motor.inductance
+        demand = self._voltage[None, :]
+        return -ct.ss(plant.A - into @ demand, into, demand, [[0.0]], inputs=["voltage"], outputs=["demand"])
 
     @property
     def stable(self) -> bool:
@@ -196,33 +286,39 @@ class LinearActuator:
     def rational(self, order: int = 3) -> System:
         """A continuous rational approximation of `closed`, where a tool needs one.
 
-        Padé of `order` for the transport delay and half a sample of hold; the controllers' integral
-        as the differential equation it is the Euler step of, speed measured without lag. Nothing here
-        is computed from it but the crosses in the root locus.
+        Padé of `order` for the transport delay and half a sample of hold; the controllers' states by the differential
+        equations they are the Euler steps of, speed measured without lag. Nothing here is computed from it but the
+        crosses in the root locus.
         """
-        c, period = self.controller, self.period
+        lagless = self
+        if capabilities.ENCODER in self.actuator.provides:
+            lagless = LinearActuator({**self.values, "encoder.enabled": False}, *self._at, self.model)
+        c, period = lagless.controller, self.period
         law = ct.ss((c.A - np.eye(len(c.A))) / period, c.B / period, c.C, c.D,
                     inputs=c.input_labels, outputs=c.output_labels)
-        late = ct.ss(ct.tf(*ct.pade(self.p.drive.transport_delay + 0.5 * period, order)), inputs=["written"],
-                     outputs=["arrived"])
-        links = [("reference", "written"), ("arrived", "dac"), ("motor_angle", "seen_angle"),
-                 ("motor_speed", "seen_speed")]
+        transport = self.actuator.transport_delay
+        delay = 0.5 * period + (transport(FLOATS, self.p) if transport else 0.0)
+        late = ct.ss(ct.tf(*ct.pade(delay, order)), inputs=["written"], outputs=["arrived"])
+        links = [("reference", "written"), ("arrived", "reference"), *self._links[1:]]
         return wire([law, late, self.continuous], links, ["command", "aero_torque"], ["fin_angle"])
 
 
-def block(function: Callable[..., Sequence[Value]], point: Sequence[float], states: int, inputs: Sequence[str],
-          outputs: Sequence[str], period: float = 0.0) -> System:
-    """A system from a function of states and inputs to changes (or next states) and outputs, linearised at a point.
+def _seen(state: str) -> str:
+    """Return the label of a state at the samples; an output may have the same name as a state."""
+    return f"x_{state}"
 
-    Continuous without a sample `period` [s]. States that nothing moves, such as the integral of a
-    controller without integral action, are left out: they are no modes of the system.
-    """
-    _, slopes = jacobian(function, point)
-    a, b, c, d = slopes[:states, :states], slopes[:states, states:], slopes[states:, :states], slopes[states:, states:]
-    still = np.eye(states) if period else np.zeros((states, states))
-    moving = np.any(a != still, axis=1) | np.any(b != 0.0, axis=1)
-    return ct.ss(a[np.ix_(moving, moving)], b[moving], c[:, moving], d, period, inputs=list(inputs),
-                 outputs=list(outputs))
+
+def _solve(equations: Callable[[Array], tuple[Array, Array]], guess: Array) -> Array:
+    """Return what solves equations, given with their Jacobian, by Newton's method; least squares where they are not
+    independent."""
+    for _ in range(_ITERATIONS):
+        values, slopes = equations(guess)
+        rows = np.max(np.abs(slopes), axis=1, initial=1e-300)
+        change = np.linalg.lstsq(slopes / rows[:, None], -values / rows, rcond=None)[0]
+        guess = guess + change
+        if np.all(np.abs(change) <= 1e-13 * (1.0 + np.abs(guess))):
+            break
+    return guess
 
 
 def wire(blocks: Sequence[System], links: Sequence[tuple[str, str]], inputs: Sequence[str],
@@ -247,18 +343,18 @@ def channel(system: System, number: int) -> System:
 
 
 def sampled(plant: System, period: float, whole: int, rest: float) -> System:
-    """The plant at the sample times; its first input is delayed by `whole` periods and `rest` [s], the second held.
+    """The plant at the sample times; its first input is delayed by `whole` periods and `rest` [s], the others held.
 
     The state is the plant's, then the values on their way, the newest first.
     """
-    n, waiting = len(plant.A), whole + (rest > 0.0)
-    joined = np.block([[plant.A, plant.B], [np.zeros((2, n + 2))]])
+    n, ins, waiting = len(plant.A), plant.ninputs, whole + (rest > 0.0)
+    joined = np.block([[plant.A, plant.B], [np.zeros((ins, n + ins))]])
     before, after = expm(joined * rest), expm(joined * (period - rest))
     free = after[:n, :n] @ before[:n, :n]
     held = after[:n, :n] @ before[:n, n:] + after[:n, n:]
     newer, older = after[:n, n], after[:n, :n] @ before[:n, n]
-    a, b = np.zeros((n + waiting, n + waiting)), np.zeros((n + waiting, 2))
-    a[:n, :n], b[:n, 1] = free, held[:, 1]
+    a, b = np.zeros((n + waiting, n + waiting)), np.zeros((n + waiting, ins))
+    a[:n, :n], b[:n, 1:] = free, held[:, 1:]
     if rest > 0.0:
         a[:n, n + whole] = older
     if whole:

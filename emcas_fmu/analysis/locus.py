@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ..actuators import NONLINEAR, get
+from ..actuators import get
 from ..errors import EmcasError
 from ..parameters import ParameterSet
 from .linear import Array, LinearActuator
 
-DEFAULT = "controller.position.kp"
 _POINTS = 81
 _DECADES = 1.0
 
@@ -42,12 +41,23 @@ def continuous_poles(linear: LinearActuator) -> Array:
     return np.asarray(np.log(z[np.abs(z) > 1e-9]) / linear.period)
 
 
-def locus(parameters: ParameterSet, name: str = DEFAULT, fin_angle: float = 0.0, aero_torque: float = 0.0) -> Locus:
-    """Poles while a parameter goes from a tenth to ten times its value, as far as it may.
+def default(model: str) -> str:
+    """Return the name of an actuator's first gain. Raises EmcasError where it has none."""
+    for v in get(model).parameters:
+        if v.kind == "Real" and v.variability == "tunable" and v.name.startswith("controller."):
+            return v.name
+    raise EmcasError(f"--model {model}: has no controller.* that is tunable; name a parameter with --locus")
+
+
+def locus(parameters: ParameterSet, name: str | None = None, fin_angle: float = 0.0, aero_torque: float = 0.0) -> Locus:
+    """Poles while a parameter, the first gain unless named, goes from a tenth to ten times its value, as far as it may.
 
     Raises EmcasError for a name that is no number of the set, is zero, or moves no pole.
     """
-    known = {v.name: v for v in get(NONLINEAR).file_entries if v.kind == "Real"}
+    model = parameters.model
+    gain = default(model)
+    name = name or gain
+    known = {v.name: v for v in get(model).file_entries if v.kind == "Real"}
     if name not in known:
         close = get_close_matches(name, known, 1)
         raise EmcasError(f"--locus {name}: there is no such parameter; "
@@ -58,7 +68,7 @@ def locus(parameters: ParameterSet, name: str = DEFAULT, fin_angle: float = 0.0,
 
     def at(value: float) -> LinearActuator | None:
         try:
-            return LinearActuator(parameters.replace({name: value}).values, fin_angle, aero_torque)
+            return LinearActuator(parameters.replace({name: value}).values, fin_angle, aero_torque, model)
         except EmcasError:  # beyond what the parameter, or the operating point, allows
             return None
 
@@ -66,8 +76,8 @@ def locus(parameters: ParameterSet, name: str = DEFAULT, fin_angle: float = 0.0,
     made = [(float(value), linear) for value, linear in tried if linear is not None]
     poles = [continuous_poles(linear) for _, linear in made]
     if not _moved(poles):
-        raise EmcasError(f"--locus {name}: moves no pole of the linearised loop; choose a gain such as {DEFAULT}")
-    here = LinearActuator(parameters.values, fin_angle, aero_torque)
+        raise EmcasError(f"--locus {name}: moves no pole of the linearised loop; choose a gain such as {gain}")
+    here = LinearActuator(parameters.values, fin_angle, aero_torque, model)
 
     def stable(value: float) -> bool:
         linear = at(value)

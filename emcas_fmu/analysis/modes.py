@@ -16,7 +16,7 @@ from math import pi, sqrt
 from pathlib import Path
 from typing import Any
 
-from ..actuators.electromechanical import nonlinear
+from ..actuators import NONLINEAR, get
 from ..errors import EmcasError
 from ..files import models_directory
 from ..ops.floats import FLOATS
@@ -99,9 +99,9 @@ def modes(rod: Mapping[str, float], inertia: float, mass: float) -> Modes:
                  rod["thesis.bandwidth"])
 
 
-def modes_at(rod: Mapping[str, float], values: Mapping[str, Any], fin_angle: float) -> Modes:
+def modes_at(rod: Mapping[str, float], values: Mapping[str, Any], fin_angle: float, model: str = NONLINEAR) -> Modes:
     """With the parameter set's inertia at the motor, at a fin angle [rad]."""
-    p = nonlinear.ACTUATOR.namespace(values)
+    p = get(model).namespace(values)
     inertia = mechanics.coefficients(FLOATS, p, kinematics.motor_angle(FLOATS, p, fin_angle), 0.0, 0.0, 0.0).inertia
     return modes(rod, inertia, inertia / p.screw.lead**2)
 

@@ -1,9 +1,9 @@
-"""Frequency response of the nonlinear model against amplitude: the describing function, by stepped sines.
+"""Frequency response of the actuator against amplitude: the describing function, by stepped sines.
 
 At each amplitude and frequency the compiled kernel runs a sine to its steady state; the fundamental of the fin angle
 over that of the command is the describing function (Gelb & Vander Velde, "Multiple-Input Describing
 Functions", section 2.2). Which limits act in the meantime is told by the outputs and, for the
-speed reference, by the sampled controllers run once more over the recorded motion.
+speed reference, by the sampled controllers run once more over the recorded motion, of actuators with all of NEEDS.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any, cast
 import numpy as np
 
 from .. import control, sensors
-from ..actuators.electromechanical import nonlinear
+from ..actuators import NONLINEAR, capabilities, get
 from ..bench.metrics import FrequencyResponse
 from ..ops.arrays import ARRAYS as _ARRAYS
 from ..ops.base import Ops
@@ -27,6 +27,8 @@ from .linear import Array
 AMPLITUDES = (0.1, 0.3, 1.0, 2.0, 3.5, 6.0, 10.0, 15.0, 20.0)  # deg
 LIMITS = ("rate", "current", "voltage", "dac")
 """Speed reference, drive current, supply voltage and analogue reference at their limits."""
+NEEDS = (capabilities.CASCADE, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.REFERENCE_LIMIT,
+         capabilities.RIGID_DRIVE_LINE)
 _SETTLE, _WINDOW = 1.0, 2.0  # s; frequencies are whole numbers of periods of the window
 _POINTS = 36
 ARRAYS: Ops = cast(Ops, _ARRAYS)
@@ -36,7 +38,10 @@ _AT_LIMIT = 1.0 - 1e-9
 
 @dataclass(frozen=True)
 class Sweep:
-    """``response`` at an ``amplitude`` [rad]; ``active`` [limit, frequency]: share of the time [1] a limit acts."""
+    """``response`` at an ``amplitude`` [rad]; ``active`` [limit, frequency]: share of the time [1] a limit acts.
+
+    It has no rows for an actuator that lacks one of NEEDS.
+    """
 
     amplitude: float
     response: FrequencyResponse
@@ -56,38 +61,41 @@ def frequencies(period: float, highest: float) -> Array:
 
 
 def sweep(values: Mapping[str, Any], amplitude: float, frequency: Array, at: float = 0.0,
-          aero_torque: float = 0.0) -> Sweep:
+          aero_torque: float = 0.0, model: str = NONLINEAR) -> Sweep:
     """Steady sines of an `amplitude` [rad] about a fin angle [rad] at frequencies [Hz] of `frequencies`."""
     values = {**values, "fin.start_angle": at}
     period = float(values["controller.sample_time"])
     settle, window = round(_SETTLE / period), round(_WINDOW / period)
     time = np.arange(settle + window + 1) * period
     command = at + amplitude * np.sin(2.0 * np.pi * np.outer(time, frequency))
-    runs = [simulate(values, float(time[-1]), period, fin_command=np.ascontiguousarray(column), aero_torque=aero_torque)
-            for column in command.T]
-    outputs = {name: np.column_stack([run[name] for run in runs])
-               for name in ("fin_angle", "motor_angle", "motor_speed", "motor_voltage", "drive_reference")}
-    _, raw = replay(values, command, outputs["motor_angle"], outputs["motor_speed"])
+    runs = [simulate(values, float(time[-1]), period, model=model, fin_command=np.ascontiguousarray(column),
+                     aero_torque=aero_torque) for column in command.T]
+    outputs = {name: np.column_stack([run[name] for run in runs]) for name in runs[0] if name != "time"}
     steady = slice(settle, settle + window)
     turn = np.exp(-2j * np.pi * np.outer(time[steady], frequency))
     ratio = np.sum(outputs["fin_angle"][steady] * turn, axis=0) / np.sum(command[steady] * turn, axis=0)
-    p = nonlinear.ACTUATOR.namespace(values)
+    response = FrequencyResponse(frequency, np.abs(ratio), np.unwrap(np.angle(ratio)), np.ones(len(ratio)))
+    if not get(model).provides.issuperset(NEEDS):
+        return Sweep(amplitude, response, np.empty((0, len(frequency))))
+    _, raw = replay(values, command, outputs["motor_angle"], outputs["motor_speed"], model)
+    p = get(model).namespace(values)
     u = outputs["drive_reference"]
     acting = np.stack([np.abs(raw) > p.controller.speed_limit,
-                       np.abs(drive.current_reference_raw(p, u)) > p.drive.current_limit,
+                       # Heat folds the limit back.
+                       np.abs(drive.current_reference_raw(p, u)) > outputs.get("current_limit", p.drive.current_limit),
                        np.abs(outputs["motor_voltage"]) >= p.drive.supply_voltage * _AT_LIMIT,
                        np.abs(u) >= p.drive.reference_limit])
-    response = FrequencyResponse(frequency, np.abs(ratio), np.unwrap(np.angle(ratio)), np.ones(len(ratio)))
     return Sweep(amplitude, response, np.mean(acting[:, steady], axis=1))
 
 
-def replay(values: Mapping[str, Any], command: Array, angle: Array, speed: Array) -> tuple[Array, Array]:
+def replay(values: Mapping[str, Any], command: Array, angle: Array, speed: Array, model: str = NONLINEAR
+           ) -> tuple[Array, Array]:
     """The controllers' reference [V] and unlimited speed reference [rad/s] along recorded motions.
 
     All arguments and results have the shape (samples, runs): fin command [rad], motor angle [rad] and
     speed [rad/s] at the samples, from rest.
     """
-    p = nonlinear.ACTUATOR.namespace(values)
+    p = get(model).namespace(values)
     counts = sensors.counts(ARRAYS, p, angle[0])
     integral = np.zeros(command.shape[1])
     reference, raw = np.empty_like(command), np.empty_like(command)
@@ -100,7 +108,7 @@ def replay(values: Mapping[str, Any], command: Array, angle: Array, speed: Array
 
 
 def sweeps(values: Mapping[str, Any], highest: float, at: float = 0.0, aero_torque: float = 0.0,
-           amplitudes: Sequence[float] = AMPLITUDES,
+           amplitudes: Sequence[float] = AMPLITUDES, model: str = NONLINEAR,
            progress: Callable[[str, int, int], None] | None = None) -> list[Sweep]:
     """A sweep up to `highest` [Hz] for every amplitude [deg] that commands may have, else for their limit.
 
@@ -114,5 +122,5 @@ def sweeps(values: Mapping[str, Any], highest: float, at: float = 0.0, aero_torq
         if progress:
             progress(f"sine of {np.degrees(size):g} deg", number, len(chosen))
         room = max(limit - size, 0.0)
-        made.append(sweep(values, size, frequency, min(max(at, -room), room), aero_torque))
+        made.append(sweep(values, size, frequency, min(max(at, -room), room), aero_torque, model))
     return made

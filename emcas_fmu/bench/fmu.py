@@ -22,7 +22,7 @@ from fmpy.simulation import instantiate_fmu
 
 from ..actuators import EXTENSIONS, NAMES, get
 from ..errors import EmcasError
-from ..unit import Unit as Interface
+from ..unit import model_name
 
 _NAME = re.compile(r"(EMCAS)\d*(|_\w+)")
 _FIN = re.compile(r"fin\[\d+\]\.")
@@ -97,7 +97,7 @@ def _models() -> Mapping[str, str]:
     """Models with any of the options by the modelName of one fin."""
     chosen = [subset for n in range(len(EXTENSIONS) + 1) for subset in combinations(EXTENSIONS, n)]
     kinds = ["+".join((model, *options)) for options in reversed(chosen) for model in reversed(NAMES)]
-    return {Interface(1, kind).model: kind for kind in kinds}
+    return {model_name(kind): kind for kind in kinds}
 
 
 @contextmanager

@@ -10,20 +10,24 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from ..actuators import NONLINEAR
 from ..errors import EmcasError
 from ..parameters import load_parameters
-from .common import ParametersOption, check_outputs, failures, out, progress_bar, require_extra, stepper
+from .common import ModelOption, ParametersOption, check_outputs, failures, out, progress_bar, require_extra, stepper
 
 EPILOG = ("Examples:\n\n  emcas analyse\n\n  emcas analyse --at 15 --report analysis.html "
           "--locus controller.velocity.kp"
+          "\n\n  emcas analyse --model elastic+heat --json analysis.json"
           "\n\n  emcas analyse -p my_actuator.toml --rod my_screw.toml --json analysis.json")
 
 
 def analyse(
     parameters: ParametersOption = None,
+    model: ModelOption = NONLINEAR,
     at: Annotated[float, typer.Option(help="Fin angle of the operating point, in degrees.", metavar="ANGLE")] = 0.0,
     torque: Annotated[float, typer.Option(help="Constant hinge moment there, in N.m.")] = 0.0,
-    locus: Annotated[str, typer.Option(help="Parameter of the root locus.", metavar="NAME")] = "controller.position.kp",
+    locus: Annotated[str | None, typer.Option(help="Parameter of the root locus; the first gain of the controller "
+                                                   "unless given.", metavar="NAME")] = None,
     rod: Annotated[Path | None, typer.Option(help="Shaft and screw for the natural frequencies (TOML); overrides any "
                                                   "subset of models/rod.toml.", metavar="FILE")] = None,
     as_json: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.",
@@ -37,7 +41,7 @@ def analyse(
         for name, value in (("--at", at), ("--torque", torque)):
             if not isfinite(value):
                 raise EmcasError(f"{name} {value}: give a finite number")
-        chosen = load_parameters(parameters)
+        chosen = load_parameters(parameters, model=model)
         require_extra("analysis", "emcas analyse needs", "control", "casadi")
         from ..analysis import analyse as tools
 
@@ -52,39 +56,46 @@ def analyse(
             write_report(found, report)
     for table in _tables(figures):
         out.print(table)
-    modes = figures["modes"]["thesis"]
-    slipped = modes["axial_rad_per_s_over_hz"], modes["torsional_rad_per_s_over_hz"]
-    out.print(f"The thesis's natural frequencies of {slipped[0]:.1f} and {slipped[1]:.1f} "
-              f"times the bandwidth divide rad/s by Hz; the factors are {modes['axial_over_bandwidth']:.1f} and "
-              f"{modes['torsional_over_bandwidth']:.1f}.", highlight=False, soft_wrap=True)
+    said = [f"{why}." for why in found.left_out.values()]
+    if figures["modes"]:
+        modes = figures["modes"]["thesis"]
+        slipped = modes["axial_rad_per_s_over_hz"], modes["torsional_rad_per_s_over_hz"]
+        said.append(f"The thesis's natural frequencies of {slipped[0]:.1f} and {slipped[1]:.1f} "
+                    f"times the bandwidth divide rad/s by Hz; the factors are {modes['axial_over_bandwidth']:.1f} and "
+                    f"{modes['torsional_over_bandwidth']:.1f}.")
+    for line in said:
+        out.print(escape(line), highlight=False, soft_wrap=True)
     for path in (as_json, report):
         if path:
             out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
 
 
 def _tables(f: dict[str, Any]) -> list[Table]:
-    own, thesis = f["linear"], f["thesis_linear"]
-    first = Table("linear", "here", "thesis", title=f"at {f['operating_point']['fin_angle_deg']:.4g} deg, "
-                  f"{f['operating_point']['aero_torque_nm']:.4g} N.m", title_justify="left")
+    own, thesis, beside = f["linear"], f["thesis_linear"], "thesis_linear" not in f["left_out"]
+    at = f["operating_point"]
+    first = Table("linear", "here", *(["thesis"] if beside else []),
+                  title=f"at {at['fin_angle_deg']:.4g} deg, {at['aero_torque_nm']:.4g} N.m", title_justify="left")
     for key, label in (("bandwidth_3db_hz", "bandwidth -3 dB / Hz"), ("bandwidth_90deg_hz", "bandwidth -90 deg / Hz"),
                        ("gain_margin_db", "gain margin at the drive's reference / dB"),
                        ("phase_margin_deg", "phase margin there / deg"), ("delay_margin_s", "delay margin there / s")):
-        first.add_row(label, _text(own[key]), _text(thesis[key]) if thesis else "unstable")
-    for name in ("axial", "torsional"):
-        first.add_row(f"{name} natural frequency / Hz", _text(f["modes"][f"{name}_hz"]),
-                      _text(f["modes"]["thesis"][f"{name}_hz"]))
+        first.add_row(label, _text(own[key]), *([_text(thesis[key]) if thesis else "unstable"] if beside else []))
+    for name in ("axial", "torsional") if f["modes"] else ():
+        first.add_row(f"{name} natural frequency of the rod / Hz", _text(f["modes"][f"{name}_hz"]),
+                      *([_text(f["modes"]["thesis"][f"{name}_hz"])] if beside else []))
     loops = Table("loop", "gain margin / dB", "phase margin / deg", "delay margin / ms")
     for name, m in own["loops"].items():
         delay = m["delay_margin_s"]
         loops.add_row(name, _text(m["gain_margin_db"]), _text(m["phase_margin_deg"]),
                       _text(None if delay is None else 1e3 * delay))
     finals = Table("final error", "1 deg command / deg", f"{f['final_values']['load_step_nm']:g} N.m load / deg")
-    for name in ("p", "pi"):
+    for name, label in (("p", "P"), ("pi", "PI"), ("as_set", "as set")):
         if name in f["final_values"]:
             row = f["final_values"][name]
-            finals.add_row(name.upper(), _text(row["command_error_deg"]), _text(row["load_error_deg"]))
-    swept = Table("amplitude / deg", "-3 dB / Hz", "-90 deg / Hz", "rate", "current", "voltage", "DAC",
-                  caption="right: frequency / Hz from which the limit acts", caption_justify="left")
+            finals.add_row(label, _text(row["command_error_deg"]), _text(row["load_error_deg"]))
+    limits = "limits" not in f["left_out"]
+    swept = Table("amplitude / deg", "-3 dB / Hz", "-90 deg / Hz",
+                  *(("rate", "current", "voltage", "DAC") if limits else ()),
+                  caption="right: frequency / Hz from which the limit acts" if limits else None, caption_justify="left")
     for s in f["sweep"]:
         swept.add_row(_text(s["amplitude_deg"]), _text(s["bandwidth_3db_hz"]), _text(s["bandwidth_90deg_hz"]),
                       *map(_text, s["limit_onset_hz"].values()))

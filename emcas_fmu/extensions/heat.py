@@ -102,14 +102,21 @@ def extend(actuator: Actuator) -> Actuator:
         current = ops.where(u.enabled, x.motor_current, 0.0)  # a disabled drive's bridge is open
         q = through(ops, p, x, u, current, h)
         moved, used = actuator.step(ops, q, x, u, h)
-        plant = Plant(getattr(x, angle), getattr(x, speed), x.motor_current, x.drive_integral)
-        tau = electrical_mode(ops, actuator.equation_parameters(ops, q), plant, u).tau
-        square = heat.mean_square(ops, current, moved["motor_current"], used / tau)
+        if p.structure.current == "ideal":
+            square = moved["motor_current"] * moved["motor_current"]
+        else:
+            plant = Plant(getattr(x, angle), getattr(x, speed), x.motor_current, x.drive_integral)
+            tau = electrical_mode(ops, actuator.equation_parameters(ops, q), plant, u).tau
+            square = heat.mean_square(ops, current, moved["motor_current"], used / tau)
         winding, case = heat.warmed(p, x.winding_temperature, x.case_temperature, q.motor.resistance * square, used)
         moved = {**moved, "winding_temperature": winding, "case_temperature": case}
         if limits:
             moved["i2t_load"] = heat.loaded(ops, p, x.i2t_load, square, used, u.rated_current_limit)
         return moved, used
+
+    def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+        """Return d/dt of the states of a motor whose temperatures stay: seconds pass before they do not."""
+        return actuator.rates(ops, heat.at_temperatures(ops, p, x.winding_temperature, x.case_temperature), x, u)
 
     def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
         load = x.i2t_load if limits else None
@@ -120,8 +127,8 @@ def extend(actuator: Actuator) -> Actuator:
 
     return replace(
         actuator, states=(*actuator.states, *STATES, *((I2T_LOAD,) if limits else ())),
-        outputs=actuator.outputs + (OUTPUTS + I2T_OUTPUTS if limits else OUTPUTS), initial=initial, step=step,
-        output_values=output_values)
+        outputs=actuator.outputs + (OUTPUTS + I2T_OUTPUTS if limits else OUTPUTS), initial=initial,
+        derivatives=derivatives if actuator.derivatives else None, step=step, output_values=output_values)
 
 
 def _parameters(actuator: Actuator) -> tuple[Variable, ...]:

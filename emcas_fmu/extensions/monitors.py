@@ -73,7 +73,7 @@ def possible(actuator: Actuator) -> tuple[Monitor, ...]:
 
 def parameters(actuator: Actuator) -> tuple[Variable, ...]:
     """Return the parameters of an actuator's monitors."""
-    response = () if capabilities.POSITION_LOOP in actuator.provides else (_RESPONSE,)
+    response = () if capabilities.CASCADE in actuator.provides else (_RESPONSE,)
     return (_PERSISTENCE, *response, *(v for monitor in possible(actuator) for v in monitor.parameters))
 
 
@@ -104,8 +104,8 @@ def modelled(ops: Ops, p: Any, response: Value, w: Watched) -> Value:
 
 
 def response(p: Any, actuator: Actuator) -> Value:
-    """Return K [1/s] of the model of an actuator's response: the position loop's gain where it has one."""
-    return p.controller.position.kp if capabilities.POSITION_LOOP in actuator.provides else p.monitor.response
+    """Return K [1/s] of the model of an actuator's response: the position loop's gain where that is one in cascade."""
+    return p.controller.position.kp if capabilities.CASCADE in actuator.provides else p.monitor.response
 
 
 def _conditions(ops: Ops, p: Any, watched: tuple[Monitor, ...], gain: Value, w: Watched) -> list[Value]:

@@ -60,8 +60,8 @@ def _page(unit: Unit, sets: Sequence[ParameterSet], guid: str, backend: str, pla
     several = [bus] if unit.fins > 1 and unit.actuator.supply else []
     equations = [*unit.actuator.modules, *several]
     return environment.get_template("documentation.html.j2").render(
-        model=unit.model, description=describe(unit), version=__version__, guid=guid, fins=unit.fins,
-        notes=_NOTES[backend], platforms=platforms,
+        model=unit.model, description=describe(unit), origin=unit.actuator.origin, version=__version__, guid=guid,
+        fins=unit.fins, supply=unit.actuator.supply, notes=_NOTES[backend], platforms=platforms,
         step_ms=_text(sets[0].values["controller.sample_time"] * 1e3),
         figures=response_figures(sets[0]), equations=[inspect.getdoc(module) for module in equations],
         tables=[(title, _rows(unit, variables, sets, starts)) for title, variables in (

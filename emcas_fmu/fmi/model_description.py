@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 from pythonfmu import Fmi2Slave
 
 from .. import __version__
-from ..actuators import NONLINEAR, fin_port
+from ..actuators import fin_port
 from ..kernels import program
 from ..unit import BUS_CURRENT, BUS_VOLTAGE, MIXING, Unit
 from ..unit import start_values as unit_starts
@@ -19,8 +19,6 @@ from .units import fmi_unit
 
 SINGLE = Unit(1)
 MODEL = SINGLE.model
-DESCRIPTION = ("Nonlinear electromechanical control actuation system: brushless motor, current-mode drive, "
-               "ball screw, lever and fin, with position, velocity and current loops")
 STEP_SIZE, STOP_TIME = 1e-3, 1.0
 
 _MIXED = tuple(v.name for v in MIXING)
@@ -37,8 +35,10 @@ def _dependencies(unit: Unit) -> dict[str, tuple[str, ...]]:
     supply = unit.actuator.supply
     if supply is None:
         return of_fins
-    every = tuple(dict.fromkeys(unit.name(i, fin) for fin in range(unit.fins) for i in direct[supply.power.name]))
-    return {**of_fins, BUS_VOLTAGE.name: (supply.input.name,), BUS_CURRENT.name: every, supply.power.name: every}
+    power = direct.get(supply.power.name, ())
+    every = tuple(dict.fromkeys(unit.name(i, fin) for fin in range(unit.fins) for i in power))
+    current = tuple(dict.fromkeys((supply.input.name, *every)))  # power over voltage
+    return {**of_fins, BUS_VOLTAGE.name: (supply.input.name,), BUS_CURRENT.name: current, supply.power.name: every}
 
 
 def start_values(parameters: Mapping[str, Any]) -> tuple[Any, ...]:
@@ -139,8 +139,8 @@ def _structure(root: Element, unit: Unit) -> None:
 
 def describe(unit: Unit) -> str:
     """What the unit is, in a sentence."""
-    several = "" if unit.fins == 1 else f"; {unit.fins} fins on one bus"
-    return (DESCRIPTION if unit.kind == NONLINEAR else unit.actuator.title) + several
+    bus = " on one bus" if unit.actuator.supply else ""
+    return unit.actuator.title + ("" if unit.fins == 1 else f"; {unit.fins} fins{bus}")
 
 
 def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str, str], tool: str,

@@ -51,12 +51,23 @@ class SymbolOps:
 SYMBOLS = SymbolOps()
 
 
-def jacobian(function: Callable[..., Sequence[Value]], point: Sequence[float]) -> tuple[Any, Any]:
-    """Values [m] and exact Jacobian [m, n] of a function of n expressions at a `point` [n], as NumPy arrays.
+Linearised = Callable[[Sequence[float]], tuple[Any, Any]]
+"""Values [m] and exact Jacobian [m, n] of a function at a point [n], as NumPy arrays."""
 
-    By algorithmic differentiation of the function's own operations.
-    """
-    x = ca.SX.sym("x", len(point))
+
+def linearised(function: Callable[..., Sequence[Value]], size: int) -> Linearised:
+    """Return a function of `size` expressions with its Jacobian, by algorithmic differentiation of its operations."""
+    x = ca.SX.sym("x", size)
     y = ca.vertcat(*function(*ca.vertsplit(x)))
-    values, slopes = ca.Function("function", [x], [y, ca.jacobian(y, x)])(list(point))
-    return values.full().ravel(), slopes.full()
+    both = ca.Function("function", [x], [y, ca.jacobian(y, x)])
+
+    def at(point: Sequence[float]) -> tuple[Any, Any]:
+        values, slopes = both(list(point))
+        return values.full().ravel(), slopes.full()
+
+    return at
+
+
+def jacobian(function: Callable[..., Sequence[Value]], point: Sequence[float]) -> tuple[Any, Any]:
+    """Return values [m] and exact Jacobian [m, n] of a function of n expressions at a `point` [n]."""
+    return linearised(function, len(point))(point)

@@ -49,6 +49,23 @@ def pwm_voltage(p: Any, reference: Value) -> Value:
     return p.pwm.gain * reference
 
 
+def flowing(p: Any, reference: Value, current: Value) -> Value:
+    """Return the motor current [A]: the state, or of an ideal loop what an analogue reference [V] asks for."""
+    return current_reference_raw(p, reference) if p.structure.current == "ideal" else current
+
+
+def rates(p: Any, reference: Value, speed: Value, current: Value, integral: Value) -> tuple[Value, Value]:
+    """Return di/dt [A/s] and dxi/dt [V/s] at an analogue reference [V] and a motor speed [rad/s], without limits."""
+    if p.structure.current == "ideal":
+        return 0.0, 0.0
+    if p.structure.current == "pwm":
+        voltage, rise = pwm_voltage(p, reference), 0.0
+    else:
+        i_ref = current_reference_raw(p, reference)
+        voltage, rise = voltage_demand(p, i_ref, current, integral), p.drive.ki * (i_ref - current)
+    return (voltage - p.motor.resistance * current - back_emf(p, speed)) / p.motor.inductance, rise
+
+
 def back_emf(p: Any, speed: Value) -> Value:
     """Back-EMF [V] at a motor speed [rad/s]."""
     return p.motor.back_emf_constant * speed

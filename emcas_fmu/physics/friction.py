@@ -92,3 +92,8 @@ def viscous(ops: Ops, p: Any, direction: Value) -> Value:
     """Viscous coefficient b_m [N.m.s/rad] at the motor for motion along the sign of `direction`."""
     factor = _temperature_factor(ops, p, p.friction.cold_viscous_ratio)
     return ops.where(direction > 0.0, p.friction.viscous.positive * factor, p.friction.viscous.negative * factor)
+
+
+def mean_viscous(ops: Ops, p: Any) -> Value:
+    """Return the mean b_m [N.m.s/rad] of both directions: the fundamental of the pair for a motion both ways."""
+    return 0.5 * (viscous(ops, p, 1.0) + viscous(ops, p, -1.0))

@@ -7,26 +7,25 @@ from pathlib import Path
 import numpy as np
 
 from emcas_fmu import fitting
+from emcas_fmu.actuators import NONLINEAR, get
 from emcas_fmu.bench.fmu import opened
 from emcas_fmu.fitting import MODEL, Fit
 from emcas_fmu.kernels import program
-from emcas_fmu.kernels.core import Core
 from emcas_fmu.parameters import ParameterSet, load_parameters
-from emcas_fmu.variables import FILE_ENTRIES, INPUTS, OUTPUTS
 
 from .actuators import Demand, Response
 from .vehicle import FINS
 
-_NAMES = [v.name for v in OUTPUTS]
+_NAMES = [v.name for v in get(MODEL).outputs]
 _ANGLE, _RATE, _SATURATED = (_NAMES.index(name) for name in ("fin_angle", "fin_rate", "saturated"))
-_KEYS = {v.name: v.key for v in INPUTS if v.key}
+_KEYS = {v.name: v.key for v in get(NONLINEAR).inputs if v.key}
 
 
 def parameters_of(path: Path) -> ParameterSet:
     """The nonlinear model's parameters that an FMU starts with; of a unit of four those of fin 1."""
     with opened(path) as unit:
         starts = {_KEYS.get(name, name): value for name, value in unit.starts.items()}
-    return load_parameters().replace({v.name: starts[v.name] for v in FILE_ENTRIES if v.name in starts})
+    return load_parameters().replace({v.name: starts[v.name] for v in get(NONLINEAR).file_entries if v.name in starts})
 
 
 def fit(path: Path) -> Fit:
@@ -44,14 +43,12 @@ class SecondOrder:
 
     def __init__(self, parameters: ParameterSet) -> None:
         """`parameters` are of the second-order model."""
-        functions = program.make(model=MODEL)(parameters.values)
-        self._supply = parameters.values["drive.supply_voltage"]
-        self._cores = [Core(functions) for _ in FINS]
+        self._cores = [program.core(parameters.values, MODEL) for _ in FINS]
 
     def step(self, time: float, step: float, demand: Demand) -> Response:
         """The power is mechanical, against the hinge moments, which do not move the fins."""
         loads = zip(demand.commands.tolist(), demand.hinge_moments.tolist(), strict=True)
-        rows = np.array([core.run(time + step, (command, moment, 0.0, 0.0, self._supply, True))
+        rows = np.array([core.run(time + step, (command, moment, 0.0, 0.0, 0.0, True))
                          for core, (command, moment) in zip(self._cores, loads, strict=True)], dtype=float)
         rates = rows[:, _RATE]
         return Response(rows[:, _ANGLE], rates, -float(rates @ demand.hinge_moments), rows[:, _SATURATED] > 0.5)

@@ -11,7 +11,7 @@ It is held for a sample time and clipped at the supply; while it is clipped, the
 
 from pathlib import Path
 
-from emcas_fmu.actuators import fin_port
+from emcas_fmu.actuators import capabilities, fin_port
 from emcas_fmu.actuators.declaration import Actuator, State, Supply
 from emcas_fmu.variables import parameter, real_input, real_output, tunable
 
@@ -89,6 +89,7 @@ ACTUATOR = Actuator(
     outputs=(*fin_port.OUTPUTS, MOTOR_CURRENT, MOTOR_VOLTAGE, SUPPLY_POWER),
     supply=Supply(SUPPLY_VOLTAGE, SUPPLY_POWER, lambda ops, p: 1.0 / p.motor.inductance),
     equal_parameters=(("motor.torque_constant", "motor.back_emf_constant"),),
+    provides=frozenset({capabilities.POSITION_LOOP}),
     sample=sample,
     derivatives=derivatives,
     output_values=output_values,

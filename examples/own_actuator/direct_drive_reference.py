@@ -1,4 +1,4 @@
-"""The direct drive integrated by SciPy, from its equations and nothing of the package: what `emcas validate` compares."""
+"""The direct drive integrated by SciPy, from its equations and nothing of the package, for `emcas validate`."""
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -25,8 +25,8 @@ def simulate(parameters, inputs):
         voltage = np.clip(reference, -row["supply_voltage"], row["supply_voltage"]) if row["enable"] else 0.0
         torque = (p["motor.torque_constant"] * current + row["aero_torque"] - p["spring.stiffness"] * angle
                   - p["hinge.damping"] * rate)
-        emf = p["motor.back_emf_constant"] * rate
-        return rate, torque / p["hinge.inertia"], (voltage - p["motor.resistance"] * current - emf) / p["motor.inductance"]
+        rise = voltage - p["motor.resistance"] * current - p["motor.back_emf_constant"] * rate
+        return rate, torque / p["hinge.inertia"], rise / p["motor.inductance"]
 
     def meets_stop(_, y):
         return stop - abs(y[0])

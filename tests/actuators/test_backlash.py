@@ -15,18 +15,17 @@ from emcas_fmu.namespace import with_values
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics import drive_line, mechanics
 from emcas_fmu.step_elastic import Pair, advance
-from emcas_fmu.step_rigid import Boundary
-from tests.default_actuator import namespace
+from tests.simulation import acting, nested
 
-from .line import RIGID, SMOOTH, at_motor, run_of, through_motor, values_of
+from .line import MODEL, RIGID, SMOOTH, at_motor, run_of, through_motor, values_of
 
 
 def _bare(overrides: Mapping[str, Any]) -> Any:
     """Parameters of two inertias with nothing but the line between them."""
-    return with_values(namespace(values_of({**SMOOTH, **overrides})), {"kinematics.constant_ratio": True})
+    return nested(values_of({**SMOOTH, **overrides}), MODEL, constant_ratio=True)
 
 
-_OFF = Boundary(0.0, 0.0, 0.0, 0.0, 39.0, False)
+_OFF = acting(enabled=False)
 
 
 def _energy(p: Any, s: Pair) -> float:
@@ -97,7 +96,7 @@ def test_nut_is_before_the_gap() -> None:
     """Under a load the nut stands behind the rotor by the give of shaft and screw, and before the flank's."""
     torque = -60.0
     run = run_of({"friction.fin_viscous": 20.0}, 2.0, aero_torque=torque)
-    p = namespace(values_of())
+    p = nested(values_of(), MODEL)
     tangent = tan(run["fin_angle"][-1] + p.kinematics.initial_angle)
     at_screw = -torque / (p.kinematics.moment_arm / p.screw.lead * (1.0 + tangent * tangent))
     twist = at_screw * (p.drive_line.torsional_compliance + p.drive_line.axial_compliance / p.screw.lead**2)
@@ -112,7 +111,7 @@ def test_free_play_by_a_small_torque_is_the_gap() -> None:
         run = run_of({"drive_line.backlash": gap, "friction.fin_viscous": 5.0}, 1.0, enable=False,
                    aero_torque=lambda t: 2.0 if t < 0.5 else -2.0)
         values = values_of({"drive_line.backlash": gap})
-        p = namespace(values)
+        p = nested(values, MODEL)
         play = np.ptp((run["motor_angle"] - at_motor(values, run["fin_angle"]))[[499, 999]])
         ratio = p.kinematics.moment_arm / p.screw.lead / cos(p.kinematics.initial_angle)**2
         give = 4.0 / ratio / drive_line.line(FLOATS, p).stiffness

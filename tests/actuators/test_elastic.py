@@ -18,7 +18,7 @@ from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError
 from emcas_fmu.physics import drive_line, mechanics
 from emcas_fmu.simulation import simulate
-from tests.default_actuator import namespace
+from tests.simulation import nested
 
 from .line import DRY, MODEL, RIGID, SMOOTH, at_motor, run_of, values_of
 
@@ -49,7 +49,7 @@ def test_free_mode_of_rotor_and_fin(springs: str) -> None:
              "torsional": {"drive_line.axial_compliance": 0.0}}[springs]
     values = values_of({**SMOOTH, **rigid, "drive_line.backlash": 0.0, "drive_line.axial_damping": 0.0,
                       "drive_line.torsional_damping": 0.0, "solver.max_tick": 2e-5})
-    p = namespace(values)
+    p = nested(values, MODEL)
     run = simulate(values, 0.1, 2e-5, model=MODEL, enable=False, aero_torque=lambda t: 50.0 if t < 2e-4 else 0.0)
     twist = run["motor_angle"] - at_motor(values, run["fin_angle"])
     rate = np.diff(twist)[20:]

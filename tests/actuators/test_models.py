@@ -10,27 +10,27 @@ from typing import Any
 
 import numpy as np
 import pytest
+from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.signal import lsim
 from typer.testing import CliRunner
 
-from emcas_fmu.actuators import NAMES, NONLINEAR, every_own, get
+from emcas_fmu.actuators import NAMES, NONLINEAR, fin_port, get
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fitting import MODEL, fit, write_fitted
 from emcas_fmu.fmi.model_description import SINGLE
 from emcas_fmu.fmi.package import build
-from emcas_fmu.fmi.slave import Slave, Table
-from emcas_fmu.kernels import program
+from emcas_fmu.fmi.slave import Slave
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.simulation import simulate
-from emcas_fmu.unit import Unit, start_values
-from tests.default_actuator import OUTPUTS, PARAMETERS
+from emcas_fmu.unit import Unit
 
 from ..fmu.built import both
+from ..fmu.built import slave_class as local_class
 from ..fmu.host import OK, Fmu, Instance
 
 OTHERS = [name for name in NAMES if name != NONLINEAR]
@@ -123,19 +123,15 @@ def test_second_order_stands_where_it_is_disabled() -> None:
     assert run["fin_angle"][-1] == pytest.approx(0.3, abs=1e-3)
 
 
-def test_second_order_tells_what_the_kinematics_make_of_it() -> None:
+def test_second_order_shows_the_fin_port_alone() -> None:
+    """Its moment is that on the fin, though it moves nothing; it has no motor, no supply and nothing always 0."""
     values = load_parameters(model=MODEL).values
-    other = load_parameters().values
     run = simulate(values, 0.1, model=MODEL, fin_command=0.4, aero_torque=-12.0)
-    # Independent: (2.5) and its derivative written out.
-    ratio, initial = other["kinematics.moment_arm"] / other["screw.lead"], other["kinematics.initial_angle"]
-    angle = run["fin_angle"]
-    assert run["motor_angle"] == pytest.approx(ratio * (np.tan(angle + initial) - np.tan(initial)), abs=1e-12)
-    assert run["motor_speed"] == pytest.approx(ratio / np.cos(angle + initial)**2 * run["fin_rate"], rel=1e-12)
-    assert run["nut_position"] == pytest.approx(other["screw.lead"] * run["motor_angle"], rel=1e-14)
+    assert set(run) == {"time", "fin_angle", "fin_rate", "hinge_torque", "tracking_error", "measured_fin_angle",
+                        "saturated", "at_stop"}
     assert run["hinge_torque"] == pytest.approx(-12.0)
+    assert run["tracking_error"] == pytest.approx(values["command.limit"] - run["fin_angle"], abs=1e-15)
     assert np.all(run["saturated"][2:] > 0.0)  # the command is beyond its limit from the first sample on
-    assert np.all(run["supply_power"] == 0.0)
 
 
 def test_second_order_stops() -> None:
@@ -177,13 +173,15 @@ def test_other_models_have_no_baseline(tmp_path: Path) -> None:
 
 
 def test_registry_and_files() -> None:
-    with pytest.raises(EmcasError, match="no model 'hydraulic'; there is nonlinear, linear"):
+    with pytest.raises(EmcasError, match="no actuator 'hydraulic'; there is nonlinear, linear"):
         get("hydraulic")
-    # What belongs to one model only has a group of its own: no name of the table's changes its meaning.
-    table = {v.name.partition(".")[0] for v in PARAMETERS}
-    assert {"second_order.damping", "pwm.gain"} <= {v.name for v in every_own()}
-    assert not {v.name.partition(".")[0] for v in every_own()} & table
-    with pytest.raises(ParameterError, match="the nonlinear model has no such parameter"):
+    # A name means the same wherever it is: the same unit, limits and kind, whatever it is said to do there.
+    meant: dict[str, Any] = {}
+    for v in (v for name in NAMES for v in get(name).inputs + get(name).outputs + get(name).file_entries):
+        same = (v.kind, v.causality, v.variability, v.unit, v.minimum, v.maximum)
+        assert meant.setdefault(v.name, same) == same, v.name
+    assert {"second_order.damping", "pwm.gain"} <= set(meant)
+    with pytest.raises(ParameterError, match="the nonlinear actuator has no such parameter"):
         load_parameters().replace({"second_order.damping": 0.5})
     with pytest.raises(ParameterError, match=r"second_order.damping = -1\.0"):
         load_parameters(model=MODEL).replace({"second_order.damping": -1.0})
@@ -205,11 +203,16 @@ def built(model: str, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, 
 
 @pytest.mark.fmu
 @pytest.mark.parametrize("backend", ["python", "native"])
-def test_the_interface_is_the_one_of_all(model: str, built: Mapping[str, Path], backend: str) -> None:
+def test_the_interface_is_the_actuator_s_with_the_fin_port(model: str, built: Mapping[str, Path], backend: str) -> None:
+    """What is there in the FMU is what is declared; the fin port is in each, its inputs first and in one order."""
     assert validate_fmu(str(built[backend])) == []
-    names = [v.name for v in Unit(1, model).variables]
-    assert names[:len(SINGLE.variables)] == [v.name for v in SINGLE.variables]
-    assert set(names) - {v.name for v in SINGLE.variables} == {v.name for v in get(model).own}
+    described = read_model_description(str(built[backend])).modelVariables
+    actuator = get(model)
+    assert [(v.name, v.causality) for v in described] == [
+        (v.name, v.causality) for v in actuator.inputs + actuator.outputs + actuator.parameters]
+    names = [v.name for v in described]
+    assert names[:8] == [v.name for v in SINGLE.variables[:8]]
+    assert {v.name for v in (*fin_port.inputs(), *fin_port.OUTPUTS, *fin_port.PARAMETERS)} <= set(names)
 
 
 _segments = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-150.0, 150.0), st.sampled_from([True, True, False]),
@@ -238,7 +241,7 @@ def test_both_back_ends_are_one_model(model: str, library: Fmu, slave_class: typ
             assert python.do_step(time, size)
             assert native.step(time, size) == OK
             time += size
-        reals = [v.name for v in OUTPUTS if v.kind == "Real"]
+        reals = [v.name for v in get(model).outputs if v.kind == "Real"]
         assert python.get_real([index[name] for name in reals]) == [native.get(name) for name in reals]
     native.free()
 
@@ -253,8 +256,4 @@ def library(built: Mapping[str, Path], tmp_path_factory: pytest.TempPathFactory)
 
 @pytest.fixture(scope="module")
 def slave_class(model: str) -> type[Slave]:
-    unit = Unit(1, model)
-    rows = tuple((v.name, v.kind, v.causality, v.variability, v.minimum, v.maximum) for v in unit.variables)
-    starts = start_values(unit, [load_parameters(model=model).values])
-    return type("Local", (Slave,), {"make": staticmethod(program.make(model=model)),
-                                    "table": Table(rows, starts, "{guid}")})
+    return local_class(Unit(1, model), [load_parameters(model=model).values])

@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from emcas_fmu.analysis import frequency, thesis, wiring
+from emcas_fmu.actuators.electromechanical import nonlinear
+from emcas_fmu.analysis import frequency, thesis
 from emcas_fmu.analysis.final_values import TORQUE, final_values
-from emcas_fmu.analysis.linear import LOOPS, LinearActuator, sampled, wire
+from emcas_fmu.analysis.linear import LinearActuator, sampled, wire
 from emcas_fmu.analysis.locus import continuous_poles, locus
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.linear import LinearModel
@@ -29,18 +31,20 @@ Values = Mapping[str, Any]
 def test_jacobian_is_that_of_finite_differences(values: Values) -> None:
     p = {**values, "loads.gravity": True, "friction.fin_viscous": 3.0}
     linear = LinearActuator(p, radians(14.0), -70.0)
-    at = linear.point
-    point = np.array([at.motor_angle, 0.0, at.current, at.voltage, at.aero_torque])
-    force = (0.0, 9.80665)
+    point = np.array([*linear.rest, linear.point.reference, linear.point.aero_torque])
+    names = ("motor_angle", "motor_speed", "motor_current", "drive_integral")
 
     def changes(x: Any) -> Any:
-        return np.array(wiring.motor(FLOATS, namespace(p), force, *map(float, x)))
+        *states, reference, torque = map(float, x)
+        u = Record(reference=reference, aero_torque=torque, f_x=0.0, f_z=9.80665)
+        rates = nonlinear.derivatives(FLOATS, namespace(p), Record(**dict(zip(names, states, strict=True))), u)
+        return np.array([rates[name] for name in names])
 
-    assert np.max(np.abs(changes(point)[1:])) < 1e-6  # a rest: of terms of 1e5 A/s
-    exact = np.hstack([linear.motor.A, linear.motor.B])
-    for column, scale in enumerate((1.0, 1.0, 1.0, 1.0, 10.0)):
+    assert np.max(np.abs(changes(point))) < 1e-6  # a rest: of terms of 1e5 A/s
+    exact = np.hstack([linear.continuous.A, linear.continuous.B])
+    for column, scale in enumerate((1.0, 1.0, 1.0, 1.0, 1.0, 10.0)):
         h = scale * 1e-4
-        offset = np.eye(5)[column] * h
+        offset = np.eye(6)[column] * h
         slope = (changes(point + offset) - changes(point - offset)) / (2.0 * h)
         # Central differences: h^2/6 of a third derivative and eps/h of the value, both some 1e-8 of the rows' scale.
         rows = np.max(np.abs(exact), axis=1)
@@ -55,12 +59,17 @@ def test_motor_is_that_of_closed_forms(values: Values) -> None:
     inertia = (values["inertia.motor"] + values["inertia.screw"] + values["mass.nut"] * lead**2
                + (values["inertia.fin"] + values["inertia.shaft"] + values["inertia.fork"]) / ratio**2)
     viscous = 0.5 * (values["friction.viscous.positive"] + values["friction.viscous.negative"])
-    expected = [[0.0, 1.0, 0.0], [0.0, -viscous / inertia, values["motor.torque_constant"] / inertia],
-                [0.0, -values["motor.back_emf_constant"] / values["motor.inductance"],
-                 -values["motor.resistance"] / values["motor.inductance"]]]
-    np.testing.assert_allclose(linear.motor.A, expected, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(linear.motor.B[:, 1], [0.0, 1.0 / ratio / inertia, 0.0], rtol=1e-12)
-    assert linear.motor.C[2, 0] == pytest.approx(1.0 / ratio, rel=1e-12)  # fin over motor angle
+    loop, inductance = values["motor.resistance"] + values["drive.kp"], values["motor.inductance"]
+    expected = [[0.0, 1.0, 0.0, 0.0], [0.0, -viscous / inertia, values["motor.torque_constant"] / inertia, 0.0],
+                [0.0, -values["motor.back_emf_constant"] / inductance, -loop / inductance, 1.0 / inductance],
+                [0.0, 0.0, -values["drive.ki"], 0.0]]
+    gain = values["drive.current_gain"]
+    plant = linear.continuous
+    np.testing.assert_allclose(plant.A, expected, rtol=1e-12, atol=1e-12)
+    acting = [[0.0, 0.0], [0.0, 1.0 / ratio / inertia], [values["drive.kp"] * gain / inductance, 0.0],
+              [values["drive.ki"] * gain, 0.0]]
+    np.testing.assert_allclose(plant.B, acting, rtol=1e-12)
+    assert plant.C[-1, 0] == pytest.approx(1.0 / ratio, rel=1e-12)  # fin over motor angle
     assert linear.point.ratio == pytest.approx(ratio, rel=1e-12)
 
 
@@ -146,7 +155,7 @@ def test_current_loop_is_the_first_order_one_at_speed(values: Values) -> None:
 
 def test_every_gain_margin_is_an_edge_of_stability(values: Values) -> None:
     linear = LinearActuator(values, radians(8.0))
-    for name in LOOPS[1:]:
+    for name in ("velocity", "position", "reference"):
         loop, margins = linear.loop(name), frequency.margins(linear.loop(name))
         for factor, stable in ((0.995, True), (1.005, False)):
             poles = ct.feedback(loop * (margins.gain * factor), 1).poles()

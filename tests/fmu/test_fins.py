@@ -19,15 +19,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.fmi.fins import FinsSlave
 from emcas_fmu.fmi.package import build
-from emcas_fmu.fmi.slave import Table
-from emcas_fmu.kernels import program
+from emcas_fmu.fmi.slave import Slave
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.unit import AZIMUTH, BUS_OUTPUTS, Unit, azimuths, fin_files, start_values
+from emcas_fmu.unit import AZIMUTH, Unit, azimuths, fin_files
 from tests.default_actuator import OUTPUTS, PARAMETERS
 
 from .built import both
+from .built import slave_class as local_class
 from .host import ERROR, OK, Fmu, Instance
 
 pytestmark = pytest.mark.fmu
@@ -306,14 +305,10 @@ def test_bad_parameters_are_told_with_their_fin(four: Fmu) -> None:
 
 
 @pytest.fixture(scope="module")
-def slave_class() -> type[FinsSlave]:
+def slave_class() -> type[Slave]:
     default = load_parameters().values
     sets = [{**default, AZIMUTH: radians(azimuth)} for azimuth in azimuths(4, "cross")]
-    rows = tuple((v.name, v.kind, v.causality, v.variability, v.minimum, v.maximum) for v in FOUR.variables)
-    members = {"make": staticmethod(program.make(True)), "table": Table(rows, start_values(FOUR, sets), "{guid}"),
-               "places": FOUR.places, "names": tuple(v.name for v in PARAMETERS),
-               "supply_power": [v.name for v in OUTPUTS].index("supply_power")}
-    return type("Local", (FinsSlave,), members)
+    return local_class(FOUR, sets)
 
 
 _fin = st.integers(1, 4)
@@ -332,7 +327,7 @@ _change = st.one_of(
 @given(resistance=st.sampled_from([0.0, 0.03, 0.5]), azimuth=st.floats(-3.0, 3.0), segments=st.lists(
     st.tuples(st.lists(_change, max_size=4), st.sampled_from([2.3e-4, 1e-3, 4.1e-3]), st.integers(1, 8), st.booleans()),
     min_size=1, max_size=5))
-def test_both_back_ends_are_one_model(four: Fmu, slave_class: type[FinsSlave], resistance: float, azimuth: float,
+def test_both_back_ends_are_one_model(four: Fmu, slave_class: type[Slave], resistance: float, azimuth: float,
                                       segments: list[Any]) -> None:
     """In lockstep, states restored on the way: the same bits."""
     index = FOUR.reference
@@ -370,7 +365,7 @@ def test_both_back_ends_are_one_model(four: Fmu, slave_class: type[FinsSlave], r
     native.free()
 
 
-def test_python_says_which_fin_is_wrong(slave_class: type[FinsSlave], capsys: pytest.CaptureFixture[str]) -> None:
+def test_python_says_which_fin_is_wrong(slave_class: type[Slave], capsys: pytest.CaptureFixture[str]) -> None:
     slave = slave_class(instance_name="fins")
     slave.setup_experiment(0.0)
     slave.enter_initialization_mode()
@@ -405,7 +400,7 @@ def test_value_references_are_where_the_code_looks(fins: int) -> None:
     first, last = unit.first_output, unit.first_parameter
     assert names[first:first + len(OUTPUTS)] == [unit.name(v.name, 0) for v in OUTPUTS]
     assert names[last + (fins - 1) * len(PARAMETERS):] == [unit.name(v.name, fins - 1) for v in PARAMETERS]
-    assert first == len(unit.inputs) + (len(BUS_OUTPUTS) if fins > 1 else 0)
+    assert first == len(unit.inputs) + (3 if fins > 1 else 0)
 
 
 def test_unusual_units(tmp_path: Path) -> None:

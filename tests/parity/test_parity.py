@@ -14,13 +14,13 @@ from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
 
 from emcas_fmu.files import models_directory
-from emcas_fmu.fmi.model_description import start_values
-from emcas_fmu.fmi.slave import Slave, Table
-from emcas_fmu.kernels import program
+from emcas_fmu.fmi.model_description import SINGLE
+from emcas_fmu.fmi.slave import Slave
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.reference.stored import load
 from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS, VARIABLES
 
+from ..fmu.built import slave_class as local_class
 from ..fmu.host import OK, Fmu, Instance
 from ..simulation import new_core
 
@@ -39,13 +39,7 @@ def library(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Fmu:
 
 @pytest.fixture(scope="module")
 def slave_class(values: Mapping[str, Any]) -> type[Slave]:
-    rows = tuple((v.name, v.kind, v.causality, v.variability, v.minimum, v.maximum) for v in VARIABLES)
-
-    class Local(Slave):
-        make = staticmethod(program.make())  # type: ignore[assignment]
-        table = Table(rows, start_values(values), "{guid}")
-
-    return Local
+    return local_class(SINGLE, [values])
 
 
 @pytest.mark.acceptance

@@ -12,9 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from emcas_fmu.ops import FLOATS
+from emcas_fmu.parameters import check_combinations
 from emcas_fmu.physics import kinematics, mechanics
 from emcas_fmu.rules import check_ranges
-from tests.default_actuator import PARAMETERS, namespace
+from tests.default_actuator import ACTUATOR, PARAMETERS, namespace
 
 from ..simulation import NAMES, new_core, simulate
 
@@ -56,12 +57,12 @@ def test_friction_never_creates_energy(values: Mapping[str, Any], speed: float, 
             "friction.fin_coulomb": coulomb}
     p = namespace(case)
     core = new_core(case)
-    tick, (_, _, current, xi), *rest = core.state
+    period, position, (_, _, current, xi), *rest = core.state
     motor = kinematics.motor_angle(FLOATS, p, start)
-    core.state = (tick, (motor, speed, current, xi), *rest)
+    core.state = (period, position, (motor, speed, current, xi), *rest)
 
     def energy() -> float:
-        angle, w, *_ = core.state[1]
+        angle, w, *_ = core.state[2]
         w = float(w)
         return 0.5 * float(mechanics.coefficients(FLOATS, p, angle, 0.0, 0.0, 0.0).inertia) * w * w
 
@@ -123,7 +124,7 @@ def test_never_non_finite(values: Mapping[str, Any], changes: dict[str, float],
                           profile: list[tuple[float, float, bool, float]]) -> None:
     case = {**values, **changes}
     limits = [(v.name, v.minimum, v.maximum) for v in PARAMETERS if v.kind != "Boolean"]
-    if check_ranges(case, limits) or check_consistency(case):
+    if check_ranges(case, limits) or check_combinations(case, ACTUATOR):
         return
     # Few ticks, whatever the sample time.
     size = min(case["solver.max_tick"], case["controller.sample_time"]) * 4.0

@@ -167,7 +167,7 @@ def test_the_command_and_its_refusals(unit: Path, tmp_path: Path, monkeypatch: p
     monkeypatch.chdir(tmp_path)
     assert f"is of the model {MODEL}, and nonlinear+faults is asked for" in call(
         "--fmu", unit, "--model", "nonlinear+faults")
-    assert "there is no option 'fault'" in call("--model", "elastic+fault")
+    assert "there is no extension 'fault'" in call("--model", "elastic+fault")
     (tmp_path / "hot.toml").write_text('[fin1.heat]\ncase_start_rise = "40 K"\n', encoding="utf-8")
     assert f"the {MODEL} model has no such parameter" in call("--fmu", unit, "--variant", "hot=hot.toml")
     monkeypatch.setattr("emcas_fmu.bench.fmu.model_of", lambda name: None)

@@ -11,8 +11,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from emcas_fmu import control, integrate, schedule, sensors
-from emcas_fmu.actuators.electromechanical import nonlinear
+from emcas_fmu import control, sensors, step_rigid
 from emcas_fmu.kernels import program
 from emcas_fmu.ops import FLOATS
 from emcas_fmu.ops.arrays import ARRAYS
@@ -20,7 +19,7 @@ from emcas_fmu.ops.python_source import python_source
 from emcas_fmu.ops.symbols import SYMBOLS
 from emcas_fmu.ops.trace import Tracer
 from emcas_fmu.physics import bus, drive, friction, kinematics, loads, mechanics
-from tests.default_actuator import namespace
+from tests.default_actuator import ACTUATOR, namespace
 
 Function = Callable[..., Any]
 LANES = 40
@@ -42,6 +41,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "yaw": (-3.0, 3.0), "source": (0.0, 45.0), "sag": (-5.0, 50.0), "power": (-1e3, 9e3), "at": (-5.0, 45.0),
     "resistance": (0.0, 1.0), "drawn": (-50.0, 200.0), "admittance": (0.0, 2.0),
     "static_ratio": (1.0, 2.0), "stribeck_speed": (0.5, 300.0),
+    "fin_angle": (-0.4, 0.4), "limit": (0.0, 45.0), "offset": (-1e3, 1e3),
 }
 FLAGS = {"enable"}
 
@@ -52,12 +52,24 @@ def _public(module: ModuleType) -> list[Function]:
 
 
 # Functions whose arguments are plain values; the others are reached through these.
-STRUCTURED = {loads.specific_force, mechanics.breakaway, mechanics.damping, integrate.advance, control.output,
-              integrate.electrical_mode, integrate.current_course, integrate.integral_end, integrate.stop_time,
-              integrate.time_to, integrate.voltage_events, integrate.voltage_time, friction.bristles, friction.falls,
+STRUCTURED = {loads.specific_force, mechanics.breakaway, mechanics.damping, step_rigid.advance, control.output,
+              step_rigid.electrical_mode, step_rigid.current_course, step_rigid.integral_end, step_rigid.stop_time,
+              step_rigid.time_to, step_rigid.voltage_events, step_rigid.voltage_time, friction.bristles, friction.falls,
               control.update, friction.coulomb_reference, friction.coulomb_polynomial}
-MODULES = (bus, kinematics, friction, loads, mechanics, drive, sensors, control, integrate, schedule, nonlinear)
-PLAIN = [f for module in MODULES for f in _public(module) if f not in STRUCTURED]
+MODULES = (bus, kinematics, friction, loads, mechanics, drive, sensors, control, step_rigid)
+
+
+def _arguments(function: Function) -> list[str]:
+    return [name for name in inspect.signature(function).parameters if name not in ("ops", "p")]
+
+
+# What is called, with the names of its arguments: functions by themselves, and those that the program is made of.
+PLAIN = {
+    **{f"{f.__module__.rsplit('.', 1)[1]}.{f.__name__}": (_arguments(f), f)
+       for module in MODULES for f in _public(module) if f not in STRUCTURED},
+    **{f"program.{name}": (list(names), function) for name, names, function in program.functions(ACTUATOR)}}
+# What no parameter of the default actuator is and a function reads.
+FURTHER = {"pwm.gain": 1.5}
 
 
 def _flat(result: Any) -> list[Any]:
@@ -68,10 +80,6 @@ def _call(function: Function, ops: Any, p: Any, arguments: list[Any]) -> list[An
     names = list(inspect.signature(function).parameters)
     head = {"ops": ops, "p": p}
     return _flat(function(*(head[n] for n in names if n in head), *arguments))
-
-
-def _samples(function: Function) -> list[Any]:
-    return _columns([name for name in inspect.signature(function).parameters if name not in ("ops", "p")], seed=1)
 
 
 def _columns(names: Iterable[str], seed: int) -> list[Any]:
@@ -88,15 +96,16 @@ def _columns(names: Iterable[str], seed: int) -> list[Any]:
     return columns
 
 
-@pytest.mark.parametrize("function", PLAIN, ids=lambda f: f"{f.__module__.rsplit('.', 1)[1]}.{f.__name__}")
-@pytest.mark.parametrize("namespace", ["arrays", "symbols", "traced"])
-def test_every_function_over_every_namespace(function: Function, namespace: str, values: Mapping[str, Any]) -> None:
-    columns = _samples(function)
+@pytest.mark.parametrize("called", PLAIN)
+@pytest.mark.parametrize("kind", ["arrays", "symbols", "traced"])
+def test_every_function_over_every_namespace(called: str, kind: str, values: Mapping[str, Any]) -> None:
+    arguments, function = PLAIN[called]
+    columns, values = _columns(arguments, seed=1), {**values, **FURTHER}
     p = namespace(values)
     expected = np.array([_call(function, FLOATS, p, [c[i].item() for c in columns]) for i in range(LANES)], float)
     with np.errstate(over="ignore"):
-        actual = {"arrays": _arrays, "symbols": _symbols, "traced": _traced}[namespace](function, columns, values)
-    if namespace == "traced":
+        actual = {"arrays": _arrays, "symbols": _symbols, "traced": _traced}[kind](function, columns, values)
+    if kind == "traced":
         np.testing.assert_array_equal(actual, expected)  # the same operations in the same order: the same bits
     else:
         scale = np.abs(expected).max(axis=0, keepdims=True)
@@ -133,7 +142,7 @@ def _traced(function: Function, columns: list[np.ndarray], values: Mapping[str, 
 def test_the_kernel_is_the_traced_actuator(values: Mapping[str, Any]) -> None:
     kernel = program.make()(values)
     p = namespace(values)
-    for (_, names, function), compiled in zip(program.functions(), kernel, strict=True):
+    for (_, names, function), compiled in zip(program.functions(ACTUATOR), kernel, strict=True):
         columns = _columns(names, seed=2)
         for i in range(LANES if columns else 1):
             arguments = [c[i].item() for c in columns]

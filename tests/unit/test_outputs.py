@@ -28,7 +28,7 @@ FILES = {
     "tune bad.toml -p bad.toml": ("-o", "--report", "--json", "--journal"),
     "validate bad.fmu": ("--json", "--junit", "--report"),
 }
-FOLDERS = {"baseline record bad.toml": "-o", "campaign bad.toml": "-o", "identify bench -p bad.toml": "--directory",
+FOLDERS = {"baseline record bad.toml": "-o", "campaign bad.toml": "-o",
            "reference -p bad.toml": "--directory"}
 
 

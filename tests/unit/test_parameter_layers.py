@@ -8,17 +8,17 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from emcas_fmu.acceptance.article import opened_article
-from emcas_fmu.studies.campaign.study import load_study
+from emcas_fmu.bench.subject import open_subject
 from emcas_fmu.cli import app
 from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import Entry, load_parameters, write_parameters
+from emcas_fmu.studies.campaign.study import load_study
 
 BENCH = models_directory() / "bench"
 COMMANDS = (
     "parameters", "build", "simulate --step 1", "reference --directory refs", "analyse", "envelope", "tune", "fit",
     "report", "report unit.toml", "baseline record unit.toml -o base", "ssp",
-    "identify bench --directory made", *(f"identify {kind} {BENCH}/{kind}*.csv" for kind in (
+    *(f"identify {kind} {BENCH}/{kind}*.csv" for kind in (
         "friction", "drive", "backlash", "inertia")))
 
 
@@ -59,16 +59,16 @@ def test_every_command_reads_every_file(command: str, files: tuple[Path, Path]) 
         assert "bad.toml: nonsense = 1: unknown parameter" in " ".join(refused.stderr.split())
 
 
-def test_an_article_is_named_by_all_its_files(files: tuple[Path, Path]) -> None:
+def test_a_subject_is_named_by_all_its_files(files: tuple[Path, Path]) -> None:
     low, high = files
-    with opened_article(low, parameters=[high]) as article:
-        assert article.values == load_parameters(files).values
-        assert article.identification.file == "low.toml, high.toml"
-        both = article.identification.sha256
-    with opened_article(None, parameters=files) as article:
-        assert article.identification.sha256 == both
-    with opened_article(low) as article:
-        assert article.identification.sha256 != both
+    with open_subject(low, parameters=[high]) as subject:
+        assert subject.values == load_parameters(files).values
+        assert subject.identification.file == "low.toml, high.toml"
+        both = subject.identification.sha256
+    with open_subject(None, parameters=files) as subject:
+        assert subject.identification.sha256 == both
+    with open_subject(low) as subject:
+        assert subject.identification.sha256 != both
 
 
 def test_parameters_do_not_go_over_an_fmu(files: tuple[Path, Path], fmu: Path) -> None:
@@ -111,7 +111,12 @@ def test_what_is_written_is_the_same_set(files: tuple[Path, Path]) -> None:
 
 
 def test_fit_keeps_sources_and_notes(files: tuple[Path, Path]) -> None:
-    assert emcas("fit", "-p", files[0], "-o", "fitted.toml").exit_code == 0
+    low, _ = files
+    limit = low.with_name("limit.toml")
+    limit.write_text('command.limit = { value = 21, unit = "deg", source = "datasheet", note = "a \\"note\\"" }\n',
+                     encoding="utf-8")
+    assert emcas("fit", "-p", low, "-p", limit, "-o", "fitted.toml").exit_code == 0
     fitted = {e.variable.name: e for e in load_parameters("fitted.toml", model="second-order").entries}
-    assert (fitted["motor.resistance"].source, fitted["motor.resistance"].note) == ("datasheet", 'a "note"')
+    assert (fitted["command.limit"].source, fitted["command.limit"].note) == ("datasheet", 'a "note"')
+    assert "motor.resistance" not in fitted
     assert fitted["second_order.damping"].source == "estimate"

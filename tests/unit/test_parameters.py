@@ -14,13 +14,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emcas_fmu import consistency, files, parameters
+from emcas_fmu import files, parameters, rules
 from emcas_fmu.files import models_directory
-from emcas_fmu.parameters import ParameterError, ParameterSet, load_parameters
+from emcas_fmu.parameters import (
+    ParameterError,
+    ParameterSet,
+    check_combinations,
+    check_parameters,
+    load_parameters,
+)
 from emcas_fmu.rules import check_ranges
 from emcas_fmu.units import UnitError, quantity
 from emcas_fmu.variables import Variable
-from tests.default_actuator import FILE_ENTRIES, namespace
+from tests.default_actuator import ACTUATOR, FILE_ENTRIES, namespace
 
 Load = Callable[[str], ParameterSet]
 DEFAULTS = load_parameters()
@@ -563,12 +569,12 @@ def test_tree_takes_any_value() -> None:
 
 
 def test_embedded_module_needs_the_standard_library_only() -> None:
-    folder = Path(consistency.__file__).parents[1]
+    folder = Path(rules.__file__).parents[1]
     program = (f"import sys; sys.path.insert(0, {str(folder)!r}); "
-               "import emcas_fmu.consistency as module; print(module.__file__)")
+               "import emcas_fmu.rules as module; print(module.__file__)")
     done = subprocess.run([sys.executable, "-I", "-S", "-c", program],
                           capture_output=True, text=True, check=False)
-    assert (done.stdout.strip(), done.stderr) == (consistency.__file__, "")
+    assert (done.stdout.strip(), done.stderr) == (rules.__file__, "")
 
 
 def test_ranges() -> None:
@@ -583,7 +589,7 @@ def test_ranges() -> None:
 
 
 def test_defaults_are_consistent() -> None:
-    assert check_consistency(DEFAULTS.values) == []
+    assert check_combinations(DEFAULTS.values, ACTUATOR) == []
     assert check_ranges(DEFAULTS.values, [(v.name, v.minimum, v.maximum) for v in FILE_ENTRIES]) == []
 
 
@@ -613,7 +619,7 @@ INERTIAS = ("inertia.motor", "inertia.screw", "inertia.fin", "inertia.shaft", "i
     dict.fromkeys(INERTIAS[1:], 0.0),
 ])
 def test_consistent_up_to_the_limit(changes: dict[str, float]) -> None:
-    assert check_consistency({**DEFAULTS.values, **changes}) == []
+    assert check_combinations({**DEFAULTS.values, **changes}, ACTUATOR) == []
 
 
 @pytest.mark.parametrize(("changes", "fragments"), [
@@ -637,21 +643,20 @@ def test_consistent_up_to_the_limit(changes: dict[str, float]) -> None:
     (dict.fromkeys(INERTIAS, 0.0), [*INERTIAS, "0 kg.m2", "above 0"]),
 ])
 def test_inconsistent(changes: dict[str, float], fragments: list[str]) -> None:
-    found = check_consistency({**DEFAULTS.values, **changes})
+    found = check_combinations({**DEFAULTS.values, **changes}, ACTUATOR)
     assert len(found) == 1
     for fragment in fragments:
         assert fragment in found[0]
 
 
 def test_values_that_are_not_finite_are_reported_alone() -> None:
-    found = check_consistency({**DEFAULTS.values, "mass.fin": nan, "fin.stop_angle": -inf,
-                               "encoder.multiplier": 3})
+    found = check_parameters({**DEFAULTS.values, "mass.fin": nan, "fin.stop_angle": -inf, "encoder.multiplier": 3})
     assert found == ["mass.fin = nan is not a finite number", "fin.stop_angle = -inf is not a finite number"]
 
 
 def test_several_inconsistencies_come_together() -> None:
-    found = check_consistency({**DEFAULTS.values, "fin.stop_angle": 0.1, "fin.start_angle": 0.2,
-                               "encoder.multiplier": 3})
+    found = check_combinations({**DEFAULTS.values, "fin.stop_angle": 0.1, "fin.start_angle": 0.2,
+                                "encoder.multiplier": 3}, ACTUATOR)
     assert [problem.split(" = ")[0] for problem in found] == [
         "fin.stop_angle", "fin.start_angle", "encoder.multiplier"]
 

@@ -11,10 +11,10 @@ import pytest
 
 from emcas_fmu.ops import FLOATS
 from emcas_fmu.physics import drive, friction, kinematics, loads, mechanics
-from emcas_fmu.step_rigid import Boundary, Plant, electrical_mode
+from emcas_fmu.step_rigid import Plant, electrical_mode
 from tests.default_actuator import namespace
 
-from ..simulation import simulate
+from ..simulation import acting, simulate
 
 RANDOM = np.random.default_rng(20)
 
@@ -159,6 +159,6 @@ def test_the_demand_slides_along_its_limit_where_it_grows(values: Mapping[str, A
     p = namespace(case)
     plant = Plant(0.0, side * speed, side * current, side * (supply - 5.0 * (i_ref - current)))
     reference = (side * i_ref - p.drive.current_offset) / p.drive.current_gain
-    mode = electrical_mode(FLOATS, p, plant, Boundary(reference, 0.0, 0.0, 0.0, supply, True))
+    mode = electrical_mode(FLOATS, p, plant, acting(reference, supply=supply))
     assert mode.at_limit == 1.0
     assert (mode.stays, mode.side) == (float(stays), side * stays)

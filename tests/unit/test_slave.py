@@ -7,23 +7,17 @@ from typing import Any
 
 import pytest
 
-from emcas_fmu.fmi.model_description import start_values
-from emcas_fmu.fmi.slave import CorruptState, Slave, Table
-from emcas_fmu.kernels import program
+from emcas_fmu.fmi.model_description import SINGLE
+from emcas_fmu.fmi.slave import CorruptState
 from tests.default_actuator import VARIABLES
+from tests.fmu.built import slave_class
 
 INDEX = {v.name: i for i, v in enumerate(VARIABLES)}
 
 
 @pytest.fixture
 def slave(values: Mapping[str, Any]) -> Any:
-    rows = tuple((v.name, v.kind, v.causality, v.variability, v.minimum, v.maximum) for v in VARIABLES)
-
-    class Local(Slave):
-        make = staticmethod(program.make())  # type: ignore[assignment]
-        table = Table(rows, start_values(values), "{guid}")
-
-    made = Local(instance_name="fin")
+    made = slave_class(SINGLE, [values])(instance_name="fin")
     made.setup_experiment(0.0)
     made.enter_initialization_mode()
     made.exit_initialization_mode()

@@ -14,7 +14,7 @@ from typing import Any
 from ... import step_elastic, step_rigid
 from ...namespace import Record
 from ...ops.base import Ops, Value
-from ...physics import drive_line, kinematics, mechanics
+from ...physics import drive, drive_line, friction, kinematics, loads, mechanics
 from ...physics.structure import Structure
 from ...step_elastic import Pair
 from ...step_rigid import Plant
@@ -81,6 +81,28 @@ def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
     return nonlinear.controlled(ops, p, x.angle_at_encoder, x.speed_at_encoder, x, asked)
 
 
+def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return d/dt of the states: nut and fork are bonded where there is a gap, as a load presses them."""
+    def as_one() -> tuple[Value, ...]:
+        rates = nonlinear.derivatives(ops, p, Record(motor_angle=x.angle_at_encoder, motor_speed=x.speed_at_encoder,
+                                                     **vars(x)), u)
+        return *rates.values(), rates["motor_angle"], rates["motor_speed"]
+
+    def as_two() -> tuple[Value, ...]:
+        s = sides(ops, p, x)
+        torque = drive_line.torque(drive_line.line(ops, p), s.angle - s.fin_angle, s.speed - s.fin_speed, 0.0)
+        driving = drive.torque(p, drive.flowing(p, u.reference, s.current))
+        rotor = (driving + p.screw.lead * loads.nut_force(ops, p, u.f_x) - torque
+                 - friction.mean_viscous(ops, p) * s.speed)
+        m = drive_line.fin_side(ops, p, s.fin_angle, u.aero_torque, u.f_x, u.f_z)
+        fin = (torque + m.load - p.friction.fin_viscous / (m.ratio * m.ratio) * s.fin_speed
+               + m.centrifugal * s.fin_speed * s.fin_speed)
+        rates = drive.rates(p, u.reference, s.speed, s.current, s.integral)
+        return _swapped(ops, p, s.speed, rotor / mechanics.screw_inertia(p), *rates, s.fin_speed, fin / m.inertia)
+
+    return _states(Pair(*ops.branch(drive_line.rigid(ops, p), as_one, as_two)))
+
+
 def yielding(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
     """Return :func:`step` of a drive line that is not rigid."""
     moved, used = step_elastic.advance(ops, p, sides(ops, p, x), u, h)
@@ -133,6 +155,7 @@ ACTUATOR = replace(
     structure=Structure(drive_line=True),
     initial=initial,
     sample=sample,
+    derivatives=derivatives,
     step=step,
     output_values=output_values,
     reference=None,

@@ -46,6 +46,7 @@ ACTUATOR = replace(
     structure=Structure(constant_ratio=True, drive_line=True),
     initial=rewired(elastic.initial, _habibi),
     sample=rewired(elastic.sample, _habibi),
+    derivatives=rewired(elastic.derivatives, _habibi),
     step=rewired(elastic.step, _habibi),
     output_values=rewired(elastic.output_values, _habibi),
     modules=(sys.modules[__name__], *elastic.ACTUATOR.modules),

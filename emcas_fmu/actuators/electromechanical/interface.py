@@ -38,10 +38,15 @@ OUTPUTS = (
     fin_port.HINGE_TORQUE,
     SUPPLY_POWER,
     fin_port.TRACKING_ERROR,
-    fin_port.MEASURED_FIN_ANGLE,
-    fin_port.SATURATED,
-    fin_port.AT_STOP,
+    *fin_port.described({
+        "measured_fin_angle": "fin angle the controller reads from its encoder at the last sample",
+        "saturated": "any limit active: command, speed, DAC, current or voltage",
+    }, (fin_port.MEASURED_FIN_ANGLE, fin_port.SATURATED, fin_port.AT_STOP)),
 )
+INPUT_DESCRIPTIONS = {
+    "acceleration.x": "vehicle acceleration along body x (forward, along the screw)",
+    "enable": "false opens the drive's bridge: the fin is driven by loads and friction only",
+}
 
 TERMINALS = (
     Terminal("motor", "motor and drive",

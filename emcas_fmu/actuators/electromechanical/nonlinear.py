@@ -48,6 +48,18 @@ def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
     return controlled(ops, p, x.motor_angle, x.motor_speed, x, asked)
 
 
+def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return d/dt of the states, (2.17), (2.46), (2.47); viscous friction is the mean of both directions."""
+    m = mechanics.coefficients(ops, p, x.motor_angle, u.aero_torque, u.f_x, u.f_z)
+    speed, current = x.motor_speed, x.motor_current
+    damping = friction.mean_viscous(ops, p) + p.friction.fin_viscous / (m.ratio * m.ratio)
+    driving = drive.torque(p, drive.flowing(p, u.reference, current))
+    torque = driving + m.load - damping * speed + m.centrifugal * speed * speed
+    rise, integral = drive.rates(p, u.reference, speed, current, x.drive_integral)
+    return {"motor_angle": speed, "motor_speed": torque / m.inertia, "motor_current": rise,
+            "drive_integral": integral}
+
+
 def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took."""
     plant, used = advance(ops, p, Plant(x.motor_angle, x.motor_speed, x.motor_current, x.drive_integral), u, h)
@@ -83,6 +95,8 @@ def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
 
 def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: Acting) -> tuple[Value, ...]:
     """Return motor voltage [V] and current [A] at a motor speed [rad/s], and whether a limit is met (above 0)."""
+    if p.structure.current == "ideal":
+        return _ideal(ops, p, speed, u)
     limit = ops.maximum(u.supply, 0.0)
 
     def powered() -> tuple[Value, ...]:
@@ -90,6 +104,13 @@ def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: Acting) -> tuple[Va
         return voltage, x.motor_current, ops.where(clipped, 1.0, 0.0)
 
     return ops.branch(u.enabled, powered, lambda: (drive.back_emf(p, speed), 0.0, 0.0))
+
+
+def _ideal(ops: Ops, p: Any, speed: Value, u: Acting) -> tuple[Value, ...]:
+    """Return the current of an ideal loop and the voltage that it would need."""
+    current = ops.where(u.enabled, drive.current_reference(ops, p, u.reference), 0.0)
+    over = ops.both(u.enabled, ops.fabs(drive.current_reference_raw(p, u.reference)) > p.drive.current_limit)
+    return p.motor.resistance * current + drive.back_emf(p, speed), current, ops.where(over, 1.0, 0.0)
 
 
 def longest_tick(ops: Ops, p: Any) -> Value:
@@ -102,13 +123,18 @@ def longest_tick(ops: Ops, p: Any) -> Value:
 
 ACTUATOR = Actuator(
     name="nonlinear",
-    title="nonlinear electromechanical actuator",
+    title="Nonlinear electromechanical control actuation system: brushless motor, current-mode drive, ball screw, "
+          "lever and fin, with position, velocity and current loops",
+    origin="The model is that of Ü. Yerlikaya, Dynamic modeling and control of an electromechanical control actuation "
+           "system, M.S. thesis, METU, 2016; numbers in brackets are its equations. Where the thesis gives no number, "
+           "the default is an engineering estimate, marked as such; it is not a measurement of the thesis's prototype.",
     states=interface.MOTOR + interface.DRIVE,
     controller_states=interface.CONTROLLER,
     encoder=("motor_angle", "motor_speed"),
     outputs=interface.OUTPUTS,
     parameters=interface.PARAMETERS,
     supply=interface.SUPPLY,
+    descriptions=interface.INPUT_DESCRIPTIONS,
     rules=interface.RULES,
     equal_parameters=interface.EQUAL,
     terminals=interface.TERMINALS,
@@ -116,10 +142,11 @@ ACTUATOR = Actuator(
         capabilities.SCREW_DRIVE, capabilities.RIGID_DRIVE_LINE, capabilities.SCREW_LOAD,
         capabilities.COULOMB_FRICTION, capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP,
         capabilities.CURRENT_LIMIT, capabilities.SUPPLY_VOLTAGE, capabilities.VOLTAGE_LIMIT,
-        capabilities.REFERENCE_LIMIT, capabilities.POSITION_LOOP, capabilities.ENCODER}),
+        capabilities.REFERENCE_LIMIT, capabilities.POSITION_LOOP, capabilities.CASCADE, capabilities.ENCODER}),
     structure=Structure(),
     initial=initial,
     sample=sample,
+    derivatives=derivatives,
     step=step,
     output_values=output_values,
     longest_tick=longest_tick,

@@ -11,12 +11,12 @@ import sys
 from dataclasses import replace
 from typing import Any
 
-from ...namespace import Record, with_values
+from ...namespace import with_values
 from ...ops.base import Ops
-from ...physics import drive
 from ...physics.structure import Structure
-from .. import capabilities
-from ..declaration import Acting, Values
+from ...variables import without
+from .. import capabilities, fin_port
+from ..declaration import Supply
 from . import elastic, interface
 from .habibi import at_motor
 from .rewired import rewired
@@ -28,35 +28,31 @@ _GAPLESS = {**{f"drive_line.{name}": 0.0 for name in ("axial_compliance", "axial
                                                       "contact_damping")}, "drive_line.contact_stiffness": 1.0}
 
 
+def _gapless(_: Ops, p: Any) -> Any:
+    return with_values(at_motor(p), _GAPLESS)
+
+
 def _ozkan(ops: Ops, p: Any) -> Any:
-    return with_values(at_motor(p), {
-        **_GAPLESS, "drive_line.torsional_compliance": ops.maximum(p.drive_line.torsional_compliance, _STIFFEST)})
-
-
-def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
-    """Return every output; `saturated` is of command, speed, DAC and current."""
-    q = _ozkan(ops, p)
-    shown = elastic.output_values(ops, q, x, u)
-    rotor = ops.where(p.encoder.on_fin, x.other_speed, x.speed_at_encoder)
-    flowing = ops.where(u.enabled, drive.current_reference(ops, q, u.reference), 0.0)
-    voltage = p.motor.resistance * flowing + drive.back_emf(p, rotor)
-    over = ops.both(u.enabled, ops.fabs(drive.current_reference_raw(q, u.reference)) > p.drive.current_limit)
-    return {**shown, "motor_current": flowing, "motor_voltage": voltage, "motor_torque": drive.torque(p, flowing),
-            "supply_power": voltage * flowing, "saturated": ops.either(over, u.limited > 0.0)}
+    return with_values(_gapless(ops, p), {
+        "drive_line.torsional_compliance": ops.maximum(p.drive_line.torsional_compliance, _STIFFEST)})
 
 
 ACTUATOR = replace(
     elastic.ACTUATOR,
     name="ozkan",
     title="electromechanical actuator after Ozkan: ideal current loop, flexible motor shaft, constant ratio",
-    parameters=interface.PARAMETERS + elastic.TORSIONAL,
+    parameters=without(interface.PARAMETERS, "drive.kp", "drive.ki", "motor.inductance") + elastic.TORSIONAL,
+    supply=Supply(interface.SUPPLY_VOLTAGE, interface.SUPPLY_POWER),
     provides=elastic.ACTUATOR.provides - {
         capabilities.SCREW_LOAD, capabilities.BACKLASH, capabilities.CURRENT_LOOP, capabilities.VOLTAGE_LIMIT},
-    descriptions={"supply_voltage": "bus voltage of the drive; limits nothing here"},
+    descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; limits nothing here"},
     structure=Structure(constant_ratio=True, current="ideal", drive_line=True),
     initial=rewired(elastic.initial, _ozkan),
     sample=rewired(elastic.sample, _ozkan),
+    derivatives=rewired(elastic.derivatives, _gapless),
     step=rewired(elastic.yielding, _ozkan),
-    output_values=output_values,
+    output_values=rewired(elastic.output_values, _ozkan),
+    longest_tick=fin_port.max_tick,
+    tick_remedy="raise solver.max_tick",
     modules=(sys.modules[__name__], *elastic.ACTUATOR.modules),
 )

@@ -41,6 +41,11 @@ def _loaded(ops: Ops, p: Any, angle: Value, u: Acting) -> Acting:
     return u.replace(aero_torque=u.aero_torque - p.load.torsion_bar * fin)
 
 
+def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return d/dt of the states."""
+    return nonlinear.derivatives(ops, p, x, _loaded(ops, p, x.motor_angle, u))
+
+
 def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took; the bar acts of mid-step."""
     return nonlinear.step(ops, p, x, _loaded(ops, p, x.motor_angle + 0.5 * h * x.motor_speed, u), h)
@@ -65,6 +70,7 @@ ACTUATOR = replace(
     provides=nonlinear.ACTUATOR.provides - {capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT},
     structure=Structure(constant_ratio=True, current="pwm", torsion_bar=True),
     sample=rewired(nonlinear.sample, _uncompensated),
+    derivatives=derivatives,
     step=step,
     output_values=output_values,
     longest_tick=fin_port.max_tick,

@@ -20,8 +20,8 @@ from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.physics import mechanics
 from emcas_fmu.simulation import simulate
 from emcas_fmu.step_lugre import advance, shares
-from emcas_fmu.step_rigid import Boundary, Plant, stops
-from tests.default_actuator import namespace
+from emcas_fmu.step_rigid import Plant, stops
+from tests.simulation import acting, nested
 
 from .friction_reference import IDEAL, Bristle, excess
 
@@ -68,7 +68,7 @@ def test_a_small_torque_deflects_the_bristles_by_its_share() -> None:
 def test_small_oscillations_have_the_frequency_of_bristles_and_inertia() -> None:
     overrides = {**PLAIN, "lugre.damping": 0.0, "solver.max_tick": 1e-4}
     run = _pushed(overrides, 0.5, lambda t: 0.05 if t < 1e-3 else 0.0)
-    p = namespace(_values(overrides))
+    p = nested(_values(overrides), MODEL)
     inertia = mechanics.coefficients(FLOATS, p, 0.0, 0.0, 0.0, 0.0).inertia
     angle = run["motor_angle"][20:] - run["motor_angle"][20:].mean()
     up = np.flatnonzero((angle[:-1] < 0.0) & (angle[1:] >= 0.0))
@@ -201,7 +201,7 @@ def test_stiff_it_tends_to_exact_stick() -> None:
     assert stiff < soft / 10.0
 
 
-_OFF = Boundary(0.0, 0.0, 0.0, 0.0, 39.0, False)
+_OFF = acting(enabled=False)
 
 
 @settings(deadline=None, derandomize=True, max_examples=150)
@@ -214,7 +214,7 @@ def test_bristles_make_no_energy(stiffness: float, damping: float, ratio: float,
     """J w^2/2 + sigma_0 z^2/2 never grows, however coarse the tick, stretched beyond breakaway or not."""
     values = dict(_values({**PLAIN, "lugre.damping": damping, "lugre.static_ratio": ratio,
                            "lugre.stribeck_speed": width, **{f"friction.coulomb.{way}[0]": level for way in WAYS}}))
-    p = with_values(namespace(values), {"kinematics.constant_ratio": True, "lugre.stiffness": stiffness})
+    p = with_values(nested(values, MODEL, constant_ratio=True), {"lugre.stiffness": stiffness})
     inertia = mechanics.coefficients(FLOATS, p, 0.0, 0.0, 0.0, 0.0).inertia
     s, z = Plant(0.0, speed, 0.0, 0.0), stretch * ratio * max(level, 1e-3) / stiffness
     before = 0.5 * inertia * speed**2 + 0.5 * stiffness * z**2
@@ -228,7 +228,7 @@ def test_bristles_make_no_energy(stiffness: float, damping: float, ratio: float,
 
 def test_steady_sliding_does_not_ring() -> None:
     """At 100 rad/s the bristles slip 100 times in a tick: speed falls monotonously, the torque is g."""
-    p = with_values(namespace(_values(PLAIN)), {"kinematics.constant_ratio": True, "lugre.stiffness": 20_000.0})
+    p = with_values(nested(_values(PLAIN), MODEL, constant_ratio=True), {"lugre.stiffness": 20_000.0})
     s, z, speeds = Plant(-20.0, 100.0, 0.0, 0.0), 0.0, [100.0]
     for _ in range(200):
         s, z, _ = advance(FLOATS, p, s, z, _OFF, 1e-4)
@@ -269,12 +269,12 @@ def test_a_driven_stop_is_met_and_left() -> None:
 
 def _at_the_stop(press: float, reference: float, h: float) -> tuple[float, float]:
     """Time [s] that a step at the upper stop takes, of `h` under a press [N.m] at most, and the press at its end."""
-    p = namespace(_values())
+    p = nested(_values(), MODEL)
     torque = 0.3
     load = mechanics.coefficients(FLOATS, p, stops(FLOATS, p)[1], 0.0, 0.0, 0.0).load
     deflection = (torque + load - press) / p.lugre.stiffness
     s = Plant(stops(FLOATS, p)[1], 0.0, torque / p.motor.torque_constant, 0.0)
-    b = Boundary(reference, 0.0, 0.0, 0.0, 900.0, True)
+    b = acting(reference, supply=900.0)
     end, kept, used = advance(FLOATS, p, s, deflection, b, h)
     assert (end.angle, end.speed, kept) == (s.angle, 0.0, deflection)
     pressed = p.motor.torque_constant * end.current + load - p.lugre.stiffness * kept
@@ -343,8 +343,10 @@ def test_bristles_too_stiff_for_the_tick_are_refused() -> None:
 
 
 @pytest.mark.parametrize(("model", "reason"), [
-    ("linear+lugre", "dry friction"), ("second-order+lugre", "dry friction"), ("elastic+lugre", "one inertia"),
-    ("ristanovic+lugre", "one inertia and drive"), ("habibi+lugre", "one inertia"), ("ozkan+lugre", "one inertia")])
+    ("linear+lugre", "Coulomb friction at the motor"), ("second-order+lugre", "a rigid drive line"),
+    ("elastic+lugre", "a rigid drive line"), ("ristanovic+lugre", "a current loop"),
+    ("habibi+lugre", "a rigid drive line"), ("ozkan+lugre", "a rigid drive line")])
 def test_where_it_does_not_belong_it_is_refused(model: str, reason: str) -> None:
-    with pytest.raises(EmcasError, match=reason):
+    has_none = f"{model.partition('+')[0]} has none"
+    with pytest.raises(EmcasError, match=f"lugre needs {reason}; {has_none}, nonlinear has$"):
         get(model)

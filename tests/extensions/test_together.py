@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emcas_fmu.actuators import NAMES, get
+from emcas_fmu.actuators import EXTENSIONS, NAMES, get
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.extensions.fault_list import FAULTS
 from emcas_fmu.kernels.compiled import CompiledCore
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
-from tests.default_actuator import OUTPUTS
 
 # Values with which an option does nothing; LuGre's bristles have none.
 NEUTRAL: Mapping[str, Mapping[str, Any]] = {
@@ -41,10 +40,11 @@ def fitting(model: str, options: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def run(model: str, overrides: Mapping[str, Any], kernel: str = "auto") -> Mapping[str, Any]:
-    values = load_parameters(model=model).replace(overrides).values
-    return simulate(values, 0.3, model=model, kernel=kernel, fin_command=lambda t: 0.2 * sin(25.0 * t),
-                    aero_torque=lambda t: 60.0 * sin(40.0 * t), supply_voltage=lambda t: 39.0 if t < 0.2 else 24.0,
-                    enable=lambda t: not 0.1 < t < 0.12)
+    parameters = load_parameters(model=model)
+    supply: dict[str, Any] = {"supply_voltage": lambda t: 39.0 if t < 0.2 else 24.0} if get(model).supply else {}
+    return simulate(parameters.replace(overrides).values, 0.3, model=model, kernel=kernel,
+                    fin_command=lambda t: 0.2 * sin(25.0 * t), aero_torque=lambda t: 60.0 * sin(40.0 * t),
+                    enable=lambda t: not 0.1 < t < 0.12, **supply)
 
 
 @pytest.mark.parametrize("model", NAMES)
@@ -54,8 +54,8 @@ def test_neutral_options_change_nothing(model: str) -> None:
     assert "faults" in options
     name = "+".join((model, *options))
     neutral = {key: value for option in options for key, value in NEUTRAL[option].items()}
-    found, plain = run(name, neutral), run(model, {})
-    assert all(np.array_equal(found[v.name], plain[v.name]) for v in OUTPUTS)
+    found, plain = run(name, load_parameters(model=name).having(neutral)), run(model, {})
+    assert all(np.array_equal(found[name], plain[name]) for name in plain)
 
 
 @pytest.mark.parametrize("alone", [o for o in NEUTRAL if o != "faults"])
@@ -85,8 +85,9 @@ def test_steps_of_the_host_do_not_matter(model: str) -> None:
     windows = {f"fault.{fault.name}.{edge}": 0.05 + 0.03 * i + late for i, fault in enumerate(FAULTS)
                for edge, late in (("begin", 0.0), ("end", 0.02))}
     known = {"homing.required": False} if "homing" in model else {}
-    values = load_parameters(model=model).replace({**windows, **known}).values
-    inputs = (0.1, -30.0, 0.0, 0.0, 39.0, True, *(False,) * len(get(model).model.inputs))
+    parameters = load_parameters(model=model)
+    values = parameters.replace(parameters.having({**windows, **known})).values
+    inputs = (0.1, -30.0, 0.0, 0.0, 39.0, True, *(False,) * len(get(model).further_inputs))
     found = []
     for size in (10e-3, 1e-3, 0.37e-3):
         core, time, rows = CompiledCore(values, model), 0.0, []
@@ -108,10 +109,11 @@ def test_order_does_not_matter() -> None:
 @pytest.mark.parametrize(("name", "said"), [
     ("nonlinear+heet", "did you mean 'heat'"), ("nonlinear+heat+heat", "given twice"),
     ("elastc", "did you mean 'elastic'"),
-    ("nonlinear+stribeck+lugre", "lugre"), ("nonlinear+lugre+efficiency", "efficiency"), ("linear+stribeck", "no dry"),
+    ("nonlinear+stribeck+lugre", "lugre"), ("nonlinear+lugre+efficiency", "efficiency"),
+    ("linear+stribeck", "stribeck needs Coulomb friction at the motor; linear has none, nonlinear, "),
     ("elastic+lugre", "lugre"),
-    ("heat+faults", r"heat is an option over a model: nonlinear\+heat\+faults"),
-    ("nonlinear+", "no option ''"), ("second-order+heat", "heat"),
+    ("heat+faults", r"heat is an extension of an actuator: nonlinear\+heat\+faults"),
+    ("nonlinear+", "no extension ''"), ("second-order+heat", "heat"),
 ])
 def test_what_there_is_not(name: str, said: str) -> None:
     with pytest.raises(EmcasError, match=said):
@@ -131,4 +133,4 @@ def test_homing_after_missed_counts() -> None:
 
 
 def test_every_option_is_here() -> None:
-    assert set(OPTIONS) == {*NEUTRAL, "lugre"}
+    assert set(EXTENSIONS) == {*NEUTRAL, "lugre"}

@@ -18,7 +18,7 @@ from emcas_fmu.ops.symbols import SYMBOLS
 from emcas_fmu.parameters import ParameterError
 from emcas_fmu.physics import screw
 from emcas_fmu.simulation import simulate
-from tests.default_actuator import namespace
+from tests.simulation import nested
 
 from .screw_reference import motion
 from .screw_values import DRY, ELASTIC, MODEL, OPTION, coulomb, efficiencies, ratio, values
@@ -189,7 +189,7 @@ def test_stiff_it_tends_to_the_rigid_one() -> None:
 
 def test_every_namespace_gives_the_same() -> None:
     """Arrays and symbols for the closed forms of the screw, at every combination of signs."""
-    p = namespace(values(efficiencies(0.7, 0.3)))
+    p = nested(values(efficiencies(0.7, 0.3)), MODEL)
     cases = np.array([(net, load, way) for net in (-2.0, 0.0, 2.0) for load in (-1.0, 0.0, 1.0) for way in (-1.0, 1.0)])
     forms: tuple[Any, ...] = (lambda ops, net, load, way: screw.transmitted(ops, p, net, 1.5e-5, load, way),
                               lambda ops, net, load, way: (screw.hold(ops, p, load, way),))
@@ -222,5 +222,6 @@ def test_bad_values_are_refused(overrides: Mapping[str, float], model: str, told
 
 @pytest.mark.parametrize("model", ["linear", "second-order", "habibi", "ozkan"])
 def test_models_without_such_a_screw(model: str) -> None:
-    with pytest.raises(EmcasError, match=rf"--model {model}\+efficiency: efficiency is not for"):
+    with pytest.raises(EmcasError, match=rf"--model {model}\+efficiency: efficiency needs a load on the screw; "
+                                          rf"{model} has none, nonlinear, ristanovic, elastic have"):
         get(model + OPTION)

@@ -195,7 +195,7 @@ def test_the_least_limit_binds() -> None:
 
 
 def test_refusals() -> None:
-    with pytest.raises(EmcasError, match=r"needs the option heat, as in nonlinear\+heat"):
+    with pytest.raises(EmcasError, match=r"needs the extension heat, as in nonlinear\+heat"):
         envelope(load_parameters(), 1.0)
     for overrides, message in (
             ({"friction.temperature": 140.0}, "friction.temperature = 140 degC must be below heat.winding_limit = 130"),
@@ -208,9 +208,13 @@ def test_refusals() -> None:
                             (["--duration", "1e18 s"], "--duration 1e+18 s: must be from"),
                             (["--duration", "1e300 s"], "--duration 1e+300 s: must be from"),
                             (["--duration", "1e-9 s"], "must be from"), (["--duration", "inf s"], "--duration inf s"),
-                            (["--model", "linear+heat"], "has none of drive.current_limit and supply_voltage"),
-                            (["--model", "ristanovic+heat+faults"], "this model has none of drive.current_limit"),
-                            (["--model", "ozkan+heat"], "this model has none of supply_voltage"),
+                            (["--model", "linear+heat"],
+                             "an envelope needs a limit of the motor current; linear+heat has none, nonlinear, "
+                             "elastic, habibi have"),
+                            (["--model", "ristanovic+heat+faults"],
+                             "an envelope needs a limit of the motor current; ristanovic+heat+faults has none"),
+                            (["--model", "ozkan+heat"],
+                             "an envelope needs a supply that limits the motor voltage; ozkan+heat has none"),
                             (["--preload", "1"], "from 0 to below 1"),
                             (["--model", "second-order+heat"], "needs a motor current"),
                             (["--plot", "a.jpeg"], "a plot ends in")):

@@ -227,9 +227,9 @@ def test_at_a_turn_the_integral_is_zero() -> None:
 
 
 def test_models_it_is_not_for() -> None:
-    with pytest.raises(EmcasError, match="homing needs a motor"):
+    with pytest.raises(EmcasError, match="homing needs a drive whose reference has a limit; second-order has none"):
         get("second-order+homing")
-    with pytest.raises(EmcasError, match="homing needs a limit of the reference"):
+    with pytest.raises(EmcasError, match="homing needs a drive whose reference has a limit; linear has none"):
         get("linear+homing")
     with pytest.raises(ParameterError, match="no such parameter"):
         load_parameters(model=NONLINEAR).replace({"homing.speed": 0.1})

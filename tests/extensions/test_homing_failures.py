@@ -112,7 +112,9 @@ def _shown(overrides: Mapping[str, Any], angle: Callable[[int], float], while_in
     actuator = get(MODEL)
     made = program.make(model=MODEL)(BASE.replace(overrides).values)
     initial, sample = made[2](), made[3]
-    plant, kept, phase, reference, k = initial[1:4], initial[4:4 + len(actuator.kept)], initial[-1], 0.0, 0
+    states = len(actuator.states)
+    plant, kept = initial[1:states], initial[states:states + len(actuator.controller_states)]
+    phase, reference, k = initial[-1], 0.0, 0
     while k < most and (phase == homing_run.UNKNOWN or phase in while_in):
         reference, *found = sample(angle(k), *plant, *kept, phase, 0.0, 39.0, True, True)
         kept, phase, k = tuple(found[:len(kept)]), found[-1], k + 1

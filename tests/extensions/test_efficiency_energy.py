@@ -12,13 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emcas_fmu.kernels import compiled
-from emcas_fmu.namespace import with_values
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics import drive_line, mechanics
 from emcas_fmu.simulation import simulate
 from emcas_fmu.step_elastic import Pair, advance
-from emcas_fmu.step_rigid import Boundary
-from tests.default_actuator import namespace
+from tests.simulation import acting, nested
 
 from .screw_values import DRY, ELASTIC, MODEL, coulomb, efficiencies, ratio, values
 
@@ -89,7 +87,7 @@ def test_energy_of_a_sine_in_every_model(model: str, overrides: Mapping[str, flo
     assert work["screw"] > 1.0
 
 
-_OFF = Boundary(0.0, 0.0, 0.0, 0.0, 39.0, False)
+_OFF = acting(enabled=False)
 
 
 @settings(deadline=None, derandomize=True, max_examples=30)
@@ -101,7 +99,7 @@ def test_elastic_screw_creates_no_energy(forward: float, backward: float, gap: f
                 "friction.viscous.positive": 0.0, "friction.viscous.negative": 0.0,
                 "drive_line.axial_damping": 0.0, "drive_line.torsional_damping": 0.0,
                 "drive_line.contact_damping": 0.0, "fin.stop_angle": radians(70.0)}, ELASTIC)
-    p = with_values(namespace(v), {"kinematics.constant_ratio": True})
+    p = nested(v, ELASTIC, constant_ratio=True)
     c = drive_line.line(FLOATS, p)
     fin = drive_line.fin_side(FLOATS, p, 0.0, 0.0, 0.0, 0.0).inertia
 

@@ -16,14 +16,16 @@ from scipy.integrate import quad
 from scipy.linalg import expm
 
 from emcas_fmu.actuators import get
+from emcas_fmu.actuators.capabilities import CURRENT_LIMIT
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.package import build
 from emcas_fmu.kernels import compiled, program
+from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.physics import heat
 from emcas_fmu.simulation import simulate
-from emcas_fmu.step_rigid import Boundary
+from tests.simulation import acting
 
 from .held import MODEL, NO_COEFFICIENTS, held, values_of
 
@@ -117,13 +119,13 @@ def test_resistance_and_constants_follow() -> None:
 def test_a_disabled_drive_loses_nothing(model: str) -> None:
     """Its bridge is open, whatever current the state still holds; enabled, that current warms."""
     actuator, p = get(f"{model}+heat"), load_parameters(model=f"{model}+heat").nested()
-    plant = list(actuator.model.initial(FLOATS, p)[0].plant)
-    plant[2] = 50.0
+    x = Record(**{**actuator.start(FLOATS, p), "motor_current": 50.0})
     for enabled in (False, True):
-        b = Boundary(0.0, 0.0, 0.0, 0.0, 39.0, enabled)
-        moved, _ = actuator.model.step(FLOATS, p, tuple(plant), (), b, 1e-4)
-        winding, _, load = moved[-3:]
-        assert (winding > 24.0, load > 0.0) == (enabled, enabled)
+        u = acting(enabled=enabled)
+        moved, _ = actuator.step(FLOATS, p, x, u, 1e-4)
+        assert (moved["winding_temperature"] > 24.0) == enabled
+        if CURRENT_LIMIT in actuator.provides:
+            assert (moved["i2t_load"] > 0.0) == enabled
 
 
 def test_below_a_tenth_the_lines_are_left() -> None:
@@ -171,7 +173,8 @@ def test_losses_are_stored_or_leave() -> None:
 @pytest.mark.parametrize("model", MODELS)
 def test_without_coefficients_and_i2t_it_is_the_model(model: str) -> None:
     """Bit for bit; second-order has no current to be warm by."""
-    values = values_of({**NO_COEFFICIENTS, "heat.peak_time": 1e4}, f"{model}+heat")
+    has = load_parameters(model=f"{model}+heat").having  # there is no I2t where there is no limit
+    values = values_of(has({**NO_COEFFICIENTS, "heat.peak_time": 1e4}), f"{model}+heat")
     inputs: dict[str, Any] = {"fin_command": lambda t: 0.2 if sin(20.0 * t) > 0.0 else -0.2,
                               "aero_torque": lambda t: 60.0 * sin(50.0 * t), "enable": lambda t: not 0.2 < t < 0.23}
     warm = simulate(values, 0.3, model=f"{model}+heat", **inputs)
@@ -184,8 +187,9 @@ def test_without_coefficients_and_i2t_it_is_the_model(model: str) -> None:
 @pytest.mark.skipif(not compiled.available(MODEL), reason="no C compiler")
 @pytest.mark.parametrize("model", MODELS)
 def test_kernels_agree(model: str) -> None:
-    values = values_of({"heat.peak_time": 0.05, "heat.continuous_current": 5.0, "heat.winding_start_rise": 30.0},
-                     f"{model}+heat")
+    has = load_parameters(model=f"{model}+heat").having
+    values = values_of(has({"heat.peak_time": 0.05, "heat.continuous_current": 5.0, "heat.winding_start_rise": 30.0}),
+                       f"{model}+heat")
     inputs: dict[str, Any] = {"fin_command": lambda t: 0.3 if sin(30.0 * t) > 0.0 else -0.3, "aero_torque": -40.0,
                               "enable": lambda t: not 0.1 < t < 0.11}
     runs = [simulate(values, 0.2, 3.7e-4, kernel, f"{model}+heat", **inputs) for kernel in ("python", "compiled")]

@@ -19,7 +19,7 @@ from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.physics import friction
 from emcas_fmu.simulation import simulate
-from tests.default_actuator import namespace
+from tests.simulation import nested
 
 from .friction_reference import IDEAL, Dry
 
@@ -55,7 +55,7 @@ def test_a_static_ratio_of_one_is_coulomb_friction(base: str) -> None:
 def test_breakaway_is_the_static_ratio_and_sliding_is_coulomb() -> None:
     """Both by hand at angle 0: the drive is off, the hinge moment is on the edge of holding."""
     values = _values({"stribeck.static_ratio": 1.5})
-    p = namespace(values)
+    p = nested(values, MODEL)
     ratio = values["kinematics.moment_arm"] / values["screw.lead"] / np.cos(values["kinematics.initial_angle"])**2
     for way, constant in ((1.0, "positive"), (-1.0, "negative")):
         level = 1.5 * values[f"friction.coulomb.{constant}[0]"] * ratio
@@ -66,8 +66,8 @@ def test_breakaway_is_the_static_ratio_and_sliding_is_coulomb() -> None:
         shares = [friction.coulomb(FLOATS, p, way, 0.1, way * w) / friction.coulomb(FLOATS, p, way, 0.1, way * 1e3)
                   for w in speeds]
         assert shares == pytest.approx([1.5, 1.0 + 0.5 * np.exp(-0.25), 1.0 + 0.5 * np.exp(-1.0), 1.0], rel=1e-12)
-        frozen = namespace(_values({"stribeck.static_ratio": 1.5, "friction.temperature": -6.0,
-                               "friction.cold_coulomb_ratio": 1.25}))
+        frozen = nested(_values({"stribeck.static_ratio": 1.5, "friction.temperature": -6.0,
+                                 "friction.cold_coulomb_ratio": 1.25}), MODEL)
         assert friction.coulomb(FLOATS, frozen, way, 0.1, 0.0) == pytest.approx(
             1.25 * friction.coulomb(FLOATS, p, way, 0.1, 0.0), rel=1e-12)
         # Against the direction, as a prediction beyond a reversal may be.
@@ -159,7 +159,7 @@ def test_stuck_it_does_not_creep() -> None:
 
 
 def test_compensation_keeps_to_the_friction_identified() -> None:
-    plain, values = namespace(load_parameters().values), namespace(_values())
+    plain, values = load_parameters().nested(), nested(_values(), MODEL)
     for speed in (-3.0, -0.2, 0.0, 0.2, 3.0):
         assert (friction_compensation(FLOATS, values, 0.1, speed)
                 == friction_compensation(FLOATS, plain, 0.1, speed))
@@ -208,8 +208,9 @@ def test_bad_values_are_refused(name: str, value: object) -> None:
 
 
 @pytest.mark.parametrize(("model", "reason"), [
-    ("linear+stribeck", "no dry friction"), ("second-order+stribeck", "no friction"),
-    ("nonlinear+lugre+stribeck", r"lugre\.static_ratio")])
+    ("linear+stribeck", "stribeck needs Coulomb friction at the motor; linear has none"),
+    ("second-order+stribeck", "stribeck needs Coulomb friction at the motor; second-order has none"),
+    ("nonlinear+lugre+stribeck", "lugre needs Coulomb friction at the motor, which stribeck replaces")])
 def test_where_it_does_not_belong_it_is_refused(model: str, reason: str) -> None:
     with pytest.raises(EmcasError, match=reason):
         get(model)

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from emcas_fmu.actuators import NAMES
-from emcas_fmu.extensions.monitors import Watched, modelled
+from emcas_fmu.extensions.monitors import Watched, modelled, response
 from emcas_fmu.extensions.status import DEGRADED, DISABLED, FAILED, OPERATIONAL
 from emcas_fmu.ops import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
-from tests.default_actuator import namespace
 
 from .fault_runs import BASE, MODEL, TRIPPED, scheduled
 
@@ -56,10 +55,11 @@ def test_no_false_alarm_in_any_model(model: str) -> None:
 @pytest.mark.parametrize(("gain", "share"), [(250.0, 0.25), (1000.0, 1.0), (1500.0, 1.0)])
 def test_the_modelled_response_never_passes_its_command(gain: float, share: float) -> None:
     """From -0.1 to 0.2 rad; with Kp_pos Ts beyond 1 Euler's rule alone would go past the command."""
-    p = namespace(BASE.replace({"controller.position.kp": gain, "controller.sample_time": 1e-3, "monitor.rate": 1e3}).values)
+    p = BASE.replace({
+        "controller.position.kp": gain, "controller.sample_time": 1e-3, "monitor.rate": 1e3}).nested()
     watched = Watched(command=0.2, measured=0.0, before=0.0, modelled=-0.1, reference=0.0, current=0.0, supply=39.0,
                       enabled=True)
-    assert modelled(FLOATS, p, watched) == pytest.approx(-0.1 + share * 0.3, rel=1e-15)
+    assert modelled(FLOATS, p, response(p, BASE.actuator), watched) == pytest.approx(-0.1 + share * 0.3, rel=1e-15)
 
 
 def test_persistence_is_whole_samples() -> None:

@@ -7,15 +7,41 @@ from typing import Any
 
 import numpy as np
 import pytest
-from emcas_fmu.consistency import LONGEST_COMMAND_DELAY
 
-from emcas_fmu.actuators import NAMES
-from emcas_fmu.extensions.fault_list import FAULTS
+from emcas_fmu.actuators import NAMES, get
+from emcas_fmu.actuators.capabilities import BACKLASH
+from emcas_fmu.extensions.fault_list import FAULTS, LONGEST_COMMAND_DELAY
 from emcas_fmu.extensions.status import OPERATIONAL
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.simulation import simulate
 
 from .fault_runs import BASE, BIT, MODEL, PLAIN, SHARED, equal, gust, scheduled, wave
+
+ELASTIC = "elastic+faults"
+# The faults an actuator cannot have; the others it has, with their bits where they are in every other.
+IMPOSSIBLE = {
+    "nonlinear": {"backlash_growth"}, "elastic": set(), "habibi": set(), "ozkan": {"backlash_growth"},
+    "ristanovic": {"backlash_growth", "current_derating"},
+    "linear": {"backlash_growth", "current_derating", "hard_over"},
+    "second-order": {"backlash_growth", "current_derating", "brown_out", "free_fin", "friction_rise"}}
+
+
+@pytest.mark.parametrize("model", NAMES)
+def test_a_fault_is_where_it_can_be(model: str) -> None:
+    there = {name.split(".")[1] for name in load_parameters(model=f"{model}+faults").values if name.endswith(".active")}
+    assert there == set(BIT) - IMPOSSIBLE[model]
+    for fault in there:
+        run = simulate(scheduled(f"{model}+faults", fault), 0.005, model=f"{model}+faults")
+        assert (run["fault_word"][1:] == BIT[fault]).all()
+
+
+@pytest.mark.parametrize("model", NAMES)
+def test_a_bias_is_what_the_encoder_reads_too_much(model: str) -> None:
+    """At rest, whatever the ratio, to the encoder's count of 1.3e-5 rad at the fin, or the gap of 1e-3 rad."""
+    values = scheduled(f"{model}+faults", "encoder_bias", begin=0.1, fault__encoder_bias__angle=0.05)
+    run = simulate(values, 2.0, model=f"{model}+faults", fin_command=0.2)
+    assert run["measured_fin_angle"][-1] - run["fin_angle"][-1] == pytest.approx(
+        0.05, abs=1e-3 if BACKLASH in get(model).provides else 1.3e-5)
 
 
 @pytest.mark.parametrize("model", NAMES)
@@ -34,9 +60,10 @@ def test_without_a_fault_it_is_the_model(model: str) -> None:
 
 @pytest.mark.parametrize("fault", [f.name for f in FAULTS])
 def test_switched_on_or_scheduled(fault: str) -> None:
-    on = BASE.replace({f"fault.{fault}.active": True}).values
-    one = simulate(on, 0.15, model=MODEL, fin_command=wave, aero_torque=gust)
-    other = simulate(scheduled(MODEL, fault), 0.15, model=MODEL, fin_command=wave, aero_torque=gust)
+    model = ELASTIC if fault == "backlash_growth" else MODEL
+    on = load_parameters(model=model).replace({f"fault.{fault}.active": True}).values
+    one = simulate(on, 0.15, model=model, fin_command=wave, aero_torque=gust)
+    other = simulate(scheduled(model, fault), 0.15, model=model, fin_command=wave, aero_torque=gust)
     assert all(np.array_equal(one[name], other[name]) for name in one)
     assert (one["fault_word"][1:] == BIT[fault]).all()
 
@@ -146,5 +173,5 @@ def test_bad_values_are_refused(name: Any, value: Any, said: str) -> None:
 
 
 def test_faults_are_of_models_with_faults() -> None:
-    with pytest.raises(ParameterError, match="the nonlinear model has no such parameter"):
+    with pytest.raises(ParameterError, match="the nonlinear actuator has no such parameter"):
         PLAIN.replace({"fault.jam.active": True})

@@ -29,7 +29,7 @@ def test_stall_current_of_a_jam() -> None:
     assert run["motor_current"][-1] == pytest.approx(min(expected, 60.0), rel=0.05)
 
 
-@pytest.mark.parametrize("model", ["nonlinear", "elastic", "second-order"])
+@pytest.mark.parametrize("model", ["nonlinear", "elastic", "linear"])
 def test_a_broken_fin_falls_by_its_own_inertia(model: str) -> None:
     """From rest under a constant moment: (J_fin + J_shaft) delta = T t^2/2, which the step rule has exactly."""
     torque, inertia = 2.0, 0.05 + 0.004
