@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -148,7 +148,7 @@ class Subject(ABC):
 
     def lacking(self, outputs: Iterable[str]) -> str:
         """Which of these outputs it has not, in words; empty where it has them all."""
-        return lacking(self.model, outputs)
+        return lacking(outputs, self.outputs)
 
     @cached_property
     def _namespace(self) -> Any:
@@ -173,9 +173,8 @@ class Subject(ABC):
         return changes
 
 
-def lacking(model: str, outputs: Iterable[str]) -> str:
-    """Which of these outputs an actuator has not, in words; empty where it has them all."""
-    there = {v.name for v in get(model).outputs}
+def lacking(outputs: Iterable[str], there: Collection[str]) -> str:
+    """Which of these outputs are not among those there are, in words; empty where all are."""
     return _words(name for name in outputs if name not in there)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ...actuators import get
 from ...bench.metrics import FIGURES, Figure, leaping_power, motion, sweep_response, swept, usage
 from ...bench.subject import Run, Subject, lacking
 from ...simulation import Array
@@ -38,15 +39,17 @@ _COLUMNS: Mapping[str, tuple[str, tuple[str, ...]]] = {
 @cache
 def figures(kind: str, model: str) -> Mapping[str, Figure]:
     """Return the figures of a kind of experiment by name, those for which the actuator has the outputs."""
+    there = {v.name for v in get(model).outputs}
     return {name: FIGURES[known] for name, (known, kinds) in _COLUMNS.items()
-            if kind in kinds and not lacking(model, FIGURES[known].needs)}
+            if kind in kinds and there.issuperset(FIGURES[known].needs)}
 
 
 def left_out(model: str) -> dict[str, list[str]]:
     """Return the figures an actuator has not, by the reason."""
     found: dict[str, list[str]] = {}
+    there = {v.name for v in get(model).outputs}
     for name, (known, _) in _COLUMNS.items():
-        if why := lacking(model, FIGURES[known].needs):
+        if why := lacking(FIGURES[known].needs, there):
             found.setdefault(why, []).append(name)
     return found
 
