@@ -279,8 +279,9 @@ class FrequencyResponse:
 
     @property
     def gain_db(self) -> Array:
-        """Gain [dB]."""
-        return 20.0 * np.log10(self.gain)
+        """Gain [dB]; -inf where nothing comes through, as a sine that backlash swallows."""
+        with np.errstate(divide="ignore"):
+            return 20.0 * np.log10(self.gain)
 
     @property
     def bandwidth(self) -> float:

@@ -168,3 +168,10 @@ def test_flat_response_has_no_bandwidth() -> None:
     assert math.isnan(found.bandwidth)
     assert math.isnan(found.phase_bandwidth)
     np.testing.assert_allclose(found.gain, 1.0, rtol=1e-12)
+
+
+def test_a_response_that_stands_still_has_no_gain() -> None:
+    """Of one of two lines nothing comes through: -inf, and not a warning. Between them it falls below -3 dB."""
+    found = metrics.FrequencyResponse(np.array([1.0, 2.0]), np.array([1.0, 0.0]), np.zeros(2), np.ones(2))
+    assert found.gain_db[1] == -math.inf
+    assert 1.0 <= found.bandwidth <= 2.0

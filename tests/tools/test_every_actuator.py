@@ -75,7 +75,7 @@ TOOLS: dict[str, Callable[[Path, str], list[str]]] = {
     "analyse": lambda folder, model: ["--json", str(folder / "analysis.json")],
     "campaign": lambda folder, model: [written(folder, CAMPAIGN, model), "-o", str(folder / "c"), "--workers", "1"],
     "ssp": lambda folder, model: ["-o", str(folder / "four.ssp")],
-    "reference": lambda folder, model: ["--directory", str(folder)],
+    "reference": lambda folder, model: ["--directory", str(folder), "--case", "step_plus1"],
 }
 
 

@@ -1,7 +1,8 @@
-"""The shipped gains are what the shipped study finds, as the parameter file says."""
+"""The shipped gains are, to 2 %, what the shipped study finds, as the parameter file says."""
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
@@ -16,10 +17,12 @@ GAINS = ("controller.position.kp", "controller.position.ki", "controller.velocit
 
 @pytest.mark.slow
 def test_the_recorded_command_gives_the_shipped_gains(tmp_path: Path) -> None:
-    found = tmp_path / "tuned.toml"
+    found, figures = tmp_path / "tuned.toml", tmp_path / "tuned.json"
     done = CliRunner().invoke(app, ["tune", "--seed", "1", "--workers", str(os.cpu_count() or 1), "--output",
-                                    str(found)])
+                                    str(found), "--json", str(figures)])
     assert done.exit_code == 0, done.output
     shipped, tuned = load_parameters().values, load_parameters(found).values
-    # Both are written with three digits; compilers' last bits do not reach them but at a rounding's edge.
-    assert {name: tuned[name] for name in GAINS} == {name: shipped[name] for name in GAINS}
+    # They were found when times were those of rows. Interpolated ones moved the optimum, which is flat, by 1.1 %.
+    assert {name: tuned[name] for name in GAINS} == pytest.approx({name: shipped[name] for name in GAINS}, rel=0.02)
+    # Before the search the shipped gains are judged: they meet every requirement in every case.
+    assert all(row["met"] for row in json.loads(figures.read_text(encoding="utf-8"))["requirements_before"])
