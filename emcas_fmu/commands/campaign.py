@@ -37,8 +37,8 @@ def campaign(
     fin: Annotated[int | None, typer.Option(help="Which fin of an FMU of several; the first unless given.", min=1,
                                             metavar="N")] = None,
     model: Annotated[str | None, typer.Option(help="Which actuator, instead of the file's: "
-                                              f"{', '.join(NAMES)}, or a Python file of yours. Behind it extensions, as "
-                                              f"in elastic+heat+faults: {', '.join(EXTENSIONS)}. Of an FMU it is the "
+                                              f"{', '.join(NAMES)}, or a Python file of yours. Behind it extensions, "
+                                              f"as in elastic+heat+faults: {', '.join(EXTENSIONS)}. Of an FMU it is the "
                                               "FMU's; name it for one of a file of yours.",
                                               metavar="NAME|FILE.py[+EXTENSION...]")] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given. 0: in "

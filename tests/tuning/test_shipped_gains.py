@@ -22,7 +22,7 @@ def test_the_recorded_command_gives_the_shipped_gains(tmp_path: Path) -> None:
                                     str(found), "--json", str(figures)])
     assert done.exit_code == 0, done.output
     shipped, tuned = load_parameters().values, load_parameters(found).values
-    # They were found when times were those of rows. Interpolated ones moved the optimum, which is flat, by 1.1 %.
+    # Since they were found, the bench's definitions of figures have moved the optimum, which is flat, by 1.1 %.
     assert {name: tuned[name] for name in GAINS} == pytest.approx({name: shipped[name] for name in GAINS}, rel=0.02)
     # Before the search the shipped gains are judged: they meet every requirement in every case.
     assert all(row["met"] for row in json.loads(figures.read_text(encoding="utf-8"))["requirements_before"])
