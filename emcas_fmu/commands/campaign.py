@@ -38,8 +38,8 @@ def campaign(
                                             metavar="N")] = None,
     model: Annotated[str | None, typer.Option(help="Which actuator, instead of the file's: "
                                               f"{', '.join(NAMES)}, or a Python file of yours. Behind it extensions, "
-                                              f"as in elastic+heat+faults: {', '.join(EXTENSIONS)}. Of an FMU it is the "
-                                              "FMU's; name it for one of a file of yours.",
+                                              f"as in elastic+heat+faults: {', '.join(EXTENSIONS)}. Of an FMU it is "
+                                              "the FMU's; name it for one of a file of yours.",
                                               metavar="NAME|FILE.py[+EXTENSION...]")] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given. 0: in "
                                                      "this process, without Dask.", min=0)] = None,
