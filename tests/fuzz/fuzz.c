@@ -85,10 +85,8 @@ static void check(const instance *m)
         const core_state *core = &m->s.core[fin];
         for (size_t i = 0; i < CORE_PLANT; ++i)
             if (!core_finite(core->plant.x[i]) || !core_finite(core->tentative.x[i])) abort();
-        for (size_t i = 0; i < CORE_KEPT; ++i)
-            if (!core_finite(core->kept[i])) abort();
-        for (size_t i = 0; i < CORE_SHOWN; ++i)
-            if (!core_finite(core->shown[i])) abort();
+        for (size_t i = 0; i < CORE_SAMPLED; ++i)
+            if (!core_finite(core->sampled[i])) abort();
         if (!core_finite(core->active) || !core_finite(m->s.now)) abort();
     }
 }

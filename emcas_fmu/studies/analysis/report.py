@@ -19,7 +19,7 @@ def _number(value: float | None) -> str:
 
 def write_report(found: Analysis, path: Path) -> None:
     """Write the page; the same analysis gives the same bytes."""
-    environment = Environment(loader=PackageLoader("emcas_fmu", "analysis"), undefined=StrictUndefined,
+    environment = Environment(loader=PackageLoader("emcas_fmu", "studies/analysis"), undefined=StrictUndefined,
                               trim_blocks=True, lstrip_blocks=True, autoescape=select_autoescape(["html.j2"]))
     environment.filters["number"] = _number
     page = environment.get_template("report.html.j2").render(f=figures(found), version=__version__,

@@ -25,7 +25,7 @@ def _number(value: float | None, digits: int = 6) -> str:
 
 def write_report(result: Identification, path: Path) -> None:
     """Write the page; the same result gives the same bytes."""
-    write_page(path, "identification/report.html.j2", result=result, figures=figures(result), number=_number,
+    write_page(path, "studies/identification/report.html.j2", result=result, figures=figures(result), number=_number,
                correlated=_strongest(*result.correlation), files={n["file"]: n for n in result.noise})
 
 
