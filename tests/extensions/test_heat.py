@@ -121,7 +121,7 @@ def test_a_disabled_drive_loses_nothing(model: str) -> None:
     actuator, p = get(f"{model}+heat"), load_parameters(model=f"{model}+heat").nested()
     x = Record(**{**actuator.start(FLOATS, p), "motor_current": 50.0})
     for enabled in (False, True):
-        u = acting(enabled=enabled)
+        u = acting(enabled=enabled, reference=5.0)  # that an ideal loop's current follows at once
         moved, _ = actuator.step(FLOATS, p, x, u, 1e-4)
         assert (moved["winding_temperature"] > 24.0) == enabled
         if CURRENT_LIMIT in actuator.provides:
