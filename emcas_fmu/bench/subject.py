@@ -278,14 +278,14 @@ class FmuSubject(Subject):
 
     def __init__(self, unit: OpenedFmu, model: str, fin: int = 1) -> None:
         self.unit, self.model, self.fin = unit, model, fin
-        for variables, causality in ((self.inputs.values(), "input"), (self.outputs.values(), "output"),
-                                     (get(model).parameters, "parameter")):
+        for variables, causality in ((self.inputs.values(), "input"), (self.outputs.values(), "output")):
             unit.require([v.name for v in variables], causality)
         self._messages: deque[str] = deque(maxlen=_LAST_MESSAGES)
         self._instance: Any = None
 
     @cached_property
     def values(self) -> Mapping[str, Any]:
+        self.unit.require([v.name for v in get(self.model).parameters], "parameter")
         starts = self.unit.starts
         return {**{v.name: starts[v.name] for v in get(self.model).parameters},
                 **{v.key: starts[v.name] for v in self.inputs.values() if v.key}}
