@@ -16,6 +16,6 @@ class BuildError(EmcasError):
 
 
 def hint(word: Any, among: Iterable[str]) -> str:
-    """A guess at what was meant by a word that is none of those there are; nothing if none is close."""
+    """Return the word nearest to one that is not `among` those there are, as the end of a message; "" if none is."""
     close = get_close_matches(str(word), list(among), 1)
-    return f", did you mean {close[0]!r}?" if close else ""
+    return f"; did you mean {close[0]}?" if close else ""

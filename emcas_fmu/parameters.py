@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import replace as dataclass_replace
-from difflib import get_close_matches
 from functools import cache, partial
 from itertools import groupby
 from math import isclose
@@ -18,7 +17,7 @@ from typing import Any
 
 from .actuators import EXTENSIONS, NAMES, NONLINEAR, default_files, full_name, get, get_extension
 from .actuators.declaration import Actuator
-from .errors import EmcasError
+from .errors import EmcasError, hint
 from .files import models_directory
 from .ops.floats import FLOATS
 from .rules import check_ranges, check_rules
@@ -175,11 +174,17 @@ def check_parameters(values: Mapping[str, Any], model: str = NONLINEAR) -> list[
     actuator = get(model)
     known = {v.name for v in actuator.file_entries}
     missing = [f"{v.name} is missing" for v in actuator.parameters if v.name not in values]
-    unknown = [f"there is no parameter {name}{_hint(name, known)}" for name in values if name not in known]
+    unknown = [f"there is no parameter {name}{hint(name, known)}" for name in values if name not in known]
     if missing or unknown:
         return missing + unknown
     limits = [(v.name, v.minimum, v.maximum) for v in actuator.parameters if v.kind != "Boolean"]
     return check_ranges(values, limits) or check_combinations(values, actuator)
+
+
+def require_sound(values: Mapping[str, Any], model: str = NONLINEAR) -> None:
+    """Raise ParameterError with the problems of an actuator's flat values, if there are any."""
+    if problems := check_parameters(values, model):
+        raise ParameterError(problems)
 
 
 def check_combinations(values: Mapping[str, Any], actuator: Actuator) -> list[str]:
@@ -305,14 +310,14 @@ def _scalars(key: str, written: Any, known: _Known) -> Iterator[tuple[str, Mappi
         raise ValueError("is a group of parameters; expected a table such as "
                          f"{next(name for name in known.names if name.startswith(key + '.'))}")
     else:
-        raise ValueError(f"unknown parameter{_hint(key, known.names)}")
+        raise ValueError(f"unknown parameter{hint(key, known.names)}")
 
 
 def _entry(variable: Variable, fields: Mapping[str, Any], source: str, file: str) -> Entry:
     """The entry of a scalar. Raises ValueError, saying what is wrong and what was expected."""
     for field in fields:
         if field not in _FIELDS:
-            raise ValueError(f"unknown field {field!r}{_hint(field, _FIELDS)}; "
+            raise ValueError(f"unknown field {field!r}{hint(field, _FIELDS)}; "
                              f"an entry has {', '.join(_FIELDS)}")
     if "value" not in fields:
         raise ValueError("has no value")
@@ -400,8 +405,3 @@ def _text(fields: Mapping[str, Any]) -> str:
     value, unit = fields.get("value", "(nothing)"), fields.get("unit", "")
     text = str(value).lower() if isinstance(value, bool) else str(value)
     return text if unit in ("", "1") else f"{text} {unit}"
-
-
-def _hint(word: str, known: Iterable[str]) -> str:
-    close = get_close_matches(word, list(known), 1)
-    return f"; did you mean {close[0]}?" if close else ""

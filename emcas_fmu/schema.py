@@ -62,7 +62,7 @@ def _worded(problem: Any, keys: list[str]) -> tuple[Place, str, Any]:
 def unknown(word: Any, known: Iterable[str]) -> str:
     """What to say of a word that is none of those there are."""
     words = list(known)
-    return f"{hint(word, words).removeprefix(', ')} there is {', '.join(words)}".lstrip()
+    return f"{hint(word, words).removeprefix('; ')} there is {', '.join(words)}".lstrip()
 
 
 def named(tables: Any) -> Iterator[tuple[str, Any]]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .actuators import NONLINEAR, get
 from .errors import EmcasError
 from .fmi.interface import BUS_PARAMETERS, MIXING, FmuInterface, start_values
-from .parameters import ParameterError, check_parameters
+from .parameters import ParameterError, check_parameters, require_sound
 from .rules import check_ranges
 from .runtime import codegen, compiled
 from .variables import Variable
@@ -38,7 +38,7 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel:
     cannot be followed.
     """
     there_are = get(model).inputs
-    starts = [values[v.key] if v.key else v.start or 0.0 for v in there_are]
+    starts = [v.initial(values) for v in there_are]
     return respond(values, _table(there_are, starts, stop, step, inputs), step, kernel, model)
 
 
@@ -144,8 +144,7 @@ def _check_finite(table: Array, inputs: Sequence[Variable], step: float) -> None
 
 
 def _by_python(values: Mapping[str, Any], table: Array, step: float, model: str) -> Array:
-    if problems := check_parameters(values, model):
-        raise ParameterError(problems)
+    require_sound(values, model)
     core, places = codegen.core(values, model), codegen.places(model)
     return _rows(core, table, step, lambda row: places.arrange(row, core.forces))
 

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import re
 from decimal import Context, Decimal, localcontext
-from difflib import get_close_matches
 from functools import lru_cache
 from math import isfinite
 
 from pint import Unit, UnitRegistry
+
+from .errors import hint
 
 # In pint's notation: "name = definition = symbol = alias = ...".
 _DEFINITIONS = """
@@ -154,10 +155,6 @@ def _registry() -> UnitRegistry[Decimal]:
     return registry
 
 
-def _names() -> list[str]:
-    return [name for name in _registry() if not name.startswith("delta_")]
-
-
 @lru_cache(maxsize=256)
 def _parse(written: str) -> Unit:
     text = written
@@ -169,6 +166,6 @@ def _parse(written: str) -> Unit:
         return _registry().parse_units(text)
     except Exception as error:  # pint's parser fails in many ways, assertions among them
         unknown = [word for word in _WORD.findall(text) if not _registry().parse_unit_name(word)]
-        known = [close for word in unknown for close in get_close_matches(word, _names(), 1)]
-        hint = f"; did you mean {known[0]}?" if known else ""
-        raise UnitError(f"unknown unit {written!r}{hint}") from error
+        names = [name for name in _registry() if not name.startswith("delta_")]
+        nearest = next(filter(None, (hint(word, names) for word in unknown)), "")
+        raise UnitError(f"unknown unit {written!r}{nearest}") from error

@@ -7,10 +7,10 @@ Names are a contract: one that has shipped is never renamed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from math import inf
-from typing import Literal
+from typing import Any, Literal
 
 Kind = Literal["Real", "Integer", "Boolean", "Enumeration"]
 Causality = Literal["input", "output", "parameter"]
@@ -41,6 +41,10 @@ class Variable:
     key: str | None = None
     items: tuple[tuple[str, str], ...] = ()
     bits: tuple[str, ...] = ()
+
+    def initial(self, values: Mapping[str, Any]) -> Any:
+        """Return the start value of an input of an actuator whose parameters are `values`, by name."""
+        return values[self.key] if self.key else self.start or 0.0
 
     def in_words(self, value: float) -> str:
         """Return a value as people read it: an enumeration's item, the flags that are set, or the number."""
@@ -104,6 +108,11 @@ def integer_parameter(name: str, minimum: int, maximum: int, description: str) -
 def switch(name: str, description: str) -> Variable:
     """Declare a Boolean parameter that is fixed after initialization."""
     return Variable(name, "Boolean", "parameter", "fixed", "", description)
+
+
+def in_group(group: str, *variables: Variable) -> tuple[Variable, ...]:
+    """Return variables named as members of a group: ``peak_time`` of ``heat`` becomes ``heat.peak_time``."""
+    return tuple(replace(v, name=f"{group}.{v.name}") for v in variables)
 
 
 def without(variables: Iterable[Variable], *prefixes: str) -> tuple[Variable, ...]:

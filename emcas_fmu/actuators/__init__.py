@@ -7,6 +7,7 @@ Extensions (:mod:`emcas_fmu.extensions`) are laid over any that provides what th
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -30,6 +31,13 @@ NAMES = tuple(_MODULES)
 # In the order in which one is laid over the other, the first next to the actuator.
 EXTENSIONS: tuple[str, ...] = ("stribeck", "lugre", "efficiency", "heat", "homing", "faults")
 _SEPARATOR = "+"
+_NAME = re.compile(r"(.*\.py|[^+]*)((?:\+[^+]*)*)", re.DOTALL)
+
+
+def split(name: str) -> tuple[str, list[str]]:
+    """Return actuator and extensions of a name as they are given; the path of a file may have a + in it."""
+    actuator, extensions = _NAME.fullmatch(name).groups()  # type: ignore[union-attr]  # it matches any text
+    return actuator, extensions.split(_SEPARATOR)[1:]
 
 
 def parts(name: str) -> tuple[str, tuple[str, ...]]:
@@ -37,7 +45,7 @@ def parts(name: str) -> tuple[str, tuple[str, ...]]:
 
     Raises EmcasError for one there is not.
     """
-    actuator, *extensions = name.split(_SEPARATOR)
+    actuator, extensions = split(name)
     if actuator in EXTENSIONS:
         raise EmcasError(f"--model {name}: {actuator} is an extension of an actuator: "
                          f"{_SEPARATOR.join((NONLINEAR, name))}")

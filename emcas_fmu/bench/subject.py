@@ -28,7 +28,7 @@ from ..actuators.declaration import Actuator
 from ..errors import EmcasError
 from ..namespace import with_values
 from ..ops.floats import FLOATS
-from ..parameters import ParameterError, ParameterSet, check_parameters, load_parameters
+from ..parameters import ParameterSet, load_parameters, require_sound
 from ..reference.files import parameters_hash
 from ..runtime import codegen, compiled
 from ..simulation import respond
@@ -224,7 +224,7 @@ class ParameterSubject(Subject):
     def _table(self, values: Mapping[str, Any], excitation: Excitation) -> Array:
         """Rows of all inputs, those that are not excited at their start."""
         table = np.empty((len(excitation.time), len(self.inputs)))
-        table[:] = [values[v.key] if v.key else v.start or 0.0 for v in self.inputs.values()]
+        table[:] = [v.initial(values) for v in self.inputs.values()]
         for i, name in enumerate(self.inputs):
             if name in excitation.columns:
                 table[:, i] = excitation.columns[name]
@@ -412,8 +412,7 @@ def _reader(fmu: Any, wanted: Sequence[tuple[str, int]]) -> Callable[[], list[fl
 
 
 def _check(values: Mapping[str, Any], model: str) -> None:
-    if problems := check_parameters({v.name: values[v.name] for v in get(model).parameters}, model):
-        raise ParameterError(problems)
+    require_sound({v.name: values[v.name] for v in get(model).parameters}, model)
 
 
 def _differences(values: Mapping[str, Any], model: str) -> tuple[str, ...]:

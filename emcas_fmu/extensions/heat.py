@@ -22,37 +22,35 @@ from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import heat
 from ..steppers.rigid import Plant, electrical_mode
-from ..variables import Variable, parameter, real_output
+from ..variables import Variable, in_group, parameter, real_output
 from .declaration import Extension
 
 STATES = (State("winding_temperature", "degC"), State("case_temperature", "degC"))
 I2T_LOAD = State("i2t_load", "1")
 
 
-def _heat(name: str, unit: str, minimum: float, maximum: float, description: str) -> Variable:
-    return parameter(f"heat.{name}", unit, minimum, maximum, description)
-
-
-PARAMETERS = (
-    _heat("winding_capacity", "J/K", 1e-2, 1e6, "heat capacity of the winding"),
-    _heat("case_capacity", "J/K", 1e-2, 1e7, "heat capacity of the case with stator iron and magnets"),
-    _heat("winding_to_case", "K/W", 1e-4, 1e4, "thermal resistance between winding and case"),
-    _heat("case_to_ambient", "K/W", 1e-4, 1e4, "thermal resistance between case and ambient "
-               "(friction.temperature)"),
-    _heat("winding_start_rise", "K", -100.0, 250.0, "winding temperature at the start above ambient"),
-    _heat("case_start_rise", "K", -100.0, 250.0, "case temperature at the start above ambient"),
-    _heat("reference_temperature", "degC", -100.0, 200.0, "temperature that resistance and constants of motor.* "
-          "are given for"),
-    _heat("resistance_coefficient", "1/K", 0.0, 0.01, "rise of the winding resistance with its temperature"),
-    _heat("torque_coefficient", "1/K", -0.01, 0.0, "change of torque and back-EMF constant with the case "
-               "temperature (magnets)"),
-    _heat("winding_limit", "degC", -100.0, 400.0, "largest winding temperature, for the torque-speed envelope: "
-               "nothing acts on it in the simulation"),
+PARAMETERS = in_group(
+    "heat",
+    parameter("winding_capacity", "J/K", 1e-2, 1e6, "heat capacity of the winding"),
+    parameter("case_capacity", "J/K", 1e-2, 1e7, "heat capacity of the case with stator iron and magnets"),
+    parameter("winding_to_case", "K/W", 1e-4, 1e4, "thermal resistance between winding and case"),
+    parameter("case_to_ambient", "K/W", 1e-4, 1e4, "thermal resistance between case and ambient "
+              "(friction.temperature)"),
+    parameter("winding_start_rise", "K", -100.0, 250.0, "winding temperature at the start above ambient"),
+    parameter("case_start_rise", "K", -100.0, 250.0, "case temperature at the start above ambient"),
+    parameter("reference_temperature", "degC", -100.0, 200.0, "temperature that resistance and constants of motor.* "
+              "are given for"),
+    parameter("resistance_coefficient", "1/K", 0.0, 0.01, "rise of the winding resistance with its temperature"),
+    parameter("torque_coefficient", "1/K", -0.01, 0.0, "change of torque and back-EMF constant with the case "
+              "temperature (magnets)"),
+    parameter("winding_limit", "degC", -100.0, 400.0, "largest winding temperature, for the torque-speed envelope: "
+              "nothing acts on it in the simulation"),
 )
-I2T_PARAMETERS = (
-    _heat("continuous_current", "A", 1e-3, 1e4, "current the drive allows for any time (I2t); that and above "
-               "drive.current_limit: no I2t limit"),
-    _heat("peak_time", "s", 0.05, 1e4, "time for which I2t allows drive.current_limit, from rest"),
+I2T_PARAMETERS = in_group(
+    "heat",
+    parameter("continuous_current", "A", 1e-3, 1e4, "current the drive allows for any time (I2t); that and above "
+              "drive.current_limit: no I2t limit"),
+    parameter("peak_time", "s", 0.05, 1e4, "time for which I2t allows drive.current_limit, from rest"),
 )
 OUTPUTS = (
     real_output("winding_temperature", "degC", "winding temperature", 100.0),
@@ -135,5 +133,6 @@ def _parameters(actuator: Actuator) -> tuple[Variable, ...]:
     return PARAMETERS + I2T_PARAMETERS if _limits_current(actuator) else PARAMETERS
 
 
-EXTENSION = Extension("heat", "motor heat and I2t limit", extend, needs=(capabilities.MOTOR_CURRENT,),
-                      parameters=_parameters, module=sys.modules[__name__])
+EXTENSION = Extension(
+    "heat", "motor heat and I2t limit", extend, needs=(capabilities.MOTOR_CURRENT, capabilities.SCREW_DRIVE),
+    parameters=_parameters, module=sys.modules[__name__])

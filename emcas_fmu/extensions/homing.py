@@ -25,32 +25,24 @@ from ..ops.base import Ops, Value
 from ..physics import drive
 from ..physics.friction import coulomb_polynomial
 from ..rules import SLACK, Rule, when
-from ..variables import Variable, boolean_input, boolean_output, parameter, switch
+from ..variables import boolean_input, boolean_output, in_group, parameter, switch
 from . import homing_run as run
 from .declaration import Extension
 from .status import DISABLED, FAILED, HOMING, OPERATIONAL, STATUS, UNREFERENCED
 
-
-def _homing(name: str, unit: str, minimum: float, maximum: float, description: str) -> Variable:
-    return parameter(f"homing.{name}", unit, minimum, maximum, description)
-
-
-def _switch(name: str, description: str) -> Variable:
-    return switch(f"homing.{name}", description)
-
-
-PARAMETERS = (
-    _switch("required", "true: the start angle is not known and no command followed until homed; false: it is known"),
-    _switch("positive_first", "true: the positive stop is sought first; false: the negative one"),
-    _switch("verify", "true: the other stop is sought too, and the way between them judged; false: any stall is one"),
-    _homing("speed", "rad/s", radians(0.1), radians(100.0), "mean fin rate towards the stops and back"),
-    _homing("reference_limit", "V", 1e-3, 1e3, "largest DAC output while homing: the push against a stop"),
-    _homing("stall_time", "s", 1e-3, 10.0, "time at reference_limit without motion that makes a stall; also at zero, "
-            "the time that ends the return"),
-    _homing("travel_tolerance", "rad", radians(1e-3), radians(20.0),
-         "largest difference of the way between the stops from 2 fin.stop_angle"),
-    _homing("return_tolerance", "rad", radians(1e-3), radians(20.0), "largest angle from zero that ends the return"),
-    _homing("timeout", "s", 1e-2, 1e4, "longest homing run"),
+PARAMETERS = in_group(
+    "homing",
+    switch("required", "true: the start angle is not known and no command followed until homed; false: it is known"),
+    switch("positive_first", "true: the positive stop is sought first; false: the negative one"),
+    switch("verify", "true: the other stop is sought too, and the way between them judged; false: any stall is one"),
+    parameter("speed", "rad/s", radians(0.1), radians(100.0), "mean fin rate towards the stops and back"),
+    parameter("reference_limit", "V", 1e-3, 1e3, "largest DAC output while homing: the push against a stop"),
+    parameter("stall_time", "s", 1e-3, 10.0, "time at reference_limit without motion that makes a stall; also at zero, "
+              "the time that ends the return"),
+    parameter("travel_tolerance", "rad", radians(1e-3), radians(20.0),
+              "largest difference of the way between the stops from 2 fin.stop_angle"),
+    parameter("return_tolerance", "rad", radians(1e-3), radians(20.0), "largest angle from zero that ends the return"),
+    parameter("timeout", "s", 1e-2, 1e4, "longest homing run"),
 )
 HOME = boolean_input("home", "a rising edge while enabled and not homing starts a homing run", False)
 HOMED = boolean_output("homed", "the controllers know the fin's angle and follow the command when enabled")

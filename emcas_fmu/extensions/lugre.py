@@ -28,20 +28,16 @@ from ..physics import friction, mechanics
 from ..rules import SLACK, Rule, when
 from ..steppers.lugre import advance
 from ..steppers.rigid import Plant
-from ..variables import Variable, parameter, real_output
+from ..variables import in_group, parameter, real_output
 from .declaration import Extension
 
-
-def _lugre(name: str, unit: str, minimum: float, maximum: float, description: str) -> Variable:
-    return parameter(f"lugre.{name}", unit, minimum, maximum, description)
-
-
-PARAMETERS = (
-    _lugre("stiffness", "N.m/rad", 1e-3, 1e6, "stiffness of the bristles at the motor, sigma_0"),
-    _lugre("damping", "N.m.s/rad", 0.0, 1.0, "damping of the bristles at rest, sigma_1; it fades with speed"),
-    _lugre("static_ratio", "1", 1.0, 10.0, "breakaway over Coulomb friction at the motor, s"),
-    _lugre("stribeck_speed", "rad/s", 1e-3, 1e3,
-           "motor speed at which the excess over Coulomb friction has fallen to 1/e of itself, w_s"),
+PARAMETERS = in_group(
+    "lugre",
+    parameter("stiffness", "N.m/rad", 1e-3, 1e6, "stiffness of the bristles at the motor, sigma_0"),
+    parameter("damping", "N.m.s/rad", 0.0, 1.0, "damping of the bristles at rest, sigma_1; it fades with speed"),
+    parameter("static_ratio", "1", 1.0, 10.0, "breakaway over Coulomb friction at the motor, s"),
+    parameter("stribeck_speed", "rad/s", 1e-3, 1e3,
+              "motor speed at which the excess over Coulomb friction has fallen to 1/e of itself, w_s"),
 )
 OUTPUTS = (
     real_output("bristle_deflection", "rad", "mean deflection of the bristles at the motor", 0.01),

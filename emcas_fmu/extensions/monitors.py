@@ -22,14 +22,10 @@ from ..actuators import capabilities, fin_port
 from ..actuators.declaration import Actuator
 from ..ops.base import Ops, Value
 from ..physics import drive
-from ..variables import Variable, tunable
+from ..variables import Variable, in_group, tunable
 from .status import DEGRADED, FAILED, OPERATIONAL
 
 _SLACK = 1e-6  # of a sample: whole numbers of samples are counted whole
-
-
-def _monitor(name: str, unit: str, minimum: float, maximum: float, description: str) -> Variable:
-    return tunable(f"monitor.{name}", unit, minimum, maximum, description)
 
 
 @dataclass(frozen=True)
@@ -42,25 +38,25 @@ class Monitor:
     needs: tuple[str, ...] = ()
 
 
-_PERSISTENCE = _monitor("persistence", "s", 0.0, 100.0,
+_PERSISTENCE = tunable("persistence", "s", 0.0, 100.0,
                         "time a condition must hold for its monitor to trip or to clear")
-_RESPONSE = _monitor("response", "1/s", 1e-3, 1e5, "rate at which the model of the response takes an error away")
+_RESPONSE = tunable("response", "1/s", 1e-3, 1e5, "rate at which the model of the response takes an error away")
 # Bits of the built-in test's word, the first the least.
 MONITORS = (
     Monitor("tracking", "the measured angle is not where the command should have taken it", (
-        _monitor("tracking_limit", "rad", 0.0, radians(180.0),
+        tunable("tracking_limit", "rad", 0.0, radians(180.0),
                  "modelled less measured angle, beyond which tracking trips"),
-        _monitor("rate", "rad/s", 1e-3, 1e3, "fin rate that the model of the response takes for possible"))),
+        tunable("rate", "rad/s", 1e-3, 1e3, "fin rate that the model of the response takes for possible"))),
     Monitor("stall", "a large reference moves nothing", (
-        _monitor("stall_share", "1", 0.0, 1.0, "of drive.reference_limit that the DAC puts out at a stall"),
-        _monitor("stall_rate", "rad/s", 0.0, 100.0, "measured rate below which the fin is taken to stand")),
+        tunable("stall_share", "1", 0.0, 1.0, "of drive.reference_limit that the DAC puts out at a stall"),
+        tunable("stall_rate", "rad/s", 0.0, 100.0, "measured rate below which the fin is taken to stand")),
         (capabilities.REFERENCE_LIMIT,)),
     Monitor("drive", "the current does not follow its reference", (
-        _monitor("current_limit", "A", 0.0, 1e4,
+        tunable("current_limit", "A", 0.0, 1e4,
                  "current reference less current, beyond which the drive does not respond"),),
         (capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP)),
     Monitor("supply", "the bus voltage is too low", (
-        _monitor("minimum_supply", "V", 0.0, 1e3, "bus voltage below which the supply is too low"),),
+        tunable("minimum_supply", "V", 0.0, 1e3, "bus voltage below which the supply is too low"),),
         (capabilities.SUPPLY_VOLTAGE,)),
     Monitor("command", "the command is beyond command.limit"),
 )
@@ -74,7 +70,8 @@ def possible(actuator: Actuator) -> tuple[Monitor, ...]:
 def parameters(actuator: Actuator) -> tuple[Variable, ...]:
     """Return the parameters of an actuator's monitors."""
     response = () if capabilities.CASCADE in actuator.provides else (_RESPONSE,)
-    return (_PERSISTENCE, *response, *(v for monitor in possible(actuator) for v in monitor.parameters))
+    return in_group("monitor", _PERSISTENCE, *response,
+                    *(v for monitor in possible(actuator) for v in monitor.parameters))
 
 
 class Watched(NamedTuple):

@@ -107,8 +107,8 @@ def test_order_does_not_matter() -> None:
 
 
 @pytest.mark.parametrize(("name", "said"), [
-    ("nonlinear+heet", "did you mean 'heat'"), ("nonlinear+heat+heat", "given twice"),
-    ("elastc", "did you mean 'elastic'"),
+    ("nonlinear+heet", "did you mean heat"), ("nonlinear+heat+heat", "given twice"),
+    ("elastc", "did you mean elastic"),
     ("nonlinear+stribeck+lugre", "lugre"), ("nonlinear+lugre+efficiency", "efficiency"),
     ("linear+stribeck", "stribeck needs Coulomb friction at the motor; linear has none, nonlinear, "),
     ("elastic+lugre", "lugre"),

@@ -33,7 +33,7 @@ def largest_error(case: Case, tick: float) -> float:
     there_are = get(MODEL).inputs
     table = np.empty((len(inputs["time"]), len(there_are)))
     for v, column in zip(there_are, table.T, strict=True):
-        column[:] = inputs.get(v.name, values[v.key] if v.key else v.start)
+        column[:] = inputs.get(v.name, v.initial(values))
     response = respond(values, table, case.step, model=MODEL)
     reference = simulator(MODEL)(values, inputs)
     return degrees(float(np.max(np.abs(response["fin_angle"] - reference["fin_angle"]))))

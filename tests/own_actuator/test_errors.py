@@ -21,8 +21,8 @@ _SPRING = "- p.spring.stiffness * x.fin_angle"
 
 
 @pytest.mark.parametrize(("change", "place", "says"), [
-    ((_SPRING, "- p.spring.stifness * x.fin_angle"), _SPRING, "no stifness, did you mean 'stiffness'?"),
-    ((_SPRING, "- p.spring.stiffness * x.fin_angel"), _SPRING, "no fin_angel, did you mean 'fin_angle'?"),
+    ((_SPRING, "- p.spring.stifness * x.fin_angle"), _SPRING, "no stifness; did you mean stiffness?"),
+    ((_SPRING, "- p.spring.stiffness * x.fin_angel"), _SPRING, "no fin_angel; did you mean fin_angle?"),
     (('"fin_rate": x.fin_rate,\n', "\n"), "def output_values", "output_values() gives no fin_rate"),
     (('"motor_current": x.current', '"motor_curent": x.current'), "def output_values", "gives no motor_current"),
     (("    clipped = ops", "    if demand > 0.0: pass\n    clipped = ops"), "    clipped = ops",
@@ -107,5 +107,5 @@ def installed(tmp_path: Path) -> Iterator[Path]:
 def test_an_installed_package_gives_an_actuator(installed: Path) -> None:
     assert get("direct").title == get(str(FILE)).title
     assert load_parameters(model="direct+faults").values["spring.stiffness"] == 20.0
-    with pytest.raises(EmcasError, match="there is no actuator 'dirct', did you mean 'direct'"):
+    with pytest.raises(EmcasError, match="there is no actuator 'dirct'; did you mean direct"):
         get("dirct")

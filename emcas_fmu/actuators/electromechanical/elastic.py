@@ -19,7 +19,7 @@ from ...steppers import elastic as elastic_stepper
 from ...steppers import rigid
 from ...steppers.elastic import Pair
 from ...steppers.rigid import Plant
-from ...variables import Variable, parameter
+from ...variables import in_group, parameter
 from .. import capabilities, fin_port
 from ..declaration import Acting, Asked, State, Values
 from . import interface, nonlinear
@@ -33,22 +33,23 @@ DESCRIPTIONS = {
 }
 
 
-def _line(name: str, unit: str, minimum: float, maximum: float, description: str) -> Variable:
-    return parameter(f"drive_line.{name}", unit, minimum, maximum, description)
-
-
-AXIAL = (
-    _line("axial_compliance", "m/N", 0.0, 1e-3, "compliance of screw, nut and thrust bearing in tension (0: rigid)"),
-    _line("axial_damping", "N.s/m", 0.0, 1e7, "structural damping of screw, nut and thrust bearing"),
+AXIAL = in_group(
+    "drive_line",
+    parameter("axial_compliance", "m/N", 0.0, 1e-3, "compliance of screw, nut and thrust bearing in tension (0: "
+              "rigid)"),
+    parameter("axial_damping", "N.s/m", 0.0, 1e7, "structural damping of screw, nut and thrust bearing"),
 )
-TORSIONAL = (
-    _line("torsional_compliance", "rad/(N.m)", 0.0, 1e3, "compliance of motor shaft and screw in torsion (0: rigid)"),
-    _line("torsional_damping", "N.m.s/rad", 0.0, 10.0, "structural damping of motor shaft and screw in torsion"),
+TORSIONAL = in_group(
+    "drive_line",
+    parameter("torsional_compliance", "rad/(N.m)", 0.0, 1e3, "compliance of motor shaft and screw in torsion (0: "
+              "rigid)"),
+    parameter("torsional_damping", "N.m.s/rad", 0.0, 10.0, "structural damping of motor shaft and screw in torsion"),
 )
-GAP = (
-    _line("backlash", "m", 0.0, 0.01, "whole gap between nut and fork along the screw (0: preloaded, no contact)"),
-    _line("contact_stiffness", "N/m", 1e4, 1e10, "stiffness of the flanks of nut and fork"),
-    _line("contact_damping", "N.s/m", 0.0, 1e7, "damping of the flanks of nut and fork"),
+GAP = in_group(
+    "drive_line",
+    parameter("backlash", "m", 0.0, 0.01, "whole gap between nut and fork along the screw (0: preloaded, no contact)"),
+    parameter("contact_stiffness", "N/m", 1e4, 1e10, "stiffness of the flanks of nut and fork"),
+    parameter("contact_damping", "N.s/m", 0.0, 1e7, "damping of the flanks of nut and fork"),
 )
 
 

@@ -17,7 +17,7 @@ from ...ops.base import Ops
 from ...physics.structure import Structure
 from .. import capabilities
 from . import elastic, interface
-from .rewired import rewired
+from .interface import with_parameters
 
 _RIGID = {f"drive_line.{name}": 0.0 for name in (
     "axial_compliance", "axial_damping", "torsional_compliance", "torsional_damping")}
@@ -44,10 +44,10 @@ ACTUATOR = replace(
     parameters=interface.PARAMETERS + elastic.GAP,
     provides=elastic.ACTUATOR.provides - {capabilities.SCREW_LOAD},
     structure=Structure(constant_ratio=True, drive_line=True),
-    initial=rewired(elastic.initial, _habibi),
-    sample=rewired(elastic.sample, _habibi),
-    derivatives=rewired(elastic.derivatives, _habibi),
-    step=rewired(elastic.step, _habibi),
-    output_values=rewired(elastic.output_values, _habibi),
+    initial=with_parameters(elastic.initial, _habibi),
+    sample=with_parameters(elastic.sample, _habibi),
+    derivatives=with_parameters(elastic.derivatives, _habibi),
+    step=with_parameters(elastic.step, _habibi),
+    output_values=with_parameters(elastic.output_values, _habibi),
     modules=(sys.modules[__name__], *elastic.ACTUATOR.modules),
 )

@@ -1,7 +1,9 @@
-"""Variables, states and rules that the electromechanical actuators share."""
+"""Variables, states and rules that the electromechanical actuators share, and how one is made from another."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import wraps
 from math import degrees, radians
 from typing import Any
 
@@ -180,3 +182,14 @@ ENCODER_RULE = Rule(_multiplier, "encoder.multiplier = %.6g must be 1, 2 or 4")
 INERTIA_RULE = Rule(_inertia, "inertia.motor + inertia.screw + inertia.fin + inertia.shaft + inertia.fork = %.6g kg.m2 "
                               "must be above 0")
 RULES = (LEVER_RULE, *FRICTION_RULES, ENCODER_RULE, INERTIA_RULE)
+
+# -- one actuator from another -----------------------------------------------------
+
+
+def with_parameters(equation: Callable[..., Any], change: Callable[[Ops, Any], Any]) -> Callable[..., Any]:
+    """Return an actuator's equation with the parameters that `change` makes of those it is given."""
+    @wraps(equation)
+    def changed(ops: Ops, p: Any, *arguments: Value) -> Any:
+        return equation(ops, change(ops, p), *arguments)
+
+    return changed

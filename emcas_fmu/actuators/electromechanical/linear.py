@@ -19,7 +19,7 @@ from ...variables import without
 from .. import capabilities
 from ..declaration import Acting, Values
 from . import interface, nonlinear
-from .rewired import rewired
+from .interface import with_parameters
 
 _CONSTANTS = {
     "friction.coulomb.positive": (0.0,) * 7, "friction.coulomb.negative": (0.0,) * 7, "friction.fin_coulomb": 0.0,
@@ -59,10 +59,10 @@ ACTUATOR = replace(
                         capabilities.SCREW_DRIVE, capabilities.POSITION_LOOP, capabilities.CASCADE,
                         capabilities.SUPPLY_VOLTAGE}),
     structure=Structure(constant_ratio=True),
-    initial=rewired(nonlinear.initial, _linear),
+    initial=with_parameters(nonlinear.initial, _linear),
     equation_parameters=_linear,
-    sample=rewired(nonlinear.sample, _linear),
-    derivatives=rewired(nonlinear.derivatives, _linear),
+    sample=with_parameters(nonlinear.sample, _linear),
+    derivatives=with_parameters(nonlinear.derivatives, _linear),
     step=step,
     output_values=output_values,
     reference=None,

@@ -19,7 +19,7 @@ from .. import capabilities, fin_port
 from ..declaration import Supply
 from . import elastic, interface
 from .habibi import at_motor
-from .rewired import rewired
+from .interface import with_parameters
 
 # rad/(N.m). Under an ideal current loop a rigid shaft has no step of its own: it gives by 6e-6 deg at the fin
 # under the motor's full torque.
@@ -47,11 +47,11 @@ ACTUATOR = replace(
         capabilities.SCREW_LOAD, capabilities.BACKLASH, capabilities.CURRENT_LOOP, capabilities.VOLTAGE_LIMIT},
     descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; limits nothing here"},
     structure=Structure(constant_ratio=True, current="ideal", drive_line=True),
-    initial=rewired(elastic.initial, _ozkan),
-    sample=rewired(elastic.sample, _ozkan),
-    derivatives=rewired(elastic.derivatives, _gapless),
-    step=rewired(elastic.yielding, _ozkan),
-    output_values=rewired(elastic.output_values, _ozkan),
+    initial=with_parameters(elastic.initial, _ozkan),
+    sample=with_parameters(elastic.sample, _ozkan),
+    derivatives=with_parameters(elastic.derivatives, _gapless),
+    step=with_parameters(elastic.yielding, _ozkan),
+    output_values=with_parameters(elastic.output_values, _ozkan),
     longest_tick=fin_port.max_tick,
     tick_remedy="raise solver.max_tick",
     modules=(sys.modules[__name__], *elastic.ACTUATOR.modules),

@@ -23,7 +23,7 @@ from ...variables import parameter, without
 from .. import capabilities, fin_port
 from ..declaration import Acting, Values
 from . import interface, nonlinear
-from .rewired import rewired
+from .interface import with_parameters
 
 PARAMETERS = (
     *without(interface.PARAMETERS, "drive.kp", "drive.ki", "drive.current_", "compensation."),
@@ -69,7 +69,7 @@ ACTUATOR = replace(
     parameters=PARAMETERS,
     provides=nonlinear.ACTUATOR.provides - {capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT},
     structure=Structure(constant_ratio=True, current="pwm", torsion_bar=True),
-    sample=rewired(nonlinear.sample, _uncompensated),
+    sample=with_parameters(nonlinear.sample, _uncompensated),
     derivatives=derivatives,
     step=step,
     output_values=output_values,

@@ -71,7 +71,7 @@ def excitation(experiment: Experiment, values: Mapping[str, Any], numbers: Mappi
     spring = 0.0
     for profile in experiment.profiles:
         v = inputs[profile.variable]
-        number = _finder(numbers, profile.prefix, float(values[v.key] if v.key else v.start or 0.0))
+        number = _finder(numbers, profile.prefix, float(v.initial(values)))
         if profile.kind == "spring":
             columns[v.name], spring = number("offset"), number("stiffness")
         else:
