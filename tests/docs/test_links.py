@@ -1,4 +1,4 @@
-"""Relative links of the documents lead somewhere, to the heading they name, and the index has every page."""
+"""Relative links and paths in the documents lead somewhere, to the heading they name; the index has every page."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ DOCUMENTS = sorted((*ROOT.glob("*.md"), *DOCS.rglob("*.md"), *(ROOT / "examples"
                     *(ROOT / "models").rglob("*.md")))
 _CODE = re.compile(r"```.*?```|`[^`\n]*`", re.DOTALL)
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
+_PATH = re.compile(r"`([\w./]+(?:\.(?:py|h|c|toml|svg|md)|/))`")
 _HEADING = re.compile(r"^#+ +(.*)$", re.MULTILINE)
 
 
@@ -54,3 +55,28 @@ def test_the_index_has_every_page() -> None:
     named = {(DOCS / target.partition("#")[0]).resolve() for target in links(index.read_text(encoding="utf-8"))}
     assert {path for path in DOCS.rglob("*.md") if path != index} <= named
     assert set((ROOT / "examples").rglob("README.md")) <= named
+
+
+def missing(text: str) -> list[str]:
+    """Return the paths in code that are neither in the repository, nor in the package, nor a name in it."""
+    package = ROOT / "emcas_fmu"
+    return [path for path in _PATH.findall(text) if "NAME" not in path
+            and not any((folder / path).exists() for folder in (ROOT, package)) and not any(package.rglob(path))]
+
+
+@pytest.mark.parametrize("page", [ROOT / "CONTRIBUTING.md", DOCS / "develop" / "architecture.md"],
+                         ids=lambda path: path.name)
+def test_every_path_of_the_package_is_there(page: Path) -> None:
+    assert missing(page.read_text(encoding="utf-8")) == []
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_path_from_the_root_is_there(document: Path) -> None:
+    # Others are a user's, or in an FMU.
+    paths = missing(document.read_text(encoding="utf-8"))
+    assert [path for path in paths if path.startswith(("emcas_fmu/", "tests/", "docs/", "examples/"))] == []
+
+
+def test_a_missing_path_is_seen() -> None:
+    assert missing("`runtime/core.py` `core.h` `bench/` `bench/none.py` `none.h` `nowhere/`") == [
+        "bench/none.py", "none.h", "nowhere/"]
