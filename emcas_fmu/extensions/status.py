@@ -1,4 +1,4 @@
-"""The output `status`, one for every option that has something to say about it: the later overrides the earlier."""
+"""The output `status`: every extension that has something to say about it gives the same one, the later overriding."""
 
 from __future__ import annotations
 
