@@ -15,13 +15,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from . import schema
 from .actuators import EXTENSIONS, NAMES, NONLINEAR, default_files, full_name, get, get_extension
 from .actuators.declaration import Actuator
 from .errors import EmcasError, hint
 from .files import models_directory
 from .ops.floats import FLOATS
 from .rules import check_ranges, check_rules
-from .toml import tomllib
 from .units import describe, quantity
 from .variables import Variable
 
@@ -37,8 +37,8 @@ _APART = 1.2
 class ParameterError(EmcasError, ValueError):
     """Parameters that cannot be used; `problems` has one message each, naming file, key, value and remedy."""
 
-    def __init__(self, problems: Iterable[str]) -> None:
-        self.problems = tuple(problems)
+    def __init__(self, problems: str | Iterable[str]) -> None:
+        self.problems = (problems,) if isinstance(problems, str) else tuple(problems)
         super().__init__("\n".join(self.problems))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -199,16 +199,8 @@ def are_defaults(parameters: ParameterSet) -> bool:
 
 
 def _document(path: Path) -> dict[str, Any]:
-    try:
-        # Floats stay text: they are converted to the table's unit in decimal arithmetic.
-        document: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8-sig"), parse_float=str)
-    except OSError as error:
-        raise ParameterError([f"{path}: cannot be read: {error.strerror or error}"]) from error
-    except UnicodeDecodeError as error:
-        raise ParameterError([f"{path}: is not a text file in UTF-8: {error}"]) from error
-    except (ValueError, RecursionError) as error:
-        raise ParameterError([f"{path}: is not valid TOML: {error}"]) from error
-    return document
+    # Numbers stay text: they are converted to the table's unit in decimal arithmetic.
+    return schema.document(path, ParameterError, str)[1]
 
 
 def _overridden(base: ParameterSet, document: Mapping[str, Any], label: str, file: str) -> ParameterSet:

@@ -164,13 +164,17 @@ Quantity = Annotated[Any, PlainValidator(lambda written, info: info.context.numb
 """A field in the unit of the `In` that is the context; its limits are not looked at."""
 
 
-def document(path: Path, error: type[EmcasError]) -> tuple[str, dict[str, Any]]:
-    """Text and contents of a TOML file. Raises `error`."""
+def document(path: Path, error: type[EmcasError], number: Callable[[str], Any] = float) -> tuple[str, dict[str, Any]]:
+    """Return text and contents of a TOML file; `number` makes what a decimal number becomes. Raises `error`."""
     try:
         text = path.read_text(encoding="utf-8-sig")
-        return text, tomllib.loads(text)
-    except (OSError, ValueError, RecursionError) as problem:
-        raise error(f"{path}: cannot be read: {problem}") from problem
+        return text, tomllib.loads(text, parse_float=number)
+    except OSError as problem:
+        raise error(f"{path}: cannot be read: {problem.strerror or problem}") from problem
+    except UnicodeDecodeError as problem:
+        raise error(f"{path}: is not a text file in UTF-8: {problem}") from problem
+    except (ValueError, RecursionError) as problem:
+        raise error(f"{path}: is not valid TOML: {problem}") from problem
 
 
 def read(model: type[M], written: Mapping[str, Any], path: Path, error: type[EmcasError], context: Any = None) -> M:

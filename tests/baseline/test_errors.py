@@ -30,7 +30,7 @@ from .conftest import emcas
     ('"motor.resistance" =', '"motor.resistence" =', "did you mean motor.resistance?"),
     ('duration = "0.3 s"', 'duration = "0.3 s"\nstart = { "friction.temperature" = "-500 degC" }',
      "case.only.start.friction.temperature = -500 degC: must be within -100 .. 200 degC"),
-    ("[recorded]", "[recorded", "cannot be read: Expected"),
+    ("[recorded]", "[recorded", "is not valid TOML: Expected"),
     ("[recorded]", "[remembered]", "unknown key 'remembered'"),
 ])
 def test_a_damaged_file(short: Path, old: str, new: str, said: str) -> None:

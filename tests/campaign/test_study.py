@@ -155,7 +155,7 @@ duration = "0.2 s"
     ("[campaign]", "[base]\nparameters = \"none.toml\"\n[campaign]", "none.toml: cannot be read"),
     ("[campaign]", "[base]\nfmu = \"none.fmu\"\n[campaign]", "none.fmu: there is no such file"),
     ("[campaign]", "[campaing]\n[campaign]", "did you mean campaign"),
-    ("[campaign]", "[campaign", "cannot be read"),
+    ("[campaign]", "[campaign", "is not valid TOML"),
 ])
 def test_refusals_name_the_entry(write: Write, before: str, after: str, said: str) -> None:
     assert before in SMALL
