@@ -28,7 +28,7 @@ def kernel_header(several: bool = False, model: str = NONLINEAR) -> str:
     """kernel.h: the equations."""
     return (_NOTE.format("The actuator's equations as straight-line code")
             + f"#ifndef EMCAS_KERNEL_H\n#define EMCAS_KERNEL_H\n\n#include <math.h>\n\n{_NO_CONTRACTION}\n"
-            f"{codegen.c_kernel(several, model)}\n#endif\n")
+            f"{c_source(codegen.traced(several, model), 'kernel')}\n#endif\n")
 
 
 def enumerator(name: str) -> str:
