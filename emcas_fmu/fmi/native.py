@@ -14,6 +14,7 @@ from pythonfmu import Fmi2Slave
 from .. import rules
 from ..compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform
 from ..errors import BuildError
+from ..runtime import codegen
 from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, written
 from .interface import FmuInterface
 
@@ -82,8 +83,8 @@ def _sizes(unit: FmuInterface) -> str:
     if unit.fins == 1:
         return _enum(numbers)
     numbers |= {f"UNIT_{enumerator(v.name)}": at[v.name] for v in unit.variables if "fin[" not in v.name}
-    if supply := unit.actuator.supply:
-        numbers["OUTPUT_SUPPLY_POWER"] = [v.name for v in unit.actuator.outputs].index(supply.power.name)
+    if (power := codegen.power_place(unit.actuator)) is not None:
+        numbers["OUTPUT_SUPPLY_POWER"] = power
     rows = ",\n".join(f"    {{{', '.join(map(str, row))}}}" for row in unit.places)
     return (f"{_enum(numbers)}\n/* Where each fin's inputs are, in the order of model.h. */\n"
             f"static const unsigned char PLACE[FINS][{len(unit.actuator.inputs)}] = {{\n{rows}\n}};\n")

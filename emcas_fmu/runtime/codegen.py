@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any
 
@@ -17,8 +16,8 @@ from ..trace.python_source import python_source
 from ..trace.tracer import Tracer
 from ..trace.usage import dependencies
 from . import schedule
-from .core import Core
-from .multi_fin import Mix, MultiFin, mixes
+from .core import MOTION, Core, Inputs, inputs_of
+from .multi_fin import MultiFin
 
 Make = Callable[[Mapping[str, Any]], tuple[Callable[..., tuple[Any, ...]], ...]]
 Traced = tuple[str, tuple[str, ...], Callable[..., tuple[Value, ...]]]
@@ -113,45 +112,28 @@ def core(values: Mapping[str, Any], model: str = NONLINEAR) -> Core:
 
 
 def multi_fin(sets: Sequence[Mapping[str, Any]], resistance: float, interval: float, model: str = NONLINEAR
-         ) -> tuple[MultiFin, list[Mix]]:
-    """Return the cores of several fins with these parameters on one bus, in Python, and their mixing of commands.
+              ) -> MultiFin:
+    """Return the cores of several fins with these parameters on one bus, in Python.
 
     The source's `resistance` is in Ohm, the `interval` of the bus in s.
     """
     actuator, bound = get(model), [make(True, model)(values) for values in sets]
-    power = None if actuator.supply is None else actuator.outputs.index(actuator.supply.power)
-    return MultiFin(bound, resistance, interval, power, sizes(actuator)), mixes(bound)
+    return MultiFin(bound, resistance, interval, power_place(actuator), sizes(actuator))
+
+
+def core_inputs(core: Any, row: Sequence[Any], model: str = NONLINEAR) -> Inputs:
+    """Return the inputs of a core, in Python or compiled, from a row of its actuator's inputs."""
+    return inputs_of(row, core.forces(*row[MOTION]), get(model).supply is not None)
+
+
+def power_place(actuator: Actuator) -> int | None:
+    """Return the place of the supply's power among the outputs; None of an actuator without a supply."""
+    return None if actuator.supply is None else [v.name for v in actuator.outputs].index(actuator.supply.power.name)
 
 
 def sizes(actuator: Actuator) -> tuple[int, int, int]:
     """Return the numbers of states, of controller states and of further inputs that act on the plant."""
     return len(actuator.states), len(actuator.controller_states), len(actuator.acting_inputs)
-
-
-@dataclass(frozen=True)
-class Places:
-    """Where a core's inputs stand in a row of an actuator's."""
-
-    motion: slice
-    direct: tuple[int, ...]
-    supply: int | None
-    further: tuple[int, ...]
-
-    def arrange(self, row: Sequence[Any], forces: Callable[..., tuple[float, float]]) -> tuple[Any, ...]:
-        """Return a core's inputs from a row of the interface's; `forces` are the core's."""
-        supply = 0.0 if self.supply is None else row[self.supply]
-        return (*(row[i] for i in self.direct), *forces(*row[self.motion]), supply, *(row[i] for i in self.further))
-
-
-@cache
-def places(model: str = NONLINEAR) -> Places:
-    """Return where a core's inputs stand in a row of the inputs of an actuator."""
-    actuator = get(model)
-    index = {v.name: i for i, v in enumerate(actuator.inputs)}
-    return Places(slice(index["acceleration.x"], index["attitude.pitch"] + 1),
-                  (index["fin_command"], index["aero_torque"]),
-                  index[actuator.supply.input.name] if actuator.supply else None,
-                  tuple(index[name] for name in ("enable", *(v.name for v in actuator.further_inputs))))
 
 
 @cache

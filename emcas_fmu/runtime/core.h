@@ -19,20 +19,15 @@ typedef struct {
     double x[CORE_PLANT];
 } core_plant;
 
-/* Command, loads (with a mean over a tick), what acts through limits, and the actuator's further inputs. */
+/* Command, loads (with a mean over a tick), what acts through limits, and the actuator's further inputs: arrays of
+ * these have one more, unused, since there may be none. */
 typedef struct {
-    double command, aero_torque, f_x, f_z, supply, enable;
-#if CORE_FURTHER > 0
-    double further[CORE_FURTHER];
-#endif
+    double command, aero_torque, f_x, f_z, supply, enable, further[CORE_FURTHER + 1];
 } core_inputs;
 
 /* How the inputs change from those at `begin` [s]; enable and other Booleans do not. */
 typedef struct {
-    double begin, command, aero_torque, f_x, f_z, supply;
-#if CORE_ACTING > 0
-    double further[CORE_ACTING];
-#endif
+    double begin, command, aero_torque, f_x, f_z, supply, further[CORE_ACTING + 1];
 } core_ramp;
 
 /* A tick in which a communication point fell: where in it the plant stands, how far it is
@@ -103,9 +98,7 @@ static inline core_inputs core_inputs_of(double command, const double *in, const
 #if MODEL_SUPPLY >= 0
     inputs.supply = in[MODEL_SUPPLY];
 #endif
-#if CORE_FURTHER > 0
-    memcpy(inputs.further, in + MODEL_INPUTS - CORE_FURTHER, sizeof inputs.further);
-#endif
+    memcpy(inputs.further, in + MODEL_INPUTS - CORE_FURTHER, CORE_FURTHER * sizeof *in);
     return inputs;
 }
 
@@ -128,9 +121,7 @@ static inline core_inputs core_at(const core_inputs *in, const core_ramp *ramp, 
     then.f_x += ramp->f_x * t;
     then.f_z += ramp->f_z * t;
     then.supply += ramp->supply * t;
-#if CORE_ACTING > 0
-    for (size_t i = 0; i < CORE_ACTING; ++i) then.further[i] += ramp->further[i] * t;
-#endif
+    for (int i = 0; i < CORE_ACTING; ++i) then.further[i] += ramp->further[i] * t;
     return then;
 }
 
@@ -189,9 +180,7 @@ static inline core_inputs core_mean(const core_part *part)
 static inline bool core_switched(const core_inputs *a, const core_inputs *b)
 {
     bool differ = a->supply != b->supply || a->enable != b->enable;
-#if CORE_ACTING > 0
-    for (size_t i = 0; i < CORE_ACTING; ++i) differ |= a->further[i] != b->further[i];
-#endif
+    for (int i = 0; i < CORE_ACTING; ++i) differ |= a->further[i] != b->further[i];
     return differ;
 }
 
@@ -219,11 +208,19 @@ static inline void core_sample(const double *p, const double *c, core_state *s, 
     memcpy(s->sampled, out + 1, sizeof s->sampled);
 }
 
-/* Up to `until` [s] in the tick that begins at `begun` [s]. A whole one leaves no part behind. */
-static inline bool core_tick(const double *p, const double *c, core_state *s, const core_schedule *plan,
-                             size_t line, const core_inputs *in, const core_ramp *ramp, double begun, double until,
-                             bool whole)
+/* When the tick that `s` stands at begins [s]. */
+static inline double core_begun(const core_state *s, const core_schedule *plan)
 {
+    const double within = s->position < (int32_t)plan->before ? s->position * plan->h_before
+                                                              : plan->arrival + (s->position - plan->before) * plan->h_after;
+    return (double)s->period * plan->period + within;
+}
+
+/* Up to `until` [s] in a tick. A whole one leaves no part behind. */
+static inline bool core_tick(const double *p, const double *c, core_state *s, const core_schedule *plan,
+                             size_t line, const core_inputs *in, const core_ramp *ramp, double until, bool whole)
+{
+    const double begun = ramp ? core_begun(s, plan) : 0.0;
     core_inputs acting = *in;
     if (ramp) acting = core_at(in, ramp, begun + 0.5 * (s->partial ? until + s->part.covered : until));
     if (s->position == 0 && !s->partial) {
@@ -272,23 +269,15 @@ static inline core_result core_run(const double *p, const double *c, core_state 
     core_state s;
     memcpy(&s, state, offsetof(core_state, line) + line * sizeof *s.line);
     while (s.period < period || s.position < position) {
-        const bool early = s.position < (int32_t)plan.before;
-        const double h = early ? plan.h_before : plan.h_after;
-        const double begun = ramp ? (double)s.period * plan.period
-            + (early ? s.position * h : plan.arrival + (s.position - plan.before) * h) : 0.0;
-        if (!core_tick(p, c, &s, &plan, line, in, ramp, begun, h, true)) return CORE_TOO_MANY_EVENTS;
+        const double h = s.position < (int32_t)plan.before ? plan.h_before : plan.h_after;
+        if (!core_tick(p, c, &s, &plan, line, in, ramp, h, true)) return CORE_TOO_MANY_EVENTS;
         if (++s.position == ticks) {
             s.position = 0;
             ++s.period;
         }
     }
     s.tentative = s.plant;
-    if (rest > 0.0) {
-        const bool early = s.position < (int32_t)plan.before;
-        const double begun = (double)s.period * plan.period
-            + (early ? s.position * plan.h_before : plan.arrival + (s.position - plan.before) * plan.h_after);
-        if (!core_tick(p, c, &s, &plan, line, in, ramp, begun, rest, false)) return CORE_TOO_MANY_EVENTS;
-    }
+    if (rest > 0.0 && !core_tick(p, c, &s, &plan, line, in, ramp, rest, false)) return CORE_TOO_MANY_EVENTS;
     const core_inputs final = core_at(in, ramp, end);
     double outputs[MODEL_OUTPUTS];
     core_outputs(p, c, &s, line, &final, outputs);

@@ -5,10 +5,10 @@ multi_fin.h is the same in C, function by function, and says how the bus is step
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-from .core import MOST_TICKS, Core, Functions, Inputs
+from .core import MOST_TICKS, Core, Functions, Inputs, inputs_of
 
 _CORE = 7  # of the functions, what a core takes; then mixing, then what the bus needs
 _SUPPLY = 4  # of a core's inputs
@@ -55,6 +55,17 @@ class MultiFin:
         self._sag, self._instant, states = state
         for core, one in zip(self.cores, states, strict=True):
             core.state = one
+
+    def forces(self, *motion: float) -> list[tuple[float, float]]:
+        """Return the specific force in each fin's frame from acceleration (x, y, z), roll and pitch."""
+        return [core.forces(*motion) for core in self.cores]
+
+    def acting(self, rows: Sequence[Sequence[Any]], forces: Sequence[tuple[float, float]], mixing: Sequence[float]
+               ) -> tuple[Inputs, ...]:
+        """Return each fin's inputs from those of its actuator, the specific forces, and roll, pitch and yaw command."""
+        inputs = [inputs_of(row, force, self._power is not None) for row, force in zip(rows, forces, strict=True)]
+        return tuple((*f[_CORE](command, *mixing), *rest)
+                     for f, (command, *rest) in zip(self._functions, inputs, strict=True))
 
     def outputs(self, inputs: Sequence[Inputs]) -> tuple[Any, ...]:
         """Return the outputs of the bus, then of the fins in the interface's order."""
@@ -126,10 +137,3 @@ class MultiFin:
         fins = tuple(x for outputs in each for x in outputs)
         return fins if self._power is None else (*self._bus(source, each), *fins)
 
-
-Mix = Callable[..., tuple[float]]
-
-
-def mixes(functions: Sequence[Functions]) -> list[Mix]:
-    """Return each fin's mixing of commands."""
-    return [f[_CORE] for f in functions]

@@ -186,9 +186,7 @@ static core_result ramped_step(instance *m, double begin, double end)
                                 .f_x = (force[fin][0] - m->fin[fin].force[0]) / size,
                                 .f_z = (force[fin][1] - m->fin[fin].force[1]) / size,
                                 .supply = rates.supply};
-#if CORE_ACTING > 0
         memcpy(ramp[fin].further, rates.further, sizeof ramp[fin].further);
-#endif
     }
     const core_result result = unit_run(m, end, in, ramp);
     if (result == CORE_DONE) {

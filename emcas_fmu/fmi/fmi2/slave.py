@@ -25,7 +25,7 @@ from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
 from ...rules import check_ranges, check_rules
-from ...runtime.core import Core, Functions
+from ...runtime.core import Core, Functions, inputs_of
 
 
 class Table(NamedTuple):
@@ -58,9 +58,8 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     make_checks: ClassVar[Callable[[Mapping[str, Any]], tuple[Callable[[float], tuple[Any, ...]], ...]]]
     rules: ClassVar[tuple[tuple[str, bool], ...]]  # message of each check, whether it is scanned
     table: ClassVar[Table]
-    # Of each fin, value references of command, moment, supply (None without one), enable and further inputs.
-    places: ClassVar[tuple[tuple[Any, ...], ...]]
     sizes: ClassVar[tuple[int, ...]]  # of a core
+    power: ClassVar[int | None]  # place of the supply's power among a fin's outputs, None without a supply
     # Derived from the table once per class.
     _kinds: ClassVar[dict[str, frozenset[int]]]
     _inputs: ClassVar[range]
@@ -69,6 +68,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     _index: ClassVar[dict[str, int]]
     _motion_slice: ClassVar[slice]  # acceleration, roll and pitch stand together
     _output_slice: ClassVar[slice]
+    _unknown_force: ClassVar[Any] = (nan, nan)
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -101,7 +101,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._held: tuple[Any, ...] | None = None  # the core's inputs, until a variable is set
         self._ready = False  # nothing stands against a step
         self._slack = 0.0
-        self._force = (0.0, 0.0)
+        self._force: Any = None  # specific force of this motion
 
     # -- FMI life cycle --------------------------------------------------------
 
@@ -197,20 +197,13 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         bad = [f"{self.table.rows[i][0]} = {self._values[i]!r}" for i in self._inputs if not isfinite(self._values[i])]
         raise _RefusedError(f"input at {current_time!r} s is not finite: {', '.join(bad)}")
 
-    @staticmethod
-    def _finite(inputs: tuple[Any, ...]) -> bool:
-        return isfinite(sum(inputs))
-
     def _core_inputs(self, core: Core) -> tuple[Any, ...]:
-        values = self._values
-        motion = values[self._motion_slice]
+        motion = self._values[self._motion_slice]
         if motion != self._motion:
             # Not finite: let the caller's check find it, trigonometry would raise.
-            self._force = core.forces(*motion) if isfinite(sum(motion)) else (nan, nan)
+            self._force = core.forces(*motion) if isfinite(sum(motion)) else self._unknown_force
             self._motion = motion
-        command, aero_torque, supply, *rest = self.places[0]
-        return (values[command], values[aero_torque], *self._force, 0.0 if supply is None else values[supply],
-                *map(values.__getitem__, rest))
+        return self._acting(core)
 
     def _bind(self) -> Core:
         """Let the core follow the parameters; before the first step it starts anew."""
@@ -218,7 +211,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         if self._core is None or self._now == 0.0:
             self._core = self._made(values)
         else:
-            self._rebind(self._core, values)
+            self._core.bind(self._functions(values))
         self._bound = tuple(values.values())
         # A clock that began late counts in coarser units than the core's slack.
         self._slack = self._core.slack + 1e-15 * abs(self._start)
@@ -229,11 +222,18 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     # What several fins do otherwise.
 
-    def _made(self, values: Mapping[str, Any]) -> Core:
-        return Core(type(self).make(values), *self.sizes)
+    def _functions(self, values: Mapping[str, Any]) -> Any:
+        return type(self).make(values)
 
-    def _rebind(self, core: Core, values: Mapping[str, Any]) -> None:
-        core.bind(type(self).make(values))
+    def _made(self, values: Mapping[str, Any]) -> Any:
+        return Core(self._functions(values), *self.sizes)
+
+    def _acting(self, core: Any) -> tuple[Any, ...]:
+        return inputs_of(self._values[:self._outputs.start], self._force, self.power is not None)
+
+    @staticmethod
+    def _finite(inputs: tuple[Any, ...]) -> bool:
+        return isfinite(sum(inputs))
 
     def _inconsistencies(self, values: Mapping[str, Any]) -> list[str]:
         return self._broken_rules(values)

@@ -33,10 +33,8 @@ static const char *unsound_core(const core_state *core, const core_schedule *pla
                                   &part->aero_torque, &part->f_x, &part->f_z, &part->origin, &part->covered};
         for (size_t i = 0; i < sizeof inputs / sizeof *inputs; ++i)
             if (!core_finite(*inputs[i])) return "part of a tick";
-#if CORE_FURTHER > 0
-        for (size_t i = 0; i < CORE_FURTHER; ++i)
+        for (int i = 0; i < CORE_FURTHER; ++i)
             if (!core_finite(part->first.further[i])) return "part of a tick";
-#endif
         const double h = core->position < (int32_t)plan->before ? plan->h_before : plan->h_after;
         if (part->origin < 0.0 || part->covered < part->origin || part->covered > h) return "part of a tick";
     }
