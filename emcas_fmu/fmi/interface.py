@@ -137,11 +137,6 @@ class FmuInterface:
                      for fin in range(self.fins))
 
     @property
-    def first_output(self) -> int:
-        """Value reference of the first fin's first output; those of all fins follow one on the other."""
-        return len(self.variables) - len(self.parameters) - self.fins * len(self.actuator.outputs)
-
-    @property
     def first_parameter(self) -> int:
         """Value reference of the first fin's first parameter; those of all fins follow one on the other."""
         return len(self.variables) - self.fins * len(self.actuator.parameters)

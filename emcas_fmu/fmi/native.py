@@ -14,12 +14,11 @@ from pythonfmu import Fmi2Slave
 from .. import rules
 from ..compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform
 from ..errors import BuildError
-from ..runtime import codegen
 from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, written
-from .interface import FmuInterface
+from .interface import BUS_PARAMETERS, MIXING, FmuInterface
 
 MAIN = "fmi2.c"
-_WRITTEN = (MAIN, "instance.h", "multi_fin.h", "states.h")
+_WRITTEN = (MAIN, "instance.h", "states.h")
 _HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 # fmpy's copy of the standard's header leaves out the prefix that sources linked into one program need.
 _NO_PREFIX = "This definition has been changed to add no prefix.\n*/\n#define fmi2FullName(name) name\n"
@@ -77,21 +76,15 @@ def _sizes(unit: FmuInterface) -> str:
     """Numbers of variables of the whole unit, and where each fin's are."""
     at = unit.reference
     numbers = {"UNIT_INPUTS": len(unit.inputs), "UNIT_OUTPUTS": len(unit.outputs),
-               "UNIT_VARIABLES": len(unit.variables), "FIN_OUTPUT_BEGIN": unit.first_output,
+               "UNIT_VARIABLES": len(unit.variables),
                "FIN_PARAMETER_BEGIN": unit.first_parameter,
-               "MOTION_BEGIN": at["acceleration.x"], "MOTION_END": at["attitude.pitch"] + 1}
-    if unit.fins == 1:
-        return _enum(numbers)
-    numbers |= {f"UNIT_{enumerator(v.name)}": at[v.name] for v in unit.variables if "fin[" not in v.name}
-    if (power := codegen.power_place(unit.actuator)) is not None:
-        numbers["OUTPUT_SUPPLY_POWER"] = power
+               "MOTION_BEGIN": at["acceleration.x"], "MOTION_END": at["attitude.pitch"] + 1,
+               "MIXING_BEGIN": at.get(MIXING[0].name, 0),
+               **{f"UNIT_{enumerator(v.name)}": at[v.name] for v in BUS_PARAMETERS if v.name in at}}
+    enum = ",\n".join(f"    {name} = {number}" for name, number in numbers.items())
     rows = ",\n".join(f"    {{{', '.join(map(str, row))}}}" for row in unit.places)
-    return (f"{_enum(numbers)}\n/* Where each fin's inputs are, in the order of model.h. */\n"
+    return (f"enum {{\n{enum}\n}};\n\n/* Where each fin's inputs are, in the order of model.h. */\n"
             f"static const unsigned char PLACE[FINS][{len(unit.actuator.inputs)}] = {{\n{rows}\n}};\n")
-
-
-def _enum(numbers: Mapping[str, int]) -> str:
-    return "enum {\n" + ",\n".join(f"    {name} = {number}" for name, number in numbers.items()) + "\n};\n"
 
 
 def sources(unit: FmuInterface, starts: Sequence[Any], guid: str) -> dict[str, str]:
@@ -101,10 +94,8 @@ def sources(unit: FmuInterface, starts: Sequence[Any], guid: str) -> dict[str, s
     if _NO_PREFIX not in standard["fmi2Functions.h"]:
         raise BuildError("fmi2Functions.h of this version of fmpy is not as expected: fmpy 0.3.25 to 0.3.32 are known")
     standard["fmi2Functions.h"] = standard["fmi2Functions.h"].replace(_NO_PREFIX, _PREFIX)
-    # multi_fin.h is for several; a single one is built without it.
-    code = {**{name: written(name, "emcas_fmu.fmi.fmi2") for name in _WRITTEN
-               if unit.fins > 1 or name != "multi_fin.h"},
-            **core_sources(unit.fins > 1, unit.kind)}
+    code = {**{name: written(name, "emcas_fmu.fmi.fmi2") for name in _WRITTEN},
+            "multi_fin.h": written("multi_fin.h"), **core_sources(unit.fins > 1, unit.kind)}
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(code.items())).encode()).hexdigest()[:16]
     return {**code, **standard, "interface.h": interface_header(unit, starts, guid, digest)}
 

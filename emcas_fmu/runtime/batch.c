@@ -53,7 +53,7 @@ API void actuator_schedule(const actuator *a, double *out)
 
 API void actuator_forces(const actuator *a, const double *motion, double *out)
 {
-    kernel_forces(a->parameters, a->constants, motion[0], motion[1], motion[2], motion[3], motion[4], out);
+    core_forces(a->parameters, a->constants, motion, out);
 }
 
 static void outputs(const actuator *a, const core_inputs *in, double *out)
@@ -92,7 +92,7 @@ static core_inputs row(actuator *a, const double *in)
         memcpy(a->motion, in + INPUT_ACCELERATION_X, sizeof a->motion);
         actuator_forces(a, a->motion, a->force);
     }
-    return core_inputs_of(in[INPUT_FIN_COMMAND], in, a->force);
+    return core_inputs_of(in, a->force);
 }
 
 /* `count` actuators, each to `end` [s] with its own row of the interface's inputs and outputs.

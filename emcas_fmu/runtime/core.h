@@ -65,6 +65,13 @@ static inline bool core_finite(double x)
     return (bits & UINT64_C(0x7ff0000000000000)) != UINT64_C(0x7ff0000000000000);
 }
 
+static inline bool core_all_finite(const double *x, size_t count)
+{
+    bool finite = true;
+    for (size_t i = 0; i < count; ++i) finite &= core_finite(x[i]);
+    return finite;
+}
+
 static inline core_schedule core_scheduled(const double *p, const double *c)
 {
     double out[8];
@@ -90,11 +97,17 @@ static inline void core_start(const double *p, const double *c, core_state *s)
     for (size_t i = limited + 1; i < CORE_SAMPLED; ++i) s->sampled[i] = out[CORE_PLANT + i - 1];
 }
 
-/* A core's inputs out of an actuator's in the interface's order, but for the command and the forces. */
-static inline core_inputs core_inputs_of(double command, const double *in, const double *force)
+/* Specific force in the fin's frame from acceleration (x, y, z), roll and pitch. */
+static inline void core_forces(const double *p, const double *c, const double *motion, double *out)
 {
-    core_inputs inputs = {.command = command, .aero_torque = in[INPUT_AERO_TORQUE], .f_x = force[0], .f_z = force[1],
-                          .enable = in[INPUT_ENABLE]};
+    kernel_forces(p, c, motion[0], motion[1], motion[2], motion[3], motion[4], out);
+}
+
+/* A core's inputs from an actuator's, in the interface's order, and the specific force. */
+static inline core_inputs core_inputs_of(const double *in, const double *force)
+{
+    core_inputs inputs = {.command = in[INPUT_FIN_COMMAND], .aero_torque = in[INPUT_AERO_TORQUE], .f_x = force[0],
+                          .f_z = force[1], .enable = in[INPUT_ENABLE]};
 #if MODEL_SUPPLY >= 0
     inputs.supply = in[MODEL_SUPPLY];
 #endif
@@ -281,11 +294,9 @@ static inline core_result core_run(const double *p, const double *c, core_state 
     const core_inputs final = core_at(in, ramp, end);
     double outputs[MODEL_OUTPUTS];
     core_outputs(p, c, &s, line, &final, outputs);
-    bool finite = true;
-    for (size_t i = 0; i < CORE_SAMPLED; ++i) finite &= core_finite(s.sampled[i]);
-    for (size_t i = 0; i < CORE_PLANT; ++i) finite &= core_finite(s.tentative.x[i]);
-    for (size_t i = 0; i < MODEL_OUTPUTS; ++i) finite &= core_finite(outputs[i]);
-    if (!finite) return CORE_NOT_FINITE;
+    if (!core_all_finite(s.sampled, CORE_SAMPLED) || !core_all_finite(s.tentative.x, CORE_PLANT)
+        || !core_all_finite(outputs, MODEL_OUTPUTS))
+        return CORE_NOT_FINITE;
     memcpy(out, outputs, sizeof outputs);
     memcpy(state, &s, offsetof(core_state, line) + line * sizeof *s.line);
     return CORE_DONE;

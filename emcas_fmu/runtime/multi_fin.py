@@ -85,23 +85,18 @@ class MultiFin:
             raise
 
     def _run(self, end: float, inputs: Sequence[Inputs]) -> tuple[Any, ...]:
-        stiff, slack, source = not self._resistance > 0.0, self.slack, inputs[0][_SUPPLY]
+        stiff, last, source = not self._resistance > 0.0, end + self.slack, inputs[0][_SUPPLY]
         if not stiff and not end / self._interval - self._instant <= MOST_TICKS:
             raise ArithmeticError(f"a step to {end!r} s has more than {MOST_TICKS} instants of the bus")
-        while True:
-            following = self._instant * self._interval
-            # A host's clock may stand a little before an instant it means to have reached.
-            meets = not stiff and following <= end + slack
-            until = following if meets and following < end else end
-            each = self._run_fins(until, inputs)
-            if not meets:
-                return self._put_out(source, each)
-            _, drawn, _ = self._bus(source, each)
+        # A host's clock may stand a little before an instant it means to have reached.
+        while not stiff and (following := self._instant * self._interval) <= last:
+            _, drawn, _ = self._bus(source, self._run_fins(min(following, end), inputs))
             sag = self._next_sag(drawn)
             if sag - sag != 0.0:
                 raise ArithmeticError("the state is no longer finite")
             self._sag = sag
             self._instant += 1
+        return self._put_out(source, self._run_fins(end, inputs))
 
     def _run_fins(self, until: float, inputs: Sequence[Inputs]) -> Outputs:
         return [core.run(until, self._supplied(i)) for core, i in zip(self.cores, inputs, strict=True)]
