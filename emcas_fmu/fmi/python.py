@@ -8,6 +8,7 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from pprint import pformat
 from tempfile import TemporaryDirectory
 from typing import Any
 from xml.etree.ElementTree import fromstring
@@ -40,16 +41,14 @@ NOTES = (
 TOOL = f"PythonFMU {pythonfmu.__version__}"
 
 
-def table_rows(unit: FmuInterface) -> tuple[tuple[str, str, str, str, float, float], ...]:
-    """Return the rows of the slave's table; enumerations are got as integers are."""
-    return tuple((v.name, "Integer" if v.items else v.kind, v.causality, v.variability, v.minimum, v.maximum)
-                 for v in unit.variables)
-
-
-def slave_attributes(unit: FmuInterface) -> dict[str, Any]:
-    """Return what a slave class says of a unit besides its table and equations (:class:`.fmi2.slave.Slave`)."""
+def slave_attributes(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str, Any]:
+    """Return what a slave class says of a unit besides its equations (:class:`.fmi2.slave.Slave`)."""
     actuator = unit.actuator
-    one = {"rules": tuple((rule.message, rule.scanned) for rule in actuator.all_rules),
+    # Enumerations are got as integers are.
+    rows = tuple((v.name, "Integer" if v.items else v.kind, v.causality, v.variability, v.minimum, v.maximum)
+                 for v in unit.variables)
+    one = {"rows": rows, "start_values": starts, "unit_guid": guid,
+           "rules": tuple((rule.message, rule.scanned) for rule in actuator.all_rules),
            "sizes": codegen.sizes(actuator), "power": codegen.power_place(actuator)}
     return one if unit.fins == 1 else {
         **one, "names": tuple(v.name for v in actuator.parameters), "places": unit.places}
@@ -57,7 +56,6 @@ def slave_attributes(unit: FmuInterface) -> dict[str, Any]:
 
 def _sources(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str, str]:
     """Return the embedded package: file name to text."""
-    rows = "".join(f"    {row!r},\n" for row in table_rows(unit)).replace("-inf", "-INF").replace(" inf", " INF")
     several = unit.fins > 1
     embedded = _EMBEDDED + _SEVERAL if several else _EMBEDDED
     files = {name: (_PACKAGE / name).read_text(encoding="utf-8") for name in embedded}
@@ -66,14 +64,13 @@ def _sources(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str
     files["checks.py"] = python_source(codegen.traced_rules(unit.kind),
                                        "Rules for the parameters as straight-line code; generated, do not edit.")
     base, module = ("MultiFinSlave", "multi_fin_slave") if several else ("Slave", "slave")
+    attributes = "".join(f"    {name} = {pformat(value, width=110)}\n"
+                         for name, value in slave_attributes(unit, starts, guid).items())
     files["model.py"] = (
         f'"""The slave class of {unit.model}.fmu: interface table and kernel; generated, do not edit."""\n\n'
-        f"from math import inf as INF\n\nfrom . import checks, kernel\nfrom .fmi.fmi2.{module} import {base}\n"
-        "from .fmi.fmi2.slave import Table\n\n"
-        f"ROWS = (\n{rows})\n\nSTART = {starts!r}\n\n\n"
+        f"from math import inf\n\nfrom . import checks, kernel\nfrom .fmi.fmi2.{module} import {base}\n\n\n"
         f"class {unit.model}({base}):\n    make = staticmethod(kernel.make)\n"
-        f"    make_checks = staticmethod(checks.make)\n    table = Table(ROWS, START, {guid!r})\n"
-        + "".join(f"    {name} = {value!r}\n" for name, value in slave_attributes(unit).items()))
+        f"    make_checks = staticmethod(checks.make)\n{attributes}")
     return files
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from emcas_fmu.compiler import local_platform
 from emcas_fmu.fmi import python
 from emcas_fmu.fmi.fmi2.multi_fin_slave import MultiFinSlave
-from emcas_fmu.fmi.fmi2.slave import Slave, Table
+from emcas_fmu.fmi.fmi2.slave import Slave
 from emcas_fmu.fmi.interface import FmuInterface, start_values
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import ParameterSet
@@ -31,4 +31,4 @@ def slave_class(unit: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> type[S
     exec(python_source(codegen.traced_rules(unit.kind), "Rules"), space)
     return type("Local", (MultiFinSlave if unit.fins > 1 else Slave,), {
         "make": staticmethod(codegen.make(unit.fins > 1, unit.kind)), "make_checks": staticmethod(space["make"]),
-        "table": Table(python.table_rows(unit), start_values(unit, sets), "{guid}"), **python.slave_attributes(unit)})
+        **python.slave_attributes(unit, start_values(unit, sets), "{guid}")})
