@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element
 
 import fmpy
 from pythonfmu import Fmi2Slave
@@ -16,6 +16,7 @@ from ..compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local
 from ..errors import BuildError
 from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, written
 from .interface import BUS_PARAMETERS, MIXING, FmuInterface
+from .model_description import element
 
 MAIN = "fmi2.c"
 _WRITTEN = (MAIN, "instance.h", "states.h")
@@ -77,7 +78,7 @@ def _sizes(unit: FmuInterface) -> str:
     at = unit.reference
     numbers = {"UNIT_INPUTS": len(unit.inputs), "UNIT_OUTPUTS": len(unit.outputs),
                "UNIT_VARIABLES": len(unit.variables),
-               "FIN_PARAMETER_BEGIN": unit.first_parameter,
+               "FIN_PARAMETER_BEGIN": len(unit.variables) - unit.fins * len(unit.actuator.parameters),
                "MOTION_BEGIN": at["acceleration.x"], "MOTION_END": at["attitude.pitch"] + 1,
                "MIXING_BEGIN": at.get(MIXING[0].name, 0),
                **{f"UNIT_{enumerator(v.name)}": at[v.name] for v in BUS_PARAMETERS if v.name in at}}
@@ -137,15 +138,13 @@ def binaries(model: str, files: Mapping[str, str], platforms: Sequence[Platform]
 
 
 def build_description(model: str) -> Element:
-    """buildDescription.xml (FMI 3.0's file) of the sources."""
-    root = Element("fmiBuildDescription", {"fmiVersion": "3.0"})
-    for platform in ("x86_64-linux", "aarch64-linux", "x86_64-darwin", "aarch64-darwin", "x86_64-windows"):
-        configuration = SubElement(root, "BuildConfiguration", {"modelIdentifier": model, "platform": platform})
-        files = SubElement(configuration, "SourceFileSet", {"language": "C11"})
-        SubElement(files, "SourceFile", {"name": MAIN})
-        SubElement(files, "PreprocessorDefinition", {
-            "name": "FMI2_FUNCTION_PREFIX", "optional": "true", "value": f"{model}_",
-            "description": "put before each function's name, to link several units into one program"})
-        if not platform.endswith("windows"):
-            SubElement(configuration, "Library", {"name": "m", "external": "true"})
-    return root
+    """Return buildDescription.xml (FMI 3.0's file) of the sources."""
+    prefix = {"name": "FMI2_FUNCTION_PREFIX", "optional": "true", "value": f"{model}_",
+              "description": "put before each function's name, to link several units into one program"}
+    platforms = ("x86_64-linux", "aarch64-linux", "x86_64-darwin", "aarch64-darwin", "x86_64-windows")
+    return element("fmiBuildDescription", {"fmiVersion": "3.0"}, (
+        element("BuildConfiguration", {"modelIdentifier": model, "platform": platform}, [
+            element("SourceFileSet", {"language": "C11"}, [
+                element("SourceFile", {"name": MAIN}), element("PreprocessorDefinition", prefix)]),
+            *([] if platform.endswith("windows") else [element("Library", {"name": "m", "external": "true"})])])
+        for platform in platforms))
