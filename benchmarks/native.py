@@ -31,7 +31,7 @@ from emcas_fmu.actuators import NONLINEAR, get
 from emcas_fmu.bench.excitation import Excitation
 from emcas_fmu.bench.subject import open_subject
 from emcas_fmu.files import models_directory
-from emcas_fmu.fmi.model_description import start_values
+from emcas_fmu.fmi.interface import FmuInterface, start_values
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference import files
@@ -117,7 +117,7 @@ def batch(values: Mapping[str, Any], rounds: int) -> Figures | str:
         return "no compiled kernel on this machine"
     steps = native_hosts.PERIOD
     actuators = compiled.Batch([values] * BATCH)
-    inputs = np.tile(np.array(start_values(values)[:len(INPUTS)], dtype=float), (BATCH, 1))
+    inputs = np.tile(np.array(start_values(FmuInterface(1), [values])[:len(INPUTS)], dtype=float), (BATCH, 1))
     driven = [native_hosts.REFERENCE[name] for name in native_hosts.INPUTS]
     # Out of step with each other, as actuators of different vehicles are.
     table = np.array([native_hosts.signals(k) for k in range(steps)])

@@ -19,7 +19,8 @@ from xml.etree.ElementTree import fromstring
 from fmpy import extract
 
 from emcas_fmu.actuators import NONLINEAR, get
-from emcas_fmu.fmi.model_description import SINGLE, model_description, start_values, to_bytes
+from emcas_fmu.fmi.interface import start_values
+from emcas_fmu.fmi.model_description import SINGLE, model_description, to_bytes
 
 FLAGS = ("-O2", "-std=c11", "-ffp-contract=off", "-Wall", "-Wextra")
 SHARED = ("-fPIC", "-shared", "-fvisibility=default")
@@ -80,7 +81,7 @@ def packed(values: Mapping[str, Any], library: Path) -> Path:
 
     Without the parameters, which are compiled in: hosts that keep account of every variable are faster for it.
     """
-    root = model_description(start_values(values), YARDSTICK, options={}, tool="benchmark")
+    root = model_description(start_values(SINGLE, [values]), YARDSTICK, options={}, tool="benchmark")
     simulation = root.find("CoSimulation")
     assert simulation is not None
     simulation.set("modelIdentifier", YARDSTICK)

@@ -14,6 +14,7 @@ from .fmi.interface import BUS_PARAMETERS, MIXING, FmuInterface, start_values
 from .parameters import ParameterError, check_parameters, require_sound
 from .rules import check_ranges
 from .runtime import codegen, compiled
+from .runtime.core import MOTION
 from .variables import Variable
 
 T = TypeVar("T")
@@ -67,15 +68,11 @@ def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 
     table = _table(unit.inputs, [starts[v.name] for v in unit.inputs], stop, step, spread(inputs, unit))
     _check_finite(table, unit.inputs, step)
     resistance, interval = line.get("bus.source_resistance", 0.0), line.get("bus.update_time", 1.0)  # of a stiff bus
-    cores, mixes = codegen.multi_fin(sets, resistance, interval, model)
-    places, mixing = codegen.places(model), [unit.reference[v.name] for v in MIXING]
+    cores, mixing = codegen.multi_fin(sets, resistance, interval, model), [unit.reference[v.name] for v in MIXING]
 
-    def arranged(row: Sequence[float]) -> list[tuple[Any, ...]]:
-        acting = []
-        for core, mix, of_fin in zip(cores.cores, mixes, unit.places, strict=True):
-            command, *rest = places.arrange([row[i] for i in of_fin], core.forces)
-            acting.append((*mix(command, *(row[i] for i in mixing)), *rest))
-        return acting
+    def arranged(row: Sequence[float]) -> Sequence[tuple[Any, ...]]:
+        fins = [[row[i] for i in places] for places in unit.places]
+        return cores.acting(fins, cores.forces(*fins[0][MOTION]), [row[i] for i in mixing])
 
     rows = _rows(cores, table, step, arranged)
     return {"time": np.arange(len(table)) * step, **{v.name: rows[:, i].copy() for i, v in enumerate(unit.outputs)}}
@@ -145,8 +142,8 @@ def _check_finite(table: Array, inputs: Sequence[Variable], step: float) -> None
 
 def _by_python(values: Mapping[str, Any], table: Array, step: float, model: str) -> Array:
     require_sound(values, model)
-    core, places = codegen.core(values, model), codegen.places(model)
-    return _rows(core, table, step, lambda row: places.arrange(row, core.forces))
+    core = codegen.core(values, model)
+    return _rows(core, table, step, lambda row: codegen.core_inputs(core, row, model))
 
 
 def _rows(core: Any, table: Array, step: float, arranged: Callable[[Sequence[float]], Any]) -> Array:

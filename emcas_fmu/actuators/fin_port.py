@@ -11,6 +11,7 @@ from dataclasses import replace
 from math import radians
 from typing import Any
 
+from ..control.controllers import clipped_command as clipped_command
 from ..ops.base import Ops, Value
 from ..physics import loads
 from ..rules import ANGLE, SLACK, Rule, in_degrees, when
@@ -103,11 +104,6 @@ def specific_force(ops: Ops, p: Any, a_x: Value, a_y: Value, a_z: Value, roll: V
                    ) -> tuple[Value, Value]:
     """Return the specific force [m/s2] in the fin's frame, x and z, from acceleration and attitude."""
     return loads.specific_force(ops, p, (a_x, a_y, a_z), roll, pitch)
-
-
-def clipped_command(ops: Ops, p: Any, command: Value) -> Value:
-    """Return a fin command [rad] within +-command.limit."""
-    return ops.clip(command, -p.command.limit, p.command.limit)
 
 
 def mixed_command(ops: Ops, p: Any, command: Value, roll: Value, pitch: Value, yaw: Value) -> Value:

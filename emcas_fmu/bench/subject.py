@@ -253,14 +253,13 @@ def _sprung(values: Mapping[str, Any], model: str, excitation: Excitation, table
     else:  # the compiled one checks for itself
         _check(values, model)
         core = codegen.core(values, model)
-    load, places = [v.name for v in inputs].index(LOAD), codegen.places(model)
-    names = [v.name for v in outputs]
+    load, names = [v.name for v in inputs].index(LOAD), [v.name for v in outputs]
     angle, finely = names.index("fin_angle"), [names.index(name) for name in fine]
 
     def acting(k: int, at: float) -> tuple[Any, ...]:
         row = table[k].tolist()
         row[load] -= excitation.spring * at
-        return places.arrange(row, core.forces)
+        return codegen.core_inputs(core, row, model)
 
     rows, between = [core.outputs(acting(0, 0.0))], []
     step = excitation.step / substeps

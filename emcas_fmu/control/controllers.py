@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ..actuators import fin_port
 from ..ops.base import Ops, Value
 from ..physics import friction, kinematics
 from .sensors import Measurement
@@ -25,6 +24,11 @@ class Output(NamedTuple):
     speed_reference: Value
     error: Value
     limited: Value
+
+
+def clipped_command(ops: Ops, p: Any, command: Value) -> Value:
+    """Return a fin command [rad] within +-command.limit."""
+    return ops.clip(command, -p.command.limit, p.command.limit)
 
 
 def friction_compensation(ops: Ops, p: Any, fin_measured: Value, speed_reference: Value) -> Value:
@@ -45,7 +49,7 @@ def friction_compensation(ops: Ops, p: Any, fin_measured: Value, speed_reference
 
 def output(ops: Ops, p: Any, integral: Value, measured: Measurement, command: Value) -> Output:
     """The controllers' outputs at a sample; `integral` I [rad/s], `command` [rad] before its limit."""
-    target = kinematics.motor_angle(ops, p, fin_port.clipped_command(ops, p, command))
+    target = kinematics.motor_angle(ops, p, clipped_command(ops, p, command))
     error = target - measured.motor_angle
     position, limit = p.controller.position, p.controller.speed_limit
     speed_raw = position.kp * error + integral

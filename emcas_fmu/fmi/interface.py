@@ -73,13 +73,9 @@ class FmuInterface:
         """The model of each fin."""
         return get(self.kind)
 
-    def prefix(self, fin: int) -> str:
-        """What stands before the names of fin 0, 1, ...; nothing for a single one."""
-        return "" if self.fins == 1 else f"fin[{fin + 1}]."
-
     def name(self, variable: str, fin: int) -> str:
-        """The interface's name of one fin's variable."""
-        return variable if self.fins == 1 or variable in self.shared else self.prefix(fin) + variable
+        """Return the interface's name of a variable of fin 0, 1, ..."""
+        return variable if self.fins == 1 or variable in self.shared else f"fin[{fin + 1}].{variable}"
 
     @cached_property
     def shared(self) -> tuple[str, ...]:
@@ -136,16 +132,6 @@ class FmuInterface:
         return tuple(tuple(self.reference[self.name(v.name, fin)] for v in self.actuator.inputs)
                      for fin in range(self.fins))
 
-    @property
-    def first_output(self) -> int:
-        """Value reference of the first fin's first output; those of all fins follow one on the other."""
-        return len(self.variables) - len(self.parameters) - self.fins * len(self.actuator.outputs)
-
-    @property
-    def first_parameter(self) -> int:
-        """Value reference of the first fin's first parameter; those of all fins follow one on the other."""
-        return len(self.variables) - self.fins * len(self.actuator.parameters)
-
 
 def azimuths(fins: int, layout: str) -> tuple[float, ...]:
     """Azimuths [deg] of equally spaced fins: ``plus`` begins with one on body y, ``cross`` half a space further.
@@ -200,17 +186,14 @@ def start_values(unit: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> tuple
 
     `sets` are the fins' parameter values; what is shared is taken from the first.
     """
+    parameters = {**_BUS_START, **{unit.name(p.name, fin): values[p.name] for fin, values in enumerate(sets)
+                                   for p in unit.actuator.parameters}}
+
     def start(v: Variable) -> Any:
         if v.causality == "output":
             return False if v.kind == "Boolean" else 0.0
-        if v.causality == "input" and v.key is None:
-            return v.start
-        if v.name in _BUS_START:
-            return _BUS_START[v.name]
-        if v.key is not None:
-            return sets[0][v.key]
+        if v.causality == "input":
+            return v.start if v.key is None else sets[0][v.key]
         return parameters[v.name]
 
-    parameters = {unit.name(p.name, fin): values[p.name] for fin, values in enumerate(sets)
-             for p in unit.actuator.parameters}
     return tuple(start(v) for v in unit.variables)

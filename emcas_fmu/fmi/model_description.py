@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import isfinite
 from typing import Any
-from xml.etree.ElementTree import Element, SubElement, indent, tostring
+from xml.etree.ElementTree import Element, indent, tostring
 
 from pythonfmu import Fmi2Slave
 
@@ -14,13 +14,12 @@ from ..actuators import fin_port
 from ..runtime import codegen
 from ..variables import Terminal, Variable
 from .interface import BUS_CURRENT, BUS_VOLTAGE, MIXING, FmuInterface
-from .interface import start_values as unit_starts
 from .units import fmi_unit
 
 SINGLE = FmuInterface(1)
-MODEL = SINGLE.model
 STEP_SIZE, STOP_TIME = 1e-3, 1.0
 
+_INITIAL = {"output": "calculated", "parameter": "exact"}
 _MIXED = tuple(v.name for v in MIXING)
 
 
@@ -41,46 +40,34 @@ def _dependencies(unit: FmuInterface) -> dict[str, tuple[str, ...]]:
     return {**of_fins, BUS_VOLTAGE.name: (supply.input.name,), BUS_CURRENT.name: current, supply.power.name: every}
 
 
-def start_values(parameters: Mapping[str, Any]) -> tuple[Any, ...]:
-    """Start value of every variable of a single actuator, in table order; 0 or False for outputs."""
-    return unit_starts(SINGLE, [parameters])
-
-
 def _text(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
-    if isinstance(value, int):
-        return str(value)
-    return repr(float(value)).removesuffix(".0")
+    return str(value) if isinstance(value, int) else repr(float(value)).removesuffix(".0")
 
 
-def _number(v: Variable, value: float) -> str:
-    return str(int(value)) if v.kind == "Integer" else _text(value)
+def _limit(value: float) -> str | None:
+    return _text(value) if isfinite(value) else None
 
 
-def _scalar(parent: Element, reference: int, v: Variable, start: Any) -> None:
-    attributes = {"name": v.name, "valueReference": str(reference), "description": v.description,
-                  "causality": v.causality, "variability": v.variability}
-    if v.causality == "output":
-        attributes["initial"] = "calculated"
-    if v.causality == "parameter":
-        attributes["initial"] = "exact"
-    typed: dict[str, str] = {}
-    if v.kind == "Real":
-        typed["unit"] = v.unit
-        if displays := fmi_unit(v.unit).displays:
-            typed["displayUnit"] = displays[0][0]
-    if isfinite(v.minimum):
-        typed["min"] = _number(v, v.minimum)
-    if isfinite(v.maximum):
-        typed["max"] = _number(v, v.maximum)
-    if v.nominal is not None:
-        typed["nominal"] = _text(v.nominal)
-    if v.causality != "output":
-        typed["start"] = _text(start)
-    if v.items:
-        typed = {"declaredType": _type_name(v), **typed}
-    SubElement(SubElement(parent, "ScalarVariable", attributes), v.kind, typed)
+def element(tag: str, attributes: Mapping[str, str | None], children: Iterable[Element] = ()) -> Element:
+    """Return an element with `children` and those of its `attributes` that are not None."""
+    made = Element(tag, {name: value for name, value in attributes.items() if value is not None})
+    made.extend(children)
+    return made
+
+
+def _scalar(reference: int, v: Variable, start: Any) -> Element:
+    unit = v.unit if v.kind == "Real" else None
+    displays = fmi_unit(unit).displays if unit else ()
+    typed = element(v.kind, {
+        "declaredType": _type_name(v) if v.items else None, "unit": unit,
+        "displayUnit": displays[0][0] if displays else None, "min": _limit(v.minimum), "max": _limit(v.maximum),
+        "nominal": None if v.nominal is None else _text(v.nominal),
+        "start": None if v.causality == "output" else _text(start)})
+    return element("ScalarVariable", {
+        "name": v.name, "valueReference": str(reference), "description": v.description, "causality": v.causality,
+        "variability": v.variability, "initial": _INITIAL.get(v.causality)}, [typed])
 
 
 def _type_name(v: Variable) -> str:
@@ -88,93 +75,75 @@ def _type_name(v: Variable) -> str:
     return v.name.rpartition("].")[2] + "_type"
 
 
-def _type_definitions(root: Element, unit: FmuInterface) -> None:
+def _type_definitions(unit: FmuInterface) -> list[Element]:
     types = {_type_name(v): v for v in unit.variables if v.items}
-    if not types:
-        return
-    definitions = SubElement(root, "TypeDefinitions")
-    for name, v in types.items():
-        listed = SubElement(SubElement(definitions, "SimpleType", {"name": name}), "Enumeration")
-        for value, (item, description) in enumerate(v.items, 1):
-            SubElement(listed, "Item", {"name": item, "value": str(value), "description": description})
+    return [element("SimpleType", {"name": name}, [element("Enumeration", {}, (
+        element("Item", {"name": item, "value": str(value), "description": description})
+        for value, (item, description) in enumerate(v.items, 1)))]) for name, v in types.items()]
 
 
-def _unit_definitions(root: Element, shown: FmuInterface) -> None:
-    definitions = SubElement(root, "UnitDefinitions")
-    for name in sorted({v.unit for v in shown.variables if v.kind == "Real"}):
-        unit = fmi_unit(name)
-        element = SubElement(definitions, "Unit", {"name": name})
-        base = {base: str(exponent) for base, exponent in unit.exponents.items()}
-        if unit.factor != 1.0:
-            base["factor"] = _text(unit.factor)
-        if unit.offset:
-            base["offset"] = _text(unit.offset)
-        SubElement(element, "BaseUnit", base)
-        for display, factor, offset in unit.displays:
-            attributes = {"name": display, "factor": _text(factor)}
-            if offset:
-                attributes["offset"] = _text(offset)
-            SubElement(element, "DisplayUnit", attributes)
+def _unit_definition(name: str) -> Element:
+    unit = fmi_unit(name)
+    base = element("BaseUnit", {
+        **{base: str(exponent) for base, exponent in unit.exponents.items()},
+        "factor": _text(unit.factor) if unit.factor != 1.0 else None,
+        "offset": _text(unit.offset) if unit.offset else None})
+    return element("Unit", {"name": name}, [
+        base, *(element("DisplayUnit", {"name": name, "factor": _text(factor)}) for name, factor in unit.displays)])
 
 
-def _structure(root: Element, unit: FmuInterface) -> None:
+def _structure(unit: FmuInterface) -> Element:
     index = {name: i + 1 for name, i in unit.reference.items()}
-    structure = SubElement(root, "ModelStructure")
     direct = _dependencies(unit)
 
-    def parameters(output: str) -> list[int]:
-        """Indices of the parameters an output's initial value follows from: all, or those of its fin."""
-        fin = output.partition(".")[0] if output.startswith("fin[") else ""
-        return [index[v.name] for v in unit.parameters if v.name.startswith(fin)]
+    def unknown(output: str, parameters: Iterable[Variable]) -> Element:
+        needed = sorted(index[name] for name in direct.get(output, ())) + [index[v.name] for v in parameters]
+        return element("Unknown", {
+            "index": str(index[output]), "dependencies": " ".join(map(str, needed)),
+            "dependenciesKind": " ".join(["dependent"] * len(needed))})
 
-    for tag in ("Outputs", "InitialUnknowns"):
-        unknowns = SubElement(structure, tag)
-        for v in unit.outputs:
-            inputs = sorted(index[name] for name in direct.get(v.name, ()))
-            needed = inputs + parameters(v.name) if tag == "InitialUnknowns" else inputs
-            SubElement(unknowns, "Unknown", {
-                "index": str(index[v.name]), "dependencies": " ".join(map(str, needed)),
-                "dependenciesKind": " ".join(["dependent"] * len(needed))})
+    def initial(output: str) -> Element:
+        """An output's initial value follows from all parameters, or from those of its fin."""
+        fin = output.partition(".")[0] if output.startswith("fin[") else ""
+        return unknown(output, (v for v in unit.parameters if v.name.startswith(fin)))
+
+    return element("ModelStructure", {}, [
+        element("Outputs", {}, (unknown(v.name, ()) for v in unit.outputs)),
+        element("InitialUnknowns", {}, (initial(v.name) for v in unit.outputs))])
 
 
 def describe(unit: FmuInterface) -> str:
-    """What the unit is, in a sentence."""
+    """Return what the unit is, in a sentence."""
     bus = " on one bus" if unit.actuator.supply else ""
     return unit.actuator.title + ("" if unit.fins == 1 else f"; {unit.fins} fins{bus}")
 
 
 def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str, str], tool: str,
                       source_files: Sequence[str] = (), unit: FmuInterface = SINGLE) -> Element:
-    """The fmiModelDescription element; `options` are attributes of its CoSimulation element."""
-    root = Element("fmiModelDescription", {
+    """Return the fmiModelDescription element; `options` are attributes of its CoSimulation element."""
+    files = [element("SourceFiles", {}, (element("File", {"name": name}) for name in source_files))]
+    types = [element("TypeDefinitions", {}, _type_definitions(unit))]
+    units = sorted({v.unit for v in unit.variables if v.kind == "Real"})
+    return element("fmiModelDescription", {
         "fmiVersion": "2.0", "modelName": unit.model, "guid": guid, "description": describe(unit),
-        "version": __version__, "license": "MIT", "generationTool": tool,
-        "variableNamingConvention": "structured"})
-    simulation = SubElement(root, "CoSimulation", {"modelIdentifier": unit.model, **options})
-    if source_files:
-        listed = SubElement(simulation, "SourceFiles")
-        for name in source_files:
-            SubElement(listed, "File", {"name": name})
-    _unit_definitions(root, unit)
-    _type_definitions(root, unit)
-    categories = SubElement(root, "LogCategories")
-    for name, description in Fmi2Slave.log_categories.items():
-        SubElement(categories, "Category", {"name": name, "description": description})
-    SubElement(root, "DefaultExperiment", {"startTime": "0", "stopTime": _text(STOP_TIME),
-                                           "stepSize": _text(STEP_SIZE)})
-    variables = SubElement(root, "ModelVariables")
-    for reference, (v, start) in enumerate(zip(unit.variables, starts, strict=True)):
-        _scalar(variables, reference, v, start)
-    _structure(root, unit)
-    return root
+        "version": __version__, "license": "MIT", "generationTool": tool, "variableNamingConvention": "structured"}, [
+            element("CoSimulation", {"modelIdentifier": unit.model, **options}, files if source_files else ()),
+            element("UnitDefinitions", {}, map(_unit_definition, units)),
+            *(types if len(types[0]) else ()),
+            element("LogCategories", {}, (element("Category", {"name": name, "description": description})
+                                          for name, description in Fmi2Slave.log_categories.items())),
+            element("DefaultExperiment", {
+                "startTime": "0", "stopTime": _text(STOP_TIME), "stepSize": _text(STEP_SIZE)}),
+            element("ModelVariables", {}, (_scalar(reference, v, start) for reference, (v, start) in enumerate(
+                zip(unit.variables, starts, strict=True)))),
+            _structure(unit)])
 
 
 def _terminals(unit: FmuInterface) -> Iterator[Terminal]:
     """Yield the terminals of the fin port and the actuator's; of several fins those of each."""
     actuator, several = unit.actuator, unit.fins > 1
-    supply = () if actuator.supply is None else (actuator.supply.input.name, actuator.supply.power.name)
     if several:
-        yield Terminal("mixing", "deflections for moments about the body axes", tuple(v.name for v in MIXING))
+        yield Terminal("mixing", "deflections for moments about the body axes", _MIXED)
     for terminal in (*fin_port.TERMINALS, *actuator.terminals):
         if not several or terminal.name == "vehicle":
             yield terminal
@@ -182,30 +151,26 @@ def _terminals(unit: FmuInterface) -> Iterator[Terminal]:
         for fin in range(unit.fins):
             yield Terminal(f"{terminal.name}{fin + 1}", f"fin {fin + 1}: {terminal.description}",
                            tuple(unit.name(member, fin) for member in terminal.members))
-    if supply:
-        members = (supply[0], *(v.name for v in unit.bus_outputs)) if several else supply
-        yield Terminal("bus", "electrical supply", members)
+    if supply := actuator.supply:
+        outputs = unit.bus_outputs if several else (supply.power,)
+        yield Terminal("bus", "electrical supply", (supply.input.name, *(v.name for v in outputs)))
 
 
 def terminals_and_icons(unit: FmuInterface = SINGLE) -> Element:
-    """Inputs and outputs grouped for tools that draw terminals (FMI 3.0's file, ignored by others)."""
-    root = Element("fmiTerminalsAndIcons", {"fmiVersion": "3.0"})
-    graphical = SubElement(root, "GraphicalRepresentation")
-    SubElement(graphical, "CoordinateSystem", {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100",
-                                               "suggestedScalingFactorTo_mm": "0.1"})
-    SubElement(graphical, "Icon", {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"})
-    terminals = SubElement(root, "Terminals")
-    for described in _terminals(unit):
-        terminal = SubElement(terminals, "Terminal", {"name": described.name, "matchingRule": "bus",
-                                                      "description": described.description})
-        for member in described.members:
-            SubElement(terminal, "TerminalMemberVariable",
-                       {"variableName": member, "memberName": member, "variableKind": "signal"})
-    return root
+    """Return inputs and outputs grouped for tools that draw terminals (FMI 3.0's file, ignored by others)."""
+    corners = {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"}
+    return element("fmiTerminalsAndIcons", {"fmiVersion": "3.0"}, [
+        element("GraphicalRepresentation", {}, [
+            element("CoordinateSystem", {**corners, "suggestedScalingFactorTo_mm": "0.1"}), element("Icon", corners)]),
+        element("Terminals", {}, (
+            element("Terminal", {"name": t.name, "matchingRule": "bus", "description": t.description}, (
+                element("TerminalMemberVariable", {
+                    "variableName": member, "memberName": member, "variableKind": "signal"}) for member in t.members))
+            for t in _terminals(unit)))])
 
 
 def to_bytes(root: Element) -> bytes:
-    """The document as indented UTF-8."""
+    """Return the document as indented UTF-8."""
     indent(root)
     body: bytes = tostring(root, encoding="UTF-8", xml_declaration=True)
     return body + b"\n"

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element
 
 import fmpy
 from pythonfmu import Fmi2Slave
@@ -15,10 +15,11 @@ from .. import rules
 from ..compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform
 from ..errors import BuildError
 from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, written
-from .interface import FmuInterface
+from .interface import BUS_PARAMETERS, MIXING, FmuInterface
+from .model_description import element
 
 MAIN = "fmi2.c"
-_WRITTEN = (MAIN, "instance.h", "multi_fin.h", "states.h")
+_WRITTEN = (MAIN, "instance.h", "states.h")
 _HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 # fmpy's copy of the standard's header leaves out the prefix that sources linked into one program need.
 _NO_PREFIX = "This definition has been changed to add no prefix.\n*/\n#define fmi2FullName(name) name\n"
@@ -76,21 +77,15 @@ def _sizes(unit: FmuInterface) -> str:
     """Numbers of variables of the whole unit, and where each fin's are."""
     at = unit.reference
     numbers = {"UNIT_INPUTS": len(unit.inputs), "UNIT_OUTPUTS": len(unit.outputs),
-               "UNIT_VARIABLES": len(unit.variables), "FIN_OUTPUT_BEGIN": unit.first_output,
-               "FIN_PARAMETER_BEGIN": unit.first_parameter,
-               "MOTION_BEGIN": at["acceleration.x"], "MOTION_END": at["attitude.pitch"] + 1}
-    if unit.fins == 1:
-        return _enum(numbers)
-    numbers |= {f"UNIT_{enumerator(v.name)}": at[v.name] for v in unit.variables if "fin[" not in v.name}
-    if supply := unit.actuator.supply:
-        numbers["OUTPUT_SUPPLY_POWER"] = [v.name for v in unit.actuator.outputs].index(supply.power.name)
+               "UNIT_VARIABLES": len(unit.variables),
+               "FIN_PARAMETER_BEGIN": len(unit.variables) - unit.fins * len(unit.actuator.parameters),
+               "MOTION_BEGIN": at["acceleration.x"], "MOTION_END": at["attitude.pitch"] + 1,
+               "MIXING_BEGIN": at.get(MIXING[0].name, 0),
+               **{f"UNIT_{enumerator(v.name)}": at[v.name] for v in BUS_PARAMETERS if v.name in at}}
+    enum = ",\n".join(f"    {name} = {number}" for name, number in numbers.items())
     rows = ",\n".join(f"    {{{', '.join(map(str, row))}}}" for row in unit.places)
-    return (f"{_enum(numbers)}\n/* Where each fin's inputs are, in the order of model.h. */\n"
+    return (f"enum {{\n{enum}\n}};\n\n/* Where each fin's inputs are, in the order of model.h. */\n"
             f"static const unsigned char PLACE[FINS][{len(unit.actuator.inputs)}] = {{\n{rows}\n}};\n")
-
-
-def _enum(numbers: Mapping[str, int]) -> str:
-    return "enum {\n" + ",\n".join(f"    {name} = {number}" for name, number in numbers.items()) + "\n};\n"
 
 
 def sources(unit: FmuInterface, starts: Sequence[Any], guid: str) -> dict[str, str]:
@@ -100,10 +95,8 @@ def sources(unit: FmuInterface, starts: Sequence[Any], guid: str) -> dict[str, s
     if _NO_PREFIX not in standard["fmi2Functions.h"]:
         raise BuildError("fmi2Functions.h of this version of fmpy is not as expected: fmpy 0.3.25 to 0.3.32 are known")
     standard["fmi2Functions.h"] = standard["fmi2Functions.h"].replace(_NO_PREFIX, _PREFIX)
-    # multi_fin.h is for several; a single one is built without it.
-    code = {**{name: written(name, "emcas_fmu.fmi.fmi2") for name in _WRITTEN
-               if unit.fins > 1 or name != "multi_fin.h"},
-            **core_sources(unit.fins > 1, unit.kind)}
+    code = {**{name: written(name, "emcas_fmu.fmi.fmi2") for name in _WRITTEN},
+            "multi_fin.h": written("multi_fin.h"), **core_sources(unit.fins > 1, unit.kind)}
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(code.items())).encode()).hexdigest()[:16]
     return {**code, **standard, "interface.h": interface_header(unit, starts, guid, digest)}
 
@@ -145,15 +138,13 @@ def binaries(model: str, files: Mapping[str, str], platforms: Sequence[Platform]
 
 
 def build_description(model: str) -> Element:
-    """buildDescription.xml (FMI 3.0's file) of the sources."""
-    root = Element("fmiBuildDescription", {"fmiVersion": "3.0"})
-    for platform in ("x86_64-linux", "aarch64-linux", "x86_64-darwin", "aarch64-darwin", "x86_64-windows"):
-        configuration = SubElement(root, "BuildConfiguration", {"modelIdentifier": model, "platform": platform})
-        files = SubElement(configuration, "SourceFileSet", {"language": "C11"})
-        SubElement(files, "SourceFile", {"name": MAIN})
-        SubElement(files, "PreprocessorDefinition", {
-            "name": "FMI2_FUNCTION_PREFIX", "optional": "true", "value": f"{model}_",
-            "description": "put before each function's name, to link several units into one program"})
-        if not platform.endswith("windows"):
-            SubElement(configuration, "Library", {"name": "m", "external": "true"})
-    return root
+    """Return buildDescription.xml (FMI 3.0's file) of the sources."""
+    prefix = {"name": "FMI2_FUNCTION_PREFIX", "optional": "true", "value": f"{model}_",
+              "description": "put before each function's name, to link several units into one program"}
+    platforms = ("x86_64-linux", "aarch64-linux", "x86_64-darwin", "aarch64-darwin", "x86_64-windows")
+    return element("fmiBuildDescription", {"fmiVersion": "3.0"}, (
+        element("BuildConfiguration", {"modelIdentifier": model, "platform": platform}, [
+            element("SourceFileSet", {"language": "C11"}, [
+                element("SourceFile", {"name": MAIN}), element("PreprocessorDefinition", prefix)]),
+            *([] if platform.endswith("windows") else [element("Library", {"name": "m", "external": "true"})])])
+        for platform in platforms))

@@ -8,6 +8,7 @@ import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from pprint import pformat
 from tempfile import TemporaryDirectory
 from typing import Any
 from xml.etree.ElementTree import fromstring
@@ -40,15 +41,22 @@ NOTES = (
 TOOL = f"PythonFMU {pythonfmu.__version__}"
 
 
-def _sources(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str, str]:
-    """The embedded package: file name to text."""
+def slave_attributes(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str, Any]:
+    """Return what a slave class says of a unit besides its equations (:class:`.fmi2.slave.Slave`)."""
+    actuator = unit.actuator
     # Enumerations are got as integers are.
-    rows = [(v.name, "Integer" if v.items else v.kind, v.causality, v.variability, v.minimum, v.maximum)
-            for v in unit.variables]
-    listing = "".join(f"    {row!r},\n" for row in rows).replace("-inf", "-INF").replace(" inf", " INF")
-    several, supply = unit.fins > 1, unit.actuator.supply
-    power = [v.name for v in unit.actuator.outputs].index(supply.power.name) if supply else None
-    rules = tuple((rule.message, rule.scanned) for rule in unit.actuator.all_rules)
+    rows = tuple((v.name, "Integer" if v.items else v.kind, v.causality, v.variability, v.minimum, v.maximum)
+                 for v in unit.variables)
+    one = {"rows": rows, "start_values": starts, "unit_guid": guid,
+           "rules": tuple((rule.message, rule.scanned) for rule in actuator.all_rules),
+           "sizes": codegen.sizes(actuator), "power": codegen.power_place(actuator)}
+    return one if unit.fins == 1 else {
+        **one, "names": tuple(v.name for v in actuator.parameters), "places": unit.places}
+
+
+def _sources(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str, str]:
+    """Return the embedded package: file name to text."""
+    several = unit.fins > 1
     embedded = _EMBEDDED + _SEVERAL if several else _EMBEDDED
     files = {name: (_PACKAGE / name).read_text(encoding="utf-8") for name in embedded}
     files["__init__.py"] = f'"""The EM-CAS actuator, as embedded in {unit.model}.fmu; generated, do not edit."""\n'
@@ -56,28 +64,14 @@ def _sources(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str
     files["checks.py"] = python_source(codegen.traced_rules(unit.kind),
                                        "Rules for the parameters as straight-line code; generated, do not edit.")
     base, module = ("MultiFinSlave", "multi_fin_slave") if several else ("Slave", "slave")
+    attributes = "".join(f"    {name} = {pformat(value, width=110)}\n"
+                         for name, value in slave_attributes(unit, starts, guid).items())
     files["model.py"] = (
         f'"""The slave class of {unit.model}.fmu: interface table and kernel; generated, do not edit."""\n\n'
-        f"from math import inf as INF\n\nfrom . import checks, kernel\nfrom .fmi.fmi2.{module} import {base}\n"
-        "from .fmi.fmi2.slave import Table\n\n"
-        f"ROWS = (\n{listing})\n\nSTART = {starts!r}\n\n\n"
+        f"from math import inf\n\nfrom . import checks, kernel\nfrom .fmi.fmi2.{module} import {base}\n\n\n"
         f"class {unit.model}({base}):\n    make = staticmethod(kernel.make)\n"
-        f"    make_checks = staticmethod(checks.make)\n    rules = {rules!r}\n"
-        f"    table = Table(ROWS, START, {guid!r})\n"
-        f"    places = {tuple(_fin_places(unit, fin) for fin in range(unit.fins))!r}\n"
-        f"    sizes = {codegen.sizes(unit.actuator)!r}\n"
-        + (f"    names = {tuple(v.name for v in unit.actuator.parameters)!r}\n    power = {power!r}\n"
-           if several else "")
-    )
+        f"    make_checks = staticmethod(checks.make)\n{attributes}")
     return files
-
-
-def _fin_places(unit: FmuInterface, fin: int) -> tuple[int | None, ...]:
-    """Return the value references of a fin's inputs as a core takes them: command, moment, supply, enable, further."""
-    actuator = unit.actuator
-    supply = None if actuator.supply is None else actuator.supply.input.name
-    names = ("fin_command", "aero_torque", supply, "enable", *(v.name for v in actuator.further_inputs))
-    return tuple(None if name is None else unit.reference[unit.name(name, fin)] for name in names)
 
 
 def _entry(package: str, model: str) -> str:

@@ -15,12 +15,12 @@ _BASE = {"[mass]": "kg", "[length]": "m", "[time]": "s", "[current]": "A", "[tem
 
 @dataclass(frozen=True)
 class Unit:
-    """Base-unit exponents, factor and offset to SI, display units (name, factor, offset)."""
+    """Base-unit exponents, factor and offset to SI, display units with their factors."""
 
     exponents: dict[str, int]
-    offset: float = 0.0
-    displays: tuple[tuple[str, float, float], ...] = ()
-    factor: float = 1.0
+    factor: float
+    offset: float
+    displays: tuple[tuple[str, float], ...]
 
 
 @cache
@@ -28,5 +28,5 @@ def fmi_unit(name: str) -> Unit:
     """Return what FMI says of a unit. Raises UnitError for one that is not known."""
     base, factor, offset = units.to_base(name)
     exponents = {symbol: base[dimension] for dimension, symbol in _BASE.items() if dimension in base}
-    displays = tuple((display, units.factor(name, display), 0.0) for display in _DISPLAYS.get(name, ()))
-    return Unit(exponents, offset, displays, factor)
+    displays = tuple((display, units.factor(name, display)) for display in _DISPLAYS.get(name, ()))
+    return Unit(exponents, factor, offset, displays)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from .base import Thunk, Value
 
@@ -14,44 +15,23 @@ def _real(x: Value) -> float:
     raise TypeError(f"float operations take numbers, not {type(x).__name__}")
 
 
+def _of_number(function: Callable[[float], float]) -> staticmethod[[Value], float]:
+    """Return a function of one number that refuses anything else."""
+    return staticmethod(lambda x: function(_real(x)))
+
+
 class FloatOps:
     """See :class:`emcas_fmu.ops.base.Ops`."""
 
-    @staticmethod
-    def sin(x: Value) -> Value:
-        return math.sin(_real(x))
-
-    @staticmethod
-    def cos(x: Value) -> Value:
-        return math.cos(_real(x))
-
-    @staticmethod
-    def tan(x: Value) -> Value:
-        return math.tan(_real(x))
-
-    @staticmethod
-    def atan(x: Value) -> Value:
-        return math.atan(_real(x))
-
-    @staticmethod
-    def exp(x: Value) -> Value:
-        return math.exp(_real(x))
-
-    @staticmethod
-    def log(x: Value) -> Value:
-        return math.log(_real(x))
-
-    @staticmethod
-    def sqrt(x: Value) -> Value:
-        return math.sqrt(_real(x))
-
-    @staticmethod
-    def fabs(x: Value) -> Value:
-        return math.fabs(_real(x))
-
-    @staticmethod
-    def floor(x: Value) -> Value:
-        return float(math.floor(_real(x)))
+    sin = _of_number(math.sin)
+    cos = _of_number(math.cos)
+    tan = _of_number(math.tan)
+    atan = _of_number(math.atan)
+    exp = _of_number(math.exp)
+    log = _of_number(math.log)
+    sqrt = _of_number(math.sqrt)
+    fabs = _of_number(math.fabs)
+    floor = _of_number(lambda x: float(math.floor(x)))
 
     @staticmethod
     def minimum(a: Value, b: Value) -> Value:

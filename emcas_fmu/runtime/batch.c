@@ -53,7 +53,7 @@ API void actuator_schedule(const actuator *a, double *out)
 
 API void actuator_forces(const actuator *a, const double *motion, double *out)
 {
-    kernel_forces(a->parameters, a->constants, motion[0], motion[1], motion[2], motion[3], motion[4], out);
+    core_forces(a->parameters, a->constants, motion, out);
 }
 
 static void outputs(const actuator *a, const core_inputs *in, double *out)
@@ -65,8 +65,8 @@ static void outputs(const actuator *a, const core_inputs *in, double *out)
 /* The core's inputs as an array: command, aero_torque, f_x, f_z, supply, enable, the actuator's further ones. */
 static core_inputs listed(const double *in)
 {
-    core_inputs inputs;
-    memcpy(&inputs, in, sizeof inputs);
+    core_inputs inputs = {0};
+    memcpy(&inputs, in, offsetof(core_inputs, further) + CORE_FURTHER * sizeof *in);
     return inputs;
 }
 
@@ -81,7 +81,7 @@ API int actuator_run(actuator *a, double end, const double *in, const double *ra
 {
     const core_inputs inputs = listed(in);
     core_ramp change;
-    if (ramp) memcpy(&change, ramp, sizeof change);
+    if (ramp) memcpy(&change, ramp, offsetof(core_ramp, further) + CORE_ACTING * sizeof *ramp);
     return core_run(a->parameters, a->constants, &a->state, end, &inputs, ramp ? &change : NULL, out);
 }
 
@@ -92,7 +92,7 @@ static core_inputs row(actuator *a, const double *in)
         memcpy(a->motion, in + INPUT_ACCELERATION_X, sizeof a->motion);
         actuator_forces(a, a->motion, a->force);
     }
-    return core_inputs_of(in[INPUT_FIN_COMMAND], in, a->force);
+    return core_inputs_of(in, a->force);
 }
 
 /* `count` actuators, each to `end` [s] with its own row of the interface's inputs and outputs.

@@ -28,7 +28,7 @@ def kernel_header(several: bool = False, model: str = NONLINEAR) -> str:
     """kernel.h: the equations."""
     return (_NOTE.format("The actuator's equations as straight-line code")
             + f"#ifndef EMCAS_KERNEL_H\n#define EMCAS_KERNEL_H\n\n#include <math.h>\n\n{_NO_CONTRACTION}\n"
-            f"{codegen.c_kernel(several, model)}\n#endif\n")
+            f"{c_source(codegen.traced(several, model), 'kernel')}\n#endif\n")
 
 
 def enumerator(name: str) -> str:
@@ -47,6 +47,7 @@ def model_header(actuator: Actuator) -> str:
     inputs = "".join(f"    INPUT_{enumerator(v.name)} = {i},\n" for i, v in enumerate(actuator.inputs))
     names = [v.name for v in actuator.inputs]
     supply = names.index(actuator.supply.input.name) if actuator.supply else -1
+    power = codegen.power_place(actuator)
     states, controller, sampled = (", ".join(s.name for s in group) or "none" for group in (
         actuator.states, actuator.controller_states, actuator.sampled_states))
     return (_NOTE.format("Sizes, limits and the order of the inputs")
@@ -58,7 +59,8 @@ def model_header(actuator: Actuator) -> str:
             f"    CORE_SAMPLED = {kept + 2 + held}\n}};\n\n"
             "/* Inputs besides the fin port's, and how many of them, the first ones, act on the plant. */\n"
             f"#define CORE_FURTHER {len(further)}\n#define CORE_ACTING {acting}\n"
-            f"/* Place of the supply among the inputs; -1 where there is none. */\n#define MODEL_SUPPLY ({supply})\n"
+            "/* Place of the supply among the inputs, and of its power among the outputs; -1 where there is none. */\n"
+            f"#define MODEL_SUPPLY ({supply})\n#define MODEL_SUPPLY_POWER ({-1 if power is None else power})\n"
             f"/* {states} */\n#define CORE_PLANT_OF(state) {listed('(state)->x', plant)[2:]}\n"
             f"/* {controller} */\n#define CORE_CONTROLLER_OF(state) {listed('(state)->sampled', kept)}\n"
             "/* measured fin angle, whether a limit was met */\n"

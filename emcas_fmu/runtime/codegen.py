@@ -2,78 +2,59 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, partial
-from inspect import signature
 from typing import Any
 
 from ..actuators import NONLINEAR, fin_port, get
 from ..actuators.declaration import Actuator, identifier
 from ..actuators.external import refusal
 from ..errors import EmcasError
-from ..ops.base import Ops, Value
+from ..ops.base import Value
 from ..physics import bus
-from ..trace.c_source import c_source
 from ..trace.python_source import python_source
 from ..trace.tracer import Tracer
 from ..trace.usage import dependencies
 from . import schedule
-from .core import Core
-from .multi_fin import Mix, MultiFin, mixes
+from .core import MOTION, Core, Inputs, inputs_of
+from .multi_fin import MultiFin
 
 Make = Callable[[Mapping[str, Any]], tuple[Callable[..., tuple[Any, ...]], ...]]
 Traced = tuple[str, tuple[str, ...], Callable[..., tuple[Value, ...]]]
 
 
-def mixed_command(ops: Ops, p: Any, command: Value, roll: Value, pitch: Value, yaw: Value) -> tuple[Value, ...]:
-    """:func:`emcas_fmu.actuators.fin_port.mixed_command`."""
-    return (fin_port.mixed_command(ops, p, command, roll, pitch, yaw),)
-
-
-def bus_voltage(ops: Ops, p: Any, source: Value, sag: Value) -> tuple[Value, ...]:
-    """:func:`emcas_fmu.physics.bus.voltage`."""
-    return (bus.voltage(ops, source, sag),)
-
-
-def bus_current(ops: Ops, p: Any, power: Value, at: Value) -> tuple[Value, ...]:
-    """:func:`emcas_fmu.physics.bus.current`."""
-    return (bus.current(ops, power, at),)
-
-
-def bus_sag(ops: Ops, p: Any, resistance: Value, sag: Value, drawn: Value, interval: Value,
-            inverse_inductance: Value) -> tuple[Value, ...]:
-    """:func:`emcas_fmu.physics.bus.next_sag`; `inverse_inductance` is sum 1/L_i [1/H]."""
-    return (bus.next_sag(ops, resistance, sag, drawn, interval * inverse_inductance),)
-
-
-# What several fins on one bus need besides, and the 1/L [1/H] of one of them.
-BUS = (bus_voltage, bus_current, bus_sag)
-
-
 def functions(actuator: Actuator, several: bool = False) -> tuple[Traced, ...]:
-    """Return name, names of the arguments behind ops and p, and the function of each of a program, in their order."""
-    def described(*plain: Callable[..., tuple[Value, ...]]) -> tuple[Traced, ...]:
-        return tuple((f.__name__, tuple(signature(f).parameters)[2:], f) for f in plain)
+    """Return name, names of the arguments behind ops and p, and the function of each of a program, in their order.
 
-    several_fins: tuple[Traced, ...] = ()
-    if several:
-        several_fins = described(mixed_command)
-        if supply := actuator.supply:
-            loads = ("inverse_inductance", (), lambda ops, p: (supply.inverse_inductance(ops, p),))
-            several_fins = (*several_fins, *described(*BUS), loads)
-    return (("schedule", (), lambda ops, p: schedule.schedule(ops, p, actuator)),
-            ("locate", ("time",), lambda ops, p, time: schedule.locate(ops, p, actuator, time)),
-            *actuator.functions, *several_fins)
+    Those of several fins mix the commands and, where there is a supply, step the bus (:mod:`emcas_fmu.physics.bus`).
+    """
+    one: tuple[Traced, ...] = (
+        ("schedule", (), lambda ops, p: schedule.schedule(ops, p, actuator)),
+        ("locate", ("time",), lambda ops, p, time: schedule.locate(ops, p, actuator, time)), *actuator.functions)
+    mixing: tuple[Traced, ...] = (
+        ("mixed_command", ("command", "roll", "pitch", "yaw"),
+         lambda ops, p, *commands: (fin_port.mixed_command(ops, p, *commands),)),)
+    supply = actuator.supply
+    if not several or supply is None:
+        return one + mixing if several else one
+    return (
+        *one, *mixing,
+        ("bus_voltage", ("source", "sag"), lambda ops, p, source, sag: (bus.voltage(ops, source, sag),)),
+        ("bus_current", ("power", "at"), lambda ops, p, power, at: (bus.current(ops, power, at),)),
+        ("bus_sag", ("resistance", "sag", "drawn", "interval", "inverse_inductance"),
+         lambda ops, p, resistance, sag, drawn, interval, inverse: (
+             bus.next_sag(ops, resistance, sag, drawn, interval * inverse),)),
+        ("inverse_inductance", (), lambda ops, p: (supply.inverse_inductance(ops, p),)))
 
 
-@cache
-def traced(several: bool = False, model: str = NONLINEAR) -> Tracer:
-    """Return an actuator's functions, and those of several fins if asked for, of its parameters in their order."""
-    actuator = get(model)
-    tracer = Tracer()
+def _trace(model: str, functions: Iterable[Traced]) -> Tracer:
+    """Return functions of an actuator, traced over its parameters in their order.
+
+    Raises EmcasError naming file and line where those of a user's file cannot be.
+    """
+    actuator, tracer = get(model), Tracer()
     p = actuator.namespace({v.name: tracer.parameter(v.name) for v in actuator.parameters})
-    for name, arguments, function in functions(actuator, several):
+    for name, arguments, function in functions:
         try:
             tracer.function(name, arguments, partial(function, tracer, p))
         except Exception as error:
@@ -81,6 +62,18 @@ def traced(several: bool = False, model: str = NONLINEAR) -> Tracer:
                 raise
             raise refusal(error, actuator.source) from error
     return tracer
+
+
+@cache
+def traced(several: bool = False, model: str = NONLINEAR) -> Tracer:
+    """Return an actuator's functions, and those of several fins if asked for, traced."""
+    return _trace(model, functions(get(model), several))
+
+
+@cache
+def traced_rules(model: str = NONLINEAR) -> Tracer:
+    """Return the checks of an actuator's rules, ``check_0`` and so on, each of a share of the travel, traced."""
+    return _trace(model, ((f"check_{i}", ("share",), rule.check) for i, rule in enumerate(get(model).all_rules)))
 
 
 @cache
@@ -113,67 +106,34 @@ def source(several: bool = False, model: str = NONLINEAR) -> str:
                          "The actuator's equations as straight-line code; generated, do not edit.")
 
 
-def c_kernel(several: bool = False, model: str = NONLINEAR) -> str:
-    """Return the functions as C (:func:`emcas_fmu.trace.c_source.c_source`), named ``kernel_...``."""
-    return c_source(traced(several, model), "kernel")
-
-
-@cache
-def traced_rules(model: str = NONLINEAR) -> Tracer:
-    """Return the checks of an actuator's rules, ``check_0`` and so on, each of a share of the travel."""
-    actuator = get(model)
-    tracer = Tracer()
-    p = actuator.namespace({v.name: tracer.parameter(v.name) for v in actuator.parameters})
-    for i, rule in enumerate(actuator.all_rules):
-        tracer.function(f"check_{i}", ["share"], partial(rule.check, tracer, p))
-    return tracer
-
-
 def core(values: Mapping[str, Any], model: str = NONLINEAR) -> Core:
     """Return a core of an actuator, in Python, with these parameters."""
     return Core(make(model=model)(values), *sizes(get(model)))
 
 
 def multi_fin(sets: Sequence[Mapping[str, Any]], resistance: float, interval: float, model: str = NONLINEAR
-         ) -> tuple[MultiFin, list[Mix]]:
-    """Return the cores of several fins with these parameters on one bus, in Python, and their mixing of commands.
+              ) -> MultiFin:
+    """Return the cores of several fins with these parameters on one bus, in Python.
 
     The source's `resistance` is in Ohm, the `interval` of the bus in s.
     """
     actuator, bound = get(model), [make(True, model)(values) for values in sets]
-    power = None if actuator.supply is None else actuator.outputs.index(actuator.supply.power)
-    return MultiFin(bound, resistance, interval, power, sizes(actuator)), mixes(bound)
+    return MultiFin(bound, resistance, interval, power_place(actuator), sizes(actuator))
+
+
+def core_inputs(core: Any, row: Sequence[Any], model: str = NONLINEAR) -> Inputs:
+    """Return the inputs of a core, in Python or compiled, from a row of its actuator's inputs."""
+    return inputs_of(row, core.forces(*row[MOTION]), get(model).supply is not None)
+
+
+def power_place(actuator: Actuator) -> int | None:
+    """Return the place of the supply's power among the outputs; None of an actuator without a supply."""
+    return None if actuator.supply is None else [v.name for v in actuator.outputs].index(actuator.supply.power.name)
 
 
 def sizes(actuator: Actuator) -> tuple[int, int, int]:
     """Return the numbers of states, of controller states and of further inputs that act on the plant."""
     return len(actuator.states), len(actuator.controller_states), len(actuator.acting_inputs)
-
-
-@dataclass(frozen=True)
-class Places:
-    """Where a core's inputs stand in a row of an actuator's."""
-
-    motion: slice
-    direct: tuple[int, ...]
-    supply: int | None
-    further: tuple[int, ...]
-
-    def arrange(self, row: Sequence[Any], forces: Callable[..., tuple[float, float]]) -> tuple[Any, ...]:
-        """Return a core's inputs from a row of the interface's; `forces` are the core's."""
-        supply = 0.0 if self.supply is None else row[self.supply]
-        return (*(row[i] for i in self.direct), *forces(*row[self.motion]), supply, *(row[i] for i in self.further))
-
-
-@cache
-def places(model: str = NONLINEAR) -> Places:
-    """Return where a core's inputs stand in a row of the inputs of an actuator."""
-    actuator = get(model)
-    index = {v.name: i for i, v in enumerate(actuator.inputs)}
-    return Places(slice(index["acceleration.x"], index["attitude.pitch"] + 1),
-                  (index["fin_command"], index["aero_torque"]),
-                  index[actuator.supply.input.name] if actuator.supply else None,
-                  tuple(index[name] for name in ("enable", *(v.name for v in actuator.further_inputs))))
 
 
 @cache

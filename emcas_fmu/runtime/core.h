@@ -19,20 +19,15 @@ typedef struct {
     double x[CORE_PLANT];
 } core_plant;
 
-/* Command, loads (with a mean over a tick), what acts through limits, and the actuator's further inputs. */
+/* Command, loads (with a mean over a tick), what acts through limits, and the actuator's further inputs: arrays of
+ * these have one more, unused, since there may be none. */
 typedef struct {
-    double command, aero_torque, f_x, f_z, supply, enable;
-#if CORE_FURTHER > 0
-    double further[CORE_FURTHER];
-#endif
+    double command, aero_torque, f_x, f_z, supply, enable, further[CORE_FURTHER + 1];
 } core_inputs;
 
 /* How the inputs change from those at `begin` [s]; enable and other Booleans do not. */
 typedef struct {
-    double begin, command, aero_torque, f_x, f_z, supply;
-#if CORE_ACTING > 0
-    double further[CORE_ACTING];
-#endif
+    double begin, command, aero_torque, f_x, f_z, supply, further[CORE_ACTING + 1];
 } core_ramp;
 
 /* A tick in which a communication point fell: where in it the plant stands, how far it is
@@ -70,6 +65,13 @@ static inline bool core_finite(double x)
     return (bits & UINT64_C(0x7ff0000000000000)) != UINT64_C(0x7ff0000000000000);
 }
 
+static inline bool core_all_finite(const double *x, size_t count)
+{
+    bool finite = true;
+    for (size_t i = 0; i < count; ++i) finite &= core_finite(x[i]);
+    return finite;
+}
+
 static inline core_schedule core_scheduled(const double *p, const double *c)
 {
     double out[8];
@@ -95,17 +97,21 @@ static inline void core_start(const double *p, const double *c, core_state *s)
     for (size_t i = limited + 1; i < CORE_SAMPLED; ++i) s->sampled[i] = out[CORE_PLANT + i - 1];
 }
 
-/* A core's inputs out of an actuator's in the interface's order, but for the command and the forces. */
-static inline core_inputs core_inputs_of(double command, const double *in, const double *force)
+/* Specific force in the fin's frame from acceleration (x, y, z), roll and pitch. */
+static inline void core_forces(const double *p, const double *c, const double *motion, double *out)
 {
-    core_inputs inputs = {.command = command, .aero_torque = in[INPUT_AERO_TORQUE], .f_x = force[0], .f_z = force[1],
-                          .enable = in[INPUT_ENABLE]};
+    kernel_forces(p, c, motion[0], motion[1], motion[2], motion[3], motion[4], out);
+}
+
+/* A core's inputs from an actuator's, in the interface's order, and the specific force. */
+static inline core_inputs core_inputs_of(const double *in, const double *force)
+{
+    core_inputs inputs = {.command = in[INPUT_FIN_COMMAND], .aero_torque = in[INPUT_AERO_TORQUE], .f_x = force[0],
+                          .f_z = force[1], .enable = in[INPUT_ENABLE]};
 #if MODEL_SUPPLY >= 0
     inputs.supply = in[MODEL_SUPPLY];
 #endif
-#if CORE_FURTHER > 0
-    memcpy(inputs.further, in + MODEL_INPUTS - CORE_FURTHER, sizeof inputs.further);
-#endif
+    memcpy(inputs.further, in + MODEL_INPUTS - CORE_FURTHER, CORE_FURTHER * sizeof *in);
     return inputs;
 }
 
@@ -128,9 +134,7 @@ static inline core_inputs core_at(const core_inputs *in, const core_ramp *ramp, 
     then.f_x += ramp->f_x * t;
     then.f_z += ramp->f_z * t;
     then.supply += ramp->supply * t;
-#if CORE_ACTING > 0
-    for (size_t i = 0; i < CORE_ACTING; ++i) then.further[i] += ramp->further[i] * t;
-#endif
+    for (int i = 0; i < CORE_ACTING; ++i) then.further[i] += ramp->further[i] * t;
     return then;
 }
 
@@ -189,9 +193,7 @@ static inline core_inputs core_mean(const core_part *part)
 static inline bool core_switched(const core_inputs *a, const core_inputs *b)
 {
     bool differ = a->supply != b->supply || a->enable != b->enable;
-#if CORE_ACTING > 0
-    for (size_t i = 0; i < CORE_ACTING; ++i) differ |= a->further[i] != b->further[i];
-#endif
+    for (int i = 0; i < CORE_ACTING; ++i) differ |= a->further[i] != b->further[i];
     return differ;
 }
 
@@ -219,11 +221,19 @@ static inline void core_sample(const double *p, const double *c, core_state *s, 
     memcpy(s->sampled, out + 1, sizeof s->sampled);
 }
 
-/* Up to `until` [s] in the tick that begins at `begun` [s]. A whole one leaves no part behind. */
-static inline bool core_tick(const double *p, const double *c, core_state *s, const core_schedule *plan,
-                             size_t line, const core_inputs *in, const core_ramp *ramp, double begun, double until,
-                             bool whole)
+/* When the tick that `s` stands at begins [s]. */
+static inline double core_begun(const core_state *s, const core_schedule *plan)
 {
+    const double within = s->position < (int32_t)plan->before ? s->position * plan->h_before
+                                                              : plan->arrival + (s->position - plan->before) * plan->h_after;
+    return (double)s->period * plan->period + within;
+}
+
+/* Up to `until` [s] in a tick. A whole one leaves no part behind. */
+static inline bool core_tick(const double *p, const double *c, core_state *s, const core_schedule *plan,
+                             size_t line, const core_inputs *in, const core_ramp *ramp, double until, bool whole)
+{
+    const double begun = ramp ? core_begun(s, plan) : 0.0;
     core_inputs acting = *in;
     if (ramp) acting = core_at(in, ramp, begun + 0.5 * (s->partial ? until + s->part.covered : until));
     if (s->position == 0 && !s->partial) {
@@ -272,31 +282,21 @@ static inline core_result core_run(const double *p, const double *c, core_state 
     core_state s;
     memcpy(&s, state, offsetof(core_state, line) + line * sizeof *s.line);
     while (s.period < period || s.position < position) {
-        const bool early = s.position < (int32_t)plan.before;
-        const double h = early ? plan.h_before : plan.h_after;
-        const double begun = ramp ? (double)s.period * plan.period
-            + (early ? s.position * h : plan.arrival + (s.position - plan.before) * h) : 0.0;
-        if (!core_tick(p, c, &s, &plan, line, in, ramp, begun, h, true)) return CORE_TOO_MANY_EVENTS;
+        const double h = s.position < (int32_t)plan.before ? plan.h_before : plan.h_after;
+        if (!core_tick(p, c, &s, &plan, line, in, ramp, h, true)) return CORE_TOO_MANY_EVENTS;
         if (++s.position == ticks) {
             s.position = 0;
             ++s.period;
         }
     }
     s.tentative = s.plant;
-    if (rest > 0.0) {
-        const bool early = s.position < (int32_t)plan.before;
-        const double begun = (double)s.period * plan.period
-            + (early ? s.position * plan.h_before : plan.arrival + (s.position - plan.before) * plan.h_after);
-        if (!core_tick(p, c, &s, &plan, line, in, ramp, begun, rest, false)) return CORE_TOO_MANY_EVENTS;
-    }
+    if (rest > 0.0 && !core_tick(p, c, &s, &plan, line, in, ramp, rest, false)) return CORE_TOO_MANY_EVENTS;
     const core_inputs final = core_at(in, ramp, end);
     double outputs[MODEL_OUTPUTS];
     core_outputs(p, c, &s, line, &final, outputs);
-    bool finite = true;
-    for (size_t i = 0; i < CORE_SAMPLED; ++i) finite &= core_finite(s.sampled[i]);
-    for (size_t i = 0; i < CORE_PLANT; ++i) finite &= core_finite(s.tentative.x[i]);
-    for (size_t i = 0; i < MODEL_OUTPUTS; ++i) finite &= core_finite(outputs[i]);
-    if (!finite) return CORE_NOT_FINITE;
+    if (!core_all_finite(s.sampled, CORE_SAMPLED) || !core_all_finite(s.tentative.x, CORE_PLANT)
+        || !core_all_finite(outputs, MODEL_OUTPUTS))
+        return CORE_NOT_FINITE;
     memcpy(out, outputs, sizeof outputs);
     memcpy(state, &s, offsetof(core_state, line) + line * sizeof *s.line);
     return CORE_DONE;

@@ -7,7 +7,7 @@ trajectory alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 # A tick has at most a handful of events; far more means the equations cannot be followed.
@@ -22,10 +22,20 @@ Ramp = tuple[float, tuple[float, ...]]
 # there and the integrals of the loads' differences from them.
 Part = tuple[float, float, Inputs, tuple[float, ...]]
 
+MOTION = slice(2, 7)  # of an actuator's inputs: acceleration, roll and pitch
 _LOADS = slice(1, 4)  # of the inputs: what has a mean over a tick
 _SWITCHED = slice(4, 6)  # supply and enable act through limits: where they change, the tick is split
 _NOTHING = (0.0, 0.0, 0.0)
 _RAMPED = 5  # of the inputs, before enable: what a ramp changes
+
+
+def inputs_of(row: Sequence[Any], force: Sequence[float], supplied: bool) -> Inputs:
+    """Return a core's inputs from an actuator's, in the interface's order, and the specific force [m/s2].
+
+    The supply of an actuator that is not `supplied` is 0 V.
+    """
+    supply = () if supplied else (0.0,)
+    return (row[0], row[1], *force, *supply, *row[8:])
 
 
 class Core:
@@ -37,8 +47,8 @@ class Core:
     changes while running, as nested tuples of numbers; it may be kept and put back.
     """
 
-    __slots__ = ("_acting", "_controller", "_forces", "_further", "_initial", "_locate", "_outputs", "_plant",
-                 "_sample", "_step", "schedule", "state")
+    __slots__ = ("_acting", "_controller", "_further", "_kernel_forces", "_kernel_initial", "_kernel_locate",
+                 "_kernel_outputs", "_kernel_sample", "_kernel_step", "_plant", "schedule", "state")
 
     def __init__(self, functions: Functions, plant: int = 4, controller: int = 2, acting: int = 0) -> None:
         self._plant, self._controller = plant, controller
@@ -48,8 +58,9 @@ class Core:
 
     def bind(self, functions: Functions) -> None:
         """Take the kernel's functions, anew after a tunable parameter changed."""
-        schedule, self._locate, self._initial, self._sample, self._forces, self._step, self._outputs = functions
-        period, before, after, *rest = schedule()
+        (kernel_schedule, self._kernel_locate, self._kernel_initial, self._kernel_sample, self._kernel_forces,
+         self._kernel_step, self._kernel_outputs) = functions
+        period, before, after, *rest = kernel_schedule()
         self.schedule = (period, int(before), int(before) + int(after), *rest)
 
     @property
@@ -60,13 +71,13 @@ class Core:
 
     def forces(self, *arguments: float) -> tuple[float, float]:
         """Return the specific force in the fin's frame from acceleration (x, y, z), roll and pitch."""
-        f_x, f_z = self._forces(*arguments)
+        f_x, f_z = self._kernel_forces(*arguments)
         return f_x, f_z
 
     def start(self) -> None:
         """Put the actuator at rest at its start."""
-        begun = self._initial()
-        plant, rest = begun[:self._plant], begun[self._plant:]
+        initial = self._kernel_initial()
+        plant, rest = initial[:self._plant], initial[self._plant:]
         limited = self._controller + 1  # none is met yet: not among what it starts with
         # Length of the delay line: the sample in the drive before and after the arrival, and those on their way.
         line = (0.0,) * (int(self.schedule[-2]) + 2)
@@ -76,7 +87,7 @@ class Core:
     def outputs(self, inputs: Inputs) -> tuple[Any, ...]:
         """Return the outputs in the interface's order."""
         _, _, _, sampled, line, active, _, plant = self.state
-        return self._put_out(plant, sampled, line, active, inputs)
+        return self._outputs(plant, sampled, line, active, inputs)
 
     def run(self, end: float, inputs: Inputs, ramp: Ramp | None = None) -> tuple[Any, ...]:
         """Move on to `end` [s] from the start, all or nothing; return the outputs there.
@@ -85,9 +96,9 @@ class Core:
         ones that act) are those at `begin` and change at these rates. A tick takes them at its middle.
         Raises ArithmeticError where the equations cannot be followed.
         """
-        length, before, ticks, arrival, h_before, h_after, _, _ = self.schedule
+        _, before, ticks, _, h_before, h_after, _, _ = self.schedule
         period, position, plant, sampled, line, active, part, _ = self.state
-        periods, at, rest = self._locate(end)
+        periods, at, rest = self._kernel_locate(end)
         if not (periods - period) * ticks <= MOST_TICKS:
             raise ArithmeticError(f"{(periods - period) * ticks:g} ticks in one step are more than {MOST_TICKS}")
         to_period, to_position = int(periods), int(at)
@@ -97,28 +108,20 @@ class Core:
                 rest = covered
             to_period, to_position = period, position
 
-        begun = 0.0
         while position < to_position or period < to_period:
-            early = position < before
-            h = h_before if early else h_after
-            if ramp is not None:
-                begun = period * length + (position * h if early else arrival + (position - before) * h)
-            plant, sampled, line, active, _ = self._tick(
-                plant, sampled, line, part, position, inputs, ramp, begun, h, True)
-            part = None
+            plant, sampled, line, active, part = self._tick(
+                plant, sampled, line, part, period, position, inputs, ramp, h_before if position < before else h_after,
+                True)
             position += 1
             if position == ticks:
                 position = 0
                 period += 1
         tentative = plant
         if rest > 0.0:
-            if ramp is not None:
-                begun = period * length + (
-                    position * h_before if position < before else arrival + (position - before) * h_after)
             plant, sampled, line, active, part = self._tick(
-                plant, sampled, line, part, position, inputs, ramp, begun, rest, False)
+                plant, sampled, line, part, period, position, inputs, ramp, rest, False)
             tentative = self._finish(plant, sampled, active, _mean(part), rest - part[0])
-        outputs = self._put_out(tentative, sampled, line, active, self._at(inputs, ramp, end))
+        outputs = self._outputs(tentative, sampled, line, active, self._at(inputs, ramp, end))
         total = sum(outputs, sum(tentative, sum(sampled)))
         if total - total != 0.0:  # infinite or not a number
             raise ArithmeticError("the state is no longer finite")
@@ -126,37 +129,46 @@ class Core:
         return outputs
 
     def _tick(self, plant: tuple[float, ...], sampled: tuple[float, ...], line: tuple[float, ...], part: Any,
-              position: int, inputs: Inputs, ramp: Ramp | None, begun: float, until: float, whole: bool
+              period: int, position: int, inputs: Inputs, ramp: Ramp | None, until: float, whole: bool
               ) -> tuple[Any, ...]:
-        """Return plant, sampled states, delay line, active reference and part of a tick that begins at `begun` [s].
+        """Return plant, sampled states, delay line, active reference and part after a tick up to `until` [s] in it.
 
         A whole one leaves no part behind; of another the plant stays where it stands, and the part says how far the
         tick is covered.
         """
-        acting = inputs
+        acting, begun = inputs, 0.0
         if ramp is not None:
+            begun = self._begun(period, position)
             acting = self._at(inputs, ramp, begun + 0.5 * (until if part is None else until + part[1]))
         if position == 0 and part is None:
-            sampled, line = self._sampled(plant, sampled, line, self._at(inputs, ramp, begun))
+            sampled, line = self._sample(plant, sampled, line, self._at(inputs, ramp, begun))
         active = line[0] if position < self.schedule[1] else line[1]
         if part is None and whole:
             return self._finish(plant, sampled, active, acting, until), sampled, line, active, None
         if part is not None:
             plant, part = self._split(plant, sampled, active, part, acting)
-        part = _extended(part, until, acting)
+        part = _extend(part, until, acting)
         if whole:
             plant, part = self._finish(plant, sampled, active, _mean(part), until - part[0]), None
         return plant, sampled, line, active, part
 
-    def _put_out(self, plant: tuple[float, ...], sampled: tuple[float, ...], line: tuple[float, ...], active: float,
-                 inputs: Inputs) -> tuple[Any, ...]:
-        return self._outputs(*plant, active, line[-1], *sampled[self._controller:], inputs[0], *inputs[self._acting])
+    def _begun(self, period: int, position: int) -> float:
+        """Return when a tick begins [s]."""
+        length, before, _, arrival, h_before, h_after, _, _ = self.schedule
+        within = position * h_before if position < before else arrival + (position - before) * h_after
+        begun: float = period * length + within
+        return begun
 
-    def _sampled(self, plant: tuple[float, ...], sampled: tuple[float, ...], line: tuple[float, ...], inputs: Inputs
-                 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    def _outputs(self, plant: tuple[float, ...], sampled: tuple[float, ...], line: tuple[float, ...], active: float,
+                 inputs: Inputs) -> tuple[Any, ...]:
+        return self._kernel_outputs(*plant, active, line[-1], *sampled[self._controller:], inputs[0],
+                                    *inputs[self._acting])
+
+    def _sample(self, plant: tuple[float, ...], sampled: tuple[float, ...], line: tuple[float, ...], inputs: Inputs
+                ) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return what is sampled and the delay line after a sample."""
         count, (command, _, _, _, *rest) = self._controller, inputs
-        reference, *after = self._sample(*plant, *sampled[:count], *sampled[count + 2:], command, *rest)
+        reference, *after = self._kernel_sample(*plant, *sampled[:count], *sampled[count + 2:], command, *rest)
         return tuple(after), (*line[1:], reference)
 
     def _at(self, inputs: Inputs, ramp: Ramp | None, time: float) -> Inputs:
@@ -182,7 +194,7 @@ class Core:
         """Return the plant after what is left of a tick [s], from event to event."""
         if left <= 0.0:
             return plant
-        step, acting, whole = self._step, (*sampled[self._controller + 2:], active, *inputs[self._acting]), left
+        step, acting, whole = self._kernel_step, (*sampled[self._controller + 2:], active, *inputs[self._acting]), left
         for _ in range(MOST_EVENTS):
             moved = step(*plant, *acting, left)
             plant, used = moved[:-1], moved[-1]
@@ -192,7 +204,7 @@ class Core:
         raise ArithmeticError(f"more than {MOST_EVENTS} events in {whole} s")
 
 
-def _extended(part: Part | None, until: float, inputs: Inputs) -> Part:
+def _extend(part: Part | None, until: float, inputs: Inputs) -> Part:
     if part is None:
         return 0.0, until, inputs, _NOTHING
     origin, done, first, sums = part

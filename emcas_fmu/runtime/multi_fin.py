@@ -5,10 +5,10 @@ multi_fin.h is the same in C, function by function, and says how the bus is step
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-from .core import MOST_TICKS, Core, Functions, Inputs
+from .core import MOST_TICKS, Core, Functions, Inputs, inputs_of
 
 _CORE = 7  # of the functions, what a core takes; then mixing, then what the bus needs
 _SUPPLY = 4  # of a core's inputs
@@ -56,6 +56,17 @@ class MultiFin:
         for core, one in zip(self.cores, states, strict=True):
             core.state = one
 
+    def forces(self, *motion: float) -> list[tuple[float, float]]:
+        """Return the specific force in each fin's frame from acceleration (x, y, z), roll and pitch."""
+        return [core.forces(*motion) for core in self.cores]
+
+    def acting(self, rows: Sequence[Sequence[Any]], forces: Sequence[tuple[float, float]], mixing: Sequence[float]
+               ) -> tuple[Inputs, ...]:
+        """Return each fin's inputs from those of its actuator, the specific forces, and roll, pitch and yaw command."""
+        inputs = [inputs_of(row, force, self._power is not None) for row, force in zip(rows, forces, strict=True)]
+        return tuple((*f[_CORE](command, *mixing), *rest)
+                     for f, (command, *rest) in zip(self._functions, inputs, strict=True))
+
     def outputs(self, inputs: Sequence[Inputs]) -> tuple[Any, ...]:
         """Return the outputs of the bus, then of the fins in the interface's order."""
         each = [core.outputs(self._supplied(i)) for core, i in zip(self.cores, inputs, strict=True)]
@@ -74,23 +85,18 @@ class MultiFin:
             raise
 
     def _run(self, end: float, inputs: Sequence[Inputs]) -> tuple[Any, ...]:
-        stiff, slack, source = not self._resistance > 0.0, self.slack, inputs[0][_SUPPLY]
+        stiff, last, source = not self._resistance > 0.0, end + self.slack, inputs[0][_SUPPLY]
         if not stiff and not end / self._interval - self._instant <= MOST_TICKS:
             raise ArithmeticError(f"a step to {end!r} s has more than {MOST_TICKS} instants of the bus")
-        while True:
-            following = self._instant * self._interval
-            # A host's clock may stand a little before an instant it means to have reached.
-            meets = not stiff and following <= end + slack
-            until = following if meets and following < end else end
-            each = self._run_fins(until, inputs)
-            if not meets:
-                return self._put_out(source, each)
-            _, drawn, _ = self._bus(source, each)
+        # A host's clock may stand a little before an instant it means to have reached.
+        while not stiff and (following := self._instant * self._interval) <= last:
+            _, drawn, _ = self._bus(source, self._run_fins(min(following, end), inputs))
             sag = self._next_sag(drawn)
             if sag - sag != 0.0:
                 raise ArithmeticError("the state is no longer finite")
             self._sag = sag
             self._instant += 1
+        return self._put_out(source, self._run_fins(end, inputs))
 
     def _run_fins(self, until: float, inputs: Sequence[Inputs]) -> Outputs:
         return [core.run(until, self._supplied(i)) for core, i in zip(self.cores, inputs, strict=True)]
@@ -126,10 +132,3 @@ class MultiFin:
         fins = tuple(x for outputs in each for x in outputs)
         return fins if self._power is None else (*self._bus(source, each), *fins)
 
-
-Mix = Callable[..., tuple[float]]
-
-
-def mixes(functions: Sequence[Functions]) -> list[Mix]:
-    """Return each fin's mixing of commands."""
-    return [f[_CORE] for f in functions]

@@ -16,20 +16,17 @@ from typing import Any, NamedTuple
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import drive, drive_line, friction, loads, mechanics, screw
-from . import rigid
-from .rigid import Plant, stops
+from .rigid import PROGRESS, WALL, Plant, electrical_mode, stops, switched
 
-_PROGRESS = 1e-6  # the least share of a step that is taken, so that every call moves on
-# The same of a step in which a flank is left: in less, a slow motion may not get beyond the rounding of its angle.
-# Meanwhile the flank pulls, and takes energy.
+# The least share of a step that is taken where a flank is left: in less, a slow motion may not get beyond the rounding
+# of its angle. Meanwhile the flank pulls, and takes energy.
 _LEAVING = 1e-3
-_WALL = 1e30  # N.m, a mechanical stop seen as friction that nothing overcomes
 _CONTACT, _ROTOR, _FIN, _UPPER, _LOWER = 0, 2, 3, 4, 5  # places of the margins that are more than an instant
 
 
 class Pair(NamedTuple):
-    """Rotor angle [rad] and speed [rad/s], motor current [A], drive integral [V]; the fin's angle and speed likewise,
-    told at the motor."""
+    """Rotor angle [rad] and speed [rad/s], motor current [A], drive integral [V]; the fin's angle and speed at the
+    motor."""
 
     angle: Value
     speed: Value
@@ -87,14 +84,14 @@ def _electric_end(ops: Ops, p: Any, s: Pair, d: Any, e: _Electric, mean: Value, 
 
 
 def _beyond(ops: Ops, torque: Value, high: Value, low: Value) -> tuple[Value, Value]:
-    """What of a torque friction at rest between `low` and `high` lets through, and its direction."""
+    """Return the net torque [N.m] beyond stiction between `low` and `high`, and its direction."""
     net = ops.where(torque > high, torque - high, ops.where(torque < low, torque - low, 0.0))
     return net, ops.where(torque > high, 1.0, ops.where(torque < low, -1.0, 0.0))
 
 
 def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value,
               at: Value | None = None) -> Pair:
-    """The state after `h` [s] if the mode holds.
+    """Return the state after `h` [s] if the mode holds.
 
     With mean speeds W and U the midpoint rules are
 
@@ -118,7 +115,7 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mod
 
 def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value, at: Value | None,
             felt: Value | None = None) -> tuple[Pair, Value, Value]:
-    """The end of :func:`_advanced`, the load on the screw [N.m] and the rotor's way (-1, 0, 1).
+    """Return the end of :func:`_advanced`, the load on the screw [N.m] and the rotor's way (-1, 0, 1).
 
     A rotor that feels e times the load has in its row of the equations, J = J_r + e J_n with the nut's J_n,
 
@@ -146,8 +143,8 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
 
     low_stop, high_stop = stops(ops, p)
     held = p.friction.fin_coulomb / m.ratio
-    high = ops.where(s.fin_angle >= high_stop, _WALL, held)
-    low = -ops.where(s.fin_angle <= low_stop, _WALL, held)
+    high = ops.where(s.fin_angle >= high_stop, WALL, held)
+    low = -ops.where(s.fin_angle <= low_stop, WALL, held)
     up, down = friction.coulomb(ops, p, 1.0, m.fin), -friction.coulomb(ops, p, -1.0, m.fin)
     fin_rests, rotor_rests = ops.equal(s.fin_speed, 0.0), ops.equal(s.speed, 0.0)
     sliding = ops.where(s.fin_speed > 0.0, held, -held)
@@ -188,7 +185,7 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
 
 
 def _margins(ops: Ops, p: Any, c: drive_line.Line, start: Pair, s: Pair, mode: _Mode) -> tuple[Value, ...]:
-    """What is above zero until the mode that held at `start` ends."""
+    """Return the margins that are above zero until the mode that held at `start` ends."""
     deflection = s.angle - s.fin_angle
     side = ops.where(mode.flank > 0.0, 1.0, -1.0)
     pressure = side * drive_line.torque(c, deflection, s.speed - s.fin_speed, mode.flank) - drive_line.least(c)
@@ -216,16 +213,19 @@ def _reserve(ops: Ops, p: Any, s: Pair, d: Any) -> tuple[Value, Value]:
 
 
 def _zero(ops: Ops, x: Value, y: Value, other_x: Value, other_y: Value) -> Value:
-    """Where the line through two points is zero."""
+    """Return where the line through two points is zero."""
     change = ops.where(ops.equal(y, other_y), 1.0, y - other_y)
     return x - y * (x - other_x) / change
 
 
 def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, h: Value) -> _Mode:
-    """The mode a step of `h` [s] starts in. A flank that is just met is under load if without it the gap would end."""
+    """Return the mode a step of `h` [s] starts in.
+
+    A flank that is just met is under load if without it the gap would end.
+    """
     deflection = s.angle - s.fin_angle
     pressed, flank = drive_line.pressed(ops, c, deflection, s.speed - s.fin_speed)
-    electric = rigid.electrical_mode(ops, p, Plant(*s[:4]), acting)
+    electric = electrical_mode(ops, p, Plant(*s[:4]), acting)
 
     def ahead() -> tuple[Value, ...]:
         free = _advanced(ops, p, c, s, acting, _Mode(False, 0.0, electric), h)
@@ -237,9 +237,8 @@ def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, h: Valu
 
 
 def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, Value]:
-    """The state after `h` [s] or at the first event before, and the time that took [s]."""
-    current, integral = ops.branch(acting.enabled, lambda: (s.current, s.integral), lambda: (0.0, 0.0))
-    s = s._replace(current=current, integral=integral)
+    """Return the state after `h` [s] or at the first event before, and the time that took [s]."""
+    s = switched(ops, s, acting.enabled)
     c = drive_line.line(ops, p)
     mode = _mode(ops, p, c, s, acting, h)
     whole = _advanced(ops, p, c, s, acting, mode, h)
@@ -250,7 +249,7 @@ def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, 
     for i, (y, z) in enumerate(zip(before, after)):
         stop = i in (_UPPER, _LOWER)
         outward = (whole.fin_angle - s.fin_angle) * (1.0 if i == _UPPER else -1.0) > 0.0
-        # At a stop the fin may only leave it; any other margin that was lost before has nothing to tell.
+        # At a stop the fin may only leave it; any other margin that was lost before is no event.
         lost = ops.both(z <= 0.0, outward if stop else y > 0.0)
         time = ops.clip(_zero(ops, 0.0, y, h, z), 0.0, h)
         earlier = ops.both(lost, ops.either(time < first, place < 0.0))
@@ -259,7 +258,7 @@ def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, 
         anything = ops.either(anything, lost)
 
     def to_event() -> tuple[Value, ...]:
-        least = h * ops.where(ops.both(mode.pressed, ops.equal(place, float(_CONTACT))), _LEAVING, _PROGRESS)
+        least = h * ops.where(ops.both(mode.pressed, ops.equal(place, float(_CONTACT))), _LEAVING, PROGRESS)
         guess = ops.maximum(first, least)
         found = _margins(ops, p, c, s, _advanced(ops, p, c, s, acting, mode, guess), mode)
         y = found[0]

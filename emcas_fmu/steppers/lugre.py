@@ -17,35 +17,19 @@ they are.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import drive, friction, mechanics
 from . import rigid
-from .rigid import PROGRESS, Events, Motion, Plant, Step
+from .rigid import PROGRESS, Motion, Plant, Step
 
 _SERIES = 0.02  # x below which f2 is its series: there both forms are good to 1e-12
 
 
-class Bristles(NamedTuple):
-    """What bristles do over a step: mean torque = at_rest [N.m] + slope [N.m.s/rad] W, end = kept z + gain [s] W."""
-
-    at_rest: Value
-    slope: Value
-    kept: Value
-    gain: Value
-
-
-class _Way(NamedTuple):
-    """Where a step leads, and the deflection at its end [rad]."""
-
-    step: Step
-    deflection: Value
-
-
 def shares(ops: Ops, x: Value) -> tuple[Value, ...]:
-    """e^-x, f1 and f2 for x >= 0."""
+    """Return e^-x, f1 and f2 for x >= 0."""
     def series() -> tuple[Value, ...]:
         second = 0.5 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0))))
         first = 1.0 - x * second
@@ -60,65 +44,72 @@ def shares(ops: Ops, x: Value) -> tuple[Value, ...]:
     return ops.branch(x < _SERIES, series, closed)
 
 
-def bristles(ops: Ops, p: Any, m: mechanics.Mechanics, deflection: Value, at: Value, h: Value) -> Bristles:
-    """The bristles over a step of h [s] at a motor speed `at` [rad/s] for their rate."""
+def _bristles(ops: Ops, p: Any, m: mechanics.Mechanics, deflection: Value, at: Value, h: Value) -> tuple[Value, ...]:
+    """Return what bristles do over a step of `h` [s] at a motor speed `at` [rad/s] for their rate.
+
+    Torque at rest [N.m] and slope [N.m.s/rad], kept share [1] and gain [s]: their mean torque is at_rest + slope W and
+    the deflection at the end kept z + gain W.
+    """
     rate, damping = friction.bristles(ops, p, m.fin, m.ratio, at)
     kept, first, second = shares(ops, rate * h)
     stiffness = p.lugre.stiffness
     fallen = (1.0 - kept) / h  # a f1, with no product of large and small
-    return Bristles((stiffness * first - damping * fallen) * deflection,
-                    stiffness * h * second + damping * first, kept, h * first)
+    return ((stiffness * first - damping * fallen) * deflection, stiffness * h * second + damping * first, kept,
+            h * first)
 
 
 def _mechanics(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> mechanics.Mechanics:
     return mechanics.coefficients(ops, p, s.angle + 0.5 * h * s.speed, u.aero_torque, u.f_x, u.f_z)
 
 
-def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at: Value | None = None) -> _Way:
-    """A step of a free motor with the friction of the speed `at`: that of mid-step, as a first step has it."""
+def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at: Value | None = None
+          ) -> tuple[Step, Value]:
+    """Return a step of a free motor, and the deflection at its end [rad], with the friction of a speed `at` [rad/s].
+
+    Where it is not given it is that of mid-step, as a first step has it.
+    """
     if at is None:
-        at = _step(ops, p, s, deflection, u, h, s.speed).step.current.speed
+        at = _step(ops, p, s, deflection, u, h, s.speed)[0].current.speed
     m = _mechanics(ops, p, s, u, h)
-    own = bristles(ops, p, m, deflection, at, h)
-    damping = mechanics.damping(ops, p, m, at) + own.slope
+    at_rest, slope, kept, gain = _bristles(ops, p, m, deflection, at, h)
+    damping = mechanics.damping(ops, p, m, at) + slope
     w = s.speed
     # As in rigid.py: mid-step speed in what is viscous, linearised in the centrifugal term.
     inertia = m.inertia + 0.5 * h * damping - h * w * m.centrifugal
-    torque = m.load - own.at_rest - damping * w + m.centrifugal * w * w
+    torque = m.load - at_rest - damping * w + m.centrifugal * w * w
     motion = Motion(1.0, inertia, torque, 0.0, 0.0, m.load)
     d = rigid.electrical_mode(ops, p, s, u)
     c = rigid.current_course(ops, p, s, motion, d, h)
     speed = w + h * (drive.torque(p, c.mean) + torque) / inertia
     end = Plant(s.angle + h * c.speed, speed, c.end, rigid.integral_end(ops, p, s, d, c, h))
     motion = motion._replace(direction=ops.where(end.angle > s.angle, 1.0, -1.0))
-    return _Way(Step(end, motion, d, c), own.kept * deflection + own.gain * c.speed)
+    return Step(end, motion, d, c), kept * deflection + gain * c.speed
 
 
-def _free(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, way: _Way) -> tuple[Value, ...]:
-    """State and deflection at the end of a free motor's step or at the first event in it, and the time that took."""
-    step = way.step
+def _free(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, step: Step, end_deflection: Value
+          ) -> tuple[Value, ...]:
+    """Return state and deflection at the end of a free motor's `step` or at the first event in it, and the time of it.
+    """
     side = step.motion.direction
     low, high = rigid.stops(ops, p)
     stop = ops.where(side > 0.0, high, low)
     stopping = (step.end.angle - stop) * side >= 0.0
-    entering, leaving = rigid.voltage_events(ops, p, step.drive, step.end)
+    crossing = rigid.voltage_events(ops, p, step.drive, step.end)
 
     def to_event() -> tuple[Value, ...]:
-        e = Events(entering, leaving, False, False, False, stopping)
-        arrival = rigid.stop_time(ops, s, step, e, stop, h)
-        first = ops.minimum(rigid.voltage_time(ops, p, s, step, e, h), arrival)
+        arrival = rigid.stop_time(ops, s, step, stopping, stop, h)
+        first = ops.minimum(rigid.voltage_time(ops, p, s, step, crossing, h), arrival)
         used = ops.maximum(first, PROGRESS * h)
-        part = _step(ops, p, s, deflection, u, used)
-        end, hits = part.step.end, ops.both(stopping, arrival <= first)
+        part, part_deflection = _step(ops, p, s, deflection, u, used)
+        end, hits = part.end, ops.both(stopping, arrival <= first)
         return (ops.where(hits, stop, end.angle), ops.where(hits, 0.0, end.speed), end.current, end.integral,
-                part.deflection, used)
+                part_deflection, used)
 
-    return ops.branch(ops.either(ops.either(entering, leaving), stopping), to_event,
-                      lambda: (*step.end, way.deflection, h))
+    return ops.branch(ops.either(ops.either(*crossing), stopping), to_event, lambda: (*step.end, end_deflection, h))
 
 
 def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, side: Value) -> tuple[Value, ...]:
-    """The same of a motor at rest at the stop on this side."""
+    """Return the same of a motor at rest at the stop on a side (-1 or 1)."""
     m = _mechanics(ops, p, s, u, h)
     spring = p.lugre.stiffness * deflection
 
@@ -126,9 +117,9 @@ def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value,
         return side * (drive.torque(p, current) + m.load - spring)
 
     pressed = pressing(s.current) >= 0.0
-    way = _step(ops, p, s, deflection, u, h)
+    free, free_deflection = _step(ops, p, s, deflection, u, h)
     # A start that leads nowhere is none, as from rest in rigid.py.
-    nowhere = side * (way.step.end.angle - s.angle) >= 0.0
+    nowhere = side * (free.end.angle - s.angle) >= 0.0
 
     def held(h: Value) -> Step:
         motion = Motion(0.0, 1.0, 0.0, 0.0, 0.0, m.load)
@@ -138,32 +129,29 @@ def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value,
 
     def stays() -> tuple[Value, ...]:
         step = held(h)
-        entering, leaving = rigid.voltage_events(ops, p, step.drive, step.end)
+        crossing = rigid.voltage_events(ops, p, step.drive, step.end)
         released = ops.both(pressed, pressing(step.end.current) < 0.0)
 
         def to_event() -> tuple[Value, ...]:
-            e = Events(entering, leaving, False, False, False, False)
             balance = rigid.time_to(ops, step.current, (spring - m.load) / p.motor.torque_constant)
-            first = ops.minimum(rigid.voltage_time(ops, p, s, step, e, h), ops.where(released, balance, h))
+            first = ops.minimum(rigid.voltage_time(ops, p, s, step, crossing, h), ops.where(released, balance, h))
             used = ops.maximum(first, PROGRESS * h)
             return *held(used).end, deflection, used
 
-        return ops.branch(ops.either(released, ops.either(entering, leaving)), to_event,
-                          lambda: (*step.end, deflection, h))
+        return ops.branch(ops.either(released, ops.either(*crossing)), to_event, lambda: (*step.end, deflection, h))
 
-    return ops.branch(ops.either(pressed, nowhere), stays, lambda: _free(ops, p, s, deflection, u, h, way))
+    return ops.branch(ops.either(pressed, nowhere), stays,
+                      lambda: _free(ops, p, s, deflection, u, h, free, free_deflection))
 
 
 def advance(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value) -> tuple[Plant, Value, Value]:
-    """State and bristle deflection [rad] after `h` [s] or at the first event before, and the time that took [s].
-
-    While the drive is disabled its bridge is open: no current, the integral at zero.
+    """Return state and bristle deflection [rad] after `h` [s] or at the first event before, and the time that took [s].
     """
-    s = Plant(s.angle, s.speed, *ops.branch(u.enabled, lambda: (s.current, s.integral), lambda: (0.0, 0.0)))
+    s = rigid.switched(ops, s, u.enabled)
     low, high = rigid.stops(ops, p)
     side = ops.where(s.angle >= high, 1.0, ops.where(s.angle <= low, -1.0, 0.0))
     resting = ops.both(ops.equal(s.speed, 0.0), ops.negate(ops.equal(side, 0.0)))
     *plant, deflection, used = ops.branch(
         resting, lambda: _at_stop(ops, p, s, deflection, u, h, side),
-        lambda: _free(ops, p, s, deflection, u, h, _step(ops, p, s, deflection, u, h)))
+        lambda: _free(ops, p, s, deflection, u, h, *_step(ops, p, s, deflection, u, h)))
     return Plant(*plant), deflection, used

@@ -1,4 +1,4 @@
-"""One step of the plant: from a state to the end of a tick, or to the first event in it.
+"""One step of a plant with a rigid drive line.
 
 The motion takes an implicit midpoint step (second order) under the mean torque of
 the tick. The current is stiff beside it, so it follows its exact exponential for
@@ -26,7 +26,7 @@ _EDGE = 1.0 - 1e-9
 _BAND = 1e-6
 # The least share of a step that is taken, so that every call moves on.
 PROGRESS = 1e-6
-_WALL = 1e30  # N.m, a mechanical stop seen as friction that nothing overcomes
+WALL = 1e30  # N.m, a mechanical stop seen as friction that nothing overcomes
 _TINY = 1e-300
 
 
@@ -80,7 +80,7 @@ class Current(NamedTuple):
 
 
 def stops(ops: Ops, p: Any) -> tuple[Value, Value]:
-    """Motor angles [rad] at the lower and upper mechanical stop."""
+    """Return the motor angles [rad] at the lower and the upper mechanical stop."""
     limit = p.fin.stop_angle
     return kinematics.motor_angle(ops, p, -limit), kinematics.motor_angle(ops, p, limit)
 
@@ -96,20 +96,22 @@ def _sign(ops: Ops, x: Value) -> Value:
 
 def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at: Value,
             felt: Value = 1.0) -> Motion:
-    """Mechanics of a motor that turns one way (heading 1 or -1), or of one at rest (0), under friction of `at`.
+    """Return the mechanics of a motor that turns one way (heading 1 or -1), or of one at rest (0).
+
+    Friction is that of a speed `at` [rad/s].
 
     `felt` is the share of the load that a screw with losses leaves it to feel.
     """
     m = mechanics.coefficients(ops, p, s.angle + 0.5 * h * s.speed, u.aero_torque, u.f_x, u.f_z)
+    direction: Value = heading
+    high: Value = 0.0
+    low: Value = 0.0
     if heading:
-        direction: Value = heading
         dry = heading * mechanics.breakaway(ops, p, m, heading, at)
-        high: Value = 0.0
-        low: Value = 0.0
     else:
         low_stop, high_stop = stops(ops, p)
-        high = ops.where(s.angle >= high_stop, _WALL, mechanics.breakaway(ops, p, m, 1.0))
-        low = -ops.where(s.angle <= low_stop, _WALL, mechanics.breakaway(ops, p, m, -1.0))
+        high = ops.where(s.angle >= high_stop, WALL, mechanics.breakaway(ops, p, m, 1.0))
+        low = -ops.where(s.angle <= low_stop, WALL, mechanics.breakaway(ops, p, m, -1.0))
         if screw.lossy(p):
             high, low = _held_by_screw(ops, p, m, high, low)
         applied = drive.torque(p, s.current) + m.load
@@ -133,13 +135,13 @@ def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at:
 
 
 def _held_by_screw(ops: Ops, p: Any, m: mechanics.Mechanics, high: Value, low: Value) -> tuple[Value, Value]:
-    """The torques that move a motor at rest, with the friction of a loaded screw."""
+    """Return the torques [N.m] that move a motor at rest, with the friction of a loaded screw."""
     hinge = p.friction.fin_coulomb / m.ratio
     return high + screw.hold(ops, p, hinge - m.load, 1.0), low - screw.hold(ops, p, -hinge - m.load, -1.0)
 
 
 def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: Drive, h: Value, heading: float, at: Value) -> Motion:
-    """The motion by the efficiency that the step's mean torques ask for: forward where they drive the load.
+    """Return the motion by the efficiency that the step's mean torques ask for: forward where they drive the load.
 
     Its sign is the same whichever of the two it is found with (:mod:`emcas_fmu.physics.screw`).
     """
@@ -154,7 +156,7 @@ def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: Drive, h: Value, he
 
 
 def electrical_mode(ops: Ops, p: Any, s: Plant, u: Record) -> Drive:
-    """The electrical mode a step starts in.
+    """Return the electrical mode a step starts in.
 
     A demand at the limit may be driven out while it is free and back while it is
     clipped (its integral held): then it stays there, the integral following the
@@ -181,11 +183,12 @@ def electrical_mode(ops: Ops, p: Any, s: Plant, u: Record) -> Drive:
         drawn_out = side * p.drive.ki * (i_ref - s.current) > p.drive.kp * rise
         stays = ops.both(at_limit, ops.both(rise > 0.0, drawn_out))
         clipped = ops.either(ops.negate(at_limit), ops.either(rise <= 0.0, stays))
-        own = ops.where(clipped, side, 0.0)
+        clipped_side = ops.where(clipped, side, 0.0)
         loop = ops.where(clipped, resistance, resistance + p.drive.kp)
         source = ops.where(clipped, side * limit, p.drive.kp * i_ref + s.integral)
         gain = ops.where(clipped, 0.0, p.drive.ki)
-        return (own, loop, inductance / loop, source, gain, ops.where(stays, 1.0, 0.0), ops.where(at_limit, 1.0, 0.0))
+        return (clipped_side, loop, inductance / loop, source, gain, ops.where(stays, 1.0, 0.0),
+                ops.where(at_limit, 1.0, 0.0))
 
     side, loop, tau, source, gain, stays, at_limit = ops.branch(inside, free, beyond)
     return Drive(side, loop, tau, source, gain, limit, i_ref, u.enabled, stays, at_limit)
@@ -200,7 +203,7 @@ def _pwm_mode(ops: Ops, p: Any, u: Record) -> Drive:
 
 
 def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: Drive, h: Value) -> Current:
-    """The current's course for the back-EMF of the step's mean speed, and that speed.
+    """Return the current's course for the back-EMF of the step's mean speed, and that speed.
 
     Mean speed and mean integral are linear in the final current, which is therefore
     found without iteration. A disabled drive's bridge is open: no current.
@@ -228,7 +231,7 @@ def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: Drive, h: Valu
 
 
 def time_to(ops: Ops, c: Current, value: Value) -> Value:
-    """When the current reaches a value that lies on its way."""
+    """Return when the current reaches a value [A] that lies on its way [s]."""
     rest = value - c.final
     ratio = (c.start - c.final) / ops.where(ops.fabs(rest) > _TINY, rest, _TINY)
     return c.tau * ops.log(ops.maximum(ratio, 1.0))
@@ -244,7 +247,10 @@ class Step(NamedTuple):
 
 
 def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at: Value | None = None) -> Step:
-    """A step under the friction of the speed `at`: where it depends on one, that of mid-step as a first step has it."""
+    """Return a step under the friction of a speed `at` [rad/s].
+
+    Where friction depends on one and it is not given, it is that of mid-step as a first step has it.
+    """
     if at is None:
         at = _step(ops, p, s, u, h, heading, s.speed).current.speed if friction.falls(p) else s.speed
     motion = _motion(ops, p, s, u, h, heading, at)
@@ -275,50 +281,56 @@ def integral_end(ops: Ops, p: Any, s: Plant, d: Drive, c: Current, h: Value) -> 
     return ops.where(d.enabled, ops.where(d.stays > 0.0, followed, moved), 0.0)
 
 
-class Events(NamedTuple):
-    """What happens in a step: the voltage meets (``entering``) or leaves its limit, a motor
-    at rest breaks away (``up``, ``down``), one that turns comes to rest or gets to a stop."""
+class Crossing(NamedTuple):
+    """Whether the demanded voltage meets its limit in a step, and whether it leaves it."""
 
     entering: Value
     leaving: Value
+
+
+class Events(NamedTuple):
+    """What happens in a step: the voltage crosses its limit, a motor at rest breaks away (``up``, ``down``), one that
+    turns comes to rest or gets to a stop."""
+
+    crossing: Crossing
     up: Value
     down: Value
     reversing: Value
     stopping: Value
 
 
-def voltage_events(ops: Ops, p: Any, d: Drive, end: Plant) -> tuple[Value, Value]:
-    """Return whether the demanded voltage meets its limit on the way to `end`, and whether it leaves it."""
+def voltage_events(ops: Ops, p: Any, d: Drive, end: Plant) -> Crossing:
+    """Return whether the demanded voltage crosses its limit on the way to `end`."""
     if p.structure.current == "pwm":
-        return False, False
+        return Crossing(False, False)
     demand = drive.voltage_demand(p, d.i_ref, end.current, end.integral)
     free = ops.equal(d.side, 0.0)
-    # From the limit itself the mode told at the start holds through the step.
-    crossing = ops.both(d.enabled, ops.equal(d.at_limit, 0.0))
-    entering = ops.both(crossing, ops.both(free, ops.fabs(demand) > d.limit))
-    return entering, ops.both(crossing, ops.both(ops.negate(free), demand * d.side < d.limit))
+    # From the limit itself the mode of the start holds through the step.
+    watched = ops.both(d.enabled, ops.equal(d.at_limit, 0.0))
+    entering = ops.both(watched, ops.both(free, ops.fabs(demand) > d.limit))
+    return Crossing(entering, ops.both(watched, ops.both(ops.negate(free), demand * d.side < d.limit)))
 
 
 def _events(ops: Ops, p: Any, s: Plant, step: Step, heading: float) -> Events:
     end, motion, d, _ = step
-    entering, leaving = voltage_events(ops, p, d, end)
+    crossing = voltage_events(ops, p, d, end)
     stopping = (end.angle - _stop_ahead(ops, p, motion.direction)) * motion.direction >= 0.0
     if heading:
-        return Events(entering, leaving, False, False, end.speed * heading <= 0.0, stopping)
+        return Events(crossing, False, False, end.speed * heading <= 0.0, stopping)
     stuck = ops.equal(motion.direction, 0.0)
     applied = drive.torque(p, end.current) + motion.load
-    return Events(entering, leaving, ops.both(stuck, applied > motion.high), ops.both(stuck, applied < motion.low),
-                   False, ops.both(ops.negate(stuck), stopping))
+    return Events(crossing, ops.both(stuck, applied > motion.high), ops.both(stuck, applied < motion.low), False,
+                  ops.both(ops.negate(stuck), stopping))
 
 
-def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, e: Events, h: Value) -> Value:
-    """Return when the demanded voltage crosses the limit, `h` if it does not."""
+def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: Value) -> Value:
+    """Return when the demanded voltage crosses the limit [s], `h` if it does not."""
     if p.structure.current == "pwm":
         return h
     _, _, d, c = step
     before = drive.voltage_demand(p, d.i_ref, s.current, s.integral)
     after = drive.voltage_demand(p, d.i_ref, step.end.current, step.end.integral)
-    side = ops.where(e.entering, _sign(ops, after), d.side)
+    side = ops.where(crossing.entering, _sign(ops, after), d.side)
     # By the current's course, with the integral of the step's start; where the integral
     # rather than the current drives the demand, by the line between its ends.
     boundary = d.i_ref - (side * d.limit - s.integral) / p.drive.kp
@@ -326,32 +338,32 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, e: Events, h: Value) ->
     change = ops.where(ops.equal(after, before), 1.0, after - before)
     line = h * ops.clip((side * d.limit - before) / change, 0.0, 1.0)
     time = ops.where(on_course, ops.minimum(time_to(ops, c, boundary), h), line)
-    return ops.where(ops.either(e.entering, e.leaving), time, h)
+    return ops.where(ops.either(*crossing), time, h)
 
 
 def _breakaway_time(ops: Ops, p: Any, step: Step, e: Events, h: Value) -> Value:
-    """When the torque on a motor at rest exceeds its friction, `h` if it does not."""
+    """Return when the torque on a motor at rest exceeds its friction [s], `h` if it does not."""
     edge = ops.where(e.up, step.motion.high, step.motion.low)
     time = time_to(ops, step.current, (edge - step.motion.load) / p.motor.torque_constant)
     return ops.where(ops.either(e.up, e.down), time, h)
 
 
-def stop_time(ops: Ops, s: Plant, step: Step, e: Events, stop: Value, h: Value) -> Value:
-    """When the motor gets to the angle `stop`, `h` if it does not; constant acceleration."""
+def stop_time(ops: Ops, s: Plant, step: Step, stopping: Value, stop: Value, h: Value) -> Value:
+    """Return when a motor that is `stopping` gets to the angle `stop` [s], else `h`; constant acceleration."""
     travel = stop - s.angle
     acceleration = (step.end.speed - s.speed) / h
     root = ops.sqrt(ops.maximum(s.speed * s.speed + 2.0 * acceleration * travel, 0.0))
     divisor = s.speed + step.motion.direction * root
     time = 2.0 * travel / ops.where(ops.fabs(divisor) > _TINY, divisor, _TINY)
-    return ops.where(e.stopping, ops.clip(time, 0.0, h), h)
+    return ops.where(stopping, ops.clip(time, 0.0, h), h)
 
 
 def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events, h: Value,
                     heading: float) -> tuple[Value, ...]:
-    """State at the first event and the time it took."""
+    """Return the state at the first event, and the time that took [s]."""
     stop = _stop_ahead(ops, p, step.motion.direction)
-    voltage = voltage_time(ops, p, s, step, e, h)
-    stopping = stop_time(ops, s, step, e, stop, h)
+    voltage = voltage_time(ops, p, s, step, e.crossing, h)
+    stopping = stop_time(ops, s, step, e.stopping, stop, h)
     if heading:
         # First where the line between the speeds is zero, then on the line to that point.
         slowing = ops.where(e.reversing, s.speed - step.end.speed, 1.0)
@@ -368,7 +380,7 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events
 
 
 def _refined(ops: Ops, p: Any, s: Plant, u: Record, step: Step, guess: Value, h: Value, heading: float) -> Value:
-    """A better time of zero speed than `guess`, by the secant to the side where it lies."""
+    """Return a better time of zero speed [s] than `guess`, by the secant to the side where it lies."""
     speed = _step(ops, p, s, u, ops.maximum(guess, PROGRESS * h), heading).end.speed
     late = speed * heading <= 0.0
     other_time, other_speed = ops.where(late, 0.0, h), ops.where(late, s.speed, step.end.speed)
@@ -380,16 +392,19 @@ def _follow(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float) -> 
     step = _step(ops, p, s, u, h, heading)
     e = _events(ops, p, s, step, heading)
     any_motion = ops.either(ops.either(e.up, e.down), ops.either(e.reversing, e.stopping))
-    return ops.branch(ops.either(ops.either(e.entering, e.leaving), any_motion),
+    return ops.branch(ops.either(ops.either(*e.crossing), any_motion),
                       lambda: _to_first_event(ops, p, s, u, step, e, h, heading), lambda: (*step.end, h))
 
 
-def advance(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Plant, Value]:
-    """The state after `h` [s] or at the first event before, and the time that took [s].
+def switched(ops: Ops, s: Any, enabled: Value) -> Any:
+    """Return a plant's state as the drive's bridge has it: open while disabled, without current and integral."""
+    current, integral = ops.branch(enabled, lambda: (s.current, s.integral), lambda: (0.0, 0.0))
+    return s._replace(current=current, integral=integral)
 
-    While the drive is disabled its bridge is open: no current, the integral at zero.
-    """
-    s = Plant(s.angle, s.speed, *ops.branch(u.enabled, lambda: (s.current, s.integral), lambda: (0.0, 0.0)))
+
+def advance(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Plant, Value]:
+    """Return the state after `h` [s] or at the first event before, and the time that took [s]."""
+    s = switched(ops, s, u.enabled)
     *plant, used = ops.branch(
         s.speed > 0.0,
         lambda: _follow(ops, p, s, u, h, 1.0),

@@ -11,12 +11,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partialmethod
 from math import isinf
 from typing import Any, Union
 
 from ..ops.base import Thunk, Value
 
 Operand = Union["Expr", float, bool]
+
+
+def _operator(operation: str, swapped: bool = False) -> Callable[[Expr, Value], Value]:
+    """Return the operator that records an operation of a traced value with another, which comes first if `swapped`."""
+    def record(self: Expr, other: Value) -> Value:
+        return self.tracer.emit(operation, other, self) if swapped else self.tracer.emit(operation, self, other)
+
+    return record
+
+
+def _comparison(operation: str, greater: bool = False) -> Callable[[Expr, Value], Value]:
+    """Return the operator that records a comparison. Every value is below infinity: a limit there is none."""
+    def record(self: Expr, other: Value) -> Value:
+        if _infinite(other):
+            return (other < 0.0) is greater
+        return self.tracer.emit(operation, self, other)
+
+    return record
 
 
 class Expr:
@@ -37,17 +56,16 @@ class Expr:
     def __bool__(self) -> bool:
         raise TypeError("a traced value has no truth: use ops.where, ops.branch, ops.both, ops.either, ops.negate")
 
-    def __add__(self, other: Value) -> Value:
-        return self.tracer.emit("add", self, other)
-
-    def __radd__(self, other: Value) -> Value:
-        return self.tracer.emit("add", other, self)
-
-    def __sub__(self, other: Value) -> Value:
-        return self.tracer.emit("subtract", self, other)
-
-    def __rsub__(self, other: Value) -> Value:
-        return self.tracer.emit("subtract", other, self)
+    __add__ = _operator("add")
+    __radd__ = _operator("add", swapped=True)
+    __sub__ = _operator("subtract")
+    __rsub__ = _operator("subtract", swapped=True)
+    __truediv__ = _operator("divide")
+    __rtruediv__ = _operator("divide", swapped=True)
+    __lt__ = _comparison("less")
+    __le__ = _comparison("less_equal")
+    __gt__ = _comparison("greater", greater=True)
+    __ge__ = _comparison("greater_equal", greater=True)
 
     def __mul__(self, other: Value) -> Value:
         # Exact for every number, so that folding changes no bit.
@@ -55,31 +73,10 @@ class Expr:
             return self if other > 0.0 else -self
         return self.tracer.emit("multiply", self, other)
 
-    def __rmul__(self, other: Value) -> Value:
-        return self * other
-
-    def __truediv__(self, other: Value) -> Value:
-        return self.tracer.emit("divide", self, other)
-
-    def __rtruediv__(self, other: Value) -> Value:
-        return self.tracer.emit("divide", other, self)
+    __rmul__ = __mul__
 
     def __neg__(self) -> Value:
         return self.tracer.emit("negative", self)
-
-    # Every value is below infinity: a limit there is none.
-
-    def __lt__(self, other: Value) -> Value:
-        return other > 0.0 if _infinite(other) else self.tracer.emit("less", self, other)
-
-    def __le__(self, other: Value) -> Value:
-        return other > 0.0 if _infinite(other) else self.tracer.emit("less_equal", self, other)
-
-    def __gt__(self, other: Value) -> Value:
-        return other < 0.0 if _infinite(other) else self.tracer.emit("greater", self, other)
-
-    def __ge__(self, other: Value) -> Value:
-        return other < 0.0 if _infinite(other) else self.tracer.emit("greater_equal", self, other)
 
 
 @dataclass
@@ -105,17 +102,17 @@ class If:
 
 @dataclass
 class Block:
-    """Statements in their order; what its parents compute is known in it too."""
+    """Statements in their order; what its parents have computed need not be computed in it again."""
 
     parent: Block | None = None
     statements: list[Assign | If] = field(default_factory=list)
-    known: dict[tuple[Any, ...], Expr] = field(default_factory=dict)
+    computed: dict[tuple[Any, ...], Expr] = field(default_factory=dict)
 
     def find(self, key: tuple[Any, ...]) -> Expr | None:
         block: Block | None = self
         while block is not None:
-            if key in block.known:
-                return block.known[key]
+            if key in block.computed:
+                return block.computed[key]
             block = block.parent
         return None
 
@@ -143,7 +140,7 @@ class Tracer:
     # -- leaves and functions ------------------------------------------------
 
     def parameter(self, key: str) -> Expr:
-        """A value known when the program is made, read from the mapping given to `make`."""
+        """Return a value known when the program is made, read from the mapping given to `make`."""
         name = f"p{len(self.parameters)}"
         self.parameters.append((name, key))
         return Expr(self, name, True)
@@ -158,48 +155,33 @@ class Tracer:
     # -- operations ----------------------------------------------------------
 
     def emit(self, operation: str, *operands: Value) -> Expr:
-        """The value of an operation of :data:`OPERATIONS`, recorded unless it is known already."""
+        """Return the value of an operation, which is recorded unless it has been computed before."""
         fixed = all(not isinstance(o, Expr) or o.fixed for o in operands)
         key = (operation, *(o.name if isinstance(o, Expr) else (type(o), repr(o)) for o in operands))
-        found = self._block.find(key)
-        if found is not None:
-            return found
+        computed = self._block.find(key)
+        if computed is not None:
+            return computed
         block = self.prologue if fixed else self._block
         result = self._new(fixed)
         block.statements.append(Assign(result.name, operation, operands))
-        block.known[key] = result
+        block.computed[key] = result
         return result
 
     def _new(self, fixed: bool) -> Expr:
         self._count += 1
         return Expr(self, f"{'c' if fixed else 't'}{self._count}", fixed)
 
-    def sin(self, x: Value) -> Value:
-        return self.emit("sin", x)
-
-    def cos(self, x: Value) -> Value:
-        return self.emit("cos", x)
-
-    def tan(self, x: Value) -> Value:
-        return self.emit("tan", x)
-
-    def atan(self, x: Value) -> Value:
-        return self.emit("atan", x)
-
-    def exp(self, x: Value) -> Value:
-        return self.emit("exp", x)
-
-    def log(self, x: Value) -> Value:
-        return self.emit("log", x)
-
-    def sqrt(self, x: Value) -> Value:
-        return self.emit("sqrt", x)
+    sin = partialmethod(emit, "sin")
+    cos = partialmethod(emit, "cos")
+    tan = partialmethod(emit, "tan")
+    atan = partialmethod(emit, "atan")
+    exp = partialmethod(emit, "exp")
+    log = partialmethod(emit, "log")
+    sqrt = partialmethod(emit, "sqrt")
+    floor = partialmethod(emit, "floor")
 
     def fabs(self, x: Value) -> Value:
         return self.emit("fabs", x) if _traced(x) else abs(x)
-
-    def floor(self, x: Value) -> Value:
-        return self.emit("floor", x)
 
     def minimum(self, a: Value, b: Value) -> Value:
         return min(a, b) if _infinite(a) and not _traced(b) else self.emit("minimum", a, b)
@@ -216,14 +198,14 @@ class Tracer:
     def both(self, a: Value, b: Value) -> Value:
         if _traced(a) and _traced(b):
             return self.emit("both", a, b)
-        known, other = (b, a) if _traced(a) else (a, b)
-        return other if known else False
+        constant, other = (b, a) if _traced(a) else (a, b)
+        return other if constant else False
 
     def either(self, a: Value, b: Value) -> Value:
         if _traced(a) and _traced(b):
             return self.emit("either", a, b)
-        known, other = (b, a) if _traced(a) else (a, b)
-        return True if known else other
+        constant, other = (b, a) if _traced(a) else (a, b)
+        return True if constant else other
 
     def negate(self, a: Value) -> Value:
         return self.emit("negate", a) if _traced(a) else not a

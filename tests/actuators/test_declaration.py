@@ -352,18 +352,18 @@ def test_direct_inputs_of_the_default_unit() -> None:
 def test_direct_inputs_are_those_that_change_an_output_at_once(model: str) -> None:
     """By trying: an output that moves with an input before a step is said to depend on it."""
     actuator, rng = get(model), np.random.default_rng(3)
-    core, places = codegen.core(load_parameters(model=model).values, model), codegen.places(model)
+    core = codegen.core(load_parameters(model=model).values, model)
     names = [v.name for v in actuator.inputs]
     row: list[Any] = [v.start if v.start is not None else 39.0 for v in actuator.inputs]
     said = codegen.direct_inputs(model)
     for k in range(1, 30):
         row[names.index("fin_command")] = 0.2 * sin(0.5 * k)
-        core.run(2e-3 * k, places.arrange(row, core.forces))
-        base = core.outputs(places.arrange(row, core.forces))
+        core.run(2e-3 * k, codegen.core_inputs(core, row, model))
+        base = core.outputs(codegen.core_inputs(core, row, model))
         for i, v in enumerate(actuator.inputs):
             changed = list(row)
             changed[i] = not row[i] if v.kind == "Boolean" else row[i] + rng.normal() * (20.0 if row[i] else 1.0)
-            now = core.outputs(places.arrange(changed, core.forces))
+            now = core.outputs(codegen.core_inputs(core, changed, model))
             moved = {o.name for o, a, b in zip(actuator.outputs, base, now, strict=True) if a != b}
             assert all(v.name in said.get(name, ()) for name in moved), (v.name, moved)
 

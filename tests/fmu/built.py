@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from emcas_fmu.compiler import local_platform
+from emcas_fmu.fmi import python
 from emcas_fmu.fmi.fmi2.multi_fin_slave import MultiFinSlave
-from emcas_fmu.fmi.fmi2.slave import Slave, Table
+from emcas_fmu.fmi.fmi2.slave import Slave
 from emcas_fmu.fmi.interface import FmuInterface, start_values
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import ParameterSet
@@ -26,20 +27,8 @@ def both(parameters: ParameterSet, folder: Path, fins: int = 1) -> Mapping[str, 
 
 def slave_class(unit: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> type[Slave]:
     """The Python unit's class in this process, on the package's own modules; `sets` are the fins' values."""
-    actuator, here, several = unit.actuator, codegen.places(unit.kind), unit.fins > 1
-    rows = tuple((v.name, "Integer" if v.items else v.kind, v.causality, v.variability, v.minimum, v.maximum)
-                 for v in unit.variables)
-    places = tuple((*(row[i] for i in here.direct), None if here.supply is None else row[here.supply],
-                    *(row[i] for i in here.further)) for row in unit.places)
-    checks = python_source(codegen.traced_rules(unit.kind), "Rules")
     space: dict[str, Any] = {}
-    exec(checks, space)
-    members: dict[str, Any] = {
-        "make": staticmethod(codegen.make(several, unit.kind)), "make_checks": staticmethod(space["make"]),
-        "rules": tuple((rule.message, rule.scanned) for rule in actuator.all_rules),
-        "table": Table(rows, start_values(unit, sets), "{guid}"), "places": places, "sizes": codegen.sizes(actuator)}
-    if several:
-        outputs = [v.name for v in actuator.outputs]
-        members |= {"names": tuple(v.name for v in actuator.parameters),
-                    "power": outputs.index(actuator.supply.power.name) if actuator.supply else None}
-    return type("Local", (MultiFinSlave if several else Slave,), members)
+    exec(python_source(codegen.traced_rules(unit.kind), "Rules"), space)
+    return type("Local", (MultiFinSlave if unit.fins > 1 else Slave,), {
+        "make": staticmethod(codegen.make(unit.fins > 1, unit.kind)), "make_checks": staticmethod(space["make"]),
+        **python.slave_attributes(unit, start_values(unit, sets), "{guid}")})

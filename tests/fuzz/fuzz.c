@@ -71,8 +71,10 @@ static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2St
 /* A tick may be 20,000 times shorter than a sample: enough is enough. */
 static int runs_long(const instance *m)
 {
+    multi_fin bound;
+    multi_fin_bind(&bound, parameters(m, 0), 0.0, 1.0);
     for (size_t fin = 0; fin < FINS; ++fin) {
-        const core_schedule plan = core_scheduled(parameters(m, fin), m->fin[fin].constants);
+        const core_schedule plan = core_scheduled(bound.p[fin], bound.c[fin]);
         if (plan.h_before < 2e-5 || plan.h_after < 2e-5) return 1;
     }
     return 0;
@@ -82,12 +84,10 @@ static void check(const instance *m)
 {
     if (!m || m->s.phase != RUNNING) return;
     for (size_t fin = 0; fin < FINS; ++fin) {
-        const core_state *core = &m->s.core[fin];
-        for (size_t i = 0; i < CORE_PLANT; ++i)
-            if (!core_finite(core->plant.x[i]) || !core_finite(core->tentative.x[i])) abort();
-        for (size_t i = 0; i < CORE_SAMPLED; ++i)
-            if (!core_finite(core->sampled[i])) abort();
-        if (!core_finite(core->active) || !core_finite(m->s.now)) abort();
+        const core_state *core = &m->s.fins.core[fin];
+        if (!core_all_finite(core->plant.x, CORE_PLANT) || !core_all_finite(core->tentative.x, CORE_PLANT)
+            || !core_all_finite(core->sampled, CORE_SAMPLED) || !core_finite(core->active) || !core_finite(m->s.now))
+            abort();
     }
 }
 

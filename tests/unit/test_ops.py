@@ -55,8 +55,8 @@ def _public(module: ModuleType) -> list[Function]:
 # Functions whose arguments are plain values; the others are reached through these.
 STRUCTURED = {loads.specific_force, mechanics.breakaway, mechanics.damping, rigid.advance, controllers.output,
               rigid.electrical_mode, rigid.current_course, rigid.integral_end, rigid.stop_time,
-              rigid.time_to, rigid.voltage_events, rigid.voltage_time, friction.bristles, friction.falls,
-              controllers.update, friction.coulomb_reference, friction.coulomb_polynomial}
+              rigid.switched, rigid.time_to, rigid.voltage_events, rigid.voltage_time, friction.bristles,
+              friction.falls, controllers.update, friction.coulomb_reference, friction.coulomb_polynomial}
 MODULES = (bus, kinematics, friction, loads, mechanics, drive, sensors, controllers, rigid)
 
 

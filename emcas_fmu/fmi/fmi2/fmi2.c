@@ -23,7 +23,7 @@ static bool settable(const instance *m, size_t vr, int kind, double value)
     else if (!VARIABLE[vr].tunable)
         report(m, fmi2Error, "%s is fixed and cannot be set after initialization", VARIABLE[vr].name);
     else
-        return !out_of_range(m, fmi2Error, vr, value);
+        return !out_of_range(m, vr, value);
     return false;
 }
 
@@ -165,6 +165,11 @@ static fmi2Status refused_step(instance *m, core_result result, double time, dou
     return report(m, fmi2Discard, "step from %.17g s of %.17g s: the state is no longer finite", time, size);
 }
 
+static core_result run(instance *m, double end, const core_inputs *in, const core_ramp *ramp)
+{
+    return multi_fin_run(&m->fins, &m->s.fins, m->s.now, end, in, ramp, m->s.values + OUTPUT_BEGIN);
+}
+
 /* A step in which the inputs change: loads by the specific forces at its ends. The inputs then stand
  * at the end of their ramps, and are held there until they are set or given derivatives again. */
 static core_result ramped_step(instance *m, double begin, double end)
@@ -174,26 +179,24 @@ static core_result ramped_step(instance *m, double begin, double end)
     core_inputs in[FINS];
     core_ramp ramp[FINS];
     for (size_t i = 0; i < UNIT_INPUTS; ++i) final[i] = m->s.values[i] + m->s.rates[i] * size;
-    if (!(size > 0.0) || !finite_inputs(final)) return CORE_NOT_FINITE;
+    if (!(size > 0.0) || !core_all_finite(final, UNIT_INPUTS)) return CORE_NOT_FINITE;
+    forces(m, final, force);
+    acting_now(m, in);
     for (size_t fin = 0; fin < FINS; ++fin) {
         const double none[2] = {0.0, 0.0};
-        forces(m, fin, final, force[fin]);
-        in[fin] = acting(m, fin, m->s.values, m->fin[fin].force);
         const core_inputs rates = acting(m, fin, m->s.rates, none); /* linear in all but the forces */
         ramp[fin] = (core_ramp){.begin = begin,
                                 .command = rates.command,
                                 .aero_torque = rates.aero_torque,
-                                .f_x = (force[fin][0] - m->fin[fin].force[0]) / size,
-                                .f_z = (force[fin][1] - m->fin[fin].force[1]) / size,
+                                .f_x = (force[fin][0] - m->force[fin][0]) / size,
+                                .f_z = (force[fin][1] - m->force[fin][1]) / size,
                                 .supply = rates.supply};
-#if CORE_ACTING > 0
         memcpy(ramp[fin].further, rates.further, sizeof ramp[fin].further);
-#endif
     }
-    const core_result result = unit_run(m, end, in, ramp);
+    const core_result result = run(m, end, in, ramp);
     if (result == CORE_DONE) {
         memcpy(m->s.values, final, sizeof final);
-        for (size_t fin = 0; fin < FINS; ++fin) memcpy(m->fin[fin].force, force[fin], sizeof force[fin]);
+        memcpy(m->force, force, sizeof force);
         memset(m->s.rates, 0, sizeof m->s.rates);
         m->s.rated = 0;
     }
@@ -203,8 +206,8 @@ static core_result ramped_step(instance *m, double begin, double end)
 static core_result held_step(instance *m, double end)
 {
     core_inputs in[FINS];
-    for (size_t fin = 0; fin < FINS; ++fin) in[fin] = acting(m, fin, m->s.values, m->fin[fin].force);
-    return unit_run(m, end, in, NULL);
+    acting_now(m, in);
+    return run(m, end, in, NULL);
 }
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real size, fmi2Boolean no_set_state)
@@ -214,11 +217,11 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real size, fmi2Boolean
     if (!allowed(m, RUNNING, "fmi2DoStep")) return fmi2Error;
     if (!core_finite(time) || !core_finite(size) || !(size > 0.0))
         return report(m, fmi2Error, "communication step %.17g s at %.17g s is not positive and finite", size, time);
-    if (!finite_inputs(m->s.values)) return bad_inputs(m, time);
+    if (!core_all_finite(m->s.values, UNIT_INPUTS)) return bad_inputs(m, time);
     if (m->unprepared) prepare(m);
     const double begin = time - m->s.start;
     /* A clock that began late counts in coarser units than the slack. */
-    if (!(fabs(begin - m->s.now) <= m->slack + 4.0 * DBL_EPSILON * fabs(time)))
+    if (!(fabs(begin - m->s.now) <= m->fins.slack + 4.0 * DBL_EPSILON * fabs(time)))
         return report(m, fmi2Error, "step from %.17g s, but the slave stands at %.17g s, %.3g s away", time,
                       m->s.start + m->s.now, begin - m->s.now);
     double end = begin + size;
@@ -238,44 +241,46 @@ fmi2Status fmi2CancelStep(fmi2Component c)
     return m ? report(m, fmi2Error, "fmi2CancelStep: steps are not asynchronous") : fmi2Error;
 }
 
-static fmi2Status no_status(const instance *m, int kind, const char *function, const void *value)
+/* Whether a status of a kind may be written to `value`: the one `available`, if any (NO_STATUS). */
+static fmi2Status status_of(const instance *m, int kind, int available, const char *function, const void *value)
 {
     if (!allowed(m, RUNNING | TERMINATED, function)) return fmi2Error;
     if (!value) return report(m, fmi2Error, "%s: nowhere to put it", function);
-    return report(m, fmi2Discard, "%s: status kind %d is not available", function, kind);
+    if (kind != available) return report(m, fmi2Discard, "%s: status kind %d is not available", function, kind);
+    return fmi2OK;
 }
+
+enum { NO_STATUS = -1 };
 
 fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *value)
 {
-    return no_status(c, (int)kind, "fmi2GetStatus", value);
+    return status_of(c, (int)kind, NO_STATUS, "fmi2GetStatus", value);
 }
 
 fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value)
 {
     const instance *m = c;
-    if (kind != fmi2LastSuccessfulTime || !value) return no_status(m, (int)kind, "fmi2GetRealStatus", value);
-    if (!allowed(m, RUNNING | TERMINATED, "fmi2GetRealStatus")) return fmi2Error;
-    *value = m->s.start + m->s.now;
-    return fmi2OK;
+    const fmi2Status status = status_of(m, (int)kind, fmi2LastSuccessfulTime, "fmi2GetRealStatus", value);
+    if (status == fmi2OK) *value = m->s.start + m->s.now;
+    return status;
 }
 
 fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer *value)
 {
-    return no_status(c, (int)kind, "fmi2GetIntegerStatus", value);
+    return status_of(c, (int)kind, NO_STATUS, "fmi2GetIntegerStatus", value);
 }
 
 fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean *value)
 {
     const instance *m = c;
-    if (kind != fmi2Terminated || !value) return no_status(m, (int)kind, "fmi2GetBooleanStatus", value);
-    if (!allowed(m, RUNNING | TERMINATED, "fmi2GetBooleanStatus")) return fmi2Error;
-    *value = m->s.terminated ? fmi2True : fmi2False;
-    return fmi2OK;
+    const fmi2Status status = status_of(m, (int)kind, fmi2Terminated, "fmi2GetBooleanStatus", value);
+    if (status == fmi2OK) *value = m->s.terminated ? fmi2True : fmi2False;
+    return status;
 }
 
 fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2String *value)
 {
-    return no_status(c, (int)kind, "fmi2GetStringStatus", value);
+    return status_of(c, (int)kind, NO_STATUS, "fmi2GetStringStatus", value);
 }
 
 /* -- life cycle --------------------------------------------------------------- */
@@ -303,31 +308,23 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
 {
     (void)resources, (void)visible;
     if (!functions) return NULL;
-    fmi2String called = name && *name ? name : MODEL_NAME;
-    /* Only for what is told if there will be no instance. */
-    const instance none = {.callbacks = *functions, .name = called, .logged = logging ? EVERY_CATEGORY : 0};
-    if (!name || !*name) {
+    const bool named = name && *name;
+    const size_t length = named ? strlen(name) + 1 : 0;
+    /* For reports if there will be no instance. */
+    const instance none = {
+        .callbacks = *functions, .name = named ? name : MODEL_NAME, .logged = logging ? EVERY_CATEGORY : 0};
+    instance *m = NULL;
+    if (!named)
         report(&none, fmi2Error, "the instance has no name");
-        return NULL;
-    }
-    if (type != fmi2CoSimulation) {
+    else if (type != fmi2CoSimulation)
         report(&none, fmi2Error, "only fmi2CoSimulation is supported, not type %d", (int)type);
-        return NULL;
-    }
-    if (!guid || strcmp(guid, MODEL_GUID) != 0) {
+    else if (!guid || strcmp(guid, MODEL_GUID) != 0)
         report(&none, fmi2Error, "the GUID asked for is %s, this unit's is %s", guid ? guid : "none", MODEL_GUID);
-        return NULL;
-    }
-    if (!functions->allocateMemory != !functions->freeMemory) {
+    else if (!functions->allocateMemory != !functions->freeMemory)
         report(&none, fmi2Error, "allocateMemory and freeMemory must be given together");
-        return NULL;
-    }
-    const size_t length = strlen(name) + 1;
-    instance *m = allocate(functions, sizeof *m + length);
-    if (!m) {
+    else if (!(m = allocate(functions, sizeof *m + length)))
         report(&none, fmi2Error, "no memory for an instance");
-        return NULL;
-    }
+    if (!m) return NULL;
     *m = none;
     m->name = memcpy(m + 1, name, length);
     as_instantiated(m);
@@ -384,7 +381,7 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component c)
     if (!allowed(m, INITIALIZING, "fmi2ExitInitializationMode")) return fmi2Error;
     if (!sound(m)) return fmi2Error; /* parameters may be corrected and the call repeated */
     prepare(m);
-    start_cores(m);
+    multi_fin_start(&m->fins, &m->s.fins);
     m->s.phase = RUNNING;
     m->s.fresh = 0;
     return fmi2OK;

@@ -1,4 +1,4 @@
-/* An instance: what it holds, what it tells, whether its parameters make sense, its outputs.
+/* An instance: what it holds, what it reports, whether its parameters make sense, its outputs.
  *
  * interface.h is generated from the variable table: names, kinds, limits, start values,
  * rules for parameter sets.
@@ -13,8 +13,8 @@
 
 #include "fmi2Functions.h"
 
-#include "core.h"
 #include "interface.h"
+#include "multi_fin.h"
 #include "parameter_checks.h"
 
 typedef enum { INSTANTIATED = 1, INITIALIZING = 2, RUNNING = 4, TERMINATED = 8 } phase;
@@ -25,6 +25,7 @@ enum {
     PARAMETER_BEGIN = UNIT_INPUTS + UNIT_OUTPUTS,
     MESSAGE = 1024
 };
+_Static_assert((int)UNIT_OUTPUTS == (int)MULTI_FIN_OUTPUTS, "a unit's outputs are those of the bus and of the fins");
 
 /* All that reset and the FMU state functions copy. */
 typedef struct {
@@ -35,26 +36,17 @@ typedef struct {
     int32_t rated;      /* some rate was given */
     int32_t terminated; /* the last step could not be followed */
     int32_t fresh;      /* the outputs in values are those of now */
-    core_state core[FINS];
-#if FINS > 1
-    double sag;      /* of the bus */
-    int64_t instant; /* of the bus, that comes next */
-#endif
+    multi_fin_state fins;
 } model_state;
-
-/* Of a fin, what follows from parameters and inputs. */
-typedef struct {
-    double force[2], constants[KERNEL_CONSTANTS];
-} prepared;
 
 typedef struct {
     fmi2CallbackFunctions callbacks;
     fmi2String name;
     uint32_t logged;    /* a bit for each category */
-    int32_t unprepared; /* constants are not those of the parameters */
+    int32_t unprepared; /* fins are not bound to the parameters */
     int32_t unforced;   /* forces are not those of the inputs */
-    double slack;
-    prepared fin[FINS];
+    multi_fin fins;
+    double force[FINS][2]; /* specific, in each fin's frame */
     model_state s;
 } instance;
 
@@ -127,23 +119,23 @@ static const double *parameters(const instance *m, size_t fin)
     return m->s.values + FIN_PARAMETER_BEGIN + fin * MODEL_PARAMETERS;
 }
 
-/* A value outside its variable's limits; told as `status`. */
-static bool out_of_range(const instance *m, fmi2Status status, size_t vr, double value)
+/* Whether a value is outside its variable's limits, with a report. */
+static bool out_of_range(const instance *m, size_t vr, double value)
 {
     const variable *v = &VARIABLE[vr];
     if (!core_finite(value))
-        report(m, status, NOT_FINITE, v->name, value);
+        report(m, fmi2Error, NOT_FINITE, v->name, value);
     else if (value < v->minimum)
-        report(m, status, BELOW, v->name, value, v->minimum);
+        report(m, fmi2Error, BELOW, v->name, value, v->minimum);
     else if (value > v->maximum)
-        report(m, status, ABOVE, v->name, value, v->maximum);
+        report(m, fmi2Error, ABOVE, v->name, value, v->maximum);
     else
         return false;
     return true;
 }
 
 /* A rule's message: a format of no more than RULE_NUMBERS numbers, the rest is not looked at. */
-static void tell(const instance *m, size_t fin, const char *message, const double *n)
+static void report_rule(const instance *m, size_t fin, const char *message, const double *n)
 {
     char format[MESSAGE] = "";
     if (FINS > 1) snprintf(format, sizeof format, "fin[%u]: ", (unsigned)fin + 1);
@@ -163,110 +155,60 @@ static bool all_rules_hold(const instance *m)
     return true;
 }
 
-/* The same; every problem is told: of single values, or if there is none, of their combination. */
+/* The same, with a report of every problem: of single values, or if there is none, of their combination. */
 static bool sound(const instance *m)
 {
     double constants[RULES_CONSTANTS], numbers[RULE_NUMBERS + 1];
     bool good = true;
     if (all_rules_hold(m)) return true;
     for (size_t vr = PARAMETER_BEGIN; vr < UNIT_VARIABLES; ++vr)
-        good &= !out_of_range(m, fmi2Error, vr, m->s.values[vr]);
+        good &= !out_of_range(m, vr, m->s.values[vr]);
     if (!good) return false;
     for (size_t fin = 0; fin < FINS; ++fin) {
         rules_prepare(parameters(m, fin), constants);
         for (size_t i = 0; i < RULES; ++i)
             if (rules_broken(&RULE[i], parameters(m, fin), constants, numbers))
-                tell(m, fin, RULE[i].message, numbers + 1);
+                report_rule(m, fin, RULE[i].message, numbers + 1);
     }
     return false;
 }
 
 static void prepare(instance *m)
 {
-    m->slack = HUGE_VAL;
-    for (size_t fin = 0; fin < FINS; ++fin) {
-        const double *p = parameters(m, fin);
-        kernel_prepare(p, m->fin[fin].constants);
-        m->slack = fmin(m->slack, core_scheduled(p, m->fin[fin].constants).slack);
-    }
+#if MULTI_FIN_BUS
+    const double resistance = m->s.values[UNIT_BUS_SOURCE_RESISTANCE], interval = m->s.values[UNIT_BUS_UPDATE_TIME];
+#else
+    const double resistance = 0.0, interval = 1.0;
+#endif
+    multi_fin_bind(&m->fins, parameters(m, 0), resistance, interval);
     m->unprepared = 0;
     m->unforced = 1; /* they depend on parameters too */
 }
 
 /* -- inputs and outputs ------------------------------------------------------- */
 
-static bool finite_inputs(const double *in)
+/* What acts on a fin by the unit's inputs `values`. */
+static core_inputs acting(const instance *m, size_t fin, const double *values, const double *force)
 {
-    bool good = true;
-    for (size_t i = 0; i < UNIT_INPUTS; ++i) good &= core_finite(in[i]);
-    return good;
+    double in[MODEL_INPUTS];
+    for (size_t i = 0; i < MODEL_INPUTS; ++i) in[i] = values[PLACE[fin][i]];
+    return multi_fin_acting(&m->fins, fin, in, values + MIXING_BEGIN, force);
 }
 
-static void fin_outputs(const instance *m, size_t fin, const core_state *core, const core_inputs *in, double *out)
+static void acting_now(const instance *m, core_inputs *in)
 {
-    const double *p = parameters(m, fin), *c = m->fin[fin].constants;
-    const core_schedule plan = core_scheduled(p, c);
-    core_outputs(p, c, core, core_line_length(&plan), in, out);
+    for (size_t fin = 0; fin < FINS; ++fin) in[fin] = acting(m, fin, m->s.values, m->force[fin]);
 }
 
-#if FINS == 1
-
-/* A single fin's inputs are the unit's. */
-static const double *inputs_of(const double *values, size_t fin, double *room)
+static void forces(const instance *m, const double *values, double (*out)[2])
 {
-    (void)fin, (void)room;
-    return values;
-}
-
-static core_inputs acting(const instance *m, size_t fin, const double *in, const double *force)
-{
-    (void)m, (void)fin;
-    return core_inputs_of(in[INPUT_FIN_COMMAND], in, force);
-}
-
-static core_result unit_run(instance *m, double end, const core_inputs *in, const core_ramp *ramp)
-{
-    return core_run(parameters(m, 0), m->fin[0].constants, m->s.core, end, in, ramp, m->s.values + FIN_OUTPUT_BEGIN);
-}
-
-static void start_bus(instance *m)
-{
-    (void)m;
-}
-
-static void find_outputs(instance *m, const core_inputs *in)
-{
-    fin_outputs(m, 0, m->s.core, in, m->s.values + FIN_OUTPUT_BEGIN);
-}
-
-static const char *unsound_bus(const model_state *s)
-{
-    (void)s;
-    return NULL;
-}
-
-#else
-#include "multi_fin.h"
-#endif
-
-static void forces(const instance *m, size_t fin, const double *values, double *out)
-{
-    double room[MODEL_INPUTS];
-    const double *in = inputs_of(values, fin, room);
-    kernel_forces(parameters(m, fin), m->fin[fin].constants, in[INPUT_ACCELERATION_X], in[INPUT_ACCELERATION_Y],
-                  in[INPUT_ACCELERATION_Z], in[INPUT_ATTITUDE_ROLL], in[INPUT_ATTITUDE_PITCH], out);
+    for (size_t fin = 0; fin < FINS; ++fin) core_forces(m->fins.p[fin], m->fins.c[fin], values + MOTION_BEGIN, out[fin]);
 }
 
 static void find_forces(instance *m)
 {
-    for (size_t fin = 0; fin < FINS; ++fin) forces(m, fin, m->s.values, m->fin[fin].force);
+    forces(m, m->s.values, m->force);
     m->unforced = 0;
-}
-
-static void start_cores(instance *m)
-{
-    for (size_t fin = 0; fin < FINS; ++fin) core_start(parameters(m, fin), m->fin[fin].constants, &m->s.core[fin]);
-    start_bus(m);
 }
 
 /* Bring the outputs up to now. Inputs that the next step will refuse change no output. */
@@ -275,17 +217,17 @@ static void refresh(instance *m)
     const bool before = m->s.phase & (INSTANTIATED | INITIALIZING);
     core_inputs now[FINS];
     m->s.fresh = 1;
-    if (!finite_inputs(m->s.values)) return;
+    if (!core_all_finite(m->s.values, UNIT_INPUTS)) return;
     if (before && !all_rules_hold(m)) {
         for (size_t vr = OUTPUT_BEGIN; vr < PARAMETER_BEGIN; ++vr)
             m->s.values[vr] = VARIABLE[vr].kind == REAL ? NAN : 0.0;
         return;
     }
     if (before || m->unprepared) prepare(m);
-    if (before) start_cores(m);
+    if (before) multi_fin_start(&m->fins, &m->s.fins);
     find_forces(m);
-    for (size_t fin = 0; fin < FINS; ++fin) now[fin] = acting(m, fin, m->s.values, m->fin[fin].force);
-    find_outputs(m, now);
+    acting_now(m, now);
+    multi_fin_outputs(&m->fins, &m->s.fins, now, m->s.values + OUTPUT_BEGIN);
 }
 
 #endif

@@ -17,34 +17,20 @@ import atexit
 import json
 import sys
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partialmethod
 from math import inf, isfinite, nan
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
 from ...rules import check_ranges, check_rules
-from ...runtime.core import Core, Functions
+from ...runtime.core import Core, Functions, inputs_of
 
 
-class Table(NamedTuple):
-    """The interface as the slave needs it; a variable's value reference is its index.
-
-    ``rows`` are (name, kind, causality, variability, minimum, maximum), inputs
-    first, then outputs, then parameters; ``start`` the values of all of them.
-    """
-
-    rows: tuple[tuple[str, str, str, str, float, float], ...]
-    start: tuple[Any, ...]
-    guid: str
-
-
-class CorruptState:
+class CorruptState(str):
     """What deserialization gives for bytes that are no state of this FMU: the reason."""
-
-    def __init__(self, reason: str) -> None:
-        self.reason = reason
 
 
 class _RefusedError(Exception):
@@ -57,11 +43,14 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     make: ClassVar[Callable[[Mapping[str, Any]], Functions]]  # the kernel's functions
     make_checks: ClassVar[Callable[[Mapping[str, Any]], tuple[Callable[[float], tuple[Any, ...]], ...]]]
     rules: ClassVar[tuple[tuple[str, bool], ...]]  # message of each check, whether it is scanned
-    table: ClassVar[Table]
-    # Of each fin, value references of command, moment, supply (None without one), enable and further inputs.
-    places: ClassVar[tuple[tuple[Any, ...], ...]]
+    # Of each variable, by value reference, name, kind, causality, variability, minimum and maximum: inputs first, then
+    # outputs, then parameters; and the start values of all of them.
+    rows: ClassVar[tuple[tuple[str, str, str, str, float, float], ...]]
+    start_values: ClassVar[tuple[Any, ...]]
+    unit_guid: ClassVar[str]
     sizes: ClassVar[tuple[int, ...]]  # of a core
-    # Derived from the table once per class.
+    power: ClassVar[int | None]  # place of the supply's power among a fin's outputs, None without a supply
+    # Derived from the rows once per class.
     _kinds: ClassVar[dict[str, frozenset[int]]]
     _inputs: ClassVar[range]
     _outputs: ClassVar[range]
@@ -69,12 +58,13 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     _index: ClassVar[dict[str, int]]
     _motion_slice: ClassVar[slice]  # acceleration, roll and pitch stand together
     _output_slice: ClassVar[slice]
+    _unknown_force: ClassVar[Any] = (nan, nan)
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        if not hasattr(cls, "table"):  # a base
+        if not hasattr(cls, "rows"):  # a base
             return
-        rows = cls.table.rows
+        rows = cls.rows
         cls._kinds = {kind: frozenset(i for i, r in enumerate(rows) if r[1] == kind)
                       for kind in ("Real", "Integer", "Boolean", "String")}
         counts = [sum(r[2] == causality for r in rows) for causality in ("input", "output", "parameter")]
@@ -87,7 +77,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
-        self._values: list[Any] = list(self.table.start)
+        self._values: list[Any] = list(self.start_values)
         self._core: Core | None = None
         self._bound: tuple[Any, ...] = ()  # parameter values the core was made with
         self._start = 0.0
@@ -101,7 +91,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._held: tuple[Any, ...] | None = None  # the core's inputs, until a variable is set
         self._ready = False  # nothing stands against a step
         self._slack = 0.0
-        self._force = (0.0, 0.0)
+        self._force: Any = None  # specific force of this motion
 
     # -- FMI life cycle --------------------------------------------------------
 
@@ -194,23 +184,16 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         if self._finite(inputs):
             self._held = inputs
             return inputs
-        bad = [f"{self.table.rows[i][0]} = {self._values[i]!r}" for i in self._inputs if not isfinite(self._values[i])]
+        bad = [f"{self.rows[i][0]} = {self._values[i]!r}" for i in self._inputs if not isfinite(self._values[i])]
         raise _RefusedError(f"input at {current_time!r} s is not finite: {', '.join(bad)}")
 
-    @staticmethod
-    def _finite(inputs: tuple[Any, ...]) -> bool:
-        return isfinite(sum(inputs))
-
     def _core_inputs(self, core: Core) -> tuple[Any, ...]:
-        values = self._values
-        motion = values[self._motion_slice]
+        motion = self._values[self._motion_slice]
         if motion != self._motion:
             # Not finite: let the caller's check find it, trigonometry would raise.
-            self._force = core.forces(*motion) if isfinite(sum(motion)) else (nan, nan)
+            self._force = core.forces(*motion) if isfinite(sum(motion)) else self._unknown_force
             self._motion = motion
-        command, aero_torque, supply, *rest = self.places[0]
-        return (values[command], values[aero_torque], *self._force, 0.0 if supply is None else values[supply],
-                *map(values.__getitem__, rest))
+        return self._acting(core)
 
     def _bind(self) -> Core:
         """Let the core follow the parameters; before the first step it starts anew."""
@@ -218,22 +201,33 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         if self._core is None or self._now == 0.0:
             self._core = self._made(values)
         else:
-            self._rebind(self._core, values)
+            self._core.bind(self._functions(values))
         self._bound = tuple(values.values())
-        # A clock that began late counts in coarser units than the core's slack.
-        self._slack = self._core.slack + 1e-15 * abs(self._start)
-        self._changed = self._current = False
-        self._motion = []
-        self._held = None
+        self._changed = False
+        self._forget()
         return self._core
+
+    def _forget(self) -> None:
+        """Drop what follows from the core and the inputs, of which one is another now."""
+        self._motion, self._held, self._current = [], None, False
+        if self._core is not None:
+            # A clock that began late counts in coarser units than the core's slack.
+            self._slack = self._core.slack + 1e-15 * abs(self._start)
 
     # What several fins do otherwise.
 
-    def _made(self, values: Mapping[str, Any]) -> Core:
-        return Core(type(self).make(values), *self.sizes)
+    def _functions(self, values: Mapping[str, Any]) -> Any:
+        return type(self).make(values)
 
-    def _rebind(self, core: Core, values: Mapping[str, Any]) -> None:
-        core.bind(type(self).make(values))
+    def _made(self, values: Mapping[str, Any]) -> Any:
+        return Core(self._functions(values), *self.sizes)
+
+    def _acting(self, core: Any) -> tuple[Any, ...]:
+        return inputs_of(self._values[:self._outputs.start], self._force, self.power is not None)
+
+    @staticmethod
+    def _finite(inputs: tuple[Any, ...]) -> bool:
+        return isfinite(sum(inputs))
 
     def _inconsistencies(self, values: Mapping[str, Any]) -> list[str]:
         return self._broken_rules(values)
@@ -244,50 +238,26 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         return check_rules((check, message, scanned) for check, (message, scanned) in checks)
 
     def _parameter_values(self) -> dict[str, Any]:
-        return {self.table.rows[i][0]: self._values[i] for i in self._parameters}
+        return {self.rows[i][0]: self._values[i] for i in self._parameters}
 
     def _parameter_problems(self) -> list[str]:
         values = self._parameter_values()
-        limits = ((r[0], r[4], r[5]) for r in (self.table.rows[i] for i in self._parameters) if r[1] != "Boolean")
+        limits = ((r[0], r[4], r[5]) for r in (self.rows[i] for i in self._parameters) if r[1] != "Boolean")
         return check_ranges(values, limits) or self._inconsistencies(values)
 
     # -- variables -------------------------------------------------------------
 
-    def get_real(self, vrs: Sequence[int]) -> list[float]:
-        return self._get("Real", vrs, nan)
-
-    def get_integer(self, vrs: Sequence[int]) -> list[int]:
-        return list(map(int, self._get("Integer", vrs, 0)))
-
-    def get_boolean(self, vrs: Sequence[int]) -> list[bool]:
-        return self._get("Boolean", vrs, False)
-
-    def get_string(self, vrs: Sequence[int]) -> list[str]:
-        return self._get("String", vrs, "")
-
-    def set_real(self, vrs: Sequence[int], values: Sequence[float]) -> None:
-        self._set("Real", vrs, values)
-
-    def set_integer(self, vrs: Sequence[int], values: Sequence[int]) -> None:
-        self._set("Integer", vrs, values)
-
-    def set_boolean(self, vrs: Sequence[int], values: Sequence[bool]) -> None:
-        self._set("Boolean", vrs, values)
-
-    def set_string(self, vrs: Sequence[int], values: Sequence[str]) -> None:
-        self._set("String", vrs, values)
-
-    def _get(self, kind: str, vrs: Sequence[int], missing: Any) -> list[Any]:
+    def _get(self, kind: str, missing: Any, vrs: Sequence[int]) -> list[Any]:
         try:
             if not self._current:
                 self._refresh()
             values = self._values
-            known = self._kinds[kind]
-            if known.issuperset(vrs):
+            references = self._kinds[kind]
+            if references.issuperset(vrs):
                 return list(map(values.__getitem__, vrs))
-            unknown = ", ".join(str(v) for v in vrs if v not in known)
+            unknown = ", ".join(str(v) for v in vrs if v not in references)
             self._misused(f"no {kind} variable has value reference {unknown}")
-            return [values[vr] if vr in known else missing for vr in vrs]
+            return [values[vr] if vr in references else missing for vr in vrs]
         except BaseException as error:  # noqa: BLE001  see the module's docstring
             self._misused(f"reading variables: {type(error).__name__}: {error}")
             return [missing] * len(vrs)
@@ -297,25 +267,19 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         core = self._core
         if self._phase in ("instantiated", "initialization"):
             core = None if self._parameter_problems() else self._bind()
-        outputs: Iterable[Any] | None = None
-        if core is not None and not self._refusal:
-            inputs = self._held or self._core_inputs(core)
-            if not self._finite(inputs):
-                self._current = True  # an input that the next step will refuse changes no output
-                return
-            outputs = core.outputs(inputs)
-        if outputs is None:
-            outputs = (nan if self.table.rows[i][1] == "Real" else 0 for i in self._outputs)
-        self._values[self._output_slice] = outputs
-        self._current = True
+        if core is None or self._refusal:
+            self._values[self._output_slice] = [nan if self.rows[i][1] == "Real" else 0 for i in self._outputs]
+        elif self._finite(inputs := self._held or self._core_inputs(core)):
+            self._values[self._output_slice] = core.outputs(inputs)
+        self._current = True  # an input that the next step will refuse changes no output
 
     def _set(self, kind: str, vrs: Sequence[int], values: Sequence[Any]) -> None:
         try:
             self._held = None
             self._current = False
-            known = self._kinds[kind]
+            references = self._kinds[kind]
             for vr, value in zip(vrs, values, strict=False):
-                if vr in self._inputs and vr in known:
+                if vr in self._inputs and vr in references:
                     self._values[vr] = value
                 else:
                     self._set_other(kind, vr, value)
@@ -326,13 +290,24 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         if vr not in self._kinds[kind]:
             self._misused(f"no {kind} variable has value reference {vr}")
         elif vr in self._outputs:
-            self._misused(f"{self.table.rows[vr][0]} is an output and cannot be set")
-        elif self._phase in ("running", "terminated") and self.table.rows[vr][3] == "fixed":
-            self._misused(f"{self.table.rows[vr][0]} is fixed and cannot be set after initialization")
+            self._misused(f"{self.rows[vr][0]} is an output and cannot be set")
+        elif self._phase in ("running", "terminated") and self.rows[vr][3] == "fixed":
+            self._misused(f"{self.rows[vr][0]} is fixed and cannot be set after initialization")
         else:
             self._values[vr] = value
             self._changed = True
             self._ready = False
+
+    get_real = partialmethod(_get, "Real", nan)
+    get_boolean = partialmethod(_get, "Boolean", False)
+    get_string = partialmethod(_get, "String", "")
+    set_real = partialmethod(_set, "Real")
+    set_integer = partialmethod(_set, "Integer")
+    set_boolean = partialmethod(_set, "Boolean")
+    set_string = partialmethod(_set, "String")
+
+    def get_integer(self, vrs: Sequence[int]) -> list[int]:
+        return list(map(int, self._get("Integer", 0, vrs)))
 
     # -- FMU state -------------------------------------------------------------
 
@@ -343,7 +318,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def _set_fmu_state(self, state: Any) -> None:
         if isinstance(state, CorruptState):
-            self._misused(f"FMU state refused: {state.reason}")
+            self._misused(f"FMU state refused: {state}")
             return
         self._guard(lambda: self._restore(state))
 
@@ -353,31 +328,28 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         if core_state is None:
             core = None
         elif core is None or bound != self._bound:
-            parameters = {self.table.rows[i][0]: v for i, v in zip(self._parameters, bound, strict=True)}
+            parameters = {self.rows[i][0]: v for i, v in zip(self._parameters, bound, strict=True)}
             core = self._made(parameters)
         self._start, self._now, self._phase, self._misuse, self._refusal = start, now, phase, misuse, refusal
         self._changed, self._values, self._bound, self._core = changed, list(values), bound, core
         if core is not None:
             core.state = core_state
-            self._slack = core.slack + 1e-15 * abs(self._start)
         self._ready = False
-        self._motion = []
-        self._held = None
-        self._current = False
+        self._forget()
 
     @classmethod
     def _fmu_state_to_bytes(cls, state: Any) -> bytes:
         if isinstance(state, CorruptState):
             state = None
         body = json.dumps(state).encode()
-        return f"{cls.table.guid} {zlib.crc32(body):08x} ".encode() + body
+        return f"{cls.unit_guid} {zlib.crc32(body):08x} ".encode() + body
 
     @classmethod
     def _fmu_state_from_bytes(cls, data: bytes) -> Any:
         try:
             guid, check, body = bytes(data).split(b" ", 2)
-            if guid.decode() != cls.table.guid:
-                return CorruptState(f"it is of another FMU, not of {cls.table.guid}")
+            if guid.decode() != cls.unit_guid:
+                return CorruptState(f"it is of another FMU, not of {cls.unit_guid}")
             if int(check, 16) != zlib.crc32(body):
                 return CorruptState("its checksum is wrong")
             state = _tuples(json.loads(body))

@@ -16,32 +16,35 @@ static uint64_t checksum(const void *data, size_t size)
 /* What a fin's core must fulfil at `now`. Gives the reason if it does not. */
 static const char *unsound_core(const core_state *core, const core_schedule *plan, double now)
 {
-    for (size_t i = 0; i < CORE_PLANT; ++i)
-        if (!core_finite(core->plant.x[i]) || !core_finite(core->tentative.x[i])) return "a number is not finite";
-    for (size_t i = 0; i < CORE_SAMPLED; ++i)
-        if (!core_finite(core->sampled[i])) return "a number is not finite";
-    if (!core_finite(core->active)) return "a number is not finite";
-    for (size_t i = 0; i < core_line_length(plan); ++i)
-        if (!core_finite(core->line[i])) return "delay line";
+    if (!core_all_finite(core->plant.x, CORE_PLANT) || !core_all_finite(core->tentative.x, CORE_PLANT)
+        || !core_all_finite(core->sampled, CORE_SAMPLED) || !core_finite(core->active))
+        return "a number is not finite";
+    if (!core_all_finite(core->line, core_line_length(plan))) return "delay line";
     if (core->period < 0 || core->period > INT64_C(1000000000000) || core->position < 0
         || core->position >= plan->before + plan->after || (core->partial != 0 && core->partial != 1))
         return "place in time";
     if (core->partial) {
         const core_part *part = &core->part;
-        const double *inputs[] = {&part->first.command, &part->first.aero_torque, &part->first.f_x,
-                                  &part->first.f_z, &part->first.supply, &part->first.enable,
-                                  &part->aero_torque, &part->f_x, &part->f_z, &part->origin, &part->covered};
-        for (size_t i = 0; i < sizeof inputs / sizeof *inputs; ++i)
-            if (!core_finite(*inputs[i])) return "part of a tick";
-#if CORE_FURTHER > 0
-        for (size_t i = 0; i < CORE_FURTHER; ++i)
-            if (!core_finite(part->first.further[i])) return "part of a tick";
-#endif
+        double numbers[sizeof *part / sizeof(double)];
+        memcpy(numbers, part, sizeof numbers);
         const double h = core->position < (int32_t)plan->before ? plan->h_before : plan->h_after;
-        if (part->origin < 0.0 || part->covered < part->origin || part->covered > h) return "part of a tick";
+        if (!core_all_finite(numbers, sizeof numbers / sizeof *numbers) || part->origin < 0.0
+            || part->covered < part->origin || part->covered > h)
+            return "part of a tick";
     }
     const double period = (double)core->period * plan->period;
     if (now < period - plan->slack || now > period + plan->period + plan->slack) return "place in time";
+    return NULL;
+}
+
+static const char *unsound_bus(const multi_fin *m, const model_state *s)
+{
+    const double ahead = (double)s->fins.instant * m->interval - s->now;
+    if (!core_finite(s->fins.sag)) return "sag of the bus";
+    /* The next instant of a bus that is not stiff lies ahead, within an interval. */
+    if (s->fins.instant < 1
+        || (m->resistance != 0.0 && (ahead < 0.0 || ahead > m->interval * (1.0 + 1e-9) + 1e-9)))
+        return "place in time of the bus";
     return NULL;
 }
 
@@ -52,8 +55,7 @@ static const char *unsound(const instance *m, const model_state *s)
     if (s->phase != INSTANTIATED && s->phase != INITIALIZING && s->phase != RUNNING && s->phase != TERMINATED)
         return "unknown phase";
     if (!core_finite(s->start) || !core_finite(s->now) || s->now < 0.0) return "time";
-    for (size_t i = 0; i < UNIT_INPUTS; ++i)
-        if (!core_finite(s->rates[i])) return "input derivatives";
+    if (!core_all_finite(s->rates, UNIT_INPUTS)) return "input derivatives";
     for (size_t i = 0; i < UNIT_VARIABLES; ++i) {
         const double value = s->values[i];
         if (VARIABLE[i].kind != REAL
@@ -66,11 +68,11 @@ static const char *unsound(const instance *m, const model_state *s)
     if (!all_rules_hold(&probe)) return "parameters out of their limits";
     prepare(&probe);
     for (size_t fin = 0; fin < FINS; ++fin) {
-        const core_schedule plan = core_scheduled(parameters(&probe, fin), probe.fin[fin].constants);
-        const char *reason = unsound_core(&s->core[fin], &plan, s->now);
+        const core_schedule plan = core_scheduled(probe.fins.p[fin], probe.fins.c[fin]);
+        const char *reason = unsound_core(&s->fins.core[fin], &plan, s->now);
         if (reason) return reason;
     }
-    return unsound_bus(s);
+    return unsound_bus(&probe.fins, s);
 }
 
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
