@@ -14,6 +14,7 @@ from ...bench.excitation import Excitation
 from ...bench.subject import Identification, StoppedError, Subject
 from ...bench.verdict import Judged, Wanted, all_passed, judge_table2
 from ...errors import EmcasError
+from ...progress import Progress, silent
 from ...reference.cases import LOAD
 from . import frequency, mission, slewing, static_accuracy, steps, stiffness, threshold
 from .outcome import Outcome, Value
@@ -28,8 +29,6 @@ TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome]]] = {
     stiffness.NAME: ("Dynamic stiffness", stiffness.measure),
     mission.NAME: ("Mission profile", mission.measure),
 }
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,7 @@ class Result:
 
 
 def carry_out(subject: Subject, *, load: float = LOAD, profile: Excitation | None = None,
-              wanted: Sequence[Wanted] = (), progress: Progress | None = None) -> Result:
+              wanted: Sequence[Wanted] = (), progress: Progress = silent) -> Result:
     """Carry out every test. `progress` is called with the test's name, how many are done and how many there are.
 
     Raises EmcasError where a requirement names a figure there is not; a subject that fails is a result.

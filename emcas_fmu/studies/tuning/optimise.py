@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import differential_evolution, minimize
 
+from ...progress import Progress, silent
 from .evaluate import Evaluation, Journal, evaluate
 from .study import Study
 
@@ -24,8 +25,6 @@ from .study import Study
 _DIGITS = 3
 _POPULATION = 12  # individuals for each tunable
 _LOCAL = 60  # evaluations for each tunable
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ def rounded(gains: Mapping[str, float]) -> dict[str, float]:
 
 
 def tune(study: Study, seed: int = 1, generations: int = 20, workers: int = 1, journal: Journal | None = None,
-         progress: Progress | None = None) -> Result:
+         progress: Progress = silent) -> Result:
     """The gains with the largest smallest margin over requirements and cases.
 
     The same study and seed give the same gains, whatever the number of worker processes and whatever
@@ -109,7 +108,7 @@ def _simplex(best: Evaluation, bounds: Sequence[tuple[float, float]]) -> Any:
 class _Search:
     """Evaluates what is not in the journal, and remembers the best."""
 
-    def __init__(self, study: Study, journal: Journal, progress: Progress | None, generations: int) -> None:
+    def __init__(self, study: Study, journal: Journal, progress: Progress, generations: int) -> None:
         self._names = [t.name for t in study.tunables]
         self._journal = journal
         self._progress = progress
@@ -141,9 +140,8 @@ class _Search:
 
     def _tell(self, what: str) -> None:
         self.history.append(self.best.objective)
-        if self._progress:
-            self._progress(f"{what}, worst {self.best.worst.share:.3f} of its limit ({self.best.worst.requirement})",
-                           min(self._done, self._total), self._total)
+        self._progress(f"{what}, worst {self.best.worst.share:.3f} of its limit ({self.best.worst.requirement})",
+                       min(self._done, self._total), self._total)
 
     def generation(self, *_: Any, **__: Any) -> None:
         self._done += 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import degrees, inf, radians
 from pathlib import Path
@@ -17,12 +17,11 @@ from ...bench.subject import Columns, Identification, Run, Subject
 from ...bench.verdict import Judged
 from ...files import models_directory
 from ...parameters import load_parameters
+from ...progress import Progress, silent
 from ...reference import files, stored
 from ...reference.cases import LEAD_IN
 from ...reference.linear import LinearModel
 from . import claims
-
-Progress = Callable[[str, int, int], None]
 
 # A hundredth of the accuracy: differences to the reference must not show in any figure judged by Table 2.
 TRAJECTORY_LIMIT = round(degrees(metrics.ACCURACY) / 100.0, 9)  # deg
@@ -124,7 +123,7 @@ class Result:
 
 
 def validate(subject: Subject, names: Sequence[str] | None = None, directory: Path | None = None,
-             progress: Progress | None = None) -> Result:
+             progress: Progress = silent) -> Result:
     """Judge a subject by the reference cases in `directory` (default: the stored ones) and by Table 2.
 
     Trajectories are judged where the references are of the subject's actuator, performance always. With `names`,
@@ -140,8 +139,7 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
     outputs = [name for name in RECORDED if name in subject.outputs]
 
     def starting(name: str) -> None:
-        if progress:
-            progress(name, len(series), total)
+        progress(name, len(series), total)
 
     for case in cases:
         starting(case.name)
