@@ -20,7 +20,7 @@ from ..fmi.interface import BUS_PARAMETERS, FmuInterface, fin_files, fin_sets, r
 from ..parameters import load_parameters
 from ..reference.cases import LEAD_IN
 from ..schema import In
-from .common import ModelOption, ParametersOption, check_outputs, failures, out
+from . import common
 
 if TYPE_CHECKING:
     from ..bench.excitation import Excitation
@@ -101,8 +101,8 @@ def simulate(
     step: Annotated[float | None, typer.Option(help="Step of the fin command, in degrees, at 50 ms.",
                                                metavar="DEG")] = None,
     torque: Annotated[float | None, typer.Option(help="Constant hinge moment with --step, in N.m.")] = None,
-    parameters: ParametersOption = None,
-    model: ModelOption = NONLINEAR,
+    parameters: common.ParametersOption = None,
+    model: common.ModelOption = NONLINEAR,
     given: Annotated[list[str] | None, typer.Option(
         "--set", help="Another value of a parameter, or a constant of an input, with a unit or in its own (may be "
                       "given several times). Of several fins it is every one's, fin[2].NAME that of one; "
@@ -112,11 +112,8 @@ def simulate(
     fins: Annotated[int, typer.Option(help="Actuators on one bus, all given the same case, step or columns; columns "
                                            "such as fin[2].fin_command are of one. Computed in Python, which is "
                                            "slower.", metavar="N")] = 1,
-    layout: Annotated[str, typer.Option(help="Where several fins are: one along body y, or half a space further.",
-                                        metavar="plus|cross")] = "cross",
-    fin: Annotated[list[str] | None, typer.Option(
-        help="Parameter file of one of several fins, over the others' (may be given several times).",
-        metavar="N=FILE")] = None,
+    layout: common.LayoutOption = "cross",
+    fin: common.FinFilesOption = None,
     stop: Annotated[float | None, typer.Option(help="End in seconds; 0.5 with --step, else that of the input.")] = None,
     interval: Annotated[float | None, typer.Option(help="Communication step in seconds; 0.001, or the case's "
                                                         "own.")] = None,
@@ -126,8 +123,7 @@ def simulate(
                                                 metavar="FILE")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the response: .html, .svg, .png or .pdf.",
                                               metavar="FILE")] = None,
-    as_json: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.",
-                                                 metavar="FILE")] = None,
+    as_json: common.JsonOption = None,
 ) -> None:
     """Run the actuator on a case, a file of inputs or a step, without an FMU."""
     from ..bench.excitation import STEP, csv_file, reference_case
@@ -137,12 +133,12 @@ def simulate(
     from ..simulation import simulate as run
     from ..simulation import simulate_fins, spread
 
-    with failures():
+    with common.failures():
         if [case, input_file, step].count(None) != 2:
             raise EmcasError("give one of --case, --input and --step")
         check_ending(plot)
         files, unit = fin_files(fin or []), FmuInterface(fins, model)
-        check_outputs(output, plot, as_json, inputs=(*(parameters or ()), *files.values(), input_file))
+        common.check_outputs(output, plot, as_json, inputs=(*(parameters or ()), *files.values(), input_file))
         if fins == 1 and files:
             raise EmcasError(f"--fin {fin[0] if fin else ''}: goes with --fins, the number of fins")
         if fins > 1 and kernel == "compiled":
@@ -193,10 +189,8 @@ def simulate(
         column.justify = "right"
     for line in lines:
         table.add_row(*map(escape, line))
-    out.print(table)
+    common.out.print(table)
     if response.bus:
-        out.print("bus: " + ", ".join(f"{name} {number(value)}" for name, value in response.bus.items()),
+        common.out.print("bus: " + ", ".join(f"{name} {number(value)}" for name, value in response.bus.items()),
                   highlight=False, soft_wrap=True)
-    for path in (output, plot, as_json):
-        if path:
-            out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
+    common.print_written(output, plot, as_json)
