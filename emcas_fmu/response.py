@@ -75,7 +75,7 @@ class Response:
         drawn = metrics.usage(Run(self.excitation, {"time": self.time, "supply_power": self.columns["supply_power"]},
                                   None, (), 0.0))
         return {"lowest_bus_voltage_v": float(np.min(self.columns["bus_voltage"])),
-                "peak_bus_current_a": float(np.max(np.abs(self.columns["bus_current"]))), **_written(drawn)}
+                "peak_bus_current_a": float(np.max(np.abs(self.columns["bus_current"]))), **metrics.displayed(drawn)}
 
     @property
     def extension_outputs(self) -> tuple[Variable, ...]:
@@ -89,7 +89,7 @@ class Response:
         """
         run = self.fins[fin]
         found = {f"{name}_final_deg": degrees(run.columns[name][-1]) for name in ("fin_angle", "tracking_error")}
-        found |= _written(metrics.usage(run) | (metrics.motion(run) if len(run.excitation.moves) == 1 else {}))
+        found |= metrics.displayed(metrics.usage(run) | (metrics.motion(run) if len(run.excitation.moves) == 1 else {}))
         return found | {f"{v.name}_final": float(run.columns[v.name][-1]) for v in self.extension_outputs}
 
     def as_dict(self) -> dict[str, Any]:
@@ -106,12 +106,6 @@ class Response:
         rows = [(name, *(number(each[name]) for each in every)) for name in every[0] if name not in discrete]
         return rows + [(v.name, *(_history(v, self.time, run.columns[v.name]) for run in self.fins))
                        for v in discrete.values()]
-
-
-def _written(found: Mapping[str, float]) -> dict[str, float]:
-    """Figures of the bench by the names of a result."""
-    shown = {name: metrics.written(name) for name in found}
-    return {shown[name][0]: value * shown[name][1] for name, value in found.items()}
 
 
 def _history(v: Variable, time: Any, column: Any) -> str:

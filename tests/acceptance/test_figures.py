@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from emcas_fmu.bench import metrics
+from emcas_fmu.bench.metrics import unit_of
 from emcas_fmu.bench.subject import ParameterSubject, StoppedError
-from emcas_fmu.bench.verdict import unit_of
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.report import mission, slewing, static_accuracy, steps, stiffness, threshold
 from emcas_fmu.studies.report.outcome import Outcome, Quantity

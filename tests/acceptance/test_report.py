@@ -225,7 +225,8 @@ def test_wrong_requests(arguments: list[str], message: str, tmp_path: Path) -> N
 def test_limits_in_any_unit_of_the_quantity(limit: str, expected: float, tmp_path: Path) -> None:
     (wanted,) = load_requirements(specification(tmp_path, limit))
     assert wanted.limit == pytest.approx(expected, rel=1e-12)
-    assert (wanted.unit, wanted.sense, wanted.source) == ("deg", "<=", "specification.toml")
+    judged = wanted.judged(None, "")
+    assert (judged.unit, judged.sense, judged.source) == ("deg", "<=", "specification.toml")
 
 
 @pytest.mark.parametrize(("figure", "limit", "expected"), [
@@ -240,16 +241,18 @@ def test_limits_of_other_quantities(figure: str, limit: str, expected: float, tm
 
 
 @pytest.mark.parametrize(("text", "message"), [
-    ("[[requirement", "not valid TOML"),
-    ("", "expected one or more tables"),
-    ("a = 1", "expected one or more tables"),
-    ("[[requirement]]\nname = 'a'", "requirement a: has no figure, sense, limit"),
-    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<'\nlimit = '1 s'", "expected <= or >="),
-    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = 1", "expected a string"),
+    ("[[requirement", "cannot be read: Expected"),
+    ("", "requirement is missing"),
+    ("a = 1", "unknown key 'a'; there is requirement"),
+    ("requirement = []", "requirement: must have at least one entry"),
+    ("[[requirement]]\nname = 'a'", "requirement.a: limit is missing; there is name, title, figure, sense, limit"),
+    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<'\nlimit = '1 s'", "there is <=, >="),
+    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = 1", "a number with a unit such as s"),
+    ("[[requirement]]\nname = 5\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = '1 s'", "must be a string"),
     ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = '1'", "has no unit"),
     ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = '1 deg'", "does not measure"),
-    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_db'\nsense = '<='\nlimit = '1'", "with the unit dB"),
-    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = '1 s'\nunit = 's'", "unknown unit;"),
+    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_db'\nsense = '<='\nlimit = '1'", "with a unit such as dB"),
+    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = '1 s'\nunit = 's'", "unknown key 'unit'"),
     (2 * "[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = '1 s'\n", "given twice"),
 ])
 def test_unsound_requirements(text: str, message: str, tmp_path: Path) -> None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from numpy.typing import NDArray
 
-from ...bench.metrics import FIGURES, written
-from ...bench.verdict import unit_of
+from ...bench import metrics
+from ...bench.metrics import FIGURES, result_name, unit_of
 
 Array = NDArray[Any]
 Value = float | bool
@@ -33,15 +33,14 @@ class Quantity:
 
 
 def quantity(name: str, label: str) -> Quantity:
-    """A figure of the bench."""
-    return Quantity(written(name)[0], label, FIGURES[name].title, FIGURES[name].needs)
+    """Return the quantity of a figure of the bench."""
+    return Quantity(result_name(name)[0], label, FIGURES[name].title, FIGURES[name].needs)
 
 
-def displayed(found: Mapping[str, float], quantities: tuple[Quantity, ...]) -> dict[str, Value]:
-    """Figures of the bench as they are written, those of `quantities` only."""
+def displayed(figures: Mapping[str, float], quantities: tuple[Quantity, ...]) -> dict[str, Value]:
+    """Return those of the bench's figures that are `quantities`, by their names in a result."""
     keys = {q.key for q in quantities}
-    return {key: value * factor for name, value in found.items()
-            for key, factor in [written(name)] if key in keys}
+    return {key: value for key, value in metrics.displayed(figures).items() if key in keys}
 
 
 @dataclass(frozen=True)
@@ -102,11 +101,3 @@ class Outcome:
             else:
                 home[name] = found
         return [([q for q in self.quantities if any(q.key in group for group in t.values())], t) for t in tables]
-
-
-def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:
-    """Every figure as ``test.group.figure``."""
-    for test, outcome in outcomes.items():
-        for group, found in outcome.figures.items():
-            for key, value in found.items():
-                yield f"{test}.{group}.{key}", value

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...bench.excitation import Excitation
 from ...bench.subject import Identification, StoppedError, Subject
-from ...bench.verdict import Judged, Wanted, all_passed, judge_table2
+from ...bench.verdict import FileRequirement, Judged, all_passed, judge_table2
 from ...errors import EmcasError
 from ...progress import Progress, silent
 from ...reference.cases import LOAD
@@ -58,7 +58,7 @@ class Result:
 
 
 def carry_out(subject: Subject, *, load: float = LOAD, profile: Excitation | None = None,
-              wanted: Sequence[Wanted] = (), progress: Progress = silent) -> Result:
+              wanted: Sequence[FileRequirement] = (), progress: Progress = silent) -> Result:
     """Carry out every test. `progress` is called with the test's name, how many are done and how many there are.
 
     Raises EmcasError where a requirement names a figure there is not; a subject that fails is a result.
@@ -94,7 +94,7 @@ def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:
                 yield f"{test}.{group}.{key}", value
 
 
-def judge(wanted: Sequence[Wanted], outcomes: Mapping[str, Outcome]) -> list[Judged]:
+def judge(wanted: Sequence[FileRequirement], outcomes: Mapping[str, Outcome]) -> list[Judged]:
     """The user's requirements against the figures of the tests. Raises EmcasError where there is no such figure."""
     figures = dict(flat(outcomes))
     judged = []
