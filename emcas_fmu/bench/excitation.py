@@ -165,16 +165,21 @@ def reference_case(name: str, exact: bool = True) -> Excitation:
 
     Trajectories are compared with true angle and speed fed back (`exact`); performance is that with the encoder.
     """
-    found = {case.name: case for case in CASES}.get(name)
-    if found is None:
+    case = {case.name: case for case in CASES}.get(name)
+    if case is None:
         raise EmcasError(f"there is no case {name}; there is {', '.join(case.name for case in CASES)}")
-    made = Excitation(found.title, {v: column for v, column in found.inputs().items() if v != "time"}, LEAD_IN,
-                      found.step, found.overrides)
-    return made if exact else as_it_is(made)
+    excitation = of_case(case.title, case.inputs(), case.step, case.overrides)
+    return excitation if exact else with_encoder(excitation)
 
 
-def as_it_is(excitation: Excitation) -> Excitation:
-    """The same with the subject's encoder."""
+def of_case(title: str, inputs: Mapping[str, Array], step: float, start_values: Mapping[str, Any]) -> Excitation:
+    """Return the excitation of a reference case from its columns, ``time`` among them."""
+    columns = {name: column for name, column in inputs.items() if name != "time"}
+    return Excitation(title, columns, LEAD_IN, step, start_values)
+
+
+def with_encoder(excitation: Excitation) -> Excitation:
+    """Return the same with the subject's encoder, as performance is judged."""
     return replace(excitation, start_values={name: value for name, value in excitation.start_values.items()
                                              if not name.startswith("encoder.")})
 

@@ -373,7 +373,7 @@ class Bidirectional:
     largest_error: float
     hysteresis: float
     repeatability: float
-    accuracy: float
+    bidirectional_accuracy: float
     mean_error: float
     means: Array
     reversal: Array

@@ -9,12 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import zip_longest
 from math import degrees, isfinite, radians
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field, PlainValidator, PrivateAttr, ValidationInfo
+from rich.markup import escape
+from rich.table import Table as RichTable
 
 from ..errors import EmcasError
 from ..reference.cases import LOAD
@@ -22,6 +25,7 @@ from ..schema import In, Table, each, load, named
 from .excitation import Excitation, reference_case, step_to
 from .metrics import ACCURACY, held_error, motion, sweep_response, unit_of
 from .subject import Run
+from .writers import Case, number
 
 Sense = Literal["<=", ">="]
 Runs = Mapping[str, Run]
@@ -66,6 +70,11 @@ class Judged:
         """Whether the limit is kept; never true of a figure that is missing or not a number."""
         return self.margin is not None and bool(self.margin >= 0.0)
 
+    def test_case(self, classname: str, time: float = 0.0) -> Case:
+        """Return the requirement as a test case; `time` [s] is what its run took."""
+        return Case(self.name, classname, "" if self.passed else str(self), self.note if self.skipped else "",
+                    time=time)
+
     def __str__(self) -> str:
         measured = "no value" if self.measured is None else f"{self.measured:.4g} {self.unit}"
         text = f"{self.title}: {measured}, required {self.sense} {self.limit:g} {self.unit}"
@@ -76,6 +85,19 @@ def all_passed(judged: Sequence[Judged]) -> bool:
     """Whether something was judged and all of it passed."""
     counted = [j for j in judged if not j.skipped]
     return bool(counted) and all(j.passed for j in counted)
+
+
+def summary_table(heading: str, judged: Sequence[Judged]) -> RichTable:
+    """Return requirements as a table for the terminal, with a line between those of different sources."""
+    table = RichTable(heading, "measured", "required", "margin", "unit", "")
+    table.columns[0].no_wrap = True
+    for column in table.columns[1:4]:
+        column.justify = "right"
+    for j, after in zip_longest(judged, judged[1:]):
+        table.add_row(escape(j.name), number(j.measured), f"{j.sense} {j.limit:g}", number(j.margin), j.unit,
+                      "[dim]not run[/]" if j.skipped else "[green]ok[/]" if j.passed else "[bold red]FAIL[/]",
+                      end_section=after is not None and after.source != j.source)
+    return table
 
 
 @dataclass(frozen=True)
@@ -195,11 +217,13 @@ class FileRequirement(Table):
 
 
 def _requirements(entries: Any, info: ValidationInfo) -> dict[str, FileRequirement]:
+    if not entries:
+        raise ValueError(f"expected one or more tables [[requirement]] with {', '.join(FileRequirement.model_fields)}")
     return each(named(entries), lambda _, entry: FileRequirement.model_validate(entry, context=info.context))
 
 
 class _File(Table):
-    requirement: Annotated[dict[str, FileRequirement], PlainValidator(_requirements), Field(min_length=1)]
+    requirement: Annotated[dict[str, FileRequirement], PlainValidator(_requirements)] = Field({}, validate_default=True)
 
 
 def load_requirements(path: Path) -> list[FileRequirement]:

@@ -96,12 +96,8 @@ def _environment() -> Environment:
     return made
 
 
-def page(template: str, **context: Any) -> str:
-    """The page of a template, named from the package on (``studies/report/page.html.j2``), that extends
-    ``bench/base.html.j2``; the same context gives the same text."""
-    return _environment().get_template(template).render(**context)
-
-
 def write_page(path: Path, template: str, **context: Any) -> None:
-    """Write a page."""
-    path.write_text(page(template, **context), encoding="utf-8", newline="\n")
+    """Write the page of a template, named from the package on (``studies/report/page.html.j2``), that extends
+    ``bench/base.html.j2``; the same context gives the same bytes."""
+    page = _environment().get_template(template).render(**context)
+    path.write_text(page, encoding="utf-8", newline="\n")

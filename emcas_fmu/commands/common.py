@@ -36,7 +36,7 @@ def model_option(what: str, more: str = "") -> Any:
 
 ModelOption = Annotated[str, model_option("Which actuator")]
 SubjectModelOption = Annotated[str | None, model_option(
-    "Which actuator a parameter file is of", " nonlinear unless given. An FMU tells it by its name.")]
+    "Which actuator a parameter file is of", " Unless given, nonlinear; an FMU tells it by its name.")]
 ParametersOption = Annotated[list[Path] | None, typer.Option(
     "--parameters", "-p", help="Parameter file (TOML); overrides any subset of the defaults (may be given several "
                                "times: a later file goes over those before it).", metavar="FILE")]

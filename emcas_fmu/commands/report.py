@@ -51,10 +51,10 @@ def report(
         if load is not None and not 0.0 < load < float("inf"):
             raise EmcasError(f"--load {load:g}: must be above 0, in N.m")
         printed = _date(date) if date else ""
-        wanted = load_requirements(requirements) if requirements else []
+        specified = load_requirements(requirements) if requirements else []
         with common.progress_bar() as progress, open_subject(article, model, fin, parameters) as subject:
             profile = csv_file(mission, model=subject.model) if mission else None
-            result = carry_out(subject, load=load or LOAD, profile=profile, wanted=wanted,
+            result = carry_out(subject, load=load or LOAD, profile=profile, requirements=specified,
                                progress=common.stepper(progress, "test"))
         write_report(result, output, printed)
         if as_json:

@@ -90,7 +90,7 @@ def measure(rig: Rig) -> Outcome:
               "moment_n_m": moment, **{name: columns[name] for name in ("motor_current", "supply_power")
                                        if name in columns}}
     return Outcome(
-        NAME, "Mission profile", method, QUANTITIES, {group: figures},
+        method, QUANTITIES, {group: figures},
         tuple(f"{group}.{key}" for key in ("motor_current_rms_a", "supply_power_peak_w", "energy_drawn_j",
                                            "energy_regenerated_j")),
         {group: label}, series={group: series}, estimate=estimate)

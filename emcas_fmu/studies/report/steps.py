@@ -38,7 +38,6 @@ def measure(rig: Rig) -> Outcome:
                          "angle_deg": np.degrees(run.columns["fin_angle"]), "command_deg": np.array([size])}
     largest = group_of(rig.sizes(SIZES)[-1])
     return Outcome(
-        NAME, "Step response",
         f"From rest at 0 deg the command jumps to each size and stays there for {HOLD:g} s; no load. Outputs are "
         "read every 1 ms.", QUANTITIES, figures,
         (f"{group_of(1.0)}.rise_time_s", f"{group_of(1.0)}.settling_time_s", f"{largest}.rise_time_s",

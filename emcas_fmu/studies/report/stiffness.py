@@ -103,7 +103,6 @@ def measure(rig: Rig) -> Outcome:
     angle = rig.subject.values.get("fin.stop_angle")
     stop = "" if angle is None else f" at ±{degrees(angle):g} deg"
     return Outcome(
-        NAME, "Dynamic stiffness",
         f"Sinusoidal hinge moment at {len(FREQUENCIES)} frequencies from {FREQUENCIES[0]:g} to {FREQUENCIES[-1]:g} Hz "
         f"(stepped-sine sweep), command 0 deg; T/θ is the ratio of the fundamentals over {CYCLES:g} cycles, "
         f"by least squares after at least {SETTLE[0]:g} cycles. Powered: the loops hold 0 deg against half "

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...bench.excitation import staircase
 from ...bench.verdict import HOLD
-from .outcome import Array, Outcome, Quantity
+from .outcome import Array, Outcome, Quantity, Value
 from .rig import Rig
 
 NAME = "threshold"
@@ -54,11 +54,12 @@ def answered(angle: Array, before: int, direction: float, detected: float) -> bo
 
 def measure(rig: Rig) -> Outcome:
     """From rest, after a reversal, and in the same direction, both signs."""
-    count, figures = rig.count, {}
+    count = rig.count
+    figures: dict[str, dict[str, Value]] = {}
     moved = min(MOVED_TO, 0.5 * rig.limit)
     tests = {"from_rest": (0.0, 1.0, REST), "after_reversal": (moved, -1.0, HOLD), "increment": (moved, 1.0, HOLD)}
     for group, (first, sense, settle) in tests.items():
-        found = {}
+        figures[group] = {}
         for name, direction in (("positive_deg", 1.0), ("negative_deg", -1.0)):
             begin = direction * sense * radians(first)
 
@@ -66,12 +67,10 @@ def measure(rig: Rig) -> Outcome:
                 stairs = staircase((begin, begin + direction * size), (settle, WITHIN), step=STEP)
                 return answered(rig.run(stairs).columns["fin_angle"], round(settle / STEP), direction, count)
 
-            found[name] = degrees(smallest(moves, 0.5 * count, 0.5 * rig.subject.command_limit))
-        figures[group] = found
+            figures[group][name] = degrees(smallest(moves, 0.5 * count, 0.5 * rig.subject.command_limit))
     labels = {"from_rest": "threshold from rest", "after_reversal": "threshold after reversal (dead band)",
               "increment": "resolution (smallest increment)"}
     return Outcome(
-        NAME, "Threshold and resolution",
         f"A step of the command counts as answered if the fin moves by {degrees(count):.4f} deg (a count of the "
         f"encoder at the fin, where there is one) in its direction within {WITHIN:g} s. From rest: at 0 deg, never "
         f"moved. After reversal: the fin has moved {moved:g} deg and stood for {HOLD:g} s, then the command steps "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import degrees, inf, radians
+from math import degrees, radians
 from pathlib import Path
 from typing import Any
 
@@ -12,34 +12,24 @@ import numpy as np
 
 from ...actuators import NONLINEAR, parts
 from ...bench import metrics, verdict
-from ...bench.excitation import Excitation, as_it_is, step_to
+from ...bench.excitation import Excitation, of_case, step_to, with_encoder
 from ...bench.subject import Columns, Identification, Run, Subject
 from ...bench.verdict import Judged
 from ...files import models_directory
 from ...parameters import load_parameters
 from ...progress import Progress, silent
 from ...reference import files, stored
-from ...reference.cases import LEAD_IN
 from ...reference.linear import LinearModel
 from . import claims
 
 # A hundredth of the accuracy: differences to the reference must not show in any figure judged by Table 2.
 TRAJECTORY_LIMIT = round(degrees(metrics.ACCURACY) / 100.0, 9)  # deg
 # Errors of these are written in degrees.
-_DISPLAY: Mapping[str, tuple[float, str]] = {
+DISPLAY: Mapping[str, tuple[float, str]] = {
     "fin_angle": (degrees(1.0), "deg"), "fin_rate": (degrees(1.0), "deg/s"), "motor_current": (1.0, "A"),
     "motor_voltage": (1.0, "V"), "drive_reference": (1.0, "V")}
-RECORDED = (*_DISPLAY, "saturated")
+RECORDED = (*DISPLAY, "saturated")
 _LINEAR_DURATION = 0.3  # s
-
-
-@dataclass(frozen=True)
-class VariableError:
-    """Errors of one variable against the reference, in its unit."""
-
-    maximum: float
-    rms: float
-    unit: str
 
 
 @dataclass(frozen=True)
@@ -53,19 +43,9 @@ class CaseResult:
     stopped: float | None
     wall_time: float
     messages: tuple[str, ...]
-    errors: Mapping[str, VariableError]
+    errors: Mapping[str, metrics.Errors]
     figures: Mapping[str, float]
     """Performance figures; the name ends in the unit."""
-
-
-@dataclass(frozen=True)
-class Difference:
-    """A parameter that is not the default."""
-
-    name: str
-    value: float | bool
-    default: float | bool
-    unit: str
 
 
 @dataclass(frozen=True)
@@ -80,6 +60,12 @@ class Series:
     reference: Columns = field(default_factory=dict)
     exact: Run | None = None
 
+    def compared(self, name: str) -> tuple[Any, Any]:
+        """Return an output of the exact run and of the reference, as far as both go."""
+        response, reference = (self.exact or self.run).columns[name], self.reference[name]
+        rows = min(len(response), len(reference))
+        return response[:rows], reference[:rows]
+
 
 @dataclass(frozen=True)
 class Result:
@@ -90,7 +76,7 @@ class Result:
 
     about: Identification
     parameters: Mapping[str, Any]
-    differences: tuple[Difference, ...]
+    differences: tuple[Mapping[str, Any], ...]
     reference: str
     cases: tuple[CaseResult, ...]
     trajectory: tuple[Judged, ...]
@@ -132,8 +118,11 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
     """
     folder = directory or models_directory() / "reference"
     cases = stored.load(folder, names)
-    notes = [f"{case.name} is left out: {why}" for case in cases if (why := subject.obstacle(as_it_is(_of(case))))]
-    cases = [case for case in cases if not subject.obstacle(as_it_is(_of(case)))]
+    excitations = {case.name: of_case(case.title, case.inputs, case.step, case.start_values) for case in cases}
+    obstacles = {name: why for name, excitation in excitations.items()
+                 if (why := subject.obstacle(with_encoder(excitation)))}
+    notes = [f"{name} is left out: {why}" for name, why in obstacles.items()]
+    cases = [case for case in cases if case.name not in obstacles]
     extra = {} if names else {**verdict.holds(), **_linear_steps(subject)}
     total, series = len(cases) + len(extra), dict[str, Series]()
     outputs = [name for name in RECORDED if name in subject.outputs]
@@ -144,7 +133,7 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
     for case in cases:
         starting(case.name)
         # The encoder's chatter hides small errors, so references do without; performance does not.
-        exact, shipped = _of(case), as_it_is(_of(case))
+        exact, shipped = excitations[case.name], with_encoder(excitations[case.name])
         compared = subject.run(exact, outputs=outputs) if case.model == subject.actuator.name else None
         same = compared if exact.start_values == shipped.start_values else None
         run = same or subject.run(shipped, outputs=outputs)
@@ -171,16 +160,11 @@ def _result(subject: Subject, folder: Path, cases: Sequence[stored.Stored], seri
                         "not judged, performance is")
     with np.errstate(divide="ignore", invalid="ignore"):  # a fin that does not move has no gain: nan, which fails
         table2 = tuple(verdict.judge_table2(runs))
-    found = (*claims.claims(comparisons), *claims.accuracy(runs))
-    differences = _differences(subject)
-    notes += _notes(subject, differences, [case for case in cases if series[case.name].exact], series)
-    return Result(subject.identification, dict(subject.values), differences, str(folder) if trajectory else "",
-                  tuple(results), trajectory, table2, comparisons, found, tuple(notes), series, linear)
-
-
-def _of(case: stored.Stored) -> Excitation:
-    return Excitation(case.title, {name: column for name, column in case.inputs.items() if name != "time"}, LEAD_IN,
-                      case.step, case.start_values)
+    findings = (*claims.claims(comparisons), *claims.accuracy(runs))
+    notes += _notes(subject, [case for case in cases if series[case.name].exact], series)
+    return Result(subject.identification, dict(subject.values), tuple(_differences(subject)),
+                  str(folder) if trajectory else "",
+                  tuple(results), trajectory, table2, comparisons, findings, tuple(notes), series, linear)
 
 
 def _linear_name(amplitude: float) -> str:
@@ -198,13 +182,10 @@ def _linear_steps(subject: Subject) -> dict[str, Excitation]:
 
 def _case_result(case: stored.Stored, series: Series) -> CaseResult:
     run, errors = series.exact or series.run, {}
-    if series.exact:
-        rows = min(len(run.columns["time"]), len(series.reference["time"]))
-        for name, (scale, unit) in _DISPLAY.items():
-            if name not in run.columns or name not in series.reference:
-                continue
-            error = metrics.errors(run.columns[name][:rows] * scale, series.reference[name][:rows] * scale)
-            errors[name] = VariableError(error.maximum, error.rms, unit)
+    for name, (scale, unit) in DISPLAY.items():
+        if name in run.columns and name in series.reference:
+            response, reference = series.compared(name)
+            errors[name] = metrics.errors(response * scale, reference * scale, unit)
     return CaseResult(case.name, case.title, case.kind, case.stop_time, run.stopped, run.wall_time, run.messages,
                       errors, _figures(case.kind, series.run))
 
@@ -233,16 +214,17 @@ def _trajectory(case: CaseResult, series: Series) -> Judged:
                   None if reason else case.errors["fin_angle"].maximum, "<=", TRAJECTORY_LIMIT, "deg", reason)
 
 
-def _differences(subject: Subject) -> tuple[Difference, ...]:
-    entries = {e.variable.name: e for e in load_parameters(model=subject.model).entries}
-    return tuple(Difference(name, subject.values[name], entries[name].value, entries[name].variable.unit)
-                 for name in subject.identification.differences)
+def _differences(subject: Subject) -> Iterator[Mapping[str, Any]]:
+    """Parameters that are not the defaults."""
+    defaults = {e.variable.name: e for e in load_parameters(model=subject.model).entries}
+    for name in subject.identification.differences:
+        yield {"name": name, "value": subject.values[name], "default": defaults[name].value,
+               "unit": defaults[name].variable.unit}
 
 
-def _notes(subject: Subject, differences: Sequence[Difference], compared: Sequence[stored.Stored],
-           series: Mapping[str, Series]) -> Iterator[str]:
-    if differences:
-        yield f"The parameters differ from the defaults: {', '.join(d.name for d in differences)}"
+def _notes(subject: Subject, compared: Sequence[stored.Stored], series: Mapping[str, Series]) -> Iterator[str]:
+    if differences := subject.identification.differences:
+        yield f"The parameters differ from the defaults: {', '.join(differences)}"
     foreign = [case.name for case in compared
                if files.parameters_hash({**subject.values, **case.start_values}) != case.parameters_hash]
     if foreign:
@@ -253,8 +235,3 @@ def _notes(subject: Subject, differences: Sequence[Difference], compared: Sequen
         if each.run.reason:
             yield f"{name}: {each.run.reason}"
         yield from (f"{name}: log: {message}" for message in each.run.messages)
-
-
-def window(columns: Columns, begin: float, end: float = inf) -> Any:
-    """Whether each row is between two times [s]."""
-    return (columns["time"] >= begin - 1e-9) & (columns["time"] <= end + 1e-9)
