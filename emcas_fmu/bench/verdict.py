@@ -17,6 +17,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, PlainValidator, PrivateAttr, ValidationInfo
 from rich.markup import escape
+from rich.table import Column
 from rich.table import Table as RichTable
 
 from ..errors import EmcasError
@@ -89,10 +90,8 @@ def all_passed(judged: Sequence[Judged]) -> bool:
 
 def summary_table(heading: str, judged: Sequence[Judged]) -> RichTable:
     """Return requirements as a table for the terminal, with a line between those of different sources."""
-    table = RichTable(heading, "measured", "required", "margin", "unit", "")
-    table.columns[0].no_wrap = True
-    for column in table.columns[1:4]:
-        column.justify = "right"
+    table = RichTable(Column(heading, no_wrap=True), *(Column(name, justify="right") for name in (
+        "measured", "required", "margin")), "unit", "")
     for j, after in zip_longest(judged, judged[1:]):
         table.add_row(escape(j.name), number(j.measured), f"{j.sense} {j.limit:g}", number(j.margin), j.unit,
                       "[dim]not run[/]" if j.skipped else "[green]ok[/]" if j.passed else "[bold red]FAIL[/]",
