@@ -7,7 +7,7 @@ FIGURES names them all, with their units and the standard or book a definition f
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import degrees, inf, nan, pi, radians
 from typing import TYPE_CHECKING, Any
 
@@ -178,6 +178,10 @@ class StepMetrics:
     ripple: float
 
 
+MOTION = (*(field.name for field in fields(StepMetrics)), "peak_rate", "sustained_rate")
+"""The figures of `motion`."""
+
+
 def step_metrics(time: Array, response: Array, start: float, command: float) -> StepMetrics:
     """Return the figures of the response [rad] to a command that jumps to a level at `start` [s] and stays there.
 
@@ -242,10 +246,13 @@ def usage(run: Run) -> dict[str, float]:
     return figures
 
 
-_USAGE = {"peak_angle": ("peak", "fin_angle"), "peak_rate": ("peak", "fin_rate"),
-          "peak_current": ("peak", "motor_current"), "peak_tracking_error": ("peak", "tracking_error"),
-          "rms_current": ("rms", "motor_current"), "rms_tracking_error": ("rms", "tracking_error"),
-          "saturated_share": ("share", "saturated"), "at_stop_share": ("share", "at_stop")}
+_USAGE: Mapping[str, tuple[str, str]] = {
+    "peak_angle": ("peak", "fin_angle"), "peak_rate": ("peak", "fin_rate"), "peak_current": ("peak", "motor_current"),
+    "peak_tracking_error": ("peak", "tracking_error"), "rms_current": ("rms", "motor_current"),
+    "rms_tracking_error": ("rms", "tracking_error"), "saturated_share": ("share", "saturated"),
+    "at_stop_share": ("share", "at_stop")}
+USAGE = (*_USAGE, "peak_power", "energy_drawn", "energy_returned", "peak_returned_power")
+"""The figures of `usage`."""
 
 
 def energies(time: Array, power: Array) -> tuple[float, float]:
