@@ -83,7 +83,7 @@ _SHOWN = {"rad": ("deg", degrees(1.0)), "rad/s": ("deg/s", degrees(1.0)), "s": (
 
 
 def shown(unit: str) -> tuple[str, float]:
-    """The unit people read a figure in, and the factor to it."""
+    """Return the unit people read a figure in, and the factor to it."""
     return _SHOWN.get(unit, (unit, 1.0))
 
 
@@ -307,7 +307,7 @@ class FrequencyResponse:
 
 
 def frequency_response(time: Array, command: Array, response: Array, low: float, high: float) -> FrequencyResponse:
-    """H1 estimate, S_cr / S_cc by Welch's method, between two frequencies [Hz] the command sweeps through.
+    """Return the H1 estimate, S_cr / S_cc by Welch's method, between two frequencies [Hz] the command sweeps through.
 
     H1 (Bendat & Piersol, "Random Data", 4th ed., section 6.2) weighs every segment by what the
     command does in it, so that the harmonics a nonlinear response has while the sweep is elsewhere
@@ -366,9 +366,9 @@ def held(amplitude: complex, frequency: float, step: float) -> complex:
     return complex(amplitude * np.sinc(frequency * step) * np.exp(-1j * pi * frequency * step))
 
 
-def breakaway(moment: Array, angle: Array, crept: float = CREPT) -> float:
-    """Return the magnitude of the moment at which the angle first leaves its start by more than `crept`; nan if not."""
-    moved = np.flatnonzero(np.abs(angle - angle[0]) > crept)
+def breakaway(moment: Array, angle: Array) -> float:
+    """Return the magnitude of the moment at which the angle first leaves its start; nan if it does not."""
+    moved = np.flatnonzero(np.abs(angle - angle[0]) > CREPT)
     return float(abs(moment[moved[0]])) if len(moved) else nan
 
 

@@ -1,7 +1,7 @@
 """The subject under test: an actuator as a parameter set or as an FMU, behind one way to run it.
 
-A study asks a subject by name for what it needs (``"motor_current" in subject.outputs``) and leaves out, with
-the reason, what it has not.
+A study looks up by name what it needs (``"motor_current" in subject.outputs``) and leaves out, with
+the reason, what the subject has not.
 """
 
 from __future__ import annotations
@@ -94,14 +94,14 @@ class Run:
         return f"went no further than {self.stopped:.6g} s: {self.messages[-1] if self.messages else 'no reason given'}"
 
     def finished(self) -> Columns:
-        """The columns. Raises StoppedError, saying why, where the run ended early."""
+        """Return the columns. Raises StoppedError, saying why, where the run ended early."""
         if self.stopped is not None:
             raise StoppedError(f"the subject {self.reason}")
         return self.columns
 
 
 class Subject(ABC):
-    """An actuator that can be excited; `model` is the actuator's name with its options, as in ``elastic+heat``."""
+    """An actuator that can be excited; `model` is the actuator's name with its extensions, as in ``elastic+heat``."""
 
     model: str = NONLINEAR
 
@@ -118,7 +118,7 @@ class Subject(ABC):
     @abstractmethod
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
-        """The response at the times of the rows, and of those of the outputs that are `fine` between rows as well:
+        """Return the response at the times of the rows, and of those outputs that are `fine` between rows as well:
         at `substeps` equal steps of each.
 
         `start_values` are parameters that differ, over those of the excitation; `outputs` what to record, everything
@@ -408,9 +408,9 @@ def _differences(values: Mapping[str, Any], model: str) -> tuple[str, ...]:
 @contextmanager
 def open_subject(path: Path | None, model: str | None = None, fin: int | None = None,
                  parameters: Sequence[Path] | None = None) -> Iterator[Subject]:
-    """The subject at `path`: an FMU, a parameter file (.toml), or the shipped parameters where there is no path.
+    """Open the subject at `path`: an FMU, a parameter file (.toml), or the shipped parameters where there is no path.
 
-    `model` names the actuator and its options; an FMU tells its own. `fin` from 1 on chooses one of a unit of
+    `model` names the actuator and its extensions; an FMU tells its own. `fin` from 1 on chooses one of a unit of
     several, the first unless given. The files of `parameters` go over those of the subject, which then cannot be an
     FMU. Raises EmcasError or ParameterError where it cannot be used.
     """

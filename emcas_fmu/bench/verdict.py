@@ -83,7 +83,7 @@ class Judged:
 
 
 def all_passed(judged: Sequence[Judged]) -> bool:
-    """Whether something was judged and all of it passed."""
+    """Return whether something was judged and all of it passed."""
     counted = [j for j in judged if not j.skipped]
     return bool(counted) and all(j.passed for j in counted)
 
@@ -154,21 +154,21 @@ REQUIREMENTS = (
 
 
 def holds() -> dict[str, Excitation]:
-    """The steps of Table 2 that are held until the integral action is through, by name; one under the load."""
+    """Return the steps of Table 2 that are held until the integral action is through, by name; one under the load."""
     levels = {"hold_plus20": 20.0, "hold_minus20": -20.0, "hold_plus1": 1.0, "hold_minus1": -1.0}
     return {**{name: step_to(radians(level), HOLD) for name, level in levels.items()},
             "hold_loaded": step_to(radians(20.0), HOLD, -LOAD)}
 
 
 def table2_excitations() -> dict[str, Excitation]:
-    """Every excitation Table 2 is judged by, by name, with the parameters as they are."""
+    """Return every excitation Table 2 is judged by, by name, with the parameters as they are."""
     names = sorted({name for requirement in REQUIREMENTS for name in requirement.needs})
     steps = holds()
     return {name: steps[name] if name in steps else reference_case(name, exact=False) for name in names}
 
 
 def judge_table2(runs: Runs) -> list[Judged]:
-    """Table 2 judged by runs by name; a row is skipped where a run was not made, failed where one ended early."""
+    """Judge Table 2 by runs by name; a row is skipped where a run was not made, failed where one ended early."""
     return [_table2(requirement, runs) for requirement in REQUIREMENTS]
 
 

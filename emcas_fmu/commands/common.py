@@ -54,7 +54,7 @@ ReportOption = Annotated[Path | None, typer.Option(help="Write a page with pictu
 
 @contextmanager
 def failures() -> Iterator[None]:
-    """Expected failures as a message and exit code 2, never a traceback."""
+    """Print expected failures as a message and exit with 2, never with a traceback."""
     try:
         yield
     except (EmcasError, ParameterError, OSError) as error:

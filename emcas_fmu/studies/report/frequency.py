@@ -19,7 +19,7 @@ QUANTITIES = (
 
 
 def measure(rig: Rig) -> Outcome:
-    """Logarithmic sweeps of the command; H1 estimate by Welch's method."""
+    """Measure the response to logarithmic sweeps of the command, H1 estimate by Welch's method."""
     figures, curves, notes = {}, {}, []
     for group, label in LABELS.items():
         run = rig.table2[f"chirp_{group}"]

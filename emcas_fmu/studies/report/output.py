@@ -16,7 +16,7 @@ SCHEMA = "emcas-acceptance/1"
 
 
 def as_dict(result: Result, date: str = "") -> dict[str, Any]:
-    """Figures, curves, methods and requirements; not the time series."""
+    """Return figures, curves, methods and requirements; not the time series."""
     outcomes = result.outcomes
     requirements = []
     for j in result.judged:

@@ -20,7 +20,7 @@ _MOST_POINTS = 3000  # of a line: more than a page has pixels
 
 
 def pictures(outcomes: Mapping[str, Outcome]) -> dict[str, Picture]:
-    """The picture of each test that has one."""
+    """Draw the picture of each test that has one."""
     drawn = {name: outcome for name, outcome in outcomes.items() if name in _DRAWINGS and not outcome.stopped}
     return dict(zip(drawn, plots.pictures(_DRAWINGS[name](outcome) for name, outcome in drawn.items()), strict=True))
 

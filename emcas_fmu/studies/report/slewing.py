@@ -22,7 +22,7 @@ QUANTITIES = (
 
 
 def measure(rig: Rig) -> Outcome:
-    """From one end of the range to the other."""
+    """Measure slews from one end of the range to the other."""
     figures, series, labels = {}, {}, {}
     for load, factor, label in (("unloaded", 0.0, "unloaded"), ("opposing", -1.0, f"against {rig.load:g} N.m"),
                                 ("aiding", 1.0, f"with {rig.load:g} N.m")):

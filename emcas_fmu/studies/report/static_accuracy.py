@@ -30,7 +30,7 @@ QUANTITIES = (
 
 
 def course(targets: int, cycles: int) -> list[tuple[int, int, int]]:
-    """(target, side, cycle) of every hold: up from the lowest target and down again, `cycles` times; side 0 is below.
+    """Return (target, side, cycle) of every hold: up from the lowest target and down again; side 0 is below.
 
     The lowest target itself is where each cycle begins, so that it has approaches from above only.
     """
@@ -40,7 +40,7 @@ def course(targets: int, cycles: int) -> list[tuple[int, int, int]]:
 
 
 def measure(rig: Rig) -> Outcome:
-    """The grid, `CYCLES` times up and down."""
+    """Measure the errors on the grid, `CYCLES` times up and down."""
     targets = np.linspace(-rig.limit, rig.limit, INTERVALS + 1)
     visits = course(len(targets), CYCLES)
     # First to the lowest target, which no cycle has approached yet.

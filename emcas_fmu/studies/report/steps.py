@@ -22,12 +22,12 @@ QUANTITIES = (
 
 
 def group_of(size: float) -> str:
-    """The name of the step of `size` [deg]."""
+    """Return the name of the step of `size` [deg]."""
     return f"{'plus' if size > 0.0 else 'minus'}_{abs(size):g}deg".replace(".", "p")
 
 
 def measure(rig: Rig) -> Outcome:
-    """Step from rest at zero to each size, no load."""
+    """Measure steps from rest at zero to each size, no load."""
     figures, series, labels = {}, {}, {}
     for size in (sign * size for size in rig.sizes(SIZES) for sign in (1.0, -1.0)):
         run = rig.run(step_to(radians(size), HOLD))

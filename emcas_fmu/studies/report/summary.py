@@ -15,7 +15,7 @@ from .study import Result
 
 
 def summary(result: Result) -> Iterator[RenderableType]:
-    """Requirements as a table, then the most important figures, notes and the verdict."""
+    """Give the requirements as a table, then the most important figures, notes and the verdict."""
     about = result.about
     yield escape(f"{about.kind} {about.name}  {about.file}  {about.guid}".rstrip())
     yield summary_table("requirement", result.judged)

@@ -26,7 +26,7 @@ QUANTITIES = (
 
 
 def smallest(moves: Callable[[float], bool], low: float, high: float, ratio: float = RATIO) -> float:
-    """The smallest size that moves, within `ratio`, by bisection on a logarithmic scale between two sizes.
+    """Return the smallest size that moves, within `ratio`, by bisection on a logarithmic scale between two sizes.
 
     The size returned moves and a size `ratio` times smaller does not, unless the lowest does already.
     nan where not even the highest moves.
@@ -42,7 +42,7 @@ def smallest(moves: Callable[[float], bool], low: float, high: float, ratio: flo
 
 
 def answered(angle: Array, before: int, direction: float, detected: float) -> bool:
-    """Whether the angle leaves, after row `before`, the range it had for as long before, by `detected` in a direction.
+    """Return whether the angle leaves its range of as long before, after row `before`, by `detected` in a direction.
 
     What the fin does at rest (hunting between two counts, say) is no answer.
     """
@@ -53,7 +53,7 @@ def answered(angle: Array, before: int, direction: float, detected: float) -> bo
 
 
 def measure(rig: Rig) -> Outcome:
-    """From rest, after a reversal, and in the same direction, both signs."""
+    """Measure the threshold from rest, after a reversal, and in the same direction, both signs."""
     count = rig.count
     figures: dict[str, dict[str, Value]] = {}
     moved = min(MOVED_TO, 0.5 * rig.limit)

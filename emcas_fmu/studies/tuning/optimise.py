@@ -25,6 +25,7 @@ from .study import Study
 _DIGITS = 3
 _POPULATION = 12  # individuals for each tunable
 _LOCAL = 60  # evaluations for each tunable
+_SLACK = 0.03  # of a limit, within which a requirement binds as the worst does
 
 
 @dataclass(frozen=True)
@@ -46,11 +47,11 @@ class Result:
         """Whether every requirement is met in every case."""
         return self.best.worst.share <= 1.0
 
-    def binding(self, slack: float = 0.03) -> list[str]:
-        """Requirements that stand between here and more margin: those within `slack` of the worst share."""
-        worst = self.best.worst.share
-        return [name for name, j in sorted(self.best.by_requirement().items(), key=lambda item: -item[1].share)
-                if j.share >= worst - slack]
+    @property
+    def binding(self) -> list[str]:
+        """Requirements that stand between here and more margin, the worst first."""
+        ranked = sorted(self.best.by_requirement().items(), key=lambda item: -item[1].share)
+        return [name for name, j in ranked if j.share >= self.best.worst.share - _SLACK]
 
 
 def rounded(gains: Mapping[str, float]) -> dict[str, float]:

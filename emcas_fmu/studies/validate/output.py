@@ -18,7 +18,7 @@ SCHEMA = "emcas-validation/1"
 
 
 def as_dict(result: Result) -> dict[str, Any]:
-    """Everything but the time series."""
+    """Return everything but the time series."""
     about = result.about
     name, _, version = about.name.partition(" ")
     subject = {"path": about.file, "name": name, "guid": about.guid, "version": version,

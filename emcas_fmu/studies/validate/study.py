@@ -191,7 +191,7 @@ def _case_result(case: stored.Stored, series: Series) -> CaseResult:
 
 
 def _figures(kind: str, run: Run) -> dict[str, float]:
-    """Performance figures of a case; empty where its run ended early."""
+    """Return the performance figures of a case; empty where its run ended early."""
     if run.stopped is not None:
         return {}
     if kind == "chirp":
@@ -208,14 +208,14 @@ def _figures(kind: str, run: Run) -> dict[str, float]:
 
 
 def _trajectory(case: CaseResult, series: Series) -> Judged:
-    """The fin angle's largest error [deg] to the reference."""
+    """Judge the fin angle's largest error [deg] to the reference."""
     reason = series.exact.reason if series.exact else ""
     return Judged(f"1 % of the accuracy of {verdict.TABLE_2}", case.name, case.title,
                   None if reason else case.errors["fin_angle"].maximum, "<=", TRAJECTORY_LIMIT, "deg", reason)
 
 
 def _differences(subject: Subject) -> Iterator[Mapping[str, Any]]:
-    """Parameters that are not the defaults."""
+    """Give the parameters that are not the defaults."""
     defaults = {e.variable.name: e for e in load_parameters(model=subject.model).entries}
     for name in subject.identification.differences:
         yield {"name": name, "value": subject.values[name], "default": defaults[name].value,

@@ -14,7 +14,7 @@ from .study import Result
 
 
 def _cases(result: Result) -> Table:
-    """Errors and performance figures of the cases."""
+    """Return errors and performance figures of the cases as a table."""
     units = {"max": "mdeg", "rms": "mdeg", "rise": "ms", "settle": "ms", "over": "%", "end": "deg", "rate": "deg/s",
              "-3dB": "Hz", "-90°": "Hz"}
     table = Table("case", *units, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, title_justify="left",
@@ -35,7 +35,7 @@ def _cases(result: Result) -> Table:
 
 
 def summary(result: Result) -> Iterator[RenderableType]:
-    """Criteria as a table, then findings, notes and the verdict."""
+    """Give the criteria as a table, then findings, notes and the verdict."""
     about = result.about
     yield escape(f"{about.name}  {'GUID ' + about.guid if about.guid else about.file}  {about.model}")
     yield summary_table("criterion", result.criteria)
