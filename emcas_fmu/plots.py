@@ -100,6 +100,30 @@ def pictures(drawings: Iterable[Drawing | None]) -> list[Picture]:
         return [Picture(d.title, svg(d.figure, d.title), d.caption) for d in drawings if d is not None]
 
 
+def bode(gain: Axes, phase: Axes, frequency: Any, gain_db: Any, phase_deg: Any, marks: tuple[float, float],
+         **look: Any) -> None:
+    """Draw a frequency response into two panels, with dots at the frequencies of -3 dB and -90 deg (`marks` [Hz])."""
+    gain.semilogx(frequency, gain_db, **look)
+    phase.semilogx(frequency, phase_deg, **look)
+    for axes, at, level in zip((gain, phase), marks, (-3.0, -90.0), strict=True):
+        axes.plot(at, level, "o", color=look["color"], markersize=5, zorder=4)
+
+
+def bode_axes(gain: Axes, phase: Axes) -> None:
+    """Give the panels of frequency responses their ranges and the lines at -3 dB and -90 deg."""
+    gain.axhline(-3.0, **LIMIT)
+    phase.axhline(-90.0, **LIMIT)
+    gain.set(ylabel="gain / dB", ylim=(-12, 3))
+    phase.set(ylabel="phase / deg", ylim=(-200, 10), yticks=(-180, -135, -90, -45, 0))
+
+
+def frequency_axis(axes: Axes, ticks: Iterable[float]) -> None:
+    """Write frequencies [Hz] along a logarithmic axis as plain numbers."""
+    ticks = list(ticks)
+    axes.set(xlabel="frequency / Hz", xticks=ticks, xticklabels=[f"{tick:g}" for tick in ticks])
+    axes.minorticks_off()
+
+
 def legend_above(axes: Axes, columns: int = 6, **more: Any) -> None:
     """A legend above the panel, where it cannot hide anything."""
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2, handlelength=1.8,

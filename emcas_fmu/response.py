@@ -26,15 +26,16 @@ from .plots import COLORS, figure, shade, style, write
 from .plots import COMMAND as COMMAND_LINE
 from .variables import Variable
 
-_PANELS = (("fin_rate", "fin rate [deg/s]", degrees(1.0)), ("motor_current", "current [A]", 1.0),
+_PANELS = (("fin_angle", "angle [deg]", degrees(1.0)), ("tracking_error", "tracking error [deg]", degrees(1.0)),
+           ("fin_rate", "fin rate [deg/s]", degrees(1.0)), ("motor_current", "current [A]", 1.0),
            ("motor_voltage", "voltage [V]", 1.0), ("supply_power", "power [W]", 1.0))
 _BUS = (("bus_voltage", "bus voltage [V]"), ("bus_current", "bus current [A]"))
-_MOST_CHANGES = 4  # of a status, that are told
+_MOST_CHANGES = 4  # of a status, that are listed
 
 
 @dataclass(frozen=True)
 class Response:
-    """What the fins of a `unit`, with the parameters `sets`, did under an excitation; the columns have its names."""
+    """The outputs of the fins of a `unit` under an excitation, by the unit's names; `sets` are their parameters."""
 
     unit: FmuInterface
     sets: Sequence[ParameterSet]
@@ -75,7 +76,7 @@ class Response:
         drawn = metrics.usage(Run(self.excitation, {"time": self.time, "supply_power": self.columns["supply_power"]},
                                   None, (), 0.0))
         return {"lowest_bus_voltage_v": float(np.min(self.columns["bus_voltage"])),
-                "peak_bus_current_a": float(np.max(np.abs(self.columns["bus_current"]))), **_written(drawn)}
+                "peak_bus_current_a": float(np.max(np.abs(self.columns["bus_current"]))), **metrics.displayed(drawn)}
 
     @property
     def extension_outputs(self) -> tuple[Variable, ...]:
@@ -83,24 +84,25 @@ class Response:
         return extension_outputs(self.unit.kind)
 
     def figures(self, fin: int = 0) -> dict[str, float]:
-        """Figures of the bench as far as a fin has the outputs, units in the names, and last values.
+        """Return figures of the bench as far as a fin has the outputs, units in the names, and last values.
 
         Those of a motion where the command jumps once.
         """
         run = self.fins[fin]
-        found = {f"{name}_final_deg": degrees(run.columns[name][-1]) for name in ("fin_angle", "tracking_error")}
-        found |= _written(metrics.usage(run) | (metrics.motion(run) if len(run.excitation.moves) == 1 else {}))
-        return found | {f"{v.name}_final": float(run.columns[v.name][-1]) for v in self.extension_outputs}
+        motion = metrics.motion(run) if len(run.excitation.moves) == 1 else {}
+        return {**{f"{name}_final_deg": degrees(run.columns[name][-1]) for name in ("fin_angle", "tracking_error")},
+                **metrics.displayed({**metrics.usage(run), **motion}),
+                **{f"{v.name}_final": float(run.columns[v.name][-1]) for v in self.extension_outputs}}
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON: of several fins a list, and the bus."""
+        """Return the figures for JSON: of several fins a list, and the bus."""
         if self.unit.fins == 1:
             return {"title": self.excitation.title, **self.figures()}
         return {"title": self.excitation.title, "bus": self.bus,
                 "fins": [self.figures(fin) for fin in range(self.unit.fins)]}
 
     def lines(self) -> list[tuple[str, ...]]:
-        """Name and value for each fin of every figure, as a table shows them; statuses by name, as they changed."""
+        """Return name and value for each fin of every figure; statuses by name, as they changed."""
         every = [self.figures(fin) for fin in range(self.unit.fins)]
         discrete = {f"{v.name}_final": v for v in self.extension_outputs if v.items or v.bits}
         rows = [(name, *(number(each[name]) for each in every)) for name in every[0] if name not in discrete]
@@ -108,14 +110,8 @@ class Response:
                        for v in discrete.values()]
 
 
-def _written(found: Mapping[str, float]) -> dict[str, float]:
-    """Figures of the bench by the names of a result."""
-    shown = {name: metrics.written(name) for name in found}
-    return {shown[name][0]: value * shown[name][1] for name, value in found.items()}
-
-
 def _history(v: Variable, time: Any, column: Any) -> str:
-    """A discrete output in words: at the start, and whenever it changes."""
+    """Return a discrete output in words: at the start, and whenever it changes."""
     rows = np.flatnonzero(np.diff(column)) + 1
     changes = [f"{time[k]:g} s {v.in_words(column[k])}" for k in rows]
     if len(changes) > _MOST_CHANGES:
@@ -124,7 +120,7 @@ def _history(v: Variable, time: Any, column: Any) -> str:
 
 
 def write_csv(path: Path, response: Response) -> None:
-    """Time, the inputs given and every output, SI, with 17 digits: what was computed, to the bit."""
+    """Write time, the inputs given and every output, SI, with 17 digits: what was computed, to the bit."""
     outputs = {name: column for name, column in response.columns.items() if name != "time"}
     table = np.column_stack([response.time, *response.excitation.columns.values(), *outputs.values()])
     np.savetxt(path, table, fmt="%.17g", delimiter=",", comments="",
@@ -132,33 +128,32 @@ def write_csv(path: Path, response: Response) -> None:
 
 
 def draw(response: Response) -> Figure:
-    """Command and angle, tracking error, rate, current, voltage, power, the bus, what extensions add; limits shaded."""
+    """Draw command, outputs of every fin, the bus, and what extensions add, over time; shaded where a limit is active.
+
+    Takes effect inside `style()`.
+    """
     time, fins, extensions = response.time, response.fins, response.extension_outputs
     panels = [panel for panel in _PANELS if panel[0] in fins[0].columns]
     bus = _BUS if response.unit.bus_outputs else ()
-    count = 2 + len(panels) + len(bus) + len(extensions)
+    count = len(panels) + len(bus) + len(extensions)
     made, grid = figure((count + 1) // 2, 2, width=10.0, sharex=True)
-    first, second, *rest = grid.ravel()
-    for k, run in enumerate(fins):
-        color, which = COLORS[k % len(COLORS)], f"fin {k + 1}" if len(fins) > 1 else "fin angle"
-        if COMMAND in run.excitation.columns:
-            first.step(time, np.degrees(run.excitation.command), where="post", label=None if k else "command",
-                       **COMMAND_LINE)
-        first.plot(time, np.degrees(run.columns["fin_angle"]), color=color, label=which)
-        second.plot(time, np.degrees(run.columns["tracking_error"]), color=color)
-        for axes, (name, _, scale) in zip(rest, panels, strict=False):
-            axes.plot(time, run.columns[name] * scale, color=color)
-    for axes, label in zip((first, second, *rest), ("angle [deg]", "tracking error [deg]",
-                                                   *(label for _, label, _ in panels)), strict=False):
+    first, places = grid[0, 0], iter(grid.ravel())
+    commands = [run.excitation.command for run in fins if COMMAND in run.excitation.columns]
+    for k, command in enumerate(commands):
+        first.step(time, np.degrees(command), where="post", label=None if k else "command", **COMMAND_LINE)
+    for (name, label, scale), axes in zip(panels, places, strict=False):
+        for k, run in enumerate(fins):
+            axes.plot(time, run.columns[name] * scale, color=COLORS[k % len(COLORS)],
+                      label=f"fin {k + 1}" if len(fins) > 1 else "fin angle")
         axes.set_ylabel(label)
     first.set_title(response.excitation.title)
     first.legend(loc="best", ncols=1 + len(fins) // 5)
-    for axes, (name, label) in zip(rest[len(panels):], bus, strict=False):
+    for (name, label), axes in zip(bus, places, strict=False):
         axes.plot(time, response.columns[name], color=COLORS[0])
         axes.set_ylabel(label)
-    for axes, v in zip(rest[len(panels) + len(bus):], extensions, strict=False):
+    for v, axes in zip(extensions, places, strict=False):
         _draw_output(axes, v, time, [run.columns[v.name] for run in fins])
-    for axes in rest[count - 2:]:
+    for axes in places:
         axes.set_visible(False)
     limited = np.any([run.columns["saturated"] > 0.0 for run in fins], axis=0)
     for axes in grid.ravel():
@@ -170,7 +165,7 @@ def draw(response: Response) -> Figure:
 
 
 def _draw_output(axes: Axes, v: Variable, time: Any, columns: Sequence[Any]) -> None:
-    """An output of an extension, a line a fin; a word of flags as a bar for each flag that is ever set."""
+    """Draw an output of an extension, a line a fin; a word of flags as a bar for each flag that is ever set."""
     axes.set_ylabel(f"{v.name.replace('_', ' ')}{f' [{v.unit}]' if v.kind == 'Real' else ''}")
     flags = [i for i in range(len(v.bits)) if any(np.any(column.astype(int) >> i & 1) for column in columns)]
     for k, column in enumerate(columns):
@@ -191,6 +186,6 @@ def _draw_output(axes: Axes, v: Variable, time: Any, columns: Sequence[Any]) -> 
 
 
 def write_picture(path: Path, response: Response) -> None:
-    """The response as ``.html``, ``.svg``, ``.png`` or ``.pdf``. Raises EmcasError for another ending."""
+    """Write the response as ``.html``, ``.svg``, ``.png`` or ``.pdf``. Raises EmcasError for another ending."""
     with style():
         write(draw(response), path, response.excitation.title)

@@ -76,112 +76,113 @@ class Excitation:
                      for row, (start, end) in zip(jumps, pairwise(ends), strict=True))
 
     def judged(self, time: Array) -> Any:
-        """Whether each time [s] is at the beginning of what is judged or later; one a rounding short of it is."""
+        """Return whether each time [s] is judged: at `begin` or later; one a rounding short of it is."""
         return time > self.begin - self.step / 2
 
     def holding(self, columns: Mapping[str, Any]) -> Excitation:
-        """The same with further inputs, each a column or a constant."""
-        held = {name: np.broadcast_to(np.asarray(column, dtype=float), self.time.shape).copy()
-                for name, column in columns.items()}
-        return replace(self, columns={**self.columns, **held})
+        """Return the same with further inputs, each a column or a constant."""
+        further = {name: np.full(self.time.shape, column, dtype=float) for name, column in columns.items()}
+        return replace(self, columns={**self.columns, **further})
 
     def with_start_values(self, values: Mapping[str, Any]) -> Excitation:
-        """The same with further parameters that differ."""
+        """Return the same with further parameters that differ."""
         return replace(self, start_values={**self.start_values, **values})
 
 
-def _rows(stop: float, step: float) -> Array:
+def _rows(stop: float, step: float = STEP) -> Array:
     return np.arange(round(stop / step) + 1) * step
 
 
-def _loaded(title: str, command: Array, time: Array, begin: float, load: float, step: float) -> Excitation:
-    """A motion commanded at `begin`, and the load that comes on with it."""
+def _loaded(title: str, command: Array, time: Array, begin: float, load: float, step: float = STEP) -> Excitation:
+    """Return a motion commanded at `begin`, with the load that comes on with it."""
     rising = {LOAD: load * np.clip((time - begin) / LOAD_RISE, 0.0, 1.0)} if load else {}
     return Excitation(title + (f" with {load:+g} N.m" if load else ""), {COMMAND: command, **rising}, begin, step)
 
 
 def step_to(level: float, duration: float, load: float = 0.0, step: float = STEP) -> Excitation:
-    """From rest at zero to a level [rad], held for `duration` [s]; a `load` [N.m] comes on with the command."""
+    """Return a step from rest at zero to a level [rad], held for `duration` [s]; a `load` [N.m] comes on with it."""
     time = _rows(LEAD_IN + duration, step)
     return _loaded(f"step to {degrees(level):+.6g} deg", np.where(time > LEAD_IN - step / 2, level, 0.0), time, LEAD_IN,
                    load, step)
 
 
-def slew_to(level: float, duration: float, load: float = 0.0, step: float = STEP,
-            settle: float = SETTLE) -> Excitation:
-    """From rest at -level, after `settle` [s] there, to +level [rad], as `step_to`."""
-    time = _rows(settle + duration, step)
-    command = np.where(time > settle - step / 2, level, -level)
+def slew_to(level: float, duration: float, load: float = 0.0, settle: float = SETTLE) -> Excitation:
+    """Return a step from rest at -level, after `settle` [s] there, to +level [rad], as `step_to`."""
+    time = _rows(settle + duration)
+    command = np.where(time > settle - STEP / 2, level, -level)
     command[0] = 0.0
-    return _loaded(f"slew from {-degrees(level):+.6g} to {degrees(level):+.6g} deg", command, time, settle, load, step)
+    return _loaded(f"slew from {-degrees(level):+.6g} to {degrees(level):+.6g} deg", command, time, settle, load)
 
 
-def sweep(amplitude: float, duration: float, low: float = SWEEP[0], high: float = SWEEP[1],
-          step: float = STEP) -> Excitation:
-    """Logarithmic sine sweep of the command [rad] between two frequencies [Hz]. Raises ValueError."""
+def sweep(amplitude: float, duration: float, low: float = SWEEP[0], high: float = SWEEP[1]) -> Excitation:
+    """Return a logarithmic sine sweep of the command [rad] between two frequencies [Hz]. Raises ValueError."""
     if not low < high:
         raise ValueError(f"the sweep's low = {low:g} Hz is not below its high = {high:g} Hz")
     growth = log(high / low) / duration
-    since = np.maximum(_rows(LEAD_IN + duration, step) - LEAD_IN, 0.0)
+    since = np.maximum(_rows(LEAD_IN + duration) - LEAD_IN, 0.0)
     return Excitation(f"sine sweep of {degrees(amplitude):.6g} deg",
-                      {COMMAND: amplitude * np.sin(2.0 * pi * low * np.expm1(growth * since) / growth)}, LEAD_IN, step)
+                      {COMMAND: amplitude * np.sin(2.0 * pi * low * np.expm1(growth * since) / growth)}, LEAD_IN)
 
 
 def sine(amplitude: float, frequency: float, cycles: float = 6.0, settle: tuple[float, float] = (4.0, 0.5),
-         variable: str = COMMAND, step: float = STEP) -> Excitation:
-    """Sine of the command [rad], or cosine of another input, at a frequency [Hz].
+         variable: str = COMMAND) -> Excitation:
+    """Return a sine of the command [rad], or a cosine of another input, at a frequency [Hz].
 
     Judged are the last `cycles`, after a transient of `settle` cycles and at least s. A cosine of the hinge moment
     gives a free inertia at rest no drift, as a sine would.
     """
-    time = _rows(max(settle[0] / frequency, settle[1]) + cycles / frequency, step)
+    time = _rows(max(settle[0] / frequency, settle[1]) + cycles / frequency)
     wave = (np.sin if variable == COMMAND else np.cos)(2.0 * pi * frequency * time)
     return Excitation(f"sine of {variable} at {frequency:g} Hz", {variable: amplitude * wave},
-                      float(time[-1] - cycles / frequency), step)
+                      float(time[-1] - cycles / frequency))
 
 
-def sine_from_rest(amplitude: float, frequency: float, duration: float, step: float = STEP) -> Excitation:
-    """From rest at zero, a sine of the command [rad] at a frequency [Hz] for `duration` [s]; all of it is judged."""
-    since = np.maximum(_rows(LEAD_IN + duration, step) - LEAD_IN, 0.0)
+def sine_from_rest(amplitude: float, frequency: float, duration: float) -> Excitation:
+    """Return a sine of the command [rad] at a frequency [Hz] for `duration` [s], from rest at zero; all is judged."""
+    since = np.maximum(_rows(LEAD_IN + duration) - LEAD_IN, 0.0)
     return Excitation(f"sine of {degrees(amplitude):.6g} deg at {frequency:g} Hz",
-                      {COMMAND: amplitude * np.sin(2.0 * pi * frequency * since)}, LEAD_IN, step)
+                      {COMMAND: amplitude * np.sin(2.0 * pi * frequency * since)}, LEAD_IN)
 
 
-def load_ramp(moment: float, duration: float, step: float = STEP) -> Excitation:
-    """The hinge moment from zero to `moment` [N.m] in `duration` [s], command at zero."""
-    time = _rows(duration, step)
-    return Excitation(f"hinge moment up to {moment:+g} N.m", {LOAD: moment * time / duration}, step=step)
+def load_ramp(moment: float, duration: float) -> Excitation:
+    """Return a ramp of the hinge moment from zero to `moment` [N.m] in `duration` [s], command at zero."""
+    return Excitation(f"hinge moment up to {moment:+g} N.m", {LOAD: moment * _rows(duration) / duration})
 
 
 def staircase(levels: Sequence[float], holds: Sequence[float], step: float = STEP) -> Excitation:
-    """The command at each level [rad] for its time [s]; judged is the last."""
-    held = np.repeat(levels, [round(hold / step) for hold in holds])
-    return Excitation(f"{len(levels)} levels of the command", {COMMAND: np.append(held, held[-1])}, sum(holds[:-1]),
-                      step)
+    """Return a command of levels [rad], each for its time [s]; judged is the last."""
+    command = np.repeat(levels, [round(hold / step) for hold in holds])
+    return Excitation(f"{len(levels)} levels of the command", {COMMAND: np.append(command, command[-1])},
+                      sum(holds[:-1]), step)
 
 
 def reference_case(name: str, exact: bool = True) -> Excitation:
-    """A reference case by name. Raises EmcasError, naming those there are.
+    """Return a reference case by name. Raises EmcasError, naming those there are.
 
     Trajectories are compared with true angle and speed fed back (`exact`); performance is that with the encoder.
     """
-    found = {case.name: case for case in CASES}.get(name)
-    if found is None:
+    case = {case.name: case for case in CASES}.get(name)
+    if case is None:
         raise EmcasError(f"there is no case {name}; there is {', '.join(case.name for case in CASES)}")
-    made = Excitation(found.title, {v: column for v, column in found.inputs().items() if v != "time"}, LEAD_IN,
-                      found.step, found.overrides)
-    return made if exact else as_it_is(made)
+    excitation = of_case(case.title, case.inputs(), case.step, case.overrides)
+    return excitation if exact else with_encoder(excitation)
 
 
-def as_it_is(excitation: Excitation) -> Excitation:
-    """The same with the subject's encoder."""
+def of_case(title: str, inputs: Mapping[str, Array], step: float, start_values: Mapping[str, Any]) -> Excitation:
+    """Return the excitation of a reference case from its columns, ``time`` among them."""
+    columns = {name: column for name, column in inputs.items() if name != "time"}
+    return Excitation(title, columns, LEAD_IN, step, start_values)
+
+
+def with_encoder(excitation: Excitation) -> Excitation:
+    """Return the same with the subject's encoder, as performance is judged."""
     return replace(excitation, start_values={name: value for name, value in excitation.start_values.items()
                                              if not name.startswith("encoder.")})
 
 
 def csv_file(path: Path, step: float = STEP, stop: float | None = None, model: str = NONLINEAR,
              fins: int = 1) -> Excitation:
-    """A CSV file with a column ``time`` [s] and columns of inputs of a model, SI, as fmpy reads it.
+    """Return the inputs of a CSV file: a column ``time`` [s] and columns of a model's inputs, SI, as fmpy reads it.
 
     Of several `fins` an input's column is every one's, ``fin[2].fin_command`` that of one.
 
@@ -189,30 +190,27 @@ def csv_file(path: Path, step: float = STEP, stop: float | None = None, model: s
     begins at 0: inputs before the first row are those of it.
     Raises EmcasError for what is no such file.
     """
-    found = _read(path)
+    table = _read(path)
     inputs = list(dict.fromkeys(v.name for v in (*get(model).inputs, *FmuInterface(fins, model).inputs)))
-    if "time" not in found:
-        raise EmcasError(f"{path}: has no column time; its columns are {', '.join(found)}")
-    if unknown := [name for name in found if name not in (*inputs, "time")]:
+    if "time" not in table:
+        raise EmcasError(f"{path}: has no column time; its columns are {', '.join(table)}")
+    if unknown := [name for name in table if name not in (*inputs, "time")]:
         raise EmcasError(f"{path}: {', '.join(unknown)} is no input; inputs are {', '.join(inputs)}")
-    if len(found) < 2:
+    time = table.pop("time")
+    if not table:
         raise EmcasError(f"{path}: has no column of an input; inputs are {', '.join(inputs)}")
-    time = np.atleast_1d(found.pop("time"))
     if not np.isfinite(time).all() or np.any(np.diff(time) < 0.0) or time[0] < 0.0:
         raise EmcasError(f"{path}: time must be finite, begin at 0 or later and not run backwards")
     end = float(time[-1]) if stop is None else stop
     check_span(str(path), step, end)
-    points = np.arange(round(end / step) + 1) * step
-    columns = {}
-    for name, column in found.items():
-        if not np.isfinite(column).all():
-            raise EmcasError(f"{path}: {name} has an empty or non-finite value")
-        columns[name] = _sampled(points, time, np.atleast_1d(column))
-    return Excitation(path.name, columns, step=step)
+    if unsound := [name for name, column in table.items() if not np.isfinite(column).all()]:
+        raise EmcasError(f"{path}: {unsound[0]} has an empty or non-finite value")
+    return Excitation(path.name, {name: _sampled(_rows(end, step), time, column) for name, column in table.items()},
+                      step=step)
 
 
 def _read(path: Path) -> dict[str, Array]:
-    """Columns of a CSV file with one line of names, quoted or not."""
+    """Return the columns of a CSV file with one line of names, quoted or not."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             header, *lines = [row for row in csv.reader(file, skipinitialspace=True) if row]
@@ -238,7 +236,7 @@ def check_span(what: str, step: float, stop: float) -> None:
 
 
 def _sampled(points: Array, time: Array, column: Array) -> Array:
-    """Linear between rows, from the right at a jump, held outside."""
+    """Return a column at `points` of time: linear between its rows, from the right at a jump, held outside."""
     after = np.searchsorted(time, points * (1.0 + 1e-12), side="right")  # a point a rounding short of a row is on it
     low, high = np.clip(after - 1, 0, len(time) - 1), np.clip(after, 0, len(time) - 1)
     span = time[high] - time[low]

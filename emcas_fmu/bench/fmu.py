@@ -1,4 +1,4 @@
-"""Opening an FMU: what it is of, whether it can run here, and the names of one of its fins."""
+"""Opening an FMU: which model it is, whether it can run here, and the names of one of its fins."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class OpenedFmu:
     names: Mapping[str, str]
 
     def instance(self, log: Callable[..., None]) -> Any:
-        """An instance of it, whose messages `log` gets. Raises EmcasError where it does not start."""
+        """Return an instance of it, whose messages `log` gets. Raises EmcasError where it does not start."""
         try:
             # Without debug logging on, pythonfmu's wrapper passes no message on.
             return instantiate_fmu(str(self.folder), self.description, "CoSimulation", debug_logging=True, logger=log)
@@ -68,41 +68,41 @@ class OpenedFmu:
 
 
 def model_of(name: str) -> str | None:
-    """The model and options, as in ``elastic+faults``, of an FMU by its modelName; None for a name of no such FMU."""
-    found = _NAME.fullmatch(name)
-    kind = None if found is None else _models().get("".join(found.groups()))
+    """Return the model, as in ``elastic+faults``, of an FMU by its modelName; None for a name of no such FMU."""
+    match = _NAME.fullmatch(name)
+    model = match and _models().get("".join(match.groups()))
     try:
-        return None if kind is None else get(kind).name
-    except EmcasError:  # options that do not go together
+        return get(model).name if model else None
+    except EmcasError:  # extensions that do not go together
         return None
 
 
-def chosen_model(file: str, name: str, asked: str | None, error: type[EmcasError] = EmcasError) -> str:
-    """The model of the FMU `file` with that modelName, or where it tells none the one `asked` for.
+def chosen_model(file: str, name: str, model: str | None, error: type[EmcasError] = EmcasError) -> str:
+    """Return the model of the FMU `file` by its modelName, or `model` where the name tells none.
 
-    Raises `error` where neither is, or they are not the same.
+    Raises `error` where neither is known, or they are not the same.
     """
-    told = model_of(name)
-    if told is None and asked is None:
+    named = model_of(name)
+    if named is None and model is None:
         raise error(f"{file}: is named {name}, which does not tell its model; name it with --model, such as "
                     "elastic+faults, or build the FMU anew with emcas build")
-    if told is not None and asked not in (None, told):
-        raise error(f"{file}: is of the model {told}, and {asked} is asked for; leave the model out, or build the FMU "
-                    f"with emcas build --model {asked}")
-    return str(told or asked)
+    if named is not None and model not in (None, named):
+        raise error(f"{file}: is of the model {named}, and {model} is asked for; leave the model out, or build the FMU "
+                    f"with emcas build --model {model}")
+    return str(named or model)
 
 
 @cache
 def _models() -> Mapping[str, str]:
-    """Models with any of the options by the modelName of one fin."""
-    chosen = [subset for n in range(len(EXTENSIONS) + 1) for subset in combinations(EXTENSIONS, n)]
-    kinds = ["+".join((model, *options)) for options in reversed(chosen) for model in reversed(NAMES)]
-    return {model_name(kind): kind for kind in kinds}
+    """Return the models, with any of the extensions, by the modelName of one fin."""
+    subsets = [subset for n in range(len(EXTENSIONS) + 1) for subset in combinations(EXTENSIONS, n)]
+    models = ["+".join((actuator, *subset)) for subset in reversed(subsets) for actuator in reversed(NAMES)]
+    return {model_name(model): model for model in models}
 
 
 @contextmanager
 def opened(path: Path, fin: int | None = None) -> Iterator[OpenedFmu]:
-    """The FMU at `path`, unpacked for as long as the context lasts; EmcasError where it cannot run here.
+    """Unpack the FMU at `path` for as long as the context lasts; EmcasError where it cannot run here.
 
     `fin` counts from 1 and chooses one of a unit of several; the first unless given.
     """
@@ -123,11 +123,10 @@ def opened(path: Path, fin: int | None = None) -> Iterator[OpenedFmu]:
         raise EmcasError(f"{path}: has no binary for this platform, {fmpy.platform} (it has: "
                          f"{', '.join(p for p in platforms if p != 'c-code') or 'none'}); build the FMU for it")
     names = _names(path, [v.name for v in description.modelVariables], fin)
-    shown = {name: own for own, name in names.items()}
-    starts = {shown[v.name]: _start(v) for v in description.modelVariables
-              if v.causality in ("input", "parameter") and v.name in shown}
+    variables = {v.name: v for v in description.modelVariables if v.causality in ("input", "parameter")}
+    starts = {name: _start(variables[full]) for name, full in names.items() if full in variables}
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    here = Path.cwd()
+    working_directory = Path.cwd()
     with tempfile.TemporaryDirectory(prefix="emcas_fmu_", ignore_cleanup_errors=True) as folder:
         try:
             fmpy.extract(str(path), unzipdir=folder)
@@ -136,11 +135,11 @@ def opened(path: Path, fin: int | None = None) -> Iterator[OpenedFmu]:
         try:
             yield OpenedFmu(path, Path(folder), description, starts, digest, names)
         finally:
-            os.chdir(here)  # fmpy stays in the FMU's folder where a library does not load
+            os.chdir(working_directory)  # fmpy stays in the FMU's folder where a library does not load
 
 
 def _names(path: Path, present: Sequence[str], fin: int | None) -> dict[str, str]:
-    """The FMU's names of one fin's variables, by those of a single actuator."""
+    """Return the FMU's names of one fin's variables, by those of a single actuator."""
     prefixes = {match[0] for name in present if (match := _FIN.match(name))}
     if not prefixes:
         if fin not in (None, 1):
@@ -154,8 +153,7 @@ def _names(path: Path, present: Sequence[str], fin: int | None) -> dict[str, str
 
 
 def _start(variable: Any) -> Any:
+    start = variable.start
     if variable.type == "Boolean":
-        return variable.start in ("true", "1", True)
-    if variable.type == "String":
-        return variable.start
-    return int(variable.start or 0) if variable.type == "Integer" else float(variable.start or 0.0)
+        return start in ("true", "1", True)
+    return start if variable.type == "String" else int(start or 0) if variable.type == "Integer" else float(start or 0)

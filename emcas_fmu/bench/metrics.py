@@ -6,8 +6,8 @@ FIGURES names them all, with their units and the standard or book a definition f
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
 from math import degrees, inf, nan, pi, radians
 from typing import TYPE_CHECKING, Any
 
@@ -83,31 +83,45 @@ _SHOWN = {"rad": ("deg", degrees(1.0)), "rad/s": ("deg/s", degrees(1.0)), "s": (
 
 
 def shown(unit: str) -> tuple[str, float]:
-    """The unit people read a figure in, and the factor to it."""
+    """Return the unit people read a figure in, and the factor to it."""
     return _SHOWN.get(unit, (unit, 1.0))
 
 
-_ENDINGS = {"deg": "_deg", "deg/s": "_deg_per_s", "%": "_percent"}
+# Ending of the name of a figure in a result, and the unit it is in; the longer endings first.
+_ENDINGS = {"_n_m_per_rad": "N.m/rad", "_deg_per_s": "deg/s", "_percent": "%", "_n_m": "N.m", "_deg": "deg",
+            "_hz": "Hz", "_db": "dB", "_s": "s", "_a": "A", "_w": "W", "_j": "J"}
 
 
-def written(name: str) -> tuple[str, float]:
+def unit_of(key: str) -> str:
+    """Return the unit that the name of a figure in a result ends in; 1 for a pure number."""
+    return next((unit for ending, unit in _ENDINGS.items() if key.endswith(ending)), "1")
+
+
+def result_name(name: str) -> tuple[str, float]:
     """Return the name of a figure in a result, which ends in its unit, and the factor to that; a time is in s."""
     unit, factor = ("s", 1.0) if FIGURES[name].unit == "s" else shown(FIGURES[name].unit)
-    return name + _ENDINGS.get(unit, f"_{unit.lower()}" if unit else ""), factor
+    return name + next((ending for ending, of in _ENDINGS.items() if of == unit), ""), factor
+
+
+def displayed(figures: Mapping[str, float]) -> dict[str, float]:
+    """Return figures of the bench by their names in a result, in the units of these."""
+    return {key: value * factor for name, value in figures.items() for key, factor in [result_name(name)]}
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Largest magnitude and root mean square of response - reference, in the variable's unit."""
+    """Largest magnitude and root mean square of response - reference, in the variable's `unit`."""
 
     maximum: float
     rms: float
+    unit: str
 
 
-def errors(response: Array, reference: Array) -> Errors:
+def errors(response: Array, reference: Array, unit: str = "1") -> Errors:
     """Return the errors of a response to a reference at the same times; nan where either is, or there is none."""
     difference = np.asarray(response, dtype=float) - reference
-    return Errors(float(np.max(np.abs(difference))), rms(difference)) if len(difference) else Errors(nan, nan)
+    largest, mean = (float(np.max(np.abs(difference))), rms(difference)) if len(difference) else (nan, nan)
+    return Errors(largest, mean, unit)
 
 
 def rms(values: Array) -> float:
@@ -164,6 +178,10 @@ class StepMetrics:
     ripple: float
 
 
+MOTION = (*(field.name for field in fields(StepMetrics)), "peak_rate", "sustained_rate")
+"""The figures of `motion`."""
+
+
 def step_metrics(time: Array, response: Array, start: float, command: float) -> StepMetrics:
     """Return the figures of the response [rad] to a command that jumps to a level at `start` [s] and stays there.
 
@@ -185,25 +203,16 @@ def step_metrics(time: Array, response: Array, start: float, command: float) -> 
     )
 
 
-@dataclass(frozen=True)
-class Slew:
-    """Rates of a large motion [rad/s]: largest magnitude, and mean over the middle 60 % of the travel."""
-
-    peak: float
-    sustained: float
-
-
-def slew(time: Array, angle: Array, rate: Array, start: float, command: float) -> Slew:
-    """Return the rates of a motion commanded at `start` [s]; the sustained one is nan if 80 % is never reached.
+def sustained_rate(time: Array, angle: Array, start: float, command: float) -> float:
+    """Return the mean rate [rad/s] over the middle 60 % of a motion commanded at `start` [s]; nan if it falls short.
 
     The middle of the travel leaves out the run-up and the braking, and a mean does not reward a
-    spike: of the two, the sustained rate is what a guidance loop can count on.
+    spike: this, and not the largest rate, is what a guidance loop can count on.
     """
-    time, angle, rate = since(start, time, angle, rate)
+    time, angle = since(start, time, angle)
     travel = command - angle[0]
     share = (angle - angle[0]) / travel
-    return Slew(peak=float(np.max(np.abs(rate))),
-                sustained=abs(travel) * 0.6 / (crossing(time, share, 0.8) - crossing(time, share, 0.2)))
+    return float(abs(travel) * 0.6 / (crossing(time, share, 0.8) - crossing(time, share, 0.2)))
 
 
 def motion(run: Run, number: int = 0) -> dict[str, float]:
@@ -211,9 +220,9 @@ def motion(run: Run, number: int = 0) -> dict[str, float]:
     move, columns = run.excitation.moves[number], run.columns
     upto = columns["time"] <= move.end + 1e-9
     time, angle, rate = (columns[name][upto] for name in ("time", "fin_angle", "fin_rate"))
-    rates = slew(time, angle, rate, move.start, move.level)
-    return {**vars(step_metrics(time, angle, move.start, move.level)), "peak_rate": rates.peak,
-            "sustained_rate": rates.sustained}
+    return {**vars(step_metrics(time, angle, move.start, move.level)),
+            "peak_rate": float(np.max(np.abs(since(move.start, time, rate)[1]))),
+            "sustained_rate": sustained_rate(time, angle, move.start, move.level)}
 
 
 def held_error(run: Run) -> float:
@@ -224,23 +233,26 @@ def held_error(run: Run) -> float:
 
 def usage(run: Run) -> dict[str, float]:
     """Return what any run has, from the excitation's beginning on, as far as the outputs it needs were recorded."""
-    names = [name for name in run.columns if name != "time"]
-    time, *rest = since(run.excitation.begin, run.columns["time"], *(run.columns[name] for name in names))
-    at = dict(zip(names, rest, strict=True))
-    found: dict[str, float] = {}
-    for output, peak in (("fin_angle", "peak_angle"), ("fin_rate", "peak_rate"), ("motor_current", "peak_current"),
-                         ("tracking_error", "peak_tracking_error")):
-        if output in at:
-            found[peak] = float(np.max(np.abs(at[output])))
-    found |= {name: rms(at[output]) for output, name in (
-        ("motor_current", "rms_current"), ("tracking_error", "rms_tracking_error")) if output in at}
-    found |= {f"{name}_share": float(np.mean(at[name] > 0.5)) for name in ("saturated", "at_stop") if name in at}
+    at = dict(zip(run.columns, since(run.excitation.begin, *run.columns.values()), strict=True))
+    reductions: Mapping[str, Callable[[Array], Any]] = {
+        "peak": lambda column: np.max(np.abs(column)), "rms": rms, "share": lambda column: np.mean(column > 0.5)}
+    figures = {name: float(reductions[reduction](at[output])) for name, (reduction, output) in _USAGE.items()
+               if output in at}
     if "supply_power" in at:
         power = at["supply_power"]
-        drawn, returned = energies(time, power)
-        found |= {"peak_power": float(np.max(power, initial=0.0)), "energy_drawn": drawn, "energy_returned": returned,
-                  "peak_returned_power": float(np.max(-power, initial=0.0))}
-    return found
+        drawn, returned = energies(at["time"], power)
+        figures |= {"peak_power": float(np.max(power, initial=0.0)), "energy_drawn": drawn, "energy_returned": returned,
+                    "peak_returned_power": float(np.max(-power, initial=0.0))}
+    return figures
+
+
+_USAGE: Mapping[str, tuple[str, str]] = {
+    "peak_angle": ("peak", "fin_angle"), "peak_rate": ("peak", "fin_rate"), "peak_current": ("peak", "motor_current"),
+    "peak_tracking_error": ("peak", "tracking_error"), "rms_current": ("rms", "motor_current"),
+    "rms_tracking_error": ("rms", "tracking_error"), "saturated_share": ("share", "saturated"),
+    "at_stop_share": ("share", "at_stop")}
+USAGE = (*_USAGE, "peak_power", "energy_drawn", "energy_returned", "peak_returned_power")
+"""The figures of `usage`."""
 
 
 def energies(time: Array, power: Array) -> tuple[float, float]:
@@ -295,7 +307,7 @@ class FrequencyResponse:
 
 
 def frequency_response(time: Array, command: Array, response: Array, low: float, high: float) -> FrequencyResponse:
-    """H1 estimate, S_cr / S_cc by Welch's method, between two frequencies [Hz] the command sweeps through.
+    """Return the H1 estimate, S_cr / S_cc by Welch's method, between two frequencies [Hz] the command sweeps through.
 
     H1 (Bendat & Piersol, "Random Data", 4th ed., section 6.2) weighs every segment by what the
     command does in it, so that the harmonics a nonlinear response has while the sweep is elsewhere
@@ -354,9 +366,9 @@ def held(amplitude: complex, frequency: float, step: float) -> complex:
     return complex(amplitude * np.sinc(frequency * step) * np.exp(-1j * pi * frequency * step))
 
 
-def breakaway(moment: Array, angle: Array, crept: float = CREPT) -> float:
-    """Return the magnitude of the moment at which the angle first leaves its start by more than `crept`; nan if not."""
-    moved = np.flatnonzero(np.abs(angle - angle[0]) > crept)
+def breakaway(moment: Array, angle: Array) -> float:
+    """Return the magnitude of the moment at which the angle first leaves its start; nan if it does not."""
+    moved = np.flatnonzero(np.abs(angle - angle[0]) > CREPT)
     return float(abs(moment[moved[0]])) if len(moved) else nan
 
 
@@ -368,7 +380,7 @@ class Bidirectional:
     largest_error: float
     hysteresis: float
     repeatability: float
-    accuracy: float
+    bidirectional_accuracy: float
     mean_error: float
     means: Array
     reversal: Array

@@ -1,7 +1,7 @@
 """The subject under test: an actuator as a parameter set or as an FMU, behind one way to run it.
 
-A study asks a subject by name for what it needs (``"motor_current" in subject.outputs``) and leaves out, with
-the reason, what it has not.
+A study looks up by name what it needs (``"motor_current" in subject.outputs``) and leaves out, with
+the reason, what the subject has not.
 """
 
 from __future__ import annotations
@@ -94,14 +94,14 @@ class Run:
         return f"went no further than {self.stopped:.6g} s: {self.messages[-1] if self.messages else 'no reason given'}"
 
     def finished(self) -> Columns:
-        """The columns. Raises StoppedError, saying why, where the run ended early."""
+        """Return the columns. Raises StoppedError, saying why, where the run ended early."""
         if self.stopped is not None:
             raise StoppedError(f"the subject {self.reason}")
         return self.columns
 
 
 class Subject(ABC):
-    """An actuator that can be excited; `model` is the actuator's name with its options, as in ``elastic+heat``."""
+    """An actuator that can be excited; `model` is the actuator's name with its extensions, as in ``elastic+heat``."""
 
     model: str = NONLINEAR
 
@@ -118,7 +118,7 @@ class Subject(ABC):
     @abstractmethod
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
-        """The response at the times of the rows, and of those of the outputs that are `fine` between rows as well:
+        """Return the response at the times of the rows, and of those outputs that are `fine` between rows as well:
         at `substeps` equal steps of each.
 
         `start_values` are parameters that differ, over those of the excitation; `outputs` what to record, everything
@@ -128,7 +128,7 @@ class Subject(ABC):
 
     @property
     def actuator(self) -> Actuator:
-        """What it is of."""
+        """What is modelled."""
         return get(self.model)
 
     @cached_property
@@ -147,7 +147,7 @@ class Subject(ABC):
         return float(self.values.get("command.limit", COMMAND_RANGE))
 
     def lacking(self, outputs: Iterable[str]) -> str:
-        """Which of these outputs it has not, in words; empty where it has them all."""
+        """Return which of these outputs it has not, in words; empty where it has them all."""
         return lacking(outputs, self.outputs)
 
     @cached_property
@@ -155,32 +155,30 @@ class Subject(ABC):
         return get(self.model).namespace(self.values)
 
     def transport_delay(self, start_values: Mapping[str, Any]) -> float:
-        """The time [s] from a sample of the controllers to the drive, with parameters that differ."""
+        """Return the time [s] from a sample of the controllers to the drive, with parameters that differ."""
         delay = self.actuator.transport_delay
         return 0.0 if delay is None else float(delay(FLOATS, with_values(self._namespace, start_values)))
 
     def obstacle(self, excitation: Excitation) -> str:
-        """Why it cannot be excited so, in words; empty where it can."""
-        return _words([*(name for name in excitation.columns if name not in self.inputs),
-                       *(name for name in excitation.start_values if name not in self.values)])
+        """Return why it cannot be excited so, in words; empty where it can."""
+        return _without([*(name for name in excitation.columns if name not in self.inputs),
+                         *(name for name in excitation.start_values if name not in self.values)])
 
-    def _start(self, excitation: Excitation, start_values: Mapping[str, Any] | None) -> dict[str, Any]:
-        changes = {**excitation.start_values, **(start_values or {})}
-        missing = _words([*(name for name in excitation.columns if name not in self.inputs),
-                          *(name for name in changes if name not in self.values)])
-        if missing:
-            raise EmcasError(f"{excitation.title}: {missing} ({self.model})")
-        return changes
-
-
-def lacking(outputs: Iterable[str], there: Collection[str]) -> str:
-    """Which of these outputs are not among those there are, in words; empty where all are."""
-    return _words(name for name in outputs if name not in there)
+    def _changes(self, excitation: Excitation, start_values: Mapping[str, Any] | None) -> Mapping[str, Any]:
+        """Return the parameters that differ in a run. Raises EmcasError where the subject cannot be excited so."""
+        excitation = excitation.with_start_values(start_values or {})
+        if obstacle := self.obstacle(excitation):
+            raise EmcasError(f"{excitation.title}: {obstacle} ({self.model})")
+        return excitation.start_values
 
 
-def _words(missing: Iterable[str]) -> str:
-    found = ", ".join(missing)
-    return f"this actuator has no {found}" if found else ""
+def lacking(outputs: Iterable[str], present: Collection[str]) -> str:
+    """Return which of these outputs are not present, in words; empty where all are."""
+    return _without([name for name in outputs if name not in present])
+
+
+def _without(names: Sequence[str]) -> str:
+    return f"this actuator has no {', '.join(names)}" if names else ""
 
 
 class ParameterSubject(Subject):
@@ -206,23 +204,22 @@ class ParameterSubject(Subject):
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
         begin = perf_counter()
         names = ("time", *(self.outputs if outputs is None else outputs))
-        values = {**self.values, **self._start(excitation, start_values)}
+        values = {**self.values, **self._changes(excitation, start_values)}
+        table = self._table(values, excitation)
+        table = table if substeps == 1 else np.repeat(table, substeps, axis=0)[:1 - substeps]
+        step = excitation.step / substeps
         try:
-            table = self._table(values, excitation)
             if excitation.spring:
-                found = _sprung(values, self.model, excitation, table, substeps, fine)
+                columns = _sprung(values, self.model, table, step, excitation.spring, substeps)
             else:
-                repeated = table if substeps == 1 else np.repeat(table, substeps, axis=0)[:1 - substeps]
-                found = respond(values, repeated, excitation.step / substeps, model=self.model, outputs=names)
-                found = {name: column if name in fine else column[::substeps] for name, column in found.items()}
+                columns = respond(values, table, step, model=self.model, outputs=names)
         except ArithmeticError as error:
-            empty = {name: np.array([]) for name in names}
-            return Run(excitation, empty, 0.0, (str(error),), perf_counter() - begin)
-        return Run(excitation, {name: found[name] for name in names}, None, (), perf_counter() - begin)
-
+            return Run(excitation, dict.fromkeys(names, np.array([])), 0.0, (str(error),), perf_counter() - begin)
+        thinned = {name: columns[name] if name in fine else columns[name][::substeps] for name in names}
+        return Run(excitation, thinned, None, (), perf_counter() - begin)
 
     def _table(self, values: Mapping[str, Any], excitation: Excitation) -> Array:
-        """Rows of all inputs, those that are not excited at their start."""
+        """Return the rows of all inputs, those that are not excited at their start."""
         table = np.empty((len(excitation.time), len(self.inputs)))
         table[:] = [v.initial(values) for v in self.inputs.values()]
         for i, name in enumerate(self.inputs):
@@ -231,45 +228,33 @@ class ParameterSubject(Subject):
         return table
 
 
-def _recorded(names: Sequence[str], rows: Sequence[Any], fine: Sequence[str], between: Sequence[Any],
-              substeps: int) -> dict[str, Array]:
-    """Columns out of what was read at each row, and `between` rows of those that are `fine`."""
-    table = np.array(rows, dtype=float).reshape(len(rows), len(names))
-    found = {name: table[:, i] for i, name in enumerate(names)}
-    if fine and substeps > 1 and len(rows):
-        inside = np.array(between[:(len(rows) - 1) * (substeps - 1)], dtype=float).reshape(-1, substeps - 1, len(fine))
-        for i, name in enumerate(fine):
-            steps = np.column_stack([found[name][:-1], inside[:, :, i]])
-            found[name] = np.append(steps, found[name][-1])
-    return found
+def _sprung(values: Mapping[str, Any], model: str, table: Array, step: float, spring: float, substeps: int
+            ) -> dict[str, Array]:
+    """Return the outputs at rows of inputs `step` [s] apart, as `respond`, under a spring [N.m/rad].
 
-
-def _sprung(values: Mapping[str, Any], model: str, excitation: Excitation, table: Array, substeps: int,
-            fine: Sequence[str]) -> dict[str, Array]:
-    """Row by row, with the spring's moment by the fin angle at the beginning of each."""
+    The spring's moment is that of the fin angle at the last row that is a multiple of `substeps`.
+    """
     inputs, outputs = get(model).inputs, get(model).outputs
     if compiled.available(model):
         core: Any = compiled.CompiledCore(values, model)
     else:  # the compiled one checks for itself
         _check(values, model)
         core = codegen.core(values, model)
-    load, names = [v.name for v in inputs].index(LOAD), [v.name for v in outputs]
-    angle, finely = names.index("fin_angle"), [names.index(name) for name in fine]
+    load = [v.name for v in inputs].index(LOAD)
+    angle = [v.name for v in outputs].index("fin_angle")
 
     def acting(k: int, at: float) -> tuple[Any, ...]:
         row = table[k].tolist()
-        row[load] -= excitation.spring * at
+        row[load] -= spring * at
         return codegen.core_inputs(core, row, model)
 
-    rows, between = [core.outputs(acting(0, 0.0))], []
-    step = excitation.step / substeps
-    for k in range(len(excitation.time) - 1):
-        boundary = acting(k, rows[-1][angle])
-        for sub in range(1, substeps):
-            now = core.run((k * substeps + sub) * step, boundary)
-            between.append([now[i] for i in finely])
-        rows.append(core.run((k + 1) * substeps * step, boundary))
-    return {"time": np.arange(len(rows)) * substeps * step, **_recorded(names, rows, fine, between, substeps)}
+    rows = [core.outputs(acting(0, 0.0))]
+    for k in range(1, len(table)):
+        if (k - 1) % substeps == 0:
+            boundary = acting(k - 1, rows[-1][angle])
+        rows.append(core.run(k * step, boundary))
+    columns = np.array(rows, dtype=float).T
+    return {"time": np.arange(len(rows)) * step, **{v.name: columns[i] for i, v in enumerate(outputs)}}
 
 
 class FmuSubject(Subject):
@@ -301,75 +286,76 @@ class FmuSubject(Subject):
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
-        begin, changes = perf_counter(), self._start(excitation, start_values)
-        recorded = [self.outputs[name] for name in (self.outputs if outputs is None else outputs)]
+        begin, changes = perf_counter(), self._changes(excitation, start_values)
+        names = list(self.outputs if outputs is None else outputs)
         if changes:  # an FMU refuses, too, in words of its own or by not stepping
             _check({**self.values, **changes}, self.model)
         self._messages.clear()
-        steps = self._steps(excitation, changes, recorded, substeps, fine)
-        times, rows, between, stopped = [], [], [], None
+        rows: list[list[float]] = []
+        between: list[list[float]] = []
+        complete = True
         try:
-            for time, row in steps:
-                if time is None:
-                    between.append(row)
-                else:
-                    times.append(time)
-                    rows.append(row)
+            self._follow(excitation, changes, substeps, names, rows, fine, between)
         except FMICallException as error:
             if not self._messages:  # what the FMU says tells more
                 self._messages.append(str(error))
             self.close()
-            stopped = times[-1] if times else 0.0
-        columns = {"time": np.array(times),
-                   **_recorded([v.name for v in recorded], rows, fine, between, substeps)}
+            complete = False
+        table = np.array(rows, dtype=float).reshape(len(rows), len(names))
+        columns = {"time": np.arange(len(rows)) * substeps * (excitation.step / substeps),
+                   **{name: table[:, i] for i, name in enumerate(names)}}
+        stopped = None if complete else float(np.max(columns["time"], initial=0.0))
+        if fine and substeps > 1 and rows:
+            whole = np.array(between[:(len(rows) - 1) * (substeps - 1)], dtype=float)
+            inside = whole.reshape(-1, substeps - 1, len(fine))
+            for i, name in enumerate(fine):
+                steps = np.column_stack([columns[name][:-1], inside[:, :, i]])
+                columns[name] = np.append(steps, columns[name][-1])
         return Run(excitation, columns, stopped, tuple(self._messages), perf_counter() - begin)
 
-    def _steps(self, excitation: Excitation, changes: Mapping[str, Any], recorded: Sequence[Variable],
-               substeps: int, fine: Sequence[str]) -> Iterator[tuple[float | None, list[float]]]:
-        """Time [s] and what is recorded at each row; between rows no time and what is `fine`."""
+    def _follow(self, excitation: Excitation, changes: Mapping[str, Any], substeps: int, names: Sequence[str],
+                rows: list[list[float]], fine: Sequence[str], between: list[list[float]]) -> None:
+        """Step through an excitation; append the outputs `names` at its `rows` and those that are `fine` `between`.
+
+        Raises FMICallException where the FMU goes no further.
+        """
         if self._instance is None:
             self._instance = self.unit.instance(self._log)
         else:
             self._instance.reset()
         fmu, references, step = self._instance, self.unit.references, excitation.step / substeps
+        kinds = {v.name: v.kind for v in (*self.actuator.parameters, *self.inputs.values())}
         started = {v.name: changes[v.key] for v in self.inputs.values() if v.key and v.key in changes}
         for name, value in {**changes, **started}.items():
             if name in references:  # the start of an input goes by another name in a parameter file
-                _set(fmu, self._kinds[name], references[name], value)
-        given = [(self.inputs[name].kind, references[name], column.tolist())
-                 for name, column in excitation.columns.items()]
-        hinge = excitation.columns.get(LOAD, np.zeros(len(excitation.time)))
-        read, read_between = (_reader(fmu, [(v.kind, references[v.name]) for v in wanted])
-                              for wanted in (recorded, [self.outputs[name] for name in fine]))
+                _set(fmu, kinds[name], references[name], value)
+        columns = [(kinds[name], references[name], column.tolist()) for name, column in excitation.columns.items()]
+        moment = excitation.columns.get(LOAD, np.zeros(len(excitation.time)))
+        read, read_fine = (_reader(fmu, [(self.outputs[name].kind, references[name]) for name in group])
+                           for group in (names, fine))
         fmu.setupExperiment(startTime=0.0)
 
         def apply(k: int) -> None:
-            for kind, reference, column in given:
+            for kind, reference, column in columns:
                 if k == 0 or column[k] != column[k - 1]:
                     _set(fmu, kind, reference, column[k])
-
-        def strain(k: int) -> None:
-            if excitation.spring:
-                (angle,) = fmu.getReal([references["fin_angle"]])
-                fmu.setReal([references[LOAD]], [float(hinge[k]) - excitation.spring * angle])
 
         apply(0)
         fmu.enterInitializationMode()
         fmu.exitInitializationMode()
-        yield 0.0, read()
+        rows.append(read())
         for k in range(len(excitation.time) - 1):
             if k:
                 apply(k)
-            strain(k)
-            last = (k + 1) * substeps
-            for now in range(k * substeps, last):
+            if excitation.spring:
+                (angle,) = fmu.getReal([references["fin_angle"]])
+                fmu.setReal([references[LOAD]], [float(moment[k]) - excitation.spring * angle])
+            for now in range(k * substeps, (k + 1) * substeps):
+                if now > k * substeps:
+                    between.append(read_fine())
                 fmu.doStep(now * step, (now + 1) * step - now * step)
-                yield (last * step, read()) if now + 1 == last else (None, read_between())
+            rows.append(read())
         fmu.terminate()
-
-    @cached_property
-    def _kinds(self) -> Mapping[str, str]:
-        return {v.name: v.kind for v in (*get(self.model).parameters, *self.inputs.values())}
 
     def _log(self, _component: Any, _instance: bytes, status: int, _category: bytes, message: bytes) -> None:
         label = _STATUS[status] if 0 <= status < len(_STATUS) else str(status)
@@ -392,16 +378,16 @@ def _set(fmu: Any, kind: str, reference: int, value: Any) -> None:
         fmu.setInteger([reference], [int(value)])
 
 
-def _reader(fmu: Any, wanted: Sequence[tuple[str, int]]) -> Callable[[], list[float]]:
-    """A function that gives the values of variables, each of a kind and a reference, in their order."""
+def _reader(fmu: Any, variables: Sequence[tuple[str, int]]) -> Callable[[], list[float]]:
+    """Return a function that gives the values of variables, each of a kind and a reference, in their order."""
     getters = []
     for kinds, get_values in ((("Real",), fmu.getReal), (("Boolean",), fmu.getBoolean),
                               (("Integer", "Enumeration"), fmu.getInteger)):
-        if places := [i for i, (kind, _) in enumerate(wanted) if kind in kinds]:
-            getters.append((places, [wanted[i][1] for i in places], get_values))
+        if places := [i for i, (kind, _) in enumerate(variables) if kind in kinds]:
+            getters.append((places, [variables[i][1] for i in places], get_values))
 
     def read() -> list[float]:
-        row = [0.0] * len(wanted)
+        row = [0.0] * len(variables)
         for places, references, get_values in getters:
             for place, value in zip(places, get_values(references), strict=True):
                 row[place] = float(value)
@@ -421,9 +407,9 @@ def _differences(values: Mapping[str, Any], model: str) -> tuple[str, ...]:
 @contextmanager
 def open_subject(path: Path | None, model: str | None = None, fin: int | None = None,
                  parameters: Sequence[Path] | None = None) -> Iterator[Subject]:
-    """The subject at `path`: an FMU, a parameter file (.toml), or the shipped parameters where there is no path.
+    """Open the subject at `path`: an FMU, a parameter file (.toml), or the shipped parameters where there is no path.
 
-    `model` names the actuator and its options; an FMU tells its own. `fin` from 1 on chooses one of a unit of
+    `model` names the actuator and its extensions; an FMU tells its own. `fin` from 1 on chooses one of a unit of
     several, the first unless given. The files of `parameters` go over those of the subject, which then cannot be an
     FMU. Raises EmcasError or ParameterError where it cannot be used.
     """

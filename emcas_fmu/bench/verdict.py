@@ -9,27 +9,31 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import zip_longest
 from math import degrees, isfinite, radians
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import BeforeValidator, Field, PlainValidator, PrivateAttr, ValidationInfo
+from rich.markup import escape
+from rich.table import Column
+from rich.table import Table as RichTable
 
 from ..errors import EmcasError
 from ..reference.cases import LOAD
-from ..toml import tomllib
-from ..units import quantity
+from ..schema import In, Table, each, load, named
 from .excitation import Excitation, reference_case, step_to
-from .metrics import ACCURACY, held_error, motion, sweep_response
+from .metrics import ACCURACY, held_error, motion, sweep_response, unit_of
 from .subject import Run
+from .writers import Case, number
 
 Sense = Literal["<=", ">="]
 Runs = Mapping[str, Run]
 TABLE_2 = "Yerlikaya (2016), Table 2"
 HOLD = 3.0  # s: outlasts the integral action, whose time constant is kp/ki (1 s with the default gains)
 _ACCURACY = round(degrees(ACCURACY), 9)  # deg
-_FIELDS = ("name", "title", "figure", "sense", "limit")
-_SENSES: Mapping[str, Sense] = {"<=": "<=", ">=": ">=", "at most": "<=", "at least": ">="}
+_SENSES = {"at most": "<=", "at least": ">="}
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,11 @@ class Judged:
         """Whether the limit is kept; never true of a figure that is missing or not a number."""
         return self.margin is not None and bool(self.margin >= 0.0)
 
+    def test_case(self, classname: str, time: float = 0.0) -> Case:
+        """Return the requirement as a test case; `time` [s] is what its run took."""
+        return Case(self.name, classname, "" if self.passed else str(self), self.note if self.skipped else "",
+                    time=time)
+
     def __str__(self) -> str:
         measured = "no value" if self.measured is None else f"{self.measured:.4g} {self.unit}"
         text = f"{self.title}: {measured}, required {self.sense} {self.limit:g} {self.unit}"
@@ -74,9 +83,20 @@ class Judged:
 
 
 def all_passed(judged: Sequence[Judged]) -> bool:
-    """Whether something was judged and all of it passed."""
+    """Return whether something was judged and all of it passed."""
     counted = [j for j in judged if not j.skipped]
     return bool(counted) and all(j.passed for j in counted)
+
+
+def summary_table(heading: str, judged: Sequence[Judged]) -> RichTable:
+    """Return requirements as a table for the terminal, with a line between those of different sources."""
+    table = RichTable(Column(heading, no_wrap=True), *(Column(name, justify="right") for name in (
+        "measured", "required", "margin")), "unit", "")
+    for j, after in zip_longest(judged, judged[1:]):
+        table.add_row(escape(j.name), number(j.measured), f"{j.sense} {j.limit:g}", number(j.margin), j.unit,
+                      "[dim]not run[/]" if j.skipped else "[green]ok[/]" if j.passed else "[bold red]FAIL[/]",
+                      end_section=after is not None and after.source != j.source)
+    return table
 
 
 @dataclass(frozen=True)
@@ -134,21 +154,21 @@ REQUIREMENTS = (
 
 
 def holds() -> dict[str, Excitation]:
-    """The steps of Table 2 that are held until the integral action is through, by name; one under the load."""
+    """Return the steps of Table 2 that are held until the integral action is through, by name; one under the load."""
     levels = {"hold_plus20": 20.0, "hold_minus20": -20.0, "hold_plus1": 1.0, "hold_minus1": -1.0}
     return {**{name: step_to(radians(level), HOLD) for name, level in levels.items()},
             "hold_loaded": step_to(radians(20.0), HOLD, -LOAD)}
 
 
 def table2_excitations() -> dict[str, Excitation]:
-    """Every excitation Table 2 is judged by, by name, with the parameters as they are."""
-    wanted = sorted({name for requirement in REQUIREMENTS for name in requirement.needs})
-    held = holds()
-    return {name: held[name] if name in held else reference_case(name, exact=False) for name in wanted}
+    """Return every excitation Table 2 is judged by, by name, with the parameters as they are."""
+    names = sorted({name for requirement in REQUIREMENTS for name in requirement.needs})
+    steps = holds()
+    return {name: steps[name] if name in steps else reference_case(name, exact=False) for name in names}
 
 
 def judge_table2(runs: Runs) -> list[Judged]:
-    """Table 2 judged by runs by name; a row is skipped where a run was not made, failed where one ended early."""
+    """Judge Table 2 by runs by name; a row is skipped where a run was not made, failed where one ended early."""
     return [_table2(requirement, runs) for requirement in REQUIREMENTS]
 
 
@@ -166,89 +186,48 @@ def _table2(r: Requirement, runs: Runs) -> Judged:
     return Judged(TABLE_2, r.name, r.title, measured, r.sense, r.limit, r.unit, note, bool(absent))
 
 
-# Ending of a figure's name and the unit it is in, the longer endings first.
-_UNITS = {
-    "_n_m_per_rad": "N.m/rad", "_deg_per_s": "deg/s", "_percent": "%", "_n_m": "N.m", "_deg": "deg", "_hz": "Hz",
-    "_db": "dB", "_s": "s", "_a": "A", "_w": "W", "_j": "J",
-}
+def _limit(entry: Any, info: ValidationInfo) -> float:
+    return float(In(unit_of(info.data.get("figure", ""))).number(entry))
 
 
-def unit_of(figure: str) -> str:
-    """The unit a figure's name ends in; 1 for a pure number."""
-    return next((unit for ending, unit in _UNITS.items() if figure.endswith(ending)), "1")
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """A requirement of the user's, as its file has it: limit in the unit the name of its figure ends in."""
+class FileRequirement(Table):
+    """A requirement of a user's file: its limit is in the unit that the name of its figure ends in."""
 
     name: str
-    title: str
+    title: str = ""
     figure: str
-    sense: Sense
-    limit: float
-    source: str
+    sense: Annotated[Sense, BeforeValidator(lambda entry: _SENSES.get(str(entry), entry))]
+    limit: Annotated[float, PlainValidator(_limit)]
+    _source: str = PrivateAttr("")
+
+    def model_post_init(self, context: Any) -> None:
+        """Keep the name of the file."""
+        self._source = context
 
     @property
-    def unit(self) -> str:
-        """The figure's unit."""
-        return unit_of(self.figure)
+    def source(self) -> str:
+        """The file it is from."""
+        return self._source
 
     def judged(self, measured: float | None, note: str) -> Judged:
-        """The requirement with what was measured for it."""
-        return Judged(self.source, self.name, self.title, measured, self.sense, self.limit, self.unit, note)
+        """Return the requirement with what was measured for it."""
+        return Judged(self.source, self.name, self.title or self.name, measured, self.sense, self.limit,
+                      unit_of(self.figure), note)
 
 
-def load_requirements(path: Path) -> list[Wanted]:
-    """The requirements of a TOML file, an array of tables ``[[requirement]]``.
+def _requirements(entries: Any, info: ValidationInfo) -> dict[str, FileRequirement]:
+    if not entries:
+        raise ValueError(f"expected one or more tables [[requirement]] with {', '.join(FileRequirement.model_fields)}")
+    return each(named(entries), lambda _, entry: FileRequirement.model_validate(entry, context=info.context))
+
+
+class _File(Table):
+    requirement: Annotated[dict[str, FileRequirement], PlainValidator(_requirements)] = Field({}, validate_default=True)
+
+
+def load_requirements(path: Path) -> list[FileRequirement]:
+    """Return the requirements of a TOML file, an array of tables ``[[requirement]]``.
 
     Raises EmcasError naming the file, the requirement and what to write.
     """
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise EmcasError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except ValueError as error:  # also UnicodeDecodeError
-        raise EmcasError(f"{path}: is not valid TOML: {error}") from error
-    tables = document.pop("requirement", None)
-    if document or not isinstance(tables, list) or not tables or not all(isinstance(t, dict) for t in tables):
-        raise EmcasError(f"{path}: expected one or more tables [[requirement]] with {', '.join(_FIELDS)}, and nothing "
-                         "else")
-    wanted = [_wanted(path, number, table) for number, table in enumerate(tables, start=1)]
-    names = [w.name for w in wanted]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise EmcasError(f"{path}: the name {', '.join(twice)} is given twice; give each requirement its own")
-    return wanted
-
-
-def _wanted(path: Path, number: int, table: Mapping[str, Any]) -> Wanted:
-    label = f"{path}: requirement {table.get('name', number)}"
-    if unknown := [key for key in table if key not in _FIELDS]:
-        raise EmcasError(f"{label}: unknown {', '.join(unknown)}; a requirement has {', '.join(_FIELDS)}")
-    if missing := [key for key in _FIELDS if key not in table and key != "title"]:
-        raise EmcasError(f"{label}: has no {', '.join(missing)}")
-    if not_text := [key for key in _FIELDS if not isinstance(table.get(key, ""), str)]:
-        raise EmcasError(f"{label}: {not_text[0]} = {table[not_text[0]]!r}: expected a string, such as "
-                         "limit = \"0.1 s\"")
-    if table["sense"] not in _SENSES:
-        raise EmcasError(f"{label}: sense = {table['sense']!r}: expected <= or >=")
-    unit = unit_of(table["figure"])
-    try:
-        limit = _limit(table["limit"], unit)
-    except ValueError as error:
-        raise EmcasError(f"{label}: limit = {table['limit']!r}: {error}") from error
-    return Wanted(table["name"], table.get("title", table["name"]), table["figure"], _SENSES[table["sense"]], limit,
-                  path.name)
-
-
-def _limit(written: str, unit: str) -> float:
-    """A limit in the unit of its figure. Raises ValueError."""
-    if unit == "dB":
-        number, _, given = written.strip().partition(" ")
-        if given.strip() != "dB":
-            raise ValueError("expected a number with the unit dB")
-        return float(number)
-    if unit == "%":
-        return quantity(written, "", "percent")
-    return quantity(written, "", unit)
-
+    return list(load(_File, path, EmcasError, path.name).requirement.values())

@@ -18,7 +18,7 @@ from .. import __version__
 
 
 def plain(value: Any) -> Any:
-    """A document for JSON, which knows neither arrays nor infinity nor NaN: lists, and null."""
+    """Return a document for JSON, which knows neither arrays nor infinity nor NaN: lists, and null."""
     if isinstance(value, Mapping):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
@@ -64,7 +64,7 @@ def write_junit(name: str, suites: Mapping[str, Iterable[Case]], path: Path) -> 
 
 
 def number(value: float | bool | None) -> str:
-    """A figure for people: four digits, a dash for none, infinity as a word."""
+    """Return a figure for people: four digits, a dash for none, infinity as a word."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if value is None or value != value:
@@ -75,15 +75,15 @@ def number(value: float | bool | None) -> str:
 
 
 def with_unit(value: float | bool | None, unit: str) -> str:
-    """A figure with its unit, typeset."""
-    text, shown = number(value).replace("-", "−"), typeset(unit)
-    if not shown or not text[-1].isdigit():
+    """Return a figure with its unit, typeset."""
+    text, symbol = number(value).replace("-", "−"), typeset(unit)
+    if not symbol or not text[-1].isdigit():
         return text
-    return f"{text}{shown}" if shown.startswith("°") else f"{text} {shown}"
+    return f"{text}{symbol}" if symbol.startswith("°") else f"{text} {symbol}"
 
 
 def typeset(unit: str) -> str:
-    """A unit as a page shows it."""
+    """Return a unit as a page shows it."""
     return {"1": "", "deg": "°", "deg/s": "°/s"}.get(unit, unit.replace("N.m", "N·m"))
 
 
@@ -96,12 +96,8 @@ def _environment() -> Environment:
     return made
 
 
-def page(template: str, **context: Any) -> str:
-    """The page of a template, named from the package on (``studies/report/page.html.j2``), that extends
-    ``bench/base.html.j2``; the same context gives the same text."""
-    return _environment().get_template(template).render(**context)
-
-
 def write_page(path: Path, template: str, **context: Any) -> None:
-    """Write a page."""
-    path.write_text(page(template, **context), encoding="utf-8", newline="\n")
+    """Write the page of a template, named from the package on (``studies/report/page.html.j2``), that extends
+    ``bench/base.html.j2``; the same context gives the same bytes."""
+    page = _environment().get_template(template).render(**context)
+    path.write_text(page, encoding="utf-8", newline="\n")

@@ -11,7 +11,7 @@ from rich.markup import escape
 from ..actuators import NONLINEAR
 from ..fmi.interface import FmuInterface, fin_files
 from ..parameters import load_parameters
-from .common import ModelOption, ParametersOption, check_outputs, failures, out, progress_bar, stepper, warn
+from . import common
 
 EPILOG = ("Examples:\n\n  emcas build\n\n  emcas build --parameters my_actuator.toml --output MyActuator.fmu"
                 "\n\n  emcas build --backend native"
@@ -22,7 +22,7 @@ EPILOG = ("Examples:\n\n  emcas build\n\n  emcas build --parameters my_actuator.
 
 
 def build(
-    parameters: ParametersOption = None,
+    parameters: common.ParametersOption = None,
     backend: Annotated[str, typer.Option(help="How the FMU computes: python (needs Python in the host), or "
                                               "native (C, needs nothing; built with the extra 'native' or --cc).",
                                          metavar="python|native")] = "python",
@@ -31,25 +31,22 @@ def build(
              "aarch64-darwin; native only.")] = None,
     cc: Annotated[str | None, typer.Option("--cc", help="System C compiler instead of zig, for this platform; "
                                                         "native only.", metavar="PROGRAM")] = None,
-    model: ModelOption = NONLINEAR,
+    model: common.ModelOption = NONLINEAR,
     fins: Annotated[int, typer.Option(help="Actuators in the unit, on one bus; the model is then called EMCAS4.",
                                       metavar="N")] = 1,
-    layout: Annotated[str, typer.Option(help="Where several fins are: one along body y, or half a space further.",
-                                        metavar="plus|cross")] = "cross",
-    fin: Annotated[list[str] | None, typer.Option(
-        help="Parameter file of one of several fins, over the others' (may be given several times).",
-        metavar="N=FILE")] = None,
+    layout: common.LayoutOption = "cross",
+    fin: common.FinFilesOption = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="FMU to write: EMCAS.fmu, or EMCAS4.fmu "
                                                 "with --fins 4, if not given.", metavar="FILE")] = None,
 ) -> None:
     """Build the FMU of a parameter set."""
     from ..fmi.package import build as build_fmu
 
-    with failures(), progress_bar() as progress:
+    with common.failures(), common.progress_bar() as progress:
         target, files = output or Path(f"{FmuInterface(fins, model).model}.fmu"), fin_files(fin or [])
-        check_outputs(target, inputs=(*(parameters or ()), *files.values()))
+        common.check_outputs(target, inputs=(*(parameters or ()), *files.values()))
         built = build_fmu(load_parameters(parameters, model=model), target, backend, platform, cc,
-                          stepper(progress, "compile"), fins, layout, files)
-    warn(built.warnings)
-    out.print(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
+                          common.stepper(progress, "compile"), fins, layout, files)
+    common.warn(built.warnings)
+    common.out.print(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})", highlight=False, soft_wrap=True)

@@ -11,9 +11,8 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from ..actuators import EXTENSIONS, NAMES
 from ..errors import EmcasError
-from .common import INTERRUPTED, check_outputs, err, failures, out, progress_bar, require_extra
+from .common import INTERRUPTED, check_outputs, err, failures, model_option, out, progress_bar, require_extra
 
 EPILOG = ("Examples:\n\n  emcas campaign models/campaign.toml --output results"
           "\n\n  emcas campaign models/campaign_faults.toml --model elastic+faults"
@@ -36,11 +35,8 @@ def campaign(
                                              metavar="FILE.fmu")] = None,
     fin: Annotated[int | None, typer.Option(help="Which fin of an FMU of several; the first unless given.", min=1,
                                             metavar="N")] = None,
-    model: Annotated[str | None, typer.Option(help="Which actuator, instead of the file's: "
-                                              f"{', '.join(NAMES)}, or a Python file of yours. Behind it extensions, "
-                                              f"as in elastic+heat+faults: {', '.join(EXTENSIONS)}. Of an FMU it is "
-                                              "the FMU's; name it for one of a file of yours.",
-                                              metavar="NAME|FILE.py[+EXTENSION...]")] = None,
+    model: Annotated[str | None, model_option("Which actuator, instead of the file's", " Of an FMU it is the FMU's; "
+                                              "name it for one of a file of yours.")] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given. 0: in "
                                                      "this process, without Dask.", min=0)] = None,
     scheduler: Annotated[str | None, typer.Option(help="Of a Dask cluster that is running, instead of processes "

@@ -2,45 +2,59 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bars
 
 from ..actuators import EXTENSIONS, NAMES
 from ..errors import EmcasError
 from ..parameters import ParameterError
+from ..progress import Progress
 
 out = Console()
 err = Console(stderr=True)
 
-ModelOption = Annotated[str, typer.Option(
-    "--model", help=f"Which actuator: {', '.join(NAMES)}, or a Python file that declares one. Behind it "
-                    f"extensions, as in elastic+heat+faults: {', '.join(EXTENSIONS)}.",
-    metavar="NAME|FILE.py[+EXTENSION...]")]
+INTERRUPTED = 130
+"""Exit code of a run that was stopped by Ctrl-C."""
+
+
+def model_option(what: str, more: str = "") -> Any:
+    """Return the option --model; `what` begins its help, `more` ends it."""
+    return typer.Option("--model", metavar="NAME|FILE.py[+EXTENSION...]", help=(
+        f"{what}: {', '.join(NAMES)}, or a Python file that declares one. Behind it extensions, as in "
+        f"elastic+heat+faults: {', '.join(EXTENSIONS)}.{more}"))
+
+
+ModelOption = Annotated[str, model_option("Which actuator")]
+SubjectModelOption = Annotated[str | None, model_option(
+    "Which actuator a parameter file is of", " Unless given, nonlinear; an FMU tells it by its name.")]
 ParametersOption = Annotated[list[Path] | None, typer.Option(
     "--parameters", "-p", help="Parameter file (TOML); overrides any subset of the defaults (may be given several "
                                "times: a later file goes over those before it).", metavar="FILE")]
-INTERRUPTED = 130
-"""Exit code of a run that was stopped by Ctrl-C."""
-SubjectModelOption = Annotated[str | None, typer.Option(
-    "--model", help="Which actuator a parameter file is of, with its extensions, as in elastic+heat, or a Python file "
-                    "that declares one; nonlinear unless given. An FMU tells it by its name.",
-    metavar="NAME|FILE.py[+EXTENSION...]")]
 FinOption = Annotated[int | None, typer.Option(help="Which fin of a unit of several; the first unless given.",
                                                metavar="N")]
+LayoutOption = Annotated[str, typer.Option(help="Where several fins are: one along body y, or half a space further.",
+                                           metavar="plus|cross")]
+FinFilesOption = Annotated[list[str] | None, typer.Option(
+    help="Parameter file of one of several fins, over the others' (may be given several times).", metavar="N=FILE")]
+JsonOption = Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.", metavar="FILE")]
+JunitOption = Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.", metavar="FILE")]
+ReportOption = Annotated[Path | None, typer.Option(help="Write a page with pictures to this file.",
+                                                   metavar="FILE.html")]
 
 
 @contextmanager
 def failures() -> Iterator[None]:
-    """Expected failures as a message and exit code 2, never a traceback."""
+    """Print expected failures as a message and exit with 2, never with a traceback."""
     try:
         yield
     except (EmcasError, ParameterError, OSError) as error:
@@ -52,6 +66,12 @@ def warn(warnings: Iterable[str]) -> None:
     """Print warnings on standard error, so that what a program reads from standard output stays clean."""
     for warning in warnings:
         err.print(f"[bold yellow]warning:[/] {escape(warning)}", highlight=False, soft_wrap=True)
+
+
+def print_written(*paths: Path | None) -> None:
+    """Print which files a command has written; None for one that was not asked for."""
+    for path in filter(None, paths):
+        out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
 
 
 def parameter_arguments(files: Iterable[Path] | None) -> list[str]:
@@ -114,12 +134,13 @@ def _refused(path: Path) -> Iterator[None]:
         raise EmcasError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
-def progress_bar() -> Progress:
-    return Progress(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-                    console=err, transient=True)
+def progress_bar() -> Bars:
+    """Return a progress bar on standard error that vanishes when it is done."""
+    return Bars(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+                console=err, transient=True)
 
 
-def stepper(progress: Progress, label: str) -> Callable[[str, int, int], None]:
-    """A callback(name, done, total) that moves a progress bar."""
-    task = progress.add_task(label, total=None)
-    return lambda name, done, total: progress.update(task, description=f"{label} {name}", completed=done, total=total)
+def stepper(bars: Bars, label: str) -> Progress:
+    """Return a callback that moves a progress bar."""
+    task = bars.add_task(label, total=None)
+    return lambda name, done, total: bars.update(task, description=f"{label} {name}", completed=done, total=total)

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 
 from ..errors import EmcasError
-from .common import FinOption, ParametersOption, SubjectModelOption, check_outputs, failures, out, progress_bar, stepper
+from . import common
 
 EPILOG = ("Examples:\n\n  emcas report\n\n  emcas report EMCAS.fmu --output report.html --date 2026-03-31"
           "\n\n  emcas report my_actuator.toml --requirements specification.toml --load 60 --junit junit.xml"
@@ -22,22 +21,21 @@ def report(
     article: Annotated[Path | None, typer.Argument(help="FMU (.fmu) or parameter file (.toml); the shipped parameters "
                                                         "unless given.", metavar="[FMU|TOML]",
                                                    show_default=False)] = None,
-    parameters: ParametersOption = None,
+    parameters: common.ParametersOption = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Page to write.",
                                          metavar="FILE.html")] = Path("report.html"),
     requirements: Annotated[Path | None, typer.Option(help="Requirements (TOML) beside those of Table 2.",
                                                       metavar="FILE.toml")] = None,
-    model: SubjectModelOption = None,
-    fin: FinOption = None,
+    model: common.SubjectModelOption = None,
+    fin: common.FinOption = None,
     mission: Annotated[Path | None, typer.Option(help="Mission profile instead of the synthetic one: CSV of time (s) "
                                                       "and inputs in SI.", metavar="FILE.csv")] = None,
     load: Annotated[float | None, typer.Option(help="Rated hinge moment of the article in N.m; 100, that of Table 2, "
                                                     "unless given.")] = None,
     date: Annotated[str | None, typer.Option(help="Date to print, as 2026-03-31; none unless given, so that the same "
                                                   "inputs give the same bytes.", metavar="DATE")] = None,
-    as_json: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.",
-                                                 metavar="FILE")] = None,
-    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.", metavar="FILE")] = None,
+    as_json: common.JsonOption = None,
+    junit: common.JunitOption = None,
 ) -> None:
     """Carry out an actuator's acceptance test on an FMU or a parameter set, and write the report to sign."""
     from ..bench.excitation import csv_file
@@ -48,26 +46,24 @@ def report(
     from ..studies.report.study import carry_out
     from ..studies.report.summary import summary
 
-    with failures():
-        check_outputs(output, as_json, junit, inputs=(article, *(parameters or ()), requirements, mission))
+    with common.failures():
+        common.check_outputs(output, as_json, junit, inputs=(article, *(parameters or ()), requirements, mission))
         if load is not None and not 0.0 < load < float("inf"):
             raise EmcasError(f"--load {load:g}: must be above 0, in N.m")
         printed = _date(date) if date else ""
-        wanted = load_requirements(requirements) if requirements else []
-        with progress_bar() as progress, open_subject(article, model, fin, parameters) as subject:
+        specified = load_requirements(requirements) if requirements else []
+        with common.progress_bar() as progress, open_subject(article, model, fin, parameters) as subject:
             profile = csv_file(mission, model=subject.model) if mission else None
-            result = carry_out(subject, load=load or LOAD, profile=profile, wanted=wanted,
-                               progress=stepper(progress, "test"))
+            result = carry_out(subject, load=load or LOAD, profile=profile, requirements=specified,
+                               progress=common.stepper(progress, "test"))
         write_report(result, output, printed)
         if as_json:
             write_json(result, as_json, printed)
         if junit:
             write_junit(result, junit)
     for part in summary(result):
-        out.print(part, highlight=False)
-    for path in (output, as_json, junit):
-        if path:
-            out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
+        common.out.print(part, highlight=False)
+    common.print_written(output, as_json, junit)
     if not result.passed:
         raise typer.Exit(1)
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
@@ -20,7 +20,7 @@ from ..fmi.interface import BUS_PARAMETERS, FmuInterface, fin_files, fin_sets, r
 from ..parameters import load_parameters
 from ..reference.cases import LEAD_IN
 from ..schema import In
-from .common import ModelOption, ParametersOption, check_outputs, failures, out
+from . import common
 
 if TYPE_CHECKING:
     from ..bench.excitation import Excitation
@@ -35,45 +35,39 @@ EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.
                    "--plot fins.html")
 
 
-@dataclass
-class _Given:
-    """What --set gives: parameters of every fin, of single fins and of the bus, and inputs held."""
+def _settings(texts: Iterable[str], unit: FmuInterface) -> tuple[
+        Mapping[int, dict[str, object]], dict[str, float], dict[str, float]]:
+    """Return what --set gives: parameters by fin (0: of every fin), those of the bus, and constants of inputs.
 
-    parameters: dict[str, object] = field(default_factory=dict)
-    of_fins: dict[int, dict[str, object]] = field(default_factory=lambda: defaultdict(dict))
-    bus: dict[str, float] = field(default_factory=dict)
-    inputs: dict[str, float] = field(default_factory=dict)
-
-
-def _given(texts: Iterable[str], unit: FmuInterface) -> _Given:
-    """Parameters and constant inputs out of NAME=VALUE. Raises EmcasError."""
+    Raises EmcasError.
+    """
     inputs = {v.name: v for v in (*unit.actuator.inputs, *unit.inputs)}
-    bus = {v.name: v for v in BUS_PARAMETERS} if unit.fins > 1 else {}
-    found = _Given()
+    line = {v.name: v for v in BUS_PARAMETERS} if unit.fins > 1 else {}
+    parameters: dict[int, dict[str, object]] = defaultdict(dict)
+    bus: dict[str, float] = {}
+    constants: dict[str, float] = {}
     for text in texts:
         name, separator, written = (part.strip() for part in text.partition("="))
         if not (name and separator and written):
             raise EmcasError(f"--set {text}: expected a name and a value, as in --set controller.position.kp=70")
         value = _value(written)
-        fin = _FIN.fullmatch(name)
-        if name in inputs or name in bus:
-            variable = inputs.get(name) or bus[name]
+        if variable := inputs.get(name) or line.get(name):
             try:
                 plain = not isinstance(value, (bool, str)) and variable.unit not in ("", "1")
                 number = In(variable.unit, variable.minimum, variable.maximum, type=variable.kind).limited(
                     f"{value} {variable.unit}" if plain else value)
             except ValueError as error:
                 raise EmcasError(f"--set {text}: {error}") from error
-            (found.inputs if name in inputs else found.bus)[name] = float(number)
-        elif fin and 1 <= int(fin[1]) <= unit.fins > 1:
-            found.of_fins[int(fin[1])][fin[2]] = value
+            (constants if name in inputs else bus)[name] = float(number)
+        elif (fin := _FIN.fullmatch(name)) and 1 <= int(fin[1]) <= unit.fins > 1:
+            parameters[int(fin[1])][fin[2]] = value
         else:
-            found.parameters[name] = value
-    return found
+            parameters[0][name] = value
+    return parameters, bus, constants
 
 
 def _value(written: str) -> bool | float | str:
-    """True, false, a number that is in the variable's unit, or text with a unit of its own."""
+    """Return true, false, a number that is in the variable's unit, or text with a unit of its own."""
     if written.lower() in ("true", "false"):
         return written.lower() == "true"
     try:
@@ -83,7 +77,7 @@ def _value(written: str) -> bool | float | str:
 
 
 def _stepped(degrees: float, torque: float, interval: float, stop: float) -> Excitation:
-    """A step to an angle [deg] under a constant hinge moment [N.m]. Raises EmcasError."""
+    """Return a step to an angle [deg] under a constant hinge moment [N.m]. Raises EmcasError."""
     from ..bench.excitation import LOAD, check_span, step_to
 
     check_span("step", interval, stop)
@@ -101,9 +95,9 @@ def simulate(
     step: Annotated[float | None, typer.Option(help="Step of the fin command, in degrees, at 50 ms.",
                                                metavar="DEG")] = None,
     torque: Annotated[float | None, typer.Option(help="Constant hinge moment with --step, in N.m.")] = None,
-    parameters: ParametersOption = None,
-    model: ModelOption = NONLINEAR,
-    given: Annotated[list[str] | None, typer.Option(
+    parameters: common.ParametersOption = None,
+    model: common.ModelOption = NONLINEAR,
+    settings: Annotated[list[str] | None, typer.Option(
         "--set", help="Another value of a parameter, or a constant of an input, with a unit or in its own (may be "
                       "given several times). Of several fins it is every one's, fin[2].NAME that of one; "
                       "bus.source_resistance makes the supply sag; roll_command, pitch_command and yaw_command are "
@@ -112,11 +106,8 @@ def simulate(
     fins: Annotated[int, typer.Option(help="Actuators on one bus, all given the same case, step or columns; columns "
                                            "such as fin[2].fin_command are of one. Computed in Python, which is "
                                            "slower.", metavar="N")] = 1,
-    layout: Annotated[str, typer.Option(help="Where several fins are: one along body y, or half a space further.",
-                                        metavar="plus|cross")] = "cross",
-    fin: Annotated[list[str] | None, typer.Option(
-        help="Parameter file of one of several fins, over the others' (may be given several times).",
-        metavar="N=FILE")] = None,
+    layout: common.LayoutOption = "cross",
+    fin: common.FinFilesOption = None,
     stop: Annotated[float | None, typer.Option(help="End in seconds; 0.5 with --step, else that of the input.")] = None,
     interval: Annotated[float | None, typer.Option(help="Communication step in seconds; 0.001, or the case's "
                                                         "own.")] = None,
@@ -126,8 +117,7 @@ def simulate(
                                                 metavar="FILE")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the response: .html, .svg, .png or .pdf.",
                                               metavar="FILE")] = None,
-    as_json: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.",
-                                                 metavar="FILE")] = None,
+    as_json: common.JsonOption = None,
 ) -> None:
     """Run the actuator on a case, a file of inputs or a step, without an FMU."""
     from ..bench.excitation import STEP, csv_file, reference_case
@@ -137,12 +127,12 @@ def simulate(
     from ..simulation import simulate as run
     from ..simulation import simulate_fins, spread
 
-    with failures():
+    with common.failures():
         if [case, input_file, step].count(None) != 2:
             raise EmcasError("give one of --case, --input and --step")
         check_ending(plot)
         files, unit = fin_files(fin or []), FmuInterface(fins, model)
-        check_outputs(output, plot, as_json, inputs=(*(parameters or ()), *files.values(), input_file))
+        common.check_outputs(output, plot, as_json, inputs=(*(parameters or ()), *files.values(), input_file))
         if fins == 1 and files:
             raise EmcasError(f"--fin {fin[0] if fin else ''}: goes with --fins, the number of fins")
         if fins > 1 and kernel == "compiled":
@@ -158,45 +148,38 @@ def simulate(
         chosen = (reference_case(case) if case else
                   csv_file(input_file, interval or STEP, stop, model, fins) if input_file
                   else _stepped(step or 0.0, torque or 0.0, interval or STEP, stop or 0.5))
-        held = _given(given or [], unit)
-        if twice := [name for name in held.inputs if name in chosen.columns]:
+        changes, bus, constants = _settings(settings or [], unit)
+        if twice := [name for name in constants if name in chosen.columns]:
             raise EmcasError(f"--set {twice[0]}: is given by {chosen.title} already")
         base = load_parameters(parameters, model=model)
         base = base.replace(base.having(chosen.start_values))
         sets = fin_sets(base, fins, layout, files) if fins > 1 else (base,)
-        sets = tuple(each.replace({**held.parameters, **held.of_fins[k]}) for k, each in enumerate(sets, 1))
+        sets = tuple(each.replace({**changes[0], **changes[k]}) for k, each in enumerate(sets, 1))
         require_shared(sets, "--set")
         # What is of one fin goes over what is every fin's.
-        chosen = replace(chosen, columns=dict(sorted(chosen.columns.items(), key=lambda item: item[0][:4] == "fin[")))
-        chosen = chosen.holding(held.inputs)
+        columns = dict(sorted(chosen.columns.items(), key=lambda item: item[0].startswith("fin[")))
+        chosen = replace(chosen, columns=columns).holding(constants)
         chosen = replace(chosen, columns=spread(chosen.columns, unit))
         try:
-            if fins > 1:
-                columns = simulate_fins([each.values for each in sets], chosen.stop, chosen.step, unit.kind, held.bus,
-                                        **chosen.columns)
-            else:
-                columns = run(sets[0].values, chosen.stop, chosen.step, kernel, unit.kind, **chosen.columns)
+            outputs = (simulate_fins([each.values for each in sets], chosen.stop, chosen.step, unit.kind, bus,
+                                     **chosen.columns) if fins > 1 else
+                       run(sets[0].values, chosen.stop, chosen.step, kernel, unit.kind, **chosen.columns))
         except (ArithmeticError, TypeError, ValueError) as error:
             raise EmcasError(f"the response cannot be computed: {error}") from error
-        response = Response(unit, sets, chosen, columns)
-        lines = response.lines()
+        response = Response(unit, sets, chosen, outputs)
         if output:
             write_csv(output, response)
         if plot:
             write_picture(plot, response)
         if as_json:
             write_json(response.as_dict(), as_json)
-    names = [f"fin {k}" for k in range(1, fins + 1)] if fins > 1 else ["value"]
-    table = Table("figure", *names, title=f"{chosen.title}, {chosen.stop:g} s", title_justify="left")
-    table.columns[0].overflow = "fold"
-    for column in table.columns[1:]:
-        column.justify = "right"
-    for line in lines:
+    table = Table(Column("figure", overflow="fold"), title=f"{chosen.title}, {chosen.stop:g} s", title_justify="left")
+    for name in [f"fin {k}" for k in range(1, fins + 1)] if fins > 1 else ["value"]:
+        table.add_column(name, justify="right")
+    for line in response.lines():
         table.add_row(*map(escape, line))
-    out.print(table)
+    common.out.print(table)
     if response.bus:
-        out.print("bus: " + ", ".join(f"{name} {number(value)}" for name, value in response.bus.items()),
+        common.out.print("bus: " + ", ".join(f"{name} {number(value)}" for name, value in response.bus.items()),
                   highlight=False, soft_wrap=True)
-    for path in (output, plot, as_json):
-        if path:
-            out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
+    common.print_written(output, plot, as_json)

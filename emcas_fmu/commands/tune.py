@@ -8,24 +8,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
 from ..parameters import load_parameters
-from .common import (
-    INTERRUPTED,
-    ModelOption,
-    ParametersOption,
-    check_outputs,
-    err,
-    failures,
-    out,
-    parameter_arguments,
-    progress_bar,
-    require_extra,
-    stepper,
-)
+from . import common
 
 EPILOG = ("Examples:\n\n  emcas tune --output tuned.toml --report tuning.html"
           "\n\n  emcas tune my_requirements.toml -p my_actuator.toml --output tuned.toml --journal tuning.jsonl"
@@ -36,15 +23,13 @@ EPILOG = ("Examples:\n\n  emcas tune --output tuned.toml --report tuning.html"
 def tune(
     study: Annotated[Path | None, typer.Argument(help="Requirements, cases and what may be tuned (TOML); "
                                                       "models/tuning.toml unless given.", metavar="FILE")] = None,
-    parameters: ParametersOption = None,
-    model: ModelOption = NONLINEAR,
+    parameters: common.ParametersOption = None,
+    model: common.ModelOption = NONLINEAR,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write a parameter file: the gains "
                                                                               "and what --parameters already changed.",
                                                 metavar="FILE")] = None,
-    report: Annotated[Path | None, typer.Option(help="Write a page with tables and plots.",
-                                                metavar="FILE.html")] = None,
-    as_json: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.",
-                                                 metavar="FILE")] = None,
+    report: common.ReportOption = None,
+    as_json: common.JsonOption = None,
     seed: Annotated[int, typer.Option(help="Of the random search; the same seed gives the same gains.",
                                          min=0)] = 1,
     generations: Annotated[int, typer.Option(help="Of the global search.", min=1)] = 20,
@@ -65,39 +50,38 @@ def tune(
     from ..studies.tuning.output import summary, verdict, write_json, write_report, write_tuned
     from ..studies.tuning.study import load_study, shipped_study
 
-    with failures():
-        check_outputs(output, report, as_json, journal, inputs=(study, *(parameters or ())))
+    with common.failures():
+        common.check_outputs(output, report, as_json, journal, inputs=(study, *(parameters or ())))
         base = load_parameters(parameters, model=model)
         chosen = load_study(study, base) if study else shipped_study(base)
         names = [r.name for r in chosen.requirements]
         if pareto is not None and (len(pareto) != 2 or not set(pareto) <= set(names)):
             raise EmcasError(f"--pareto is given twice, with two of {', '.join(names)}")
         if any(r.test.kind == "linear" for r in chosen.requirements):
-            require_extra("analysis", "margins (tests of kind linear) need", "control", "casadi")
+            common.require_extra("analysis", "margins (tests of kind linear) need", "control", "casadi")
         kept = Journal(journal, chosen)
         try:
-            with progress_bar() as progress:
+            with common.progress_bar() as progress:
                 result = run(chosen, seed, generations, workers or os.cpu_count() or 1, kept,
-                             stepper(progress, "tune"))
+                             common.stepper(progress, "tune"))
         except KeyboardInterrupt:
-            err.print("stopped before there were gains to write")
-            raise typer.Exit(INTERRUPTED) from None
-        out.print(summary(result))
-        out.print(verdict(result), highlight=False, soft_wrap=True)
-        command = shlex.join(["emcas", "tune", *([str(study)] if study else []), *parameter_arguments(parameters),
-                              *([] if model == NONLINEAR else ["--model", model]), "--seed", str(seed),
-                              "--generations", str(generations)])
+            common.err.print("stopped before there were gains to write")
+            raise typer.Exit(common.INTERRUPTED) from None
+        common.out.print(summary(result))
+        common.out.print(verdict(result), highlight=False, soft_wrap=True)
+        command = shlex.join([
+            "emcas", "tune", *([str(study)] if study else []), *common.parameter_arguments(parameters),
+            *([] if model == NONLINEAR else ["--model", model]), "--seed", str(seed), "--generations",
+            str(generations)])
         if output:
             write_tuned(result, output, command)
         if as_json:
             write_json(result, as_json, command)
         if report:
             write_report(result, report, command, (pareto[0], pareto[1]) if pareto else None)
-    out.print(f"{len(result.evaluated)} evaluations", highlight=False)
-    for path in (output, as_json, report, journal):
-        if path:
-            out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
+    common.out.print(f"{len(result.evaluated)} evaluations", highlight=False)
+    common.print_written(output, as_json, report, journal)
     if result.stopped:
-        raise typer.Exit(INTERRUPTED)
+        raise typer.Exit(common.INTERRUPTED)
     if not result.met:
         raise typer.Exit(1)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .common import FinOption, SubjectModelOption, check_outputs, failures, out, progress_bar, stepper
+from . import common
 
 EPILOG = ("Examples:\n\n  emcas validate EMCAS.fmu\n\n  emcas validate EMCAS.fmu --report report.html "
                    "--junit junit.xml\n\n  emcas validate EMCAS.fmu --case step_plus20 --case load_opposing"
@@ -19,13 +19,11 @@ def validate(
                                                     "parameters unless given.", metavar="[FMU|TOML]",
                                                show_default=False)] = None,
     case: Annotated[list[str] | None, typer.Option(help="Only this case (may be given several times).")] = None,
-    model: SubjectModelOption = None,
-    fin: FinOption = None,
-    as_json: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.",
-                                                    metavar="FILE")] = None,
-    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.", metavar="FILE")] = None,
-    report: Annotated[Path | None, typer.Option(help="Write a page with pictures to this file.",
-                                                   metavar="FILE.html")] = None,
+    model: common.SubjectModelOption = None,
+    fin: common.FinOption = None,
+    as_json: common.JsonOption = None,
+    junit: common.JunitOption = None,
+    report: common.ReportOption = None,
     directory: Annotated[Path | None, typer.Option(help="Folder of the reference files; models/reference "
                                                       "unless given.", metavar="DIR")] = None,
 ) -> None:
@@ -36,12 +34,12 @@ def validate(
     from ..studies.validate.study import validate as run
     from ..studies.validate.summary import summary
 
-    with failures():
-        check_outputs(as_json, junit, report, inputs=(fmu, directory))
-        with progress_bar() as progress, open_subject(fmu, model, fin) as subject:
-            result = run(subject, case, directory, stepper(progress, "validate"))
+    with common.failures():
+        common.check_outputs(as_json, junit, report, inputs=(fmu, directory))
+        with common.progress_bar() as progress, open_subject(fmu, model, fin) as subject:
+            result = run(subject, case, directory, common.stepper(progress, "validate"))
         for part in summary(result):
-            out.print(part, highlight=False)
+            common.out.print(part, highlight=False)
         for path, write in ((as_json, write_json), (junit, write_junit), (report, write_report)):
             if path:
                 write(result, path)

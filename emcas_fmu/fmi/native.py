@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -14,6 +14,7 @@ from pythonfmu import Fmi2Slave
 from .. import rules
 from ..compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform
 from ..errors import BuildError
+from ..progress import Progress
 from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, written
 from .interface import BUS_PARAMETERS, MIXING, FmuInterface
 from .model_description import element
@@ -121,7 +122,7 @@ def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
 
 
 def binaries(model: str, files: Mapping[str, str], platforms: Sequence[Platform], cc: str | None,
-             progress: Callable[[str, int, int], None] | None = None) -> dict[str, bytes]:
+             progress: Progress | None = None) -> dict[str, bytes]:
     """Libraries for the platforms: archive name to content.
 
     Raises CompilerError if there is no compiler or it refuses.

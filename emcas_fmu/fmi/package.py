@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,14 +13,13 @@ from .. import __version__
 from ..errors import BuildError
 from ..files import write_zip
 from ..parameters import ParameterSet
+from ..progress import Progress
 from . import native, python
 from .documentation import documents
 from .interface import FmuInterface, fin_sets, start_values
 from .model_description import SINGLE, model_description, terminals_and_icons, to_bytes
 
 BACKENDS = ("python", "native")
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ from emcas_fmu.reference.simulate import MAX_STEP, RTOL, SCALES, Array
 
 from ..actuators import NONLINEAR, get
 from ..actuators.external import load_module
+from ..progress import Progress
 from ..toml import tomllib
 
 PREFIX = "EMCAS"
@@ -38,8 +39,6 @@ COMMAND = "emcas reference"
 
 Simulate = Callable[[Mapping[str, Value], Mapping[str, Array]], Mapping[str, Array]]
 """From parameters and input columns, ``time`` among them, to output columns at the same times; SI."""
-Progress = Callable[[str, int, int], None]
-"""Called with a case's name, the number of cases done and that of all, before and after each case."""
 
 # Of an output's nominal value, where the table below says nothing: what an integrator of that accuracy leaves.
 _RELATIVE = 1e-6

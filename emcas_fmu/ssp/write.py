@@ -12,8 +12,9 @@ from tempfile import TemporaryDirectory
 from ..actuators import NONLINEAR, full_name, get
 from ..bench.fmu import chosen_model
 from ..fmi.model_description import to_bytes
-from ..fmi.package import Progress, build
+from ..fmi.package import build
 from ..parameters import Value, load_parameters
+from ..progress import Progress
 from .archive import file_content, write_archive
 from .check import check
 from .findings import Report

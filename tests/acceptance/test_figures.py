@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from emcas_fmu.bench import metrics
+from emcas_fmu.bench.metrics import unit_of
 from emcas_fmu.bench.subject import ParameterSubject, StoppedError
-from emcas_fmu.bench.verdict import unit_of
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.report import mission, slewing, static_accuracy, steps, stiffness, threshold
 from emcas_fmu.studies.report.outcome import Outcome, Quantity
@@ -33,7 +33,7 @@ def test_bidirectional_figures_by_hand() -> None:
     assert found.hysteresis == pytest.approx(3.0)
     assert found.largest_error == 3.0
     assert found.repeatability == pytest.approx(4.0 * 2**0.5)
-    assert found.accuracy == pytest.approx((2.0 + 2.0 * 2**0.5) - -1.0)
+    assert found.bidirectional_accuracy == pytest.approx((2.0 + 2.0 * 2**0.5) - -1.0)
     assert found.mean_error == pytest.approx((1.0 + 3.0 + 2.0 + 2.0 + 0.0 + 0.0 - 1.0 - 1.0) / 8.0)
     assert isnan(found.reversal[0])
     assert isnan(found.reversal[2])
@@ -238,7 +238,7 @@ def test_a_figure_tells_its_unit(key: str, unit: str) -> None:
 
 
 def test_groups_that_share_nothing_are_tables_of_their_own() -> None:
-    outcome = Outcome("t", "T", "m", tuple(Quantity(k, k, "") for k in ("a_s", "b_s", "c_s")),
+    outcome = Outcome("m", tuple(Quantity(k, k, "") for k in ("a_s", "b_s", "c_s")),
                       {"one": {"a_s": 1.0}, "two": {"b_s": 1.0, "c_s": 2.0}, "three": {"c_s": 3.0}})
     assert [([q.key for q in columns], list(groups)) for columns, groups in outcome.tables()] == [
         (["a_s"], ["one"]), (["b_s", "c_s"], ["two", "three"])]

@@ -22,7 +22,7 @@ from emcas_fmu.bench.writers import plain
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.report.output import as_dict, page
+from emcas_fmu.studies.report.output import as_dict, write_report
 from emcas_fmu.studies.report.study import TESTS, Result, carry_out, flat, judge
 from emcas_fmu.studies.validate.study import validate
 
@@ -47,6 +47,11 @@ def by_fmu(units: Mapping[str, Path], request: pytest.FixtureRequest) -> Result:
     """The acceptance test of the shipped parameters, by an FMU of either back end."""
     with open_subject(units[request.param]) as subject:
         return carry_out(subject)
+
+
+def page(result: Result, folder: Path, date: str = "") -> str:
+    write_report(result, folder / "page.html", date)
+    return (folder / "page.html").read_text(encoding="utf-8")
 
 
 def specification(folder: Path, limit: str = "1 deg", figure: str = "static_accuracy.grid.hysteresis_deg",
@@ -131,8 +136,8 @@ class _Page(HTMLParser):
         assert self.open.pop() == tag
 
 
-def test_page_is_whole_and_holds_everything(shipped: Result) -> None:
-    text = page(shipped)
+def test_page_is_whole_and_holds_everything(shipped: Result, tmp_path: Path) -> None:
+    text = page(shipped, tmp_path)
     parsed = _Page()
     parsed.feed(text)
     assert parsed.open == []
@@ -141,7 +146,7 @@ def test_page_is_whole_and_holds_everything(shipped: Result) -> None:
     assert text.count("<svg") == 6  # a picture for each test but that of thresholds
     for outcome in shipped.outcomes.values():
         assert f'id="{outcome.name}"' in text
-        for q in outcome.columns():
+        for q in outcome.columns(outcome.figures):
             assert q.how.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace("'", "&#39;") in text
     assert text.index("Summary") < text.index("Step response</h2>")
     for name in ("tested by", "checked by", "accepted by"):
@@ -149,7 +154,7 @@ def test_page_is_whole_and_holds_everything(shipped: Result) -> None:
     assert "<strong>Estimate.</strong>" in text
     assert "friction-locked" in text
     assert "<th>date</th><td>" not in text
-    assert "<th>date</th><td>2026-03-31</td>" in page(shipped, "2026-03-31")
+    assert "<th>date</th><td>2026-03-31</td>" in page(shipped, tmp_path, "2026-03-31")
 
 
 def test_command_writes_the_same_bytes_and_no_paths(tmp_path: Path) -> None:
@@ -225,7 +230,8 @@ def test_wrong_requests(arguments: list[str], message: str, tmp_path: Path) -> N
 def test_limits_in_any_unit_of_the_quantity(limit: str, expected: float, tmp_path: Path) -> None:
     (wanted,) = load_requirements(specification(tmp_path, limit))
     assert wanted.limit == pytest.approx(expected, rel=1e-12)
-    assert (wanted.unit, wanted.sense, wanted.source) == ("deg", "<=", "specification.toml")
+    judged = wanted.judged(None, "")
+    assert (judged.unit, judged.sense, judged.source) == ("deg", "<=", "specification.toml")
 
 
 @pytest.mark.parametrize(("figure", "limit", "expected"), [
@@ -240,16 +246,18 @@ def test_limits_of_other_quantities(figure: str, limit: str, expected: float, tm
 
 
 @pytest.mark.parametrize(("text", "message"), [
-    ("[[requirement", "not valid TOML"),
-    ("", "expected one or more tables"),
-    ("a = 1", "expected one or more tables"),
-    ("[[requirement]]\nname = 'a'", "requirement a: has no figure, sense, limit"),
-    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<'\nlimit = '1 s'", "expected <= or >="),
-    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = 1", "expected a string"),
+    ("[[requirement", "cannot be read: Expected"),
+    ("", "requirement: expected one or more tables [[requirement]] with name, title, figure, sense, limit"),
+    ("a = 1", "unknown key 'a'; there is requirement"),
+    ("requirement = []", "expected one or more tables"),
+    ("[[requirement]]\nname = 'a'", "requirement.a: limit is missing; there is name, title, figure, sense, limit"),
+    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<'\nlimit = '1 s'", "there is <=, >="),
+    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = 1", "a number with a unit such as s"),
+    ("[[requirement]]\nname = 5\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = '1 s'", "must be a string"),
     ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = '1'", "has no unit"),
     ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = '1 deg'", "does not measure"),
-    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_db'\nsense = '<='\nlimit = '1'", "with the unit dB"),
-    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = '1 s'\nunit = 's'", "unknown unit;"),
+    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_db'\nsense = '<='\nlimit = '1'", "with a unit such as dB"),
+    ("[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = '1 s'\nunit = 's'", "unknown key 'unit'"),
     (2 * "[[requirement]]\nname = 'a'\nfigure = 'b.c.d_s'\nsense = '<='\nlimit = '1 s'\n", "given twice"),
 ])
 def test_unsound_requirements(text: str, message: str, tmp_path: Path) -> None:
@@ -288,11 +296,11 @@ def _handing(subject: Subject) -> Iterator[Subject]:
 
 def test_article_that_stops_is_a_failure_and_not_a_crash(tmp_path: Path) -> None:
     wanted = load_requirements(specification(tmp_path))
-    found = carry_out(Broken(), wanted=wanted)
+    found = carry_out(Broken(), requirements=wanted)
     assert not found.passed
     assert set(found.stopped) == set(TESTS)
     assert [j.passed for j in found.judged] == [False] * (len(REQUIREMENTS) + 1)
-    text = page(found)
+    text = page(found, tmp_path)
     assert f"{len(TESTS)} of {len(TESTS)} tests were not finished" in text
     assert "the bridge is open" in text
     assert as_dict(found)["methods"]["mission"]["stopped"].endswith("the bridge is open")
@@ -310,13 +318,13 @@ def test_command_on_an_article_that_stops(tmp_path: Path, monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize("entry", [{"controller.position.kp": 0.0, "controller.position.ki": 0.0},
                                    {"friction.fin_coulomb": 9e3}], ids=["dead", "stuck"])
-def test_article_that_does_not_move_fails_without_a_crash(entry: dict[str, float]) -> None:
+def test_article_that_does_not_move_fails_without_a_crash(entry: dict[str, float], tmp_path: Path) -> None:
     found = carry_out(ParameterSubject(load_parameters().replace(entry)))
     assert {j.name for j in found.judged if j.passed} == set()
     figures = dict(flat(found.outcomes))
     assert isnan(figures["threshold.from_rest.positive_deg"])
     assert isnan(figures["step_response.plus_1deg.rise_time_s"])
-    text = page(found)
+    text = page(found, tmp_path)
     assert "from the lowest frequency on" in text
     json.dumps(plain(as_dict(found)), allow_nan=False)
 
@@ -339,7 +347,7 @@ def test_json_has_no_value_json_does_not_know(shipped: Result) -> None:
 
 def test_what_needs_an_output_the_actuator_lacks_is_not_applicable(tmp_path: Path) -> None:
     wanted = load_requirements(specification(tmp_path, "5 A", "mission.synthetic.motor_current_rms_a"))
-    found = carry_out(Play(there=FIN_PORT), wanted=wanted)
+    found = carry_out(Play(there=FIN_PORT), requirements=wanted)
     assert not found.stopped
     figures = dict(flat(found.outcomes))
     assert not any(part in name for name in figures for part in ("current", "_power_", "energy"))
@@ -351,7 +359,7 @@ def test_what_needs_an_output_the_actuator_lacks_is_not_applicable(tmp_path: Pat
     # What was asked for and cannot be told is not met.
     assert (found.judged[-1].passed, found.judged[-1].note) == (
         False, "not applicable: this actuator has no motor_current")
-    text = page(found)
+    text = page(found, tmp_path)
     assert "Not applicable: RMS current, peak current (this actuator has no motor_current)." in text
     assert as_dict(found)["methods"]["mission"]["not_applicable"]["energy_drawn_j"].endswith("supply_power")
 

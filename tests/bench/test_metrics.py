@@ -9,7 +9,9 @@ import pytest
 from scipy import signal
 
 from emcas_fmu.bench import metrics
+from emcas_fmu.bench.excitation import Excitation
 from emcas_fmu.bench.metrics import Array
+from emcas_fmu.bench.subject import Run
 from emcas_fmu.reference.cases import CASES
 
 SWEEP = next(case for case in CASES if case.name == "chirp_1deg").inputs()
@@ -106,14 +108,18 @@ def test_slew_of_a_trapezoid(sign: float) -> None:
     # 0.1 s at 2000 deg/s2 up to 200 deg/s, 0.2 s at that rate, 0.1 s down: 60 deg in all. The middle 60 % runs
     # from 12 to 48 deg, all of it at the full rate, and is reached at 0.11 s.
     time = np.arange(601) * STEP
-    rate = 200.0 * np.clip(np.minimum(time / 0.1, (0.4 - time) / 0.1), 0.0, 1.0)
+    since = time - STEP  # commanded with the second row
+    rate = 200.0 * np.clip(np.minimum(since / 0.1, (0.4 - since) / 0.1), 0.0, 1.0)
     angle = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1])) * STEP))
-    found = metrics.slew(time, sign * angle - 3.0, sign * rate, 0.0, sign * 60.0 - 3.0)
-    assert found.peak == pytest.approx(200.0, rel=1e-12)
-    assert found.sustained == pytest.approx(200.0, rel=1e-9)
+    command = np.where(time > 0.0, sign * 60.0 - 3.0, -3.0)
     spike = rate.copy()
     spike[200] = 900.0
-    assert metrics.slew(time, angle, spike, 0.0, 60.0).sustained == pytest.approx(200.0, rel=1e-9)
+    for rates, peak in ((rate, 200.0), (spike, 900.0)):  # a spike of the rate is no sustained rate
+        run = Run(Excitation("slew", {"fin_command": command}),
+                  {"time": time, "fin_angle": sign * angle - 3.0, "fin_rate": sign * rates}, None, (), 0.0)
+        found = metrics.motion(run)
+        assert found["peak_rate"] == pytest.approx(peak, rel=1e-12)
+        assert found["sustained_rate"] == pytest.approx(200.0, rel=1e-9)
 
 
 def respond(command: Array, hertz: float, damping: float, delay: int) -> tuple[Array, Array, Array]:

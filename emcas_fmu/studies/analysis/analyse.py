@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import degrees, isfinite, pi
 from pathlib import Path
@@ -16,11 +16,11 @@ from ...actuators import capabilities, get, parts
 from ...bench.metrics import FrequencyResponse
 from ...errors import EmcasError
 from ...parameters import ParameterSet
+from ...progress import Progress
 from . import capability, final_values, frequency, locus, steps, sweep, thesis
 from .linear import LinearActuator, System, sound
 from .modes import Modes, load_rod, modes_at, thesis_modes
 
-Progress = Callable[[str, int, int], None]
 # Swept to this many times the linear bandwidth, to show what the gain does beyond it.
 _BEYOND = 3.0
 _STEPS = 7

@@ -8,7 +8,7 @@ speed reference, by the sampled controllers run once more over the recorded moti
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import radians
 from typing import Any, cast
@@ -21,6 +21,7 @@ from ...control import controllers, sensors
 from ...ops.arrays import ARRAYS as _ARRAYS
 from ...ops.base import Ops
 from ...physics import drive
+from ...progress import Progress
 from ...simulation import simulate
 from .linear import Array
 
@@ -109,7 +110,7 @@ def replay(values: Mapping[str, Any], command: Array, angle: Array, speed: Array
 
 def sweeps(values: Mapping[str, Any], highest: float, at: float = 0.0, aero_torque: float = 0.0,
            amplitudes: Sequence[float] = AMPLITUDES, model: str = NONLINEAR,
-           progress: Callable[[str, int, int], None] | None = None) -> list[Sweep]:
+           progress: Progress | None = None) -> list[Sweep]:
     """A sweep up to `highest` [Hz] for every amplitude [deg] that commands may have, else for their limit.
 
     About `at` [rad], or as near to it as the range of commands leaves room for the amplitude.

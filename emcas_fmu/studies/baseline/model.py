@@ -17,8 +17,8 @@ from ...bench import metrics
 from ...bench.excitation import Excitation, csv_file, reference_case, slew_to, step_to, sweep
 from ...bench.metrics import FIGURES, shown
 from ...bench.subject import Run
-from ...errors import EmcasError, hint
-from ...schema import In, Table, each, unknown
+from ...errors import EmcasError
+from ...schema import In, Table, each, parameter_of, unknown
 from ...variables import Variable
 
 SCHEMA = "emcas-baseline/1"
@@ -53,13 +53,6 @@ def outputs(model: str) -> dict[str, Variable]:
 def start_entries(model: str) -> dict[str, Variable]:
     """Return what a parameter file of an actuator may give, by name."""
     return {v.name: v for v in get(model).file_entries}
-
-
-def parameter_of(name: str, variables: Mapping[str, Variable]) -> Variable:
-    """Return the parameter of a name. Raises ValueError."""
-    if name not in variables:
-        raise ValueError(f"there is no such parameter{hint(name, variables)}")
-    return variables[name]
 
 
 def quantity_of(variable: Variable) -> In:

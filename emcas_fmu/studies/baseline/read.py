@@ -25,7 +25,6 @@ from .model import (
     Reading,
     Replay,
     outputs,
-    parameter_of,
     quantity_of,
     reading,
     start_entries,
@@ -36,7 +35,7 @@ REMEDY = "restore it from your repository, or write it anew with `emcas baseline
 
 def _parameters(written: Any, info: ValidationInfo) -> dict[str, Any]:
     variables = start_entries(reading(info).model)
-    return schema.each(written, lambda name, entry: quantity_of(parameter_of(name, variables)).number(entry))
+    return schema.each(written, lambda name, entry: quantity_of(schema.parameter_of(name, variables)).number(entry))
 
 
 def _case(name: str, written: Any, info: ValidationInfo) -> Case:

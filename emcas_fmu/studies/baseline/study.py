@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from math import copysign, degrees, inf, isnan
 from pathlib import Path
@@ -14,9 +14,9 @@ from ... import __version__
 from ...bench.metrics import FIGURES, shown
 from ...bench.subject import Identification, Subject
 from ...errors import EmcasError
+from ...progress import Progress
 from .model import ALL, Array, Baseline, Case, rounded, start_entries, unit_of
 
-Progress = Callable[[str, int, int], None]
 TEMPLATE = Path(__file__).parent / "default.toml"
 """Limits and cases of a new baseline."""
 

@@ -10,7 +10,6 @@ from .outcome import Outcome, displayed, quantity
 from .rig import Rig
 
 NAME = "frequency_response"
-CASES = {"1deg": "chirp_1deg", "3p5deg": "chirp_3p5deg"}
 LABELS = {"1deg": "1 deg", "3p5deg": "3.5 deg"}
 
 QUANTITIES = (
@@ -20,25 +19,23 @@ QUANTITIES = (
 
 
 def measure(rig: Rig) -> Outcome:
-    """Logarithmic sweeps of the command; H1 estimate by Welch's method."""
+    """Measure the response to logarithmic sweeps of the command, H1 estimate by Welch's method."""
     figures, curves, notes = {}, {}, []
-    for group, case in CASES.items():
-        run = rig.table2[case]
+    for group, label in LABELS.items():
+        run = rig.table2[f"chirp_{group}"]
         run.finished()
-        found = sweep_response(run)
-        if found.bandwidth <= found.frequency[0]:
-            notes.append(f"At {LABELS[group]} the gain is below -3 dB from the lowest frequency on.")
-        figures[group] = displayed(swept(found), QUANTITIES)
-        curves[group] = {"frequency_hz": found.frequency, "gain_db": found.gain_db,
-                         "phase_deg": np.degrees(found.phase), "coherence": found.coherence}
+        response = sweep_response(run)
+        if response.bandwidth <= response.frequency[0]:
+            notes.append(f"At {label} the gain is below -3 dB from the lowest frequency on.")
+        figures[group] = displayed(swept(response), QUANTITIES)
+        curves[group] = {"frequency_hz": response.frequency, "gain_db": response.gain_db,
+                         "phase_deg": np.degrees(response.phase), "coherence": response.coherence}
     low, high = SWEPT
     return Outcome(
-        NAME, "Frequency response",
         f"Fin angle over command. Logarithmic sine sweep of the command from {SWEEP[0]:g} to {SWEEP[1]:g} Hz in 12 s "
         f"about 0 deg, no load; H1 estimate by Welch's method, Hann segments of 1 s, evaluated from {low:g} to "
         f"{high:g} Hz. It is the fundamental: the describing function of the amplitude. A frequency that is not "
         "reached within the sweep is a dash. Coherence is below 1 where the response is not linear, or changes within "
         "a segment.", QUANTITIES, figures,
-        tuple(f"{group}.{key}" for group in CASES for key in ("bandwidth_3db_hz", "bandwidth_90deg_hz")),
-        LABELS, curves,
-        notes=tuple(notes))
+        tuple(f"{group}.{key}" for group in LABELS for key in ("bandwidth_3db_hz", "bandwidth_90deg_hz")),
+        LABELS, curves, notes=tuple(notes))

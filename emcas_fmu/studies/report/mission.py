@@ -37,8 +37,8 @@ _NAMES = {"motor_current_rms_a": "rms_current", "motor_current_peak_a": "peak_cu
           "energy_drawn_j": "energy_drawn", "energy_regenerated_j": "energy_returned"}
 
 
-def synthetic(limit: float, load: float, step: float = STEP) -> tuple[Array, Array]:
-    """Command [deg] and hinge moment [N.m] of a made-up mission of 15 s, an assumption and no flight record.
+def synthetic(limit: float, load: float) -> tuple[Array, Array]:
+    """Return command [deg] and hinge moment [N.m] of a made-up mission of 15 s, an assumption and no flight record.
 
     With c the limit of the command: launch, 2 s, trim at 0.05 c with a roll correction of 0.1 c at 1 Hz;
     pitch-over, 3 s, doublets to ±0.5 c held 0.5 s each; midcourse, 5 s, trim at 0.1 c under sines of 0.04 c at
@@ -46,18 +46,18 @@ def synthetic(limit: float, load: float, step: float = STEP) -> tuple[Array, Arr
     at 3 Hz. Commands change by at most 150 deg/s. The hinge moment restores: it is proportional to
     the command 20 ms before, and at c would be 0.1, 0.5, 0.6 and 1 times the rated load.
     """
-    time = np.arange(round(PHASES[-1][1] / step) + 1) * step
+    time = np.arange(round(PHASES[-1][1] / STEP) + 1) * STEP
     wave = 2.0 * np.pi * time
     doublet = np.where(np.floor((time - 2.0) / 0.5) % 2 < 0.5, 0.5, -0.5)
     busy = 0.1 + 0.04 * (np.sin(0.7 * wave) + np.sin(1.9 * wave) + np.sin(4.3 * wave))
     levels = np.array([0.75, -0.6, 0.9, -0.75, 0.0, 0.0])
     terminal = levels[np.clip((time - 10.0).astype(int), 0, 5)] + 0.05 * np.sin(3.0 * wave)
     starts = np.searchsorted([end for _, end, _ in PHASES], time, side="right").clip(max=3)
-    wanted = limit * np.choose(starts, [0.05 + 0.1 * np.sin(wave), doublet, busy, terminal])
+    guidance = limit * np.choose(starts, [0.05 + 0.1 * np.sin(wave), doublet, busy, terminal])
     command = np.zeros_like(time)
     for k in range(1, len(time)):
-        command[k] = command[k - 1] + np.clip(wanted[k] - command[k - 1], -RATE * step, RATE * step)
-    late = round(LAG / step)
+        command[k] = command[k - 1] + np.clip(guidance[k] - command[k - 1], -RATE * STEP, RATE * STEP)
+    late = round(LAG / STEP)
     before = np.concatenate([np.zeros(late), command[:-late]])
     share = np.array([share for _, _, share in PHASES])[starts]
     return command, -load * share * before / limit
@@ -76,21 +76,21 @@ def measure(rig: Rig) -> Outcome:
         method = f"Profile of {label}, {profile.stop:g} s, inputs held over 1 ms."
     run = rig.run(profile)
     limit, columns, used = rig.subject.command_limit, run.columns, usage(run)
-    wanted, angle, duration = np.clip(profile.command, -limit, limit), columns["fin_angle"], float(columns["time"][-1])
+    command, angle, duration = np.clip(profile.command, -limit, limit), columns["fin_angle"], float(columns["time"][-1])
     figures: dict[str, Value] = {key: used[name] for key, name in _NAMES.items() if name in used}
     if "energy_drawn" in used:
         net = used["energy_drawn"] - used["energy_returned"]
         figures |= {"net_energy_j": net, "supply_power_mean_w": net / duration if duration else 0.0}
-    figures["tracking_error_rms_deg"] = float(np.degrees(rms(wanted - angle)))
+    figures["tracking_error_rms_deg"] = float(np.degrees(rms(command - angle)))
     if "saturated_share" in used:
         figures["limited_percent"] = 100.0 * used["saturated_share"]
     figures["duration_s"] = duration
-    moment = np.asarray(profile.columns.get("aero_torque", np.zeros(len(wanted))))
-    series = {"time_s": columns["time"], "command_deg": np.degrees(wanted), "angle_deg": np.degrees(angle),
+    moment = np.asarray(profile.columns.get("aero_torque", np.zeros(len(command))))
+    series = {"time_s": columns["time"], "command_deg": np.degrees(command), "angle_deg": np.degrees(angle),
               "moment_n_m": moment, **{name: columns[name] for name in ("motor_current", "supply_power")
                                        if name in columns}}
     return Outcome(
-        NAME, "Mission profile", method, QUANTITIES, {group: figures},
+        method, QUANTITIES, {group: figures},
         tuple(f"{group}.{key}" for key in ("motor_current_rms_a", "supply_power_peak_w", "energy_drawn_j",
                                            "energy_regenerated_j")),
         {group: label}, series={group: series}, estimate=estimate)

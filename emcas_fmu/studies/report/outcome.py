@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from numpy.typing import NDArray
 
-from ...bench.metrics import FIGURES, written
-from ...bench.verdict import unit_of
+from ...bench import metrics
+from ...bench.metrics import FIGURES, result_name, unit_of
 
 Array = NDArray[Any]
 Value = float | bool
@@ -33,15 +33,14 @@ class Quantity:
 
 
 def quantity(name: str, label: str) -> Quantity:
-    """A figure of the bench."""
-    return Quantity(written(name)[0], label, FIGURES[name].title, FIGURES[name].needs)
+    """Return the quantity of a figure of the bench."""
+    return Quantity(result_name(name)[0], label, FIGURES[name].title, FIGURES[name].needs)
 
 
-def displayed(found: Mapping[str, float], quantities: tuple[Quantity, ...]) -> dict[str, Value]:
-    """Figures of the bench as they are written, those of `quantities` only."""
+def displayed(figures: Mapping[str, float], quantities: tuple[Quantity, ...]) -> dict[str, Value]:
+    """Return those of the bench's figures that are `quantities`, by their names in a result."""
     keys = {q.key for q in quantities}
-    return {key: value * factor for name, value in found.items()
-            for key, factor in [written(name)] if key in keys}
+    return {key: value for key, value in metrics.displayed(figures).items() if key in keys}
 
 
 @dataclass(frozen=True)
@@ -53,60 +52,52 @@ class Outcome:
     ``not_applicable``, by quantity, which outputs it needs the subject has not.
     """
 
-    name: str
-    title: str
     method: str
     quantities: tuple[Quantity, ...] = ()
     figures: Figures = field(default_factory=dict)
     headline: tuple[str, ...] = ()
-    """The figures to tell first, as group.figure."""
+    """The most important figures, as group.figure."""
     labels: Mapping[str, str] = field(default_factory=dict)
     curves: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
     series: Mapping[str, Mapping[str, Array]] = field(default_factory=dict, repr=False)
     notes: tuple[str, ...] = ()
     estimate: str = ""
     stopped: str = ""
+    name: str = ""
+    title: str = ""
     not_applicable: Mapping[str, str] = field(default_factory=dict)
 
     def label(self, group: str) -> str:
-        """A group's name for people."""
+        """Return a group's name for people."""
         return self.labels.get(group, group.replace("_", " "))
 
     def quantity(self, key: str) -> Quantity:
-        """The quantity of that name."""
+        """Return the quantity of a name."""
         return next(q for q in self.quantities if q.key == key)
 
-    def told_first(self) -> list[tuple[str, Quantity, Value]]:
-        """Group, quantity and value of the headline figures there are."""
+    def headlines(self) -> list[tuple[str, Quantity, Value]]:
+        """Return group, quantity and value of the headline figures there are."""
         paths = [path.split(".") for path in self.headline]
         return [(group, self.quantity(key), self.figures[group][key]) for group, key in paths
                 if key in self.figures.get(group, {})]
 
     def left_out(self) -> list[tuple[str, list[str]]]:
-        """Why figures are not applicable, and the labels of those figures."""
+        """Return why figures are not applicable, and the labels of those figures."""
         whys = dict.fromkeys(self.not_applicable.values())
         return [(why, [self.quantity(key).label for key, each in self.not_applicable.items() if each == why])
                 for why in whys]
 
-    def columns(self) -> list[Quantity]:
-        """The quantities some group has a figure for."""
-        return [q for q in self.quantities if any(q.key in group for group in self.figures.values())]
+    def columns(self, groups: Figures) -> list[Quantity]:
+        """Return the quantities some group has a figure for."""
+        return [q for q in self.quantities if any(q.key in group for group in groups.values())]
 
     def tables(self) -> list[tuple[list[Quantity], Figures]]:
-        """The figures as tables: groups that share no quantity with a table go into one of their own."""
+        """Return the figures as tables: groups that share no quantity with a table go into one of their own."""
         tables: list[dict[str, Mapping[str, Value]]] = []
-        for name, found in self.figures.items():
-            home = next((t for t in tables if any(set(found) & set(group) for group in t.values())), None)
+        for name, figures in self.figures.items():
+            home = next((t for t in tables if any(set(figures) & set(group) for group in t.values())), None)
             if home is None:
-                tables.append({name: found})
+                tables.append({name: figures})
             else:
-                home[name] = found
-        return [([q for q in self.quantities if any(q.key in group for group in t.values())], t) for t in tables]
-
-
-def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:
-    """Every figure as ``test.group.figure``."""
-    for test, outcome in outcomes.items():
-        for group, found in outcome.figures.items():
-            for key, value in found.items():
-                yield f"{test}.{group}.{key}", value
+                home[name] = figures
+        return [(self.columns(table), table) for table in tables]

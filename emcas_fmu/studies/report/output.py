@@ -16,13 +16,13 @@ SCHEMA = "emcas-acceptance/1"
 
 
 def as_dict(result: Result, date: str = "") -> dict[str, Any]:
-    """Figures, curves, methods and requirements; not the time series."""
+    """Return figures, curves, methods and requirements; not the time series."""
     outcomes = result.outcomes
     requirements = []
     for j in result.judged:
-        plain = asdict(j)
-        plain["how"] = plain.pop("note")
-        requirements.append({**plain, "margin": j.margin, "margin_percent": j.margin_percent, "passed": j.passed})
+        entry = asdict(j)
+        entry["how"] = entry.pop("note")
+        requirements.append({**entry, "margin": j.margin, "margin_percent": j.margin_percent, "passed": j.passed})
     return {
         "schema": SCHEMA, "passed": result.passed, "tool": f"emcas {__version__}", "date": date or None,
         "identification": asdict(result.about), "rated_load_n_m": result.load, "requirements": requirements,
@@ -30,7 +30,7 @@ def as_dict(result: Result, date: str = "") -> dict[str, Any]:
         "curves": {name: o.curves for name, o in outcomes.items() if o.curves},
         "methods": {name: {"method": o.method, "estimate": o.estimate or None, "stopped": o.stopped or None,
                            "notes": o.notes, "not_applicable": o.not_applicable,
-                           "figures": {q.key: q.how for q in o.columns()}} for name, o in outcomes.items()},
+                           "figures": {q.key: q.how for q in o.columns(o.figures)}} for name, o in outcomes.items()},
     }
 
 
@@ -41,21 +41,14 @@ def write_json(result: Result, path: Path, date: str = "") -> None:
 
 def write_junit(result: Result, path: Path) -> None:
     """Write a test case for each requirement and each test."""
-    suites = {f"requirements of {source}": [
-        writers.Case(j.name, "emcas.requirement", "" if j.passed else str(j), j.note if j.skipped else "")
-        for j in result.judged if j.source == source] for source in dict.fromkeys(j.source for j in result.judged)}
+    suites = {f"requirements of {source}": [j.test_case("emcas.requirement") for j in result.judged
+                                            if j.source == source] for source in result.sources}
     suites["tests finished"] = [writers.Case(name, "emcas.test", outcome.stopped, kind="not finished")
                                 for name, outcome in result.outcomes.items()]
     writers.write_junit("emcas report", suites, path)
 
 
-def page(result: Result, date: str = "") -> str:
-    """The page; the same result and date give the same text."""
-    return writers.page("studies/report/page.html.j2", r=result, about=result.about, date=date,
-                        sources=list(dict.fromkeys(j.source for j in result.judged)),
-                        pictures=pictures(result.outcomes))
-
-
 def write_report(result: Result, path: Path, date: str = "") -> None:
-    """Write the page."""
-    path.write_text(page(result, date), encoding="utf-8", newline="\n")
+    """Write the page; the same result and date give the same bytes."""
+    writers.write_page(path, "studies/report/page.html.j2", r=result, about=result.about, date=date,
+                       pictures=pictures(result.outcomes))

@@ -20,7 +20,7 @@ _MOST_POINTS = 3000  # of a line: more than a page has pixels
 
 
 def pictures(outcomes: Mapping[str, Outcome]) -> dict[str, Picture]:
-    """The picture of each test that has one."""
+    """Draw the picture of each test that has one."""
     drawn = {name: outcome for name, outcome in outcomes.items() if name in _DRAWINGS and not outcome.stopped}
     return dict(zip(drawn, plots.pictures(_DRAWINGS[name](outcome) for name, outcome in drawn.items()), strict=True))
 
@@ -59,20 +59,14 @@ def _bode(outcome: Outcome) -> Drawing:
     gain, phase, coherence = grid[:, 0]
     for color, (group, curve) in zip(plots.COLORS, outcome.curves.items(), strict=False):
         look = {"color": color, "label": outcome.label(group)}
-        found = outcome.figures[group]
-        gain.semilogx(curve["frequency_hz"], curve["gain_db"], **look)
-        phase.semilogx(curve["frequency_hz"], curve["phase_deg"], **look)
+        figures = outcome.figures[group]
+        plots.bode(gain, phase, curve["frequency_hz"], curve["gain_db"], curve["phase_deg"],
+                   (figures["bandwidth_3db_hz"], figures["bandwidth_90deg_hz"]), **look)
         coherence.semilogx(curve["frequency_hz"], curve["coherence"], **look)
-        gain.plot(found["bandwidth_3db_hz"], -3.0, "o", color=color, markersize=5, zorder=4)
-        phase.plot(found["bandwidth_90deg_hz"], -90.0, "o", color=color, markersize=5, zorder=4)
-    gain.axhline(-3.0, **LIMIT)
-    phase.axhline(-90.0, **LIMIT)
+    plots.bode_axes(gain, phase)
     legend_above(gain)
-    gain.set(ylabel="gain / dB", ylim=(-12, 3))
-    phase.set(ylabel="phase / deg", ylim=(-200, 10), yticks=(-180, -135, -90, -45, 0))
-    ticks = (0.5, 1, 2, 5, 10, 20)
-    coherence.set(ylabel="coherence", ylim=(0.0, 1.05), xlabel="frequency / Hz", xticks=ticks,
-                  xticklabels=[f"{tick:g}" for tick in ticks])
+    coherence.set(ylabel="coherence", ylim=(0.0, 1.05))
+    plots.frequency_axis(coherence, (0.5, 1, 2, 5, 10, 20))
     for axes in grid[:, 0]:
         axes.minorticks_off()
         axes.margins(x=0.0)
@@ -125,11 +119,9 @@ def _stiffness(outcome: Outcome) -> Drawing:
         phase.semilogx(curve["frequency_hz"], curve["phase_deg"], color=color, marker="o", markersize=3.5)
     if outcome.curves:
         legend_above(size, 3)
-    ticks = (1, 2, 5, 10, 20, 40)
     size.set_ylabel("|T/θ| / N.m/rad")
-    phase.set(ylabel="phase / deg", xlabel="frequency / Hz", xticks=ticks, xticklabels=[f"{t:g}" for t in ticks],
-              ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
-    phase.minorticks_off()
+    phase.set(ylabel="phase / deg", ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
+    plots.frequency_axis(phase, (1, 2, 5, 10, 20, 40))
     return Drawing(outcome.title, made, "Hinge moment over fin angle. 0 deg is a spring; +90 deg a damper; ±180 deg an "
                    "inertia, whose line rises with the square of the frequency.")
 

@@ -49,13 +49,13 @@ class Rig:
         lever = 0.0 if abs(start) <= limit else abs(start) - limit
         return float(count * values["screw.lead"] / values["kinematics.moment_arm"] * cos(lever) ** 2)
 
-    def sizes(self, wanted: tuple[float, ...]) -> list[float]:
-        """Those of `wanted` [deg] the range of commands allows, and its end."""
+    def sizes(self, sizes: tuple[float, ...]) -> list[float]:
+        """Return those of the `sizes` [deg] that the range of commands allows, and its end."""
         limit = round(self.limit, 9)
-        return [size for size in wanted if size < limit - _TINY] + [limit]
+        return [size for size in sizes if size < limit - _TINY] + [limit]
 
     def run(self, excitation: Excitation) -> Run:
-        """The response, finished. Raises StoppedError where it ends early."""
+        """Return the response. Raises StoppedError where it ends early."""
         run = self.subject.run(excitation, outputs=[name for name in RECORDED if name in self.subject.outputs])
         run.finished()
         return run

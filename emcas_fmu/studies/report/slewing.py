@@ -22,29 +22,23 @@ QUANTITIES = (
 
 
 def measure(rig: Rig) -> Outcome:
-    """From one end of the range to the other."""
-    figures, series = {}, {}
-    for load, factor in (("unloaded", 0.0), ("opposing", -1.0), ("aiding", 1.0)):
+    """Measure slews from one end of the range to the other."""
+    figures, series, labels = {}, {}, {}
+    for load, factor, label in (("unloaded", 0.0, "unloaded"), ("opposing", -1.0, f"against {rig.load:g} N.m"),
+                                ("aiding", 1.0, f"with {rig.load:g} N.m")):
         for direction, sign in (("positive", 1.0), ("negative", -1.0)):
             slew = slew_to(radians(sign * rig.limit), SLEW, factor * sign * rig.load)
             run, group = rig.run(slew), f"{load}_{direction}"
+            labels[group] = f"{label}, {direction}"
             figures[group] = displayed(motion(run, 1), QUANTITIES)
             names = [name for name in ("fin_angle", "fin_rate", "motor_current") if name in run.columns]
             time, *columns = since(slew.begin, run.columns["time"], *(run.columns[name] for name in names))
             series[group] = {"time_s": time - slew.begin, **{
                 name: column if name == "motor_current" else np.degrees(column)
                 for name, column in zip(names, columns, strict=True)}}
-    rated = f"{rig.load:g} N.m"
-    labels = {f"{load}_{d}": f"{text}, {d}" for load, text in (
-        ("unloaded", "unloaded"), ("opposing", f"against {rated}"), ("aiding", f"with {rated}")) for d in (
-        "positive", "negative")}
     return Outcome(
-        NAME, "Slew rate",
         f"From -{rig.limit:g} to +{rig.limit:g} deg and back the other way, after {SETTLE:g} s at the starting end "
         f"without load. The load comes on within {LOAD_RISE * 1e3:g} ms of the command and stays: against the motion "
         "(opposing) or with it (aiding).", QUANTITIES, figures,
-        ("unloaded_positive.sustained_rate_deg_per_s", "unloaded_negative.sustained_rate_deg_per_s",
-         "opposing_positive.sustained_rate_deg_per_s", "opposing_negative.sustained_rate_deg_per_s"), labels,
+        tuple(f"{group}.sustained_rate_deg_per_s" for group in figures if not group.startswith("aiding")), labels,
         series=series)
-
-

@@ -30,7 +30,7 @@ QUANTITIES = (
 
 
 def course(targets: int, cycles: int) -> list[tuple[int, int, int]]:
-    """(target, side, cycle) of every hold: up from the lowest target and down again, `cycles` times; side 0 is below.
+    """Return (target, side, cycle) of every hold: up from the lowest target and down again; side 0 is below.
 
     The lowest target itself is where each cycle begins, so that it has approaches from above only.
     """
@@ -40,7 +40,7 @@ def course(targets: int, cycles: int) -> list[tuple[int, int, int]]:
 
 
 def measure(rig: Rig) -> Outcome:
-    """The grid, `CYCLES` times up and down."""
+    """Measure the errors on the grid, `CYCLES` times up and down."""
     targets = np.linspace(-rig.limit, rig.limit, INTERVALS + 1)
     visits = course(len(targets), CYCLES)
     # First to the lowest target, which no cycle has approached yet.
@@ -52,19 +52,13 @@ def measure(rig: Rig) -> Outcome:
         end = number * hold
         errors[side, k, cycle] = np.mean(angle[end - last + 1:end + 1]) - targets[k]
     found = bidirectional(*errors)
-    figures = {"grid": {
-        "largest_error_deg": found.largest_error, "hysteresis_deg": found.hysteresis,
-        "repeatability_deg": found.repeatability, "bidirectional_accuracy_deg": found.accuracy,
-        "mean_error_deg": found.mean_error}}
+    figures = {"grid": {q.key: getattr(found, q.key.removesuffix("_deg")) for q in QUANTITIES}}
     return Outcome(
-        NAME, "Static accuracy",
         f"{len(targets)} angles evenly over ±{rig.limit:g} deg, {CYCLES} times up and down, no load. Each is held "
         f"for {HOLD:g} s; its angle is the mean of the last {HELD:g} s. The ends of the range can be approached "
         "from one side only and are no part of the hysteresis.", QUANTITIES, figures,
         tuple(f"grid.{key}" for key in ("largest_error_deg", "hysteresis_deg", "repeatability_deg")),
         {"grid": f"{len(targets)} angles"},
         {"grid": {"command_deg": targets, "error_from_below_deg": found.means[0],
-                  "error_from_above_deg": found.means[1],
-                  "reversal_deg": found.reversal}},
+                  "error_from_above_deg": found.means[1], "reversal_deg": found.reversal}},
         {"below": {"errors_deg": errors[0]}, "above": {"errors_deg": errors[1]}})
-

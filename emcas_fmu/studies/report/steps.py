@@ -22,12 +22,12 @@ QUANTITIES = (
 
 
 def group_of(size: float) -> str:
-    """The name of the step of `size` [deg]."""
+    """Return the name of the step of `size` [deg]."""
     return f"{'plus' if size > 0.0 else 'minus'}_{abs(size):g}deg".replace(".", "p")
 
 
 def measure(rig: Rig) -> Outcome:
-    """Step from rest at zero to each size, no load."""
+    """Measure steps from rest at zero to each size, no load."""
     figures, series, labels = {}, {}, {}
     for size in (sign * size for size in rig.sizes(SIZES) for sign in (1.0, -1.0)):
         run = rig.run(step_to(radians(size), HOLD))
@@ -38,7 +38,6 @@ def measure(rig: Rig) -> Outcome:
                          "angle_deg": np.degrees(run.columns["fin_angle"]), "command_deg": np.array([size])}
     largest = group_of(rig.sizes(SIZES)[-1])
     return Outcome(
-        NAME, "Step response",
         f"From rest at 0 deg the command jumps to each size and stays there for {HOLD:g} s; no load. Outputs are "
         "read every 1 ms.", QUANTITIES, figures,
         (f"{group_of(1.0)}.rise_time_s", f"{group_of(1.0)}.settling_time_s", f"{largest}.rise_time_s",

@@ -19,20 +19,19 @@ RAMP = 5.0  # s in which the breakaway ramp reaches the rated load
 BELOW, ABOVE = 0.8, 2.0  # unpowered load amplitudes, of the smaller and larger breakaway moment
 LOCKED = 1e-8  # rad peak to peak below which the fin counts as friction-locked
 
+_MARKS = {f"stiffness_{frequency:g}hz_n_m_per_rad": frequency for frequency in (1.0, 10.0, 20.0)}
 QUANTITIES = (
     Quantity("load_amplitude_n_m", "load amplitude", "of the sinusoidal hinge moment"),
     Quantity("friction_locked", "friction-locked", "whether the fin stood still, to 1e-8 rad, at every frequency"),
     Quantity("least_stiffness_n_m_per_rad", "least |T/θ|", "least magnitude of load over angle of the fundamentals"),
     Quantity("least_stiffness_at_hz", "at", "frequency of the least |T/θ|"),
-    Quantity("stiffness_1hz_n_m_per_rad", "|T/θ| at 1 Hz", "magnitude of load over angle of the fundamentals"),
-    Quantity("stiffness_10hz_n_m_per_rad", "|T/θ| at 10 Hz", "magnitude of load over angle of the fundamentals"),
-    Quantity("stiffness_20hz_n_m_per_rad", "|T/θ| at 20 Hz", "magnitude of load over angle of the fundamentals"),
+    *(Quantity(key, f"|T/θ| at {frequency:g} Hz", "magnitude of load over angle of the fundamentals")
+      for key, frequency in _MARKS.items()),
     Quantity("positive_n_m", "positive", "hinge moment, ramped from zero in the positive direction, at which the fin "
              "first moves"),
     Quantity("negative_n_m", "negative", "hinge moment, ramped from zero in the negative direction, at which the fin "
              "first moves; its magnitude"),
 )
-_MARKS = {"stiffness_1hz_n_m_per_rad": 1.0, "stiffness_10hz_n_m_per_rad": 10.0, "stiffness_20hz_n_m_per_rad": 20.0}
 
 
 @dataclass(frozen=True)
@@ -46,24 +45,22 @@ class Sweep:
 
 
 def sweep(rig: Rig, amplitude: float, enable: bool) -> Sweep:
-    """Stepped-sine sweep of the hinge moment about 0 deg, each frequency a run of its own."""
-    found, still, stops = [], [], []
+    """Return a stepped-sine sweep of the hinge moment about 0 deg, each frequency a run of its own."""
+    stiffness, still, stops = [], [], []
     for frequency in FREQUENCIES:
         wave = sine(amplitude, frequency, CYCLES, SETTLE, LOAD)
         run = rig.run(wave if enable else _unpowered(wave)).columns
         time, angle = (run[name][wave.judged(run["time"])] for name in ("time", "fin_angle"))
         still.append(bool(np.ptp(angle) <= LOCKED))
-        if np.any(run["at_stop"] > 0.5):
+        if stopped := bool(np.any(run["at_stop"] > 0.5)):
             stops.append(frequency)
-        if still[-1] or (stops and stops[-1] == frequency):
-            found.append(complex(nan, nan))
-        else:
-            found.append(held(amplitude, frequency, STEP) / fundamental(time, angle, frequency))
-    return Sweep(np.array(FREQUENCIES), np.array(found), all(still), tuple(stops))
+        stiffness.append(complex(nan, nan) if still[-1] or stopped else
+                         held(amplitude, frequency, STEP) / fundamental(time, angle, frequency))
+    return Sweep(np.array(FREQUENCIES), np.array(stiffness), all(still), tuple(stops))
 
 
 def measure(rig: Rig) -> Outcome:
-    """Breakaway first; then powered, and unpowered below and above it."""
+    """Measure the breakaway moment; then the stiffness powered, and unpowered below and above it."""
     figures: dict[str, dict[str, Value]] = {}
     loads, notes, curves = [("powered", 0.5 * rig.load, True)], [], {}
     lowest = highest = nan
@@ -103,7 +100,6 @@ def measure(rig: Rig) -> Outcome:
     angle = rig.subject.values.get("fin.stop_angle")
     stop = "" if angle is None else f" at ±{degrees(angle):g} deg"
     return Outcome(
-        NAME, "Dynamic stiffness",
         f"Sinusoidal hinge moment at {len(FREQUENCIES)} frequencies from {FREQUENCIES[0]:g} to {FREQUENCIES[-1]:g} Hz "
         f"(stepped-sine sweep), command 0 deg; T/θ is the ratio of the fundamentals over {CYCLES:g} cycles, "
         f"by least squares after at least {SETTLE[0]:g} cycles. Powered: the loops hold 0 deg against half "

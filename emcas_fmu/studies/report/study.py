@@ -12,8 +12,9 @@ import numpy as np
 
 from ...bench.excitation import Excitation
 from ...bench.subject import Identification, StoppedError, Subject
-from ...bench.verdict import Judged, Wanted, all_passed, judge_table2
+from ...bench.verdict import FileRequirement, Judged, all_passed, judge_table2
 from ...errors import EmcasError
+from ...progress import Progress, silent
 from ...reference.cases import LOAD
 from . import frequency, mission, slewing, static_accuracy, steps, stiffness, threshold
 from .outcome import Outcome, Value
@@ -29,8 +30,6 @@ TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome]]] = {
     mission.NAME: ("Mission profile", mission.measure),
 }
 
-Progress = Callable[[str, int, int], None]
-
 
 @dataclass(frozen=True)
 class Result:
@@ -41,6 +40,11 @@ class Result:
     outcomes: Mapping[str, Outcome]
     judged: tuple[Judged, ...]
     parameters: Mapping[str, Any] = field(repr=False)
+
+    @property
+    def sources(self) -> list[str]:
+        """Where the requirements are from, each once."""
+        return list(dict.fromkeys(j.source for j in self.judged))
 
     @property
     def stopped(self) -> Mapping[str, str]:
@@ -59,64 +63,59 @@ class Result:
 
 
 def carry_out(subject: Subject, *, load: float = LOAD, profile: Excitation | None = None,
-              wanted: Sequence[Wanted] = (), progress: Progress | None = None) -> Result:
+              requirements: Sequence[FileRequirement] = (), progress: Progress = silent) -> Result:
     """Carry out every test. `progress` is called with the test's name, how many are done and how many there are.
 
     Raises EmcasError where a requirement names a figure there is not; a subject that fails is a result.
     """
     rig, outcomes, total = Rig(subject, load, profile), dict[str, Outcome](), len(TESTS) + 1
-
-    def starting(name: str, done: int) -> None:
-        if progress:
-            progress(name, done, total)
-
     # A fin that does not move has no gain and no coherence: such figures are nan, and no requirement passes on one.
     with np.errstate(divide="ignore", invalid="ignore"):
-        starting("Table 2", 0)
+        progress("Table 2", 0, total)
         judged = judge_table2(rig.table2)
         for done, (name, (title, measure)) in enumerate(TESTS.items(), start=1):
-            starting(title, done)
+            progress(title, done, total)
             try:
-                found = measure(rig)
-                lacking = {q.key: why for q in found.quantities if (why := subject.lacking(q.needs))}
-                outcomes[name] = replace(found, not_applicable=lacking)
+                outcome = measure(rig)
+                lacking = {q.key: why for q in outcome.quantities if (why := subject.lacking(q.needs))}
             except StoppedError as error:
-                outcomes[name] = Outcome(name, title, "Not finished.", stopped=str(error))
-    starting("done", total)
-    judged += judge(wanted, outcomes)
+                outcome, lacking = Outcome("Not finished.", stopped=str(error)), {}
+            outcomes[name] = replace(outcome, name=name, title=title, not_applicable=lacking)
+    progress("done", total, total)
+    judged += judge(requirements, outcomes)
     return Result(subject.identification, load, outcomes, tuple(judged), subject.values)
 
 
 def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:
-    """Every figure as ``test.group.figure``."""
+    """Give every figure as ``test.group.figure``."""
     for test, outcome in outcomes.items():
-        for group, found in outcome.figures.items():
-            for key, value in found.items():
+        for group, figures in outcome.figures.items():
+            for key, value in figures.items():
                 yield f"{test}.{group}.{key}", value
 
 
-def judge(wanted: Sequence[Wanted], outcomes: Mapping[str, Outcome]) -> list[Judged]:
-    """The user's requirements against the figures of the tests. Raises EmcasError where there is no such figure."""
+def judge(requirements: Sequence[FileRequirement], outcomes: Mapping[str, Outcome]) -> list[Judged]:
+    """Judge the user's requirements by the figures of the tests. Raises EmcasError where there is no such figure."""
     figures = dict(flat(outcomes))
     judged = []
-    for w in wanted:
-        test, _, rest = w.figure.partition(".")
+    for r in requirements:
+        test, _, rest = r.figure.partition(".")
         outcome, (group, _, key) = outcomes.get(test), rest.partition(".")
-        if isinstance(figures.get(w.figure), bool):
-            raise EmcasError(f"{w.source}: requirement {w.name}: {w.figure} is true or false, and has no limit; choose "
-                             "a figure that is a number")
-        if outcome and w.figure in figures:
-            measured = float(figures[w.figure])
+        label = f"{r.source}: requirement {r.name}: "
+        if isinstance(figures.get(r.figure), bool):
+            raise EmcasError(f"{label}{r.figure} is true or false, and has no limit; choose a figure that is a number")
+        if outcome and r.figure in figures:
+            measured = float(figures[r.figure])
             how = f"{outcome.title}, {outcome.label(group)}: {outcome.quantity(key).how}"
-            judged.append(w.judged(measured, how if isfinite(measured) else
+            judged.append(r.judged(measured, how if isfinite(measured) else
                                    f"the response never reaches what is measured: {how}"))
         elif outcome and outcome.stopped:
-            judged.append(w.judged(None, outcome.stopped))
+            judged.append(r.judged(None, outcome.stopped))
         elif outcome and key in outcome.not_applicable:
-            judged.append(w.judged(None, f"not applicable: {outcome.not_applicable[key]}"))
+            judged.append(r.judged(None, f"not applicable: {outcome.not_applicable[key]}"))
         else:
-            known = [name for name, value in figures.items() if not isinstance(value, bool)]
-            close = get_close_matches(w.figure, known, 3, 0.4) or known[:3]
-            raise EmcasError(f"{w.source}: requirement {w.name}: there is no figure {w.figure}; close to it are "
-                             f"{', '.join(close)} (`emcas report --json FILE` writes all)")
+            numbers = [name for name, value in figures.items() if not isinstance(value, bool)]
+            close = get_close_matches(r.figure, numbers, 3, 0.4) or numbers[:3]
+            raise EmcasError(f"{label}there is no figure {r.figure}; close to it are {', '.join(close)} "
+                             "(`emcas report --json FILE` writes all)")
     return judged

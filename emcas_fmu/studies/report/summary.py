@@ -9,26 +9,21 @@ from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Table
 
+from ...bench.verdict import summary_table
 from ...bench.writers import number
 from .study import Result
 
 
 def summary(result: Result) -> Iterator[RenderableType]:
-    """Requirements as a table, then the figures to tell first, notes and the verdict."""
+    """Give the requirements as a table, then the most important figures, notes and the verdict."""
     about = result.about
     yield escape(f"{about.kind} {about.name}  {about.file}  {about.guid}".rstrip())
-    table = Table("requirement", "measured", "required", "margin", "unit", "")
-    for column in table.columns[1:4]:
-        column.justify = "right"
-    for j in result.judged:
-        table.add_row(escape(j.name), number(j.measured), f"{j.sense} {j.limit:g}", number(j.margin), j.unit,
-                      "[dim]not run[/]" if j.skipped else "[green]ok[/]" if j.passed else "[bold red]FAIL[/]")
-    yield table
+    yield summary_table("requirement", result.judged)
     figures = Table("test", "figure", "measured", "unit", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
     figures.columns[2].justify = "right"
     for outcome in result.outcomes.values():
         first = outcome.title
-        for group, q, value in outcome.told_first():
+        for group, q, value in outcome.headlines():
             label = f"{outcome.label(group)}: {q.label}" + (" (estimate)" if outcome.estimate else "")
             figures.add_row(first, escape(label), number(value), "" if q.unit == "1" else q.unit)
             first = ""

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...bench.excitation import staircase
 from ...bench.verdict import HOLD
-from .outcome import Array, Outcome, Quantity
+from .outcome import Array, Outcome, Quantity, Value
 from .rig import Rig
 
 NAME = "threshold"
@@ -26,7 +26,7 @@ QUANTITIES = (
 
 
 def smallest(moves: Callable[[float], bool], low: float, high: float, ratio: float = RATIO) -> float:
-    """The smallest size that moves, within `ratio`, by bisection on a logarithmic scale between two sizes.
+    """Return the smallest size that moves, within `ratio`, by bisection on a logarithmic scale between two sizes.
 
     The size returned moves and a size `ratio` times smaller does not, unless the lowest does already.
     nan where not even the highest moves.
@@ -42,7 +42,7 @@ def smallest(moves: Callable[[float], bool], low: float, high: float, ratio: flo
 
 
 def answered(angle: Array, before: int, direction: float, detected: float) -> bool:
-    """Whether the angle leaves, after row `before`, the range it had for as long before, by `detected` in a direction.
+    """Return whether the angle leaves its range of as long before, after row `before`, by `detected` in a direction.
 
     What the fin does at rest (hunting between two counts, say) is no answer.
     """
@@ -53,12 +53,13 @@ def answered(angle: Array, before: int, direction: float, detected: float) -> bo
 
 
 def measure(rig: Rig) -> Outcome:
-    """From rest, after a reversal, and in the same direction, both signs."""
-    count, figures = rig.count, {}
+    """Measure the threshold from rest, after a reversal, and in the same direction, both signs."""
+    count = rig.count
+    figures: dict[str, dict[str, Value]] = {}
     moved = min(MOVED_TO, 0.5 * rig.limit)
     tests = {"from_rest": (0.0, 1.0, REST), "after_reversal": (moved, -1.0, HOLD), "increment": (moved, 1.0, HOLD)}
     for group, (first, sense, settle) in tests.items():
-        found = {}
+        figures[group] = {}
         for name, direction in (("positive_deg", 1.0), ("negative_deg", -1.0)):
             begin = direction * sense * radians(first)
 
@@ -66,12 +67,10 @@ def measure(rig: Rig) -> Outcome:
                 stairs = staircase((begin, begin + direction * size), (settle, WITHIN), step=STEP)
                 return answered(rig.run(stairs).columns["fin_angle"], round(settle / STEP), direction, count)
 
-            found[name] = degrees(smallest(moves, 0.5 * count, 0.5 * rig.subject.command_limit))
-        figures[group] = found
+            figures[group][name] = degrees(smallest(moves, 0.5 * count, 0.5 * rig.subject.command_limit))
     labels = {"from_rest": "threshold from rest", "after_reversal": "threshold after reversal (dead band)",
               "increment": "resolution (smallest increment)"}
     return Outcome(
-        NAME, "Threshold and resolution",
         f"A step of the command counts as answered if the fin moves by {degrees(count):.4f} deg (a count of the "
         f"encoder at the fin, where there is one) in its direction within {WITHIN:g} s. From rest: at 0 deg, never "
         f"moved. After reversal: the fin has moved {moved:g} deg and stood for {HOLD:g} s, then the command steps "

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import groupby
-from math import isnan
+from math import isnan, nan
 from pathlib import Path
 
 from ...bench.subject import ParameterSubject, StoppedError
@@ -55,7 +55,7 @@ class Evaluation:
         return float(sum(s**_NORM for s in shares) ** (1.0 / _NORM))
 
     def by_requirement(self) -> dict[str, Judgement]:
-        """The worst judgement of each requirement."""
+        """Return the worst judgement of each requirement."""
         worst: dict[str, Judgement] = {}
         for j in self.judgements:
             if j.requirement not in worst or j.share > worst[j.requirement].share:
@@ -64,7 +64,7 @@ class Evaluation:
 
 
 def share(requirement: Requirement, measured: float) -> float:
-    """A figure as a share of its limit: measured/maximum, or minimum/measured."""
+    """Return a figure as a share of its limit: measured/maximum, or minimum/measured."""
     if isnan(measured):
         return HOPELESS
     ratio = (measured / requirement.limit if requirement.sense == "maximum"
@@ -80,16 +80,16 @@ def evaluate(study: Study, gains: Mapping[str, float]) -> Evaluation:
     subject, judgements = ParameterSubject(study.base), []
     for case in study.cases:
         changes = {**case.values, **gains}
-        asked = [r for r in study.requirements if case.name in r.cases]
-        for test, group in groupby(sorted(asked, key=lambda r: repr(r.test)), key=lambda r: r.test):
-            together = list(group)
+        in_case = [r for r in study.requirements if case.name in r.cases]
+        for test, group in groupby(sorted(in_case, key=lambda r: repr(r.test)), key=lambda r: r.test):
+            requirements = list(group)
             try:
-                found = measure(test, subject, changes, tuple(r.figure for r in together),
-                                tuple(r.sense for r in together))
+                figures = measure(test, subject, changes, tuple(r.figure for r in requirements),
+                                  tuple(r.sense for r in requirements))
             except (StoppedError, ParameterError, ArithmeticError):
-                found = [float("nan")] * len(together)
-            judgements += [Judgement(r.name, case.name, float(x), float(share(r, x)))
-                           for r, x in zip(together, found, strict=True)]
+                figures = [nan] * len(requirements)
+            judgements += [Judgement(r.name, case.name, float(measured), float(share(r, measured)))
+                           for r, measured in zip(requirements, figures, strict=True)]
     return Evaluation(dict(gains), tuple(judgements))
 
 
@@ -101,7 +101,7 @@ class Journal:
 
     def __init__(self, path: Path | None, study: Study) -> None:
         self.path = path
-        self._known: dict[tuple[float, ...], Evaluation] = {}
+        self._evaluations: dict[tuple[float, ...], Evaluation] = {}
         if path is None:
             return
         header = {"study": study.digest}
@@ -113,20 +113,18 @@ class Journal:
             path.write_text(json.dumps(header) + "\n", encoding="utf-8")
             return
         try:
-            found = json.loads(whole[0])
-            evaluations = [_read(json.loads(line)) for line in whole[1:]] if found == header else []
+            if json.loads(whole[0]) != header:
+                raise StudyError(f"{path}: is the journal of another study or parameter set; name another file")
+            for entry in map(json.loads, whole[1:]):
+                self._add(Evaluation(dict(entry["gains"]), tuple(Judgement(*j) for j in entry["judgements"])))
         except (ValueError, KeyError, TypeError) as error:
             raise StudyError(f"{path}: is no journal: {error}") from error
-        if found != header:
-            raise StudyError(f"{path}: is the journal of another study or parameter set; name another file")
-        for evaluation in evaluations:
-            self._add(evaluation)
         if len(whole) < len(lines):
             path.write_text("".join(whole), encoding="utf-8")
 
     def find(self, gains: Mapping[str, float]) -> Evaluation | None:
-        """The evaluation of these very gains, if it was made."""
-        return self._known.get(tuple(gains.values()))
+        """Return the evaluation of these very gains, if it was made."""
+        return self._evaluations.get(tuple(gains.values()))
 
     def add(self, evaluations: Iterable[Evaluation]) -> None:
         """Keep evaluations, at once on disk."""
@@ -141,15 +139,10 @@ class Journal:
                 file.writelines(lines)
 
     def _add(self, evaluation: Evaluation) -> None:
-        self._known[tuple(evaluation.gains.values())] = evaluation
+        self._evaluations[tuple(evaluation.gains.values())] = evaluation
 
     def __iter__(self) -> Iterator[Evaluation]:
-        return iter(self._known.values())
+        return iter(self._evaluations.values())
 
     def __len__(self) -> int:
-        return len(self._known)
-
-
-def _read(entry: Mapping[str, object]) -> Evaluation:
-    judgements = tuple(Judgement(*j) for j in entry["judgements"])  # type: ignore[attr-defined]
-    return Evaluation(dict(entry["gains"]), judgements)  # type: ignore[call-overload]
+        return len(self._evaluations)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from math import ceil, nan
 from typing import Any
 
@@ -15,16 +15,13 @@ import numpy as np
 
 from ...actuators import capabilities, require
 from ...bench.excitation import COMMAND, LOAD, SETTLE, Excitation, sine, slew_to, step_to
-from ...bench.metrics import FIGURES, fundamental, motion, usage
+from ...bench.metrics import FIGURES, MOTION, USAGE, fundamental, motion, usage
 from ...bench.subject import ParameterSubject, Run
 from ...parameters import ParameterSet
 
 _MARGINS = ("gain_margin", "phase_margin", "delay_margin")
 _BANDWIDTHS = ("bandwidth_3db", "bandwidth_90deg")
-_USAGE = ("peak_angle", "peak_tracking_error", "rms_tracking_error", "peak_current", "rms_current", "peak_power",
-          "peak_returned_power", "energy_drawn", "energy_returned", "saturated_share", "at_stop_share")
-_MOVES = ("rise_time", "settling_time", "time_to_accuracy", "time_to_90_percent", "overshoot", "steady_error", "ripple",
-          "peak_rate", "sustained_rate", *_USAGE)
+_MOVES = tuple(dict.fromkeys((*MOTION, *USAGE)))
 KINDS: Mapping[str, tuple[str, ...]] = {"step": _MOVES, "slew": _MOVES, "sine": _BANDWIDTHS, "linear": _MARGINS}
 """The figures of each kind of test."""
 _LOWEST, _HIGHEST = 2.0, 60.0  # Hz, where a bandwidth is looked for
@@ -68,13 +65,8 @@ def measure(test: Test, subject: ParameterSubject, changes: Mapping[str, Any], f
     if test.kind == "sine":
         return _bandwidths(test, subject, changes, figures)
     sides = [_moved(response(test, subject, changes, sign), figures) for sign in (1.0, -1.0)]
-    return [_worse([side[name] for side in sides], sense) for name, sense in zip(figures, senses, strict=True)]
-
-
-def _worse(pair: list[float], sense: str) -> float:
-    if any(np.isnan(pair)):
-        return nan
-    return max(pair) if sense == "maximum" else min(pair)
+    return [float((np.max if sense == "maximum" else np.min)([side[name] for side in sides]))
+            for name, sense in zip(figures, senses, strict=True)]
 
 
 def response(test: Test, subject: ParameterSubject, changes: Mapping[str, Any], sign: float = 1.0) -> Run:
@@ -93,21 +85,18 @@ def _motion(test: Test, sign: float) -> Excitation:
 
 def _moved(run: Run, figures: tuple[str, ...]) -> dict[str, float]:
     run.finished()
-    found = motion(run, -1)
-    if set(figures) & set(_USAGE):
-        found = usage(run) | found
-    return found | {"steady_error": abs(found["steady_error"])}
+    moved = motion(run, -1)
+    if not set(figures) <= set(MOTION):
+        moved = usage(run) | moved
+    return moved | {"steady_error": abs(moved["steady_error"])}
 
 
 def _bandwidths(test: Test, subject: ParameterSubject, changes: Mapping[str, Any],
                 figures: tuple[str, ...]) -> list[float]:
-    """Frequencies where gain and lag pass their levels, by bisection of the describing function."""
-    known: dict[float, complex] = {}
-
+    """Return the frequencies where gain and lag pass their levels, by bisection of the describing function."""
+    @cache
     def at(frequency: float) -> complex:
-        if frequency not in known:
-            known[frequency] = describing_function(subject, changes, test.amplitude, frequency)
-        return known[frequency]
+        return describing_function(subject, changes, test.amplitude, frequency)
 
     levels: dict[str, Callable[[complex], float]] = {
         "bandwidth_3db": lambda h: abs(h) - 10.0 ** (-3.0 / 20.0),
@@ -117,21 +106,19 @@ def _bandwidths(test: Test, subject: ParameterSubject, changes: Mapping[str, Any
 
 
 def _crossing(level: Callable[[complex], float], response_at: Callable[[float], complex]) -> float:
-    """Where a level that is positive at low frequency first falls to zero; the highest looked at if nowhere."""
+    """Return where a level that is positive at low frequency first falls to zero; the highest looked at if nowhere."""
     def margin(frequency: float) -> float:
         return level(response_at(frequency))
 
-    grid = np.geomspace(_LOWEST, _HIGHEST, 12)
     low = _LOWEST
-    for high in grid:
-        if margin(float(high)) <= 0.0:
+    for high in np.geomspace(_LOWEST, _HIGHEST, 12).tolist():
+        if margin(high) <= 0.0:
             break
-        low = float(high)
+        low = high
     else:
         return _HIGHEST
     if low == high:
         return _LOWEST
-    high = float(high)
     for _ in range(6):  # to 2 parts in 1000
         middle = (low * high) ** 0.5
         low, high = (middle, high) if margin(middle) > 0.0 else (low, middle)
@@ -150,7 +137,7 @@ def describing_function(subject: ParameterSubject, changes: Mapping[str, Any], a
 
 
 def _margins(parameters: ParameterSet, changes: Mapping[str, Any]) -> dict[str, float]:
-    """Margins of the loop broken at the drive's reference; none where the closed loop is unstable."""
+    """Return the margins of the loop broken at the drive's reference; none where the closed loop is unstable."""
     from ..analysis.frequency import highest, margins
     from ..analysis.linear import LinearActuator, sound
 

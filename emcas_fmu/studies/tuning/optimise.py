@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import differential_evolution, minimize
 
+from ...progress import Progress, silent
 from .evaluate import Evaluation, Journal, evaluate
 from .study import Study
 
@@ -24,8 +25,7 @@ from .study import Study
 _DIGITS = 3
 _POPULATION = 12  # individuals for each tunable
 _LOCAL = 60  # evaluations for each tunable
-
-Progress = Callable[[str, int, int], None]
+_SLACK = 0.03  # of a limit, within which a requirement binds as the worst does
 
 
 @dataclass(frozen=True)
@@ -47,58 +47,56 @@ class Result:
         """Whether every requirement is met in every case."""
         return self.best.worst.share <= 1.0
 
-    def binding(self, slack: float = 0.03) -> list[str]:
-        """Requirements that stand between here and more margin: those within `slack` of the worst share."""
-        worst = self.best.worst.share
-        return [name for name, j in sorted(self.best.by_requirement().items(), key=lambda item: -item[1].share)
-                if j.share >= worst - slack]
+    @property
+    def binding(self) -> list[str]:
+        """Requirements that stand between here and more margin, the worst first."""
+        ranked = sorted(self.best.by_requirement().items(), key=lambda item: -item[1].share)
+        return [name for name, j in ranked if j.share >= self.best.worst.share - _SLACK]
 
 
 def rounded(gains: Mapping[str, float]) -> dict[str, float]:
-    """The gains with three significant digits."""
+    """Return the gains with three significant digits."""
     return {name: float(f"{value:.{_DIGITS}g}") for name, value in gains.items()}
 
 
 def tune(study: Study, seed: int = 1, generations: int = 20, workers: int = 1, journal: Journal | None = None,
-         progress: Progress | None = None) -> Result:
-    """The gains with the largest smallest margin over requirements and cases.
+         progress: Progress = silent) -> Result:
+    """Return the gains with the largest smallest margin over requirements and cases.
 
     The same study and seed give the same gains, whatever the number of worker processes and whatever
     gains the set begins with: those are only judged, for comparison. Ctrl-C ends the search with the best gains judged
     so far, those begun with among them; raises KeyboardInterrupt where none were.
     """
-    kept = journal if journal is not None else Journal(None, study)
-    search = _Search(study, kept, progress, generations)
+    evaluations = journal if journal is not None else Journal(None, study)
+    search = _Search(study, evaluations, progress, generations)
     bounds = [(log(t.lower), log(t.upper)) for t in study.tunables]
     stopped = False
     try:
         with _pool(study, workers) as search.evaluator:
             differential_evolution(
-                _first, bounds, rng=np.random.default_rng(seed), popsize=_POPULATION, maxiter=generations, tol=1e-3,
-                updating="deferred", polish=False, init="sobol",
-                vectorized=True, callback=search.generation, args=(search,))
+                lambda x: np.array(search.objectives(list(np.atleast_2d(x.T)))), bounds,
+                rng=np.random.default_rng(seed), popsize=_POPULATION, maxiter=generations, tol=1e-3,
+                updating="deferred", polish=False, init="sobol", vectorized=True,
+                callback=lambda *_, **__: search.note("global", 1))
             best = search.best
             minimize(lambda x: search.objectives([x])[0], [log(v) for v in best.gains.values()], method="Nelder-Mead",
                      bounds=bounds, options={"maxfev": _LOCAL * len(bounds), "xatol": 2e-3, "fatol": 1e-4,
-                                             "initial_simplex": _simplex(best, bounds)}, callback=search.local)
+                                             "initial_simplex": _simplex(best, bounds)},
+                     callback=lambda *_: search.note("local"))
     except KeyboardInterrupt:
-        if not len(kept):
+        if not len(evaluations):
             raise
         stopped = True
     reached = None if stopped else search.best
     with _pool(study, 1) as search.evaluator:
         before = search.all([{t.name: float(study.base.values[t.name]) for t in study.tunables}])[0]
         # A search that was stopped may not yet have come to anything better than what it begins with.
-        final = search.all([rounded((reached or min(kept, key=lambda e: e.objective)).gains)])[0]
-    return Result(study, seed, final, before, tuple(kept), tuple(search.history), stopped)
-
-
-def _first(x: Any, search: _Search) -> Any:
-    return np.array(search.objectives(list(np.atleast_2d(x.T))))
+        final = search.all([rounded((reached or min(evaluations, key=lambda e: e.objective)).gains)])[0]
+    return Result(study, seed, final, before, tuple(evaluations), tuple(search.history), stopped)
 
 
 def _simplex(best: Evaluation, bounds: Sequence[tuple[float, float]]) -> Any:
-    """The best and a step of 5 % of each gain, inwards where a bound is near."""
+    """Return the best and a step of 5 % of each gain, inwards where a bound is near."""
     corner = np.log(list(best.gains.values()))
     simplex = np.tile(corner, (len(bounds) + 1, 1))
     for i, (_, upper) in enumerate(bounds):
@@ -109,12 +107,10 @@ def _simplex(best: Evaluation, bounds: Sequence[tuple[float, float]]) -> Any:
 class _Search:
     """Evaluates what is not in the journal, and remembers the best."""
 
-    def __init__(self, study: Study, journal: Journal, progress: Progress | None, generations: int) -> None:
+    def __init__(self, study: Study, journal: Journal, progress: Progress, generations: int) -> None:
         self._names = [t.name for t in study.tunables]
-        self._journal = journal
-        self._progress = progress
-        self._total = generations + 1
-        self._done = 0
+        self._journal, self._progress = journal, progress
+        self._done, self._total = 0, generations + 1
         self.evaluator: Callable[[list[dict[str, float]]], Iterable[Evaluation]] = lambda _: ()
         self.history: list[float] = []
         self._best: Evaluation | None = None
@@ -128,29 +124,21 @@ class _Search:
         missing = {tuple(g.values()): g for g in gains if self._journal.find(g) is None}
         for evaluation in self.evaluator(list(missing.values())):
             self._journal.add([evaluation])
-        found = [e for e in map(self._journal.find, gains) if e is not None]
-        for evaluation in found:
-            if self._best is None or evaluation.objective < self._best.objective:
-                self._best = evaluation
-        return found
+        evaluations = [e for e in map(self._journal.find, gains) if e is not None]
+        self._best = min([*([self._best] if self._best else []), *evaluations], key=lambda e: e.objective)
+        return evaluations
 
     def objectives(self, points: list[Any]) -> list[float]:
         # Ten digits: a journal holds what was evaluated, not a rounding error beside it.
         gains = [{n: float(f"{exp(v):.10g}") for n, v in zip(self._names, x, strict=True)} for x in points]
         return [e.objective for e in self.all(gains)]
 
-    def _tell(self, what: str) -> None:
+    def note(self, stage: str, generations: int = 0) -> None:
+        """Keep the best objective in the history after further `generations`, and report it."""
+        self._done += generations
         self.history.append(self.best.objective)
-        if self._progress:
-            self._progress(f"{what}, worst {self.best.worst.share:.3f} of its limit ({self.best.worst.requirement})",
-                           min(self._done, self._total), self._total)
-
-    def generation(self, *_: Any, **__: Any) -> None:
-        self._done += 1
-        self._tell("global")
-
-    def local(self, *_: Any, **__: Any) -> None:
-        self._tell("local")
+        self._progress(f"{stage}, worst {self.best.worst.share:.3f} of its limit ({self.best.worst.requirement})",
+                       min(self._done, self._total), self._total)
 
 
 _study: Study | None = None

@@ -19,11 +19,11 @@ from .pictures import drawings
 
 
 def rows(result: Result, evaluation: Evaluation) -> list[dict[str, Any]]:
-    """A row for each requirement: its worst case, the figure, the limit and the margin."""
-    found = evaluation.by_requirement()
+    """Return a row for each requirement: its worst case, the figure, the limit and the margin."""
+    worst = evaluation.by_requirement()
     table = []
     for r in result.study.requirements:
-        judged = found[r.name]
+        judged = worst[r.name]
         unit, factor = shown(r.unit)
         table.append({"requirement": r.name, "figure": r.figure, "how": FIGURES[r.figure].title, "case": judged.case,
                       "measured": judged.measured * factor, "sense": r.sense, "limit": r.limit * factor, "unit": unit,
@@ -32,7 +32,7 @@ def rows(result: Result, evaluation: Evaluation) -> list[dict[str, Any]]:
 
 
 def summary(result: Result) -> Table:
-    """The requirements with the tuned gains, worst case each."""
+    """Return the requirements with the tuned gains as a table, worst case each."""
     gains = ", ".join(f"{name} = {value:g}" for name, value in result.best.gains.items())
     table = Table("requirement", "case", "measured", "limit", "margin", "", title=f"Tuned gains: {gains}",
                   title_justify="left")
@@ -48,9 +48,9 @@ def summary(result: Result) -> Table:
 
 
 def verdict(result: Result) -> str:
-    """One line: whether the search was stopped, whether all is met, and what binds."""
+    """Return a line: whether the search was stopped, whether all is met, and what binds."""
     worst = result.best.worst
-    binding = f"what binds: {', '.join(result.binding())}"
+    binding = f"what binds: {', '.join(result.binding)}"
     so_far = f"stopped by Ctrl-C, the best of {len(result.evaluated)} evaluations: " if result.stopped else ""
     if result.met:
         return f"{so_far}all requirements are met in every case; smallest margin {worst.margin:.1%}; {binding}"
@@ -70,12 +70,12 @@ def write_tuned(result: Result, path: Path, command: str) -> None:
 
 
 def write_json(result: Result, path: Path, command: str) -> None:
-    """Gains, requirements by worst case, every judgement, what binds."""
+    """Write gains, requirements by worst case, every judgement, what binds."""
     writers.write_json({
         "schema": "emcas-tuning/1", "command": command, "model": result.study.base.actuator.name,
         "study": result.study.digest, "seed": result.seed,
         "met": result.met, "stopped": result.stopped, "evaluations": len(result.evaluated),
-        "gains": dict(result.best.gains), "before": dict(result.before.gains), "binding": result.binding(),
+        "gains": dict(result.best.gains), "before": dict(result.before.gains), "binding": result.binding,
         "requirements": rows(result, result.best), "requirements_before": rows(result, result.before),
         "judgements": [{"requirement": j.requirement, "case": j.case, "measured_si": j.measured, "share": j.share}
                        for j in result.best.judgements],

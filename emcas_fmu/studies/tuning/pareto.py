@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from scipy.stats import spearmanr
@@ -26,7 +27,7 @@ class Conflict:
 
 
 def front(points: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """Points that no other is at least as good as in both coordinates; small is good."""
+    """Return the points that no other is at least as good as in both coordinates; small is good."""
     best: list[tuple[float, float]] = []
     for x, y in sorted(set(points)):
         if not best or y < best[-1][1]:
@@ -35,30 +36,27 @@ def front(points: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], .
 
 
 def shares(evaluations: Sequence[Evaluation], first: str, second: str) -> list[tuple[float, float]]:
-    """Worst shares of two requirements in each evaluation."""
+    """Return the worst shares of two requirements in each evaluation."""
     return [(e.by_requirement()[first].share, e.by_requirement()[second].share) for e in evaluations]
 
 
 def conflict(evaluations: Sequence[Evaluation], pair: tuple[str, str] | None = None) -> Conflict | None:
-    """The pair asked for, or the two that pull most against each other near the best; None if none do."""
+    """Return a pair of requirements, or the two that pull most against each other near the best; None if none do."""
     if not evaluations:
         return None
     best = min(e.objective for e in evaluations)
-    near = [e for e in evaluations if e.objective <= _NEAR * best]
-    names = list(near[0].by_requirement())
-    table = np.array([[e.by_requirement()[name].share for name in names] for e in near])
+    near = [e.by_requirement() for e in evaluations if e.objective <= _NEAR * best]
+    columns = {name: np.array([judgements[name].share for judgements in near]) for name in near[0]}
     # What hardly moves or cannot be had says nothing of a conflict.
-    lively = [i for i in range(len(names)) if np.ptp(table[:, i]) > 0.02 and table[:, i].max() < HOPELESS]
-    found: tuple[float, str, str] | None = None
-    for i, j in combinations(lively, 2):
-        correlation = float(spearmanr(table[:, i], table[:, j]).statistic)
-        if pair is None and (found is None or correlation < found[0]):
-            found = correlation, names[i], names[j]
-    if pair is not None:
-        i, j = names.index(pair[0]), names.index(pair[1])
-        moving = min(np.ptp(table[:, i]), np.ptp(table[:, j])) > 0.0
-        found = (float(spearmanr(table[:, i], table[:, j]).statistic) if moving else 0.0, *pair)
-    if found is None or (pair is None and found[0] > -0.3):
+    lively = [name for name, column in columns.items() if np.ptp(column) > 0.02 and column.max() < HOPELESS]
+    rated = [(_correlation(columns[first], columns[second]), first, second)
+             for first, second in ([pair] if pair else combinations(lively, 2))]
+    correlation, first, second = min(rated, key=lambda entry: entry[0], default=(0.0, "", ""))
+    if not pair and correlation > -0.3:
         return None
-    correlation, first, second = found
     return Conflict(first, second, correlation, front(shares(evaluations, first, second)))
+
+
+def _correlation(first: Any, second: Any) -> float:
+    """Return the rank correlation of two columns; 0 where one does not move."""
+    return float(spearmanr(first, second).statistic) if min(np.ptp(first), np.ptp(second)) > 0.0 else 0.0

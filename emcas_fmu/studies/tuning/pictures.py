@@ -18,7 +18,7 @@ _SHOWN = 1.0  # s of a response, at most: past any settling of use
 
 
 def drawings(result: Result, found: Conflict | None) -> Iterator[Drawing]:
-    """Every picture the result has something for."""
+    """Draw every picture the result has something for."""
     if drawn := responses(result):
         yield drawn
     yield search(result)
@@ -27,7 +27,7 @@ def drawings(result: Result, found: Conflict | None) -> Iterator[Drawing]:
 
 
 def responses(result: Result) -> Drawing | None:
-    """Every step and slew of the study, in every case, with the gains begun with and those found."""
+    """Draw every step and slew of the study, in every case, with the gains begun with and those found."""
     moves: list[Test] = []
     for r in result.study.requirements:
         if r.test.kind in ("step", "slew") and r.test not in moves:
@@ -59,7 +59,7 @@ def responses(result: Result) -> Drawing | None:
 
 
 def search(result: Result) -> Drawing:
-    """The best objective as the search went on, and where the evaluated gains lie."""
+    """Draw the best objective as the search went on, and where the evaluated gains lie."""
     names = [t.name for t in result.study.tunables]
     drawn, grid = figure(1, 1 + len(names), width=2.6 * (1 + len(names)), height=2.6)
     first, *others = grid.flat
@@ -78,7 +78,7 @@ def search(result: Result) -> Drawing:
 
 
 def trade(result: Result, found: Conflict) -> Drawing:
-    """What one requirement costs another: shares of both limits, and the sets none beats in both."""
+    """Draw what one requirement costs another: shares of both limits, and the sets none beats in both."""
     drawn, ((axes,),) = figure(1, 1, width=6.0, height=3.6)
     points = np.array(shares(result.evaluated, found.first, found.second))
     near = points[(points < min(HOPELESS, 3.0)).all(axis=1)]

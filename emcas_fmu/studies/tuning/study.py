@@ -15,10 +15,10 @@ from ...actuators import NAMES
 from ...bench.excitation import SETTLE, STEP
 from ...bench.metrics import FIGURES, TAIL
 from ...bench.subject import ParameterSubject
-from ...errors import EmcasError, hint
+from ...errors import EmcasError
 from ...files import models_directory
 from ...parameters import ParameterSet, load_parameters
-from ...schema import In, Quantity, Table, each, kind_of, load, named, unknown
+from ...schema import In, Quantity, Table, each, kind_of, load, named, parameter_of, unknown
 from ...variables import Variable
 from .measure import KINDS, Test, lacking
 
@@ -44,17 +44,17 @@ class Case:
     values: Mapping[str, Any]
 
 
-class _Linear(Table):
-    kind: str
-
-
-def _amplitude(written: Any, info: ValidationInfo) -> float:
+def _amplitude(entry: Any, info: ValidationInfo) -> float:
     base: Any = info.context
-    limit, amplitude = float(base.values["command.limit"]), float(In("rad").number(written))
+    limit, amplitude = float(base.values["command.limit"]), float(In("rad").number(entry))
     if not 0.0 < amplitude <= limit * (1.0 + 1e-9):
         raise ValueError("must be an amplitude above 0" if amplitude <= 0.0 else
                          f"is beyond command.limit = {limit:g} rad")
     return amplitude
+
+
+class _Linear(Table):
+    kind: str
 
 
 class _Sine(_Linear):
@@ -73,14 +73,14 @@ class _Slew(_Move):
 _TESTS: Mapping[str, type[_Linear]] = {"step": _Move, "slew": _Slew, "sine": _Sine, "linear": _Linear}
 
 
-def _test(written: Any, info: ValidationInfo) -> Test:
-    found = _TESTS[kind_of(written, _TESTS)].model_validate(written, context=info.context)
-    return Test(**found.model_dump())
+def _test(entry: Any, info: ValidationInfo) -> Test:
+    table = _TESTS[kind_of(entry, _TESTS)].model_validate(entry, context=info.context)
+    return Test(**table.model_dump())
 
 
-def _limit(written: Any, info: ValidationInfo) -> float:
-    """In the unit of the figure; of an unknown one nothing more is said."""
-    limit = float(In(FIGURES[info.data["figure"]].unit).number(written)) if "figure" in info.data else 1.0
+def _limit(entry: Any, info: ValidationInfo) -> float:
+    """Return a limit in the unit of its figure; that of an unknown figure is no further error."""
+    limit = float(In(FIGURES[info.data["figure"]].unit).number(entry)) if "figure" in info.data else 1.0
     if limit <= 0.0:
         raise ValueError("must be above 0")
     return limit
@@ -156,7 +156,7 @@ class _Bounds(Table):
     upper: Quantity
 
 
-def _tunables(written: Any, info: ValidationInfo) -> Any:
+def _tunables(entries: Any, info: ValidationInfo) -> Any:
     base: Any = info.context
 
     def read(name: str, entry: Any) -> Tunable:
@@ -167,10 +167,10 @@ def _tunables(written: Any, info: ValidationInfo) -> Any:
             raise ValueError(f"expected 0 < lower < upper, {unit.limits}")
         return Tunable(name, bounds.lower, bounds.upper)
 
-    return each(written, read)
+    return each(entries, read)
 
 
-def _cases(written: Any, info: ValidationInfo) -> Any:
+def _cases(entries: Any, info: ValidationInfo) -> Any:
     base: Any = info.context
 
     def change(name: str, entry: Any) -> object:
@@ -185,19 +185,16 @@ def _cases(written: Any, info: ValidationInfo) -> Any:
         values = base.replace(changes).values
         return Case(name, {key: values[key] for key in changes})
 
-    return each(written, read)
+    return each(entries, read)
 
 
 def _variable(name: str, base: ParameterSet) -> Variable:
     variables = {e.variable.name: e.variable for e in base.entries}
-    if name not in variables:
-        listed = ", ".join(v.name for v in variables.values() if v.variability == "tunable")
-        raise ValueError(f"there is no such parameter{hint(name, variables)}"
-                         f"{f'; made to be tuned are {listed}' if listed else ''}")
-    return variables[name]
+    tunable = ", ".join(v.name for v in variables.values() if v.variability == "tunable")
+    return parameter_of(name, variables, f"; made to be tuned are {tunable}" if tunable else "")
 
 
-def _requirements(written: Any, info: ValidationInfo) -> Any:
+def _requirements(entries: Any, info: ValidationInfo) -> Any:
     cases = list(info.data.get("cases", ()))
 
     def read(name: str, entry: Any) -> Requirement:
@@ -207,7 +204,7 @@ def _requirements(written: Any, info: ValidationInfo) -> Any:
                 raise ValueError(f"there is no case {case}; {unknown(case, cases)}")
         return requirement.model_copy(update={"cases": requirement.cases or cases})
 
-    return each(named(written), read)
+    return each(named(entries), read)
 
 
 class _File(Table):
@@ -220,23 +217,22 @@ def shipped_study(base: ParameterSet) -> Study:
     """Return the study of models/tuning.toml for a parameter set. Raises StudyError, for an actuator that has not what
     it tunes too."""
     path = models_directory() / "tuning.toml"
+
+    def fits(model: str) -> bool:
+        try:
+            load_study(path, load_parameters(model=model))
+        except StudyError:
+            return False
+        return True
+
     try:
         return load_study(path, base)
     except StudyError as error:
-        having = [name for name in NAMES if _fits(path, name)]
-        if base.model in having or _fits(path, base.model):
+        if fits(base.model):
             raise
         first, *_ = str(error).splitlines()
-        raise StudyError(f"--model {base.model}: the shipped study is of {', '.join(having)}, and does not fit (first: "
-                         f"{first}); name a study of this actuator's parameters") from error
-
-
-def _fits(path: Path, model: str) -> bool:
-    try:
-        load_study(path, load_parameters(model=model))
-    except StudyError:
-        return False
-    return True
+        raise StudyError(f"--model {base.model}: the shipped study is of {', '.join(filter(fits, NAMES))}, and does "
+                         f"not fit (first: {first}); name a study of this actuator's parameters") from error
 
 
 def load_study(path: Path, base: ParameterSet) -> Study:

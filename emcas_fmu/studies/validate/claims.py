@@ -53,7 +53,7 @@ def compare(amplitude: float, run: Run, linear: metrics.Array) -> Comparison:
 
 
 def claims(comparisons: Sequence[Comparison]) -> list[Finding]:
-    """The thesis's statement (chapter 5, summary) that the models agree below 3 deg, as two findings."""
+    """Test the thesis's statement (chapter 5, summary) that the models agree below 3 deg, in two findings."""
     small = [c for c in comparisons if c.amplitude < ALIKE_BELOW]
     at = [c for c in comparisons if c.amplitude == ALIKE_BELOW]
     large = [c for c in comparisons if c.amplitude > ALIKE_BELOW]
@@ -74,7 +74,7 @@ def claims(comparisons: Sequence[Comparison]) -> list[Finding]:
 
 
 def accuracy(runs: Mapping[str, Run]) -> list[Finding]:
-    """How long the accuracy takes, and what a load does to it: Table 2 says neither."""
+    """Return how long the accuracy takes, and what a load does to it: Table 2 says neither."""
     found = []
     for name, what in (("hold_plus20", "a step to 20 deg"), ("hold_loaded", "the same step against 100 N.m")):
         if name in runs and runs[name].stopped is None:

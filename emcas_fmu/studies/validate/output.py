@@ -18,13 +18,13 @@ SCHEMA = "emcas-validation/1"
 
 
 def as_dict(result: Result) -> dict[str, Any]:
-    """Everything but the time series."""
+    """Return everything but the time series."""
     about = result.about
     name, _, version = about.name.partition(" ")
     subject = {"path": about.file, "name": name, "guid": about.guid, "version": version,
                "generation_tool": about.generation_tool, "sha256": about.sha256, "platform": fmpy.platform,
                "fmpy": fmpy.__version__, "parameters": result.parameters,
-               "differences": [asdict(d) for d in result.differences], "estimates": about.estimates,
+               "differences": result.differences, "estimates": about.estimates,
                "kind": about.kind, "model": about.model, "fin": about.fin}
     criteria = [{"group": group, **asdict(j), "margin": j.margin, "passed": j.passed}
                 for group, judged in (("trajectory", result.trajectory), ("table2", result.table2)) for j in judged]
@@ -42,8 +42,7 @@ def write_junit(result: Result, path: Path) -> None:
     """Write one test case a criterion."""
     wall = {case.name: case.wall_time for case in result.cases}
     writers.write_junit("emcas validate", {
-        title: [writers.Case(j.name, f"emcas.{group}", "" if j.passed else str(j), j.note if j.skipped else "",
-                             time=wall.get(j.name, 0.0)) for j in judged]
+        title: [j.test_case(f"emcas.{group}", wall.get(j.name, 0.0)) for j in judged]
         for group, title, judged in (("trajectory", "trajectory against the reference", result.trajectory),
                                      ("table2", "requirements of Table 2", result.table2))}, path)
 

@@ -1,4 +1,4 @@
-"""The pictures of a validation; each function gives nothing where a run it needs was not made."""
+"""The pictures of a validation, of what was run and reached its end."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from matplotlib.axes import Axes
 
 from ... import plots
 from ...bench import metrics
+from ...bench.excitation import Excitation
 from ...plots import COMMAND, LIMIT, Drawing
 from ...reference.linear import LinearModel
-from .study import TRAJECTORY_LIMIT, Result, Series, window
+from .study import DISPLAY, TRAJECTORY_LIMIT, Result, Series
 
 _DEG = 180.0 / np.pi
 _DOTS: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 2.6, "markerfacecolor": "none",
                          "markeredgewidth": 0.6}
-# name, scale, label; in the order of the panels
-_PANELS = (("fin_angle", _DEG, "fin angle / deg"), ("fin_rate", _DEG, "fin rate / deg/s"),
-           ("drive_reference", 1.0, "DAC / V"), ("motor_current", 1.0, "current / A"),
-           ("motor_voltage", 1.0, "voltage / V"))
+# Panels of a run, from above.
+_PANELS = {"fin_angle": "fin angle / deg", "fin_rate": "fin rate / deg/s", "drive_reference": "DAC / V",
+           "motor_current": "current / A", "motor_voltage": "voltage / V"}
 _COMMAND_ENTRY = ("command", COMMAND)
 # Parameters a variable is limited by.
 _LIMITED = {"drive_reference": "drive.reference_limit", "motor_current": "drive.current_limit",
@@ -29,57 +29,71 @@ _LIMITED = {"drive_reference": "drive.reference_limit", "motor_current": "drive.
 _SHADE_ENTRY = ("a limit is active", {"color": plots.GRAY, "alpha": 0.3, "linewidth": 7})
 _LIMIT_ENTRY = ("limit", LIMIT)
 _REQUIRED: Mapping[str, Any] = {**LIMIT, "color": plots.GREEN}
+_SIZES = (1, 5, 10, 20)  # deg, of the steps that are drawn
 
 
-def drawings(result: Result) -> Iterator[Drawing | None]:
-    """Every picture the result has the runs for."""
-    for draw in (steps, chirp_time, bode, slew, loaded, square, cold, sag, linear):
-        yield draw(result)
+def drawings(result: Result) -> Iterator[Drawing]:
+    """Draw every picture the result has the runs for."""
+    complete = {name for name, series in result.series.items() if series.run.stopped is None}
+    if sizes := [size for size in _SIZES if {f"step_plus{size}", f"step_minus{size}"} <= complete]:
+        yield steps(result, sizes)
+    if sweeps := [name for name in ("chirp_1deg", "chirp_3p5deg") if name in complete]:
+        yield chirp_time(result, sweeps)
+        yield bode(result, sweeps)
+    if "step_plus20" in complete:
+        yield slew(result)
+    if {"load_opposing", "load_aiding"} <= complete:
+        yield loaded(result)
+    if "square" in complete:
+        yield _angle_and_error(result, "square", "Modified square wave", plots.BLUE,
+                               "Levels of 5, 10, 15 and 20 deg, edges at 400 deg/s.", dots=30)
+    if "cold" in complete:
+        yield _angle_and_error(result, "cold", "Cold", plots.SKY, "Steps at -6 degC, where friction is higher than the "
+                               "controller knows.", dots=15)
+    if "sag" in complete:
+        yield sag(result)
+    if result.linear_series:
+        yield linear(result)
 
 
-def _have(result: Result, *names: str) -> bool:
-    return all(name in result.series and result.series[name].run.stopped is None for name in names)
+def window(time: Any, begin: float, end: float) -> Any:
+    """Return whether each time [s] is between two."""
+    return (time >= begin - 1e-9) & (time <= end + 1e-9)
 
 
-def _line(axes: Axes, series: Series, name: str, scale: float, *, begin: float = 0.0, end: float = np.inf,
-          dots: int = 0, **more: Any) -> None:
-    """One variable over time [ms]; every `dots`-th point of the reference on it, and then the run it is of."""
-    columns = (series.exact if dots and series.exact else series.run).columns
-    at = window(columns, begin, end)
-    axes.plot(columns["time"][at] * 1e3, columns[name][at] * scale, **more)
-    if dots and name in series.reference:
+def _line(axes: Axes, series: Series, name: str, dots: int, color: str, begin: float = 0.0, end: float = np.inf
+          ) -> None:
+    """Draw one variable over time [ms], and every `dots`-th point of the reference, where there is one."""
+    columns, scale = (series.exact or series.run).columns, DISPLAY[name][0]
+    at = window(columns["time"], begin, end)
+    axes.plot(columns["time"][at] * 1e3, columns[name][at] * scale, color=color)
+    if name in series.reference:
         time = series.reference["time"]
         inside = np.flatnonzero((time >= begin) & (time <= end))[::dots]
         axes.plot(time[inside] * 1e3, series.reference[name][inside] * scale, color=plots.INK, **_DOTS)
 
 
-def _command(axes: Axes, series: Series, begin: float = 0.0, end: float = np.inf, **more: Any) -> None:
-    made = series.run.excitation
-    at = window({"time": made.time}, begin, end)
-    axes.step(made.time[at] * 1e3, made.command[at] * _DEG, where="post", **{**COMMAND, **more})
+def _command(axes: Axes, excitation: Excitation, begin: float = 0.0, end: float = np.inf) -> None:
+    at = window(excitation.time, begin, end)
+    axes.step(excitation.time[at] * 1e3, excitation.command[at] * _DEG, where="post", **COMMAND)
 
 
 def _error(axes: Axes, series: Series, **look: Any) -> None:
-    """Fin angle minus reference [mdeg] over time [ms], where there is a reference."""
+    """Draw fin angle minus reference [mdeg] over time [ms], where there is a reference."""
     if series.exact:
-        run = series.exact.columns
-        rows = min(len(run["time"]), len(series.reference["time"]))
-        difference = (run["fin_angle"][:rows] - series.reference["fin_angle"][:rows]) * _DEG * 1e3
-        axes.plot(run["time"][:rows] * 1e3, difference, **look)
-
-
-def _error_panel(axes: Axes) -> None:
-    axes.set_ylabel("error / mdeg")
-    axes.axhspan(-TRAJECTORY_LIMIT * 1e3, TRAJECTORY_LIMIT * 1e3, color=plots.GREEN, alpha=0.10, linewidth=0)
+        response, reference = series.compared("fin_angle")
+        axes.plot(series.compared("time")[0] * 1e3, (response - reference) * _DEG * 1e3, **look)
 
 
 def _angle_panels(result: Result, height: float) -> Any:
-    """A panel of angles, and where there is a reference one of errors below."""
+    """Return a figure with a panel of angles and, where there is a reference, one of errors below."""
     if result.reference:
         figure, grid = plots.figure(2, height=height, sharex=True, height_ratios=(2.1, 1.0))
-        _error_panel(grid[1, 0])
+        grid[1, 0].set_ylabel("error / mdeg")
+        grid[1, 0].axhspan(-TRAJECTORY_LIMIT * 1e3, TRAJECTORY_LIMIT * 1e3, color=plots.GREEN, alpha=0.10, linewidth=0)
     else:
         figure, grid = plots.figure(1, height=1.4 * height)
+    grid[0, 0].set_ylabel("fin angle / deg")
     grid[-1, 0].set_xlabel("time / ms")
     return figure, grid[0, 0], grid[-1, 0]
 
@@ -93,73 +107,55 @@ def _reference(result: Result) -> tuple[tuple[str, Mapping[str, Any]], ...]:
     return (("independent reference", {"color": plots.INK, **_DOTS}),) if result.reference else ()
 
 
-def _limits(axes: Axes, value: Any, time: Any = None) -> None:
-    for sign in (1.0, -1.0):
-        if time is None:
-            axes.axhline(sign * value, **LIMIT)
-        else:
-            axes.step(time, sign * value, where="post", **LIMIT)
-
-
-def steps(result: Result) -> Drawing | None:
-    """The step family, and its error to the reference."""
-    sizes = [size for size in (1, 5, 10, 20) if _have(result, f"step_plus{size}", f"step_minus{size}")]
-    if not sizes:
-        return None
+def steps(result: Result, sizes: Sequence[int]) -> Drawing:
+    """Draw the steps of `sizes` [deg], and their errors to the reference."""
     figure, angle, error = _angle_panels(result, 2.5)
-    colors = dict(zip((1, 5, 10, 20), plots.COLORS, strict=False))
+    colors = dict(zip(_SIZES, plots.COLORS, strict=False))
     for size in reversed(sizes):
         for sign, line in (("plus", "-"), ("minus", (0, (5, 1.2)))):
             series = result.series[f"step_{sign}{size}"]
-            _command(angle, series)
-            _line(angle, series, "fin_angle", _DEG, dots=12, color=colors[size])
+            _command(angle, series.run.excitation)
+            _line(angle, series, "fin_angle", 12, colors[size])
             _error(error, series, color=colors[size], linestyle=line, linewidth=0.9)
     _legend(angle, *((f"±{size} deg", {"color": colors[size]}) for size in sizes), _COMMAND_ENTRY, *_reference(result))
-    angle.set(ylabel="fin angle / deg", yticks=(-20, -10, -5, -1, 1, 5, 10, 20))
+    angle.set(yticks=(-20, -10, -5, -1, 1, 5, 10, 20))
     error.set(xlim=(0, 500))
     below = (" Below, fin angle minus reference in thousandths of a degree, negative steps dashed; the green band is "
              "what the trajectory criterion allows.")
     return Drawing("Steps", figure, "Steps of ±1, ±5, ±10 and ±20 deg at 50 ms." + (below if result.reference else ""))
 
 
-def chirp_time(result: Result) -> Drawing | None:
-    """The sweeps over time: whole, and two looks closer."""
-    names = [name for name in ("chirp_1deg", "chirp_3p5deg") if _have(result, name)]
-    if not names:
-        return None
+def chirp_time(result: Result, names: Sequence[str]) -> Drawing:
+    """Draw the sweeps over time: whole, and two looks closer."""
     figure, grid = plots.figure(len(names), 3, width=9.0, height=2.1, width_ratios=(2.2, 1, 1), sharey="row")
     for row, name, color in zip(grid, names, (plots.BLUE, plots.VERMILLION), strict=False):
-        series = result.series[name]
+        run = result.series[name].run
+        command = run.excitation.command * _DEG
         for axes, (begin, end) in zip(row, ((0.0, 12.0), (4.0, 5.2), (9.0, 9.4)), strict=True):
             close = end < 12.0
-            at = window(series.run.columns, begin, end)
-            time = series.run.columns["time"][at]
-            command = series.run.excitation.command[:len(at)][at] * _DEG
-            axes.plot(time, command, **{**COMMAND, "linewidth": 1.0 if close else 0.5, "linestyle": "-"})
-            axes.plot(time, series.run.columns["fin_angle"][at] * _DEG, color=color, linewidth=1.2 if close else 0.5)
-            axes.set_xlim(begin, min(end, float(series.run.excitation.time[-1])))
-        amplitude = float(np.max(np.abs(series.run.excitation.command))) * _DEG
+            at = window(run.columns["time"], begin, end)
+            time = run.columns["time"][at]
+            axes.plot(time, command[at], **{**COMMAND, "linewidth": 1.0 if close else 0.5, "linestyle": "-"})
+            axes.plot(time, run.columns["fin_angle"][at] * _DEG, color=color, linewidth=1.2 if close else 0.5)
+            axes.set_xlim(begin, min(end, float(run.excitation.time[-1])))
         row[0].set_ylabel("fin angle / deg")
-        _legend(row[0], ("command", {**COMMAND, "linestyle": "-"}), (f"{amplitude:.1f} deg", {"color": color}))
+        _legend(row[0], ("command", {**COMMAND, "linestyle": "-"}),
+                (f"{np.max(np.abs(command)):.1f} deg", {"color": color}))
     for axes in grid[-1]:
         axes.set_xlabel("time / s")
     return Drawing("Sine sweeps", figure,
                    "Logarithmic sweeps from 0.5 to 30 Hz; on the right about 2 to 3 Hz, and 11 Hz.")
 
 
-def bode(result: Result) -> Drawing | None:
-    """Gain and phase of both amplitudes beside the linear model's, where there is one."""
-    names = [name for name in ("chirp_1deg", "chirp_3p5deg") if _have(result, name)]
-    if not names:
-        return None
+def bode(result: Result, names: Sequence[str]) -> Drawing:
+    """Draw gain and phase of the sweeps beside the linear model's, where there is one."""
     figure, grid = plots.figure(2, height=2.6, sharex=True)
     gain, phase = grid[:, 0]
-    frequency = np.geomspace(*metrics.SWEPT, 300)
-    labels = [f"{name[6:-3].replace('p', '.')} deg" for name in names]
     curves: list[tuple[metrics.FrequencyResponse, str, str, Any]] = [
-        (metrics.sweep_response(result.series[name].run), label, color, "-")
-        for name, label, color in zip(names, labels, (plots.BLUE, plots.VERMILLION), strict=False)]
+        (metrics.sweep_response(result.series[name].run), f"{name[6:-3].replace('p', '.')} deg", color, "-")
+        for name, color in zip(names, (plots.BLUE, plots.VERMILLION), strict=False)]
     if result.linear_series:
+        frequency = np.geomspace(*metrics.SWEPT, 300)
         response = LinearModel(result.parameters).frequency_response(frequency)
         model = metrics.FrequencyResponse(frequency, np.abs(response), np.unwrap(np.angle(response)), np.ones(300))
         curves.insert(0, (model, "linear model", plots.GREEN, (0, (5, 1.5))))
@@ -167,21 +163,16 @@ def bode(result: Result) -> Drawing | None:
     marks: list[str] = []
     for curve, label, color, line in curves:
         look: dict[str, Any] = {"color": color, "linestyle": line}
-        gain.semilogx(curve.frequency, curve.gain_db, **look)
-        phase.semilogx(curve.frequency, np.degrees(curve.phase), **look)
-        for axes, at, level in ((gain, curve.bandwidth, -3.0), (phase, curve.phase_bandwidth, -90.0)):
-            axes.plot(at, level, "o", color=color, markersize=5, zorder=4)
+        plots.bode(gain, phase, curve.frequency, curve.gain_db, np.degrees(curve.phase),
+                   (curve.bandwidth, curve.phase_bandwidth), **look)
         marks.append(f"{label}: -3 dB at {curve.bandwidth:.1f} Hz, -90 deg at {curve.phase_bandwidth:.1f} Hz")
         entries.append((label, look))
-    gain.axhline(-3.0, **LIMIT)
-    phase.axhline(-90.0, **LIMIT)
+    plots.bode_axes(gain, phase)
     for axes in (gain, phase):
         axes.axvline(10.0, **LIMIT)
     _legend(gain, *entries, ("-3 dB, -90 deg; 10 Hz required", LIMIT))
-    gain.set(ylabel="gain / dB", ylim=(-12, 3))
-    phase.set(ylabel="phase / deg", xlabel="frequency / Hz", ylim=(-200, 10), yticks=(-180, -135, -90, -45, 0),
-              xlim=metrics.SWEPT, xticks=(0.5, 1, 2, 5, 10, 20), xticklabels=("0.5", "1", "2", "5", "10", "20"))
-    phase.minorticks_off()
+    phase.set_xlim(metrics.SWEPT)
+    plots.frequency_axis(phase, (0.5, 1, 2, 5, 10, 20))
     gain.minorticks_off()
     # The jump is no artefact: steady sines of 3.5 deg, with the defaults, lag 81 deg at 13.5 Hz and 105 deg at 14 Hz.
     return Drawing(
@@ -190,37 +181,35 @@ def bode(result: Result) -> Drawing | None:
         "within about 1 Hz of the jump the estimate is smeared, by up to 0.7 dB.")
 
 
-def _panels(result: Result, name: str, without: str = "") -> list[tuple[str, float, str]]:
-    """The panels a run has outputs for."""
-    there = result.series[name].run.columns
-    return [panel for panel in _PANELS if panel[0] in there and panel[0] != without]
+def _panels(result: Result, name: str, without: str = "") -> list[str]:
+    """Return the outputs of a run that have panels."""
+    return [panel for panel in _PANELS if panel in result.series[name].run.columns and panel != without]
 
 
-def _column_of_panels(result: Result, grid: Any, series: Series, panels: Sequence[tuple[str, float, str]], color: str,
-                      begin: float, end: float, dots: int) -> None:
-    """A run's variables under each other, with their limits, shaded where one is active."""
-    values, columns = result.parameters, (series.exact if dots and series.exact else series.run).columns
-    made = series.run.excitation
-    at = window(columns, begin, end)
-    for axes, (name, scale, label) in zip(grid, panels, strict=True):
+def _column_of_panels(result: Result, grid: Any, series: Series, panels: Sequence[str], color: str, begin: float,
+                      end: float, dots: int) -> None:
+    """Draw a run's variables under each other, with their limits, shaded where one is active."""
+    columns, excitation = (series.exact or series.run).columns, series.run.excitation
+    at, given = window(columns["time"], begin, end), window(excitation.time, begin, end)
+    for axes, name in zip(grid, panels, strict=True):
         plots.shade(axes, columns["time"][at] * 1e3, columns["saturated"][at] > 0.5)
-        _line(axes, series, name, scale, begin=begin, end=end, color=color, dots=dots)
+        _line(axes, series, name, dots, color, begin, end)
         if name == "fin_angle":
-            _command(axes, series, begin, end)
-        elif name == "motor_voltage" and "supply_voltage" in made.columns:
-            inside = window({"time": made.time}, begin, end)
-            _limits(axes, made.columns["supply_voltage"][inside], made.time[inside] * 1e3)
-        elif (limit := _LIMITED.get(name, "")) in values:
-            _limits(axes, values[limit])
-        axes.set_ylabel(label)
+            _command(axes, excitation, begin, end)
+        elif name == "motor_voltage" and "supply_voltage" in excitation.columns:
+            supply = excitation.columns["supply_voltage"][given]
+            for limit in (supply, -supply):
+                axes.step(excitation.time[given] * 1e3, limit, where="post", **LIMIT)
+        elif (parameter := _LIMITED.get(name, "")) in result.parameters:
+            for sign in (1.0, -1.0):
+                axes.axhline(sign * result.parameters[parameter], **LIMIT)
+        axes.set_ylabel(_PANELS[name])
         axes.set_xlim(begin * 1e3, end * 1e3)
     grid[-1].set_xlabel("time / ms")
 
 
-def slew(result: Result) -> Drawing | None:
-    """What happens inside the largest step."""
-    if not _have(result, "step_plus20"):
-        return None
+def slew(result: Result) -> Drawing:
+    """Draw what happens inside the largest step."""
     series, panels = result.series["step_plus20"], _panels(result, "step_plus20")
     figure, grid = plots.figure(len(panels), height=1.55, sharex=True)
     _column_of_panels(result, grid[:, 0], series, panels, plots.BLUE, 0.04, 0.2, 4)
@@ -234,10 +223,8 @@ def slew(result: Result) -> Drawing | None:
         "active while what is drawn is within its limits is that of the speed reference.")
 
 
-def loaded(result: Result) -> Drawing | None:
-    """The slews against and with 100 N.m."""
-    if not _have(result, "load_opposing", "load_aiding"):
-        return None
+def loaded(result: Result) -> Drawing:
+    """Draw the slews against and with 100 N.m."""
     panels = _panels(result, "load_opposing", "drive_reference")
     figure, grid = plots.figure(len(panels), 2, height=1.7, sharex=True, sharey="row")
     for column, name, color in ((0, "load_opposing", plots.BLUE), (1, "load_aiding", plots.VERMILLION)):
@@ -257,37 +244,20 @@ def loaded(result: Result) -> Drawing | None:
         "load leaves decays with the integral action of the position loop, where there is one.")
 
 
-def square(result: Result) -> Drawing | None:
-    """The modified square wave, and its error to the reference."""
-    if not _have(result, "square"):
-        return None
-    return _angle_and_error(result, result.series["square"], "Modified square wave", plots.BLUE,
-                            "Levels of 5, 10, 15 and 20 deg, edges at 400 deg/s.", dots=30)
-
-
-def cold(result: Result) -> Drawing | None:
-    """Steps at -6 degC."""
-    if not _have(result, "cold"):
-        return None
-    return _angle_and_error(result, result.series["cold"], "Cold", plots.SKY,
-                            "Steps at -6 degC, where friction is higher than the controller knows.", dots=15)
-
-
-def _angle_and_error(result: Result, series: Series, title: str, color: str, caption: str, dots: int) -> Drawing:
+def _angle_and_error(result: Result, name: str, title: str, color: str, caption: str, dots: int) -> Drawing:
+    """Draw the fin angle of a case, and its error to the reference."""
+    series = result.series[name]
     figure, angle, error = _angle_panels(result, 2.0)
-    _command(angle, series)
-    _line(angle, series, "fin_angle", _DEG, color=color, dots=dots)
+    _command(angle, series.run.excitation)
+    _line(angle, series, "fin_angle", dots, color)
     _error(error, series, color=color, linewidth=0.9)
     _legend(angle, ("fin", {"color": color}), _COMMAND_ENTRY, *_reference(result))
-    angle.set_ylabel("fin angle / deg")
     error.set(xlim=(0, float(series.run.excitation.time[-1]) * 1e3))
     return Drawing(title, figure, caption + (" Below, fin angle minus reference." if result.reference else ""))
 
 
-def sag(result: Result) -> Drawing | None:
-    """A slew during which the supply sags."""
-    if not _have(result, "sag"):
-        return None
+def sag(result: Result) -> Drawing:
+    """Draw a slew during which the supply sags."""
     panels = _panels(result, "sag", "drive_reference")
     figure, grid = plots.figure(len(panels), height=1.6, sharex=True)
     _column_of_panels(result, grid[:, 0], result.series["sag"], panels, plots.ORANGE, 0.3, 0.699, 8)
@@ -297,10 +267,8 @@ def sag(result: Result) -> Drawing | None:
                    "from 39 to 28 V, below the back-EMF of the shipped motor at that speed, which then brakes.")
 
 
-def linear(result: Result) -> Drawing | None:
-    """Normalised steps beside the linear model's."""
-    if not result.linear_series:
-        return None
+def linear(result: Result) -> Drawing:
+    """Draw normalised steps beside the linear model's."""
     figure, grid = plots.figure(2, height=2.4, sharex=True, height_ratios=(2.0, 1.0))
     response, difference = grid[:, 0]
     entries: list[tuple[str, Mapping[str, Any]]] = []

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import degrees, inf, radians
+from math import degrees, radians
 from pathlib import Path
 from typing import Any
 
@@ -12,35 +12,24 @@ import numpy as np
 
 from ...actuators import NONLINEAR, parts
 from ...bench import metrics, verdict
-from ...bench.excitation import Excitation, as_it_is, step_to
+from ...bench.excitation import Excitation, of_case, step_to, with_encoder
 from ...bench.subject import Columns, Identification, Run, Subject
 from ...bench.verdict import Judged
 from ...files import models_directory
 from ...parameters import load_parameters
+from ...progress import Progress, silent
 from ...reference import files, stored
-from ...reference.cases import LEAD_IN
 from ...reference.linear import LinearModel
 from . import claims
-
-Progress = Callable[[str, int, int], None]
 
 # A hundredth of the accuracy: differences to the reference must not show in any figure judged by Table 2.
 TRAJECTORY_LIMIT = round(degrees(metrics.ACCURACY) / 100.0, 9)  # deg
 # Errors of these are written in degrees.
-_DISPLAY: Mapping[str, tuple[float, str]] = {
+DISPLAY: Mapping[str, tuple[float, str]] = {
     "fin_angle": (degrees(1.0), "deg"), "fin_rate": (degrees(1.0), "deg/s"), "motor_current": (1.0, "A"),
     "motor_voltage": (1.0, "V"), "drive_reference": (1.0, "V")}
-RECORDED = (*_DISPLAY, "saturated")
+RECORDED = (*DISPLAY, "saturated")
 _LINEAR_DURATION = 0.3  # s
-
-
-@dataclass(frozen=True)
-class VariableError:
-    """Errors of one variable against the reference, in its unit."""
-
-    maximum: float
-    rms: float
-    unit: str
 
 
 @dataclass(frozen=True)
@@ -54,19 +43,9 @@ class CaseResult:
     stopped: float | None
     wall_time: float
     messages: tuple[str, ...]
-    errors: Mapping[str, VariableError]
+    errors: Mapping[str, metrics.Errors]
     figures: Mapping[str, float]
     """Performance figures; the name ends in the unit."""
-
-
-@dataclass(frozen=True)
-class Difference:
-    """A parameter that is not the default."""
-
-    name: str
-    value: float | bool
-    default: float | bool
-    unit: str
 
 
 @dataclass(frozen=True)
@@ -81,6 +60,12 @@ class Series:
     reference: Columns = field(default_factory=dict)
     exact: Run | None = None
 
+    def compared(self, name: str) -> tuple[Any, Any]:
+        """Return an output of the exact run and of the reference, as far as both go."""
+        response, reference = (self.exact or self.run).columns[name], self.reference[name]
+        rows = min(len(response), len(reference))
+        return response[:rows], reference[:rows]
+
 
 @dataclass(frozen=True)
 class Result:
@@ -91,7 +76,7 @@ class Result:
 
     about: Identification
     parameters: Mapping[str, Any]
-    differences: tuple[Difference, ...]
+    differences: tuple[Mapping[str, Any], ...]
     reference: str
     cases: tuple[CaseResult, ...]
     trajectory: tuple[Judged, ...]
@@ -124,7 +109,7 @@ class Result:
 
 
 def validate(subject: Subject, names: Sequence[str] | None = None, directory: Path | None = None,
-             progress: Progress | None = None) -> Result:
+             progress: Progress = silent) -> Result:
     """Judge a subject by the reference cases in `directory` (default: the stored ones) and by Table 2.
 
     Trajectories are judged where the references are of the subject's actuator, performance always. With `names`,
@@ -133,20 +118,22 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
     """
     folder = directory or models_directory() / "reference"
     cases = stored.load(folder, names)
-    notes = [f"{case.name} is left out: {why}" for case in cases if (why := subject.obstacle(as_it_is(_of(case))))]
-    cases = [case for case in cases if not subject.obstacle(as_it_is(_of(case)))]
+    excitations = {case.name: of_case(case.title, case.inputs, case.step, case.start_values) for case in cases}
+    obstacles = {name: why for name, excitation in excitations.items()
+                 if (why := subject.obstacle(with_encoder(excitation)))}
+    notes = [f"{name} is left out: {why}" for name, why in obstacles.items()]
+    cases = [case for case in cases if case.name not in obstacles]
     extra = {} if names else {**verdict.holds(), **_linear_steps(subject)}
     total, series = len(cases) + len(extra), dict[str, Series]()
     outputs = [name for name in RECORDED if name in subject.outputs]
 
     def starting(name: str) -> None:
-        if progress:
-            progress(name, len(series), total)
+        progress(name, len(series), total)
 
     for case in cases:
         starting(case.name)
         # The encoder's chatter hides small errors, so references do without; performance does not.
-        exact, shipped = _of(case), as_it_is(_of(case))
+        exact, shipped = excitations[case.name], with_encoder(excitations[case.name])
         compared = subject.run(exact, outputs=outputs) if case.model == subject.actuator.name else None
         same = compared if exact.start_values == shipped.start_values else None
         run = same or subject.run(shipped, outputs=outputs)
@@ -173,16 +160,11 @@ def _result(subject: Subject, folder: Path, cases: Sequence[stored.Stored], seri
                         "not judged, performance is")
     with np.errstate(divide="ignore", invalid="ignore"):  # a fin that does not move has no gain: nan, which fails
         table2 = tuple(verdict.judge_table2(runs))
-    found = (*claims.claims(comparisons), *claims.accuracy(runs))
-    differences = _differences(subject)
-    notes += _notes(subject, differences, [case for case in cases if series[case.name].exact], series)
-    return Result(subject.identification, dict(subject.values), differences, str(folder) if trajectory else "",
-                  tuple(results), trajectory, table2, comparisons, found, tuple(notes), series, linear)
-
-
-def _of(case: stored.Stored) -> Excitation:
-    return Excitation(case.title, {name: column for name, column in case.inputs.items() if name != "time"}, LEAD_IN,
-                      case.step, case.start_values)
+    findings = (*claims.claims(comparisons), *claims.accuracy(runs))
+    notes += _notes(subject, [case for case in cases if series[case.name].exact], series)
+    return Result(subject.identification, dict(subject.values), tuple(_differences(subject)),
+                  str(folder) if trajectory else "",
+                  tuple(results), trajectory, table2, comparisons, findings, tuple(notes), series, linear)
 
 
 def _linear_name(amplitude: float) -> str:
@@ -200,19 +182,16 @@ def _linear_steps(subject: Subject) -> dict[str, Excitation]:
 
 def _case_result(case: stored.Stored, series: Series) -> CaseResult:
     run, errors = series.exact or series.run, {}
-    if series.exact:
-        rows = min(len(run.columns["time"]), len(series.reference["time"]))
-        for name, (scale, unit) in _DISPLAY.items():
-            if name not in run.columns or name not in series.reference:
-                continue
-            error = metrics.errors(run.columns[name][:rows] * scale, series.reference[name][:rows] * scale)
-            errors[name] = VariableError(error.maximum, error.rms, unit)
+    for name, (scale, unit) in DISPLAY.items():
+        if name in run.columns and name in series.reference:
+            response, reference = series.compared(name)
+            errors[name] = metrics.errors(response * scale, reference * scale, unit)
     return CaseResult(case.name, case.title, case.kind, case.stop_time, run.stopped, run.wall_time, run.messages,
                       errors, _figures(case.kind, series.run))
 
 
 def _figures(kind: str, run: Run) -> dict[str, float]:
-    """Performance figures of a case; empty where its run ended early."""
+    """Return the performance figures of a case; empty where its run ended early."""
     if run.stopped is not None:
         return {}
     if kind == "chirp":
@@ -229,22 +208,23 @@ def _figures(kind: str, run: Run) -> dict[str, float]:
 
 
 def _trajectory(case: CaseResult, series: Series) -> Judged:
-    """The fin angle's largest error [deg] to the reference."""
+    """Judge the fin angle's largest error [deg] to the reference."""
     reason = series.exact.reason if series.exact else ""
     return Judged(f"1 % of the accuracy of {verdict.TABLE_2}", case.name, case.title,
                   None if reason else case.errors["fin_angle"].maximum, "<=", TRAJECTORY_LIMIT, "deg", reason)
 
 
-def _differences(subject: Subject) -> tuple[Difference, ...]:
-    entries = {e.variable.name: e for e in load_parameters(model=subject.model).entries}
-    return tuple(Difference(name, subject.values[name], entries[name].value, entries[name].variable.unit)
-                 for name in subject.identification.differences)
+def _differences(subject: Subject) -> Iterator[Mapping[str, Any]]:
+    """Give the parameters that are not the defaults."""
+    defaults = {e.variable.name: e for e in load_parameters(model=subject.model).entries}
+    for name in subject.identification.differences:
+        yield {"name": name, "value": subject.values[name], "default": defaults[name].value,
+               "unit": defaults[name].variable.unit}
 
 
-def _notes(subject: Subject, differences: Sequence[Difference], compared: Sequence[stored.Stored],
-           series: Mapping[str, Series]) -> Iterator[str]:
-    if differences:
-        yield f"The parameters differ from the defaults: {', '.join(d.name for d in differences)}"
+def _notes(subject: Subject, compared: Sequence[stored.Stored], series: Mapping[str, Series]) -> Iterator[str]:
+    if differences := subject.identification.differences:
+        yield f"The parameters differ from the defaults: {', '.join(differences)}"
     foreign = [case.name for case in compared
                if files.parameters_hash({**subject.values, **case.start_values}) != case.parameters_hash]
     if foreign:
@@ -255,8 +235,3 @@ def _notes(subject: Subject, differences: Sequence[Difference], compared: Sequen
         if each.run.reason:
             yield f"{name}: {each.run.reason}"
         yield from (f"{name}: log: {message}" for message in each.run.messages)
-
-
-def window(columns: Columns, begin: float, end: float = inf) -> Any:
-    """Whether each row is between two times [s]."""
-    return (columns["time"] >= begin - 1e-9) & (columns["time"] <= end + 1e-9)

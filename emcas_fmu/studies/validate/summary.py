@@ -3,29 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import isfinite
 
 from rich.box import SIMPLE_HEAD
 from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Table
 
-from ...bench.verdict import Judged
+from ...bench.verdict import summary_table
 from .study import Result
 
 
-def _number(value: float | None) -> str:
-    return "-" if value is None or not isfinite(value) else f"{value:.4g}"
-
-
-def _verdict(judged: Judged) -> str:
-    if judged.skipped:
-        return "[dim]not run[/]"
-    return "[green]ok[/]" if judged.passed else "[bold red]FAIL[/]"
-
-
 def _cases(result: Result) -> Table:
-    """Errors and performance figures of the cases."""
+    """Return errors and performance figures of the cases as a table."""
     units = {"max": "mdeg", "rms": "mdeg", "rise": "ms", "settle": "ms", "over": "%", "end": "deg", "rate": "deg/s",
              "-3dB": "Hz", "-90°": "Hz"}
     table = Table("case", *units, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, title_justify="left",
@@ -46,17 +35,10 @@ def _cases(result: Result) -> Table:
 
 
 def summary(result: Result) -> Iterator[RenderableType]:
-    """Criteria as a table, then findings, notes and the verdict."""
+    """Give the criteria as a table, then findings, notes and the verdict."""
     about = result.about
     yield escape(f"{about.name}  {'GUID ' + about.guid if about.guid else about.file}  {about.model}")
-    table = Table("criterion", "measured", "required", "margin", "unit", "")
-    table.columns[0].no_wrap = True
-    for column in table.columns[1:4]:
-        column.justify = "right"
-    for k, j in enumerate(result.criteria, start=1):
-        table.add_row(j.name, _number(j.measured), f"{j.sense} {j.limit:g}", _number(j.margin), j.unit, _verdict(j),
-                      end_section=k == len(result.trajectory))
-    yield table
+    yield summary_table("criterion", result.criteria)
     yield _cases(result)
     for finding in result.findings:
         held = {True: " So it is.", False: " It is not so.", None: ""}[finding.holds]
