@@ -31,8 +31,9 @@ ParametersOption = Annotated[list[Path] | None, typer.Option(
 INTERRUPTED = 130
 """Exit code of a run that was stopped by Ctrl-C."""
 SubjectModelOption = Annotated[str | None, typer.Option(
-    "--model", help="Which actuator a parameter file is of, with its extensions, as in elastic+heat, or a Python file "
-                    "that declares one; nonlinear unless given. An FMU tells it by its name.",
+    "--model", help=f"Which actuator a file is of: {', '.join(NAMES)}, or a Python file that declares one. Behind it "
+                    f"extensions, as in elastic+heat+faults: {', '.join(EXTENSIONS)}. What a campaign file names, or "
+                    "nonlinear, unless given; an FMU tells it by its name.",
     metavar="NAME|FILE.py[+EXTENSION...]")]
 FinOption = Annotated[int | None, typer.Option(help="Which fin of a unit of several; the first unless given.",
                                                metavar="N")]
