@@ -15,6 +15,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError, core_schema
 from .errors import EmcasError, hint
 from .toml import tomllib
 from .units import describe, quantity
+from .variables import Variable
 
 T = TypeVar("T")
 M = TypeVar("M", bound="Table")
@@ -63,6 +64,13 @@ def unknown(word: Any, known: Iterable[str]) -> str:
     """What to say of a word that is none of those there are."""
     words = list(known)
     return f"{hint(word, words).removeprefix(', ')} there is {', '.join(words)}".lstrip()
+
+
+def parameter(name: str, variables: Mapping[str, Variable], remedy: str = "") -> Variable:
+    """Return the parameter of a name. Raises ValueError, ending in a remedy."""
+    if name not in variables:
+        raise ValueError(f"there is no such parameter{hint(name, variables)}{remedy}")
+    return variables[name]
 
 
 def named(tables: Any) -> Iterator[tuple[str, Any]]:
@@ -149,6 +157,11 @@ class In:
         if not self.minimum <= value <= self.maximum:
             raise ValueError(f"must be {self.limits}")
         return value
+
+    @classmethod
+    def of(cls, variable: Variable, base: float | None = None) -> In:
+        """Return how a value of a parameter or input is written."""
+        return cls(variable.unit, variable.minimum, variable.maximum, base, variable.kind)
 
     @property
     def limits(self) -> str:

@@ -168,9 +168,14 @@ def reference_case(name: str, exact: bool = True) -> Excitation:
     found = {case.name: case for case in CASES}.get(name)
     if found is None:
         raise EmcasError(f"there is no case {name}; there is {', '.join(case.name for case in CASES)}")
-    made = Excitation(found.title, {v: column for v, column in found.inputs().items() if v != "time"}, LEAD_IN,
-                      found.step, found.overrides)
+    made = of_case(found.title, found.inputs(), found.step, found.overrides)
     return made if exact else as_it_is(made)
+
+
+def of_case(title: str, rows: Mapping[str, Array], step: float, start_values: Mapping[str, Any]) -> Excitation:
+    """Return the excitation of a reference case from its rows, `time` among the columns."""
+    inputs = {name: column for name, column in rows.items() if name != "time"}
+    return Excitation(title, inputs, LEAD_IN, step, start_values)
 
 
 def as_it_is(excitation: Excitation) -> Excitation:

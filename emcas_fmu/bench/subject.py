@@ -35,6 +35,7 @@ from ..simulation import respond
 from ..variables import Variable
 from .excitation import LOAD, Excitation
 from .fmu import OpenedFmu, chosen_model, opened
+from .metrics import Figure
 
 Array = NDArray[np.floating[Any]]
 Columns = Mapping[str, Array]
@@ -176,6 +177,15 @@ class Subject(ABC):
 def lacking(outputs: Iterable[str], there: Collection[str]) -> str:
     """Which of these outputs are not among those there are, in words; empty where all are."""
     return _words(name for name in outputs if name not in there)
+
+
+def left_out(figures: Mapping[str, Figure], there: Collection[str]) -> dict[str, list[str]]:
+    """Return the figures that need an output which is not among those there are, by the reason."""
+    names: dict[str, list[str]] = {}
+    for name, figure in figures.items():
+        if why := lacking(figure.needs, there):
+            names.setdefault(why, []).append(name)
+    return names
 
 
 def _words(missing: Iterable[str]) -> str:

@@ -35,7 +35,7 @@ SubjectModelOption = Annotated[str | None, typer.Option(
                     f"extensions, as in elastic+heat+faults: {', '.join(EXTENSIONS)}. What a campaign file names, or "
                     "nonlinear, unless given; an FMU tells it by its name.",
     metavar="NAME|FILE.py[+EXTENSION...]")]
-FinOption = Annotated[int | None, typer.Option(help="Which fin of a unit of several; the first unless given.",
+FinOption = Annotated[int | None, typer.Option(help="Which fin of a unit of several; the first unless given.", min=1,
                                                metavar="N")]
 
 

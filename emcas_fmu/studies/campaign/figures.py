@@ -64,7 +64,8 @@ def dependence(name: str, spreads: Sequence[Spread]) -> Drawing:
     for axes, s in zip(panels, spreads, strict=True):
         effects = {e.factor: e for e in s.effects}
         for place, factor in enumerate(factors):
-            if e := effects.get(factor):
+            if factor in effects:
+                e = effects[factor]
                 axes.barh(place, e.rank_correlation, color=BLUE if e.sure else GRAY, alpha=0.75, height=0.7)
                 axes.plot([e.low, e.high], [place, place], color=INK, linewidth=0.9)
         axes.axvline(0.0, color=INK, linewidth=0.6)

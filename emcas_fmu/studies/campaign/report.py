@@ -9,7 +9,7 @@ from ...bench.metrics import shown
 from ...bench.writers import write_page
 from ...plots import pictures
 from .figures import drawings
-from .measure import left_out
+from .measure import lacking
 from .plan import Factor
 from .summary import PERCENTILES, Summary, text
 
@@ -37,4 +37,4 @@ def write_report(summary: Summary, path: Path, command: str) -> None:
     plan = summary.study.plan
     write_page(path, "studies/campaign/page.html.j2", s=summary, study=summary.study, plan=plan, command=command,
                pictures=pictures(drawings(summary)), percentiles=PERCENTILES, text=text, described=described,
-               seconds=seconds, unit=lambda figure: shown(figure.unit)[0], left_out=left_out(plan.model))
+               seconds=seconds, unit=lambda figure: shown(figure.unit)[0], left_out=lacking(plan.model))

@@ -89,7 +89,8 @@ def local_client(workers: int, model: str = NONLINEAR) -> Iterator[Any]:
 def remote_client(address: str) -> Iterator[Any]:
     """A client of a scheduler that is running. Raises CampaignError where it, or its workers, cannot be used."""
     with ExitStack() as stack:
-        stack.enter_context(_quiet())
+        # Without Dask's own messages and tracebacks on a lost connection, of which a CampaignError tells.
+        stack.enter_context(_distributed().utils.silence_logging_cmgr(logging.CRITICAL + 1))
         try:
             # Before a client, which tries without end where something else answers.
             kind = asyncio.run(asyncio.wait_for(_kind(address), _CONNECT))
@@ -118,20 +119,6 @@ def _reason(error: Exception) -> str:
     if isinstance(error, (TimeoutError, asyncio.TimeoutError)):
         return f"within {_CONNECT:g} s"
     return str(error) or type(error).__name__
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Without Dask's own messages and tracebacks on a lost connection: it is told in a line."""
-    loggers = [logging.getLogger(name) for name in ("distributed.client", "distributed.utils")]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)
 
 
 def _ready(client: Any, address: str) -> None:

@@ -1,28 +1,33 @@
-"""Results on disk: a folder of Parquet parts, each written whole or not at all, and what they belong to."""
+"""Results on disk: a folder of Parquet parts, each written whole or not at all, and what they belong to.
+
+One run at a time writes to a folder: a lock of the operating system's is gone with the process that holds it.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
+import platform
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
 from ... import __version__
 from ...actuators import NONLINEAR
 from .distributions import CampaignError
-from .lock import LOCK, OWNER, Lock
 from .sample import Row, columns, observed
 from .study import Study
 
 SCHEMA = "emcas-campaign/1"
-MANIFEST, PARTS = "campaign.json", "samples"
+MANIFEST, PARTS, LOCK, OWNER = "campaign.json", "samples", ".lock", ".owner"
 _TYPES = {"Real": pa.float64(), "Integer": pa.int64(), "Boolean": pa.bool_(), "Enumeration": pa.string()}
 _MOST_NAMED = 6  # changes told in a refusal
 
@@ -54,7 +59,7 @@ class Store:
         if folder.is_dir() and not manifest.is_file() and not _unused(folder):
             raise CampaignError(f"{folder}: is no folder of a campaign; name one that is empty or not there yet")
         folder.mkdir(parents=True, exist_ok=True)
-        self._lock = Lock(folder)
+        self._lock = _locked(folder)
         try:
             self._begin(manifest)
         except BaseException:
@@ -74,7 +79,9 @@ class Store:
 
     def close(self) -> None:
         """Let another run write here."""
-        self._lock.release()
+        if self._lock.is_locked:
+            (self.folder / OWNER).unlink(missing_ok=True)
+            self._lock.release()
 
     def __enter__(self) -> Store:
         return self
@@ -111,6 +118,22 @@ class Store:
 
     def _parts(self) -> list[Path]:
         return sorted(self._parts_folder.glob("part-*.parquet"))
+
+
+def _locked(folder: Path) -> FileLock:
+    """Return a folder's lock, held. Raises CampaignError where another run holds it, naming its process."""
+    lock, owner = FileLock(folder / LOCK), folder / OWNER
+    try:
+        lock.acquire(blocking=False)
+    except Timeout as error:
+        holder = ""
+        with suppress(OSError):
+            holder = owner.read_text(encoding="utf-8")
+        raise CampaignError(f"another run ({holder or 'pid unknown'}) writes to {folder}; wait for it, or name another "
+                            "folder with --output") from error
+    # Beside the lock: the locked file itself cannot be read on every system.
+    owner.write_text(f"pid {os.getpid()} on {platform.node()}", encoding="utf-8")
+    return lock
 
 
 def _unused(folder: Path) -> bool:

@@ -17,7 +17,7 @@ from ...actuators import NONLINEAR
 from ...bench.metrics import Figure, shown
 from ...simulation import Array
 from . import fault_detection
-from .measure import left_out
+from .measure import lacking
 from .sample import OK, columns
 from .study import Study
 
@@ -183,7 +183,7 @@ def as_dict(summary: Summary, command: str) -> dict[str, Any]:
     """Return the document for JSON; SI units."""
     study, plan = summary.study, summary.study.plan
     of_model = {} if plan.model == NONLINEAR else {
-        "model": plan.actuator.name, "left_out": left_out(plan.model),
+        "model": plan.actuator.name, "left_out": lacking(plan.model),
         "tallies": [{"name": name, "samples": counts} for name, counts in summary.tallies.items()],
         "findings": [asdict(finding) for finding in summary.findings]}
     return {

@@ -15,10 +15,10 @@ from ...actuators import NAMES
 from ...bench.excitation import SETTLE, STEP
 from ...bench.metrics import FIGURES, TAIL
 from ...bench.subject import ParameterSubject
-from ...errors import EmcasError, hint
+from ...errors import EmcasError
 from ...files import models_directory
 from ...parameters import ParameterSet, load_parameters
-from ...schema import In, Quantity, Table, each, kind_of, load, named, unknown
+from ...schema import In, Quantity, Table, each, kind_of, load, named, parameter, unknown
 from ...variables import Variable
 from .measure import KINDS, Test, lacking
 
@@ -190,11 +190,8 @@ def _cases(written: Any, info: ValidationInfo) -> Any:
 
 def _variable(name: str, base: ParameterSet) -> Variable:
     variables = {e.variable.name: e.variable for e in base.entries}
-    if name not in variables:
-        listed = ", ".join(v.name for v in variables.values() if v.variability == "tunable")
-        raise ValueError(f"there is no such parameter{hint(name, variables)}"
-                         f"{f'; made to be tuned are {listed}' if listed else ''}")
-    return variables[name]
+    tunables = ", ".join(v.name for v in variables.values() if v.variability == "tunable")
+    return parameter(name, variables, f"; made to be tuned are {tunables}" if tunables else "")
 
 
 def _requirements(written: Any, info: ValidationInfo) -> Any:

@@ -12,13 +12,12 @@ import numpy as np
 
 from ...actuators import NONLINEAR, parts
 from ...bench import metrics, verdict
-from ...bench.excitation import Excitation, as_it_is, step_to
+from ...bench.excitation import Excitation, as_it_is, of_case, step_to
 from ...bench.subject import Columns, Identification, Run, Subject
 from ...bench.verdict import Judged
 from ...files import models_directory
 from ...parameters import load_parameters
 from ...reference import files, stored
-from ...reference.cases import LEAD_IN
 from ...reference.linear import LinearModel
 from . import claims
 
@@ -181,8 +180,7 @@ def _result(subject: Subject, folder: Path, cases: Sequence[stored.Stored], seri
 
 
 def _of(case: stored.Stored) -> Excitation:
-    return Excitation(case.title, {name: column for name, column in case.inputs.items() if name != "time"}, LEAD_IN,
-                      case.step, case.start_values)
+    return of_case(case.title, case.inputs, case.step, case.start_values)
 
 
 def _linear_name(amplitude: float) -> str:
