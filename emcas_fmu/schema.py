@@ -158,6 +158,11 @@ class In:
             raise ValueError(f"must be {self.limits}")
         return value
 
+    @classmethod
+    def of(cls, variable: Variable, base: float | None = None) -> In:
+        """Return how a value of a parameter or input is written."""
+        return cls(variable.unit, variable.minimum, variable.maximum, base, variable.kind)
+
     @property
     def limits(self) -> str:
         """Between what values lie, for people."""

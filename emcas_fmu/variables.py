@@ -51,8 +51,12 @@ class Variable:
         if self.items:
             return self.items[int(value) - 1][0]
         if self.bits:
-            return " ".join(name for i, name in enumerate(self.bits) if int(value) >> i & 1) or "none"
+            return " ".join(self.flags(value)) or "none"
         return f"{value:.5g}"
+
+    def flags(self, value: float) -> tuple[str, ...]:
+        """Return the names of the bits of a word that are set."""
+        return tuple(name for i, name in enumerate(self.bits) if int(value) >> i & 1)
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.baseline.read import read
 from emcas_fmu.studies.baseline.study import TEMPLATE, compare, record
-from emcas_fmu.studies.baseline.table import HEADER, lines, verdict
+from emcas_fmu.studies.baseline.table import HEADER, cells, selected, verdict
 from emcas_fmu.variables import Variable
 
 DOCS = Path(__file__).resolve().parents[1]
@@ -130,7 +130,7 @@ def drift() -> str:
     changed = shipped.replace({gain: round(1.01 * float(shipped.values[gain]), 6)})
     found = compare(approved, ParameterSubject(changed), folder)
     parameters = [(c.name, c.approved, c.now) for c in found.parameters]
-    return (markdown(HEADER, [line.cells for line in lines(found)][:SHOWN])
+    return (markdown(HEADER, [cells(row) for row in selected(found)][:SHOWN])
             + "\n\nand ends with\n\n" + markdown(("parameter", "approved", "now"), parameters)
             + f"\n\n`{verdict(found)}`")
 

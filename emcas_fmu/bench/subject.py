@@ -35,6 +35,7 @@ from ..simulation import respond
 from ..variables import Variable
 from .excitation import LOAD, Excitation
 from .fmu import OpenedFmu, chosen_model, opened
+from .metrics import Figure
 
 Array = NDArray[np.floating[Any]]
 Columns = Mapping[str, Array]
@@ -179,6 +180,15 @@ def lacking(outputs: Iterable[str], present: Collection[str]) -> str:
 
 def _without(names: Sequence[str]) -> str:
     return f"this actuator has no {', '.join(names)}" if names else ""
+
+
+def left_out(figures: Mapping[str, Figure], present: Collection[str]) -> dict[str, list[str]]:
+    """Return the figures that need an output which is not present, by the reason."""
+    names: dict[str, list[str]] = {}
+    for name, figure in figures.items():
+        if why := lacking(figure.needs, present):
+            names.setdefault(why, []).append(name)
+    return names
 
 
 class ParameterSubject(Subject):

@@ -101,11 +101,11 @@ def check(
 ) -> None:
     """Compare the response with the approved one; exit code 1 if it drifts."""
     from ..bench.subject import open_subject
-    from ..studies.baseline.output import append_markdown, write_json, write_junit
+    from ..bench.writers import write_json
+    from ..studies.baseline.output import append_markdown, as_dict, write_junit
     from ..studies.baseline.read import read
     from ..studies.baseline.study import compare
-    from ..studies.baseline.summary import summary
-    from ..studies.baseline.table import remedy
+    from ..studies.baseline.table import remedy, summary
 
     with failures():
         check_outputs(as_json, junit, markdown, report, inputs=(subject, *(parameters or ()), baseline))
@@ -119,9 +119,10 @@ def check(
             console.print(part, highlight=False)
         if not result.passed:
             out.print(escape(advice), highlight=False, soft_wrap=True)
-        for path, write in ((as_json, write_json), (junit, write_junit)):
-            if path:
-                write(result, path)
+        if as_json:
+            write_json(as_dict(result), as_json)
+        if junit:
+            write_junit(result, junit)
         if markdown:
             append_markdown(result, advice, markdown, everything)
         if report:

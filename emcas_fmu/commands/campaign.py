@@ -65,7 +65,7 @@ def campaign(
             return
         require_extra("campaign", "campaigns need", "filelock", "pyarrow", *(["distributed"] if workers != 0 else []))
         from ..studies.campaign.store import Store
-        from ..studies.campaign.summary import summarise, write_json
+        from ..studies.campaign.summary import as_dict, summarise
 
         with Store(folder, study) as store:
             stopped = _run(store, study, workers, scheduler, chunk)
@@ -74,19 +74,20 @@ def campaign(
                 err.print(f"stopped: {kept} of {study.samples} samples are kept in {escape(str(folder))}; the same "
                           "command goes on", highlight=False, soft_wrap=True)
                 raise typer.Exit(INTERRUPTED)
+            from ..bench.writers import write_json
             from ..studies.campaign.report import write_report
 
-            found = summarise(study, store.table())
+            summary = summarise(study, store.table())
             command = shlex.join(["emcas", "campaign", str(file), *(["--fmu", str(fmu)] if fmu else []),
                                   *(["--fin", str(fin)] if fin else []), *(["--model", model] if model else [])])
-            write_json(found, figures, command)
-            write_report(found, page, command)
-    out.print(_table(found))
-    if found.findings:
-        out.print(_faults(found))
-    failed = f", {found.failed} failed" if found.failed else ""
-    out.print(f"{found.done} samples{failed}; GUID {study.guid}", highlight=False)
-    for reason, count, first in found.failures:
+            write_json(as_dict(summary, command), figures)
+            write_report(summary, page, command)
+    out.print(_table(summary))
+    if summary.findings:
+        out.print(_faults(summary))
+    failed = f", {summary.failed} failed" if summary.failed else ""
+    out.print(f"{summary.done} samples{failed}; GUID {study.guid}", highlight=False)
+    for reason, count, first in summary.failures:
         out.print(f"{count} failed: {escape(reason)} (see --only {first})", highlight=False, soft_wrap=True)
     for path in (folder, page, figures):
         out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
@@ -94,7 +95,7 @@ def campaign(
         err.print(f"[bold red]error:[/] {study.samples - kept} of {study.samples} samples are missing in "
                   f"{escape(str(folder))}; run the same command again", highlight=False, soft_wrap=True)
         raise typer.Exit(1)
-    if found.failed == found.done:
+    if summary.failed == summary.done:
         raise typer.Exit(1)
 
 
@@ -129,7 +130,8 @@ def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chu
 def _one(study: Any, index: int, as_json: Path | None) -> None:
     """One sample again, here."""
     from ..bench.writers import write_json
-    from ..studies.campaign.sample import observed, rows
+    from ..studies.campaign.extension_outputs import in_words
+    from ..studies.campaign.sample import columns, observed, rows
     from ..studies.campaign.sampling import Sampler
 
     if not 0 <= index < study.samples:
@@ -137,32 +139,26 @@ def _one(study: Any, index: int, as_json: Path | None) -> None:
     row = rows(study.plan.packed(), [index], Sampler(study).draw([index]))[0]
     if as_json:
         write_json(row, as_json)
-    units, observations = _units(study), observed(study.plan)
+    plan, outputs = study.plan, observed(study.plan)
+    units = {**{v.name: v.unit for v in plan.actuator.file_entries}, **{f.name: f.unit for f in plan.factors},
+             **{name: figure.unit for name, figure in columns(plan).items()}}
     table = Table("", "value", "unit", title=f"Sample {index} of {study.path.name}", title_justify="left")
     table.columns[1].justify = "right"
     for name, value in row.items():
         if value != "":
-            said = (f"{value:.8g}" if isinstance(value, float) else
-                    observations[name].text(value) if name in observations else str(value))
-            table.add_row(escape(name), escape(said), units.get(name, ""))
+            text = (f"{value:.8g}" if isinstance(value, float) else
+                    in_words(outputs[name], value) if name in outputs else str(value))
+            unit = units.get(name, "1")
+            table.add_row(escape(name), escape(text), "" if unit == "1" else unit)
     out.print(table)
     if row["error"]:
         raise typer.Exit(1)
 
 
-def _units(study: Any) -> dict[str, str]:
-    from ..studies.campaign.sample import columns
-
-    plan = study.plan
-    units = {**{v.name: v.unit for v in plan.actuator.file_entries}, **{f.name: f.unit for f in plan.factors},
-             **{name: figure.unit for name, figure in columns(plan).items()}}
-    return {name: "" if unit == "1" else unit for name, unit in units.items()}
-
-
 def _table(summary: Any) -> Table:
     """Percentiles of every figure."""
     from ..bench.metrics import shown
-    from ..studies.campaign.summary import PERCENTILES, text
+    from ..studies.campaign.summary import text
 
     chosen = (5, 50, 95)
     table = Table("figure", "unit", *(f"{p} %" for p in chosen), "depends most on", title_justify="left",
@@ -172,9 +168,9 @@ def _table(summary: Any) -> Table:
         column.justify = "right"
     for s in summary.spreads:
         first = s.effects[0] if s.effects else None
-        figures = [text(s.figure, s.percentiles[PERCENTILES.index(p)]) for p in chosen]
+        figures = [text(s.figure, s.percentiles[p]) for p in chosen]
         table.add_row(s.name, shown(s.figure.unit)[0], *figures,
-                      f"{_short(first.factor)} ({first.rank:+.2f})" if first and first.sure else "")
+                      f"{_short(first.factor)} ({first.rank_correlation:+.2f})" if first and first.sure else "")
     return table
 
 

@@ -16,7 +16,7 @@ import pytest
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.schema import In
-from emcas_fmu.studies.baseline.model import ALL, Limit, Step, outputs, unit_of
+from emcas_fmu.studies.baseline.model import ALL, Limit, Step, output_units, unit_of
 from emcas_fmu.studies.baseline.read import read
 from emcas_fmu.studies.baseline.study import Row, compare
 
@@ -205,5 +205,5 @@ def test_nothing_judged_is_no_pass(short: Path) -> None:
 
 def test_shares_and_units() -> None:
     assert row(1.0, nan, limit(1.0)).share == inf
-    assert {"fin_angle", "fin_rate", "motor_current", "motor_voltage", "supply_power"} < set(outputs("nonlinear"))
+    assert {"fin_angle", "fin_rate", "motor_current", "motor_voltage", "supply_power"} < set(output_units("nonlinear"))
     assert {unit_of(name) for name in ALL} == {"ms", "%", "deg", "deg/s", "Hz", "dB", "A", "W", "J"}

@@ -111,7 +111,7 @@ def test_a_fault_shows_in_words_state_and_time(write: Write) -> None:
     assert jammed["fly.fault_word_ever"] == jammed["fly.fault_word_last"] == 1
     ever = np.bitwise_or.reduce(direct["built_in_test"].astype(int))
     assert jammed["fly.built_in_test_ever"] == ever != 0
-    assert "tracking" in sample.observed(study.plan)["fly.built_in_test_ever"].names(int(ever))
+    assert "tracking" in sample.observed(study.plan)["fly.built_in_test_ever"].flags(int(ever))
     assert jammed["fly.status_last"] == "failed"
     assert (sound["fly.fault_word_ever"], sound["fly.built_in_test_ever"]) == (0, 0)
     assert isnan(sound["fly.fault_word_first"])
@@ -233,10 +233,12 @@ def test_findings_on_rows_with_known_answers(write: Write) -> None:
     assert (jam.delay, jam.longest) == pytest.approx((0.2, 0.3))
     assert (jam.monitors["tracking"], jam.monitors["stall"]) == (3, 1)
     assert (several.fault, several.samples, several.found) == (fault_detection.SEVERAL, 1, 1)
-    told = {t.name: dict(t.counts) for t in fault_detection.tallies(plan, table)}
-    assert told["fly.status_last"] == {"failed": 5, "operational": 2}
-    assert told["fly.fault_word_ever"] == {"jam": 5, "none": 2, "hard_over": 1}
+    counts = fault_detection.tallies(plan, table)
+    assert counts["fly.status_last"] == {"failed": 5, "operational": 2}
+    assert counts["fly.fault_word_ever"] == {"jam": 5, "none": 2, "hard_over": 1}
     assert fault_detection.findings(load_study(write(SMALL)).plan, table) == ()
+    without = load_study(write(FAULTS), model="second-order+faults").plan  # neither motor nor bus to monitor
+    assert [list(f.monitors) for f in fault_detection.findings(without, table)] == [["tracking", "command"]] * 3
 
 
 def test_the_shipped_campaign(tmp_path: Path) -> None:

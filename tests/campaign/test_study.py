@@ -16,7 +16,6 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import LEAD_IN
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.experiments import excitation
-from emcas_fmu.studies.campaign.plan import varied
 from emcas_fmu.studies.campaign.study import load_study
 
 from .conftest import ODD, SMALL, replaced
@@ -52,8 +51,7 @@ def test_a_temperatures_deviation_is_a_difference(write: Write, written: str, ex
 
 def test_a_follower_keeps_its_ratio(write: Write) -> None:
     plan = load_study(write(SMALL)).plan
-    values, _ = varied(plan, {"motor.torque_constant": 1.5 * plan.base["motor.torque_constant"],
-                              "friction.temperature": 0.0, "inputs.aero_torque.value": 0.0})
+    values, _ = plan.varied([1.5 * plan.base["motor.torque_constant"], 0.0, 0.0])
     assert values["motor.back_emf_constant"] == pytest.approx(1.5 * plan.base["motor.back_emf_constant"], rel=1e-15)
 
 

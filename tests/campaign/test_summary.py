@@ -14,6 +14,7 @@ import pytest
 from scipy import stats
 
 from emcas_fmu.bench.metrics import FIGURES
+from emcas_fmu.bench.writers import write_json
 from emcas_fmu.studies.campaign import sample, summary
 from emcas_fmu.studies.campaign.report import write_report
 from emcas_fmu.studies.campaign.store import Store
@@ -29,9 +30,8 @@ def made(study: Study, folder: Path, **columns: Any) -> pa.Table:
     store = Store(folder, study)
     rows = []
     for i in range(100):
-        about = {"index": i, "seed": 5, **{f.name: float(i % 7) for f in study.plan.factors},
-                 "motor.back_emf_constant": 0.1}
-        rows.append({**sample.failed(study.plan, about, ""), **dict.fromkeys(sample.columns(study.plan), i + 1.0),
+        drawn = [float(i % 7)] * len(study.plan.factors)
+        rows.append({**sample.failed(study.plan, i, drawn, ""), **dict.fromkeys(sample.columns(study.plan), i + 1.0),
                      "status": "ok", **{name: values[i] for name, values in columns.items()}})
     store.write(rows)
     return store.table()
@@ -40,7 +40,7 @@ def made(study: Study, folder: Path, **columns: Any) -> pa.Table:
 def test_percentiles_are_samples(write: Write, tmp_path: Path) -> None:
     found = summary.summarise(study := load_study(write(SMALL)), made(study, tmp_path / "out"))
     spread = next(s for s in found.spreads if s.name == "step.rise_time")
-    assert spread.percentiles == (1.0, 5.0, 25.0, 50.0, 75.0, 95.0, 99.0)
+    assert spread.percentiles == {p: float(p) for p in summary.PERCENTILES}
     assert spread.worst == ((99, 100.0), (98, 99.0), (97, 98.0))
     rate = next(s for s in found.spreads if s.name == "step.sustained_rate")
     assert rate.worst == ((0, 1.0), (1, 2.0), (2, 3.0))  # of a rate, the least
@@ -54,11 +54,11 @@ def test_what_was_never_reached_is_worst(write: Write, tmp_path: Path) -> None:
         study, tmp_path / "out", **{"step.rise_time": times, "step.sustained_rate": times}))
     spread, rate = (next(s for s in found.spreads if s.name == f"step.{n}") for n in ("rise_time", "sustained_rate"))
     assert spread.without == 10
-    assert spread.percentiles[-2:] == (inf, inf)
-    assert rate.percentiles[:2] == (-inf, -inf)
+    assert (spread.percentiles[95], spread.percentiles[99]) == (inf, inf)
+    assert (rate.percentiles[1], rate.percentiles[5]) == (-inf, -inf)
     assert [i for i, _ in spread.worst] == [i for i, _ in rate.worst] == [3, 13, 23]
     assert spread.mean == pytest.approx(np.nanmean(times), rel=1e-14)
-    assert np.isfinite(rate.percentiles[2:]).all()
+    assert np.isfinite([rate.percentiles[p] for p in summary.PERCENTILES[2:]]).all()
     assert {summary.text(FIGURES["rise_time"], inf), summary.text(FIGURES["sustained_rate"], -inf)} == {"not reached"}
     assert summary.text(FIGURES["bandwidth_3db"], inf) == "beyond the sweep"
 
@@ -87,10 +87,12 @@ def test_sensitivities_of_a_linear_figure() -> None:
     assert list(found) == ["a", "b", "c"]
     total = sqrt(10.25)
     for name, slope in (("a", 3.0), ("b", -1.0), ("c", 0.0)):
-        assert found[name].error == pytest.approx(0.5 / total / sqrt(2000), rel=0.1)  # itself sampled: 1/sqrt(2n)
+        # Itself sampled: 1/sqrt(2n).
+        assert found[name].standard_error == pytest.approx(0.5 / total / sqrt(2000), rel=0.1)
         # The sample's own standard deviations, by which is divided, are uncertain by 1/sqrt(2n) = 1.6 %.
-        assert found[name].coefficient == pytest.approx(slope / total, abs=4 * found[name].error, rel=4 * 0.016)
-        assert found[name].low < found[name].rank < found[name].high
+        assert found[name].standardised_coefficient == pytest.approx(
+            slope / total, abs=4 * found[name].standard_error, rel=4 * 0.016)
+        assert found[name].low < found[name].rank_correlation < found[name].high
     assert (found["a"].sure, found["b"].sure, found["c"].sure) == (True, True, False)
     assert explained == pytest.approx(1.0 - 0.25 / 10.25, abs=0.005)
 
@@ -102,8 +104,9 @@ def test_intervals_hold_the_truth_as_often_as_told() -> None:
     truth, held = 6.0 / np.pi * np.arcsin(0.25), 0
     for _ in range(400):
         x, noise = rng.standard_normal((2, 60))
-        _, (effect,) = summary.sensitivities(0.5 * x + sqrt(0.75) * noise, {"x": x})
-        assert effect.rank == pytest.approx(float(stats.spearmanr(x, 0.5 * x + sqrt(0.75) * noise).statistic))
+        y = 0.5 * x + sqrt(0.75) * noise
+        _, (effect,) = summary.sensitivities(y, {"x": x})
+        assert effect.rank_correlation == pytest.approx(float(stats.spearmanr(x, y).statistic))
         held += effect.low <= truth <= effect.high
     assert 380 - 18 <= held <= 380 + 18
 
@@ -117,7 +120,7 @@ def test_an_interval_by_hand() -> None:
     rank = 1.0 - 12.0 / 1716.0
     half = 1.959963984540054 * sqrt((1.0 + rank**2 / 2.0) / 9.0)
     # A dozen roundings, in the transform near 1 two hundred times as large.
-    assert effect.rank == pytest.approx(rank, abs=1e-14)
+    assert effect.rank_correlation == pytest.approx(rank, abs=1e-14)
     assert (effect.low, effect.high) == pytest.approx(
         (np.tanh(np.arctanh(rank) - half), np.tanh(np.arctanh(rank) + half)), abs=1e-12)
 
@@ -147,7 +150,7 @@ def test_failures_by_reason(write: Write, tmp_path: Path) -> None:
     found = summary.summarise(study := load_study(write(SMALL)), made(
         study, tmp_path / "out", status=status, error=errors))
     assert found.failures == (("at … s: lost", 2, 4), ("odd", 1, 9))
-    assert (found.done, found.failed, found.spreads[0].count) == (100, 3, 97)
+    assert (found.done, found.failed, len(found.spreads[0].values)) == (100, 3, 97)
 
 
 def test_page_and_json(write: Write, tmp_path: Path) -> None:
@@ -164,7 +167,7 @@ def test_page_and_json(write: Write, tmp_path: Path) -> None:
                  "&lt;b&gt;failed", "not reached"):
         assert part in text, part
     assert "http" not in text.replace("http://www.w3.org", "")  # nothing from outside
-    summary.write_json(found, tmp_path / "s.json", "emcas campaign small.toml")
+    write_json(summary.as_dict(found, "emcas campaign small.toml"), tmp_path / "s.json")
     document = json.loads((tmp_path / "s.json").read_text(encoding="utf-8"))
     rise = next(f for f in document["figures"] if f["name"] == "step.rise_time")
     assert rise["worst"][0] == {"index": 3, "value": None}

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import isfinite, nan, radians
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, cast
+from typing import Annotated, Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +28,6 @@ DIGITS = 6  # significant, of what is written: a ten-thousandth of the tightest 
 NEVER = "never"
 """Written for a figure whose level is not reached."""
 LONGEST = 60.0  # s: fmpy's time for a run grows with the square of its length
-UNITS = {"command": "deg", "torque": "N.m", "duration": "s"}
-"""Units in which a case keeps its numbers, in the order they are written."""
 
 Array = NDArray[np.floating[Any]]
 _MOTION = ("rise_time", "settling_time", "time_to_accuracy", "overshoot", "steady_error", "sustained_rate", "peak_rate")
@@ -45,9 +43,9 @@ def unit_of(figure: str) -> str:
     return shown(FIGURES[figure].unit)[0]
 
 
-def outputs(model: str) -> dict[str, Variable]:
-    """Return the outputs of an actuator that may be kept as trajectories, by name."""
-    return {v.name: v for v in get(model).outputs if v.kind == "Real"}
+def output_units(model: str) -> dict[str, str]:
+    """Return the outputs of an actuator that may be kept as trajectories, with the units in which they are kept."""
+    return {v.name: shown(v.unit)[0] for v in get(model).outputs if v.kind == "Real"}
 
 
 def start_entries(model: str) -> dict[str, Variable]:
@@ -55,18 +53,12 @@ def start_entries(model: str) -> dict[str, Variable]:
     return {v.name: v for v in get(model).file_entries}
 
 
-def quantity_of(variable: Variable) -> In:
-    """Return how a value of a parameter is written."""
-    return In(variable.unit, variable.minimum, variable.maximum, type=variable.kind)
-
-
 def rounded(value: float) -> float:
     """Return a value as a file holds it; nan for one that is never reached."""
     return float(f"{value + 0.0:.{DIGITS}g}") if isfinite(value) else nan
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(NamedTuple):
     """What a file is read for: a model, and whether what was approved is needed, or limits and cases alone."""
 
     model: str
@@ -106,7 +98,7 @@ FigureLimits = Annotated[Mapping[str, Limit], PlainValidator(_figure_limits)]
 
 
 def _trajectory_limits(written: Any, info: ValidationInfo) -> dict[str, float]:
-    there = outputs(reading(info).model)
+    units = output_units(reading(info).model)
 
     def read(name: str, entry: Any) -> float:
         if name == "sample_time":
@@ -114,13 +106,13 @@ def _trajectory_limits(written: Any, info: ValidationInfo) -> dict[str, float]:
             if abs(time * 1e3 - round(time * 1e3)) > 1e-9:
                 raise ValueError("must be a whole number of ms")
             return round(time, 9)
-        _known(name, ["sample_time", *there])
-        return float(In(shown(there[name].unit)[0], 0.0).limited(entry))
+        _known(name, ["sample_time", *units])
+        return float(In(units[name], 0.0).limited(entry))
 
-    found = each(written, read)
-    if "sample_time" not in found:
+    limits = each(written, read)
+    if "sample_time" not in limits:
         raise ValueError("sample_time is missing")
-    return found
+    return limits
 
 
 class Limits(Table):
@@ -142,11 +134,7 @@ class Limits(Table):
 
 def _start(written: Any, info: ValidationInfo) -> dict[str, Any]:
     variables = start_entries(reading(info).model)
-
-    def read(name: str, entry: Any) -> Any:
-        return quantity_of(parameter_of(name, variables)).limited(entry)
-
-    return each(written, read)
+    return each(written, lambda name, entry: In.of(parameter_of(name, variables)).limited(entry))
 
 
 class Case(Table):
@@ -172,19 +160,9 @@ class Case(Table):
 
         return each(written, read) if reading(info).approved else {}
 
-    @property
-    def what(self) -> str:
-        """What is done, in a few words."""
-        raise NotImplementedError
-
     def made(self, folder: Path, model: str) -> Excitation:
         """Return the inputs, without what `start` changes."""
         raise NotImplementedError
-
-    @property
-    def title(self) -> str:
-        """What is done, with the parameters that differ."""
-        return self.what + "".join(f", {name} {value:g}" for name, value in self.start.items())
 
     def excitation(self, folder: Path, model: str) -> Excitation:
         """Return the inputs; a CSV file is looked for beside the baseline in `folder`. Raises EmcasError.
@@ -192,7 +170,8 @@ class Case(Table):
         All of a response is approved, and not what follows the command only.
         """
         made = self.made(folder, model).with_start_values(self.start)
-        return replace(made, title=self.title, begin=0.0)
+        changes = "".join(f", {name} {value:g}" for name, value in self.start.items())
+        return replace(made, title=made.title + changes, begin=0.0)
 
     def measure(self, run: Run) -> dict[str, float]:
         """Return the figures of a finished run, SI, as far as the actuator has the outputs they need."""
@@ -214,10 +193,6 @@ class Sweep(Case):
             raise ValueError("nothing would move")
         return command
 
-    @property
-    def what(self) -> str:
-        return f"sine sweep of {self.command:g} deg"
-
     def made(self, folder: Path, model: str) -> Excitation:
         return sweep(radians(self.command), self.duration)
 
@@ -232,14 +207,6 @@ class Step(Sweep):
 
     torque: Annotated[float, In("N.m")] = 0.0
 
-    @property
-    def what(self) -> str:
-        return f"step to {self.command:+g} deg{self._load}"
-
-    @property
-    def _load(self) -> str:
-        return f" with {self.torque:+g} N.m" if self.torque else ""
-
     def made(self, folder: Path, model: str) -> Excitation:
         return step_to(radians(self.command), self.duration, self.torque)
 
@@ -249,10 +216,6 @@ class Step(Sweep):
 
 class Slew(Step):
     """From -`command` to `command` [deg] while `torque` [N.m] comes on."""
-
-    @property
-    def what(self) -> str:
-        return f"slew from {-self.command:+g} to {self.command:+g} deg{self._load}"
 
     def made(self, folder: Path, model: str) -> Excitation:
         return slew_to(radians(self.command), self.duration, self.torque)
@@ -272,12 +235,8 @@ class Reference(Case):
             raise ValueError(str(error)) from error
         return case
 
-    @property
-    def what(self) -> str:
-        return f"reference case {self.case}"
-
     def made(self, folder: Path, model: str) -> Excitation:
-        return reference_case(self.case, exact=False)
+        return replace(reference_case(self.case, exact=False), title=f"reference case {self.case}")
 
 
 class Replay(Case):
@@ -285,16 +244,12 @@ class Replay(Case):
 
     file: str
 
-    @property
-    def what(self) -> str:
-        return f"inputs of {self.file}"
-
     def made(self, folder: Path, model: str) -> Excitation:
         path = folder / self.file  # an absolute path stays one
-        found = csv_file(path, model=model)
-        if found.stop > LONGEST:
-            raise EmcasError(f"{path}: lasts {found.stop:g} s; a baseline's case may last {LONGEST:g} s")
-        return found
+        inputs = csv_file(path, model=model)
+        if inputs.stop > LONGEST:
+            raise EmcasError(f"{path}: lasts {inputs.stop:g} s; a baseline's case may last {LONGEST:g} s")
+        return replace(inputs, title=f"inputs of {self.file}")
 
 
 KINDS: Mapping[str, type[Case]] = {"step": Step, "slew": Slew, "sweep": Sweep, "reference": Reference, "file": Replay}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,36 +11,31 @@ import numpy as np
 
 from ... import __version__, plots
 from ...bench import writers
-from ...bench.metrics import shown
 from .model import SCHEMA as BASELINE
-from .model import outputs
-from .study import Changed, Comparison
-from .table import HEADER, NUMERIC, line, lines, verdict
+from .model import output_units
+from .study import Comparison
+from .table import HEADER, NUMERIC, cells, selected, verdict
 
 SCHEMA = "emcas-baseline-check/1"
 """Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
 
 
 def as_dict(comparison: Comparison) -> dict[str, Any]:
-    """Everything but the trajectories."""
+    """Return everything but the trajectories."""
     rows = [{**asdict(row), "change": row.change, "share_of_limit": row.share, "passed": row.passed}
             for row in comparison.rows]
+    about = comparison.identification
     return {"schema": SCHEMA, "baseline_schema": BASELINE, "tool": f"emcas {__version__}",
-            "passed": comparison.passed, "article": asdict(comparison.identification), "fin": comparison.fin,
+            "passed": comparison.passed, "article": asdict(about), "fin": about.fin,
             "recorded": dict(comparison.baseline.recorded), "comparisons": rows, "stopped": comparison.stopped,
-            "changed_parameters": [asdict(c) for c in comparison.parameters],
-            "changed_marks": [asdict(c) for c in comparison.marks], "notes": comparison.notes}
-
-
-def write_json(comparison: Comparison, path: Path) -> None:
-    """Write everything but the trajectories; what is never reached, and infinite shares, are null."""
-    writers.write_json(as_dict(comparison), path)
+            "changed_parameters": [changed._asdict() for changed in comparison.parameters],
+            "changed_marks": [changed._asdict() for changed in comparison.marks], "notes": comparison.notes}
 
 
 def write_junit(comparison: Comparison, path: Path) -> None:
     """Write a test case for each comparison with a limit, a suite for each case."""
     writers.write_junit("emcas baseline check", {
-        case.title: _tests(comparison, name) for name, case in comparison.baseline.cases.items()}, path)
+        title: _tests(comparison, name) for name, title in comparison.titles.items()}, path)
 
 
 def _tests(comparison: Comparison, case: str) -> Iterator[writers.Case]:
@@ -49,8 +44,8 @@ def _tests(comparison: Comparison, case: str) -> Iterator[writers.Case]:
         yield writers.Case("run", place, comparison.stopped[case], kind="not finished")
     for row in comparison.rows:
         if row.case == case and row.limit is not None:
-            cells = dict(zip(HEADER, line(row).cells, strict=True))
-            drift = "" if row.passed else ", ".join(f"{key} {cells[key]}" for key in HEADER[1:-1])
+            shown = list(zip(HEADER, cells(row), strict=True))[1:-1]
+            drift = "" if row.passed else ", ".join(f"{key} {cell}" for key, cell in shown)
             yield writers.Case(row.name if row.at is None else f"{row.name}_trajectory", place, drift, kind="drift")
 
 
@@ -63,23 +58,19 @@ def append_markdown(comparison: Comparison, remedy: str, path: Path, everything:
 def _markdown(comparison: Comparison, remedy: str, everything: bool) -> Iterator[str]:
     about = comparison.identification
     yield f"### {'✅' if comparison.passed else '❌'} {_cell(about.file)}: {verdict(comparison)}\n"
-    yield from _table(HEADER, [x.cells if x.row.passed else (*x.cells[:-1], f"**{x.cells[-1]}**")
-                               for x in lines(comparison, everything)], NUMERIC)
+    yield from _table(HEADER, [cells(row) if row.passed else (*cells(row)[:-1], f"**{cells(row)[-1]}**")
+                               for row in selected(comparison, everything)], NUMERIC)
     for case, why in comparison.stopped.items():
         yield f"**{case}** {_cell(why)}\n"
     if comparison.parameters:
         yield "Parameters that are not those approved:\n"
-        yield from _changes(comparison.parameters)
+        yield from _table(("parameter", "approved", "now"), comparison.parameters, range(1, 3))
     if not comparison.passed:
         yield f"{_cell(remedy)}\n"
     yield from (f"Note: {_cell(note)}\n" for note in comparison.notes)
 
 
-def _changes(changes: Sequence[Changed]) -> Iterator[str]:
-    yield from _table(("parameter", "approved", "now"), [(c.name, c.approved, c.now) for c in changes], range(1, 3))
-
-
-def _table(header: tuple[str, ...], rows: list[tuple[str, ...]], numeric: range) -> Iterator[str]:
+def _table(header: tuple[str, ...], rows: Iterable[tuple[str, ...]], numeric: range) -> Iterator[str]:
     yield f"| {' | '.join(header)} |"
     yield f"|{'|'.join('---:' if k in numeric else '---' for k in range(len(header)))}|"
     yield from (f"| {' | '.join(map(_cell, row))} |" for row in rows)
@@ -93,16 +84,16 @@ def _cell(text: str) -> str:
 def write_report(comparison: Comparison, remedy: str, path: Path) -> None:
     """Write the page; the same comparison gives the same bytes."""
     writers.write_page(path, "studies/baseline/page.html.j2", about=comparison.identification, comparison=comparison,
-                       verdict=verdict(comparison), remedy=remedy, header=HEADER, numeric=NUMERIC,
-                       lines=list(lines(comparison, everything=True)), pictures=plots.pictures(_drawings(comparison)))
+                       verdict=verdict(comparison), remedy=remedy, header=HEADER, numeric=NUMERIC, cells=cells,
+                       pictures=plots.pictures(_drawings(comparison)))
 
 
 def _drawings(comparison: Comparison) -> Iterator[plots.Drawing]:
-    """Each trajectory: approved and present, and their difference."""
-    there = outputs(comparison.baseline.model)
-    for case, kept in comparison.curves.items():
-        for name, (time, old, new) in kept.items():
-            unit, limit = shown(there[name].unit)[0], comparison.baseline.limits.traces[name]
+    """Yield each trajectory: approved and present, and their difference."""
+    units = output_units(comparison.baseline.model)
+    for case, curves in comparison.curves.items():
+        for name, (time, old, new) in curves.items():
+            unit, limit = units[name], comparison.baseline.limits.traces[name]
             figure, ((above,), (below,)) = plots.figure(2, height=1.5, sharex=True, height_ratios=(2, 1))
             above.plot(time, old, color=plots.GRAY, linewidth=3.0, label="approved")
             above.plot(time, new, color=plots.BLUE, label="now")
@@ -113,5 +104,5 @@ def _drawings(comparison: Comparison) -> Iterator[plots.Drawing]:
             below.set(ylabel=f"change / {unit}", xlabel="time / s")
             largest = float(np.max(np.abs(new - old)))
             yield plots.Drawing(f"{name} of {case}, approved and now", figure,
-                                f"{case}: {comparison.baseline.cases[case].title}. Largest change of {name} "
+                                f"{case}: {comparison.titles[case]}. Largest change of {name} "
                                 f"{largest:.3g} {unit}, limit {limit:g} {unit} (shaded).")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,7 +13,6 @@ from pydantic import PlainValidator, ValidationInfo, model_validator
 
 from ... import schema
 from ...actuators import NONLINEAR, get
-from ...bench.metrics import shown
 from ...errors import EmcasError
 from .model import (
     FILE,
@@ -24,8 +24,7 @@ from .model import (
     Limits,
     Reading,
     Replay,
-    outputs,
-    quantity_of,
+    output_units,
     reading,
     start_entries,
 )
@@ -35,7 +34,7 @@ REMEDY = "restore it from your repository, or write it anew with `emcas baseline
 
 def _parameters(written: Any, info: ValidationInfo) -> dict[str, Any]:
     variables = start_entries(reading(info).model)
-    return schema.each(written, lambda name, entry: quantity_of(schema.parameter_of(name, variables)).number(entry))
+    return schema.each(written, lambda name, entry: schema.In.of(schema.parameter_of(name, variables)).number(entry))
 
 
 def _case(name: str, written: Any, info: ValidationInfo) -> Case:
@@ -99,22 +98,21 @@ def read(path: Path, model: str = NONLINEAR) -> Baseline:
 
 def _traces(path: Path, limits: Limits, model: str) -> dict[str, Array]:
     """The columns of a case's file but its time."""
-    units = {name: shown(v.unit)[0] for name, v in outputs(model).items()}
-    wanted = ["time [s]", *(f"{name} [{units[name]}]" for name in limits.traces)]
+    units = output_units(model)
+    columns = ["time [s]", *(f"{name} [{units[name]}]" for name in limits.traces)]
     if not path.is_file():
         raise EmcasError(f"{path}: is missing; {REMEDY}")
     try:
         with path.open(encoding="utf-8", newline="") as file:
             header, *rows = list(csv.reader(file))
-        if header != wanted:
-            raise ValueError(f"its columns are {', '.join(header)}; expected {', '.join(wanted)}")
+        if header != columns:
+            raise ValueError(f"its columns are {', '.join(header)}; expected {', '.join(columns)}")
         for line, row in enumerate(rows, 2):
             if len(row) != len(header):
                 raise ValueError(f"line {line} has {len(row)} values, not {len(header)}")
-            for cell in row:
-                if not np.isfinite(float(cell)):
-                    raise ValueError(f"line {line} has {cell}")
-        table = np.array([[float(cell) for cell in row] for row in rows]).reshape(-1, len(header))
+            if odd := [cell for cell in row if not isfinite(float(cell))]:
+                raise ValueError(f"line {line} has {odd[0]}")
+        table = np.array(rows, dtype=float).reshape(-1, len(header))
         if not np.allclose(table[:, 0], np.arange(len(table)) * limits.sample_time, rtol=0.0, atol=1e-6):
             raise ValueError(f"its times are not {limits.sample_time:g} s apart from 0")
     except ValueError as error:

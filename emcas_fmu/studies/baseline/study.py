@@ -6,13 +6,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from math import copysign, degrees, inf, isnan
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ... import __version__
 from ...bench.metrics import FIGURES, shown
-from ...bench.subject import Identification, Subject
+from ...bench.subject import Identification, Run, Subject, left_out
 from ...errors import EmcasError
 from ...progress import Progress
 from .model import ALL, Array, Baseline, Case, rounded, start_entries, unit_of
@@ -57,8 +57,7 @@ class Row:
         return self.share <= 1.0 + 1e-9
 
 
-@dataclass(frozen=True)
-class Changed:
+class Changed(NamedTuple):
     """A parameter, or another mark of what was recorded, that is not the approved one."""
 
     name: str
@@ -68,14 +67,14 @@ class Changed:
 
 @dataclass(frozen=True)
 class Comparison:
-    """`rows` in the order of the baseline's cases; `stopped` tells by case why its run ended early.
+    """`rows` in the order of the baseline's cases; `titles` of these, and by case why a run was `stopped` early.
 
-    `curves` are trajectories by case and output, approved and now, in display units at `times` [s].
+    `curves` are times [s] and trajectories, approved and now, by case and output in display units.
     """
 
     baseline: Baseline
     identification: Identification
-    fin: int | None
+    titles: Mapping[str, str]
     rows: tuple[Row, ...]
     stopped: Mapping[str, str]
     parameters: tuple[Changed, ...]
@@ -102,7 +101,8 @@ class Comparison:
 def first(template: Baseline, subject: Subject) -> tuple[Baseline, list[str]]:
     """Return a template for a subject, no command beyond what it follows, and what is left out of it, and why."""
     most = round(degrees(subject.command_limit), 9)
-    without = [*_left_out(subject)]
+    missing = left_out({name: FIGURES[name] for name in ALL}, subject.outputs)
+    without = [f"{', '.join(names)}: {why}" for why, names in missing.items()]
     figures = {name: limit for name, limit in template.limits.figures.items()
                if not subject.lacking(FIGURES[name].needs)}
     cases: dict[str, Case] = {}
@@ -117,22 +117,15 @@ def first(template: Baseline, subject: Subject) -> tuple[Baseline, list[str]]:
     return replace(template, model=subject.model, limits=limits, cases=cases), without
 
 
-def _left_out(subject: Subject) -> Iterator[str]:
-    """Figures of which the subject lacks an output, with the reason."""
-    lacking = {name: why for name in ALL if (why := subject.lacking(FIGURES[name].needs))}
-    for why in dict.fromkeys(lacking.values()):
-        yield f"{', '.join(name for name, each in lacking.items() if each == why)}: {why}"
-
-
 def record(plan: Baseline, subject: Subject, folder: Path, command: str, progress: Progress | None = None) -> Baseline:
     """The subject's response to the plan's cases as a baseline; limits are the plan's.
 
     CSV inputs are looked for in `folder`. Raises EmcasError where a run does not reach its end.
     """
     cases, traces = {}, {}
-    for name, figures, curves, stopped in _responses(plan, subject, folder, progress):
-        if stopped:
-            raise EmcasError(f"{subject.identification.file}: case {name} {stopped}; a baseline needs every case to "
+    for name, run, figures, curves in _responses(plan, subject, folder, progress):
+        if run.stopped is not None:
+            raise EmcasError(f"{subject.identification.file}: case {name} {run.reason}; a baseline needs every case to "
                              "run to its end")
         cases[name] = plan.cases[name].model_copy(update={"figures": figures})
         traces[name] = curves
@@ -144,10 +137,11 @@ def record(plan: Baseline, subject: Subject, folder: Path, command: str, progres
 def compare(baseline: Baseline, subject: Subject, folder: Path, progress: Progress | None = None) -> Comparison:
     """The subject's response against the approved one, which `folder` is of. Raises EmcasError."""
     rows: list[Row] = []
-    stops, curves, notes = {}, {}, []
-    for name, figures, traces, stopped in _responses(baseline, subject, folder, progress):
-        if stopped:
-            stops[name] = stopped
+    titles, stopped, curves, notes = {}, {}, {}, []
+    for name, run, figures, traces in _responses(baseline, subject, folder, progress):
+        titles[name] = run.excitation.title
+        if run.stopped is not None:
+            stopped[name] = run.reason
             continue
         case = baseline.cases[name]
         limits = {**baseline.limits.figures, **case.limits}
@@ -169,20 +163,20 @@ def compare(baseline: Baseline, subject: Subject, folder: Path, progress: Progre
         notes.append(f"the baseline is of fin {was['fin']}, compared is fin {now['fin']}; see --fin")
     marks = tuple(Changed(key, was.get(key, "-"), now.get(key, "-")) for key in dict.fromkeys((*now, *was))
                   if key != "command" and was.get(key) != now.get(key))
-    return Comparison(baseline, subject.identification, subject.identification.fin, tuple(rows), stops,
+    return Comparison(baseline, subject.identification, titles, tuple(rows), stopped,
                       tuple(_parameters(baseline, subject.values)), marks, tuple(notes), curves)
 
 
 def _responses(plan: Baseline, subject: Subject, folder: Path, progress: Progress | None
-               ) -> Iterator[tuple[str, dict[str, float], dict[str, Array], str]]:
-    """Each case with figures and trajectories as a file would hold them, or why its run ended early."""
+               ) -> Iterator[tuple[str, Run, dict[str, float], dict[str, Array]]]:
+    """Yield each case with its run, and figures and trajectories as a file would hold them; none of one cut short."""
     for done, (name, case) in enumerate(plan.cases.items()):
         if progress:
             progress(name, done, len(plan.cases))
         excitation = case.excitation(folder, plan.model)
         run = subject.run(excitation)
         if run.stopped is not None:
-            yield name, {}, {}, run.reason
+            yield name, run, {}, {}
             continue
         with np.errstate(divide="ignore", invalid="ignore"):  # a fin that does not move has no gain
             measured = case.measure(run)
@@ -192,7 +186,7 @@ def _responses(plan: Baseline, subject: Subject, folder: Path, progress: Progres
         traces = {} if case.kind == "sweep" else {
             key: np.array([rounded(v) for v in (run.columns[key] * shown(subject.outputs[key].unit)[1])[::every]
                            .tolist()]) for key in plan.limits.traces}
-        yield name, figures, traces, ""
+        yield name, run, figures, traces
 
 
 def _curves(case: str, baseline: Baseline, traces: Mapping[str, Array], folder: Path

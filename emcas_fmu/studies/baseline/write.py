@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 
 from ...actuators import NONLINEAR, get
-from ...bench.metrics import shown
 from ...parameters import load_parameters
 from ...variables import Variable
-from .model import DIGITS, FILE, NEVER, SCHEMA, UNITS, Array, Baseline, Case, Limit, outputs, start_entries, unit_of
+from .model import DIGITS, FILE, NEVER, SCHEMA, Baseline, Case, Limit, output_units, start_entries, unit_of
+
+# Units in which a case keeps its numbers, in the order they are written.
+_UNITS = {"command": "deg", "torque": "N.m", "duration": "s"}
 
 _HEAD = """# The approved response of an actuator. Limits and cases may be edited; everything else is written by
 # `emcas baseline record`, which keeps them. `emcas baseline check` compares with it.
@@ -24,26 +26,18 @@ _HEAD = """# The approved response of an actuator. Limits and cases may be edite
 def write(baseline: Baseline, folder: Path) -> list[Path]:
     """Write the files of a baseline, and give them. Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
-    written = [folder / FILE]
+    files, units = [folder / FILE], output_units(baseline.model)
     for name, traces in baseline.traces.items():
-        path = folder / f"{name}.csv"
-        path.write_text("\n".join(_rows(traces, baseline)) + "\n", encoding="utf-8", newline="\n")
-        written.append(path)
+        files.append(folder / f"{name}.csv")
+        columns = np.column_stack(list(traces.values()))
+        times = np.arange(len(columns)) * baseline.limits.sample_time
+        with files[-1].open("w", encoding="utf-8", newline="\n") as file:
+            # No zero has a sign.
+            np.savetxt(file, np.column_stack([times, columns]) + 0.0, f"%.{DIGITS}g", ",", comments="",
+                       header=",".join(["time [s]", *(f"{output} [{units[output]}]" for output in traces)]))
     # Last, so that a folder with trajectories only is seen to be unfinished.
-    written[0].write_text("\n".join(_document(baseline)) + "\n", encoding="utf-8", newline="\n")
-    return written
-
-
-def _unit(baseline: Baseline, output: str) -> str:
-    return shown(outputs(baseline.model)[output].unit)[0]
-
-
-def _rows(traces: Mapping[str, Array], baseline: Baseline) -> Iterator[str]:
-    yield ",".join(["time [s]", *(f"{name} [{_unit(baseline, name)}]" for name in traces)])
-    columns = list(traces.values())
-    times = np.arange(len(columns[0])) * baseline.limits.sample_time
-    for row in zip(times.tolist(), *(column.tolist() for column in columns), strict=True):
-        yield ",".join(f"{value + 0.0:.{DIGITS}g}" for value in row)
+    files[0].write_text("\n".join(_document(baseline)) + "\n", encoding="utf-8", newline="\n")
+    return files
 
 
 def _document(baseline: Baseline) -> Iterator[str]:
@@ -62,7 +56,8 @@ def _document(baseline: Baseline) -> Iterator[str]:
     yield from _limits(baseline.limits.figures)
     yield "\n# Outputs kept as trajectories of every case but sweeps, every sample_time.\n[limits.trajectories]"
     yield f'sample_time = "{baseline.limits.sample_time * 1e3:g} ms"'
-    yield from (f'{name} = "{value:g} {_unit(baseline, name)}"' for name, value in baseline.limits.traces.items())
+    units = output_units(baseline.model)
+    yield from (f'{name} = "{value:g} {units[name]}"' for name, value in baseline.limits.traces.items())
     for name, case in baseline.cases.items():
         yield from _case(name, case, variables)
 
@@ -82,7 +77,7 @@ def _case(name: str, case: Case, variables: Mapping[str, Variable]) -> Iterator[
     yield f"\n[case.{name}]\nkind = {json.dumps(case.kind)}"
     fields = type(case).model_fields
     yield from (f"{key} = {json.dumps(getattr(case, key))}" for key in ("case", "file") if key in fields)
-    yield from (f'{key} = "{getattr(case, key):.12g} {unit}"' for key, unit in UNITS.items()
+    yield from (f'{key} = "{getattr(case, key):.12g} {unit}"' for key, unit in _UNITS.items()
                 if key in fields and getattr(case, key) != fields[key].default)
     if case.start:
         values = ", ".join(f"{json.dumps(key)} = {_quantity(variables[key], value)}"

@@ -52,10 +52,11 @@ class Distribution:
     @cached_property
     def _frozen(self) -> Any:
         n = self.numbers
-        if self.kind in ("uniform", "log-uniform"):
-            make = stats.uniform if self.kind == "uniform" else stats.loguniform
-            return make(n["low"], n["high"] - n["low"]) if self.kind == "uniform" else make(n["low"], n["high"])
         width = n["high"] - n["low"] if "high" in n else 0.0
+        if self.kind == "uniform":
+            return stats.uniform(n["low"], width)
+        if self.kind == "log-uniform":
+            return stats.loguniform(n["low"], n["high"])
         if self.kind == "triangular":
             return stats.triang((n["mode"] - n["low"]) / width, n["low"], width)
         if self.kind == "lognormal":
@@ -65,6 +66,11 @@ class Distribution:
             ends = ((n[side] - n["mean"]) / n["sd"] for side in ("low", "high"))
             return stats.truncnorm(*ends, n["mean"], n["sd"])
         return stats.norm(n["mean"], n["sd"])
+
+    @property
+    def bounded(self) -> bool:
+        """Whether it has no tails."""
+        return self.kind == "choice" or "low" in self.numbers
 
     def at(self, share: Array | float) -> Array:
         """Values in the entry's unit below which the given shares (0 to 1, any shape) of all samples lie."""
@@ -83,36 +89,30 @@ class Distribution:
         return float(self.at(outside)), float(self.at(1.0 - outside))
 
     def outside(self, minimum: float, maximum: float) -> float:
-        """Share of samples outside two limits."""
-        if self.kind == "choice":
-            values = np.asarray(self.levels, dtype=float)
-            return float(np.mean((values < minimum) | (values > maximum)))
-        if "low" in self.numbers:  # a bounded one has no tails: all of it must be inside
-            return float(self.numbers["low"] < minimum or self.numbers["high"] > maximum)
+        """Return the share of samples outside two limits, which only one with tails may have; 1 of any other."""
+        if self.bounded:
+            low, high = self.limits()
+            return float(low < minimum or high > maximum)
         return float(self._frozen.cdf(minimum) + self._frozen.sf(maximum))
 
 
 def _deviation(written: Any, info: ValidationInfo) -> float:
     """A standard deviation: a percentage of the mean, or a difference in the entry's unit."""
-    unit, text = _unit(info), str(written).strip()
+    unit: Any = info.context
+    text = str(written).strip()
     if text.endswith("%") and unit.unit == "degC":
         raise ValueError("a percentage of a temperature says nothing; give a difference such as 5 K")
-    found = float(replace(unit, base=abs(info.data.get("mean", 0.0))).number(written))
+    deviation = float(replace(unit, base=abs(info.data.get("mean", 0.0))).number(written))
     if unit.unit == "degC":  # 5 degC, and 5 K, of difference: what 0 of that unit is cancels
-        found -= float(unit.number(_NUMBER.sub("0", text, count=1)))
-    return found
+        deviation -= float(unit.number(_NUMBER.sub("0", text, count=1)))
+    return deviation
 
 
 def _mean(written: Any, info: ValidationInfo) -> float:
-    unit = _unit(info)
+    unit: Any = info.context
     if written is None and unit.base is None:
         raise ValueError("is missing")
-    return float(unit.base or 0.0) if written is None else float(unit.number(written))
-
-
-def _unit(info: ValidationInfo) -> In:
-    unit: Any = info.context
-    return unit  # type: ignore[no-any-return]
+    return float(unit.base if written is None else unit.number(written))
 
 
 _FIELDS: Mapping[str, Any] = {
@@ -174,8 +174,8 @@ def _sound(found: Distribution, unit: In) -> None:
 def _inside(found: Distribution, unit: In) -> None:
     """Raise ValueError for what lies outside the entry's limits, but for tails."""
     share = found.outside(unit.minimum, unit.maximum)
-    if share > (0.0 if found.kind == "choice" else MOST_OUTSIDE):
-        remedy = "" if found.kind == "choice" or "low" in found.numbers else (
+    if share > MOST_OUTSIDE:
+        remedy = "" if found.bounded else (
             f": {share:.2g} of the samples are not; truncate it (distribution = \"truncated-normal\")")
         raise ValueError(f"must stay {unit.limits}{remedy}")
 

@@ -6,10 +6,9 @@ words of bits, is observed: the last one, and of a word the bits that ever were 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,83 +20,57 @@ from ...variables import Variable
 from .experiments import Experiment
 
 
-@dataclass(frozen=True)
-class Observation:
-    """A column that is no figure; `kind` is Integer, Boolean or String, `bits` what those of a word stand for."""
+class Reduction(NamedTuple):
+    """How the column of an output becomes an entry of a row; what is observed is no `figure`."""
 
-    kind: str
-    bits: tuple[str, ...] = ()
-
-    def names(self, value: int) -> tuple[str, ...]:
-        """Return the names of the bits of a word that are set."""
-        return tuple(name for i, name in enumerate(self.bits) if value >> i & 1)
-
-    def text(self, value: Any) -> str:
-        """Return a value for people: of a word the bits that are set, by name."""
-        if self.bits and value:
-            return f"{value} ({', '.join(self.names(value))})"
-        return str(value).lower() if isinstance(value, bool) else str(value)
+    output: Variable
+    figure: Figure | None
+    value: Callable[[Array, Array], Any]
+    """From the column and its times [s]."""
 
 
-variables = cache(extension_outputs)
-"""The outputs that the extensions of a model, by its full name, add."""
+@cache
+def reductions(model: str) -> Mapping[str, Reduction]:
+    """Return how each output that the extensions of a model add is reduced, by the name of the entry."""
+    return {f"{v.name}_{suffix}": Reduction(v, *reduction) for v in extension_outputs(model)
+            for suffix, reduction in _reductions(v).items()}
 
 
-def _figures(v: Variable) -> dict[str, Figure]:
-    """Figures of an output; none of one that is a state or a number without an order."""
+def _reductions(v: Variable) -> dict[str, tuple[Figure | None, Callable[[Array, Array], Any]]]:
+    def figure(unit: str, title: str, bad: float = 1.0) -> Figure:
+        return Figure(unit, title, (v.name,), bad)
+
     if v.kind == "Real":
-        return {f"{v.name}_last": Figure(v.unit, f"{v.description}, at the end", (v.name,)),
-                f"{v.name}_largest": Figure(v.unit, f"{v.description}, largest", (v.name,)),
-                f"{v.name}_smallest": Figure(v.unit, f"{v.description}, smallest", (v.name,), -1.0)}
+        return {"last": (figure(v.unit, f"{v.description}, at the end"), lambda column, time: float(column[-1])),
+                "largest": (figure(v.unit, f"{v.description}, largest"), lambda column, time: float(column.max())),
+                "smallest": (figure(v.unit, f"{v.description}, smallest", -1.0),
+                             lambda column, time: float(column.min()))}
     if v.kind == "Boolean":
-        return {f"{v.name}_share": Figure("1", f"share of the time in which {v.name} is true", (v.name,), -1.0)}
-    if v.bits:
-        return {f"{v.name}_first": Figure("s", f"when {v.name} first has a bit set", (v.name,))}
-    return {}
+        return {"last": (None, lambda column, time: bool(column[-1])),
+                "share": (figure("1", f"share of the time in which {v.name} is true", -1.0),
+                          lambda column, time: float(np.mean(column)))}
+    if v.items:
+        return {"last": (None, lambda column, time: v.in_words(column[-1]))}
+    last = (None, lambda column, time: int(column[-1]))
+    return {"last": last} if not v.bits else {
+        "last": last, "ever": (None, lambda column, time: int(np.bitwise_or.reduce(column.astype(np.int64)))),
+        "first": (figure("s", f"when {v.name} first has a bit set"), _first)}
 
 
-def _observations(v: Variable) -> dict[str, Observation]:
-    if v.kind == "Real":
-        return {}
-    kind = "String" if v.items else "Boolean" if v.kind == "Boolean" else "Integer"
-    last = {f"{v.name}_last": Observation(kind, v.bits)}
-    return {**last, f"{v.name}_ever": Observation("Integer", v.bits)} if v.bits else last
-
-
-@cache
-def figures(model: str) -> Mapping[str, Figure]:
-    """Return the figures of the outputs that a model's extensions add, by name."""
-    return {name: figure for v in variables(model) for name, figure in _figures(v).items()}
-
-
-@cache
-def observations(model: str) -> Mapping[str, Observation]:
-    """Return what is observed of them besides, by name."""
-    return {name: observation for v in variables(model) for name, observation in _observations(v).items()}
+def _first(column: Array, time: Array) -> float:
+    return float(time[np.argmax(column != 0.0)]) if column.any() else float("nan")
 
 
 def reduced(experiment: Experiment, model: str, run: Run) -> dict[str, Any]:
     """Return figures and observations of a finished run by column name."""
-    time = run.columns["time"]
-    acting, since = run.excitation.judged(time), time - run.excitation.begin
-    found: dict[str, Any] = {}
-    for v in variables(model):
-        found |= _reduced(v, run.columns[v.name][acting], since[acting])
-    return {f"{experiment.name}.{name}": value for name, value in found.items()}
+    rows = run.excitation.judged(run.columns["time"])
+    time = run.columns["time"][rows] - run.excitation.begin
+    return {f"{experiment.name}.{name}": reduction.value(run.columns[reduction.output.name][rows], time)
+            for name, reduction in reductions(model).items()}
 
 
-def _reduced(v: Variable, column: Array, time: Array) -> dict[str, Any]:
-    last = column[-1]
-    if v.kind == "Real":
-        return {f"{v.name}_last": float(last), f"{v.name}_largest": float(column.max()),
-                f"{v.name}_smallest": float(column.min())}
-    if v.kind == "Boolean":
-        return {f"{v.name}_last": bool(last), f"{v.name}_share": float(np.mean(column))}
-    if v.items:
-        return {f"{v.name}_last": v.items[round(last) - 1][0]}
-    whole = np.rint(column).astype(np.int64)
-    found: dict[str, Any] = {f"{v.name}_last": int(whole[-1])}
-    if v.bits:
-        found[f"{v.name}_ever"] = int(np.bitwise_or.reduce(whole))
-        found[f"{v.name}_first"] = float(time[np.argmax(whole != 0)]) if whole.any() else float("nan")
-    return found
+def in_words(output: Variable, value: Any) -> str:
+    """Return what was observed of an output, of a word with the names of the bits that are set."""
+    if output.bits and value:
+        return f"{value} ({', '.join(output.flags(value))})"
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from math import nan
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from ...extensions.faults import BUILT_IN_TEST, FAULT_WORD
-from .extension_outputs import Observation
+from ...extensions.monitors import possible
+from ...variables import Variable
+from .extension_outputs import in_words
 from .plan import Plan
 from .sample import observed
 
@@ -19,20 +22,13 @@ NONE, SEVERAL = "no fault", "several faults"
 
 
 @dataclass(frozen=True)
-class Tally:
-    """How many samples have each value of a column, or each bit of a word; most often first."""
-
-    name: str
-    counts: tuple[tuple[str, int], ...]
-
-
-@dataclass(frozen=True)
 class Finding:
     """Samples of an experiment with one fault, by its name, with none or with several.
 
     `found` is in how many of them a monitor tripped after the fault began, without one, in how many any tripped;
-    `before` in how many one had tripped before it. `monitors` counts each one, whenever it tripped. `delay` [s] is the
-    median of those found, from the beginning of the fault, and `longest` the largest; nan where there is none.
+    `before` in how many one had tripped before it. `monitors` counts each one the actuator has, whenever it tripped.
+    `delay` [s] is the median of those found, from the beginning of the fault, and `longest` the largest; nan where
+    there is none.
     """
 
     experiment: str
@@ -45,41 +41,41 @@ class Finding:
     longest: float
 
 
-def tallies(plan: Plan, table: pa.Table) -> tuple[Tally, ...]:
-    """Of every column that is no figure, over the rows of samples that were run."""
-    return tuple(_tally(name, observation, table[name].to_pylist()) for name, observation in observed(plan).items())
+def tallies(plan: Plan, table: pa.Table) -> dict[str, dict[str, int]]:
+    """Return how many samples that were run have each value, or each bit of a word, of every column that is no figure.
+
+    Most often first.
+    """
+    return {name: dict(Counter(_values(output, table[name].to_pylist())).most_common())
+            for name, output in observed(plan).items()}
 
 
-def _tally(name: str, observation: Observation, values: list[Any]) -> Tally:
-    seen: list[str] = []
-    for value in values:
-        seen += observation.names(value) or ("none",) if observation.bits else (observation.text(value),)
-    return Tally(name, tuple(Counter(seen).most_common()))
+def _values(output: Variable, column: list[Any]) -> Iterator[str]:
+    for value in column:
+        yield from (output.flags(value) or ("none",)) if output.bits else (in_words(output, value),)
 
 
 def findings(plan: Plan, table: pa.Table) -> tuple[Finding, ...]:
-    """For each experiment what became of each fault that was injected alone; nothing of a model without faults."""
+    """Return for each experiment what became of each fault that was injected alone; nothing without faults."""
     if not {FAULT_WORD, BUILT_IN_TEST} <= set(plan.actuator.outputs):
         return ()
-    return tuple(finding for e in plan.experiments for finding in _of(e.name, plan, table))
+    monitors = [monitor.name for monitor in possible(plan.actuator)]
+    return tuple(finding for e in plan.experiments for finding in _findings(e.name, monitors, table))
 
 
-def _of(experiment: str, plan: Plan, table: pa.Table) -> list[Finding]:
-    words = [f"{experiment}.{v.name}" for v in (FAULT_WORD, BUILT_IN_TEST)]
-    injected, tripped = ([observed(plan)[f"{word}_ever"].names(value) for value in table[f"{word}_ever"].to_pylist()]
-                         for word in words)
-    begin, first = (np.asarray(table[f"{word}_first"].to_numpy(), dtype=float) for word in words)
-    groups: dict[str, list[int]] = {NONE: [], **{name: [] for name in FAULT_WORD.bits}, SEVERAL: []}
-    for i, faults in enumerate(injected):
-        groups[NONE if not faults else faults[0] if len(faults) == 1 else SEVERAL].append(i)
-    found = []
-    for fault, rows in groups.items():
+def _findings(experiment: str, monitors: list[str], table: pa.Table) -> Iterator[Finding]:
+    injected, tripped = ([word.flags(value) for value in table[f"{experiment}.{word.name}_ever"].to_pylist()]
+                         for word in (FAULT_WORD, BUILT_IN_TEST))
+    begin, first = (table[f"{experiment}.{word.name}_first"].to_numpy() for word in (FAULT_WORD, BUILT_IN_TEST))
+    delays = (first - begin).tolist()
+    groups = [NONE if not faults else faults[0] if len(faults) == 1 else SEVERAL for faults in injected]
+    for fault in (NONE, *FAULT_WORD.bits, SEVERAL):
+        rows = [i for i, group in enumerate(groups) if group == fault]
         if not rows:
             continue
-        late = [first[i] - begin[i] for i in rows if first[i] >= begin[i]]
+        late = [delays[i] for i in rows if delays[i] >= 0.0]
         counts = Counter(name for i in rows for name in tripped[i])
-        found.append(Finding(
-            experiment, fault, len(rows), sum(1 for i in rows if tripped[i]) if fault == NONE else len(late),
-            sum(1 for i in rows if first[i] < begin[i]), {name: counts[name] for name in BUILT_IN_TEST.bits},
-            float(np.median(late)) if late else float("nan"), max(late, default=float("nan"))))
-    return found
+        yield Finding(
+            experiment, fault, len(rows), sum(bool(tripped[i]) for i in rows) if fault == NONE else len(late),
+            sum(delays[i] < 0.0 for i in rows), {name: counts[name] for name in monitors},
+            float(np.median(late)) if late else nan, max(late, default=nan))

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...actuators import get
 from ...bench.metrics import FIGURES, Figure, leaping_power, motion, sweep_response, swept, usage
-from ...bench.subject import Run, Subject, lacking
+from ...bench.subject import Run, Subject, left_out
 from ...simulation import Array
 from .experiments import Experiment
 
@@ -39,19 +39,15 @@ _COLUMNS: Mapping[str, tuple[str, tuple[str, ...]]] = {
 @cache
 def figures(kind: str, model: str) -> Mapping[str, Figure]:
     """Return the figures of a kind of experiment by name, those for which the actuator has the outputs."""
-    there = {v.name for v in get(model).outputs}
-    return {name: FIGURES[known] for name, (known, kinds) in _COLUMNS.items()
-            if kind in kinds and there.issuperset(FIGURES[known].needs)}
+    outputs = {v.name for v in get(model).outputs}
+    return {name: FIGURES[figure] for name, (figure, kinds) in _COLUMNS.items()
+            if kind in kinds and outputs.issuperset(FIGURES[figure].needs)}
 
 
-def left_out(model: str) -> dict[str, list[str]]:
+def lacking(model: str) -> dict[str, list[str]]:
     """Return the figures an actuator has not, by the reason."""
-    found: dict[str, list[str]] = {}
-    there = {v.name for v in get(model).outputs}
-    for name, (known, _) in _COLUMNS.items():
-        if why := lacking(FIGURES[known].needs, there):
-            found.setdefault(why, []).append(name)
-    return found
+    return left_out({name: FIGURES[figure] for name, (figure, _) in _COLUMNS.items()},
+                    [v.name for v in get(model).outputs])
 
 
 def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps: Array) -> dict[str, float]:

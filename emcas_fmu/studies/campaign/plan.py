@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import pickle
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from ...actuators import NONLINEAR, get
@@ -58,22 +58,21 @@ class Plan:
         """For sending."""
         return pickle.dumps(self)
 
+    def chosen(self, drawn: Iterable[float]) -> dict[str, Value]:
+        """Return the factors with the values `drawn`, and the parameters that follow them."""
+        chosen = {f.name: f.value(x) for f, x in zip(self.factors, drawn, strict=True)}
+        return chosen | {name: self.base[name] * (chosen[leader] / self.base[leader])
+                         for name, leader in self.followers.items()}
+
+    def varied(self, drawn: Iterable[float]) -> tuple[dict[str, Value], dict[str, Value]]:
+        """Return parameters (flat, SI) and numbers of profiles of a sample whose factors have the values `drawn`."""
+        values, numbers = dict(self.base), dict(self.numbers)
+        for name, value in self.chosen(drawn).items():
+            (values if name in values else numbers)[name] = value
+        return values, numbers
+
 
 def source_sha256(model: str) -> str:
     """Return the SHA-256 of the user's file that declares an actuator; empty for one that is no file."""
     source = get(model).source
     return "" if source is None else hashlib.sha256(source.read_bytes()).hexdigest()
-
-
-def varied(plan: Plan, drawn: Mapping[str, Value]) -> tuple[dict[str, Value], dict[str, Value]]:
-    """Parameters (flat, SI) and numbers of profiles of a sample in which the factors have the values `drawn`."""
-    values, numbers = dict(plan.base), dict(plan.numbers)
-    for name, value in drawn.items():
-        (values if name in plan.base else numbers)[name] = value
-    values.update(followed(plan, drawn))
-    return values, numbers
-
-
-def followed(plan: Plan, drawn: Mapping[str, Value]) -> dict[str, Value]:
-    """The parameters that follow others."""
-    return {name: plan.base[name] * (drawn[leader] / plan.base[leader]) for name, leader in plan.followers.items()}

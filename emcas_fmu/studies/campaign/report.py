@@ -7,40 +7,34 @@ from pathlib import Path
 
 from ...bench.metrics import shown
 from ...bench.writers import write_page
-from ...plots import style, svg
-from .distributions import Distribution
-from .figures import all_figures
-from .measure import left_out
+from ...plots import pictures
+from .figures import drawings
+from .measure import lacking
 from .plan import Factor
-from .summary import PERCENTILES, Summary, angles, text
+from .summary import PERCENTILES, Summary, text
 
 _MOST_LEVELS = 8
 
 
 def described(factor: Factor) -> tuple[str, str]:
-    """A factor's distribution in a line, and the unit of its numbers."""
-    unit, scale = angles(factor.unit)
-    return _line(factor.distribution, scale), unit
-
-
-def _line(found: Distribution, scale: float) -> str:
-    if found.kind == "choice":
-        levels = [f"{level * scale:g}" for level in found.levels]
-        few = len(levels) <= _MOST_LEVELS
-        return f"one of {', '.join(levels)}" if few else f"{len(levels)} levels, {levels[0]} .. {levels[-1]}"
-    return f"{found.kind}, {', '.join(f'{name} {value * scale:.4g}' for name, value in found.numbers.items())}"
+    """Return a factor's distribution in a line, and the unit of its numbers; angles are in degrees."""
+    unit, scale = shown(factor.unit) if factor.unit.startswith("rad") else (factor.unit, 1.0)
+    kind, numbers, levels = factor.distribution.kind, factor.distribution.numbers, factor.distribution.levels
+    if kind != "choice":
+        return f"{kind}, {', '.join(f'{name} {value * scale:.4g}' for name, value in numbers.items())}", unit
+    if len(levels) > _MOST_LEVELS:
+        return f"{len(levels)} levels, {levels[0] * scale:g} .. {levels[-1] * scale:g}", unit
+    return f"one of {', '.join(f'{level * scale:g}' for level in levels)}", unit
 
 
 def seconds(value: float) -> str:
-    """A time [s] for people."""
+    """Return a time [s] for people."""
     return f"{value:.2f} s" if isfinite(value) else "–"
 
 
 def write_report(summary: Summary, path: Path, command: str) -> None:
     """Write the page; the same rows give the same bytes. `command` runs the campaign."""
-    with style():
-        pictures = [(svg(drawn, title), title, caption) for drawn, title, caption in all_figures(summary)]
     plan = summary.study.plan
     write_page(path, "studies/campaign/page.html.j2", s=summary, study=summary.study, plan=plan, command=command,
-               pictures=pictures, percentiles=PERCENTILES, text=text, described=described, seconds=seconds,
-               unit=lambda figure: shown(figure.unit)[0], left_out=left_out(plan.model))
+               pictures=pictures(drawings(summary)), percentiles=PERCENTILES, text=text, described=described,
+               seconds=seconds, unit=lambda figure: shown(figure.unit)[0], left_out=lacking(plan.model))

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib import import_module
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from ...actuators import NONLINEAR
 from ...runtime import compiled
 from ...simulation import Array
 from .distributions import CampaignError
-from .plan import Plan, followed
+from .plan import Plan
 from .sample import Row, failed, rows
 from .sampling import Sampler
 from .study import Study
@@ -40,15 +40,6 @@ Keep = Callable[[list[Row]], object]
 Indices = NDArray[np.int64]
 
 
-class _Client(Protocol):
-    """What is used of a Dask client."""
-
-    def submit(self, function: Callable[..., Any], /, *arguments: Any, **options: Any) -> Any: ...
-    def run(self, function: Callable[..., Any], /) -> Any: ...
-    def ncores(self) -> Any: ...
-    def wait_for_workers(self, n_workers: int, timeout: float) -> None: ...
-
-
 def _distributed() -> Any:
     return import_module("distributed")  # an extra: not needed for the rest of this module
 
@@ -62,7 +53,7 @@ def chunk_size(plan: Plan, count: int, threads: int) -> int:
     """Samples in a task: at least eight tasks for a thread, so that all end at about the same time."""
     duration = sum(experiment.duration for experiment in plan.experiments)
     most = int((BY_FMU if plan.fmu else SIMULATED) / duration)
-    return max(1, min(most, count // (8 * max(threads, 1))))
+    return max(1, min(most, count // (8 * threads)))
 
 
 def in_process(study: Study, missing: Indices, keep: Keep, chunk: int | None = None) -> None:
@@ -98,7 +89,8 @@ def local_client(workers: int, model: str = NONLINEAR) -> Iterator[Any]:
 def remote_client(address: str) -> Iterator[Any]:
     """A client of a scheduler that is running. Raises CampaignError where it, or its workers, cannot be used."""
     with ExitStack() as stack:
-        stack.enter_context(_quiet())
+        # Without Dask's own messages and tracebacks on a lost connection, of which a CampaignError tells.
+        stack.enter_context(_distributed().utils.silence_logging_cmgr(logging.CRITICAL + 1))
         try:
             # Before a client, which tries without end where something else answers.
             kind = asyncio.run(asyncio.wait_for(_kind(address), _CONNECT))
@@ -129,21 +121,7 @@ def _reason(error: Exception) -> str:
     return str(error) or type(error).__name__
 
 
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Without Dask's own messages and tracebacks on a lost connection: it is told in a line."""
-    loggers = [logging.getLogger(name) for name in ("distributed.client", "distributed.utils")]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)
-
-
-def _ready(client: _Client, address: str) -> None:
+def _ready(client: Any, address: str) -> None:
     """All workers there are have this version of the package."""
     try:
         client.wait_for_workers(1, timeout=_WORKERS)
@@ -161,24 +139,27 @@ def _ready(client: _Client, address: str) -> None:
 
 
 def _version() -> str:
-    from emcas_fmu import __version__ as version
-
-    return version
+    return __version__
 
 
-def by_dask(client: _Client, study: Study, missing: Indices, keep: Keep, chunk: int | None = None,
+def by_dask(client: Any, study: Study, missing: Indices, keep: Keep, chunk: int | None = None,
             work: Work = rows) -> None:
     """Run samples on a client's workers; `keep` is given rows as they come, in any order.
 
     A task whose workers die is taken apart: its samples run one at a time, alone, and one that again
     kills its workers is kept as failed. Raises CampaignError where the scheduler is lost.
     """
-    threads = sum(client.ncores().values())
-    crew = _Crew(client, study, work)
-    suspects = crew.run(chunked(missing, chunk or chunk_size(study.plan, len(missing), threads)), keep,
-                        _AHEAD * max(threads, 1))
-    for index in crew.run(chunked(suspects, 1), keep, 1).tolist():
-        keep([crew.lost(index)])
+    threads = max(sum(client.ncores().values()), 1)
+    sampler, packed = Sampler(study), study.plan.packed()
+
+    def submit(indices: Indices) -> Any:
+        return client.submit(work, packed, indices.tolist(), sampler.draw(indices.tolist()), pure=False)
+
+    chunks = chunked(missing, chunk or chunk_size(study.plan, len(missing), threads))
+    suspects = _run(submit, chunks, keep, _AHEAD * threads)
+    for index in _run(submit, chunked(suspects, 1), keep, 1).tolist():
+        keep([failed(study.plan, index, sampler.draw([index])[0].tolist(),
+                     "every worker that ran it died (out of memory, or a crash)")])
 
 
 @contextmanager
@@ -193,47 +174,31 @@ def _connected() -> Iterator[None]:
                             "command goes on") from error
 
 
-class _Crew:
-    """A client's workers and what they are given."""
+def _run(submit: Callable[[Indices], Any], chunks: deque[Indices], keep: Keep, ahead: int) -> Indices:
+    """Run chunks of samples, `ahead` tasks at a time; return the samples of tasks whose workers died."""
+    distributed = _distributed()
+    running: dict[str, Indices] = {}
+    dead = [np.empty(0, dtype=np.int64)]
+    tasks = distributed.as_completed()
 
-    def __init__(self, client: _Client, study: Study, work: Work) -> None:
-        self._client, self._work = client, work
-        self._plan: Plan = study.plan
-        self._packed, self._sampler = study.plan.packed(), Sampler(study)
+    def launch() -> None:
+        if chunks:
+            indices = chunks.popleft()
+            with _connected():
+                task = submit(indices)
+            running[task.key] = indices
+            tasks.add(task)
 
-    def run(self, chunks: deque[Indices], keep: Keep, ahead: int) -> Indices:
-        """Run chunks with so many in flight; gives the indices of those whose workers died."""
-        distributed = _distributed()
-        flying: dict[str, Indices] = {}
-        dead: list[Indices] = []
-        arriving = distributed.as_completed()
-
-        def launch() -> None:
-            if chunks:
-                indices = chunks.popleft()
-                drawn = self._sampler.draw(indices.tolist())
-                with _connected():
-                    task = self._client.submit(self._work, self._packed, indices.tolist(), drawn, pure=False)
-                flying[task.key] = indices
-                arriving.add(task)
-
-        for _ in range(ahead):
-            launch()
-        for task in arriving:
-            indices = flying.pop(task.key)
-            try:
-                with _connected():
-                    found = task.result()
-            except distributed.KilledWorker:
-                dead.append(indices)
-            else:
-                keep(found)
-            launch()
-        return np.sort(np.concatenate(dead)) if dead else np.empty(0, dtype=np.int64)
-
-    def lost(self, index: int) -> Row:
-        """The row of a sample that killed its workers."""
-        drawn = self._sampler.draw([index])[0].tolist()
-        chosen = {f.name: f.value(x) for f, x in zip(self._plan.factors, drawn, strict=True)}
-        about: Row = {"index": index, "seed": self._plan.seed, **chosen, **followed(self._plan, chosen)}
-        return failed(self._plan, about, "every worker that ran it died (out of memory, or a crash)")
+    for _ in range(ahead):
+        launch()
+    for task in tasks:
+        indices = running.pop(task.key)
+        try:
+            with _connected():
+                rows_of_task = task.result()
+        except distributed.KilledWorker:
+            dead.append(indices)
+        else:
+            keep(rows_of_task)
+        launch()
+    return np.sort(np.concatenate(dead))

@@ -10,15 +10,17 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
+from ...actuators import extension_outputs
 from ...bench.metrics import Figure
 from ...bench.subject import Subject, open_subject
 from ...errors import EmcasError
 from ...simulation import Array
-from . import extension_outputs as added
+from ...variables import Variable
 from . import measure
 from .distributions import CampaignError
 from .experiments import excitation
-from .plan import Plan, followed, source_sha256, varied
+from .extension_outputs import reduced, reductions
+from .plan import Plan, source_sha256
 
 OK, FAILED = "ok", "failed"
 Row = dict[str, Any]
@@ -26,38 +28,40 @@ Row = dict[str, Any]
 
 def columns(plan: Plan) -> dict[str, Figure]:
     """Return a row's figures by column name."""
+    added = {name: r.figure for name, r in reductions(plan.model).items() if r.figure}
     return {f"{experiment.name}.{name}": figure for experiment in plan.experiments
-            for name, figure in {**measure.figures(experiment.kind, plan.model), **added.figures(plan.model)}.items()}
+            for name, figure in {**measure.figures(experiment.kind, plan.model), **added}.items()}
 
 
-def observed(plan: Plan) -> dict[str, added.Observation]:
-    """Return what a row tells besides figures, by column name."""
-    return {f"{experiment.name}.{name}": observation for experiment in plan.experiments
-            for name, observation in added.observations(plan.model).items()}
+def observed(plan: Plan) -> dict[str, Variable]:
+    """Return the outputs of which a row has more than figures, by column name."""
+    return {f"{experiment.name}.{name}": r.output for experiment in plan.experiments
+            for name, r in reductions(plan.model).items() if r.figure is None}
 
 
 def row(plan: Plan, index: int, drawn: Sequence[float], subject: Subject) -> Row:
-    """Index, seed, what varied, figures (nan where there is none), status and error of a sample."""
-    chosen = {f.name: f.value(x) for f, x in zip(plan.factors, drawn, strict=True)}
-    about: Row = {"index": index, "seed": plan.seed, **chosen, **followed(plan, chosen)}
+    """Return index, seed, what varied, figures (nan where there is none), status and error of a sample."""
     try:
-        return {**about, **_figures(plan, chosen, subject), "status": OK, "error": ""}
+        return {**_identity(plan, index, drawn), **_figures(plan, drawn, subject), "status": OK, "error": ""}
     # Nothing one sample does may end a campaign.
     except Exception as error:  # noqa: BLE001
         expected = isinstance(error, (ArithmeticError, ValueError, EmcasError))
-        return failed(plan, about, str(error) if expected else f"{type(error).__name__}: {error}")
+        return failed(plan, index, drawn, str(error) if expected else f"{type(error).__name__}: {error}")
 
 
-def failed(plan: Plan, about: Row, error: str) -> Row:
-    """The row of a sample without figures."""
-    return {**about, **dict.fromkeys(columns(plan), float("nan")), **dict.fromkeys(observed(plan)),
-            "status": FAILED, "error": error}
+def failed(plan: Plan, index: int, drawn: Sequence[float], error: str) -> Row:
+    """Return the row of a sample without figures."""
+    return {**_identity(plan, index, drawn), **dict.fromkeys(columns(plan), float("nan")),
+            **dict.fromkeys(observed(plan)), "status": FAILED, "error": error}
 
 
-def _figures(plan: Plan, chosen: dict[str, Any], subject: Subject) -> Row:
-    values, numbers = varied(plan, chosen)
-    known = subject.values
-    changes = {name: value for name, value in values.items() if value != known[name]}
+def _identity(plan: Plan, index: int, drawn: Sequence[float]) -> Row:
+    return {"index": index, "seed": plan.seed, **plan.chosen(drawn)}
+
+
+def _figures(plan: Plan, drawn: Sequence[float], subject: Subject) -> Row:
+    values, numbers = plan.varied(drawn)
+    changes = {name: value for name, value in values.items() if value != subject.values[name]}
     found: Row = {}
     for experiment in plan.experiments:
         outputs = _outputs(experiment.kind, plan.model)
@@ -65,9 +69,9 @@ def _figures(plan: Plan, chosen: dict[str, Any], subject: Subject) -> Row:
                           [name for name in outputs if name == measure.POWER])
         if run.stopped is not None:
             raise ArithmeticError("; ".join(run.messages[-3:]) or run.reason)
-        of_run = measure.measured(experiment, numbers, run, measure.leaps(subject, changes, run))
-        found |= measure.named(experiment, plan.model, of_run)
-        found |= added.reduced(experiment, plan.model, run)
+        figures = measure.measured(experiment, numbers, run, measure.leaps(subject, changes, run))
+        found |= measure.named(experiment, plan.model, figures)
+        found |= reduced(experiment, plan.model, run)
     return {name: found[name] for name in (*columns(plan), *observed(plan))}
 
 
@@ -75,7 +79,7 @@ def _figures(plan: Plan, chosen: dict[str, Any], subject: Subject) -> Row:
 def _outputs(kind: str, model: str) -> tuple[str, ...]:
     """What is recorded for a kind of experiment."""
     needed = (name for figure in measure.figures(kind, model).values() for name in figure.needs)
-    return tuple(dict.fromkeys((*needed, *(v.name for v in added.variables(model)))))
+    return tuple(dict.fromkeys((*needed, *(v.name for v in extension_outputs(model)))))
 
 
 @lru_cache(maxsize=4)

@@ -21,7 +21,7 @@ class Sampler:
     """
 
     def __init__(self, study: Study) -> None:
-        self._method, self._seed, self._factors = study.method, study.seed, study.plan.factors
+        self._method, self._seed, self._factors = study.method, study.plan.seed, study.plan.factors
         self._samples = study.samples
         self._cube: Array | None = None
         if study.method == "latin-hypercube":

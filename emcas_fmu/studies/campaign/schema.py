@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from math import inf
 from typing import Annotated, Any
@@ -80,8 +81,7 @@ class Reader:
         if "follows" in entry:
             self.followers[name] = _Follower.model_validate(entry).follows
         else:
-            self._keep(name, In(variable.unit, variable.minimum, variable.maximum, float(self.base[name]),
-                                variable.kind), entry)
+            self._keep(name, In.of(variable, float(self.base[name])), entry)
 
     def _check_follower(self, key: str, leader: str) -> None:
         name, leaders = key.removesuffix(".follows"), [f.name for f in self.factors if f.type == "Real"]
@@ -130,9 +130,8 @@ class Reader:
         if name == COMMAND:
             limit = float(self.base["command.limit"]) * (1.0 + 1e-9)
             return In(variable.unit, -limit, limit)
-        base = float(self.base[variable.key]) if variable.key else None
-        limits = (-inf, inf) if field == "amplitude" else (variable.minimum, variable.maximum)
-        return In(variable.unit, *limits, base, variable.kind)
+        written = In.of(variable, float(self.base[variable.key]) if variable.key else None)
+        return replace(written, minimum=-inf, maximum=inf) if field == "amplitude" else written
 
     def _limits(self, name: str, outside: float = 0.0) -> tuple[float, float]:
         """Between what a number lies, whether it is fixed or drawn."""

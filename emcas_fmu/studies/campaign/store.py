@@ -1,29 +1,34 @@
-"""Results on disk: a folder of Parquet parts, each written whole or not at all, and what they belong to."""
+"""Results on disk: a folder of Parquet parts, each written whole or not at all, and what they belong to.
+
+One run at a time writes to a folder: a lock of the operating system's is gone with the process that holds it.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
+import platform
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
 from ... import __version__
 from ...actuators import NONLINEAR
 from .distributions import CampaignError
-from .lock import LOCK, OWNER, Lock
 from .sample import Row, columns, observed
 from .study import Study
 
 SCHEMA = "emcas-campaign/1"
-MANIFEST, PARTS = "campaign.json", "samples"
-_TYPES = {"Real": pa.float64(), "Integer": pa.int64(), "Boolean": pa.bool_(), "String": pa.string()}
+MANIFEST, PARTS, LOCK, OWNER = "campaign.json", "samples", ".lock", ".owner"
+_TYPES = {"Real": pa.float64(), "Integer": pa.int64(), "Boolean": pa.bool_(), "Enumeration": pa.string()}
 _MOST_NAMED = 6  # changes told in a refusal
 
 
@@ -46,15 +51,15 @@ class Store:
 
     def __init__(self, folder: Path, study: Study) -> None:
         self.folder, self._parts_folder, self._study = folder, folder / PARTS, study
-        self.identity = identity(study)
-        self.schema = _schema(study, self.identity)
+        self._identity = identity(study)
+        self._schema = _schema(study)
         manifest = folder / MANIFEST
         if folder.exists() and not folder.is_dir():
             raise CampaignError(f"{folder}: is a file; name a folder")
         if folder.is_dir() and not manifest.is_file() and not _unused(folder):
             raise CampaignError(f"{folder}: is no folder of a campaign; name one that is empty or not there yet")
         folder.mkdir(parents=True, exist_ok=True)
-        self._lock = Lock(folder)
+        self._lock = _locked(folder)
         try:
             self._begin(manifest)
         except BaseException:
@@ -66,15 +71,17 @@ class Store:
             for left in place.glob(".*.partial"):  # was being written when a run was killed
                 left.unlink()
         if manifest.is_file():
-            _same(manifest, self.identity)
+            _same(manifest, self._identity)
             return
         self._parts_folder.mkdir(exist_ok=True)
-        text = json.dumps({**self.identity, "text": self._study.text}, indent=1)
+        text = json.dumps({**self._identity, "text": self._study.text}, indent=1)
         _whole(manifest, (text + "\n").encode())
 
     def close(self) -> None:
         """Let another run write here."""
-        self._lock.release()
+        if self._lock.is_locked:
+            (self.folder / OWNER).unlink(missing_ok=True)
+            self._lock.release()
 
     def __enter__(self) -> Store:
         return self
@@ -84,10 +91,10 @@ class Store:
 
     def missing(self) -> NDArray[np.int64]:
         """Indices of the samples there is no row of, ascending."""
-        there = np.zeros(self._study.samples, dtype=bool)
+        missing = np.ones(self._study.samples, dtype=bool)
         for part in self._parts():
-            there[_read(part, ["index"])["index"].to_numpy()] = True
-        return np.flatnonzero(~there)
+            missing[_read(part, ["index"])["index"].to_numpy()] = False
+        return np.flatnonzero(missing)
 
     def write(self, rows: Sequence[Row]) -> Path:
         """Keep rows as a part of their own: on disk when this returns."""
@@ -95,7 +102,7 @@ class Store:
         name = f"part-{min(row['index'] for row in rows):09d}.parquet"
         sink = pa.BufferOutputStream()
         # Figures hardly repeat, and nobody searches them by range: dictionaries and statistics would only cost.
-        pq.write_table(pa.Table.from_pylist(list(rows), self.schema), sink, compression="zstd",
+        pq.write_table(pa.Table.from_pylist(list(rows), self._schema), sink, compression="zstd",
                        use_dictionary=["status", "error"], write_statistics=["index"])
         return _whole(self._parts_folder / name, sink.getvalue())
 
@@ -103,14 +110,30 @@ class Store:
         """All rows there are, by index, each once."""
         parts = [_read(part) for part in self._parts()]
         if not parts:
-            return self.schema.empty_table()
-        found = pa.concat_tables(parts)
+            return self._schema.empty_table()
+        rows = pa.concat_tables(parts)
         # Whoever puts two folders' parts together may have a sample twice: the same row, it depends on nothing else.
-        _, first = np.unique(found["index"].to_numpy(), return_index=True)
-        return found.take(pa.array(first))
+        _, first = np.unique(rows["index"].to_numpy(), return_index=True)
+        return rows.take(pa.array(first))
 
-    def _parts(self) -> Iterator[Path]:
-        yield from sorted(self._parts_folder.glob("part-*.parquet"))
+    def _parts(self) -> list[Path]:
+        return sorted(self._parts_folder.glob("part-*.parquet"))
+
+
+def _locked(folder: Path) -> FileLock:
+    """Return a folder's lock, held. Raises CampaignError where another run holds it, naming its process."""
+    lock, owner = FileLock(folder / LOCK), folder / OWNER
+    try:
+        lock.acquire(blocking=False)
+    except Timeout as error:
+        holder = ""
+        with suppress(OSError):
+            holder = owner.read_text(encoding="utf-8")
+        raise CampaignError(f"another run ({holder or 'pid unknown'}) writes to {folder}; wait for it, or name another "
+                            "folder with --output") from error
+    # Beside the lock: the locked file itself cannot be read on every system.
+    owner.write_text(f"pid {os.getpid()} on {platform.node()}", encoding="utf-8")
+    return lock
 
 
 def _unused(folder: Path) -> bool:
@@ -129,18 +152,17 @@ def _whole(path: Path, content: Any) -> Path:
     return partial.replace(path)
 
 
-def _schema(study: Study, about: Mapping[str, Any]) -> pa.Schema:
+def _schema(study: Study) -> pa.Schema:
     plan = study.plan
     fields = [("index", pa.int64()), ("seed", pa.int64()), *((f.name, _TYPES[f.type]) for f in plan.factors),
               *((name, pa.float64()) for name in plan.followers),
               *((name, pa.float64()) for name in columns(plan)),
-              *((name, _TYPES[observation.kind]) for name, observation in observed(plan).items()),
+              *((name, _TYPES[output.kind]) for name, output in observed(plan).items()),
               ("status", pa.string()), ("error", pa.string())]
-    text = study.text.encode()
     metadata = {"emcas.schema": SCHEMA, "emcas.version": __version__, "emcas.guid": study.guid,
                 "emcas.fmu_sha256": plan.fmu_sha256, "emcas.campaign": study.text,
-                "emcas.campaign_sha256": hashlib.sha256(text).hexdigest(),
-                "emcas.parameters": json.dumps(about["parameters"])}
+                "emcas.campaign_sha256": hashlib.sha256(study.text.encode()).hexdigest(),
+                "emcas.parameters": json.dumps(plan.base)}
     return pa.schema(fields, metadata=metadata)
 
 
@@ -153,12 +175,13 @@ def _read(part: Path, names: Sequence[str] | None = None) -> pa.Table:
 
 
 def _same(manifest: Path, wanted: Mapping[str, Any]) -> None:
+    """Raise CampaignError where the folder's campaign is not the one wanted, naming what differs."""
     try:
-        found = json.loads(manifest.read_text(encoding="utf-8"))
-        found.pop("text")
+        document = json.loads(manifest.read_text(encoding="utf-8"))
+        document.pop("text")
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise CampaignError(f"{manifest}: is no record of a campaign; name another folder") from error
-    before, now = dict(_flat(found)), dict(_flat(json.loads(json.dumps(wanted))))
+    before, now = dict(_flat(document)), dict(_flat(wanted))
     changed = [f"{name.removeprefix('campaign.')}: {_told(before, name)} then, {_told(now, name)} now"
                for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
     if changed:

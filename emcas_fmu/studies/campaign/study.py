@@ -8,17 +8,19 @@ from math import prod
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field, PlainValidator
 
 from ... import schema
 from ...actuators import NONLINEAR, full_name, get
+from ...bench.subject import open_subject
 from ...errors import EmcasError
 from ...fmi.interface import MOST_FINS, FmuInterface, start_values
 from ...fmi.package import interface_guid
 from ...parameters import ParameterSet, check_parameters, load_parameters
 from ...schema import Table
 from .distributions import CampaignError
-from .plan import Factor, Plan, source_sha256, varied
+from .plan import Factor, Plan, source_sha256
 from .schema import Entries, Reader
 
 MOST_SAMPLES = 100_000_000
@@ -61,7 +63,6 @@ class Study:
     document: Mapping[str, Any]
     method: str
     samples: int
-    seed: int
     guid: str
     plan: Plan
 
@@ -87,7 +88,7 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, mode
                 tuple(reader.experiments), about.seed, unit, digest, chosen, base.model, source_sha256(base.model))
     samples = _samples(path, about, plan.factors)
     _check_middle(path, plan)
-    return Study(path, text, document, about.method, samples, plan.seed, guid, plan)
+    return Study(path, text, document, about.method, samples, guid, plan)
 
 
 def _base(path: Path, entry: _Base, fmu: Path | None, fin: int | None,
@@ -104,8 +105,6 @@ def _base(path: Path, entry: _Base, fmu: Path | None, fin: int | None,
         base = load_parameters(files, model=kind or NONLINEAR)
         shown = FmuInterface(1, base.model)
         return base, interface_guid(start_values(shown, [base.values]), shown), "", "", 1
-    from ...bench.subject import open_subject
-
     if unit.suffix.lower() != ".fmu":
         raise CampaignError(f"{unit}: is no FMU by its name; give a file that ends in .fmu")
     with open_subject(unit, kind, chosen) as subject:
@@ -133,7 +132,7 @@ def _samples(path: Path, about: _Campaign, factors: tuple[Factor, ...]) -> int:
     if about.method != "grid":
         return about.samples or 1000
     for factor in factors:
-        if factor.distribution.kind != "choice" or len(set(_steps(factor.distribution.cumulated))) > 1:
+        if factor.distribution.kind != "choice" or np.ptp(np.diff(factor.distribution.cumulated, prepend=0.0)) > 1e-9:
             raise CampaignError(f"{path}: {factor.name}: a grid needs levels = [...], or low, high and count, without "
                                 "weights")
     points = prod(len(f.distribution.levels) for f in factors)
@@ -145,13 +144,8 @@ def _samples(path: Path, about: _Campaign, factors: tuple[Factor, ...]) -> int:
     return points
 
 
-def _steps(cumulated: tuple[float, ...]) -> list[float]:
-    return [round(b - a, 9) for a, b in zip((0.0, *cumulated), cumulated)]
-
-
 def _check_middle(path: Path, plan: Plan) -> None:
     """With everything at its median the parameters must go together: what does not there seldom does anywhere."""
-    drawn = {f.name: f.value(float(f.distribution.at(0.5))) for f in plan.factors}
-    values, _ = varied(plan, drawn)
+    values, _ = plan.varied(float(f.distribution.at(0.5)) for f in plan.factors)
     if problems := check_parameters({v.name: values[v.name] for v in plan.actuator.parameters}, plan.model):
         raise CampaignError(f"{path}: with everything at its median: {'; '.join(problems)}")

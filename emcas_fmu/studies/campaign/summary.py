@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections import Counter
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from math import atanh, inf, isfinite, nan, sqrt, tanh
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,11 +14,10 @@ from scipy import stats
 
 from ... import __version__
 from ...actuators import NONLINEAR
-from ...bench import writers
 from ...bench.metrics import Figure, shown
 from ...simulation import Array
 from . import fault_detection
-from .measure import left_out
+from .measure import lacking
 from .sample import OK, columns
 from .study import Study
 
@@ -28,6 +26,7 @@ WORST = 3  # samples told for each figure
 _CONFIDENCE = 0.95
 # Fewer say nothing of what figures depend on.
 _FEWEST = 10
+_NUMBER = re.compile(r"(?<!\S)[(),;:]*[+-]?(?:\d+\.?\d*(?:e[+-]?\d+)?|inf|nan)[(),;:]*(?!\S)")
 
 
 @dataclass(frozen=True)
@@ -36,11 +35,11 @@ class Effect:
     regression coefficient of the linear fit on all factors with its standard error."""
 
     factor: str
-    rank: float
+    rank_correlation: float
     low: float
     high: float
-    coefficient: float
-    error: float
+    standardised_coefficient: float
+    standard_error: float
 
     @property
     def sure(self) -> bool:
@@ -50,20 +49,20 @@ class Effect:
 
 @dataclass(frozen=True)
 class Spread:
-    """A figure over the samples that were run, SI; `name` is its column's.
+    """A figure over the samples that were run, SI; `name` is its column's, `values` are finite.
 
-    `percentiles` by PERCENTILES, of all samples: one that has no such figure counts as worse than the rest, and a
-    percentile that falls there is infinite. `mean` and `sd` are of finite ones, `without` is how many are not.
-    `explained` is the share of variance the linear fit explains. `worst` are indices, worst first.
+    `percentiles` are of all samples: one that has no such figure counts as worse than the rest, and a percentile
+    that falls there is infinite. `mean` and `sd` are of `values`, `without` is how many samples have none.
+    `explained` is the share of variance the linear fit explains. `worst` are indices and figures, worst first.
     """
 
     name: str
     figure: Figure
-    count: int
+    values: Array
     without: int
     mean: float
     sd: float
-    percentiles: tuple[float, ...]
+    percentiles: Mapping[int, float]
     smallest: float
     largest: float
     explained: float
@@ -73,20 +72,15 @@ class Spread:
 
 @dataclass(frozen=True)
 class Summary:
-    """All of it, for the rows in `table`."""
+    """The results of a campaign of which `done` samples were run, with figures or not."""
 
     study: Study
-    table: pa.Table
+    done: int
     spreads: tuple[Spread, ...]
     failures: tuple[tuple[str, int, int], ...]
     """Message, how many samples, and the first of them."""
-    tallies: tuple[fault_detection.Tally, ...] = ()
-    findings: tuple[fault_detection.Finding, ...] = ()
-
-    @property
-    def done(self) -> int:
-        """Samples there are rows of."""
-        return int(self.table.num_rows)
+    tallies: Mapping[str, Mapping[str, int]]
+    findings: tuple[fault_detection.Finding, ...]
 
     @property
     def failed(self) -> int:
@@ -102,47 +96,36 @@ def summarise(study: Study, table: pa.Table) -> Summary:
     index = good["index"].to_numpy()
     spreads = tuple(_spread(name, figure, good[name].to_numpy(), index, factors)
                     for name, figure in columns(study.plan).items()) if good.num_rows else ()
-    return Summary(study, table, spreads, _failures(table), fault_detection.tallies(study.plan, good),
+    return Summary(study, table.num_rows, spreads, _failures(table), fault_detection.tallies(study.plan, good),
                    fault_detection.findings(study.plan, good))
 
 
 def _failures(table: pa.Table) -> tuple[tuple[str, int, int], ...]:
+    """Messages without their numbers: those of different samples are one reason."""
     bad = table.filter(pa.compute.not_equal(table["status"], OK))
-    said = [_alike(text) for text in bad["error"].to_pylist()]
-    first = dict(reversed(list(zip(said, bad["index"].to_pylist(), strict=True))))
-    return tuple((text, count, first[text]) for text, count in Counter(said).most_common())
-
-
-def _alike(text: str) -> str:
-    """A message without its numbers: those of different samples are one reason."""
-    words = text.splitlines()[0].split() if text else ["no reason given"]
-    return " ".join("…" if _is_number(word.strip("(),;:")) else word for word in words)
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
+    samples: dict[str, list[int]] = {}
+    for index, error in zip(bad["index"].to_pylist(), bad["error"].to_pylist(), strict=True):
+        reason = _NUMBER.sub("…", error.partition("\n")[0]) or "no reason given"
+        samples.setdefault(reason, []).append(index)
+    return tuple(sorted(((reason, len(indices), indices[0]) for reason, indices in samples.items()),
+                        key=lambda failure: -failure[1]))
 
 
 def _spread(name: str, figure: Figure, values: Array, index: Array, factors: Mapping[str, Array]) -> Spread:
-    has = np.isfinite(values)
     # One that cannot be had counts as worse than any: a time never reached is longer than all.
     ordered = np.where(np.isnan(values), figure.bad * inf, values)
     # The sample at the percentile, without interpolation: between a number and infinity there is none.
-    found = np.percentile(ordered, PERCENTILES, method="inverted_cdf")
-    inside = values[has]
+    percentiles = np.percentile(ordered, PERCENTILES, method="inverted_cdf").tolist()
+    inside = values[np.isfinite(values)]
     worst = np.lexsort((index, -figure.bad * ordered))[:WORST]
     # What varies in another experiment cannot act in this one; by chance alone it would seem to now and then.
     acting = {factor: x for factor, x in factors.items()
               if not factor.startswith("experiments.") or factor.startswith(f"experiments.{name.partition('.')[0]}.")}
     explained, effects = sensitivities(ordered, acting)
-    mean, sd = (float(inside.mean()), float(inside.std())) if has.any() else (nan, nan)
+    mean, sd = (float(inside.mean()), float(inside.std())) if len(inside) else (nan, nan)
     return Spread(
-        name, figure, len(values), int(np.sum(~has)), mean, sd,
-        tuple(float(x) for x in found), float(ordered.min()), float(ordered.max()), explained, effects,
+        name, figure, inside, len(values) - len(inside), mean, sd, dict(zip(PERCENTILES, percentiles, strict=True)),
+        float(ordered.min()), float(ordered.max()), explained, effects,
         tuple((int(index[k]), float(ordered[k])) for k in worst))
 
 
@@ -162,7 +145,7 @@ def sensitivities(figure: Array, factors: Mapping[str, Array]) -> tuple[float, t
         rank = float(stats.spearmanr(x, figure).statistic)
         low, high = _interval(rank, len(figure))
         effects.append(Effect(name, rank, low, high, coefficients[k], errors[k]))
-    return explained, tuple(sorted(effects, key=lambda e: -abs(e.rank)))
+    return explained, tuple(sorted(effects, key=lambda e: -abs(e.rank_correlation)))
 
 
 def _interval(rank: float, n: int) -> tuple[float, float]:
@@ -187,11 +170,6 @@ def _regression(figure: Array, factors: Mapping[str, Array]) -> tuple[list[float
     return found.tolist(), errors.tolist(), 1.0 - left / n
 
 
-def angles(unit: str) -> tuple[str, float]:
-    """The unit people read angles in, and the factor to it; any other as it is."""
-    return shown(unit) if unit.startswith("rad") else (unit, 1.0)
-
-
 def text(figure: Figure, value: float) -> str:
     """A figure for people, without its unit; what lies beyond all that was found is told so."""
     if isfinite(value):
@@ -201,41 +179,26 @@ def text(figure: Figure, value: float) -> str:
     return "–" if value != value else "beyond the sweep" if value > 0.0 else "no response"
 
 
-def _of_model(summary: Summary) -> dict[str, Any]:
-    """What a model besides the nonlinear one tells."""
-    plan = summary.study.plan
-    if plan.model == NONLINEAR:
-        return {}
-    return {"model": plan.actuator.name, "left_out": left_out(plan.model),
-            "tallies": [{"name": t.name, "samples": dict(t.counts)} for t in summary.tallies],
-            "findings": [{**asdict(f), "monitors": dict(f.monitors)} for f in summary.findings]}
-
-
 def as_dict(summary: Summary, command: str) -> dict[str, Any]:
-    """For JSON; SI units."""
+    """Return the document for JSON; SI units."""
     study, plan = summary.study, summary.study.plan
+    of_model = {} if plan.model == NONLINEAR else {
+        "model": plan.actuator.name, "left_out": lacking(plan.model),
+        "tallies": [{"name": name, "samples": counts} for name, counts in summary.tallies.items()],
+        "findings": [asdict(finding) for finding in summary.findings]}
     return {
         "schema": "emcas-campaign-summary/1", "version": __version__, "guid": study.guid, "command": command,
-        "method": study.method, "seed": study.seed, "samples": study.samples, "done": summary.done,
+        "method": study.method, "seed": plan.seed, "samples": study.samples, "done": summary.done,
         "failed": summary.failed, "runs": "FMU" if plan.fmu else "kernel", "fmu_sha256": plan.fmu_sha256,
-        "fin": plan.fin, **_of_model(summary),
+        "fin": plan.fin, **of_model,
         "factors": [{"name": f.name, "unit": f.unit, "distribution": f.distribution.kind,
                      **f.distribution.numbers, **({"levels": list(f.distribution.levels)}
                                                   if f.distribution.levels else {})} for f in plan.factors],
         "follow": dict(plan.followers),
         "failures": [{"error": e, "samples": n, "first": first} for e, n, first in summary.failures],
         "figures": [{
-            "name": s.name, "unit": s.figure.unit, "title": s.figure.title, "samples": s.count,
+            "name": s.name, "unit": s.figure.unit, "title": s.figure.title, "samples": len(s.values) + s.without,
             "without": s.without, "mean": s.mean, "sd": s.sd, "smallest": s.smallest, "largest": s.largest,
-            "percentiles": {str(p): x for p, x in zip(PERCENTILES, s.percentiles, strict=True)},
-            "explained": s.explained,
-            "sensitivities": [{"factor": e.factor, "rank_correlation": e.rank, "low": e.low, "high": e.high,
-                               "standardised_coefficient": e.coefficient, "standard_error": e.error}
-                              for e in s.effects],
+            "percentiles": s.percentiles, "explained": s.explained, "sensitivities": [asdict(e) for e in s.effects],
             "worst": [{"index": index, "value": value} for index, value in s.worst]} for s in summary.spreads],
     }
-
-
-def write_json(summary: Summary, path: Path, command: str) -> None:
-    """Write it; infinite and missing figures as null."""
-    writers.write_json(as_dict(summary, command), path)
