@@ -19,13 +19,14 @@ from scipy.optimize import brentq
 
 from ...actuators import NONLINEAR, capabilities, fin_port, get
 from ...bench.excitation import reference_case
+from ...bench.subject import Columns, ParameterSubject
 from ...ops.arrays import ARRAYS as _ARRAYS
 from ...ops.base import Ops
 from ...ops.floats import FLOATS
 from ...parameters import ParameterSet
 from ...physics import drive, kinematics, mechanics
 from ...reference.cases import CASES, LOAD
-from ...simulation import Array, simulate
+from ...simulation import Array
 
 ARRAYS: Ops = cast(Ops, _ARRAYS)
 NEEDS = (capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.SCREW_LOAD,
@@ -35,15 +36,14 @@ _POINTS = 101
 
 @dataclass(frozen=True)
 class Envelope:
-    """Motor torque [N.m] between ``lowest`` and ``highest`` at speeds [rad/s]; arrays of one length.
+    """Largest motor torque [N.m], ``highest``, at speeds [rad/s]; the smallest is its mirror image.
 
-    ``prompt`` is the highest with the drive's proportional action alone: its integral
+    ``prompt`` is the largest with the drive's proportional action alone: its integral
     takes ``integral_time`` [s] (nan without one) to close the rest.
     """
 
     speed: Array
     highest: Array
-    lowest: Array
     prompt: Array
     integral_time: float
     no_load_speed: float
@@ -51,43 +51,28 @@ class Envelope:
 
 
 def limit_torque(p: Any, speed: Any, side: float) -> Any:
-    """Motor torque [N.m] at full voltage of one side (1 or -1) at motor speeds [rad/s], in steady motion."""
+    """Return the motor torque [N.m] at full voltage of one side (1 or -1) at motor speeds [rad/s], in steady motion."""
     current = (side * p.drive.supply_voltage - drive.back_emf(p, speed)) / p.motor.resistance
     return drive.torque(p, ARRAYS.clip(current, -p.drive.current_limit, p.drive.current_limit))
 
 
 def envelope(values: Mapping[str, Any], model: str = NONLINEAR) -> Envelope:
-    """The torque-speed envelope, over all speeds the supply reaches without load, both ways."""
+    """Return the torque-speed envelope, over all speeds the supply reaches without load, both ways."""
     p = get(model).namespace(values)
     free = p.drive.supply_voltage / p.motor.back_emf_constant
     speed = np.linspace(-free, free, 4 * _POINTS)
     highest = limit_torque(p, speed, 1.0)
     loop = p.motor.resistance + p.drive.kp
-    asked = (drive.voltage_demand(p, p.drive.current_limit, 0.0, 0.0) - drive.back_emf(p, speed)) / loop
-    return Envelope(speed, highest, limit_torque(p, speed, -1.0), np.minimum(highest, drive.torque(p, asked)),
+    current = (drive.voltage_demand(p, p.drive.current_limit, 0.0, 0.0) - drive.back_emf(p, speed)) / loop
+    return Envelope(speed, highest, np.minimum(highest, drive.torque(p, current)),
                     loop / p.drive.ki if p.drive.ki > 0.0 else nan, free, float(limit_torque(p, 0.0, 1.0)))
 
 
-@dataclass(frozen=True)
-class CasePoints:
-    """Motor speed [rad/s] and torque [N.m] at the communication points of a reference case."""
-
-    name: str
-    title: str
-    speed: Array
-    torque: Array
-
-
-def case_points(parameters: ParameterSet) -> list[CasePoints]:
-    """Where the reference cases take the motor, with these parameters."""
-    points = []
-    for case in CASES:
-        chosen = reference_case(case.name)
-        inputs: dict[str, Any] = dict(chosen.columns)
-        run = simulate(parameters.replace(chosen.start_values).values, chosen.stop, chosen.step, model=parameters.model,
-                       **inputs)
-        points.append(CasePoints(case.name, case.title, run["motor_speed"], run["motor_torque"]))
-    return points
+def case_points(parameters: ParameterSet) -> dict[str, Columns]:
+    """Return motor speed [rad/s] and torque [N.m] at the communication points of each reference case by name."""
+    subject = ParameterSubject(parameters)
+    return {case.name: subject.run(reference_case(case.name), outputs=("motor_speed", "motor_torque")).finished()
+            for case in CASES}
 
 
 @dataclass(frozen=True)
@@ -110,7 +95,7 @@ class Capability:
 
 
 def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
-    """Over the range of commands."""
+    """Return the capability over the range of commands."""
     p = get(model).namespace(values)
     fin = np.linspace(-p.command.limit, p.command.limit, _POINTS)
     force = fin_port.specific_force(FLOATS, p, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -131,9 +116,9 @@ def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
 
 def steady_rate(p: Any, fin: float, side: float, aero_torque: float, limit: float,
                 force: tuple[Any, ...] = (0.0, 0.0)) -> float:
-    """Largest steady fin rate [rad/s] along `side` (1, -1) at a fin angle [rad] under a moment [N.m]; 0: stalled.
+    """Return the largest steady fin rate [rad/s] along `side` (1, -1) at a fin angle [rad] under a moment [N.m].
 
-    `limit` [rad/s] is the motor speed not to be passed.
+    0 where it is stalled; `limit` [rad/s] is the motor speed not to be passed.
     """
     m = mechanics.coefficients(FLOATS, p, kinematics.motor_angle(FLOATS, p, fin), aero_torque, *force)
     friction = mechanics.breakaway(FLOATS, p, m, side)
