@@ -15,7 +15,6 @@ from math import nan
 from typing import Any, cast
 
 import numpy as np
-from scipy.optimize import brentq
 
 from ...actuators import NONLINEAR, capabilities, fin_port, get
 from ...bench.excitation import reference_case
@@ -102,32 +101,29 @@ def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
     m = mechanics.coefficients(ARRAYS, p, kinematics.motor_angle(ARRAYS, p, fin), 0.0, *force)
     stall, held = np.empty((2, len(fin))), np.empty((2, len(fin)))
     for row, side in enumerate((1.0, -1.0)):
-        friction = mechanics.breakaway(ARRAYS, p, m, side)
         driving = abs(float(limit_torque(p, 0.0, side))) + side * m.load
-        stall[row] = np.maximum(m.ratio * (driving - friction), 0.0)
+        stall[row] = np.maximum(m.ratio * (driving - mechanics.breakaway(ARRAYS, p, m, side)), 0.0)
         # What holds is overcome the other way.
         held[row] = m.ratio * (driving + mechanics.breakaway(ARRAYS, p, m, -side))
     free = p.drive.supply_voltage / p.motor.back_emf_constant
-    rates = [np.array([[steady_rate(p, angle, side, -side * load, limit, force) for angle in fin]
-                       for side in (1.0, -1.0)])
+    rates = [np.stack([steady_rate(p, fin, side, -side * load, limit, force) for side in (1.0, -1.0)])
              for limit in (p.controller.speed_limit, free) for load in (0.0, LOAD)]
     return Capability(fin, m.ratio, stall, held, *rates)
 
 
-def steady_rate(p: Any, fin: float, side: float, aero_torque: float, limit: float,
-                force: tuple[Any, ...] = (0.0, 0.0)) -> float:
-    """Return the largest steady fin rate [rad/s] along `side` (1, -1) at a fin angle [rad] under a moment [N.m].
+def steady_rate(p: Any, fin: Any, side: float, aero_torque: float, limit: float,
+                force: tuple[Any, ...] = (0.0, 0.0)) -> Any:
+    """Return the largest steady fin rate [rad/s] along `side` (1, -1) at fin angles [rad] under a moment [N.m].
 
     0 where it is stalled; `limit` [rad/s] is the motor speed not to be passed.
     """
-    m = mechanics.coefficients(FLOATS, p, kinematics.motor_angle(FLOATS, p, fin), aero_torque, *force)
-    friction = mechanics.breakaway(FLOATS, p, m, side)
-    damping = mechanics.damping(FLOATS, p, m, side)
-
-    def surplus(speed: float) -> float:
-        return float(side * (limit_torque(p, side * speed, side) + m.load) - friction - damping * speed)
-
-    if surplus(0.0) <= 0.0:
-        return 0.0
-    speed = limit if surplus(limit) >= 0.0 else brentq(surplus, 0.0, limit)
-    return float(speed / m.ratio)
+    m = mechanics.coefficients(ARRAYS, p, kinematics.motor_angle(ARRAYS, p, fin), aero_torque, *force)
+    surplus = side * m.load - mechanics.breakaway(ARRAYS, p, m, side)
+    damping = mechanics.damping(ARRAYS, p, m, side)
+    stall, braking, peak = (drive.torque(p, current) for current in (
+        p.drive.supply_voltage / p.motor.resistance, drive.back_emf(p, 1.0) / p.motor.resistance,
+        p.drive.current_limit))
+    with np.errstate(divide="ignore"):  # without damping a current reaches any speed
+        slowest, fastest = (surplus - peak) / damping, (surplus + peak) / damping
+    speed = np.clip((surplus + stall) / (damping + braking), slowest, fastest)
+    return np.clip(speed, 0.0, limit) / m.ratio
