@@ -75,6 +75,12 @@ class LinearModel:
             state = self.update @ state + self.drive * value
         return angles
 
+    def frequency_response(self, frequency: Array) -> NDArray[np.complex128]:
+        """Return fin angle over command [1] at frequencies [Hz] below half the sample rate."""
+        identity = np.eye(len(self.drive))
+        shift = np.exp(2j * np.pi * np.asarray(frequency) * self.sample_time)
+        return np.array([self.output @ np.linalg.solve(z * identity - self.update, self.drive) for z in shift])
+
 
 def _plant(values: Mapping[str, Any]) -> tuple[Array, float]:
     """d/dt of (theta, w, i, xi, u in the drive), and N."""
