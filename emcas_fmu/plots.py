@@ -56,8 +56,8 @@ def style() -> Iterator[None]:
 
 def figure(rows: int, columns: int = 1, *, width: float = 9.0, height: float = 2.2, **more: Any) -> tuple[Figure, Any]:
     """Make a figure, inside `style()`, and its grid of axes as an array; `width` and `height` of a row in inches."""
-    made = Figure(figsize=(width, height * rows), layout="constrained")
-    return made, made.subplots(rows, columns, squeeze=False, **more)
+    empty = Figure(figsize=(width, height * rows), layout="constrained")
+    return empty, empty.subplots(rows, columns, squeeze=False, **more)
 
 
 def svg(drawn: Figure, label: str = "") -> str:

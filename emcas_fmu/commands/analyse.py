@@ -14,7 +14,17 @@ from ..actuators import NONLINEAR
 from ..bench.writers import number
 from ..errors import EmcasError
 from ..parameters import load_parameters
-from .common import ModelOption, ParametersOption, check_outputs, failures, out, progress_bar, require_extra, stepper
+from .common import (
+    ModelOption,
+    ParametersOption,
+    check_outputs,
+    failures,
+    out,
+    print_written,
+    progress_bar,
+    require_extra,
+    stepper,
+)
 
 EPILOG = ("Examples:\n\n  emcas analyse\n\n  emcas analyse --at 15 --report analysis.html "
           "--locus controller.velocity.kp"
@@ -60,9 +70,9 @@ def analyse(
         thesis = analysis.modes[1]
         lines.append("The thesis's natural frequencies of {:.1f} and {:.1f} times the bandwidth divide rad/s by Hz; "
                      "the factors are {:.1f} and {:.1f}.".format(*thesis.slipped, *thesis.ratios))
-    lines += [f"written {path}" for path in (as_json, report) if path]
     for line in lines:
         out.print(escape(line), highlight=False, soft_wrap=True)
+    print_written(as_json, report)
 
 
 def _tables(f: dict[str, Any]) -> list[Table]:

@@ -54,6 +54,12 @@ def warn(warnings: Iterable[str]) -> None:
         err.print(f"[bold yellow]warning:[/] {escape(warning)}", highlight=False, soft_wrap=True)
 
 
+def print_written(*paths: Path | None) -> None:
+    """Print which files a command has written; None for one that was not asked for."""
+    for path in filter(None, paths):
+        out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
+
+
 def parameter_arguments(files: Iterable[Path] | None) -> list[str]:
     """Return the arguments that name parameter files, for a command that is written into a result."""
     return [argument for file in files or () for argument in ("--parameters", str(file))]

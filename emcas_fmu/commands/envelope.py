@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.markup import escape
 from rich.table import Table
 
 from ..bench.writers import write_json
 from ..errors import EmcasError
 from ..parameters import load_parameters
-from .common import ModelOption, ParametersOption, check_outputs, failures, out
+from .common import ModelOption, ParametersOption, check_outputs, failures, out, print_written
 
 if TYPE_CHECKING:
     from ..studies.analysis.envelope import Envelope
@@ -58,9 +57,7 @@ def envelope(
         if as_json:
             write_json(_figures(computed), as_json)
     out.print(_table(computed))
-    for path in (output, plot, as_json):
-        if path:
-            out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
+    print_written(output, plot, as_json)
 
 
 def _figures(e: Envelope) -> dict[str, Any]:

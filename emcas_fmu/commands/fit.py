@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 from rich.table import Table
 
 from ..bench.writers import write_json
 from ..parameters import load_parameters
-from .common import ParametersOption, check_outputs, failures, out, parameter_arguments
+from .common import ParametersOption, check_outputs, failures, out, parameter_arguments, print_written
 
 EPILOG = ("Examples:\n\n  emcas fit\n\n  emcas fit -p my_actuator.toml --output my_second_order.toml"
           "\n\n  python build_fmu.py --model second-order -p my_second_order.toml")
@@ -42,5 +41,4 @@ def fit(
     for size, largest, rms in zip(fitted.sizes, fitted.largest, fitted.rms, strict=True):
         table.add_row(f"{size:g}", f"{largest:.2g}", f"{rms:.2g}")
     out.print(table)
-    if output:
-        out.print(f"written {escape(str(output))}", highlight=False, soft_wrap=True)
+    print_written(output)

@@ -26,6 +26,7 @@ from ..actuators import NONLINEAR, get
 from ..actuators.external import load_module
 from ..errors import EmcasError
 from ..parameters import ParameterSet, load_parameters
+from ..progress import Progress, silent
 from ..toml import tomllib
 from .cases import CASES, SIGNIFICANT_DIGITS, Case
 from .plant import Value
@@ -35,8 +36,6 @@ PROVENANCE = "provenance.toml"
 
 Simulate = Callable[[Mapping[str, Value], Mapping[str, Array]], Mapping[str, Array]]
 """From parameters and input columns, ``time`` among them, to output columns at the same times; SI."""
-Progress = Callable[[str, int, int], None]
-"""Called with a case's name, the number of cases done and that of all, before and after each case."""
 
 # Of an output's nominal value, where the table below says nothing: what an integrator of that accuracy leaves.
 _RELATIVE = 1e-6
@@ -116,7 +115,7 @@ def read_provenance(directory: Path) -> dict[str, Any]:
     return tomllib.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 
 
-def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Progress | None = None,
+def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Progress = silent,
                parameters: ParameterSet | None = None) -> None:
     """Compute the named cases (default all) and write their files and provenance into `directory`.
 
@@ -140,7 +139,7 @@ def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Pr
         (directory / PROVENANCE).write_text(text, encoding="utf-8", newline="\n")
 
 
-def compare(directory: Path, names: Sequence[str] | None = None, progress: Progress | None = None,
+def compare(directory: Path, names: Sequence[str] | None = None, progress: Progress = silent,
             parameters: ParameterSet | None = None) -> list[Difference]:
     """Recompute the named cases (default all) and measure them against the files in `directory`.
 
@@ -172,17 +171,15 @@ def _distance(column: Array, stored: Array | None) -> float:
     return float(np.max(np.abs(column - stored)))
 
 
-def _chosen(names: Sequence[str] | None, parameters: ParameterSet, progress: Progress | None) -> Iterator[Case]:
+def _chosen(names: Sequence[str] | None, parameters: ParameterSet, progress: Progress) -> Iterator[Case]:
     available = {case.name: case for case in cases(parameters)}
     if unknown := sorted(set(names or ()).difference(available)):
         raise EmcasError(f"no such reference case: {', '.join(unknown)}; there are {', '.join(available)}")
     chosen = [case for name, case in available.items() if not names or name in names]
     for done, case in enumerate(chosen):
-        if progress:
-            progress(case.name, done, len(chosen))
+        progress(case.name, done, len(chosen))
         yield case
-        if progress:
-            progress(case.name, done + 1, len(chosen))
+        progress(case.name, done + 1, len(chosen))
 
 
 def parameters_hash(values: Mapping[str, Value]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import degrees, isfinite
 from pathlib import Path
@@ -13,11 +13,11 @@ from ...bench.metrics import FrequencyResponse
 from ...bench.subject import Columns
 from ...errors import EmcasError
 from ...parameters import ParameterSet
+from ...progress import Progress, silent
 from . import capability, final_values, frequency, locus, steps, sweep, thesis
 from .linear import LinearActuator, System, largest_pole, sound
 from .modes import Modes, load_rod, modes_at, thesis_modes
 
-Progress = Callable[[str, int, int], None]
 # Swept to this many times the linear bandwidth, to show what the gain does beyond it.
 _BEYOND = 3.0
 _STEPS = 7
@@ -67,40 +67,39 @@ class Analysis:
 
 
 def analyse(parameters: ParameterSet, fin_angle: float = 0.0, aero_torque: float = 0.0, rod: Path | None = None,
-            locus_name: str | None = None, progress: Progress | None = None) -> Analysis:
+            locus_name: str | None = None, progress: Progress = silent) -> Analysis:
     """Analyse a set at rest at `fin_angle` [rad] under `aero_torque` [N.m]; `rod` overrides models/rod.toml.
 
     Raises EmcasError for an actuator without a sampled position loop, an operating point that cannot be held, an
     unstable loop, a bad file or locus.
     """
-    report: Progress = progress or (lambda name, done, total: None)
     parameters = sound(parameters)
     values, model = parameters.values, parameters.model
     left_out = _left_out(model)
-    report("linear models", 0, _STEPS)
+    progress("linear models", 0, _STEPS)
     beam = load_rod(rod)
     actuator = LinearActuator(values, fin_angle, aero_torque, model)
     _require_stable(actuator)
     linear = _closed_loop(actuator.closed, {name: actuator.loop(name) for name in actuator.loops})
-    report("root locus", 1, _STEPS)
+    progress("root locus", 1, _STEPS)
     poles = locus.locus(parameters, locus_name, fin_angle, aero_torque)
-    report("final values", 2, _STEPS)
+    progress("final values", 2, _STEPS)
     finals = final_values.final_values(values, fin_angle, aero_torque, model)
     try:
-        report("capability", 3, _STEPS)
+        progress("capability", 3, _STEPS)
         capable = "capability" not in left_out
         envelope = capability.envelope(values, model) if capable else None
         cases = capability.case_points(parameters) if capable else {}
         fin = capability.capability(values, model) if capable else None
-        report("steps", 4, _STEPS)
+        progress("steps", 4, _STEPS)
         compared = steps.comparisons(values, actuator, "thesis_linear" not in left_out)
         crossings = [f for f in (linear.command.bandwidth, linear.command.phase_bandwidth) if isfinite(f)]
         highest = _BEYOND * max(crossings, default=linear.command.frequency[-1] / _BEYOND)
         swept = sweep.sweeps(values, highest, fin_angle, aero_torque, model=model,
-                             progress=lambda name, done, total: report(name, 5, _STEPS))
+                             progress=lambda name, done, total: progress(name, 5, _STEPS))
     except (ArithmeticError, ValueError) as error:
         raise EmcasError(f"the response cannot be computed: {error}") from error
-    report("thesis", 6, _STEPS)
+    progress("thesis", 6, _STEPS)
     beside = None if "thesis_linear" in left_out else _thesis(values)
     modes = None if "modes" in left_out else (modes_at(beam, values, fin_angle, model), thesis_modes(beam))
     return Analysis(parameters, actuator, linear, left_out, beside, finals, swept, modes, envelope, cases, fin, poles,

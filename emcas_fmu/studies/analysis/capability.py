@@ -12,22 +12,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import nan
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from ...actuators import NONLINEAR, capabilities, fin_port, get
 from ...bench.excitation import reference_case
 from ...bench.subject import Columns, ParameterSubject
-from ...ops.arrays import ARRAYS as _ARRAYS
-from ...ops.base import Ops
+from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
 from ...parameters import ParameterSet
 from ...physics import drive, kinematics, mechanics
 from ...reference.cases import CASES, LOAD
 from ...simulation import Array
 
-ARRAYS: Ops = cast(Ops, _ARRAYS)
 NEEDS = (capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.SCREW_LOAD,
          capabilities.COULOMB_FRICTION)
 _POINTS = 101

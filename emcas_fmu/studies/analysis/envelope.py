@@ -227,7 +227,7 @@ def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures
 
 def draw(e: Envelope) -> Figure:
     """Draw both envelopes over the motor speed, and the limits they are made of."""
-    made, ((axes,),) = figure(1, width=7.5, height=4.4)
+    drawn, ((axes,),) = figure(1, width=7.5, height=4.4)
     rpm = e.speed * 30.0 / pi
     for curve, color, name in ((e.short_term, VERMILLION, f"for {e.duration:g} s"),
                                (e.continuous, BLUE, "for any time")):
@@ -239,8 +239,8 @@ def draw(e: Envelope) -> Figure:
     axes.plot(rpm, cold.limits["voltage"], color=GREEN, linestyle=":", label="supply voltage, as cold as at the start")
     top = max(cold.limits["peak"][0], min(cold.limits["heat"][0], 2.0 * cold.limits["peak"][0]))
     axes.set(xlabel="motor speed [rpm]", ylabel="motor torque [N.m]", xlim=(0.0, rpm[-1]), ylim=(0.0, 1.1 * top))
-    made.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, labelcolor=INK)
-    return made
+    drawn.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, labelcolor=INK)
+    return drawn
 
 
 def write_picture(e: Envelope, path: Path) -> None:

@@ -296,8 +296,8 @@ class LinearActuator:
                     inputs=c.input_labels, outputs=c.output_labels)
         transport = self.actuator.transport_delay
         delay = 0.5 * period + (transport(FLOATS, self.p) if transport else 0.0)
-        late = ct.ss(ct.tf(*ct.pade(delay, order)), inputs=["written"], outputs=["arrived"])
-        links = [("reference", "written"), ("arrived", "reference"), *self._links[1:]]
+        late = ct.ss(ct.tf(*ct.pade(delay, order)), inputs=["sent"], outputs=["received"])
+        links = [("reference", "sent"), ("received", "reference"), *self._links[1:]]
         return wire([law, late, self.continuous], links, ["command", "aero_torque"], ["fin_angle"])
 
 

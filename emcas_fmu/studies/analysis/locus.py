@@ -34,14 +34,6 @@ class Locus:
     rational: Array
 
 
-def default(model: str) -> str:
-    """Return the name of an actuator's first gain. Raises EmcasError where it has none."""
-    for v in get(model).parameters:
-        if v.kind == "Real" and v.variability == "tunable" and v.name.startswith("controller."):
-            return v.name
-    raise EmcasError(f"--model {model}: has no controller.* that is tunable; name a parameter with --locus")
-
-
 def locus(parameters: ParameterSet, name: str | None = None, fin_angle: float = 0.0, aero_torque: float = 0.0) -> Locus:
     """Follow the poles while a parameter, the first gain unless named, goes from a tenth to ten times its value.
 
@@ -49,9 +41,11 @@ def locus(parameters: ParameterSet, name: str | None = None, fin_angle: float = 
     Raises EmcasError for a name that is no number of the set, is zero, or moves no pole.
     """
     model = parameters.model
-    gain = default(model)
-    name = name or gain
     numbers = {v.name: v for v in get(model).file_entries if v.kind == "Real"}
+    gains = [v.name for v in numbers.values() if v.variability == "tunable" and v.name.startswith("controller.")]
+    if name is None and not gains:
+        raise EmcasError(f"--model {model}: has no controller.* that is tunable; name a parameter with --locus")
+    name = name or gains[0]
     if name not in numbers:
         raise EmcasError(f"--locus {name}: there is no such parameter{hint(name, numbers) or '; see emcas parameters'}")
     nominal = float(parameters.values[name])
@@ -72,7 +66,8 @@ def locus(parameters: ParameterSet, name: str | None = None, fin_angle: float = 
     actuators = {value: linear for value in scaled if (linear := at(value)) is not None}
     poles = [continuous_poles(linear.closed) for linear in actuators.values()]
     if not _moved(poles):
-        raise EmcasError(f"--locus {name}: moves no pole of the linearised loop; choose a gain such as {gain}")
+        raise EmcasError(f"--locus {name}: moves no pole of the linearised loop; choose a gain"
+                         + "".join(f" such as {gain}" for gain in gains[:1]))
     ends = []
     for side in (-1.0, 1.0):
         inside = nominal

@@ -90,7 +90,7 @@ def load_rod(path: Path | None = None) -> Mapping[str, float]:
     entries: dict[str, float] = {}
     for file in (models_directory() / "rod.toml", *([path] if path else [])):
         tables = load(_File, file, EmcasError).model_dump(exclude_unset=True)
-        entries |= {f"{table}.{key}": value for table, given in tables.items() for key, value in given.items()}
+        entries |= {f"{table}.{key}": value for table, keys in tables.items() for key, value in keys.items()}
     return entries
 
 

@@ -58,8 +58,9 @@ def compare(values: Mapping[str, Any], linear: LinearActuator, size: float, thes
                            fin_command=level, aero_torque=torque) for level in (stepped, held))
     nonlinear = np.degrees(run["fin_angle"] - still["fin_angle"])[lead:]
     metrics = [step_metrics(time, one, 0.0, radians(size)) for one in (angle, np.radians(nonlinear))]
-    theirs = np.degrees(LinearModel(values).simulate(command)) if thesis else None
-    return StepComparison(size, time, np.degrees(angle), theirs, nonlinear, run["saturated"][lead:] > 0.0, *metrics)
+    return StepComparison(size, time, np.degrees(angle),
+                          np.degrees(LinearModel(values).simulate(command)) if thesis else None,
+                          nonlinear, run["saturated"][lead:] > 0.0, *metrics)
 
 
 def comparisons(values: Mapping[str, Any], linear: LinearActuator, thesis: bool) -> list[StepComparison]:

@@ -8,19 +8,19 @@ speed reference, from the sampled controllers run once more over the recorded mo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import radians
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from ...actuators import NONLINEAR, capabilities, get
 from ...bench.metrics import CREPT, FrequencyResponse
 from ...control import controllers, sensors
-from ...ops.arrays import ARRAYS as _ARRAYS
-from ...ops.base import Ops
+from ...ops.arrays import ARRAYS
 from ...physics import drive
+from ...progress import Progress, silent
 from ...simulation import simulate
 from .frequency import of_ratio
 from .linear import Array
@@ -32,7 +32,6 @@ NEEDS = (capabilities.CASCADE, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_
          capabilities.RIGID_DRIVE_LINE)
 _SETTLE, _WINDOW = 1.0, 2.0  # s; frequencies are whole numbers of periods of the window
 _POINTS = 36
-ARRAYS: Ops = cast(Ops, _ARRAYS)
 # Voltage and its limit are equal when it is clipped, but for rounding.
 _AT_LIMIT = 1.0 - 1e-9
 
@@ -113,7 +112,7 @@ def replay(values: Mapping[str, Any], command: Array, angle: Array, speed: Array
 
 def sweeps(values: Mapping[str, Any], highest: float, at: float = 0.0, aero_torque: float = 0.0,
            amplitudes: Sequence[float] = AMPLITUDES, model: str = NONLINEAR,
-           progress: Callable[[str, int, int], None] | None = None) -> list[Sweep]:
+           progress: Progress = silent) -> list[Sweep]:
     """Return a sweep up to `highest` [Hz] for every amplitude [deg] that commands may have, else for their limit.
 
     About `at` [rad], or as near to it as the range of commands leaves room for the amplitude.
@@ -121,10 +120,9 @@ def sweeps(values: Mapping[str, Any], highest: float, at: float = 0.0, aero_torq
     limit = float(values["command.limit"])
     chosen = [radians(size) for size in amplitudes if radians(size) <= limit * (1.0 + 1e-9)] or [limit]
     frequency = frequencies(float(values["controller.sample_time"]), highest)
-    made = []
+    responses = []
     for number, size in enumerate(chosen):
-        if progress:
-            progress(f"sine of {np.degrees(size):g} deg", number, len(chosen))
+        progress(f"sine of {np.degrees(size):g} deg", number, len(chosen))
         room = max(limit - size, 0.0)
-        made.append(sweep(values, size, frequency, min(max(at, -room), room), aero_torque, model))
-    return made
+        responses.append(sweep(values, size, frequency, min(max(at, -room), room), aero_torque, model))
+    return responses

@@ -1,0 +1,12 @@
+"""How long work reports how far it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+Progress = Callable[[str, int, int], None]
+"""Called with the name of what is begun, how many are done and how many there are."""
+
+
+def silent(_name: str, _done: int, _total: int) -> None:
+    """Report to nobody."""
