@@ -76,19 +76,19 @@ def analyse(
 
 
 def _tables(f: dict[str, Any]) -> list[Table]:
-    here, thesis, beside = f["linear"], f["thesis_linear"], "thesis_linear" not in f["left_out"]
+    models = {"here": f["linear"]} | ({} if "thesis_linear" in f["left_out"] else {"thesis": f["thesis_linear"]})
     at, rod = f["operating_point"], f["modes"]
-    first = Table("linear", "here", *(["thesis"] if beside else []),
-                  title=f"at {at['fin_angle_deg']:.4g} deg, {at['aero_torque_nm']:.4g} N.m", title_justify="left")
+    first = Table("linear", *models, title=f"at {at['fin_angle_deg']:.4g} deg, {at['aero_torque_nm']:.4g} N.m",
+                  title_justify="left")
     for key, label in (("bandwidth_3db_hz", "bandwidth -3 dB / Hz"), ("bandwidth_90deg_hz", "bandwidth -90 deg / Hz"),
                        ("gain_margin_db", "gain margin at the drive's reference / dB"),
                        ("phase_margin_deg", "phase margin there / deg"), ("delay_margin_s", "delay margin there / s")):
-        first.add_row(label, number(here[key]), *([number(thesis[key]) if thesis else "unstable"] if beside else []))
+        first.add_row(label, *(number(model[key]) if model else "unstable" for model in models.values()))
     for name in ("axial", "torsional") if rod else ():
-        first.add_row(f"{name} natural frequency of the rod / Hz", number(rod[f"{name}_hz"]),
-                      *([number(rod["thesis"][f"{name}_hz"])] if beside else []))
+        frequencies = [number(one[f"{name}_hz"]) for one in (rod, rod["thesis"])]
+        first.add_row(f"{name} natural frequency of the rod / Hz", *frequencies[:len(models)])
     loops = Table("loop", "gain margin / dB", "phase margin / deg", "delay margin / ms")
-    for name, m in here["loops"].items():
+    for name, m in f["linear"]["loops"].items():
         delay = m["delay_margin_s"]
         loops.add_row(name, number(m["gain_margin_db"]), number(m["phase_margin_deg"]),
                       number(None if delay is None else 1e3 * delay))

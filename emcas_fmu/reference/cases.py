@@ -43,7 +43,7 @@ class Case:
 
     name: str
     title: str
-    kind: str  # what to look at in the response
+    kind: str  # step, square, chirp, load, cold or sag: what to look at in the response
     stop_time: float  # s
     amplitude: float  # rad, of the largest command
     build: Callable[[Array], Columns]  # input columns at the row times [s]

@@ -361,17 +361,9 @@ def sampled(plant: System, period: float, whole: int, rest: float) -> System:
     before, after = expm(joined * rest), expm(joined * (period - rest))
     free = after[:n, :n] @ before[:n, :n]
     held = after[:n, :n] @ before[:n, n:] + after[:n, n:]
-    newer, older = after[:n, n], after[:n, :n] @ before[:n, n]
-    a, b = np.zeros((n + waiting, n + waiting)), np.zeros((n + waiting, ins))
-    a[:n, :n], b[:n, 1:] = free, held[:, 1:]
-    if rest > 0.0:
-        a[:n, n + whole] = older
-    if whole:
-        a[:n, n + whole - 1] = newer
-    else:
-        b[:n, 0] = newer
-    if waiting:
-        b[n, 0] = 1.0
-        a[n + 1:, n:-1] = np.eye(waiting - 1)
+    line = np.zeros((n, whole + 2))  # how values of the first input act, by the samples since
+    line[:, whole], line[:, whole + 1] = after[:n, n], after[:n, :n] @ before[:n, n]
+    a = np.block([[free, line[:, 1:1 + waiting]], [np.zeros((waiting, n)), np.eye(waiting, k=-1)]])
+    b = np.block([[line[:, :1], held[:, 1:]], [np.eye(waiting, 1), np.zeros((waiting, ins - 1))]])
     c = np.hstack([plant.C, np.zeros((len(plant.C), waiting))])
     return ct.ss(a, b, c, plant.D, period, inputs=plant.input_labels, outputs=plant.output_labels)
