@@ -49,22 +49,19 @@ _STYLE: Mapping[str, Any] = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Figures made inside have the house style. matplotlib's settings are restored at the end."""
+    """Give figures made inside the house style; restore matplotlib's settings at the end."""
     with mpl.rc_context(), mpl.style.context(["default", {**_STYLE, "axes.prop_cycle": cycler(color=COLORS)}]):
         yield
 
 
 def figure(rows: int, columns: int = 1, *, width: float = 9.0, height: float = 2.2, **more: Any) -> tuple[Figure, Any]:
-    """A figure and its grid of axes as a (rows, columns) array; `width` and `height` of a row in inches.
-
-    Takes effect inside `style()`.
-    """
-    made = Figure(figsize=(width, height * rows), layout="constrained")
-    return made, made.subplots(rows, columns, squeeze=False, **more)
+    """Make a figure, inside `style()`, and its grid of axes as an array; `width` and `height` of a row in inches."""
+    empty = Figure(figsize=(width, height * rows), layout="constrained")
+    return empty, empty.subplots(rows, columns, squeeze=False, **more)
 
 
 def svg(drawn: Figure, label: str = "") -> str:
-    """An <svg> element to put into an HTML page; `label` is its text for those who cannot see it."""
+    """Return an <svg> element to put into an HTML page; `label` is its text for those who cannot see it."""
     text = StringIO()
     with mpl.rc_context({"svg.hashsalt": "emcas", "svg.fonttype": "path"}):
         drawn.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
@@ -74,8 +71,7 @@ def svg(drawn: Figure, label: str = "") -> str:
     # A hundredth of a point is less than a printer can show, and glyphs have 1/64 of that unit.
     body = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path.group()), body)
     body = _own_ids(body).replace(INK, "currentColor")
-    escaped = label.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
-    return body.replace("<svg", f'<svg role="img" aria-label="{escaped}"', 1).rstrip()
+    return body.replace("<svg", f'<svg role="img" aria-label="{escape(label)}"', 1).rstrip()
 
 
 class Drawing(NamedTuple):
@@ -95,7 +91,7 @@ class Picture(NamedTuple):
 
 
 def pictures(drawings: Iterable[Drawing | None]) -> list[Picture]:
-    """Drawings as a page holds them, without those there are none of; drawn in `style()` if they come lazily."""
+    """Return drawings as a page holds them, those that are None left out; drawn in `style()` if they come lazily."""
     with style():
         return [Picture(d.title, svg(d.figure, d.title), d.caption) for d in drawings if d is not None]
 
@@ -125,13 +121,13 @@ def frequency_axis(axes: Axes, ticks: Iterable[float]) -> None:
 
 
 def legend_above(axes: Axes, columns: int = 6, **more: Any) -> None:
-    """A legend above the panel, where it cannot hide anything."""
+    """Put a legend above the panel, where it cannot hide anything."""
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2, handlelength=1.8,
                 columnspacing=1.4, **more)
 
 
 def write(drawn: Figure, path: Path, title: str) -> None:
-    """The figure as ``.html``, ``.svg``, ``.png`` or ``.pdf``, in a `style()`. Raises EmcasError for another ending."""
+    """Write a figure of `style()` as ``.html``, ``.svg``, ``.png`` or ``.pdf``. Raises EmcasError for other endings."""
     check_ending(path)
     if path.suffix == ".html":
         path.write_text(f"<!DOCTYPE html><html lang=\"en\"><meta charset=\"utf-8\"><title>{escape(title)}</title>"
@@ -147,14 +143,14 @@ def check_ending(path: Path | None) -> None:
         raise EmcasError(f"{path}: a plot ends in {', '.join(PICTURES)}")
 
 
-def shade(axes: Axes, time: Any, active: Any, **more: Any) -> None:
+def shade(axes: Axes, time: Any, active: Any) -> None:
     """Shade the times at which `active` holds; both have the same length."""
-    options = {"color": GRAY, "alpha": 0.22, "linewidth": 0.0, **more}
-    axes.fill_between(time, 0, 1, where=active, step="post", transform=axes.get_xaxis_transform(), **options)
+    axes.fill_between(time, 0, 1, where=active, step="post", transform=axes.get_xaxis_transform(), color=GRAY,
+                      alpha=0.22, linewidth=0.0)
 
 
 def _own_ids(body: str) -> str:
-    """Ids of no use removed, the others made unique to the figure: a page holds several."""
+    """Remove ids nothing refers to and make the others unique to the figure: a page holds several."""
     used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', body))
     mark = hashlib.sha256(body.encode()).hexdigest()[:8]
     body = re.sub(r' id="([^"]+)"', lambda m: f' id="{mark}-{m[1]}"' if m[1] in used else "", body)

@@ -6,19 +6,18 @@ from pathlib import Path
 
 from emcas_fmu import plots
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.analysis import figures
+from emcas_fmu.studies.analysis import pictures
 from emcas_fmu.studies.analysis.analyse import analyse
 
-DRAWN = {"nichols": figures.nichols, "amplitudes": figures.amplitudes, "capability": figures.fin_capability}
+DRAWN = {"nichols": pictures.nichols, "amplitudes": pictures.amplitudes, "capability": pictures.fin_capability}
 
 
 def main() -> None:
-    found = analyse(load_parameters())
+    analysis = analyse(load_parameters())
     for name, draw in DRAWN.items():
         with plots.style():
-            _, figure, _ = draw(found)
-            figure.savefig(Path(__file__).parent / f"analysis_{name}.png", dpi=110, facecolor="white",
-                           metadata={"Software": None})
+            draw(analysis).figure.savefig(Path(__file__).parent / f"analysis_{name}.png", dpi=110, facecolor="white",
+                                          metadata={"Software": None})
 
 
 if __name__ == "__main__":

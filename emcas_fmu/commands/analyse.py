@@ -11,9 +11,20 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..actuators import NONLINEAR
+from ..bench.writers import number
 from ..errors import EmcasError
 from ..parameters import load_parameters
-from .common import ModelOption, ParametersOption, check_outputs, failures, out, progress_bar, require_extra, stepper
+from .common import (
+    ModelOption,
+    ParametersOption,
+    check_outputs,
+    failures,
+    out,
+    print_written,
+    progress_bar,
+    require_extra,
+    stepper,
+)
 
 EPILOG = ("Examples:\n\n  emcas analyse\n\n  emcas analyse --at 15 --report analysis.html "
           "--locus controller.velocity.kp"
@@ -43,67 +54,58 @@ def analyse(
                 raise EmcasError(f"{name} {value}: give a finite number")
         chosen = load_parameters(parameters, model=model)
         require_extra("analysis", "emcas analyse needs", "control", "casadi")
-        from ..studies.analysis import analyse as tools
+        from ..studies.analysis import output
+        from ..studies.analysis.analyse import analyse as run
 
         with progress_bar() as progress:
-            found = tools.analyse(chosen, radians(at), torque, rod, locus, stepper(progress, "analyse"))
-        figures = tools.figures(found)
+            analysis = run(chosen, radians(at), torque, rod, locus, stepper(progress, "analyse"))
         if as_json:
-            tools.write_json(found, as_json)
+            output.write_json(analysis, as_json)
         if report:
-            from ..studies.analysis.report import write_report
-
-            write_report(found, report)
-    for table in _tables(figures):
+            output.write_report(analysis, report)
+    for table in _tables(output.figures(analysis)):
         out.print(table)
-    said = [f"{why}." for why in found.left_out.values()]
-    if figures["modes"]:
-        modes = figures["modes"]["thesis"]
-        slipped = modes["axial_rad_per_s_over_hz"], modes["torsional_rad_per_s_over_hz"]
-        said.append(f"The thesis's natural frequencies of {slipped[0]:.1f} and {slipped[1]:.1f} "
-                    f"times the bandwidth divide rad/s by Hz; the factors are {modes['axial_over_bandwidth']:.1f} and "
-                    f"{modes['torsional_over_bandwidth']:.1f}.")
-    for line in said:
+    lines = [f"{why}." for why in analysis.left_out.values()]
+    if analysis.modes:
+        thesis = analysis.modes[1]
+        lines.append("The thesis's natural frequencies of {:.1f} and {:.1f} times the bandwidth divide rad/s by Hz; "
+                     "the factors are {:.1f} and {:.1f}.".format(*thesis.slipped, *thesis.ratios))
+    for line in lines:
         out.print(escape(line), highlight=False, soft_wrap=True)
-    for path in (as_json, report):
-        if path:
-            out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
+    print_written(as_json, report)
 
 
 def _tables(f: dict[str, Any]) -> list[Table]:
-    own, thesis, beside = f["linear"], f["thesis_linear"], "thesis_linear" not in f["left_out"]
-    at = f["operating_point"]
-    first = Table("linear", "here", *(["thesis"] if beside else []),
-                  title=f"at {at['fin_angle_deg']:.4g} deg, {at['aero_torque_nm']:.4g} N.m", title_justify="left")
+    models = {"here": f["linear"]} | ({} if "thesis_linear" in f["left_out"] else {"thesis": f["thesis_linear"]})
+    at, rod = f["operating_point"], f["modes"]
+    first = Table("linear", *models, title=f"at {at['fin_angle_deg']:.4g} deg, {at['aero_torque_nm']:.4g} N.m",
+                  title_justify="left")
     for key, label in (("bandwidth_3db_hz", "bandwidth -3 dB / Hz"), ("bandwidth_90deg_hz", "bandwidth -90 deg / Hz"),
                        ("gain_margin_db", "gain margin at the drive's reference / dB"),
                        ("phase_margin_deg", "phase margin there / deg"), ("delay_margin_s", "delay margin there / s")):
-        first.add_row(label, _text(own[key]), *([_text(thesis[key]) if thesis else "unstable"] if beside else []))
-    for name in ("axial", "torsional") if f["modes"] else ():
-        first.add_row(f"{name} natural frequency of the rod / Hz", _text(f["modes"][f"{name}_hz"]),
-                      *([_text(f["modes"]["thesis"][f"{name}_hz"])] if beside else []))
+        first.add_row(label, *(number(model[key]) if model else "unstable" for model in models.values()))
+    for name in ("axial", "torsional") if rod else ():
+        frequencies = [number(one[f"{name}_hz"]) for one in (rod, rod["thesis"])]
+        first.add_row(f"{name} natural frequency of the rod / Hz", *frequencies[:len(models)])
     loops = Table("loop", "gain margin / dB", "phase margin / deg", "delay margin / ms")
-    for name, m in own["loops"].items():
+    for name, m in f["linear"]["loops"].items():
         delay = m["delay_margin_s"]
-        loops.add_row(name, _text(m["gain_margin_db"]), _text(m["phase_margin_deg"]),
-                      _text(None if delay is None else 1e3 * delay))
+        loops.add_row(name, number(m["gain_margin_db"]), number(m["phase_margin_deg"]),
+                      number(None if delay is None else 1e3 * delay))
     finals = Table("final error", "1 deg command / deg", f"{f['final_values']['load_step_nm']:g} N.m load / deg")
     for name, label in (("p", "P"), ("pi", "PI"), ("as_set", "as set")):
         if name in f["final_values"]:
             row = f["final_values"][name]
-            finals.add_row(label, _text(row["command_error_deg"]), _text(row["load_error_deg"]))
+            finals.add_row(label, number(row["command_error_deg"]), number(row["load_error_deg"]))
     limits = "limits" not in f["left_out"]
     swept = Table("amplitude / deg", "-3 dB / Hz", "-90 deg / Hz",
                   *(("rate", "current", "voltage", "DAC") if limits else ()),
                   caption="right: frequency / Hz from which the limit acts" if limits else None, caption_justify="left")
     for s in f["sweep"]:
-        swept.add_row(_text(s["amplitude_deg"]), _text(s["bandwidth_3db_hz"]), _text(s["bandwidth_90deg_hz"]),
-                      *map(_text, s["limit_onset_hz"].values()))
-    for table in (first, loops, finals, swept):
+        swept.add_row(*map(number, (s["amplitude_deg"], s["bandwidth_3db_hz"], s["bandwidth_90deg_hz"],
+                                    *s["limit_onset_hz"].values())))
+    tables = [first, loops, finals, swept]
+    for table in tables:
         for column in table.columns[1:]:
             column.justify = "right"
-    return [first, loops, finals, swept]
-
-
-def _text(value: float | None) -> str:
-    return "-" if value is None else "0" if abs(value) < 1e-9 else f"{value:.4g}"
+    return tables

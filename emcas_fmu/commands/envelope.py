@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import json
 from math import pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.markup import escape
 from rich.table import Table
 
+from ..bench.writers import write_json
 from ..errors import EmcasError
 from ..parameters import load_parameters
-from .common import ModelOption, ParametersOption, check_outputs, failures, out
+from .common import ModelOption, ParametersOption, check_outputs, failures, out, print_written
 
 if TYPE_CHECKING:
-    from ..studies.analysis.envelope import Curve, Envelope
+    from ..studies.analysis.envelope import Envelope
 
 EPILOG = ("Examples:\n\n  emcas envelope"
           "\n\n  emcas envelope --duration \"30 s\" --plot envelope.svg --output envelope.csv"
           "\n\n  emcas envelope -p my_motor.toml --duration 500ms --preload 0.8 --json envelope.json")
-_NAMES = ("continuous", "short_term")
 
 
 def envelope(
@@ -48,60 +46,53 @@ def envelope(
         except UnitError as error:
             raise EmcasError(f"--duration {duration}: {error}") from error
         from ..plots import check_ending
-        from ..studies.analysis.envelope import envelope as compute
+        from ..studies.analysis import envelope as study
 
         check_ending(plot)
-        found = compute(load_parameters(parameters, model=model), seconds, preload)
+        computed = study.envelope(load_parameters(parameters, model=model), seconds, preload)
         if output:
-            _write_csv(found, output)
+            _write_csv(computed, output)
         if plot:
-            from ..studies.analysis.envelope import write_picture
-
-            write_picture(found, plot)
+            study.write_picture(computed, plot)
         if as_json:
-            as_json.write_text(json.dumps(_figures(found), indent=1), encoding="utf-8")
-    out.print(_table(found))
-    for path in (output, plot, as_json):
-        if path:
-            out.print(f"written {escape(str(path))}", highlight=False, soft_wrap=True)
+            write_json(_figures(computed), as_json)
+    out.print(_table(computed))
+    print_written(output, plot, as_json)
 
 
-def _figures(found: Envelope) -> dict[str, Any]:
-    def one(c: Curve) -> dict[str, Any]:
-        return {"current_a": c.current, "bound_by": c.bound_by,
-                **{f"{cause}_current_a": current for cause, current in c.currents.items()},
-                "stall_torque_nm": float(c.torque[0]), "corner_speed_rad_per_s": c.corner_speed,
-                "winding_degc": c.winding, "case_degc": c.case}
-
-    return {"duration_s": found.duration, "preload": found.preload, "no_load_speed_rad_per_s": float(found.speed[-1]),
-            **{name: one(getattr(found, name)) for name in _NAMES}}
+def _figures(e: Envelope) -> dict[str, Any]:
+    return {"duration_s": e.duration, "preload": e.preload, "no_load_speed_rad_per_s": e.speed[-1],
+            **{name: {"current_a": c.current, "bound_by": c.bound_by,
+                      **{f"{cause}_current_a": current for cause, current in c.currents.items()},
+                      "stall_torque_nm": c.torque[0], "corner_speed_rad_per_s": c.corner_speed,
+                      "winding_degc": c.winding, "case_degc": c.case} for name, c in e.curves.items()}}
 
 
-def _write_csv(found: Envelope, path: Path) -> None:
+def _write_csv(e: Envelope, path: Path) -> None:
     """Speed [rad/s], both envelopes [N.m], then each limit of each."""
     import numpy as np
 
-    columns = {"motor_speed": found.speed, **{name: getattr(found, name).torque for name in _NAMES}}
-    for name in _NAMES:
-        columns |= {f"{name}.{cause}": torque for cause, torque in getattr(found, name).limits.items()}
+    columns = {"motor_speed": e.speed, **{name: curve.torque for name, curve in e.curves.items()}}
+    for name, curve in e.curves.items():
+        columns |= {f"{name}.{cause}": torque for cause, torque in curve.limits.items()}
     np.savetxt(path, np.column_stack(list(columns.values())), fmt="%.17g", delimiter=",", header=",".join(columns),
                comments="")
 
 
-def _table(found: Envelope) -> Table:
-    preload = f", from {found.preload:g} of the continuous current" if found.preload else ""
-    table = Table("", "continuous", f"{found.duration:g} s{preload}", title="torque-speed envelope",
-                  title_justify="left")
-    curves = (found.continuous, found.short_term)
-    rows = (
-        ("current / A", [f"{c.current:.4g}" for c in curves]), ("limited by", [c.bound_by for c in curves]),
-        *((f"  {cause} / A", [f"{c.currents[cause]:.4g}" for c in curves]) for cause in curves[0].currents),
-        ("torque at standstill / N.m", [f"{c.torque[0]:.4g}" for c in curves]),
-        ("voltage limits from / rpm", [f"{c.corner_speed * 30.0 / pi:.4g}" for c in curves]),
-        ("no-load speed / rpm", [f"{found.speed[-1] * 30.0 / pi:.4g}"] * 2),
-        ("winding, case then / degC", [f"{c.winding:.4g}, {c.case:.4g}" for c in curves]))
-    for label, values in rows:
-        table.add_row(label, *values)
+def _table(e: Envelope) -> Table:
+    preload = f", from {e.preload:g} of the continuous current" if e.preload else ""
+    table = Table("", "continuous", f"{e.duration:g} s{preload}", title="torque-speed envelope", title_justify="left")
+    curves = e.curves.values()
+    rows: dict[str, list[Any]] = {
+        "current / A": [c.current for c in curves],
+        "limited by": [c.bound_by for c in curves],
+        **{f"  {cause} / A": [c.currents[cause] for c in curves] for cause in e.continuous.currents},
+        "torque at standstill / N.m": [c.torque[0] for c in curves],
+        "voltage limits from / rpm": [c.corner_speed * 30.0 / pi for c in curves],
+        "no-load speed / rpm": [e.speed[-1] * 30.0 / pi] * 2,
+        "winding, case then / degC": [f"{c.winding:.4g}, {c.case:.4g}" for c in curves]}
+    for label, values in rows.items():
+        table.add_row(label, *(value if isinstance(value, str) else f"{value:.4g}" for value in values))
     for column in table.columns[1:]:
         column.justify = "right"
     return table

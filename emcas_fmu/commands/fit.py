@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 from rich.table import Table
 
+from ..bench.writers import write_json
 from ..parameters import load_parameters
-from .common import ParametersOption, check_outputs, failures, out, parameter_arguments
+from .common import ParametersOption, check_outputs, failures, out, parameter_arguments, print_written
 
 EPILOG = ("Examples:\n\n  emcas fit\n\n  emcas fit -p my_actuator.toml --output my_second_order.toml"
           "\n\n  python build_fmu.py --model second-order -p my_second_order.toml")
@@ -26,26 +25,20 @@ def fit(
                                                  metavar="FILE")] = None,
 ) -> None:
     """Fit natural frequency, damping, rate limit and delay of the second-order model to the nonlinear one."""
-    from ..studies.fitting import NAMES, write_fitted
-    from ..studies.fitting import fit as run
+    from ..studies import fitting
 
     with failures():
         check_outputs(output, as_json, inputs=parameters or ())
-        found = run(load_parameters(parameters))
-        values = found.parameters.values
+        fitted = fitting.fit(load_parameters(parameters))
         if output:
-            write_fitted(found, output, shlex.join(["emcas", "fit", *parameter_arguments(parameters)]))
+            fitting.write_fitted(fitted, output, shlex.join(["emcas", "fit", *parameter_arguments(parameters)]))
         if as_json:
-            as_json.write_text(json.dumps({
-                "parameters": {name: values[name] for name in NAMES}, "step_deg": found.sizes,
-                "largest_difference_percent": found.largest, "rms_difference_percent": found.rms}, indent=1),
-                encoding="utf-8")
-    units = {e.variable.name: e.variable.unit for e in found.parameters.entries}
-    for name in NAMES:
-        out.print(f"{name} = {values[name]:.4g} {units[name]}", highlight=False)
+            write_json(fitted.figures(), as_json)
+    entries = {e.variable.name: e for e in fitted.parameters.entries}
+    for name in fitting.NAMES:
+        out.print(f"{name} = {entries[name].value:.4g} {entries[name].variable.unit}", highlight=False)
     table = Table("step / deg", "largest difference / %", "rms / %")
-    for size, largest, rms in zip(found.sizes, found.largest, found.rms, strict=True):
+    for size, largest, rms in zip(fitted.sizes, fitted.largest, fitted.rms, strict=True):
         table.add_row(f"{size:g}", f"{largest:.2g}", f"{rms:.2g}")
     out.print(table)
-    if output:
-        out.print(f"written {escape(str(output))}", highlight=False, soft_wrap=True)
+    print_written(output)

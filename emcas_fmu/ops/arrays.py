@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
-from .base import Thunk, Value
+from .base import Ops, Thunk, Value
 
 
 class ArrayOps:
@@ -36,4 +38,4 @@ class ArrayOps:
         return tuple(np.where(condition, a, b) for a, b in zip(yes(), no(), strict=True))
 
 
-ARRAYS = ArrayOps()
+ARRAYS = cast(Ops, ArrayOps())

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from emcas_fmu.reference.plant import Value
-from emcas_fmu.reference.simulate import Array
+from .plant import Value, clip
+from .simulate import Array
 
 STEP = 1e-3  # s
 SIGNIFICANT_DIGITS = 9
@@ -22,6 +22,7 @@ EDGE_RATE = 400.0  # deg/s, faster than the fin can go, so that the edges still 
 LOAD = 100.0  # N.m, the load of the thesis's Table 2
 LOAD_RISE = 0.02  # s, so that it is a load and not a hammer
 SWEEP = 0.5, 30.0  # Hz, first and last frequency
+_CHIRP_TIME = 12.0  # s
 
 # A quantised encoder and exact stiction together amplify any difference, down to rounding: two converged
 # integrations of the same case part by up to 0.004 deg (see docs/model/numerics.md), which says nothing of either.
@@ -32,7 +33,7 @@ Columns = dict[str, Array]
 
 
 def stored(values: Array) -> Array:
-    """`values` as a reference file holds them."""
+    """Return values as a reference file holds them."""
     return np.array([float(f"{value:.{SIGNIFICANT_DIGITS}g}") for value in values])
 
 
@@ -42,58 +43,46 @@ class Case:
 
     name: str
     title: str
-    kind: str
-    """`step`, `square`, `chirp`, `load`, `cold` or `sag`: what to look at in the response."""
-    stop_time: float
-    """s"""
-    amplitude: float
-    """Largest commanded angle [rad]."""
-    build: Callable[[Array], Columns]
-    """Input columns at the row times [s]."""
-    overrides: Mapping[str, Value] = field(default_factory=lambda: EXACT)
-    """Parameters that differ from the defaults, SI."""
-    step: float = STEP
-    """Distance of the rows [s]."""
+    kind: str  # step, square, chirp, load, cold or sag: what to look at in the response
+    stop_time: float  # s
+    amplitude: float  # rad, of the largest command
+    build: Callable[[Array], Columns]  # input columns at the row times [s]
+    overrides: Mapping[str, Value] = field(default_factory=lambda: EXACT)  # parameters that differ, SI
+    step: float = STEP  # s, distance of the rows
 
     def inputs(self) -> Columns:
-        """`time` and the input columns the case uses."""
+        """Return `time` and the input columns the case uses."""
         time = stored(np.arange(round(self.stop_time / self.step) + 1) * self.step)
         return {"time": time} | {name: stored(column) for name, column in self.build(time).items()}
 
 
 def _levels(*points: tuple[float, float]) -> Callable[[Array], Columns]:
-    """A command [deg] that jumps to each level at its time [s], 0 before the first."""
+    """Return a command [deg] that jumps to each level at its time [s], 0 before the first."""
     return lambda time: {"fin_command": _held(time, 0.0, *((at, math.radians(deg)) for at, deg in points))}
 
 
 def _held(time: Array, value: float, *points: tuple[float, float]) -> Array:
-    held = np.full_like(time, value)
+    column = np.full_like(time, value)
     for at, level in points:
-        held[time > at - STEP / 2] = level
-    return held
+        column[time > at - STEP / 2] = level
+    return column
 
 
 def _square(time: Array) -> Columns:
-    """Levels 0, +A, 0, -A of growing amplitude, 150 ms each, joined by rate-limited edges (5.4.1.2)."""
-    target = np.zeros_like(time)
-    for number, amplitude in enumerate((5.0, 10.0, 15.0, 20.0)):
-        for quarter, sign in enumerate((1.0, 0.0, -1.0, 0.0)):
-            begin = LEAD_IN + 0.15 * (4 * number + quarter)
-            target[time > begin - STEP / 2] = sign * amplitude
-    command = np.zeros_like(time)
+    """Return levels 0, +A, 0, -A of growing amplitude, 150 ms each, joined by rate-limited edges (5.4.1.2)."""
+    levels = [sign * amplitude for amplitude in (5.0, 10.0, 15.0, 20.0) for sign in (1.0, 0.0, -1.0, 0.0)]
+    target = _held(time, 0.0, *((LEAD_IN + 0.15 * k, level) for k, level in enumerate(levels)))
+    command, change = np.zeros_like(time), EDGE_RATE * STEP
     for k in range(1, len(time)):
-        change = EDGE_RATE * STEP
-        command[k] = command[k - 1] + min(max(target[k] - command[k - 1], -change), change)
+        command[k] = command[k - 1] + clip(target[k] - command[k - 1], change)
     return {"fin_command": np.radians(command)}
 
 
-def _chirp(amplitude: float, stop_time: float) -> Callable[[Array], Columns]:
-    """Logarithmic sine sweep of `amplitude` [deg] over the time after the lead-in."""
-    first, last = SWEEP
-    duration = stop_time - LEAD_IN
-    growth = math.log(last / first) / duration
-
+def _chirp(amplitude: float) -> Callable[[Array], Columns]:
+    """Return a logarithmic sine sweep of `amplitude` [deg] over the time after the lead-in."""
     def build(time: Array) -> Columns:
+        first, last = SWEEP
+        growth = math.log(last / first) / (_CHIRP_TIME - LEAD_IN)
         since = np.maximum(time - LEAD_IN, 0.0)
         phase = 2.0 * math.pi * first * np.expm1(growth * since) / growth
         return {"fin_command": math.radians(amplitude) * np.sin(phase)}
@@ -102,7 +91,7 @@ def _chirp(amplitude: float, stop_time: float) -> Callable[[Array], Columns]:
 
 
 def _loaded(moment: float) -> Callable[[Array], Columns]:
-    """Settle at -20 deg unloaded, then slew to +20 deg while `moment` [N.m] comes on, and stay there."""
+    """Return a command that settles at -20 deg unloaded and slews to +20 deg while `moment` [N.m] comes on."""
     slew = 0.35
 
     def build(time: Array) -> Columns:
@@ -113,65 +102,26 @@ def _loaded(moment: float) -> Callable[[Array], Columns]:
 
 
 def _sag(time: Array) -> Columns:
-    """28 V is below the back-EMF of a fast slew, so the sag also makes the motor regenerate."""
+    # 28 V is below the back-EMF of a fast slew, so the sag also makes the motor regenerate.
     command = _levels((LEAD_IN, 20.0), (0.35, -20.0), (0.7, 0.0))(time)
     return command | {"supply_voltage": _held(time, 39.0, (0.4, 28.0), (0.47, 39.0))}
 
 
-def _single_step(degrees: int) -> Case:
-    sign = "plus" if degrees > 0 else "minus"
-    return Case(
-        name=f"step_{sign}{abs(degrees)}",
-        title=f"Step to {degrees:+d} deg",
-        kind="step",
-        stop_time=0.5,
-        amplitude=abs(math.radians(degrees)),
-        build=_levels((LEAD_IN, degrees)),
-    )
-
-
 _LARGE = math.radians(20.0)
-_CHIRP_TIME = 12.0  # s
 
 CASES = [
-    Case(
-        "step",
-        "Steps to +10, 0, -10 and 0 deg",
-        "step",
-        1.0,
-        math.radians(10.0),
-        _levels((LEAD_IN, 10.0), (0.3, 0.0), (0.55, -10.0), (0.8, 0.0)),
-    ),
-    *(_single_step(sign * size) for size in (1, 5, 10, 20) for sign in (1, -1)),
+    Case("step", "Steps to +10, 0, -10 and 0 deg", "step", 1.0, math.radians(10.0),
+         _levels((LEAD_IN, 10.0), (0.3, 0.0), (0.55, -10.0), (0.8, 0.0))),
+    *(Case(f"step_{sign}{size}", f"Step to {side * size:+d} deg", "step", 0.5, math.radians(size),
+           _levels((LEAD_IN, side * size)))
+      for size in (1, 5, 10, 20) for sign, side in (("plus", 1), ("minus", -1))),
     Case("square", "Modified square wave, 5 to 20 deg, edges at 400 deg/s", "square", 2.5, _LARGE, _square),
-    *(
-        Case(
-            f"chirp_{label}deg",
-            f"Logarithmic sine sweep 0.5 to 30 Hz, {degrees:g} deg",
-            "chirp",
-            _CHIRP_TIME,
-            math.radians(degrees),
-            _chirp(degrees, _CHIRP_TIME),
-        )
-        for label, degrees in (("1", 1.0), ("3p5", 3.5))
-    ),
-    Case(
-        "load_opposing",
-        "Slew from -20 to +20 deg against 100 N.m",
-        "load",
-        0.85,
-        _LARGE,
-        _loaded(-LOAD),
-    ),
+    *(Case(f"chirp_{label}deg", f"Logarithmic sine sweep 0.5 to 30 Hz, {degrees:g} deg", "chirp", _CHIRP_TIME,
+           math.radians(degrees), _chirp(degrees))
+      for label, degrees in (("1", 1.0), ("3p5", 3.5))),
+    Case("load_opposing", "Slew from -20 to +20 deg against 100 N.m", "load", 0.85, _LARGE, _loaded(-LOAD)),
     Case("load_aiding", "Slew from -20 to +20 deg with 100 N.m", "load", 0.85, _LARGE, _loaded(LOAD)),
-    Case(
-        "cold",
-        "Steps to +5, +20, +5 and 0 deg at -6 degC",
-        "cold",
-        1.0,
-        _LARGE,
-        _levels((LEAD_IN, 5.0), (0.3, 20.0), (0.55, 5.0), (0.8, 0.0)),
-        {**EXACT, "friction.temperature": -6.0},
-    ),
+    Case("cold", "Steps to +5, +20, +5 and 0 deg at -6 degC", "cold", 1.0, _LARGE,
+         _levels((LEAD_IN, 5.0), (0.3, 20.0), (0.55, 5.0), (0.8, 0.0)), {**EXACT, "friction.temperature": -6.0}),
     Case("sag", "Supply sags from 39 to 28 V during a 40 deg slew and recovers", "sag", 1.0, _LARGE, _sag),
 ]

@@ -22,20 +22,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from emcas_fmu.errors import EmcasError
-from emcas_fmu.parameters import ParameterSet, load_parameters
-from emcas_fmu.reference.cases import CASES, SIGNIFICANT_DIGITS, Case
-from emcas_fmu.reference.plant import Value
-from emcas_fmu.reference.simulate import MAX_STEP, RTOL, SCALES, Array
-
 from ..actuators import NONLINEAR, get
 from ..actuators.external import load_module
-from ..progress import Progress
+from ..errors import EmcasError
+from ..parameters import ParameterSet, load_parameters
+from ..progress import Progress, silent
 from ..toml import tomllib
+from .cases import CASES, SIGNIFICANT_DIGITS, Case
+from .plant import Value
+from .simulate import MAX_STEP, RTOL, SCALES, Array
 
-PREFIX = "EMCAS"
 PROVENANCE = "provenance.toml"
-COMMAND = "emcas reference"
 
 Simulate = Callable[[Mapping[str, Value], Mapping[str, Array]], Mapping[str, Array]]
 """From parameters and input columns, ``time`` among them, to output columns at the same times; SI."""
@@ -67,8 +64,8 @@ def simulator(model: str) -> Simulate:
         module = load_module(actuator.reference)
     if not callable(getattr(module, "simulate", None)):
         raise EmcasError(f"{actuator.reference}: gives no function simulate(parameters, inputs)")
-    found: Simulate = module.simulate
-    return found
+    simulate: Simulate = module.simulate
+    return simulate
 
 
 def cases(parameters: ParameterSet) -> tuple[Case, ...]:
@@ -77,13 +74,10 @@ def cases(parameters: ParameterSet) -> tuple[Case, ...]:
     A case that changes a parameter or drives an input which the actuator does not have says nothing of it; an encoder
     it does not have is left alone.
     """
-    inputs = {"time", *(v.name for v in parameters.actuator.inputs)}
-    chosen = []
-    for case in CASES:
-        essential = [name for name in case.overrides if not name.startswith("encoder.")]
-        if len(parameters.having(dict.fromkeys(essential))) == len(essential) and inputs >= set(case.inputs()):
-            chosen.append(replace(case, overrides=parameters.having(case.overrides)))
-    return tuple(chosen)
+    names = {"time", *parameters.values, *(v.name for v in parameters.actuator.inputs)}
+    return tuple(
+        replace(case, overrides=parameters.having(case.overrides)) for case in CASES
+        if names.issuperset(name for name in (*case.overrides, *case.inputs()) if not name.startswith("encoder.")))
 
 
 class Difference(NamedTuple):
@@ -97,7 +91,7 @@ class Difference(NamedTuple):
 
 def path_of(directory: Path, case: str, suffix: str) -> Path:
     """Path of one file of the triple; `suffix` is `in.csv`, `ref.csv` or `ref.opt`."""
-    return directory / f"{PREFIX}_{case}_{suffix}"
+    return directory / f"EMCAS_{case}_{suffix}"
 
 
 def write_csv(path: Path, columns: Mapping[str, Array]) -> None:
@@ -109,19 +103,19 @@ def write_csv(path: Path, columns: Mapping[str, Array]) -> None:
 
 
 def read_csv(path: Path) -> dict[str, Array]:
-    """Columns of a file `write_csv` has written."""
-    header, *lines = path.read_text(encoding="utf-8").splitlines()
-    table = np.array([[float(cell) for cell in line.split(",")] for line in lines])
-    return dict(zip(header.split(","), table.T, strict=True))
+    """Return the columns of a file `write_csv` has written."""
+    with path.open(encoding="utf-8") as file:
+        header = file.readline().strip().split(",")
+        return dict(zip(header, np.loadtxt(file, delimiter=",", ndmin=2).T, strict=True))
 
 
 def read_provenance(directory: Path) -> dict[str, Any]:
-    """The parsed `provenance.toml`; empty when there is none."""
+    """Return the parsed `provenance.toml`; empty when there is none."""
     path = directory / PROVENANCE
     return tomllib.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 
 
-def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Progress | None = None,
+def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Progress = silent,
                parameters: ParameterSet | None = None) -> None:
     """Compute the named cases (default all) and write their files and provenance into `directory`.
 
@@ -141,15 +135,12 @@ def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Pr
         path_of(directory, case.name, "ref.opt").write_text(text, encoding="utf-8", newline="\n")
         provenance[case.name] = _provenance(case, directory, values, chosen.model)
         # After every case, so that an interrupted run leaves a record of what it wrote.
-        order = [known.name for known in CASES if known.name in provenance]
-        text = "\n".join(_table(name, provenance[name]) for name in order)
+        text = "\n".join(_table(one.name, provenance[one.name]) for one in CASES if one.name in provenance)
         (directory / PROVENANCE).write_text(text, encoding="utf-8", newline="\n")
 
 
-def compare(
-    directory: Path, names: Sequence[str] | None = None, progress: Progress | None = None,
-    parameters: ParameterSet | None = None,
-) -> list[Difference]:
+def compare(directory: Path, names: Sequence[str] | None = None, progress: Progress = silent,
+            parameters: ParameterSet | None = None) -> list[Difference]:
     """Recompute the named cases (default all) and measure them against the files in `directory`.
 
     A column that is missing, or whose rows differ in number or time, counts as infinitely far.
@@ -180,23 +171,19 @@ def _distance(column: Array, stored: Array | None) -> float:
     return float(np.max(np.abs(column - stored)))
 
 
-def _chosen(names: Sequence[str] | None, parameters: ParameterSet, progress: Progress | None) -> Iterator[Case]:
-    there_are = cases(parameters)
-    unknown = set(names or ()) - {case.name for case in there_are}
-    if unknown:
-        raise EmcasError(f"no such reference case: {', '.join(sorted(unknown))}; "
-                         f"there are {', '.join(case.name for case in there_are)}")
-    chosen = [case for case in there_are if not names or case.name in names]
+def _chosen(names: Sequence[str] | None, parameters: ParameterSet, progress: Progress) -> Iterator[Case]:
+    available = {case.name: case for case in cases(parameters)}
+    if unknown := sorted(set(names or ()).difference(available)):
+        raise EmcasError(f"no such reference case: {', '.join(unknown)}; there are {', '.join(available)}")
+    chosen = [case for name, case in available.items() if not names or name in names]
     for done, case in enumerate(chosen):
-        if progress:
-            progress(case.name, done, len(chosen))
+        progress(case.name, done, len(chosen))
         yield case
-        if progress:
-            progress(case.name, done + 1, len(chosen))
+        progress(case.name, done + 1, len(chosen))
 
 
 def parameters_hash(values: Mapping[str, Value]) -> str:
-    """The hash by which a provenance names the parameters of its run."""
+    """Return the hash by which a provenance names the parameters of its run."""
     # Settings of the product's own stepping are no part of what the reference is made from.
     used = {name: float(value) for name, value in values.items() if not name.startswith("solver.")}
     return _sha256(json.dumps(used, sort_keys=True).encode())
@@ -216,19 +203,15 @@ def _method(model: str) -> dict[str, Any]:
 
 def _provenance(case: Case, directory: Path, values: Mapping[str, Value], model: str) -> dict[str, Any]:
     return {
-        "title": case.title,
-        "kind": case.kind,
-        "amplitude": case.amplitude,
-        "stop_time": case.stop_time,
-        "step": case.step,
-        "command": COMMAND,
+        **{name: getattr(case, name) for name in ("title", "kind", "amplitude", "stop_time", "step")},
+        "command": "emcas reference",
         **_method(model),
         **({} if model == NONLINEAR else {"model": get(model).name}),
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,
-        "sha256_in": _sha256(path_of(directory, case.name, "in.csv").read_bytes()),
-        "sha256_ref": _sha256(path_of(directory, case.name, "ref.csv").read_bytes()),
+        **{f"sha256_{kind}": _sha256(path_of(directory, case.name, f"{kind}.csv").read_bytes())
+           for kind in ("in", "ref")},
         "sha256_parameters": parameters_hash(values),
         "start_values": dict(case.overrides),
     }

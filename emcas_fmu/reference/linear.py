@@ -76,15 +76,10 @@ class LinearModel:
         return angles
 
     def frequency_response(self, frequency: Array) -> NDArray[np.complex128]:
-        """Fin angle over command [1] at frequencies [Hz] below half the sample rate."""
+        """Return fin angle over command [1] at frequencies [Hz] below half the sample rate."""
         identity = np.eye(len(self.drive))
         shift = np.exp(2j * np.pi * np.asarray(frequency) * self.sample_time)
         return np.array([self.output @ np.linalg.solve(z * identity - self.update, self.drive) for z in shift])
-
-    @property
-    def stable(self) -> bool:
-        """Whether every mode of the closed loop decays."""
-        return bool(np.max(np.abs(np.linalg.eigvals(self.update))) < 1.0)
 
 
 def _plant(values: Mapping[str, Any]) -> tuple[Array, float]:

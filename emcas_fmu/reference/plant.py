@@ -49,9 +49,7 @@ class Guard:
 
     terminal = True
 
-    def __init__(
-        self, value: Callable[[Vector], float], direction: int, successor: Callable[[list[float]], Mode]
-    ):
+    def __init__(self, value: Callable[[Vector], float], direction: int, successor: Callable[[list[float]], Mode]):
         self.value, self.direction, self.successor = value, float(direction), successor
 
     def __call__(self, _time: float, state: Vector) -> float:
@@ -76,19 +74,15 @@ class Plant:
         # J_t = J_mt + m_n l^2 and J_ft: what turns with the motor and what turns with the fin (2.8), (2.13).
         self.motor_inertia = p["inertia.motor"] + p["inertia.screw"] + p["mass.nut"] * self.lead**2
         self.fin_inertia = p["inertia.fin"] + p["inertia.shaft"] + p["inertia.fork"]
-        self.masses = [
-            (p[f"mass.{part}"], p[f"center_of_mass.{part}.x"], p[f"center_of_mass.{part}.z"])
-            for part in ("fin", "shaft", "fork")
-        ]
+        self.masses = [(p[f"mass.{part}"], p[f"center_of_mass.{part}.x"], p[f"center_of_mass.{part}.z"])
+                       for part in ("fin", "shaft", "fork")]
         self.fin_viscous, self.fin_coulomb = p["friction.fin_viscous"], p["friction.fin_coulomb"]
         # Measured at 24 and -6 degC: linear between the two, held outside.
         cold = min(max((24.0 - p["friction.temperature"]) / 30.0, 0.0), 1.0)
         warm_to_now = 1.0 + (p["friction.cold_viscous_ratio"] - 1.0) * cold
         self.coulomb_factor = 1.0 + (p["friction.cold_coulomb_ratio"] - 1.0) * cold
         self.viscous = {s: p[f"friction.viscous.{n}"] * warm_to_now for s, n in _SIGNS.items()}
-        self.polynomial = {
-            s: [p[f"friction.coulomb.{n}[{order}]"] for order in range(7)] for s, n in _SIGNS.items()
-        }
+        self.polynomial = {s: [p[f"friction.coulomb.{n}[{order}]"] for order in range(7)] for s, n in _SIGNS.items()}
         self.torque_constant, self.emf_constant = p["motor.torque_constant"], p["motor.back_emf_constant"]
         self.resistance, self.inductance = p["motor.resistance"], p["motor.inductance"]
         self.kp, self.ki = p["drive.kp"], p["drive.ki"]
@@ -107,10 +101,6 @@ class Plant:
         """Reduction ratio R = dtheta_m/ddelta [-] (2.6)."""
         return self.arm / self.lead * (1.0 + math.tan(delta + self.assembly) ** 2)
 
-    def inertia(self, delta: float) -> float:
-        """M(delta) = J_ft + J_t R^2 [kg.m2] (2.15 - 2.17)."""
-        return self.fin_inertia + self.motor_inertia * self.ratio(delta) ** 2
-
     # Forces -----------------------------------------------------------------------------------------------
 
     def motor_coulomb(self, delta: float, direction: int) -> float:
@@ -122,9 +112,7 @@ class Plant:
 
     def coulomb(self, delta: float, direction: int) -> float:
         """Coulomb moment at the fin T_c = R C_m + C_f [N.m]."""
-        return (
-            self.ratio(delta) * self.motor_coulomb(delta, direction) * self.coulomb_factor + self.fin_coulomb
-        )
+        return self.ratio(delta) * self.motor_coulomb(delta, direction) * self.coulomb_factor + self.fin_coulomb
 
     def loads(self, delta: float, around: Surroundings) -> float:
         """External moment T_f + l R P_n at the fin [N.m] (2.27 - 2.45), positive along +delta."""
@@ -200,8 +188,8 @@ class Plant:
             + self.loads(delta, around)
             - motion * self.coulomb(delta, motion)
         )
-        mass = self.fin_inertia + self.motor_inertia * ratio * ratio
-        return omega, moment / mass, current_slope, integral_slope
+        inertia = self.fin_inertia + self.motor_inertia * ratio * ratio  # M = J_ft + J_t R^2
+        return omega, moment / inertia, current_slope, integral_slope
 
     # Modes ------------------------------------------------------------------------------------------------
 
@@ -220,24 +208,29 @@ class Plant:
         Clipped, xi is held and the demand moves with the current alone; free, xi moves too.  When the one
         takes the demand back inside and the other outside, neither can last: the drive glides on the limit.
         """
-        held = -side * self.kp * self._current_slope(state, side * around.supply)
-        integrating = held + side * self.ki * (around.current_reference - state[2])
-        if held >= 0.0:
+        if self._held_slope(state, around, side) >= 0.0:
             return side
-        return FREE if integrating <= 0.0 else side * ON_LIMIT
+        return FREE if self._free_slope(state, around, side) <= 0.0 else side * ON_LIMIT
+
+    def _held_slope(self, state: Vector, around: Surroundings, side: int) -> float:
+        """Slope [V/s] of the demand towards `side` while the voltage is clipped there and xi is held."""
+        return -side * self.kp * self._current_slope(state, side * around.supply)
+
+    def _free_slope(self, state: Vector, around: Surroundings, side: int) -> float:
+        """The same while xi moves."""
+        return self._held_slope(state, around, side) + side * self.ki * (around.current_reference - state[2])
 
     def admit(self, state: list[float], mode: Mode, around: Surroundings) -> Mode:
         """The mode after the surroundings have jumped; clears the current of an opened bridge in place."""
+        demand = self.demand(state, around)
+        side = 1 if demand >= 0.0 else -1
         if not around.enable:
             state[2] = state[3] = 0.0
             drive = OPEN
+        elif abs(abs(demand) - around.supply) <= EDGE:
+            drive = self.drive_on_limit(state, around, side)
         else:
-            demand = self.demand(state, around)
-            side = 1 if demand >= 0.0 else -1
-            if abs(abs(demand) - around.supply) <= EDGE:
-                drive = self.drive_on_limit(state, around, side)
-            else:
-                drive = side if abs(demand) > around.supply else FREE
+            drive = side if abs(demand) > around.supply else FREE
         return Mode(mode.motion or self.motion_at_rest(state, around), drive)
 
     def guards(self, mode: Mode, around: Surroundings) -> list[Guard]:
@@ -256,10 +249,7 @@ class Plant:
                 state[0] = s * self.stop
                 return halt(state)
 
-            return [
-                Guard(lambda y: s * y[1], -1, halt),
-                Guard(lambda y: s * y[0] - self.stop, 1, strike),
-            ]
+            return [Guard(lambda y: s * y[1], -1, halt), Guard(lambda y: s * y[0] - self.stop, 1, strike)]
 
         def breakaway(side: int) -> Guard:
             def excess(state: Vector) -> float:
@@ -287,17 +277,8 @@ class Plant:
         side = 1 if drive > 0 else -1
         if abs(drive) != ON_LIMIT:
             return [Guard(excess(side), -1, reached(side))]
-
-        def held(state: Vector) -> float:
-            return -side * self.kp * self._current_slope(state, side * around.supply)
-
-        def integrating(state: Vector) -> float:
-            return held(state) + side * self.ki * (around.current_reference - state[2])
-
-        return [
-            Guard(held, 1, lambda state: Mode(motion, side)),
-            Guard(integrating, -1, lambda state: Mode(motion, FREE)),
-        ]
+        return [Guard(lambda state: self._held_slope(state, around, side), 1, lambda state: Mode(motion, side)),
+                Guard(lambda state: self._free_slope(state, around, side), -1, lambda state: Mode(motion, FREE))]
 
 
 _SIGNS = {1: "positive", -1: "negative"}

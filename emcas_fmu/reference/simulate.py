@@ -1,7 +1,7 @@
 """The whole actuator in time: sampled controllers, delayed DAC and zero-order-held inputs around the plant.
 
-Between two discrete instants (a sample, the arrival of a delayed DAC value, an input row, an output time) the
-plant is integrated by SciPy's DOP853 with terminal events; at each instant the discrete parts act.
+Between two discrete instants (a sample, the arrival of a delayed DAC value, an input row) the plant
+is integrated by SciPy's DOP853 with terminal events; at each instant the discrete parts act.
 """
 
 from __future__ import annotations
@@ -14,23 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from emcas_fmu.reference.plant import Mode, Plant, Surroundings, Value, clip
+from .plant import Mode, Plant, Surroundings, Value, clip
 
 Array = NDArray[np.floating[Any]]
 
 # Interface inputs and their start values, SI; a parameter drive.supply_voltage replaces that of the supply.
-INPUTS = {
-    "fin_command": 0.0,
-    "aero_torque": 0.0,
-    "acceleration.x": 0.0,
-    "acceleration.y": 0.0,
-    "acceleration.z": 0.0,
-    "attitude.roll": 0.0,
-    "attitude.pitch": 0.0,
-    "attitude.yaw": 0.0,
-    "supply_voltage": 39.0,
-    "enable": 1.0,
-}
+_AT_REST = ("fin_command", "aero_torque", "acceleration.x", "acceleration.y", "acceleration.z",
+            "attitude.roll", "attitude.pitch", "attitude.yaw")
+INPUTS = {**dict.fromkeys(_AT_REST, 0.0), "supply_voltage": 39.0, "enable": 1.0}
 OUTPUTS = ("fin_angle", "fin_rate", "motor_current", "motor_voltage", "drive_reference")
 RTOL = 1e-11
 # Absolute tolerance = rtol * scale: a hundredth of a radian, and one rad/s, one ampere, one volt.
@@ -77,9 +68,8 @@ class Controllers:
         error = self.plant.motor_angle(clip(command, p["command.limit"])) - motor
         raw = p["controller.position.kp"] * error + self.integral
         reference = clip(raw, p["controller.speed_limit"])
-        self.integral += self.period * (
-            p["controller.position.ki"] * error + p["controller.antiwindup"] * (reference - raw)
-        )
+        self.integral += self.period * (p["controller.position.ki"] * error
+                                        + p["controller.antiwindup"] * (reference - raw))
         friction = self.plant.motor_coulomb(fin, 1 if reference > 0.0 else -1)
         compensation = p["compensation.gain"] * friction * clip(reference / p["compensation.speed_band"], 1.0)
         compensation /= p["motor.torque_constant"] * p["drive.current_gain"]
@@ -87,23 +77,14 @@ class Controllers:
         return clip(u, p["drive.reference_limit"])
 
 
-def advance(
-    plant: Plant, state: list[float], mode: Mode, around: Surroundings, start: float, end: float, rtol: float
-) -> tuple[list[float], Mode]:
-    """Integrate from `start` to `end` [s] through every change of mode; the state and mode at `end`."""
+def advance(plant: Plant, state: list[float], mode: Mode, around: Surroundings, start: float, end: float
+            ) -> tuple[list[float], Mode]:
+    """Integrate from `start` to `end` [s] through every change of mode; return the state and mode at `end`."""
     time, events_without_progress = start, 0
     while time < end:
         guards = plant.guards(mode, around)
-        run = solve_ivp(
-            lambda _t, y, mode=mode: plant.slope(y.tolist(), mode, around),
-            (time, end),
-            state,
-            method="DOP853",
-            events=guards,
-            rtol=rtol,
-            atol=rtol * SCALES,
-            max_step=MAX_STEP,
-        )
+        run = solve_ivp(lambda _t, y, mode=mode: plant.slope(y.tolist(), mode, around), (time, end), state,
+                        method="DOP853", events=guards, rtol=RTOL, atol=RTOL * SCALES, max_step=MAX_STEP)
         if run.status < 0:
             raise ArithmeticError(f"integration failed after {time} s in {mode}: {run.message}")
         state = [float(x) for x in run.y[:, -1]]
@@ -118,39 +99,31 @@ def advance(
     return state, mode
 
 
-def simulate(
-    parameters: Mapping[str, Value],
-    inputs: Mapping[str, Array],
-    *,
-    rtol: float = RTOL,
-    output_times: Array | None = None,
-) -> dict[str, Array]:
-    """Simulate one actuator from rest and return `time` and the `OUTPUTS`, SI units.
+def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> dict[str, Array]:
+    """Simulate one actuator from rest and return `time` and the `OUTPUTS` at the rows, SI units.
 
     `inputs` holds the uniform row times `time` [s], from zero, and the columns that are used, named as in the
-    interface; a row holds until the next.  Outputs are left limits at `output_times` (default: the rows), so
-    a sample that falls on an output time shows after it.  `rtol` is DOP853's relative tolerance per step.
+    interface; a row holds until the next.  Outputs are left limits, so a sample that falls on a row shows after it.
     """
     rows = _instants(inputs["time"])
-    unknown = set(inputs) - set(INPUTS) - {"time"}
-    if unknown or rows[0] != 0.0:
-        raise ValueError(f"unknown inputs {sorted(unknown)}" if unknown else "row times must start at 0")
-    outputs = rows if output_times is None else _instants(output_times)
+    if unknown := sorted(set(inputs) - set(INPUTS) - {"time"}):
+        raise ValueError(f"unknown inputs {unknown}")
+    if rows[0] != 0.0:
+        raise ValueError("row times must start at 0")
     starts = INPUTS | {"supply_voltage": float(parameters.get("drive.supply_voltage", 39.0))}
     columns = {n: np.broadcast_to(inputs.get(n, start), rows.shape).tolist() for n, start in starts.items()}
     if min(columns["supply_voltage"]) <= 0.0:
         raise ValueError("supply_voltage must be above 0: the modes of the drive are told apart by its limits")
 
     plant = Plant(parameters)
-    p, end = plant.parameters, float(outputs[-1])
+    p, end = plant.parameters, float(rows[-1])
     period, delay = p["controller.sample_time"], p["drive.transport_delay"]
     samples = _instants(np.arange(math.floor(end / period) + 1) * period)
     arrivals = _instants(np.arange(len(samples)) * period + delay)
     row_at = {t: k for k, t in enumerate(rows.tolist())}
     sample_at = set(samples.tolist())
     arrival_at = {t: k for k, t in enumerate(arrivals.tolist())}
-    output_at = set(outputs.tolist())
-    instants = np.unique(np.concatenate([rows, samples, arrivals, outputs]))
+    instants = np.unique(np.concatenate([rows, samples, arrivals]))
     instants = instants[instants <= end].tolist()
 
     state = [p["fin.start_angle"], 0.0, 0.0, 0.0]
@@ -161,20 +134,18 @@ def simulate(
     around, mode = plant.surroundings(row, active), Mode(0, 0)
     records = []
     for t, following in zip(instants, [*instants[1:], None], strict=True):
-        if t in output_at:
-            voltage, latest = plant.voltage(state, around), dac[-1] if dac else 0.0
-            records.append((t, *state[:3], voltage, latest))
+        if t in row_at:
+            records.append((t, *state[:3], plant.voltage(state, around), dac[-1] if dac else 0.0))
+            row = {name: column[row_at[t]] for name, column in columns.items()}
         if following is None:
             break
-        if t in row_at:
-            row = {name: column[row_at[t]] for name, column in columns.items()}
         if t in sample_at:
             dac.append(controllers.sample(state[0], state[1], row["fin_command"], bool(row["enable"])))
         if t in arrival_at:
             active = dac[arrival_at[t]]
         around = plant.surroundings(row, active)
         mode = plant.admit(state, mode, around)
-        state, mode = advance(plant, state, mode, around, t, following, rtol)
+        state, mode = advance(plant, state, mode, around, t, following)
     return dict(zip(("time", *OUTPUTS), np.array(records).T, strict=True))
 
 

@@ -18,7 +18,7 @@ Columns = Mapping[str, Array]
 
 @dataclass(frozen=True)
 class Stored:
-    """A reference case as its folder holds it, checked against its hashes; `model` is the actuator it is of."""
+    """A reference case as its folder holds it; `model` is the actuator it is of."""
 
     name: str
     title: str
@@ -33,7 +33,7 @@ class Stored:
 
 
 def load(folder: Path, names: Sequence[str] | None) -> list[Stored]:
-    """The named cases of a folder (default all); EmcasError where it is not what its provenance says."""
+    """Return the named cases of a folder (default all). Raises EmcasError where it is not as its provenance says."""
     remedy = f"make the reference files with `emcas reference --directory {folder}`"
     if not folder.is_dir():
         raise EmcasError(f"{folder}: there is no such folder of reference files; {remedy}")
@@ -49,17 +49,17 @@ def load(folder: Path, names: Sequence[str] | None) -> list[Stored]:
 
 
 def _case(folder: Path, name: str, entry: Mapping[str, Any], remedy: str) -> Stored:
-    for suffix, key in (("in.csv", "sha256_in"), ("ref.csv", "sha256_ref")):
-        path = files.path_of(folder, name, suffix)
+    tables = []
+    for kind in ("in", "ref"):
+        path, key = files.path_of(folder, name, f"{kind}.csv"), f"sha256_{kind}"
         if not path.is_file():
             raise EmcasError(f"{path}: is missing; {remedy}")
         if hashlib.sha256(path.read_bytes()).hexdigest() != entry.get(key):
             raise EmcasError(f"{path}: is not the file {files.PROVENANCE} was written for (its {key} differs); "
                              f"restore it, or {remedy}")
+        tables.append(files.read_csv(path))
     try:
         return Stored(name, entry["title"], entry["kind"], entry["step"], entry["stop_time"], entry["start_values"],
-                      files.read_csv(files.path_of(folder, name, "in.csv")),
-                      files.read_csv(files.path_of(folder, name, "ref.csv")), entry["sha256_parameters"],
-                      entry.get("model", NONLINEAR))
+                      tables[0], tables[1], entry["sha256_parameters"], entry.get("model", NONLINEAR))
     except KeyError as error:
         raise EmcasError(f"{folder / files.PROVENANCE}: {name} has no entry {error}; {remedy}") from error

@@ -9,13 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ..parameters import ParameterSet, file_entry, load_parameters, write_parameters
-from ..simulation import simulate
+from ..simulation import Array, simulate
 
-Array = NDArray[np.floating[Any]]
 MODEL = "second-order"
 SIZES = (1.0, 2.5, 5.0, 10.0, 20.0)  # deg, of the steps that are fitted, each by its own size
 STOP = 0.4  # s
@@ -36,9 +34,14 @@ class Fit:
     largest: tuple[float, ...]
     rms: tuple[float, ...]
 
+    def figures(self) -> dict[str, Any]:
+        """Return the fitted values and what differences they leave."""
+        return {"parameters": {name: self.parameters.values[name] for name in NAMES}, "step_deg": self.sizes,
+                "largest_difference_percent": self.largest, "rms_difference_percent": self.rms}
+
 
 def fit(nonlinear: ParameterSet) -> Fit:
-    """Natural frequency, damping, rate limit and delay by least squares on unloaded steps from rest, of both signs.
+    """Fit natural frequency, damping, rate limit and delay by least squares to unloaded steps from rest, both ways.
 
     Steps beyond command.limit are left out; the encoder is as the set has it. Raises ParameterError.
     """
@@ -47,34 +50,32 @@ def fit(nonlinear: ParameterSet) -> Fit:
     shared = {e.variable.name: e for e in nonlinear.entries}
     default = load_parameters(model=MODEL)
     base = replace(default, entries=tuple(shared.get(e.variable.name, e) for e in default.entries))
-    wanted = _responses(nonlinear.values, "nonlinear", sizes)
+    nonlinear_steps = _responses(nonlinear.values, "nonlinear", sizes)
 
     def residuals(x: Array) -> Array:
         values = {**base.values, **dict(zip(NAMES, x * _BEGIN, strict=True))}
-        found: Array = (_responses(values, MODEL, sizes) - wanted).ravel()
-        return found
+        return np.ravel(_responses(values, MODEL, sizes) - nonlinear_steps)
 
-    found = least_squares(residuals, np.ones(len(NAMES)), bounds=(_LOWEST / _BEGIN, _HIGHEST / _BEGIN),
-                          diff_step=_DIFFERENCE, xtol=1e-10, ftol=1e-10)
+    solution = least_squares(residuals, np.ones(len(NAMES)), bounds=(_LOWEST / _BEGIN, _HIGHEST / _BEGIN),
+                             diff_step=_DIFFERENCE, xtol=1e-10, ftol=1e-10)
     units = {e.variable.name: e.variable.unit for e in base.entries}
     fitted = base.replace({name: file_entry([float(f"{x:.4g}")], units[name], "estimate", _NOTE)
-                           for name, x in zip(NAMES, found.x * _BEGIN, strict=True)})
-    left = 100.0 * np.abs(_responses(fitted.values, MODEL, sizes) - wanted)
+                           for name, x in zip(NAMES, solution.x * _BEGIN, strict=True)})
+    left = 100.0 * np.abs(_responses(fitted.values, MODEL, sizes) - nonlinear_steps)
     return Fit(fitted, sizes, tuple(left.max(axis=1).tolist()), tuple(np.sqrt(np.mean(left**2, axis=1)).tolist()))
 
 
 def _responses(values: Mapping[str, Any], model: str, sizes: tuple[float, ...]) -> Array:
-    """Fin angle over command of each step, the mean of both directions: a row a size."""
+    """Return fin angle over command of each step, the mean of both directions: a row a size."""
     def one(size: float) -> Array:
-        found: Array = simulate(values, STOP, STEP, model=model, fin_command=radians(size))["fin_angle"]
-        return found / radians(size)
+        return simulate(values, STOP, STEP, model=model, fin_command=radians(size))["fin_angle"] / radians(size)
 
     return np.array([0.5 * (one(size) + one(-size)) for size in sizes])
 
 
-def write_fitted(found: Fit, path: Path, command: str) -> None:
+def write_fitted(fit: Fit, path: Path, command: str) -> None:
     """Write the fitted values as a parameter file of the second-order model, with all else that its set has changed."""
-    left = ", ".join(f"{rms:.2g} % at {size:g} deg" for size, rms in zip(found.sizes, found.rms, strict=True))
-    write_parameters(found.parameters, path, [
+    left = ", ".join(f"{rms:.2g} % at {size:g} deg" for size, rms in zip(fit.sizes, fit.rms, strict=True))
+    write_parameters(fit.parameters, path, [
         "Parameters of the second-order model, over its defaults.", f"Made by: {command}",
         f"Differences left, rms of a step's size: {left}."])

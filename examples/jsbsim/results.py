@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from emcas_fmu.studies.fitting import NAMES, Fit
+from emcas_fmu.studies.fitting import Fit
 
 from .autopilot import attitude_error
 from .convergence import Convergence
@@ -126,9 +126,7 @@ def write_json(results: Results, path: Path, command: str) -> None:
         "masters": {name: {master: {"fin_difference_rad": a.fins, "attitude_difference_rad": a.attitude,
                                     "identical": a.identical} for master, a in found.items()}
                     for name, found in agreements(results).items()},
-        "second_order": None if fit is None else {
-            "parameters": {name: fit.parameters.values[name] for name in NAMES}, "step_deg": fit.sizes,
-            "largest_difference_percent": fit.largest, "rms_difference_percent": fit.rms},
+        "second_order": None if fit is None else fit.figures(),
         "convergence": {name: {"step_s": c.steps.tolist(), "attitude_error_deg": c.attitude.tolist(),
                                "fin_error_deg": c.fins.tolist(), "attitude_order": c.order(c.attitude),
                                "fin_order": c.order(c.fins)} for name, c in results.convergence.items()}}

@@ -108,6 +108,14 @@ def test_a_gap_is_linearised_as_closed_by_a_load(model: str) -> None:
     assert np.max(np.abs(closed / free - 1.0)) > 1e-4
 
 
+def test_a_response_of_zero_has_no_phase() -> None:
+    measured = sweep.sweep(load_parameters(model="elastic").values, radians(0.1), np.array([5.0, 60.0]),
+                           model="elastic").response
+    assert measured.gain[1] == 0.0
+    assert np.isnan(measured.phase[1])
+    assert -90.0 < np.degrees(measured.phase[0]) < 0.0
+
+
 @pytest.mark.parametrize("on_fin", [False, True])
 @pytest.mark.parametrize("encoder", [False, True])
 def test_a_rigid_elastic_line_is_none(on_fin: bool, encoder: bool) -> None:

@@ -132,8 +132,10 @@ def test_rod_file_overrides_in_its_own_units(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("text", "says"), [
-    ('[rod]\nlenght = "1 m"\n', "did you mean rod.length"), ('[rod]\nlength = "1 kg"\n', "expected a number"),
-    ('[rod]\nlength = "-1 m"\n', "above 0"), ("[rod", "not valid TOML"), ("rod = 3\n", "rod: unknown entry"),
+    ('[rod]\nlenght = "1 m"\n', "rod: unknown key 'lenght', did you mean 'length'"),
+    ('[rod]\nlength = "1 kg"\n', "expected a number with a unit such as m"),
+    ('[rod]\nlength = "-1 m"\n', "must be above 0"), ("[rod", "cannot be read"),
+    ("rod = 3\n", "rod = 3: expected a table"),
     ('[rod]\nlength = { value = 1, unti = "m" }\n', "an entry has")])
 def test_bad_rod_files_are_refused(tmp_path: Path, text: str, says: str) -> None:
     file = tmp_path / "rod.toml"
@@ -150,7 +152,6 @@ def test_envelope_has_the_corners_of_current_and_voltage(values: Values) -> None
     below, above = np.interp([0.9 * corner, 0.5 * (corner + e.no_load_speed)], e.speed, e.highest)
     assert below == pytest.approx(e.stall_torque)
     assert above == pytest.approx(0.5 * e.stall_torque, rel=0.01)  # straight to the no-load speed, between 404 points
-    np.testing.assert_allclose(e.lowest, -e.highest[::-1], atol=1e-12)
     assert np.all(e.prompt <= e.highest)
 
 

@@ -22,7 +22,7 @@ from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis import frequency, thesis
 from emcas_fmu.studies.analysis.final_values import TORQUE, final_values
 from emcas_fmu.studies.analysis.linear import LinearActuator, sampled, wire
-from emcas_fmu.studies.analysis.locus import continuous_poles, locus
+from emcas_fmu.studies.analysis.locus import locus
 from tests.default_actuator import namespace
 
 Values = Mapping[str, Any]
@@ -189,7 +189,7 @@ def test_final_value_is_where_the_load_step_ends(smooth: Values) -> None:
 def test_rational_model_has_the_slow_poles_of_the_exact_one(values: Values) -> None:
     p = {**values, "encoder.enabled": False, "controller.sample_time": 1e-4}
     linear = LinearActuator(p)
-    exact, approximate = continuous_poles(linear), linear.rational().poles()
+    exact, approximate = frequency.continuous_poles(linear.closed), linear.rational().poles()
     # At a tenth of a millisecond sampling is nearly continuous; modes up to the bandwidth's are compared.
     for pole in exact[np.abs(exact) < 2.0 * pi * 30.0]:
         assert np.min(np.abs(approximate - pole)) < 0.02 * abs(pole) + 1e-3

@@ -52,7 +52,7 @@ def test_short_term_of_a_lone_winding_is_the_closed_form() -> None:
         steady = 106.0 / (1.0 - exp(-duration / (190.0 * 0.2)))
         expected = sqrt(steady / 0.2 / 0.25)
         # Of the case's rise 1e-4/0.2 is left.
-        assert short_term_current(lone.nested(), duration) == pytest.approx(expected, rel=5e-4)
+        assert short_term_current(lone.nested(), duration, (24.0, 24.0)) == pytest.approx(expected, rel=5e-4)
 
 
 @pytest.mark.parametrize("preload", [0.0, 0.7])
@@ -63,7 +63,7 @@ def test_the_simulated_winding_gets_there_in_the_duration(preload: float) -> Non
     # The steady state of the preload: T = T_a + 0.6 R(T) i^2, solved by hand.
     square = share * found.continuous.current**2
     rise = 0.6 * 0.25 * square / (1.0 - 0.6 * 0.25 * 0.00387 * square)
-    current = short_term_current(before, 20.0, preload)
+    current = short_term_current(before, 20.0, settled(before, preload * found.continuous.current))
     assert found.short_term.currents["heat"] == current
     values = _set({**HELD, "drive.kp": 1e4, **NO_I2T, "drive.current_limit": 1e3, "heat.continuous_current": 1e3,
                    "drive.current_offset": current * (1.0 + 0.25e-4), "heat.winding_start_rise": rise,

@@ -12,22 +12,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import nan
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
 
 from ...actuators import NONLINEAR, capabilities, fin_port, get
 from ...bench.excitation import reference_case
-from ...ops.arrays import ARRAYS as _ARRAYS
-from ...ops.base import Ops
+from ...bench.subject import Columns, ParameterSubject
+from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
 from ...parameters import ParameterSet
 from ...physics import drive, kinematics, mechanics
 from ...reference.cases import CASES, LOAD
-from ...simulation import Array, simulate
+from ...simulation import Array
 
-ARRAYS: Ops = cast(Ops, _ARRAYS)
 NEEDS = (capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.SCREW_LOAD,
          capabilities.COULOMB_FRICTION)
 _POINTS = 101
@@ -35,15 +33,14 @@ _POINTS = 101
 
 @dataclass(frozen=True)
 class Envelope:
-    """Motor torque [N.m] between ``lowest`` and ``highest`` at speeds [rad/s]; arrays of one length.
+    """Largest motor torque [N.m], ``highest``, at speeds [rad/s]; the smallest is its mirror image.
 
-    ``prompt`` is the highest with the drive's proportional action alone: its integral
+    ``prompt`` is the largest with the drive's proportional action alone: its integral
     takes ``integral_time`` [s] (nan without one) to close the rest.
     """
 
     speed: Array
     highest: Array
-    lowest: Array
     prompt: Array
     integral_time: float
     no_load_speed: float
@@ -51,43 +48,28 @@ class Envelope:
 
 
 def limit_torque(p: Any, speed: Any, side: float) -> Any:
-    """Motor torque [N.m] at full voltage of one side (1 or -1) at motor speeds [rad/s], in steady motion."""
+    """Return the motor torque [N.m] at full voltage of one side (1 or -1) at motor speeds [rad/s], in steady motion."""
     current = (side * p.drive.supply_voltage - drive.back_emf(p, speed)) / p.motor.resistance
     return drive.torque(p, ARRAYS.clip(current, -p.drive.current_limit, p.drive.current_limit))
 
 
 def envelope(values: Mapping[str, Any], model: str = NONLINEAR) -> Envelope:
-    """The torque-speed envelope, over all speeds the supply reaches without load, both ways."""
+    """Return the torque-speed envelope, over all speeds the supply reaches without load, both ways."""
     p = get(model).namespace(values)
     free = p.drive.supply_voltage / p.motor.back_emf_constant
     speed = np.linspace(-free, free, 4 * _POINTS)
     highest = limit_torque(p, speed, 1.0)
     loop = p.motor.resistance + p.drive.kp
-    asked = (drive.voltage_demand(p, p.drive.current_limit, 0.0, 0.0) - drive.back_emf(p, speed)) / loop
-    return Envelope(speed, highest, limit_torque(p, speed, -1.0), np.minimum(highest, drive.torque(p, asked)),
+    current = (drive.voltage_demand(p, p.drive.current_limit, 0.0, 0.0) - drive.back_emf(p, speed)) / loop
+    return Envelope(speed, highest, np.minimum(highest, drive.torque(p, current)),
                     loop / p.drive.ki if p.drive.ki > 0.0 else nan, free, float(limit_torque(p, 0.0, 1.0)))
 
 
-@dataclass(frozen=True)
-class CasePoints:
-    """Motor speed [rad/s] and torque [N.m] at the communication points of a reference case."""
-
-    name: str
-    title: str
-    speed: Array
-    torque: Array
-
-
-def case_points(parameters: ParameterSet) -> list[CasePoints]:
-    """Where the reference cases take the motor, with these parameters."""
-    points = []
-    for case in CASES:
-        chosen = reference_case(case.name)
-        inputs: dict[str, Any] = dict(chosen.columns)
-        run = simulate(parameters.replace(chosen.start_values).values, chosen.stop, chosen.step, model=parameters.model,
-                       **inputs)
-        points.append(CasePoints(case.name, case.title, run["motor_speed"], run["motor_torque"]))
-    return points
+def case_points(parameters: ParameterSet) -> dict[str, Columns]:
+    """Return motor speed [rad/s] and torque [N.m] at the communication points of each reference case by name."""
+    subject = ParameterSubject(parameters)
+    return {case.name: subject.run(reference_case(case.name), outputs=("motor_speed", "motor_torque")).finished()
+            for case in CASES}
 
 
 @dataclass(frozen=True)
@@ -110,39 +92,36 @@ class Capability:
 
 
 def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
-    """Over the range of commands."""
+    """Return the capability over the range of commands."""
     p = get(model).namespace(values)
     fin = np.linspace(-p.command.limit, p.command.limit, _POINTS)
     force = fin_port.specific_force(FLOATS, p, 0.0, 0.0, 0.0, 0.0, 0.0)
     m = mechanics.coefficients(ARRAYS, p, kinematics.motor_angle(ARRAYS, p, fin), 0.0, *force)
     stall, held = np.empty((2, len(fin))), np.empty((2, len(fin)))
     for row, side in enumerate((1.0, -1.0)):
-        friction = mechanics.breakaway(ARRAYS, p, m, side)
         driving = abs(float(limit_torque(p, 0.0, side))) + side * m.load
-        stall[row] = np.maximum(m.ratio * (driving - friction), 0.0)
+        stall[row] = np.maximum(m.ratio * (driving - mechanics.breakaway(ARRAYS, p, m, side)), 0.0)
         # What holds is overcome the other way.
         held[row] = m.ratio * (driving + mechanics.breakaway(ARRAYS, p, m, -side))
     free = p.drive.supply_voltage / p.motor.back_emf_constant
-    rates = [np.array([[steady_rate(p, angle, side, -side * load, limit, force) for angle in fin]
-                       for side in (1.0, -1.0)])
+    rates = [np.stack([steady_rate(p, fin, side, -side * load, limit, force) for side in (1.0, -1.0)])
              for limit in (p.controller.speed_limit, free) for load in (0.0, LOAD)]
     return Capability(fin, m.ratio, stall, held, *rates)
 
 
-def steady_rate(p: Any, fin: float, side: float, aero_torque: float, limit: float,
-                force: tuple[Any, ...] = (0.0, 0.0)) -> float:
-    """Largest steady fin rate [rad/s] along `side` (1, -1) at a fin angle [rad] under a moment [N.m]; 0: stalled.
+def steady_rate(p: Any, fin: Any, side: float, aero_torque: float, limit: float,
+                force: tuple[Any, ...] = (0.0, 0.0)) -> Any:
+    """Return the largest steady fin rate [rad/s] along `side` (1, -1) at fin angles [rad] under a moment [N.m].
 
-    `limit` [rad/s] is the motor speed not to be passed.
+    0 where it is stalled; `limit` [rad/s] is the motor speed not to be passed.
     """
-    m = mechanics.coefficients(FLOATS, p, kinematics.motor_angle(FLOATS, p, fin), aero_torque, *force)
-    friction = mechanics.breakaway(FLOATS, p, m, side)
-    damping = mechanics.damping(FLOATS, p, m, side)
-
-    def surplus(speed: float) -> float:
-        return float(side * (limit_torque(p, side * speed, side) + m.load) - friction - damping * speed)
-
-    if surplus(0.0) <= 0.0:
-        return 0.0
-    speed = limit if surplus(limit) >= 0.0 else brentq(surplus, 0.0, limit)
-    return float(speed / m.ratio)
+    m = mechanics.coefficients(ARRAYS, p, kinematics.motor_angle(ARRAYS, p, fin), aero_torque, *force)
+    surplus = side * m.load - mechanics.breakaway(ARRAYS, p, m, side)
+    damping = mechanics.damping(ARRAYS, p, m, side)
+    stall, braking, peak = (drive.torque(p, current) for current in (
+        p.drive.supply_voltage / p.motor.resistance, drive.back_emf(p, 1.0) / p.motor.resistance,
+        p.drive.current_limit))
+    with np.errstate(divide="ignore"):  # without damping a current reaches any speed
+        slowest, fastest = (surplus - peak) / damping, (surplus + peak) / damping
+    speed = np.clip((surplus + stall) / (damping + braking), slowest, fastest)
+    return np.clip(speed, 0.0, limit) / m.ratio

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from math import isfinite, pi
 from pathlib import Path
 from typing import Any
@@ -87,9 +88,14 @@ class Envelope:
     continuous: Curve
     short_term: Curve
 
+    @property
+    def curves(self) -> dict[str, Curve]:
+        """Both by name."""
+        return {"continuous": self.continuous, "short_term": self.short_term}
+
 
 def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) -> Envelope:
-    """The envelopes of a model with heat at its ambient and supply. Raises EmcasError where there are none."""
+    """Return the envelopes of a model with heat at its ambient and supply. Raises EmcasError where it has none."""
     if "heat" not in parts(parameters.model)[1]:
         raise EmcasError(f"--model {parameters.model}: an envelope needs the extension heat, as in nonlinear+heat")
     require(parameters.model, "an envelope", capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT)
@@ -105,50 +111,37 @@ def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) ->
     ambient, limit = p.friction.temperature, p.heat.winding_limit
     if ambient >= limit:
         raise EmcasError(f"friction.temperature = {ambient:g} degC must be below heat.winding_limit = {limit:g} degC")
-    lasting = _lasting(p)
-    cold = settled(p, 0.0)
-    start = settled(p, preload * min(lasting))
+    peak = float(p.drive.current_limit)
+    lasting = continuous_current(p), min(float(p.heat.continuous_current), peak), peak
+    cold, start = settled(p, 0.0), settled(p, preload * min(lasting))
+    brief = short_term_current(p, duration, start), i2t_current(p, duration), peak
     free = [p.drive.supply_voltage / heat.at_temperatures(FLOATS, p, *t).motor.back_emf_constant for t in (cold, start)]
     speed = np.linspace(0.0, max(free), _POINTS)
-    return Envelope(
-        speed, duration, preload,
-        _curve(p, speed, lasting, cold, lambda i: settled(p, i)),
-        _curve(p, speed, (short_term_current(p, duration, preload), i2t_current(p, duration), p.drive.current_limit),
-               start, lambda i: warmed(p, i, duration, start)))
-
-
-def _lasting(p: Any) -> tuple[float, float, float]:
-    """Currents [A] for any time that each of CAUSES allows."""
-    peak = float(p.drive.current_limit)
-    return continuous_current(p), min(float(p.heat.continuous_current), peak), peak
+    return Envelope(speed, duration, preload, _curve(p, speed, lasting, cold, lambda i: settled(p, i)),
+                    _curve(p, speed, brief, start, lambda i: warmed(p, i, duration, start)))
 
 
 def continuous_current(p: Any) -> float:
-    """Current [A] in whose steady state the winding is at heat.winding_limit."""
+    """Return the current [A] in whose steady state the winding is at heat.winding_limit."""
     loss = (p.heat.winding_limit - p.friction.temperature) / (p.heat.winding_to_case + p.heat.case_to_ambient)
     return float(np.sqrt(loss / heat.resistance(FLOATS, p, p.heat.winding_limit)))
 
 
-def short_term_current(p: Any, duration: float, preload: float = 0.0) -> float:
-    """Constant current [A] that brings the winding to heat.winding_limit in `duration` [s].
-
-    Before, `preload` times the least continuous current has flowed for long.
-    """
-    low = continuous_current(p)
-    start = settled(p, preload * min(_lasting(p)))
-
+def short_term_current(p: Any, duration: float, start: Temperatures) -> float:
+    """Return the constant current [A] that brings the winding to heat.winding_limit in `duration` [s]."""
     def excess(current: float) -> float:
         return warmed(p, current, duration, start)[0] - float(p.heat.winding_limit)
 
+    low = continuous_current(p)
     high = 2.0 * low
     while excess(high) < 0.0:
         low, high = high, 2.0 * high
-    # After a very long time the continuous current has got there, to rounding.
+    # After a very long time the continuous current has brought it there, to rounding.
     return low if excess(low) >= 0.0 else float(brentq(excess, low, high, xtol=1e-9))
 
 
 def i2t_current(p: Any, duration: float) -> float:
-    """Constant current [A] that the drive allows for `duration` [s] before it folds back, from an empty I2t load."""
+    """Return the constant current [A] the drive allows for `duration` [s] without folding back, from no I2t load."""
     def excess(current: float) -> float:
         return float(heat.loaded(FLOATS, p, 0.0, current * current, duration)) - heat.FOLDING
 
@@ -159,7 +152,7 @@ def i2t_current(p: Any, duration: float) -> float:
 
 
 def _rates(p: Any, current: float) -> tuple[Array, Array]:
-    """A and b of d(winding, case)/dt = A (winding, case) + b [K/s] under a constant current [A], from the physics."""
+    """Return A and b of d(winding, case)/dt = A (winding, case) + b [K/s] under a constant current [A]."""
     def at(winding: float, case: float) -> Array:
         inward, outward = heat.flows(p, winding, case)
         loss = heat.resistance(FLOATS, p, winding) * current * current
@@ -172,27 +165,27 @@ def _rates(p: Any, current: float) -> tuple[Array, Array]:
 
 
 def settled(p: Any, current: float) -> Temperatures:
-    """Steady temperatures under a current [A] up to the continuous one."""
+    """Return the steady temperatures under a current [A] up to the continuous one."""
     a, b = _rates(p, current)
     winding, case = np.linalg.solve(a, -b)
     return float(winding), float(case)
 
 
 def warmed(p: Any, current: float, time: float, start: Temperatures) -> Temperatures:
-    """Temperatures after `time` [s] of a constant current [A], exact for any time; _MOLTEN where they overflow."""
+    """Return temperatures after `time` [s] of a constant current [A], exact for any; _MOLTEN where they overflow."""
     a, b = _rates(p, current)
-    # Nodes that warm each other have two real rates, and not the same; NumPy may tell them as complex numbers.
-    rates, modes = (found.real for found in np.linalg.eig(a))
+    # Nodes that warm each other have two real rates, and not the same; NumPy may give them as complex numbers.
+    rates, modes = (part.real for part in np.linalg.eig(a))
     with np.errstate(all="ignore"):
         grown = np.where(rates == 0.0, time, np.expm1(rates * time) / rates)
-        moved = np.array(start) + modes @ (grown * np.linalg.solve(modes, a @ np.array(start) + b))
-    winding, case = (float(x) if isfinite(x) else _MOLTEN for x in moved)
+        end = np.array(start) + modes @ (grown * np.linalg.solve(modes, a @ np.array(start) + b))
+    winding, case = (float(x) if isfinite(x) else _MOLTEN for x in end)
     return winding, case
 
 
 def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures,
            heated: Callable[[float], Temperatures]) -> Curve:
-    """`heated` gives the temperatures that a current makes."""
+    """Return the envelope of currents allowed by CAUSES; `heated` gives the temperatures that a current makes."""
     currents = dict(zip(CAUSES, allowed, strict=True))
     largest, supply = min(allowed), p.drive.supply_voltage
 
@@ -212,18 +205,16 @@ def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures
     tried = [float(i) for i in np.linspace(0.0, largest, _CURRENTS)]
     torques = [torque_of(i) for i in tried]
     ends = [largest]
-    for before, here, after, around in zip(torques, torques[1:], torques[2:], zip(tried, tried[2:], strict=False),
-                                           strict=False):
-        if here >= max(before, after):
-            ends.append(float(minimize_scalar(lambda i: -torque_of(i), bounds=around, method="bounded").x))
+    for k in range(1, len(tried) - 1):
+        if torques[k] >= max(torques[k - 1], torques[k + 1]):
+            bounds = tried[k - 1], tried[k + 1]
+            ends.append(float(minimize_scalar(lambda i: -torque_of(i), bounds=bounds, method="bounded").x))
 
     def largest_torque(at: float) -> float:
-        over = [excess(i, at) for i in tried]
-        found = [i for i in ends if excess(i, at) <= 0.0]
-        found += [brentq(excess, low, high, (at,), xtol=1e-9)
-                  for low, high, one, other in zip(tried, tried[1:], over, over[1:], strict=False)
-                  if (one > 0.0) is not (other > 0.0)]
-        return max((torque_of(i) for i in found), default=0.0)
+        currents = [i for i in ends if excess(i, at) <= 0.0]
+        currents += [brentq(excess, low, high, (at,), xtol=1e-9) for low, high in pairwise(tried)
+                     if (excess(low, at) > 0.0) is not (excess(high, at) > 0.0)]
+        return max(map(torque_of, currents), default=0.0)
 
     hot = motor(largest)
     cold = with_values(heat.at_temperatures(FLOATS, p, *start), {"drive.current_limit": _UNLIMITED})
@@ -235,8 +226,8 @@ def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures
 
 
 def draw(e: Envelope) -> Figure:
-    """Both envelopes over the motor speed, and the limits they are made of."""
-    made, ((axes,),) = figure(1, width=7.5, height=4.4)
+    """Draw both envelopes over the motor speed, and the limits they are made of."""
+    drawn, ((axes,),) = figure(1, width=7.5, height=4.4)
     rpm = e.speed * 30.0 / pi
     for curve, color, name in ((e.short_term, VERMILLION, f"for {e.duration:g} s"),
                                (e.continuous, BLUE, "for any time")):
@@ -248,11 +239,11 @@ def draw(e: Envelope) -> Figure:
     axes.plot(rpm, cold.limits["voltage"], color=GREEN, linestyle=":", label="supply voltage, as cold as at the start")
     top = max(cold.limits["peak"][0], min(cold.limits["heat"][0], 2.0 * cold.limits["peak"][0]))
     axes.set(xlabel="motor speed [rpm]", ylabel="motor torque [N.m]", xlim=(0.0, rpm[-1]), ylim=(0.0, 1.1 * top))
-    made.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, labelcolor=INK)
-    return made
+    drawn.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, labelcolor=INK)
+    return drawn
 
 
 def write_picture(e: Envelope, path: Path) -> None:
-    """The picture of :func:`draw` as ``.html``, ``.svg``, ``.png`` or ``.pdf``."""
+    """Write the picture of :func:`draw` as ``.html``, ``.svg``, ``.png`` or ``.pdf``."""
     with style():
         write(draw(e), path, "Torque-speed envelope")

@@ -11,11 +11,9 @@ from dataclasses import dataclass
 from math import degrees, inf, log, nan
 from typing import Any
 
-import numpy as np
-
 from ...actuators import NONLINEAR, capabilities, get
 from ...reference.cases import LOAD
-from .linear import LinearActuator
+from .linear import LinearActuator, cleared, largest_pole
 
 COMMAND = 1.0  # deg
 TORQUE = LOAD  # N.m, the load of the thesis's Table 2
@@ -38,7 +36,7 @@ class FinalValues:
 
 def final_values(values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque: float = 0.0,
                  model: str = NONLINEAR) -> list[FinalValues]:
-    """P, and PI with the parameter set's integral gain; P alone where that is zero. Other loops as they are set."""
+    """Return those of P, and of PI with the set's integral gain unless that is zero; of other loops as they are set."""
     gains: dict[str, float | None] = {"as set": None}
     if capabilities.CASCADE in get(model).provides:
         gain = float(values["controller.position.ki"])
@@ -47,9 +45,9 @@ def final_values(values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque:
     for name, ki in gains.items():
         changed = values if ki is None else {**values, "controller.position.ki": ki}
         linear = LinearActuator(changed, fin_angle, aero_torque, model)
-        at_rest = linear.closed.dcgain()[0] if linear.stable else (nan, nan)
-        largest = float(np.max(np.abs(linear.closed.poles())))
+        command, load = linear.closed.dcgain()[0] if linear.stable else (nan, nan)
+        largest = largest_pole(linear.closed)
         slowest = -linear.period / log(largest) if largest < 1.0 else inf
-        table.append(FinalValues(name, ki, COMMAND * (1.0 - at_rest[0]), degrees(-TORQUE * at_rest[1]), slowest,
-                                 linear.stable))
+        table.append(FinalValues(name, ki, cleared(COMMAND * (1.0 - command), 1e-9),
+                                 cleared(degrees(-TORQUE * load), 1e-9), slowest, linear.stable))
     return table

@@ -43,7 +43,7 @@ LOOPS = {"current": capabilities.CURRENT_LOOP, "velocity": capabilities.CASCADE,
          "reference": capabilities.POSITION_LOOP}
 """Loops by name, with what an actuator needs to have them."""
 _LAID_ASIDE = ("homing", "faults")
-_SHOWN = ("fin_angle", "motor_angle", "motor_current", "motor_voltage")
+_OUTPUTS = ("fin_angle", "motor_angle", "motor_current", "motor_voltage")
 _ITERATIONS = 30
 _REST = 1e-6  # of what the reference does to the states: more is no rest
 
@@ -115,14 +115,13 @@ class LinearActuator:
         self._at, self.model = (fin_angle, aero_torque), model
         self._start = {name: float(value) for name, value in actuator.start(FINE, p, fin_angle).items()}
         self._states = [s.name for s in actuator.states]
-        self._held = [s.name for s in actuator.sampled_states]
-        self._kept = [s.name for s in actuator.controller_states]
+        self._sampled = [s.name for s in actuator.sampled_states]
         self.continuous = self._linear_plant()
         self.controller = self._linear_controllers()
         plan = schedule(FLOATS, p, actuator)
         self.plant = sampled(self.continuous, self.period, int(plan.delay_samples), plan.arrival)
 
-    def _acting(self, reference: Value, aero_torque: Value, held: Sequence[Value]) -> Record:
+    def _acting(self, reference: Value, aero_torque: Value, sampled_states: Sequence[Value]) -> Record:
         """Return what acts on the plant; inputs that are not named are at their start values."""
         p, actuator, at = self.p, self.actuator, self._at[0]
         f_x, f_z = fin_port.specific_force(FLOATS, p, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -130,7 +129,7 @@ class LinearActuator:
             reference=reference, aero_torque=aero_torque, f_x=f_x, f_z=f_z, supply=self._supply, enabled=True,
             rated_current_limit=None, command=at, sampled_reference=reference, measured_fin_angle=at, limited=0.0,
             **{identifier(v.name): self._started(v) for v in actuator.acting_inputs},
-            **dict(zip(self._held, held, strict=True)))
+            **dict(zip(self._sampled, sampled_states, strict=True)))
 
     def _started(self, variable: Any) -> Any:
         return self.values[variable.key] if variable.key else variable.start or 0.0
@@ -148,10 +147,10 @@ class LinearActuator:
         def function(*arguments: Value) -> list[Value]:
             x = Record(**dict(zip(states, arguments, strict=False)))
             u = self._acting(arguments[count], arguments[count + 1], arguments[count + 2:])
-            shown = actuator.output_values(FINE, p, x, u)
-            return [*actuator.rates(FINE, p, x, u).values(), *(shown.get(name, nan) for name in _SHOWN)]
+            outputs = actuator.output_values(FINE, p, x, u)
+            return [*actuator.rates(FINE, p, x, u).values(), *(outputs.get(name, nan) for name in _OUTPUTS)]
 
-        held = [self._start[name] for name in self._held]
+        held = [self._start[name] for name in self._sampled]
         at = linearised(function, count + 2 + len(held))
         begin = np.array([self._start[name] for name in states])
         # States that stand still, such as an integral without a gain, are no modes; those that move alike are one.
@@ -159,7 +158,7 @@ class LinearActuator:
         groups = {row: [i for i, other in enumerate(rows) if other == row] for row in rows if any(row)}
         spread = np.array([[float(i in group) for group in groups.values()] for i in range(count)])
         used = [group[0] for group in groups.values()]
-        size, fin = len(used), count + _SHOWN.index("fin_angle")
+        size, fin = len(used), count + _OUTPUTS.index("fin_angle")
 
         def balance(unknown: Array) -> tuple[Array, Array]:
             values, slopes = at([*(begin + spread @ unknown[:size]), unknown[size], aero_torque, *held])
@@ -167,10 +166,10 @@ class LinearActuator:
             return (values[rows] - np.append(np.zeros(size), fin_angle),
                     np.column_stack([slopes[rows, :count] @ spread, slopes[rows, count]]))
 
-        found = _solve(balance, np.zeros(size + 1))
-        reference = float(found[size])
-        self.rest = begin + spread @ found[:size]
-        residual, slopes = balance(found)
+        solution = _solve(balance, np.zeros(size + 1))
+        reference = float(solution[size])
+        self.rest = begin + spread @ solution[:size]
+        residual, slopes = balance(solution)
         scale = np.max(np.abs(slopes[:size, size])) * max(abs(reference), 1.0)
         values, slopes = at([*self.rest, reference, aero_torque, *held])
         self.point = self._resting(reference, *values[count + 1:])
@@ -178,20 +177,20 @@ class LinearActuator:
         limited = actuator.rates(FLOATS, p, x, self._acting(reference, aero_torque, held)).values()
         if not max(np.max(np.abs(residual)), *map(abs, limited)) <= _REST * scale:
             raise EmcasError(f"{self._where} no reference within the drive's limits holds it; give a smaller torque")
-        self._voltage = slopes[count + _SHOWN.index("motor_voltage"), :count] @ spread
-        inputs = ["reference", "aero_torque", *self._held]
+        self._voltage = slopes[count + _OUTPUTS.index("motor_voltage"), :count] @ spread
+        inputs = ["reference", "aero_torque", *self._sampled]
         c = np.vstack([spread, slopes[fin, :count] @ spread])
         return ct.ss(slopes[used, :count] @ spread, slopes[used, count:], c, np.zeros((count + 1, len(inputs))),
-                     inputs=inputs, outputs=[*map(_seen, states), "fin_angle"], states=[states[i] for i in used])
+                     inputs=inputs, outputs=[*map(_measured, states), "fin_angle"], states=[states[i] for i in used])
 
     @property
     def _where(self) -> str:
         return f"operating point {degrees(self._at[0]):g} deg under {self._at[1]:g} N.m:"
 
-    def _resting(self, reference: float, *shown: float) -> OperatingPoint:
+    def _resting(self, *solved: float) -> OperatingPoint:
         """Return the operating point. Raises EmcasError where a limit keeps the actuator from it."""
         p, provides, (fin_angle, aero_torque) = self.p, self.actuator.provides, self._at
-        motor, current, voltage = map(float, shown)
+        reference, motor, current, voltage = (cleared(float(x), 1e-12) for x in solved)
         for capability, name, needed, unit in (
                 (capabilities.CURRENT_LIMIT, "drive.current_limit", current, "A"),
                 (capabilities.VOLTAGE_LIMIT, "drive.supply_voltage", voltage, "V"),
@@ -208,34 +207,33 @@ class LinearActuator:
     def _linear_controllers(self) -> System:
         """Return the sampled controllers from the plant's states and the command to the reference."""
         p, actuator = self.p, self.actuator
-        names = [*self._kept, *self._held]
+        names = [*(s.name for s in actuator.controller_states), *self._sampled]
         count, fin_angle = len(names), self._at[0]
         further = {identifier(v.name): self._started(v) for v in actuator.further_inputs}
 
         def function(*arguments: Value) -> list[Value]:
             *values, command = arguments
-            asked = Record(command=command, supply=self._supply, enable=True, encoder_offset=None, **further)
-            given = actuator.sampled(FINE, p, Record(**dict(zip((*names, *self._states), values, strict=True))), asked)
-            return [given[name] for name in (*names, "reference", "measured_fin_angle", *self._held)]
+            inputs = Record(command=command, supply=self._supply, enable=True, encoder_offset=None, **further)
+            state = Record(**dict(zip((*names, *self._states), values, strict=True)))
+            after = actuator.sampled(FINE, p, state, inputs)
+            return [after[name] for name in (*names, "reference", "measured_fin_angle", *self._sampled)]
 
         at = linearised(function, count + len(self._states) + 1)
         still = np.append(np.eye(count), np.zeros((1, count)), axis=0)
 
-        def balance(kept: Array) -> tuple[Array, Array]:
-            values, slopes = at([*kept, *self.rest, fin_angle])
-            return (values[:count + 1] - np.append(kept, self.point.reference), slopes[:count + 1, :count] - still)
+        def balance(state: Array) -> tuple[Array, Array]:
+            values, slopes = at([*state, *self.rest, fin_angle])
+            return (values[:count + 1] - np.append(state, self.point.reference), slopes[:count + 1, :count] - still)
 
-        kept = _solve(balance, np.array([self._start[name] for name in names]))
-        _, slopes = at([*kept, *self.rest, fin_angle])
+        rest = _solve(balance, np.array([self._start[name] for name in names]))
+        _, slopes = at([*rest, *self.rest, fin_angle])
         a, b, c, d = slopes[:count, :count], slopes[:count, count:], slopes[count:, :count], slopes[count:, count:]
-        moving = np.any(a != np.eye(count), axis=1) | np.any(b != 0.0, axis=1)
-        return ct.ss(a[np.ix_(moving, moving)], b[moving], c[:, moving], d, self.period,
-                     inputs=[*map(_seen, self._states), "command"],
-                     outputs=["reference", "measured_angle", *self._held])
+        return moving(a, b, c, d, self.period, [*map(_measured, self._states), "command"],
+                      ["reference", "measured_angle", *self._sampled])
 
     @cached_property
     def _links(self) -> list[tuple[str, str]]:
-        return [(name, name) for name in ("reference", *self._held, *map(_seen, self._states))]
+        return [(name, name) for name in ("reference", *self._sampled, *map(_measured, self._states))]
 
     @cached_property
     def closed(self) -> System:
@@ -248,12 +246,12 @@ class LinearActuator:
     @property
     def command_to_angle(self) -> System:
         """Fin angle over command [rad/rad]."""
-        return channel(self.closed, 0)
+        return self.closed[:, 0]
 
     @property
     def load_to_angle(self) -> System:
         """Fin angle over hinge moment [rad/(N.m)]."""
-        return channel(self.closed, 1)
+        return self.closed[:, 1]
 
     def loop(self, name: str) -> System:
         """Loop transfer function L (closed by 1 + L) of one of `loops`, all the others in their places.
@@ -281,7 +279,7 @@ class LinearActuator:
     @property
     def stable(self) -> bool:
         """Whether every mode of the closed loop decays."""
-        return bool(np.max(np.abs(self.closed.poles())) < 1.0)
+        return largest_pole(self.closed) < 1.0
 
     def rational(self, order: int = 3) -> System:
         """A continuous rational approximation of `closed`, where a tool needs one.
@@ -298,12 +296,12 @@ class LinearActuator:
                     inputs=c.input_labels, outputs=c.output_labels)
         transport = self.actuator.transport_delay
         delay = 0.5 * period + (transport(FLOATS, self.p) if transport else 0.0)
-        late = ct.ss(ct.tf(*ct.pade(delay, order)), inputs=["written"], outputs=["arrived"])
-        links = [("reference", "written"), ("arrived", "reference"), *self._links[1:]]
+        late = ct.ss(ct.tf(*ct.pade(delay, order)), inputs=["sent"], outputs=["received"])
+        links = [("reference", "sent"), ("received", "reference"), *self._links[1:]]
         return wire([law, late, self.continuous], links, ["command", "aero_torque"], ["fin_angle"])
 
 
-def _seen(state: str) -> str:
+def _measured(state: str) -> str:
     """Return the label of a state at the samples; an output may have the same name as a state."""
     return f"x_{state}"
 
@@ -323,7 +321,7 @@ def _solve(equations: Callable[[Array], tuple[Array, Array]], guess: Array) -> A
 
 def wire(blocks: Sequence[System], links: Sequence[tuple[str, str]], inputs: Sequence[str],
          outputs: Sequence[str]) -> System:
-    """Blocks of one time base connected from output to input by name, with the inputs and outputs chosen."""
+    """Connect blocks of one time base from output to input by name; return the system from `inputs` to `outputs`."""
     whole = ct.append(*blocks)
     ins = [label for one in blocks for label in one.input_labels]
     outs = [label for one in blocks for label in one.output_labels]
@@ -336,14 +334,25 @@ def wire(blocks: Sequence[System], links: Sequence[tuple[str, str]], inputs: Seq
                  inputs=list(inputs), outputs=list(outputs))
 
 
-def channel(system: System, number: int) -> System:
-    """The single-input system of one input."""
-    return ct.ss(system.A, system.B[:, [number]], system.C, system.D[:, [number]], system.dt,
-                 inputs=[system.input_labels[number]], outputs=system.output_labels)
+def moving(a: Array, b: Array, c: Array, d: Array, period: float, inputs: Sequence[str],
+           outputs: Sequence[str]) -> System:
+    """Return a sampled system without the states that never change, such as an integral without a gain."""
+    moves = np.any(a != np.eye(len(a)), axis=1) | np.any(b != 0.0, axis=1)
+    return ct.ss(a[np.ix_(moves, moves)], b[moves], c[:, moves], d, period, inputs=inputs, outputs=outputs)
+
+
+def cleared(value: float, rounding: float) -> float:
+    """Return the value, 0 where it is no larger than rounding."""
+    return 0.0 if abs(value) <= rounding else value
+
+
+def largest_pole(system: System) -> float:
+    """Return the largest magnitude of a sampled system's poles: below 1 every mode decays."""
+    return float(np.max(np.abs(system.poles())))
 
 
 def sampled(plant: System, period: float, whole: int, rest: float) -> System:
-    """The plant at the sample times; its first input is delayed by `whole` periods and `rest` [s], the others held.
+    """Return the plant at the sample times, its first input delayed by `whole` periods and `rest` [s], the others held.
 
     The state is the plant's, then the values on their way, the newest first.
     """
@@ -352,17 +361,9 @@ def sampled(plant: System, period: float, whole: int, rest: float) -> System:
     before, after = expm(joined * rest), expm(joined * (period - rest))
     free = after[:n, :n] @ before[:n, :n]
     held = after[:n, :n] @ before[:n, n:] + after[:n, n:]
-    newer, older = after[:n, n], after[:n, :n] @ before[:n, n]
-    a, b = np.zeros((n + waiting, n + waiting)), np.zeros((n + waiting, ins))
-    a[:n, :n], b[:n, 1:] = free, held[:, 1:]
-    if rest > 0.0:
-        a[:n, n + whole] = older
-    if whole:
-        a[:n, n + whole - 1] = newer
-    else:
-        b[:n, 0] = newer
-    if waiting:
-        b[n, 0] = 1.0
-        a[n + 1:, n:-1] = np.eye(waiting - 1)
+    line = np.zeros((n, whole + 2))  # how values of the first input act, by the samples since
+    line[:, whole], line[:, whole + 1] = after[:n, n], after[:n, :n] @ before[:n, n]
+    a = np.block([[free, line[:, 1:1 + waiting]], [np.zeros((waiting, n)), np.eye(waiting, k=-1)]])
+    b = np.block([[line[:, :1], held[:, 1:]], [np.eye(waiting, 1), np.zeros((waiting, ins - 1))]])
     c = np.hstack([plant.C, np.zeros((len(plant.C), waiting))])
     return ct.ss(a, b, c, plant.D, period, inputs=plant.input_labels, outputs=plant.output_labels)

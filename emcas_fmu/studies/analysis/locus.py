@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from difflib import get_close_matches
-from typing import Any
 
 import numpy as np
 
 from ...actuators import get
-from ...errors import EmcasError
+from ...errors import EmcasError, hint
 from ...parameters import ParameterSet
+from .frequency import continuous_poles
 from .linear import Array, LinearActuator
 
 _POINTS = 81
@@ -35,33 +34,20 @@ class Locus:
     rational: Array
 
 
-def continuous_poles(linear: LinearActuator) -> Array:
-    """Closed-loop poles [rad/s] of the sampled system as those of s; those at z = 0 have no image and are left out."""
-    z = linear.closed.poles().astype(complex)
-    return np.asarray(np.log(z[np.abs(z) > 1e-9]) / linear.period)
-
-
-def default(model: str) -> str:
-    """Return the name of an actuator's first gain. Raises EmcasError where it has none."""
-    for v in get(model).parameters:
-        if v.kind == "Real" and v.variability == "tunable" and v.name.startswith("controller."):
-            return v.name
-    raise EmcasError(f"--model {model}: has no controller.* that is tunable; name a parameter with --locus")
-
-
 def locus(parameters: ParameterSet, name: str | None = None, fin_angle: float = 0.0, aero_torque: float = 0.0) -> Locus:
-    """Poles while a parameter, the first gain unless named, goes from a tenth to ten times its value, as far as it may.
+    """Follow the poles while a parameter, the first gain unless named, goes from a tenth to ten times its value.
 
+    As far as the parameter and the operating point allow.
     Raises EmcasError for a name that is no number of the set, is zero, or moves no pole.
     """
     model = parameters.model
-    gain = default(model)
-    name = name or gain
-    known = {v.name: v for v in get(model).file_entries if v.kind == "Real"}
-    if name not in known:
-        close = get_close_matches(name, known, 1)
-        raise EmcasError(f"--locus {name}: there is no such parameter; "
-                         + (f"did you mean {close[0]}?" if close else "see emcas parameters"))
+    numbers = {v.name: v for v in get(model).file_entries if v.kind == "Real"}
+    gains = [v.name for v in numbers.values() if v.variability == "tunable" and v.name.startswith("controller.")]
+    if name is None and not gains:
+        raise EmcasError(f"--model {model}: has no controller.* that is tunable; name a parameter with --locus")
+    name = name or gains[0]
+    if name not in numbers:
+        raise EmcasError(f"--locus {name}: there is no such parameter{hint(name, numbers) or '; see emcas parameters'}")
     nominal = float(parameters.values[name])
     if nominal == 0.0:
         raise EmcasError(f"--locus {name}: is 0 and a locus scales it; give it a value in a parameter file")
@@ -72,33 +58,32 @@ def locus(parameters: ParameterSet, name: str | None = None, fin_angle: float = 
         except EmcasError:  # beyond what the parameter, or the operating point, allows
             return None
 
-    tried = [(value, at(value)) for value in nominal * np.geomspace(10.0**-_DECADES, 10.0**_DECADES, _POINTS)]
-    made = [(float(value), linear) for value, linear in tried if linear is not None]
-    poles = [continuous_poles(linear) for _, linear in made]
-    if not _moved(poles):
-        raise EmcasError(f"--locus {name}: moves no pole of the linearised loop; choose a gain such as {gain}")
-    here = LinearActuator(parameters.values, fin_angle, aero_torque, model)
-
     def stable(value: float) -> bool:
         linear = at(value)
         return linear is not None and linear.stable
 
+    scaled = (float(nominal * factor) for factor in np.geomspace(10.0**-_DECADES, 10.0**_DECADES, _POINTS))
+    actuators = {value: linear for value in scaled if (linear := at(value)) is not None}
+    poles = [continuous_poles(linear.closed) for linear in actuators.values()]
+    if not _moved(poles):
+        raise EmcasError(f"--locus {name}: moves no pole of the linearised loop; choose a gain"
+                         + "".join(f" such as {gain}" for gain in gains[:1]))
     ends = []
     for side in (-1.0, 1.0):
-        beyond = sorted(((v, one.stable) for v, one in made if side * v > side * nominal), key=lambda x: side * x[0])
         inside = nominal
-        for value, holds in beyond:
-            if not holds:
+        for value in sorted((v for v in actuators if side * v > side * nominal), key=lambda v: side * v):
+            if not actuators[value].stable:
                 inside = _edge(stable, inside, value)
                 break
             inside = value
         ends.append(inside)
-    return Locus(name, known[name].unit, nominal, np.array([value for value, _ in made]), poles, (ends[0], ends[1]),
+    here = LinearActuator(parameters.values, fin_angle, aero_torque, model)
+    return Locus(name, numbers[name].unit, nominal, np.array(list(actuators)), poles, (ends[0], ends[1]),
                  here.rational().poles())
 
 
 def _edge(stable: Callable[[float], bool], inside: float, outside: float) -> float:
-    """The last stable value between a stable and an unstable one, to a thousandth of their distance."""
+    """Return the last stable value between a stable and an unstable one, to a thousandth of their distance."""
     for _ in range(10):
         middle = 0.5 * (inside + outside)
         inside, outside = (middle, outside) if stable(middle) else (inside, middle)
@@ -108,5 +93,5 @@ def _edge(stable: Callable[[float], bool], inside: float, outside: float) -> flo
 def _moved(poles: list[Array]) -> bool:
     if len(poles) < 2 or len(poles[0]) != len(poles[-1]):
         return len(poles) > 1
-    ends: list[Any] = [np.sort_complex(np.exp(each * 1e-3)) for each in (poles[0], poles[-1])]
-    return bool(np.max(np.abs(ends[0] - ends[1])) > 1e-9)
+    first, last = (np.sort_complex(np.exp(1e-3 * ends)) for ends in (poles[0], poles[-1]))
+    return bool(np.max(np.abs(first - last)) > 1e-9)

@@ -11,22 +11,50 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
-from math import pi, sqrt
+from math import nan, pi, sqrt
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from ...actuators import NONLINEAR, get
 from ...errors import EmcasError
 from ...files import models_directory
 from ...ops.floats import FLOATS
 from ...physics import kinematics, mechanics
-from ...toml import tomllib
-from ...units import UnitError, quantity
+from ...schema import In, Table, load
 
-_UNITS = {"rod.length": "m", "rod.diameter": "m", "rod.tensile_modulus": "N/m^2", "rod.shear_modulus": "N/m^2",
-          "thesis.inertia": "kg*m^2", "thesis.mass": "kg", "thesis.bandwidth": "Hz"}
-_FIELDS = ("value", "unit", "source", "note")
+
+@dataclass(frozen=True)
+class _Entry(In):
+    """A quantity above 0, by itself or in a table with its unit, source and note."""
+
+    def limited(self, written: Any) -> Any:
+        """Return the value of what is written. Raises ValueError."""
+        if isinstance(written, Mapping):
+            if "value" not in written or not {"value", "unit", "source", "note"}.issuperset(written):
+                raise ValueError("an entry has value, unit, source, note")
+            written = f"{written['value']} {written.get('unit', '')}"
+        value = self.number(written)
+        if not value > 0.0:
+            raise ValueError("must be above 0")
+        return value
+
+
+class _Rod(Table):
+    length: Annotated[float, _Entry("m")] = nan
+    diameter: Annotated[float, _Entry("m")] = nan
+    tensile_modulus: Annotated[float, _Entry("N/m^2")] = nan
+    shear_modulus: Annotated[float, _Entry("N/m^2")] = nan
+
+
+class _Table1(Table):
+    inertia: Annotated[float, _Entry("kg*m^2")] = nan
+    mass: Annotated[float, _Entry("kg")] = nan
+    bandwidth: Annotated[float, _Entry("Hz")] = nan
+
+
+class _File(Table):
+    rod: _Rod = _Rod()
+    thesis: _Table1 = _Table1()
 
 
 @dataclass(frozen=True)
@@ -55,43 +83,19 @@ class Modes:
 
 
 def load_rod(path: Path | None = None) -> Mapping[str, float]:
-    """Rod and the thesis's Table 1 from models/rod.toml, overridden by a file's entries; SI, by dotted name.
+    """Return the rod and the thesis's Table 1 from models/rod.toml, overridden by a file's entries; SI, by dotted name.
 
     Raises EmcasError naming file, entry and remedy.
     """
-    default = models_directory() / "rod.toml"
-    return {**_read(default), **(_read(path) if path else {})}
-
-
-def _read(path: Path) -> dict[str, float]:
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8-sig"), parse_float=str)
-    except OSError as error:
-        raise EmcasError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except ValueError as error:  # TOML, and text that is not UTF-8
-        raise EmcasError(f"{path}: is not valid TOML: {error}") from error
-    found = {}
-    for group, entries in document.items():
-        for key, written in (entries if isinstance(entries, dict) else {"": entries}).items():
-            name = f"{group}.{key}" if key else group
-            fields = written if isinstance(written, dict) else {"value": written}
-            if name not in _UNITS:
-                close = get_close_matches(name, _UNITS, 1)
-                raise EmcasError(f"{path}: {name}: unknown entry; "
-                                 + (f"did you mean {close[0]}?" if close else f"there is {', '.join(_UNITS)}"))
-            if "value" not in fields or any(field not in _FIELDS for field in fields):
-                raise EmcasError(f"{path}: {name}: an entry has {', '.join(_FIELDS)}")
-            try:
-                found[name] = quantity(str(fields["value"]), str(fields.get("unit", "")), _UNITS[name])
-            except UnitError as error:
-                raise EmcasError(f"{path}: {name} = {fields['value']}: {error}") from error
-            if not found[name] > 0.0:
-                raise EmcasError(f"{path}: {name} = {fields['value']}: must be above 0")
-    return found
+    entries: dict[str, float] = {}
+    for file in (models_directory() / "rod.toml", *([path] if path else [])):
+        tables = load(_File, file, EmcasError).model_dump(exclude_unset=True)
+        entries |= {f"{table}.{key}": value for table, keys in tables.items() for key, value in keys.items()}
+    return entries
 
 
 def modes(rod: Mapping[str, float], inertia: float, mass: float) -> Modes:
-    """The rod's natural frequencies with an inertia [kg.m2] in torsion and a mass [kg] in tension at its end."""
+    """Return the rod's natural frequencies with an inertia [kg.m2] in torsion and a mass [kg] in tension at its end."""
     length, diameter = rod["rod.length"], rod["rod.diameter"]
     tension = rod["rod.tensile_modulus"] * pi * diameter**2 / 4.0 / length
     torsion = rod["rod.shear_modulus"] * pi * diameter**4 / 32.0 / length
@@ -100,12 +104,12 @@ def modes(rod: Mapping[str, float], inertia: float, mass: float) -> Modes:
 
 
 def modes_at(rod: Mapping[str, float], values: Mapping[str, Any], fin_angle: float, model: str = NONLINEAR) -> Modes:
-    """With the parameter set's inertia at the motor, at a fin angle [rad]."""
+    """Return those with the parameter set's inertia at the motor, at a fin angle [rad]."""
     p = get(model).namespace(values)
     inertia = mechanics.coefficients(FLOATS, p, kinematics.motor_angle(FLOATS, p, fin_angle), 0.0, 0.0, 0.0).inertia
     return modes(rod, inertia, inertia / p.screw.lead**2)
 
 
 def thesis_modes(rod: Mapping[str, float]) -> Modes:
-    """With the inertia and mass of Table 1."""
+    """Return those with the inertia and mass of Table 1."""
     return modes(rod, rod["thesis.inertia"], rod["thesis.mass"])

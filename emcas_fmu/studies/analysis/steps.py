@@ -24,7 +24,7 @@ _CARRY = 2.0  # s, for a load to be carried before the step
 class StepComparison:
     """A step of ``size`` [deg, signed] at time 0: fin angle from its start [deg] of each model at ``time`` [s].
 
-    ``nonlinear`` is the simulated one, ``active`` tells where it is at a limit; ``thesis`` is None where the thesis's
+    ``nonlinear`` is the simulated one, ``active`` where it is at a limit; ``thesis`` is None where the thesis's
     model does not apply. ``difference`` [% of the step] is the largest of nonlinear minus linear.
     """
 
@@ -44,27 +44,27 @@ class StepComparison:
 
 
 def compare(values: Mapping[str, Any], linear: LinearActuator, size: float, thesis: bool = True) -> StepComparison:
-    """A step of `size` [deg, signed] from the operating point, under its load; whether with the thesis's model."""
+    """Compare a step of `size` [deg, signed] from the operating point, under its load; `thesis`: with its model."""
     at, period = linear.point.fin_angle, linear.period
     time = np.arange(round(STOP / period) + 1) * period
     command = np.full(len(time), radians(size))
     angle = ct.forced_response(linear.command_to_angle, time, command).outputs
-    start = {**values, "fin.start_angle": at}
     torque = linear.point.aero_torque
     lead = round(_CARRY / period) if torque else 0
     held = np.full(lead + len(time), at)
     stepped = np.concatenate([held[:lead], at + command])
     # The load still settles slowly when the step comes: what would happen without the step is taken away.
-    run, still = (simulate(start, (len(held) - 1) * period, period, model=linear.model, fin_command=level,
-                           aero_torque=torque) for level in (stepped, held))
+    run, still = (simulate({**values, "fin.start_angle": at}, (len(held) - 1) * period, period, model=linear.model,
+                           fin_command=level, aero_torque=torque) for level in (stepped, held))
     nonlinear = np.degrees(run["fin_angle"] - still["fin_angle"])[lead:]
-    shares = [step_metrics(time, each, 0.0, radians(size)) for each in (angle, np.radians(nonlinear))]
-    theirs = np.degrees(LinearModel(values).simulate(command)) if thesis else None
-    return StepComparison(size, time, np.degrees(angle), theirs, nonlinear, run["saturated"][lead:] > 0.0, *shares)
+    metrics = [step_metrics(time, one, 0.0, radians(size)) for one in (angle, np.radians(nonlinear))]
+    return StepComparison(size, time, np.degrees(angle),
+                          np.degrees(LinearModel(values).simulate(command)) if thesis else None,
+                          nonlinear, run["saturated"][lead:] > 0.0, *metrics)
 
 
 def comparisons(values: Mapping[str, Any], linear: LinearActuator, thesis: bool) -> list[StepComparison]:
-    """Steps of SIZES up from the operating point, or down where the range of commands ends; others are left out."""
+    """Compare steps of SIZES up from the operating point, or down where the range of commands ends, or not at all."""
     at, limit = degrees(linear.point.fin_angle), degrees(values["command.limit"]) * (1.0 + 1e-9)
     signed = [size if at + size <= limit else -size for size in SIZES]
     return [compare(values, linear, size, thesis) for size in signed if abs(at + size) <= limit]

@@ -2,8 +2,8 @@
 
 At each amplitude and frequency the compiled kernel runs a sine to its steady state; the fundamental of the fin angle
 over that of the command is the describing function (Gelb & Vander Velde, "Multiple-Input Describing
-Functions", section 2.2). Which limits act in the meantime is told by the outputs and, for the
-speed reference, by the sampled controllers run once more over the recorded motion, of actuators with all of NEEDS.
+Functions", section 2.2). Which limits act in the meantime is read from the outputs and, for the
+speed reference, from the sampled controllers run once more over the recorded motion, of actuators with all of NEEDS.
 """
 
 from __future__ import annotations
@@ -11,18 +11,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import radians
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from ...actuators import NONLINEAR, capabilities, get
-from ...bench.metrics import FrequencyResponse
+from ...bench.metrics import CREPT, FrequencyResponse
 from ...control import controllers, sensors
-from ...ops.arrays import ARRAYS as _ARRAYS
-from ...ops.base import Ops
+from ...ops.arrays import ARRAYS
 from ...physics import drive
-from ...progress import Progress
+from ...progress import Progress, silent
 from ...simulation import simulate
+from .frequency import of_ratio
 from .linear import Array
 
 AMPLITUDES = (0.1, 0.3, 1.0, 2.0, 3.5, 6.0, 10.0, 15.0, 20.0)  # deg
@@ -32,7 +32,6 @@ NEEDS = (capabilities.CASCADE, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_
          capabilities.RIGID_DRIVE_LINE)
 _SETTLE, _WINDOW = 1.0, 2.0  # s; frequencies are whole numbers of periods of the window
 _POINTS = 36
-ARRAYS: Ops = cast(Ops, _ARRAYS)
 # Voltage and its limit are equal when it is clipped, but for rounding.
 _AT_LIMIT = 1.0 - 1e-9
 
@@ -55,15 +54,16 @@ class Sweep:
 
 
 def frequencies(period: float, highest: float) -> Array:
-    """Frequencies [Hz] with whole periods in the window, logarithmic, at most 0.4 of the sample rate 1/`period`."""
+    """Return frequencies [Hz] with whole periods in the window, logarithmic, up to 0.4/`period`, a sample's [s]."""
     window = round(_WINDOW / period) * period
-    wanted = np.geomspace(1.0 / window, min(highest, 0.4 / period), _POINTS)
-    return np.unique(np.round(wanted * window)) / window
+    grid = np.geomspace(1.0 / window, min(highest, 0.4 / period), _POINTS)
+    return np.unique(np.round(grid * window)) / window
 
 
 def sweep(values: Mapping[str, Any], amplitude: float, frequency: Array, at: float = 0.0,
           aero_torque: float = 0.0, model: str = NONLINEAR) -> Sweep:
-    """Steady sines of an `amplitude` [rad] about a fin angle [rad] at frequencies [Hz] of `frequencies`."""
+    """Return the response to steady sines of an `amplitude` [rad] about a fin angle [rad], at frequencies [Hz] of
+    `frequencies`."""
     values = {**values, "fin.start_angle": at}
     period = float(values["controller.sample_time"])
     settle, window = round(_SETTLE / period), round(_WINDOW / period)
@@ -73,9 +73,11 @@ def sweep(values: Mapping[str, Any], amplitude: float, frequency: Array, at: flo
                      aero_torque=aero_torque) for column in command.T]
     outputs = {name: np.column_stack([run[name] for run in runs]) for name in runs[0] if name != "time"}
     steady = slice(settle, settle + window)
+    angle = outputs["fin_angle"][steady]
     turn = np.exp(-2j * np.pi * np.outer(time[steady], frequency))
-    ratio = np.sum(outputs["fin_angle"][steady] * turn, axis=0) / np.sum(command[steady] * turn, axis=0)
-    response = FrequencyResponse(frequency, np.abs(ratio), np.unwrap(np.angle(ratio)), np.ones(len(ratio)))
+    ratio = np.sum(angle * turn, axis=0) / np.sum(command[steady] * turn, axis=0)
+    ratio[np.ptp(angle, axis=0) <= CREPT] = 0.0  # backlash swallows the sine: what is left is rounding
+    response = of_ratio(frequency, ratio)
     if not get(model).provides.issuperset(NEEDS):
         return Sweep(amplitude, response, np.empty((0, len(frequency))))
     _, raw = replay(values, command, outputs["motor_angle"], outputs["motor_speed"], model)
@@ -91,7 +93,7 @@ def sweep(values: Mapping[str, Any], amplitude: float, frequency: Array, at: flo
 
 def replay(values: Mapping[str, Any], command: Array, angle: Array, speed: Array, model: str = NONLINEAR
            ) -> tuple[Array, Array]:
-    """The controllers' reference [V] and unlimited speed reference [rad/s] along recorded motions.
+    """Return the controllers' reference [V] and unlimited speed reference [rad/s] along recorded motions.
 
     All arguments and results have the shape (samples, runs): fin command [rad], motor angle [rad] and
     speed [rad/s] at the samples, from rest.
@@ -110,18 +112,17 @@ def replay(values: Mapping[str, Any], command: Array, angle: Array, speed: Array
 
 def sweeps(values: Mapping[str, Any], highest: float, at: float = 0.0, aero_torque: float = 0.0,
            amplitudes: Sequence[float] = AMPLITUDES, model: str = NONLINEAR,
-           progress: Progress | None = None) -> list[Sweep]:
-    """A sweep up to `highest` [Hz] for every amplitude [deg] that commands may have, else for their limit.
+           progress: Progress = silent) -> list[Sweep]:
+    """Return a sweep up to `highest` [Hz] for every amplitude [deg] that commands may have, else for their limit.
 
     About `at` [rad], or as near to it as the range of commands leaves room for the amplitude.
     """
     limit = float(values["command.limit"])
     chosen = [radians(size) for size in amplitudes if radians(size) <= limit * (1.0 + 1e-9)] or [limit]
     frequency = frequencies(float(values["controller.sample_time"]), highest)
-    made = []
+    responses = []
     for number, size in enumerate(chosen):
-        if progress:
-            progress(f"sine of {np.degrees(size):g} deg", number, len(chosen))
+        progress(f"sine of {np.degrees(size):g} deg", number, len(chosen))
         room = max(limit - size, 0.0)
-        made.append(sweep(values, size, frequency, min(max(at, -room), room), aero_torque, model))
-    return made
+        responses.append(sweep(values, size, frequency, min(max(at, -room), room), aero_torque, model))
+    return responses

@@ -11,19 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal.windows import hann
 
 from ...actuators.electromechanical import nonlinear
-from ...ops.arrays import ARRAYS as _ARRAYS
-from ...ops.base import Ops
+from ...ops.arrays import ARRAYS as ARRAYS
 from ...physics import drive, kinematics, loads, mechanics
 from .records import Array, Record, derivative, refuse_clipped, refuse_magnitude
 
-ARRAYS: Ops = cast(Ops, _ARRAYS)
 # Windows that overlap by half share a sixth of their variance: of white noise too, 1 + 2/6 windows make one.
 OVERLAP = 4.0 / 3.0
 # Motor angle beyond the stops, in shares of the travel, at which the unit or the zero must be wrong.

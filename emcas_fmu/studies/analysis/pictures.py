@@ -1,0 +1,315 @@
+"""The pictures of an analysis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from math import degrees, pi
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ... import plots
+from ...bench.metrics import FrequencyResponse
+from ...plots import LIMIT, Drawing
+from . import frequency
+from .analyse import Analysis
+from .linear import System
+from .steps import STOP
+from .sweep import LIMITS
+
+Look = dict[str, Any]
+"""How a line is drawn, by matplotlib's names."""
+_DASHED: Look = {"linestyle": (0, (5, 1.5))}
+_THESIS: Look = {"color": plots.VERMILLION, "linewidth": 1.1, **_DASHED}
+_SHOWN = (0.1, 300.0)  # Hz
+_DOTS = 400  # of a case, about
+_LIMIT_NAMES = {"rate": "speed reference", "current": "drive current", "voltage": "supply voltage",
+                "dac": "analogue reference"}
+
+
+def drawings(analysis: Analysis) -> Iterator[Drawing]:
+    """Draw every picture of what was not left out."""
+    for draw, section in DRAWINGS.items():
+        if section not in analysis.left_out:
+            yield draw(analysis)
+
+
+def _legend(figure: Figure, entries: Mapping[str, Look], columns: int = 5) -> None:
+    # On the figure, since a legend wider than its panel would widen the panel's column.
+    figure.legend(handles=[Line2D([], [], label=label, **look) for label, look in entries.items()],
+                  loc="outside upper left", ncols=columns, handlelength=1.8, columnspacing=1.4)
+
+
+def bode(analysis: Analysis) -> Drawing:
+    """Draw the responses to command and load."""
+    figure, ((gain, load_gain), (phase, load_phase)) = plots.figure(2, 2, height=2.4, sharex=True)
+
+    def draw(response: FrequencyResponse, look: Look, axes: tuple[Axes, Axes], scale: float = 1.0) -> None:
+        shown = (response.frequency >= _SHOWN[0]) & (response.frequency <= _SHOWN[1])
+        axes[0].semilogx(response.frequency[shown], 20.0 * np.log10(scale) + response.gain_db[shown], **look)
+        axes[1].semilogx(response.frequency[shown], np.degrees(response.phase[shown]), **look)
+
+    entries: dict[str, Look] = {"linearised here": {"color": plots.BLUE}}
+    curves = [analysis.linear.command]
+    if analysis.thesis:
+        entries["thesis's linear model"] = _THESIS
+        curves.append(analysis.thesis.command)
+    for sweep, color in zip([s for s in analysis.sweeps if degrees(s.amplitude) > 0.9][:5:2],
+                            (plots.GREEN, plots.ORANGE, plots.PURPLE), strict=False):
+        entries[f"simulated, {degrees(sweep.amplitude):.3g} deg"] = {
+            "color": color, "linestyle": "none", "marker": "o", "markersize": 2.6, "markerfacecolor": "none"}
+        curves.append(sweep.response)
+    for response, look in zip(curves, entries.values(), strict=True):
+        draw(response, look, (gain, phase))
+    if analysis.linear.load:
+        draw(analysis.linear.load, entries["linearised here"], (load_gain, load_phase), degrees(1.0))
+    gain.axhline(-3.0, **LIMIT)
+    phase.axhline(-90.0, **LIMIT)
+    gain.set(title="fin angle over command", ylabel="gain / dB", ylim=(-40, 6))
+    phase.set(ylabel="phase / deg", ylim=(-360, 20), yticks=range(-360, 1, 90), xlabel="frequency / Hz")
+    load_gain.set(title="fin angle over hinge moment", ylabel="dB of 1 deg/(N.m)")
+    load_phase.set(ylabel="phase / deg", xlabel="frequency / Hz", yticks=range(-270, 91, 90))
+    _legend(figure, entries)
+    r = analysis.linear.command
+    return Drawing("Bode diagrams", figure, f"Left, fin angle over command: -3 dB at {r.bandwidth:.1f} Hz, -90 deg at "
+                   f"{r.phase_bandwidth:.1f} Hz (linear). Right, fin angle over hinge moment. The linear responses are "
+                   "those of the sampled system with its transport delay, exactly; circles are the fundamental of the "
+                   "simulated response to steady sines.")
+
+
+def nichols(analysis: Analysis) -> Drawing:
+    """Draw the open loops in the Nichols plane, with circles of closed-loop gain."""
+    figure, ((axes,),) = plots.figure(1, height=4.2, width=7.0)
+    phase, gain = np.meshgrid(np.linspace(-360, 0, 361), np.linspace(-30, 40, 281))
+    open_loop = 10.0 ** (gain / 20.0) * np.exp(1j * np.radians(phase))
+    with np.errstate(divide="ignore"):
+        peak = 20.0 * np.log10(np.abs(open_loop / (1.0 + open_loop)))
+    axes.contour(phase, gain, peak, levels=[-3.0, 0.0, 3.0, 6.0], colors=plots.GRAY, linewidths=0.6,
+                 linestyles="dotted")
+    # At -180 deg, L = -M/(M - 1).
+    tops = [(-180.0, 20.0 * np.log10(m / (m - 1.0)), f"{level} dB") for level in (3, 6) for m in [10.0 ** (level / 20)]]
+    for x, y, text in (*tops, (-88.0, 36.0, "0 dB"), (-40.0, 8.0, "-3 dB")):
+        axes.text(x, y, text, fontsize=6.5, color=plots.GRAY, ha="center" if x == -180.0 else "left", va="bottom")
+    entries: dict[str, Look] = {}
+    # The current loop is in continuous time.
+    for name, label, color in (("velocity", "velocity loop", plots.GREEN), ("position", "position loop", plots.PURPLE),
+                               ("reference", "at the drive's reference", plots.BLUE)):
+        if name in analysis.linear.loops:
+            entries[label] = {"color": color}
+            _nichols_line(axes, analysis.linear.loops[name], analysis.linear.margins[name], entries[label])
+    if analysis.thesis:
+        entries["thesis's model, at the drive's reference"] = _THESIS
+        _nichols_line(axes, analysis.thesis.loops["reference"], analysis.thesis.margins["reference"], _THESIS)
+    axes.plot(-180, 0, "+", color=plots.INK, markersize=9)
+    axes.set(xlim=(-360, 0), ylim=(-30, 40), xticks=range(-360, 1, 45), xlabel="open-loop phase / deg",
+             ylabel="open-loop gain / dB")
+    _legend(figure, entries, columns=2)
+    m = analysis.linear.margins["reference"]
+    return Drawing("Nichols chart", figure, f"At the drive's reference the gain may grow by {m.gain_db:.1f} dB "
+                   f"(square, at {m.phase_crossover:.0f} Hz), the phase lag by {degrees(m.phase):.0f} deg (circle, at "
+                   f"{m.gain_crossover:.0f} Hz), which is {m.delay * 1e3:.2f} ms of delay. Dotted: gain of the closed "
+                   "loop.")
+
+
+def _nichols_line(axes: Axes, loop: System, margins: frequency.Margins, look: Look) -> None:
+    grid = frequency.frequencies(frequency.highest(loop), 0.02)
+    response = frequency.of_ratio(grid, frequency.evaluate(loop, grid))
+    # A loop with integrators starts below -90 deg: the branch that ends nearest to the crossover.
+    turns = np.round((np.interp(margins.gain_crossover, grid, response.phase) + 0.5 * pi) / (2.0 * pi))
+    phase = np.degrees(response.phase - 2.0 * pi * turns)
+    axes.plot(phase, response.gain_db, **look)
+    for at, marker in ((margins.phase_crossover, "s"), (margins.gain_crossover, "o")):
+        if np.isfinite(at):
+            axes.plot(np.interp(at, grid, phase), np.interp(at, grid, response.gain_db), marker, markersize=4.5,
+                      color=look["color"])
+
+
+def root_locus(analysis: Analysis) -> Drawing:
+    """Draw the closed-loop poles against the chosen parameter."""
+    figure, ((axes,),) = plots.figure(1, height=4.2, width=7.5)
+    roots, hertz = analysis.locus, 1.0 / (2.0 * pi)
+    crossover = analysis.linear.margins["reference"].phase_crossover
+    shown = 1.6 * crossover if np.isfinite(crossover) else 100.0
+    points = np.concatenate(roots.poles) * hertz
+    scale = np.repeat(np.log10(roots.values / roots.nominal), [len(poles) for poles in roots.poles])
+    dots = axes.scatter(points.real, points.imag, c=scale, cmap="viridis", s=6, linewidths=0, vmin=-1, vmax=1)
+    bar = figure.colorbar(dots, ax=axes, ticks=[-1, np.log10(0.5), 0, np.log10(2), 1], pad=0.02)
+    bar.ax.set_yticklabels(["0.1", "0.5", "1", "2", "10"])
+    bar.set_label(f"{roots.name} / its value")
+    entries: dict[str, Look] = {
+        "as set": {"marker": "s", "markerfacecolor": "none", "color": plots.INK},
+        "as set, continuous with Padé delay": {"marker": "x", "color": plots.VERMILLION}}
+    here = roots.poles[int(np.argmin(np.abs(roots.values - roots.nominal)))]
+    for poles, look in zip((here, roots.rational), entries.values(), strict=True):
+        look |= {"linestyle": "none", "markersize": 6}
+        axes.plot(poles.real * hertz, poles.imag * hertz, **look)
+    axes.axvline(0.0, color=plots.INK, linewidth=0.8)
+    for damping in (0.2, 0.4, 0.6, 0.8):
+        slope = np.sqrt(1.0 - damping**2) / damping
+        for side in (1.0, -1.0):
+            axes.plot([0.0, -2.0 * shown], [0.0, side * slope * 2.0 * shown], **LIMIT)
+        x = min(0.95 * shown / slope, 0.9 * shown)
+        axes.text(-x, x * slope, f"{damping:g}", fontsize=6.5, color=plots.GRAY, ha="center", va="center")
+    axes.set(xlim=(-shown, 0.4 * shown), ylim=(-shown, shown), xlabel="Re s / 2π / Hz",
+             ylabel="Im s / 2π / Hz")
+    _legend(figure, entries, columns=2)
+    low, high = roots.stable_range
+    bounds = [f"{word} {value:.4g}" for word, value, end in (("below", low, roots.values[0]),
+                                                             ("above", high, roots.values[-1]))
+              if value != end]
+    unit = "" if roots.unit == "1" else f" {roots.unit}"
+    verdict = f"unstable {' and '.join(bounds)}{unit}" if bounds else "stable throughout"
+    return Drawing(f"Root locus against {roots.name}", figure, f"From a tenth to ten times {roots.nominal:g}{unit}, as "
+                   f"far as the parameter may go: {verdict}. Exact poles of the sampled loop with its delay, drawn at "
+                   "s = ln(z)/T. Only the crosses rest on an approximation: a continuous loop with a third-order Padé "
+                   "delay of transport delay and half a sample, its speed measured without lag.")
+
+
+def steps(analysis: Analysis) -> Drawing:
+    """Draw steps of the linear models and the simulated one."""
+    figure, (row,) = plots.figure(1, max(len(analysis.steps), 1), height=2.6, sharex=True, sharey=True)
+    entries = {} if "thesis_linear" in analysis.left_out else {"thesis's linear model": _THESIS}
+    entries |= {"linearised here": {"color": plots.BLUE}, "simulated": {"color": plots.GREEN}}
+    settled = [s.metrics_nonlinear.settling_time for s in analysis.steps]
+    end = 1e3 * float(np.clip(1.15 * np.max(settled, initial=0.0), 0.15, STOP))
+    for axes, s in zip(row, analysis.steps, strict=False):
+        plots.shade(axes, s.time * 1e3, s.active)
+        angles = [angle for angle in (s.thesis, s.linear, s.nonlinear) if angle is not None]
+        for angle, look in zip(angles, entries.values(), strict=True):
+            axes.plot(s.time * 1e3, angle / s.size, **look)
+        axes.text(0.97, 0.05, f"{s.size:+g} deg", transform=axes.transAxes, ha="right", fontsize=9)
+        axes.set(xlabel="time / ms", xlim=(0, end))
+    row[0].set_ylabel("fin angle / step")
+    _legend(figure, {**entries, "a limit is active": {"color": plots.GRAY, "alpha": 0.3, "linewidth": 7}}, columns=4)
+    differences = ", ".join(f"{s.difference:.0f} % at {abs(s.size):g} deg" for s in analysis.steps)
+    return Drawing("Steps, linear and simulated", figure, "Divided by their size. Largest difference of simulated and "
+                   f"linear: {differences}. Small steps differ by friction, its compensation and the encoder's counts, "
+                   "large ones by the limits.")
+
+
+def amplitudes(analysis: Analysis) -> Drawing:
+    """Draw bandwidth and the onset of limits in the plane of amplitude and frequency."""
+    figure, ((axes,),) = plots.figure(1, height=3.6, width=7.5)
+    sweeps, linear = analysis.sweeps, analysis.linear.command
+    size = np.array([degrees(s.amplitude) for s in sweeps])
+    curves: list[tuple[str, Look, list[float]]] = [
+        ("-3 dB", {"color": plots.BLUE, "linewidth": 1.8}, [s.response.bandwidth for s in sweeps]),
+        ("-90 deg", {"color": plots.VERMILLION, "linewidth": 1.8}, [s.response.phase_bandwidth for s in sweeps])]
+    limits = () if "limits" in analysis.left_out else LIMITS
+    for name, color, marker in zip(limits, (plots.GREEN, plots.PURPLE, plots.ORANGE, plots.SKY), "os^x", strict=False):
+        curves.append((f"{_LIMIT_NAMES[name]} limited above",
+                       {"color": color, "marker": marker, "markersize": 4.0, "linewidth": 0.9},
+                       [s.onset(name) for s in sweeps]))
+    for _, look, values in curves:
+        axes.loglog(size, values, **look)
+    for value, (_, look, _) in zip((linear.bandwidth, linear.phase_bandwidth), curves, strict=False):
+        axes.axhline(value, color=look["color"], linewidth=0.9, **_DASHED)
+    axes.set(xlabel="amplitude of the command / deg", ylabel="frequency / Hz")
+    axes.set_xticks(size, [f"{s:.3g}" for s in size], minor=False)
+    axes.xaxis.set_minor_formatter("")
+    low, high = axes.get_ylim()
+    ticks = [tick for tick in (1, 2, 5, 10, 20, 50, 100) if low <= tick <= high]
+    axes.set_yticks(ticks, list(map(str, ticks)))
+    axes.yaxis.set_minor_formatter("")
+    entries = {label: look for label, look, _ in curves}
+    _legend(figure, {**entries, "linear": {"color": plots.GRAY, **_DASHED}}, columns=3)
+    marks = ("Thin lines with marks: from which frequency on a limit acts at some instant of the period. " if limits
+             else "")
+    return Drawing("Bandwidth against amplitude", figure, "Describing function by steady sines of the simulated "
+                   "actuator, about the operating point or as near to it as the range of commands allows. "
+                   f"{marks}Small amplitudes lose bandwidth to friction and counts, large ones to the limits met "
+                   "first.")
+
+
+def limit_shares(analysis: Analysis) -> Drawing:
+    """Draw the share of the time each limit acts, against amplitude and frequency."""
+    figure, (row,) = plots.figure(1, len(LIMITS), height=2.7, sharex=True, sharey=True)
+    sweeps = analysis.sweeps
+    size = np.array([degrees(s.amplitude) for s in sweeps])
+    for i, (axes, name) in enumerate(zip(row, LIMITS, strict=True)):
+        share = 100.0 * np.array([s.active[i] for s in sweeps]).T
+        mesh = axes.pcolormesh(size, sweeps[0].response.frequency, share, vmin=0, vmax=100, cmap="magma_r",
+                               shading="nearest")
+        axes.plot(size, [s.response.bandwidth for s in sweeps], color=plots.BLUE, linewidth=1.2)
+        axes.set(xscale="log", yscale="log", title=_LIMIT_NAMES[name], xlabel="amplitude / deg",
+                 xlim=(size[0], size[-1]), xticks=[t for t in (0.1, 1.0, 10.0) if size[0] <= t <= size[-1] * 1.001])
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_major_formatter("{x:g}")
+    row[0].set_ylabel("frequency / Hz")
+    figure.colorbar(mesh, ax=list(row), pad=0.01).set_label("time at the limit / %")
+    return Drawing("Where the limits bite", figure, "Share of the time a limit is active while a steady sine is "
+                   "followed; the line is the -3 dB bandwidth. The speed reference's limit is the rate limit of the "
+                   "fin.")
+
+
+def torque_speed(analysis: Analysis) -> Drawing:
+    """Draw the envelope, with the reference cases' operating points."""
+    figure, ((axes,),) = plots.figure(1, height=4.0, width=7.5)
+    e, cases = analysis.envelope, analysis.cases
+    assert e is not None
+    entries: dict[str, Look] = {
+        "motor and drive, steady": {"color": plots.INK, "linewidth": 1.2},
+        "without the drive's integral": {"color": plots.GRAY, "linewidth": 1.0, **_DASHED}}
+    axes.fill_between(e.speed, -e.highest[::-1], e.highest, color=plots.GRAY, alpha=0.13, linewidth=0)
+    for torque, look in zip((e.highest, e.prompt), entries.values(), strict=True):
+        for side in (1.0, -1.0):
+            axes.plot(side * e.speed, side * torque, **look)
+    named = {"step_plus20": plots.BLUE, "load_opposing": plots.VERMILLION, "load_aiding": plots.GREEN,
+             "sag": plots.ORANGE, "other cases": plots.SKY}
+    for name, columns in cases.items():
+        dots = slice(None, None, max(len(columns["time"]) // _DOTS, 1))
+        alpha, order = (0.9, 3.0) if name in named else (0.35, 2.0)
+        axes.plot(columns["motor_speed"][dots], columns["motor_torque"][dots], ".", markersize=2.6, alpha=alpha,
+                  color=named.get(name, plots.SKY), zorder=order)
+    entries |= {name: {"color": color, "marker": "o", "markersize": 3, "linestyle": "none"}
+                for name, color in named.items()}
+    limit = analysis.parameters.values["controller.speed_limit"]
+    for side in (1.0, -1.0):
+        axes.axvline(side * limit, **LIMIT)
+    fastest, most = (max(float(np.max(np.abs(columns[name]))) for columns in cases.values())
+                     for name in ("motor_speed", "motor_torque"))
+    end, top = 1.05 * max(e.no_load_speed, fastest), max(1.05 * most, 1.1 * float(np.max(e.highest)))
+    axes.set(xlabel="motor speed / rad/s", ylabel="motor torque / N.m", xlim=(-end, end), ylim=(-top, top))
+    _legend(figure, entries, columns=4)
+    slow = f", in some {e.integral_time:.0f} s" if np.isfinite(e.integral_time) else ""
+    return Drawing("Torque and speed", figure, f"Grey: what the drive's current ({e.stall_torque:.3g} N.m at stall) "
+                   f"and the supply (no torque at {e.no_load_speed:.0f} rad/s) allow in steady motion. Dashed: at "
+                   f"first, before the drive's integral has closed the rest{slow}. Points: the reference cases with "
+                   "these parameters; dotted verticals: the controllers' speed limit. Points outside are transients, "
+                   "in which the current outlasts the voltage that made it.")
+
+
+def fin_capability(analysis: Analysis) -> Drawing:
+    """Draw hinge moment and rate against the fin angle."""
+    figure, ((moment, rate, ratio),) = plots.figure(1, 3, height=2.6, sharex=True)
+    c = analysis.capability
+    assert c is not None
+    angle = np.degrees(c.fin_angle)
+    plus, minus = {"color": plots.BLUE}, {"color": plots.VERMILLION, **_DASHED}
+    pale, table2 = {**plus, "alpha": 0.45}, {**LIMIT, "color": plots.GREEN}
+    bound: Look = {"color": plots.PURPLE, "linewidth": 1.8}
+    for row, look in enumerate((plus, minus)):
+        moment.plot(angle, c.stall[row], **look)
+        rate.plot(angle, np.degrees(c.free_rate[row]), **look)
+        rate.plot(angle, np.degrees(c.free_rate_loaded[row]), **{**look, "alpha": 0.45})
+    rate.plot(angle, np.degrees(analysis.parameters.values["controller.speed_limit"] / c.ratio), **bound)
+    for required in (220.0, 200.0):
+        rate.axhline(required, **table2)
+    ratio.plot(angle, c.ratio, color=plots.GRAY)
+    for axes, label in ((moment, "stall moment / N.m"), (rate, "fin rate / deg/s"), (ratio, "ratio R")):
+        axes.set(xlabel="fin angle / deg", ylabel=label)
+    _legend(figure, {"moving +": plus, "moving -": minus, "paler: against 100 N.m": pale,
+                     "controllers' speed limit": bound, "Table 2": table2})
+    return Drawing("Capability against fin angle", figure, "The lever's ratio grows with the lever angle, so the fin "
+                   "is stronger and slower towards the ends. Largest opposing hinge moment that is still moved; "
+                   "largest steady rate that supply and drive current allow without load and against 100 N.m, and the "
+                   "rate at the controllers' speed limit.")
+
+
+# Each with the section of `analyse.SECTIONS` it belongs to.
+DRAWINGS: Mapping[Callable[[Analysis], Drawing], str] = {
+    bode: "", nichols: "", root_locus: "", steps: "", amplitudes: "", limit_shares: "limits",
+    torque_speed: "capability", fin_capability: "capability"}
