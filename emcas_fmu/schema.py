@@ -164,11 +164,12 @@ Quantity = Annotated[Any, PlainValidator(lambda written, info: info.context.numb
 """A field in the unit of the `In` that is the context; its limits are not looked at."""
 
 
-def document(path: Path, error: type[EmcasError]) -> tuple[str, dict[str, Any]]:
+def document(path: Path, error: type[EmcasError],
+             parse_float: Callable[[str], Any] = float) -> tuple[str, dict[str, Any]]:
     """Text and contents of a TOML file. Raises `error`."""
     try:
         text = path.read_text(encoding="utf-8-sig")
-        return text, tomllib.loads(text)
+        return text, tomllib.loads(text, parse_float=parse_float)
     except (OSError, ValueError, RecursionError) as problem:
         raise error(f"{path}: cannot be read: {problem}") from problem
 

@@ -90,7 +90,7 @@ def typeset(unit: str) -> str:
 @cache
 def _environment() -> Environment:
     made = Environment(loader=PackageLoader("emcas_fmu", ""), undefined=StrictUndefined, trim_blocks=True,
-                       lstrip_blocks=True, autoescape=select_autoescape(["html.j2"]))
+                       lstrip_blocks=True, autoescape=select_autoescape(["html.j2", "xml.j2"]))
     made.filters.update(number=lambda value: number(value).replace("-", "−"), quantity=with_unit, unit=typeset)
     made.globals["version"] = __version__
     return made

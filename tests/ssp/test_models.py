@@ -21,7 +21,7 @@ from emcas_fmu.ssp.archive import Archive, write_archive
 from emcas_fmu.ssp.check import check
 from emcas_fmu.ssp.schema import SSC, SSD, SSV, SspError, parse, violations
 from emcas_fmu.ssp.settings import effective
-from emcas_fmu.ssp.structure import Structure, read_structure
+from emcas_fmu.ssp.structure import read_variant
 from emcas_fmu.ssp.variants import variant_files
 from emcas_fmu.ssp.write import write_ssp
 from examples.ssp_hosts import hosts
@@ -59,17 +59,9 @@ def archive(unit: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_ssp(folder / "own.ssp", unit, variant_files=files).path
 
 
-def structure(ssp: Path, variant: str) -> Structure:
-    """A variant as read back; nothing may be wrong with it."""
-    def refuse(file: str, problem: str) -> None:
-        raise AssertionError(f"{file}: {problem}")
-
-    return read_structure(Archive(ssp), f"{variant}.ssd", refuse)
-
-
 def test_own_variables_are_connectors_of_their_types(archive: Path) -> None:
     """The model is told by the FMU. Items of enumerations stand in the structure, under the name connectors give."""
-    read = structure(archive, "jammed")
+    read = read_variant(archive, "jammed")
     actuator = get(MODEL)
     for element in read.system.elements.values():
         assert {(c.name, c.kind, c.type) for c in element.connectors.values()} == {
@@ -89,7 +81,7 @@ def test_own_variables_are_connectors_of_their_types(archive: Path) -> None:
 
 
 def test_a_variant_of_faults(archive: Path) -> None:
-    values = effective(structure(archive, "jammed"))
+    values = effective(read_variant(archive, "jammed"))
     assert values["fin2", "fault.jam.end"] == 0.2
     assert values["fin1", "fault.jam.end"] == 0.0
     assert values["fin3", "fault.drive_loss.active"] is True
