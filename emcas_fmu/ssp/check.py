@@ -52,6 +52,7 @@ def check(path: Path, guid: str | None = None, fmu: Path | None = None, model: s
                 component.interface = _interface(archive, structure.file, place, component, interfaces, report)
                 if component.interface is not None:
                     _guid(structure.file, place, component, component.interface, guid, report)
+                    structure.units = {**component.interface.units, **structure.units}
         check_wiring(structure, report)
         check_settings(structure, [b for b in loose if b.name == structure.name], report, model)
     return report

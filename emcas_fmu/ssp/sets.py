@@ -91,18 +91,16 @@ def parameter_sets(variants: Sequence[Variant], fmu_starts: Mapping[str, Value],
 def _changes(variant: Variant, built: Variant, add: Add) -> list[tuple[str, str]]:
     """Add the files of a variant: for the system's inputs, for every fin alike, and for single fins."""
     bindings, names = [], built.names
-    of_inputs = {v.name for v in started(built.fins[0].model).values()}
-    alike = {n for n in variant.fins[0].values
-             if any(n == c or n.startswith(f"{c}[") for c in variant.common)
-             and len({fin.values[n] for fin in variant.fins}) == 1}
-    entries = _entries(variant.fins[0], lambda e: e.variable.name in alike)
-    if bus := {n: e for n, e in entries.items() if n in of_inputs}:
+    inputs, every = started(built.fins[0].model), variant.fins[0].values
+    alike = {n for n, value in every.items() if all(fin.values[n] == value for fin in variant.fins)
+             and any(fin.values[n] != value for fin in built.fins)}
+    if bus := _entries(variant.fins[0], lambda e: e.variable.name in alike & inputs.keys()):
         bindings.append(("", add(f"{variant.name}_inputs", bus)))
-    if common := {n: e for n, e in entries.items() if n not in of_inputs}:
+    if common := _entries(variant.fins[0], lambda e: e.variable.name in alike - inputs.keys()):
         file = add(variant.name, common)
         bindings += [(f"{n}.", file) for n in names]
     for name, fin, before in zip(names, variant.fins, built.fins):
-        so_far = {**before.values, **{n: variant.fins[0].values[n] for n in alike}}
-        if further := _entries(fin, lambda e: e.value != so_far[e.variable.name]):  # noqa: B023  called at once
+        changed = {n for n, value in fin.values.items() if n not in alike and value != before.values[n]}
+        if further := _entries(fin, lambda e: e.variable.name in changed):  # noqa: B023  called at once
             bindings.append((f"{name}.", add(f"{variant.name}_{name}", further)))
     return bindings

@@ -139,8 +139,7 @@ def _check_variable(structure: Structure, binding: Binding, setting: Setting, pl
         report.warning(binding.file, place, "is false, which fmpy's read_ssv and simulate_ssp take for true",
                        "make it the FMU's start value instead: emcas build --parameters FILE")
     if setting.unit and setting.unit != port.unit:
-        start = next((units[setting.unit] for units in (binding.units, structure.units, interface.units)
-                      if setting.unit in units), None)
+        start = binding.units.get(setting.unit) or structure.units.get(setting.unit)
         convert = conversion(start, interface.units.get(port.unit))
         if convert is None or not convert.identity:
             remedy = f"give it in {port.unit}" if convert is None or isinstance(value, str) else (

@@ -90,7 +90,10 @@ class Element:
 
 @dataclass
 class Structure:
-    """A system structure: its file in the archive, its name, its top-level system and its units."""
+    """A system structure: its file in the archive, its name, its top-level system and its units.
+
+    The units of the components' FMUs are among them, once a check has read these.
+    """
 
     file: str
     name: str

@@ -21,11 +21,10 @@ _NAME = re.compile(r"[A-Za-z]\w*")
 
 @dataclass(frozen=True)
 class Variant:
-    """A named system: the parameter set of each fin, and the names the variant changes for every fin."""
+    """A named system: the parameter set of each fin."""
 
     name: str
     fins: tuple[ParameterSet, ...]
-    common: tuple[str, ...] = ()
 
     @property
     def names(self) -> list[str]:
@@ -72,11 +71,10 @@ def derived(name: str, file: Path, origin: Variant) -> Variant:
             raise SspError(f"{file}: {scope}: expected tables {EVERY_FIN}, fin1, fin2 ... of parameters, such as "
                            f"[{EVERY_FIN}.friction]")
     changes = {scope: dict(_entries(table)) for scope, table in tables.items()}
-    every = changes.get(EVERY_FIN, {})
-    fins = tuple(_changed(fin, {**every, **changes.get(scope, {})}, f"{file}: {scope}")
+    fins = tuple(_changed(fin, {**changes.get(EVERY_FIN, {}), **changes.get(scope, {})}, f"{file}: {scope}")
                  for scope, fin in zip(origin.names, origin.fins))
     require_shared(fins, str(file))
-    return Variant(name, fins, tuple(every))
+    return Variant(name, fins)
 
 
 def _document(file: Path) -> dict[str, Any]:

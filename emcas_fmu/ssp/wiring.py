@@ -28,7 +28,7 @@ class End:
 
 class _Wiring:
     def __init__(self, structure: Structure, report: Report) -> None:
-        self.structure, self.report = structure, report
+        self.defined, self.report = structure.units, report
         self.error, self.warning = partial(report.error, structure.file), partial(report.warning, structure.file)
 
     def system(self, prefix: str, system: Element) -> None:
@@ -110,7 +110,7 @@ class _Wiring:
         role = _ROLES.get(declared.kind, "either")
         if not name:  # seen from within, a system's input is where values come from
             role = {"source": "sink", "sink": "source"}.get(role, role)
-        return End(label, role, declared.type, declared.unit, self.defined(declared.unit))
+        return End(label, role, declared.type, declared.unit, self.defined.get(declared.unit))
 
     def declaration(self, place: str, declared: Connector, interface: Interface) -> None:
         """Check a component's connector against the variable of its FMU."""
@@ -123,17 +123,10 @@ class _Wiring:
         if not declared.type:
             self.warning(place, "has no type", f"write ssc:{port.kind}; libcosim refuses the file without")
         if declared.unit and declared.unit != port.unit:
-            convert = conversion(self.defined(declared.unit), interface.units.get(port.unit))
+            convert = conversion(self.defined.get(declared.unit), interface.units.get(port.unit))
             if not (convert and convert.identity):
                 self.error(place, f"is declared in {declared.unit}, but the FMU's variable is in "
                            f"{port.unit or 'no unit'}", f'write unit="{port.unit}": no host converts here')
-
-    def defined(self, name: str) -> Unit | None:
-        """Return a unit of the structure, or of any of its FMUs."""
-        interfaces = (element.interface for _, system in systems(self.structure.system)
-                      for element in system.elements.values())
-        return self.structure.units.get(name) or next(
-            (i.units[name] for i in interfaces if i is not None and name in i.units), None)
 
     def sink(self, place: str, connection: Connection, start: End, end: End) -> tuple[str, str] | None:
         """Return which end is fed; None, reported, if neither or both could be."""

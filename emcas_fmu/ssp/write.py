@@ -1,4 +1,9 @@
-"""From an FMU and parameters to an SSP archive; the same inputs give the same bytes."""
+"""From an FMU and parameters to an SSP archive; the same inputs give the same bytes.
+
+The system has several times the FMU, wired to connectors of its own. These are named as the variables of a unit with
+several fins: those of a fin are ``fin[1].fin_angle`` and so on, shared inputs stand by their own names. (Names such as
+fin1.fin_angle would be those of the components' connectors: fmpy tells the two apart by nothing else.)
+"""
 
 from __future__ import annotations
 
@@ -11,17 +16,22 @@ from tempfile import TemporaryDirectory
 
 from ..actuators import NONLINEAR, full_name, get
 from ..bench.fmu import chosen_model
-from ..fmi.interface import fin_sets
+from ..fmi.interface import FmuInterface, fin_sets
+from ..fmi.model_description import STEP_SIZE, STOP_TIME, describe
 from ..fmi.package import Progress, build
 from ..parameters import Value, load_parameters
 from .archive import file_content, write_archive
 from .check import check
 from .findings import Report
 from .interface import Interface, read_interface, typed
-from .schema import DEFAULT, NOMINAL, SspError
-from .sets import parameter_sets, started
-from .system import PREFIX, system_structure
+from .schema import ANNOTATION, DEFAULT, FMU, NOMINAL, SspError, render
+from .sets import fmi_units, parameter_sets, shared_inputs, started
 from .variants import Variant, derived, without_shipped
+
+# libcosim and Ecos look for "ssd:Connections" letter by letter and refuse a file with connections of the system's own
+# connectors in it, and libcosim ends the process over a connector of an enumeration. Under another prefix for the same
+# namespace they pass both over, and readers of XML see no difference.
+PREFIX = "wiring"
 
 
 @dataclass(frozen=True)
@@ -70,9 +80,15 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
     sets, bindings = parameter_sets(variants, _starts(interface, str(fmu), base.model), base)
     name = f"{interface.model}.fmu"
     contents = {f"resources/{file}": data for file, data in {**sets, name: content}.items()}
+    unit = FmuInterface(1, base.model)
+    variables = unit.inputs + unit.outputs
     for variant in variants:
-        contents[DEFAULT if variant.name == NOMINAL else f"{variant.name}.ssd"] = system_structure(
-            variant, name, interface.guid, bindings[variant.name], prefix)
+        contents[DEFAULT if variant.name == NOMINAL else f"{variant.name}.ssd"] = render(
+            "structure.xml.j2", name=variant.name, description=describe(unit), type=FMU, fmu=name, guid=interface.guid,
+            annotation=ANNOTATION, prefix=prefix, fins=variant.names, bindings=bindings[variant.name],
+            inputs=unit.inputs, outputs=unit.outputs, shared=shared_inputs(base.model),
+            enumerations={v.name: v for v in variables if v.items}.values(), units=fmi_units(variables),
+            stop=STOP_TIME, step=STEP_SIZE)
     partial = output.with_name(f".{output.stem}.{os.getpid()}.ssp")
     try:
         write_archive(contents, partial)

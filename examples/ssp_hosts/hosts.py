@@ -27,6 +27,7 @@ from typing import Any
 from lxml import etree
 
 from emcas_fmu.compiler import local_platform
+from emcas_fmu.parameters import Value
 from emcas_fmu.ssp.archive import Archive, write_archive
 from emcas_fmu.ssp.check import check
 from emcas_fmu.ssp.findings import nearest
@@ -38,7 +39,6 @@ _MODULES = {"fmpy": "in_fmpy", "libcosimpy": "in_libcosim", "ecospy": "in_ecos"}
 _NEEDS = {"fmpy": "pip install fmpy", "libcosimpy": "pip install libcosimpy",
           "ecospy": "pip install ecospy; on Debian also apt-get install libtbb12"}
 End = tuple[str, str]  # component and variable
-Value = float | int | bool
 
 
 class System(ABC):
