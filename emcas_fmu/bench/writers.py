@@ -90,14 +90,20 @@ def typeset(unit: str) -> str:
 @cache
 def _environment() -> Environment:
     made = Environment(loader=PackageLoader("emcas_fmu", ""), undefined=StrictUndefined, trim_blocks=True,
-                       lstrip_blocks=True, autoescape=select_autoescape(["html.j2"]))
+                       lstrip_blocks=True, autoescape=select_autoescape(["html.j2", "xml.j2"]))
     made.filters.update(number=lambda value: number(value).replace("-", "−"), quantity=with_unit, unit=typeset)
     made.globals["version"] = __version__
     return made
 
 
+def page(template: str, **context: Any) -> str:
+    """Return a document of a template, named from the package on (``studies/report/page.html.j2``).
+
+    The same context gives the same text.
+    """
+    return _environment().get_template(template).render(**context)
+
+
 def write_page(path: Path, template: str, **context: Any) -> None:
-    """Write the page of a template, named from the package on (``studies/report/page.html.j2``), that extends
-    ``bench/base.html.j2``; the same context gives the same bytes."""
-    page = _environment().get_template(template).render(**context)
-    path.write_text(page, encoding="utf-8", newline="\n")
+    """Write the page of a template that extends ``bench/base.html.j2``; see `page`."""
+    path.write_text(page(template, **context), encoding="utf-8", newline="\n")

@@ -59,7 +59,7 @@ def write(
         written = write_ssp(output, fmu, parameters, fins=fins, layout=layout, fin_files=of_fins,
                             variant_files=of_variants, prefix=prefix, model=model,
                             progress=stepper(progress, "compile"))
-    out.print(f"written {escape(str(written.path))}  {written.size / 1024:.0f} KiB  {fins} fins, FMU {written.guid}",
+    out.print(f"written {escape(str(output))}  {output.stat().st_size / 1024:.0f} KiB  {fins} fins, FMU {written.guid}",
               highlight=False, soft_wrap=True)
     warn(f"left out: {what}" for what in written.left_out)
     files = ", ".join(f"{name} ({DEFAULT if name == NOMINAL else f'{name}.ssd'})" for name in written.variants)
@@ -81,9 +81,9 @@ def check(
                                                  metavar="FILE")] = None,
 ) -> None:
     """Check schema, wiring, units, parameters and FMU of an SSP; exit code 1 if there are errors."""
+    from ..bench.writers import write_json
     from ..errors import EmcasError
     from ..ssp.check import check as run
-    from ..ssp.findings import write_json
 
     with failures():
         if fmu and guid:
@@ -91,7 +91,7 @@ def check(
         check_outputs(as_json, inputs=(ssp, fmu))
         report = run(ssp, guid, fmu, model)
         if as_json:
-            write_json(report, as_json)
+            write_json(report.document(), as_json)
     if report.findings:
         table = Table("", "where", "what is wrong, and what to do", show_lines=True)
         table.columns[1].overflow = "fold"  # names are to be found again, so none is cut short

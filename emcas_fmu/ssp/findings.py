@@ -1,22 +1,19 @@
-"""What a check finds, as objects, table and JSON."""
+"""What a check of an archive finds."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Literal
-
-Level = Literal["error", "warning"]
+from typing import Any, Literal
 
 
 @dataclass(frozen=True)
 class Finding:
     """One thing found: in which file of the archive, at which connection or parameter, and what to do."""
 
-    level: Level
+    level: Literal["error", "warning"]
     file: str
     place: str
     message: str
@@ -26,54 +23,49 @@ class Finding:
         return f"{': '.join(filter(None, (self.file, self.place, self.message)))}; {self.remedy}"
 
 
-@dataclass(frozen=True)
+@dataclass
 class Report:
-    """All findings about an archive, in the order of its files, and how much was looked at."""
+    """The findings about an archive, each once, in the order of its files, and how much was looked at."""
 
     path: Path
-    variants: tuple[str, ...]
-    connections: int
-    parameters: int
-    findings: tuple[Finding, ...]
+    variants: tuple[str, ...] = ()
+    connections: int = 0
+    parameters: int = 0
+    _findings: dict[Finding, None] = field(default_factory=dict)
+
+    def error(self, file: str, place: str, message: str, remedy: str) -> None:
+        """Add something that makes hosts fail or compute something else."""
+        self._findings[Finding("error", file, place, message, remedy)] = None
+
+    def warning(self, file: str, place: str, message: str, remedy: str) -> None:
+        """Add something that is allowed and may be meant."""
+        self._findings[Finding("warning", file, place, message, remedy)] = None
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Errors and warnings."""
+        return tuple(self._findings)
 
     @property
     def errors(self) -> tuple[Finding, ...]:
         """Those that make the check fail."""
-        return tuple(f for f in self.findings if f.level == "error")
+        return tuple(f for f in self._findings if f.level == "error")
 
     @property
     def warnings(self) -> tuple[Finding, ...]:
         """Those that do not."""
-        return tuple(f for f in self.findings if f.level == "warning")
+        return tuple(f for f in self._findings if f.level == "warning")
+
+    def document(self) -> dict[str, Any]:
+        """Return the report for JSON."""
+        return {"file": str(self.path), "passed": not self.errors, "variants": self.variants,
+                "connections": self.connections, "parameters": self.parameters,
+                "findings": [asdict(f) for f in self._findings]}
 
 
-class Log:
-    """Findings as they come, each kept once."""
-
-    def __init__(self) -> None:
-        self.findings: dict[Finding, None] = {}
-        self.connections = self.parameters = 0
-
-    def error(self, file: str, place: str, message: str, remedy: str) -> None:
-        """Something that makes hosts fail or compute something else."""
-        self.findings[Finding("error", file, place, message, remedy)] = None
-
-    def warning(self, file: str, place: str, message: str, remedy: str) -> None:
-        """Something that is allowed and may be meant."""
-        self.findings[Finding("warning", file, place, message, remedy)] = None
-
-
-def nearest(name: str, known: Iterable[str], otherwise: str) -> str:
-    """What to say of a name that does not exist."""
-    candidates = list(known)
+def nearest(name: str, names: Iterable[str], otherwise: str) -> str:
+    """Return the remedy for a name that does not exist: the one among `names` that is close, or `otherwise`."""
+    candidates = list(names)
     # The most common slip is a name without its group or with another one's.
     close = get_close_matches(name, candidates, 1) or [c for c in candidates if c.endswith(f".{name}")][:1]
     return f"did you mean {close[0]}?" if close else otherwise
-
-
-def write_json(report: Report, target: Path) -> None:
-    """The report as JSON: file, passed, counts and the list of findings."""
-    target.write_text(json.dumps({
-        "file": str(report.path), "passed": not report.errors, "variants": list(report.variants),
-        "connections": report.connections, "parameters": report.parameters,
-        "findings": [asdict(f) for f in report.findings]}, indent=1) + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What an FMU in an archive says of itself."""
+"""The variables and units of an FMU in an archive."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from fmpy import read_model_description
 from .schema import SspError
 from .units import BASES, Unit
 
+Value = float | int | bool | str
 _KINDS = {"Real": "Real", "Float32": "Real", "Float64": "Real", "Boolean": "Boolean", "String": "String",
           "Enumeration": "Enumeration", "Binary": "Binary"}
 
 
 @dataclass(frozen=True)
 class Port:
-    """A variable: its type by SSP's names, causality, unit (empty if none), limits and start value as written."""
+    """A variable: its type by SSP's names, causality, unit (empty if none), limits and start value as text."""
 
     name: str
     kind: str
@@ -40,14 +41,20 @@ class Interface:
     ports: Mapping[str, Port]
     units: Mapping[str, Unit]
 
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs."""
-        return tuple(p.name for p in self.ports.values() if p.causality == "input")
+
+def typed(kind: str, text: str) -> Value:
+    """Return a value of one of SSP's types from its text. Raises ValueError if it is not of that type."""
+    if kind == "Boolean":
+        if text not in ("true", "false", "1", "0"):
+            raise ValueError(f"{text!r} is neither true nor false")
+        return text in ("true", "1")
+    if kind == "Integer":
+        return int(text)
+    return float(text) if kind == "Real" else text
 
 
 def read_interface(content: bytes, name: str) -> Interface:
-    """The interface of an FMU file. Raises SspError if it is none."""
+    """Return the interface of an FMU file. Raises SspError if it is none."""
     try:
         description = read_model_description(BytesIO(content), validate=False)
         units = {u.name: Unit.of(u.name, {base: getattr(u.baseUnit, base) for base in (*BASES, "factor", "offset")})
@@ -60,15 +67,15 @@ def read_interface(content: bytes, name: str) -> Interface:
 
 def _port(v: Any) -> Port:
     kind = _KINDS.get(v.type, "Integer")
-    declared = v.declaredType
-    unit = v.unit or (declared.unit if declared is not None else None) or ""
+    unit = v.unit or getattr(v.declaredType, "unit", None) or ""
     settable = v.causality in ("input", "parameter", "structuralParameter") or (
         v.initial in ("exact", "approx") and v.variability != "constant")
 
     def limit(attribute: str, otherwise: float) -> float:
-        written = getattr(v, attribute) if getattr(v, attribute) is not None else getattr(declared, attribute, None)
-        return otherwise if written is None or kind not in ("Real", "Integer") else float(written)
+        texts = [getattr(holder, attribute, None) for holder in (v, v.declaredType) if kind in ("Real", "Integer")]
+        return next((float(text) for text in texts if text is not None), otherwise)
 
     start = v.start[0] if isinstance(v.start, list) and v.start else v.start
-    return Port(v.name, kind, v.causality or "local", settable, unit, limit("min", -inf), limit("max", inf),
-                None if start is None else str(start))
+    if start is not None:
+        start = str(start).lower() if kind == "Boolean" else str(start)
+    return Port(v.name, kind, v.causality or "local", settable, unit, limit("min", -inf), limit("max", inf), start)

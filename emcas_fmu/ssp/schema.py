@@ -1,4 +1,4 @@
-"""Names of SSP 1.0, and validation against the schemas that come with fmpy."""
+"""Names of SSP 1.0, documents out of templates, and validation against the schemas that come with fmpy."""
 
 from __future__ import annotations
 
@@ -9,15 +9,17 @@ from typing import Any
 import fmpy
 from lxml import etree
 
+from ..bench.writers import page
 from ..errors import EmcasError
 
 _BASE = "http://ssp-standard.org/SSP1/SystemStructure"
 SSD, SSC, SSV = f"{_BASE}Description", f"{_BASE}Common", f"{_BASE}ParameterValues"
-OSP = "http://opensimulationplatform.com/SSP/OSPAnnotations"
-EMCAS = "urn:emcas-fmu:ssp"  # of the annotation that records an FMU's GUID
+NAMESPACES = {"ssd": SSD, "ssc": SSC, "ssv": SSV, "osp": "http://opensimulationplatform.com/SSP/OSPAnnotations",
+              "emcas": "urn:emcas-fmu:ssp"}  # the last of the annotation that records an FMU's GUID
 ANNOTATION = "emcas-fmu"  # its type
 DEFAULT = "SystemStructure.ssd"  # the structure a host opens if not told otherwise
 NOMINAL = "nominal"
+FMU = "application/x-fmu-sharedlibrary"  # the type of a component
 _FILES = {SSD: "SystemStructureDescription.xsd", SSV: "SystemStructureParameterValues.xsd"}
 
 
@@ -26,7 +28,7 @@ class SspError(EmcasError):
 
 
 def parse(content: bytes, name: str) -> Any:
-    """The root element of an XML document. Raises SspError naming the file and the place."""
+    """Return the root element of an XML document. Raises SspError naming the file and the place."""
     # Nothing outside the archive is read, whatever the document asks for.
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True,
                              remove_pis=True)
@@ -36,13 +38,21 @@ def parse(content: bytes, name: str) -> Any:
         raise SspError(f"{name}: is not XML: {error}") from error
 
 
+def render(template: str, **context: Any) -> bytes:
+    """Return the document of a template of this folder, indented; the same context gives the same bytes."""
+    root = parse(page(f"ssp/{template}", namespaces=NAMESPACES, **context).encode(), template)
+    etree.indent(root)
+    document: bytes = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
+    return document + b"\n"
+
+
 @cache
 def _schema(namespace: str) -> Any:
     return etree.XMLSchema(file=str(Path(fmpy.__file__).parent / "ssp" / "schema" / _FILES[namespace]))
 
 
 def violations(root: Any, namespace: str) -> list[str]:
-    """What the schema of a namespace (SSD or SSV) has against a document; empty if it is valid."""
+    """Return what the schema of a namespace (SSD or SSV) has against a document; empty if it is valid."""
     schema = _schema(namespace)
     if schema.validate(root):
         return []

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from posixpath import normpath
 from typing import Any
 from urllib.parse import unquote
 
 from .archive import Archive
-from .schema import ANNOTATION, EMCAS, SSC, SSD, SSV, SspError, parse, violations
+from .interface import Interface, Value, typed
+from .schema import ANNOTATION, FMU, NAMESPACES, SSD, SSV, SspError, parse, violations
 from .units import Unit
 
-Report = Callable[[str, str], None]  # (file, what is wrong with it)
+OnProblem = Callable[[str, str], None]  # (file, what is wrong with it)
 _TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration", "Binary")
 
 
@@ -29,12 +31,12 @@ class Connector:
 
 @dataclass(frozen=True)
 class Connection:
-    """Two ends, each element (empty: the system itself) and connector; a factor or offset if there is one."""
+    """Two ends, each element (empty: the system itself) and connector; a factor and offset if there is one."""
 
     start: tuple[str, str]
     end: tuple[str, str]
     transformation: tuple[float, float] | None
-    suppressed: bool  # no unit conversion wanted
+    suppressed: bool  # no unit conversion by the host
 
     def __str__(self) -> str:
         return " -> ".join(".".join(filter(None, end)) for end in (self.start, self.end))
@@ -42,7 +44,7 @@ class Connection:
 
 @dataclass(frozen=True)
 class Setting:
-    """A parameter of a set: name without prefix, type, value and unit as written."""
+    """A parameter of a set: name without prefix, type, value and unit as in the file."""
 
     name: str
     type: str
@@ -50,15 +52,9 @@ class Setting:
     unit: str
 
     @property
-    def typed(self) -> float | int | bool | str:
+    def typed(self) -> Value:
         """The value as Python's. Raises ValueError if it is not of its type."""
-        if self.type == "Boolean":
-            if self.value not in ("true", "false", "1", "0"):
-                raise ValueError(f"{self.value!r} is neither true nor false")
-            return self.value in ("true", "1")
-        if self.type == "Integer":
-            return int(self.value)
-        return float(self.value) if self.type == "Real" else self.value
+        return typed(self.type, self.value)
 
 
 @dataclass(frozen=True)
@@ -75,7 +71,10 @@ class Binding:
 
 @dataclass
 class Element:
-    """A component, a system or a signal dictionary's reference (type ``dictionary``)."""
+    """A component, a system or a signal dictionary's reference (type ``dictionary``).
+
+    `interface` is that of a component's FMU, once a check has read it.
+    """
 
     name: str
     type: str
@@ -86,11 +85,15 @@ class Element:
     elements: dict[str, Element] = field(default_factory=dict)
     connections: list[Connection] = field(default_factory=list)
     connections_prefix: str = ""
+    interface: Interface | None = None
 
 
 @dataclass
 class Structure:
-    """A system structure: its file in the archive, its name, its top-level system and its units."""
+    """A system structure: its file in the archive, its name, its top-level system and its units.
+
+    The units of the components' FMUs are among them, once a check has read these.
+    """
 
     file: str
     name: str
@@ -99,115 +102,121 @@ class Structure:
 
 
 def systems(system: Element, path: str = "") -> Iterator[tuple[str, Element]]:
-    """A system and those in it, each with its path and a dot (nothing for the outermost)."""
+    """Yield a system and those in it, each with its path and a dot (nothing for the outermost)."""
     yield path, system
     for element in system.elements.values():
         if element.type == "system":
             yield from systems(element, f"{path}{element.name}.")
 
 
-def read_structure(archive: Archive, file: str, report: Report) -> Structure:
-    """Read a structure; what is wrong with it or with its parameter sets goes to `report`, the rest is read.
+def read_structure(archive: Archive, file: str, on_problem: OnProblem) -> Structure:
+    """Read a structure; `on_problem` gets what is wrong with it or with its parameter sets, the rest is read.
 
     Raises SspError if nothing can be made of it.
     """
     root = parse(archive.read(file), file)
     for problem in violations(root, SSD):
-        report(file, problem)
-    top = root.find(f"{{{SSD}}}System")
+        on_problem(file, problem)
+    top = root.find("ssd:System", NAMESPACES)
     if top is None:
         raise SspError(f"{file}: has no System")
-    system = _element(top, archive, file, report)
-    return Structure(file, root.get("name", ""), system, _units(root.find(f"{{{SSD}}}Units"), file, report))
+    system = _element(top, archive, file, on_problem)
+    return Structure(file, root.get("name", ""), system, _units(root, "ssd", file, on_problem))
 
 
-def _units(parent: Any, file: str, report: Report) -> dict[str, Unit]:
+def read_variant(ssp: Path, name: str) -> Structure:
+    """Return the structure of a variant. Raises SspError if there is none, or anything wrong with any of them."""
+    def refuse(file: str, problem: str) -> None:
+        raise SspError(f"{ssp}: {file}: {problem}; see emcas ssp check")
+
+    archive = Archive(ssp)
+    structures = {s.name: s for s in (read_structure(archive, file, refuse) for file in archive.structures)}
+    if name not in structures:
+        raise SspError(f"{ssp}: has no variant {name!r}; it has {', '.join(structures) or 'none'}")
+    return structures[name]
+
+
+def _units(root: Any, kind: str, file: str, on_problem: OnProblem) -> dict[str, Unit]:
     units = {}
-    for element in parent if parent is not None else ():
-        name, base = element.get("name", ""), element.find(f"{{{SSC}}}BaseUnit")
+    for element in root.iterfind(f"{kind}:Units/ssc:Unit", NAMESPACES):
+        name, base = element.get("name", ""), element.find("ssc:BaseUnit", NAMESPACES)
         try:
             units[name] = Unit.of(name, base.attrib if base is not None else {})
         except ValueError as error:
-            report(file, f"unit {name}: {error}")
+            on_problem(file, f"unit {name}: {error}")
     return units
 
 
-def _typed(element: Any) -> tuple[str, str]:
-    for name in _TYPES:
-        found = element.find(f"{{{SSC}}}{name}")
-        if found is not None:
-            return name, found.get("unit", "")
-    return "", ""
+def _connector(node: Any) -> Connector:
+    nodes = {name: node.find(f"ssc:{name}", NAMESPACES) for name in _TYPES}
+    kind = next((name for name in _TYPES if nodes[name] is not None), "")
+    unit = nodes[kind].get("unit", "") if kind else ""
+    return Connector(node.get("name", ""), node.get("kind", ""), kind, unit, node.prefix or "")
 
 
-def _element(node: Any, archive: Archive, file: str, report: Report) -> Element:
+def _element(node: Any, archive: Archive, file: str, on_problem: OnProblem) -> Element:
     kind = {"System": "system", "SignalDictionaryReference": "dictionary"}.get(
-        node.tag.rpartition("}")[2], node.get("type", "application/x-fmu-sharedlibrary"))
+        node.tag.rpartition("}")[2], node.get("type", FMU))
     element = Element(node.get("name", ""), kind, node.get("source", ""))
-    for found in node.iterfind(f"{{{SSD}}}Connectors/{{{SSD}}}Connector"):
-        connector = Connector(found.get("name", ""), found.get("kind", ""), *_typed(found), found.prefix or "")
+    for child in node.iterfind("ssd:Connectors/ssd:Connector", NAMESPACES):
+        connector = _connector(child)
         if connector.name in element.connectors:
-            report(file, f"{element.name}: connector {connector.name} is declared twice")
+            on_problem(file, f"{element.name}: connector {connector.name} is declared twice")
         element.connectors[connector.name] = connector
-    for found in node.iterfind(f"{{{SSD}}}ParameterBindings/{{{SSD}}}ParameterBinding"):
+    for child in node.iterfind("ssd:ParameterBindings/ssd:ParameterBinding", NAMESPACES):
         try:
-            element.bindings.append(_binding(found, archive, file, report))
+            element.bindings.append(_binding(child, archive, file, on_problem))
         except SspError as error:
-            report(file, f"parameter binding of {element.name}: {error}")
-    recorded = node.find(f"{{{SSD}}}Annotations/{{{SSC}}}Annotation[@type='{ANNOTATION}']/{{{EMCAS}}}Fmu")
+            on_problem(file, f"parameter binding of {element.name}: {error}")
+    recorded = node.find(f"ssd:Annotations/ssc:Annotation[@type='{ANNOTATION}']/emcas:Fmu", NAMESPACES)
     element.guid = "" if recorded is None else recorded.get("guid", "")
-    for child in node.iterfind(f"{{{SSD}}}Elements/*"):
-        inner = _element(child, archive, file, report)
+    for child in node.iterfind("ssd:Elements/*", NAMESPACES):
+        inner = _element(child, archive, file, on_problem)
         if inner.name in element.elements:
-            report(file, f"{element.name}: there are two elements named {inner.name}")
+            on_problem(file, f"{element.name}: there are two elements named {inner.name}")
         element.elements[inner.name] = inner
-    connections = node.find(f"{{{SSD}}}Connections")
+    connections = node.find("ssd:Connections", NAMESPACES)
     if connections is not None:
         element.connections_prefix = connections.prefix or ""
-        element.connections = [_connection(found, file, report) for found in connections]
+        element.connections = [_connection(child, file, on_problem) for child in connections]
     return element
 
 
-def _connection(node: Any, file: str, report: Report) -> Connection:
+def _connection(node: Any, file: str, on_problem: OnProblem) -> Connection:
     ends = [(node.get(f"{side}Element", ""), node.get(f"{side}Connector", "")) for side in ("start", "end")]
-    linear = node.find(f"{{{SSC}}}LinearTransformation")
+    linear = node.find("ssc:LinearTransformation", NAMESPACES)
     transformation = None
     try:
         if linear is not None:
             transformation = float(linear.get("factor", 1.0)), float(linear.get("offset", 0.0))
     except ValueError as error:
-        report(file, f"connection {ends}: {error}")
+        on_problem(file, f"connection {ends}: {error}")
     return Connection(ends[0], ends[1], transformation, node.get("suppressUnitConversion") in ("true", "1"))
 
 
-def _binding(node: Any, archive: Archive, file: str, report: Report) -> Binding:
+def _binding(node: Any, archive: Archive, file: str, on_problem: OnProblem) -> Binding:
     source = node.get("source")
-    mapped = node.find(f"{{{SSD}}}ParameterMapping") is not None
+    mapped = node.find("ssd:ParameterMapping", NAMESPACES) is not None
     if source is not None:
-        return read_set(archive, normpath(unquote(source)), report, node.get("prefix", ""), mapped)
-    found = node.find(f"{{{SSD}}}ParameterValues/{{{SSV}}}ParameterSet")
-    if found is None:
+        return read_set(archive, normpath(unquote(source)), on_problem, node.get("prefix", ""), mapped)
+    inline = node.find("ssd:ParameterValues/ssv:ParameterSet", NAMESPACES)
+    if inline is None:
         raise SspError("has neither a source nor values")
-    return _set(found, file, report, node.get("prefix", ""), mapped)
+    return _set(inline, file, on_problem, node.get("prefix", ""), mapped)
 
 
-def read_set(archive: Archive, file: str, report: Report, prefix: str = "", mapped: bool = False) -> Binding:
-    """A parameter set of its own file. Raises SspError if nothing can be made of it."""
+def read_set(archive: Archive, file: str, on_problem: OnProblem, prefix: str = "", mapped: bool = False) -> Binding:
+    """Read a parameter set of its own file. Raises SspError if nothing can be made of it."""
     root = parse(archive.read(file), file)
     if root.tag != f"{{{SSV}}}ParameterSet":
         raise SspError(f"{file}: is not a parameter set")
-    return _set(root, file, report, prefix, mapped)
+    return _set(root, file, on_problem, prefix, mapped)
 
 
-def _set(root: Any, file: str, report: Report, prefix: str, mapped: bool) -> Binding:
+def _set(root: Any, file: str, on_problem: OnProblem, prefix: str, mapped: bool) -> Binding:
     for problem in violations(root, SSV):
-        report(file, problem)
-    settings = []
-    for parameter in root.iterfind(f"{{{SSV}}}Parameters/{{{SSV}}}Parameter"):
-        for value in parameter:
-            kind = value.tag.rpartition("}")[2]
-            if kind in _TYPES:
-                settings.append(Setting(parameter.get("name", ""), kind, value.get("value", ""),
-                                        value.get("unit", "")))
-    units = _units(root.find(f"{{{SSV}}}Units"), file, report)
-    return Binding(file, root.get("name", ""), prefix, tuple(settings), units, mapped)
+        on_problem(file, problem)
+    settings = tuple(Setting(parameter.get("name", ""), kind, value.get("value", ""), value.get("unit", ""))
+                     for parameter in root.iterfind("ssv:Parameters/ssv:Parameter", NAMESPACES)
+                     for value in parameter if (kind := value.tag.rpartition("}")[2]) in _TYPES)
+    return Binding(file, root.get("name", ""), prefix, settings, _units(root, "ssv", file, on_problem), mapped)

@@ -21,7 +21,7 @@ class Unit:
 
     @classmethod
     def of(cls, name: str, attributes: Mapping[str, Any]) -> Unit:
-        """From the attributes of a BaseUnit element. Raises ValueError if they are no numbers."""
+        """Read the attributes of a BaseUnit element. Raises ValueError if they are no numbers."""
         return cls(name, tuple(int(attributes.get(base, 0)) for base in BASES),
                    float(attributes.get("factor", 1.0)), float(attributes.get("offset", 0.0)))
 
@@ -42,8 +42,8 @@ class Conversion:
         return self.factor * value + self.offset
 
 
-def conversion(start: Unit, end: Unit) -> Conversion | None:
-    """How to convert from one unit to another; None if they do not measure the same."""
-    if start.exponents != end.exponents or end.factor == 0.0:
+def conversion(start: Unit | None, end: Unit | None) -> Conversion | None:
+    """Return how to convert from one unit to another; None if one is not known or they do not measure the same."""
+    if start is None or end is None or start.exponents != end.exponents or end.factor == 0.0:
         return None
     return Conversion(start.factor / end.factor, (start.offset - end.offset) / end.factor)

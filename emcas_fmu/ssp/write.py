@@ -1,4 +1,9 @@
-"""From an FMU and parameters to an SSP archive; the same inputs give the same bytes."""
+"""From an FMU and parameters to an SSP archive; the same inputs give the same bytes.
+
+The system has several times the FMU, wired to connectors of its own. These are named as the variables of a unit with
+several fins: those of a fin are ``fin[1].fin_angle`` and so on, shared inputs stand by their own names. (Names such as
+fin1.fin_angle would be those of the components' connectors: fmpy tells the two apart by nothing else.)
+"""
 
 from __future__ import annotations
 
@@ -11,27 +16,30 @@ from tempfile import TemporaryDirectory
 
 from ..actuators import NONLINEAR, full_name, get
 from ..bench.fmu import chosen_model
-from ..fmi.model_description import to_bytes
+from ..fmi.interface import FmuInterface, fin_sets
+from ..fmi.model_description import STEP_SIZE, STOP_TIME, describe
 from ..fmi.package import build
 from ..parameters import Value, load_parameters
 from ..progress import Progress
 from .archive import file_content, write_archive
 from .check import check
 from .findings import Report
-from .interface import Interface, read_interface
-from .schema import DEFAULT, NOMINAL, SspError
-from .sets import parameter_sets
-from .system import PREFIX, system_structure
-from .variants import derived, nominal, without_shipped
+from .interface import Interface, read_interface, typed
+from .schema import ANNOTATION, DEFAULT, FMU, NOMINAL, SspError, render
+from .sets import fmi_units, parameter_sets, shared_inputs, started
+from .variants import Variant, derived, without_shipped
+
+# libcosim and Ecos look for "ssd:Connections" letter by letter and refuse a file with connections of the system's own
+# connectors in it, and libcosim ends the process over a connector of an enumeration. Under another prefix for the same
+# namespace they pass both over, and readers of XML see no difference.
+PREFIX = "wiring"
 
 
 @dataclass(frozen=True)
 class Written:
-    """What was written: the file, its size [bytes], the FMU's GUID, the variants, those left out with the reason, and
-    what the check says of it."""
+    """An archive: its file, the FMU's GUID, the variants, those left out and why, and the report of its check."""
 
     path: Path
-    size: int
     guid: str
     variants: tuple[str, ...]
     left_out: tuple[str, ...]
@@ -55,31 +63,33 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
         raise SspError(f"{output}: {'is a folder' if output.is_dir() else f'there is no folder {output.parent}'}")
     if not re.fullmatch(r"[A-Za-z]\w*", prefix) or prefix in ("ssc", "ssv", "osp", "emcas", "xml", "xmlns"):
         raise SspError(f"--connections-prefix {prefix}: expected a word other than ssc, ssv, osp, emcas and xml")
-    content = b"" if fmu is None else file_content(fmu)
     if fmu is not None:
-        asked = None if model is None else full_name(model)
-        model = chosen_model(str(fmu), read_interface(content, str(fmu)).model, asked, SspError)
+        content = file_content(fmu)
+        interface = read_interface(content, str(fmu))
+        model = chosen_model(str(fmu), interface.model, None if model is None else full_name(model), SspError)
     base = load_parameters(parameters, model=model or NONLINEAR)
     if fmu is not None and not parameters:
-        starts = _starts(read_interface(content, str(fmu)), str(fmu), base.model)
+        starts = _starts(interface, str(fmu), base.model)
         base = base.replace({name: value for name, value in starts.items() if value != base.values[name]})
-    built = nominal(base, fins, layout, fin_files or {})
+    built = Variant(NOMINAL, fin_sets(base, fins, layout, fin_files or {}))
     files, left_out = without_shipped(variant_files or {}, base)
     variants = [built, *(derived(name, file, built) for name, file in files.items())]
-    # Compiling takes longest: all other mistakes are told before.
-    if fmu is None:
+    if fmu is None:  # Compiling takes longest: all other mistakes are reported before.
         with TemporaryDirectory() as folder:
             content = build(base, Path(folder) / "EMCAS.fmu", "native", progress=progress).path.read_bytes()
-    interface = read_interface(content, str(fmu or "EMCAS.fmu"))
-    starts = _starts(interface, str(fmu), base.model)
-    sets = parameter_sets(variants, starts, base)
+        interface = read_interface(content, "EMCAS.fmu")
+    sets, bindings = parameter_sets(variants, _starts(interface, str(fmu), base.model), base)
     name = f"{interface.model}.fmu"
-    contents = {f"resources/{file}": data for file, data in sets.files.items()}
-    contents[f"resources/{name}"] = content
+    contents = {f"resources/{file}": data for file, data in {**sets, name: content}.items()}
+    unit = FmuInterface(1, base.model)
+    variables = unit.inputs + unit.outputs
     for variant in variants:
-        structure = system_structure(variant.name, name, interface.guid, sets.system[variant.name],
-                                     sets.fins[variant.name], prefix, base.model)
-        contents[DEFAULT if variant.name == NOMINAL else f"{variant.name}.ssd"] = to_bytes(structure)
+        contents[DEFAULT if variant.name == NOMINAL else f"{variant.name}.ssd"] = render(
+            "structure.xml.j2", name=variant.name, description=describe(unit), type=FMU, fmu=name, guid=interface.guid,
+            annotation=ANNOTATION, prefix=prefix, fins=variant.names, bindings=bindings[variant.name],
+            inputs=unit.inputs, outputs=unit.outputs, shared=shared_inputs(base.model),
+            enumerations={v.name: v for v in variables if v.items}.values(), units=fmi_units(variables),
+            stop=STOP_TIME, step=STEP_SIZE)
     partial = output.with_name(f".{output.stem}.{os.getpid()}.ssp")
     try:
         write_archive(contents, partial)
@@ -89,28 +99,25 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
         partial.replace(output)
     finally:
         partial.unlink(missing_ok=True)
-    return Written(output, output.stat().st_size, interface.guid, tuple(v.name for v in variants), tuple(left_out),
-                   report)
+    return Written(output, interface.guid, tuple(v.name for v in variants), tuple(left_out), report)
 
 
 def _starts(interface: Interface, file: str, model: str) -> dict[str, Value]:
-    """The FMU's start values by entry of the parameter file. Raises SspError if it is no actuator of this model."""
+    """Return the FMU's start values by entry of the parameter file.
+
+    Raises SspError if it is no actuator of this model.
+    """
     actuator = get(model)
     table = (*actuator.inputs, *actuator.outputs, *actuator.parameters)
     if missing := [v.name for v in table if v.name not in interface.ports]:
         of = "" if model == NONLINEAR else f" of the model {actuator.name}"
         raise SspError(f"{file}: is not an FMU of one actuator{of}: it lacks {', '.join(missing[:3])}"
                        f"{' and more' if len(missing) > 3 else ''}; build one with emcas build")
-    keys = {v.key: v.name for v in actuator.inputs if v.key is not None}
+    inputs = started(model)
     values: dict[str, Value] = {}
     for entry in actuator.file_entries:
-        written = interface.ports[keys.get(entry.name, entry.name)].start
-        if written is None:
+        start = interface.ports[inputs.get(entry.name, entry).name].start
+        if start is None:
             raise SspError(f"{file}: {entry.name} has no start value; build the FMU with emcas build")
-        if entry.kind == "Boolean":
-            values[entry.name] = written in ("true", "True", "1")
-        else:
-            values[entry.name] = int(written) if entry.kind == "Integer" else float(written)
+        values[entry.name] = typed(entry.kind, start)  # type: ignore[assignment]
     return values
-
-

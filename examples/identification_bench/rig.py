@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from math import floor
 from typing import Any
 
 import numpy as np
@@ -57,11 +56,6 @@ def quantised(values: Any, bits: int, reach: float) -> Any:
     """A converter's output: rounded to its steps, held at its ends."""
     step = 2.0 * reach / 2**bits
     return np.clip(np.round(np.asarray(values) / step), -2 ** (bits - 1), 2 ** (bits - 1) - 1) * step
-
-
-def _converted(voltage: float) -> float:
-    step, end = 2.0 * DAC_RANGE / float(2**DAC_BITS), int(2 ** (DAC_BITS - 1))
-    return min(max(floor(voltage / step + 0.5), -end), end - 1) * step
 
 
 def position_bandwidth(values: Mapping[str, Any], sample_time: float = 1e-3) -> float:
@@ -112,7 +106,7 @@ def run(values: Mapping[str, Any], signal: Callable[[float], float], duration: f
     def through_dac(*given: Any) -> tuple[Any, ...]:
         *states, asked, supply, enable = given
         reference, *others = sample(*states, 0.0 if open_loop else asked, supply, enable)
-        return _converted(asked if open_loop else reference), *others
+        return float(quantised(asked if open_loop else reference, DAC_BITS, DAC_RANGE)), *others
 
     core = Core((schedule, locate, initial, through_dac, *rest))
     p = nonlinear.ACTUATOR.namespace(chosen)

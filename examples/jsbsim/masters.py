@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.ssp.archive import Archive
 from emcas_fmu.ssp.schema import NOMINAL, SspError
 from emcas_fmu.ssp.settings import effective
-from emcas_fmu.ssp.structure import Structure, read_structure
+from emcas_fmu.ssp.structure import Structure, read_variant
 from emcas_fmu.ssp.write import write_ssp
 from examples.ssp_hosts import hosts
 
@@ -75,14 +74,8 @@ class InMaster:
 
 def _checked(ssp: Path, variant: str) -> Structure:
     """The variant's structure, with all that is wired."""
-    def refuse(file: str, problem: str) -> None:
-        raise SspError(f"{ssp}: {file}: {problem}; see emcas ssp check")
-
-    archive = Archive(ssp)
-    found = {s.name: s for s in (read_structure(archive, file, refuse) for file in archive.structures)}
-    if variant not in found:
-        raise SspError(f"{ssp}: has no variant {variant!r}; it has {', '.join(found) or 'none'}")
-    connectors = found[variant].system.connectors
+    structure = read_variant(ssp, variant)
+    connectors = structure.system.connectors
     wanted = [*((f"{origin} -> {name}", name, "input", unit) for origin, name, unit, _ in _INPUTS),
               (f"battery -> {SUPPLY}", SUPPLY, "input", "V"),
               *((f"{name} -> rocket", name, "output", unit) for name, unit in _OUTPUTS),
@@ -95,7 +88,7 @@ def _checked(ssp: Path, variant: str) -> Structure:
         if connector.unit not in ("", unit):  # without a unit it is the FMU's, which the check compares
             raise SspError(f"{ssp}: connection {what}: {name} is in {connector.unit}, not {unit or 'no unit'}; "
                            "declare the unit of the FMU")
-    return found[variant]
+    return structure
 
 
 @dataclass(frozen=True)

@@ -27,18 +27,18 @@ from typing import Any
 from lxml import etree
 
 from emcas_fmu.compiler import local_platform
+from emcas_fmu.parameters import Value
 from emcas_fmu.ssp.archive import Archive, write_archive
 from emcas_fmu.ssp.check import check
 from emcas_fmu.ssp.findings import nearest
 from emcas_fmu.ssp.schema import DEFAULT, NOMINAL, SSC, SSD, SspError, parse
-from emcas_fmu.ssp.structure import Connection, Structure, read_structure
+from emcas_fmu.ssp.structure import Connection, Structure, read_variant
 
 HOSTS = ("fmpy", "libcosimpy", "ecospy")
 _MODULES = {"fmpy": "in_fmpy", "libcosimpy": "in_libcosim", "ecospy": "in_ecos"}
 _NEEDS = {"fmpy": "pip install fmpy", "libcosimpy": "pip install libcosimpy",
           "ecospy": "pip install ecospy; on Debian also apt-get install libtbb12"}
 End = tuple[str, str]  # component and variable
-Value = float | int | bool
 
 
 class System(ABC):
@@ -161,7 +161,7 @@ def open(ssp: Path, host: str, variant: str = NOMINAL, step: float = 1e-3) -> Sy
     if errors := check(ssp).errors:
         raise SspError("\n".join(f"{ssp}: {error}" for error in errors))
     archive = Archive(ssp)
-    structure = _variant(archive, variant)
+    structure = read_variant(ssp, variant)
     _runnable(archive, structure)
     with TemporaryDirectory() as folder:
         prepared = Path(folder) / "system.ssp"
@@ -174,13 +174,6 @@ def open(ssp: Path, host: str, variant: str = NOMINAL, step: float = 1e-3) -> Sy
     return system
 
 
-def _variant(archive: Archive, name: str) -> Structure:
-    structures = {s.name: s for s in (read_structure(archive, file, _refuse) for file in archive.structures)}
-    if name not in structures:
-        raise SspError(f"{archive.path}: has no variant {name!r}; it has {', '.join(structures) or 'none'}")
-    return structures[name]
-
-
 def _runnable(archive: Archive, structure: Structure) -> None:
     """Raises SspError if an FMU has no binary for this platform: Ecos would take the process with it."""
     local = local_platform()
@@ -190,10 +183,6 @@ def _runnable(archive: Archive, structure: Structure) -> None:
         if local is not None and local.name not in there:
             raise SspError(f"{source} has binaries for {', '.join(there) or 'no platform'} only, and this is "
                            f"{local.name}; build it with emcas build --backend native, then emcas ssp --fmu")
-
-
-def _refuse(file: str, problem: str) -> None:
-    raise SspError(f"{file}: {problem}; see emcas ssp check")
 
 
 def _prepared(archive: Archive, file: str, host: str) -> dict[str, bytes]:

@@ -11,10 +11,13 @@ from pathlib import Path
 
 from ecospy import EcosSimulation
 
+from emcas_fmu.parameters import Value
 from emcas_fmu.ssp.schema import SspError
 from emcas_fmu.ssp.structure import Structure
 
-from .hosts import End, System, Value
+from .hosts import End, System
+
+_ACCESS: dict[str, tuple[str, type[Value]]] = {"Boolean": ("bool", bool), "Integer": ("integer", int)}
 
 
 class Running(System):
@@ -43,24 +46,17 @@ class Running(System):
             raise SspError("the system cannot be initialized (its log says why)")
 
     def _advance(self, pending: dict[End, Value]) -> None:
-        for (component, variable), value in pending.items():
-            if self._kinds[component, variable] == "Boolean":
-                self._simulation.set_bool(f"{component}::{variable}", bool(value))
-            elif self._kinds[component, variable] == "Integer":
-                self._simulation.set_integer(f"{component}::{variable}", int(value))
-            else:
-                self._simulation.set_real(f"{component}::{variable}", float(value))
+        for end, value in pending.items():
+            kind, convert = _ACCESS.get(self._kinds[end], ("real", float))
+            getattr(self._simulation, f"set_{kind}")("::".join(end), convert(value))
         before = self._simulation.get_time()
         reached = self._simulation.step()
         if not isclose(reached, before + self.step_size, abs_tol=0.5 * self.step_size):
             raise SspError(f"Ecos: step from {self.time:.9g} s failed (its log says why)")
 
     def _read(self, component: str, variable: str) -> Value:
-        if self._kinds[component, variable] == "Boolean":
-            return bool(self._simulation.get_bool(f"{component}::{variable}"))
-        if self._kinds[component, variable] == "Integer":
-            return int(self._simulation.get_integer(f"{component}::{variable}"))
-        return float(self._simulation.get_real(f"{component}::{variable}"))
+        kind, convert = _ACCESS.get(self._kinds[component, variable], ("real", float))
+        return convert(getattr(self._simulation, f"get_{kind}")(f"{component}::{variable}"))
 
     def _free(self) -> None:
         self._simulation.terminate()

@@ -10,11 +10,12 @@ import fmpy
 from fmpy.ssp.simulation import free_fmu, get_value, instantiate_fmu, set_value
 from fmpy.ssp.ssd import Parameter, ParameterSet, find_components, read_ssd
 
+from emcas_fmu.parameters import Value
 from emcas_fmu.ssp.schema import SspError
 from emcas_fmu.ssp.settings import effective
 from emcas_fmu.ssp.structure import Structure
 
-from .hosts import End, System, Value
+from .hosts import End, System
 
 
 class Running(System):

@@ -14,10 +14,14 @@ from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
 from libcosimpy.CosimManipulator import CosimManipulator
 from libcosimpy.CosimObserver import CosimObserver
 
+from emcas_fmu.parameters import Value
 from emcas_fmu.ssp.schema import SspError
 from emcas_fmu.ssp.structure import Structure
 
-from .hosts import End, System, Value
+from .hosts import End, System
+
+_ACCESS: dict[CosimVariableType, tuple[str, type[Value]]] = {
+    CosimVariableType.BOOLEAN: ("boolean", bool), CosimVariableType.INTEGER: ("integer", int)}
 
 
 class Running(System):
@@ -50,25 +54,17 @@ class Running(System):
             reference, kind = self._variables[end]
             given[end[0], kind][reference] = value
         for (name, kind), values in given.items():
-            index, references = self._index[name], list(values)
-            if kind is CosimVariableType.BOOLEAN:
-                self._manipulator.slave_boolean_values(index, references, [bool(v) for v in values.values()])
-            elif kind is CosimVariableType.INTEGER:
-                self._manipulator.slave_integer_values(index, references, [int(v) for v in values.values()])
-            else:
-                self._manipulator.slave_real_values(index, references, [float(v) for v in values.values()])
+            word, convert = _ACCESS.get(kind, ("real", float))
+            getattr(self._manipulator, f"slave_{word}_values")(self._index[name], list(values),
+                                                               [convert(v) for v in values.values()])
         self._execution.step()  # what it returns means nothing before version 0.0.6
         if self._execution.status().state == CosimExecutionState.ERROR.value:
             raise SspError(f"libcosim: step from {self.time:.9g} s failed (its log says why)")
 
     def _read(self, component: str, variable: str) -> Value:
         reference, kind = self._variables[component, variable]
-        index = self._index[component]
-        if kind is CosimVariableType.BOOLEAN:
-            return bool(self._observer.last_boolean_values(index, [reference])[0])
-        if kind is CosimVariableType.INTEGER:
-            return int(self._observer.last_integer_values(index, [reference])[0])
-        return float(self._observer.last_real_values(index, [reference])[0])
+        word, convert = _ACCESS.get(kind, ("real", float))
+        return convert(getattr(self._observer, f"last_{word}_values")(self._index[component], [reference])[0])
 
     def _free(self) -> None:
         del self._execution

@@ -6,9 +6,9 @@ from math import radians
 
 import numpy as np
 
+from emcas_fmu.ops.arrays import ARRAYS
 from emcas_fmu.parameters import ParameterSet
 from emcas_fmu.physics import friction
-from emcas_fmu.studies.identification.motion import ARRAYS
 
 
 def draw_truth(parameters: ParameterSet, rng: np.random.Generator) -> ParameterSet:

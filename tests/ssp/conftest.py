@@ -7,12 +7,32 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from emcas_fmu.cli import app
 from emcas_fmu.ssp.archive import Archive, write_archive
+from emcas_fmu.ssp.schema import SSD, SSV, parse, violations
 from emcas_fmu.ssp.variants import variant_files
 from emcas_fmu.ssp.write import write_ssp
 
 Edit = Callable[..., Path]
+
+
+def emcas(*arguments: str | Path, code: int = 0) -> str:
+    """What `emcas ssp` prints, in one line; it has to end with `code`."""
+    done = CliRunner().invoke(app, ["ssp", *map(str, arguments)])
+    assert done.exit_code == code, done.output
+    assert "Traceback" not in done.output
+    return " ".join(done.output.split())
+
+
+def valid_documents(ssp: Path) -> int:
+    """How many structures and parameter sets an archive has; all have to be valid."""
+    archive = Archive(ssp)
+    names = [name for name in archive.names if name.endswith((".ssd", ".ssv"))]
+    for name in names:
+        assert violations(parse(archive.read(name), name), SSD if name.endswith(".ssd") else SSV) == []
+    return len(names)
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,9 @@
-"""`python -m tests.ssp.run_in HOST SSP VARIANT MODE` prints the outputs of every step of an archive in a host as CSV.
+"""`python -m tests.ssp.run_in HOST SSP VARIANT MODE` prints what an archive does in a host.
 
 Modes: ``open`` sets inputs of its own; ``loop`` gives fin 2 what fin 1's angle was at the end of the step before;
-``wired`` leaves that to the archive. Exit code 77: the host is not installed.
+``wired`` leaves that to the archive: the outputs of every step as CSV. ``plain`` is what the host makes of the file by
+itself: some parameters of each fin; Ecos is asked for the parameter set VARIANT, or ``-``. Exit code 77: the host is
+not installed.
 """
 
 from __future__ import annotations
@@ -13,15 +15,11 @@ from examples.ssp_hosts import hosts
 
 STEPS = 300
 ABSENT = 77
+NAMES = ("mounting.azimuth", "friction.temperature", "friction.fin_coulomb", "supply_voltage")
 
 
-def main(host: str, ssp: str, variant: str, mode: str) -> None:
+def trajectory(host: str, ssp: str, variant: str, mode: str) -> None:
     """Print the trajectory of four fins with commands of their own, loads, a sagging bus and a switch-off."""
-    try:
-        __import__(host)
-    except (ImportError, OSError) as error:
-        print(f"{type(error).__name__}: {error}", file=sys.stderr)
-        sys.exit(ABSENT)
     with hosts.open(Path(ssp), host, variant, 1e-3) as system:
         print(",".join(["time", *system.outputs]))
         for i in (1, 2, 3, 4):
@@ -40,6 +38,49 @@ def main(host: str, ssp: str, variant: str, mode: str) -> None:
                 system.set("enable", False)
             system.step()
             print(",".join(repr(float(v)) for v in (system.time, *map(system.get, system.outputs))))
+
+
+def plain_libcosim(ssp: str) -> None:
+    """Step size and parameters are those of the archive."""
+    from libcosimpy.CosimExecution import CosimExecution
+    from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
+    from libcosimpy.CosimObserver import CosimObserver
+
+    log_output_level(CosimLogLevel.ERROR)
+    execution, observer = CosimExecution.from_ssp_file(ssp), CosimObserver.create_last_value()
+    assert execution.add_observer(observer)
+    execution.step()
+    assert execution.status().current_time == 1_000_000
+    for i in (1, 2, 3, 4):
+        index = execution.slave_index_from_instance_name(f"fin{i}")
+        references = {v.name.decode(): v.reference for v in execution.slave_variables(index)}
+        print(*map(repr, observer.last_real_values(index, [references[n] for n in NAMES])))
+
+
+def plain_ecos(ssp: str, parameters: str) -> None:
+    """The parameter set has to be asked for."""
+    from ecospy import EcosSimulation
+
+    with EcosSimulation(ssp_path=ssp, step_size=1e-3) as simulation:
+        assert simulation.init(parameter_set=None if parameters == "-" else parameters)
+        simulation.step()
+        for i in (1, 2, 3, 4):
+            print(*(repr(simulation.get_real(f"fin{i}::{n}")) for n in NAMES))
+        simulation.terminate()
+
+
+def main(host: str, ssp: str, variant: str, mode: str) -> None:
+    try:
+        __import__(host)
+    except (ImportError, OSError) as error:
+        print(f"{type(error).__name__}: {error}", file=sys.stderr)
+        sys.exit(ABSENT)
+    if mode != "plain":
+        trajectory(host, ssp, variant, mode)
+    elif host == "ecospy":
+        plain_ecos(ssp, variant)
+    else:
+        plain_libcosim(ssp)
 
 
 if __name__ == "__main__":

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from emcas_fmu.bench.writers import write_json
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.ssp.archive import Archive, write_archive
 from emcas_fmu.ssp.check import check
-from emcas_fmu.ssp.findings import write_json
 from emcas_fmu.ssp.schema import SSC, SSD, SSV
 from emcas_fmu.ssp.units import Unit, conversion
 
@@ -125,7 +125,7 @@ def test_value_in_another_unit_is_converted_in_the_remedy(edited: Edit) -> None:
     ('factor="0.017453292519943295"', "warning", "a host that converts units does so besides the transformation"),
 ])
 def test_unit_converted_on_the_way(edited: Edit, new: str, level: str, expected: str) -> None:
-    wiring = f'<ssd:Connection {COMMAND} />'
+    wiring = f'<ssd:Connection {COMMAND}/>'
     changed = wiring if not new else wiring[:-2] + f"><ssc:LinearTransformation {new}/></ssd:Connection>"
     text = ('name="fin[1].fin_command" kind="input" description="commanded fin angle; clipped to +-command.limit">'
             '<ssc:Real unit="rad"')
@@ -137,7 +137,7 @@ def test_unit_converted_on_the_way(edited: Edit, new: str, level: str, expected:
 
 def test_warnings(edited: Edit) -> None:
     """An input without a wire, and a parameter changed where some hosts read it and others do not."""
-    unwired = check(edited(STRUCTURE, f"<ssd:Connection {ROLL} />", ""))
+    unwired = check(edited(STRUCTURE, f"<ssd:Connection {ROLL}/>", ""))
     assert unwired.errors == ()
     assert ["input fin1.attitude.roll: is not wired: it stays at 0" in str(f) for f in unwired.findings] == [True]
     differing = check(edited("resources/flat/nominal_fin1.ssv", 'value="0.25" unit="Ohm"', 'value="0.3" unit="Ohm"'))
@@ -205,7 +205,8 @@ def test_somebodys_own_archive(native: Path, tmp_path: Path) -> None:
 
 
 def test_json(edited: Edit, tmp_path: Path) -> None:
-    write_json(check(edited(STRUCTURE, COMMAND, COMMAND.replace('"fin_command"', '"fin_comand"'))), tmp_path / "f.json")
+    spoilt = edited(STRUCTURE, COMMAND, COMMAND.replace('"fin_command"', '"fin_comand"'))
+    write_json(check(spoilt).document(), tmp_path / "f.json")
     found = json.loads((tmp_path / "f.json").read_text())
     assert found["passed"] is False
     assert found["findings"][0]["place"] == "connection fin[1].fin_command -> fin1.fin_comand"

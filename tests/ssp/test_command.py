@@ -6,32 +6,21 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from emcas_fmu.cli import app
-
-from .conftest import Edit
-
-
-def call(*arguments: str | Path, code: int = 0) -> str:
-    """What the command prints, in one line; it has to end with `code`."""
-    done = CliRunner().invoke(app, ["ssp", *map(str, arguments)])
-    assert done.exit_code == code, done.output
-    assert "Traceback" not in done.output
-    return " ".join(done.output.split())
+from .conftest import Edit, emcas
 
 
 def test_write_and_check(native: Path, tmp_path: Path) -> None:
     target, fin = tmp_path / "four.ssp", tmp_path / "second.toml"
     fin.write_text('[motor]\nresistance = "0.5 Ohm"\n')
-    printed = call("--fmu", native, "-o", target, "--layout", "plus", "--fin", f"2={fin}")
+    printed = emcas("--fmu", native, "-o", target, "--layout", "plus", "--fin", f"2={fin}")
     assert "variants nominal (SystemStructure.ssd), cold (cold.ssd), degraded (degraded.ssd)" in printed
-    assert "passed, 0 warnings" in call("check", target, "--fmu", native)
+    assert "passed, 0 warnings" in emcas("check", target, "--fmu", native)
 
 
 def test_check_fails(edited: Edit, tmp_path: Path) -> None:
     spoilt = edited("SystemStructure.ssd", 'endConnector="aero_torque"', 'endConnector="aero_torqe"')
-    printed = call("check", spoilt, "--json", tmp_path / "f.json", code=1)
+    printed = emcas("check", spoilt, "--json", tmp_path / "f.json", code=1)
     assert "failed, 4 errors" in printed
     findings = json.loads((tmp_path / "f.json").read_text())["findings"]
     assert "connection fin[2].aero_torque -> fin2.aero_torqe" in [f["place"] for f in findings]
@@ -50,10 +39,10 @@ def test_check_fails(edited: Edit, tmp_path: Path) -> None:
 ])
 def test_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], expected: str) -> None:
     monkeypatch.chdir(tmp_path)
-    assert expected in call(*arguments, code=2)
+    assert expected in emcas(*arguments, code=2)
     assert not list(tmp_path.iterdir())
 
 
 def test_help_has_examples() -> None:
-    assert "emcas ssp check EMCAS.ssp" in call("--help")
-    assert "emcas ssp check vehicle.ssp --json findings.json" in call("check", "--help")
+    assert "emcas ssp check EMCAS.ssp" in emcas("--help")
+    assert "emcas ssp check vehicle.ssp --json findings.json" in emcas("check", "--help")

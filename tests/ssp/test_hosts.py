@@ -31,11 +31,11 @@ OTHERS = ("libcosimpy", "ecospy")
 SAME = 1e-9
 
 
-def printed(script: str, host: str, *arguments: str | Path) -> str:
-    """What a module here prints in a process of its own; the test is skipped where the host is not."""
+def printed(host: str, ssp: Path, variant: str, mode: str) -> str:
+    """What run_in prints in a process of its own; the test is skipped where the host is not."""
     if host == "ecospy":
         tool("unzip", "unzip")  # how ecos opens an archive
-    done = subprocess.run([sys.executable, "-m", f"tests.ssp.{script}", host, *arguments], cwd=ROOT,
+    done = subprocess.run([sys.executable, "-m", "tests.ssp.run_in", host, ssp, variant, mode], cwd=ROOT,
                           capture_output=True, text=True, timeout=60)
     if done.returncode == ABSENT:
         missing(f"{host} cannot be loaded: {done.stderr.strip()}")
@@ -45,7 +45,7 @@ def printed(script: str, host: str, *arguments: str | Path) -> str:
 
 def run(host: str, ssp: Path, variant: str = "nominal", mode: str = "open") -> Trajectory:
     """The trajectory of all outputs in a host."""
-    found = trajectory(printed("run_in", host, ssp, variant, mode))
+    found = trajectory(printed(host, ssp, variant, mode))
     assert len(found["time"]) == STEPS
     return found
 
@@ -100,8 +100,8 @@ def test_connections_under_the_usual_prefix(host: str, edited: Edit, expected: T
 
 
 def parameters(host: str, ssp: Path, asked: str) -> list[tuple[float, ...]]:
-    """What plain_in prints, by fin: azimuth [deg], temperature [degC], friction at the hinge [N.m], bus [V]."""
-    rows = [[float(word) for word in line.split()] for line in printed("plain_in", host, ssp, asked).splitlines()]
+    """What a host makes of the file, by fin: azimuth [deg], temperature [degC], fin friction [N.m], bus [V]."""
+    rows = [[float(word) for word in line.split()] for line in printed(host, ssp, asked, "plain").splitlines()]
     return [(round(np.degrees(row[0]), 9), *row[1:]) for row in rows]
 
 

@@ -9,24 +9,23 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 from emcas_fmu.actuators import get
-from emcas_fmu.cli import app
 from emcas_fmu.compiler import local_platform
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.ssp.archive import Archive, write_archive
 from emcas_fmu.ssp.check import check
-from emcas_fmu.ssp.schema import SSC, SSD, SSV, SspError, parse, violations
+from emcas_fmu.ssp.schema import SSC, SSD, SspError, parse
 from emcas_fmu.ssp.settings import effective
-from emcas_fmu.ssp.structure import Structure, read_structure
+from emcas_fmu.ssp.structure import read_variant
 from emcas_fmu.ssp.variants import variant_files
 from emcas_fmu.ssp.write import write_ssp
 from examples.ssp_hosts import hosts
 from tests.hosts.host import difference
 
+from .conftest import emcas, valid_documents
 from .test_hosts import OTHERS, ROOT, SAME, printed, run
 
 pytestmark = pytest.mark.fmu
@@ -59,17 +58,9 @@ def archive(unit: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_ssp(folder / "own.ssp", unit, variant_files=files).path
 
 
-def structure(ssp: Path, variant: str) -> Structure:
-    """A variant as read back; nothing may be wrong with it."""
-    def refuse(file: str, problem: str) -> None:
-        raise AssertionError(f"{file}: {problem}")
-
-    return read_structure(Archive(ssp), f"{variant}.ssd", refuse)
-
-
 def test_own_variables_are_connectors_of_their_types(archive: Path) -> None:
     """The model is told by the FMU. Items of enumerations stand in the structure, under the name connectors give."""
-    read = structure(archive, "jammed")
+    read = read_variant(archive, "jammed")
     actuator = get(MODEL)
     for element in read.system.elements.values():
         assert {(c.name, c.kind, c.type) for c in element.connectors.values()} == {
@@ -78,18 +69,15 @@ def test_own_variables_are_connectors_of_their_types(archive: Path) -> None:
     assert outer["fin[4].home"] == ("input", "Boolean")
     assert outer["fin[4].status"] == ("output", "Enumeration")
     assert outer["fin[4].built_in_test"] == ("output", "Integer")
-    files = Archive(archive)
-    for name in files.names:
-        if name.endswith((".ssd", ".ssv")):
-            assert violations(parse(files.read(name), name), SSD if name.endswith(".ssd") else SSV) == []
-    root = parse(files.read("SystemStructure.ssd"), "")
+    assert valid_documents(archive)
+    root = parse(Archive(archive).read("SystemStructure.ssd"), "")
     (listed,) = root.iterfind(f"{{{SSD}}}Enumerations/{{{SSC}}}Enumeration")
     assert listed.get("name") == "status"
     assert [(i.get("name"), i.get("value")) for i in listed][3] == ("operational", "4")
 
 
 def test_a_variant_of_faults(archive: Path) -> None:
-    values = effective(structure(archive, "jammed"))
+    values = effective(read_variant(archive, "jammed"))
     assert values["fin2", "fault.jam.end"] == 0.2
     assert values["fin1", "fault.jam.end"] == 0.0
     assert values["fin3", "fault.drive_loss.active"] is True
@@ -136,9 +124,9 @@ def test_enumerations_under_the_usual_prefix(archive: Path, expected: dict[str, 
 
 
 def test_the_file_as_it_is_in_libcosim_and_ecos(archive: Path) -> None:
-    rows = [line.split()[0] for line in printed("plain_in", "libcosimpy", archive, "-").splitlines()]
+    rows = [line.split()[0] for line in printed("libcosimpy", archive, "-", "plain").splitlines()]
     assert [float(row) for row in rows] == pytest.approx([radians(a) for a in (45, 135, 225, 315)])
-    assert len(printed("plain_in", "ecospy", archive, "nominal").splitlines()) == 4
+    assert len(printed("ecospy", archive, "nominal", "plain").splitlines()) == 4
 
 
 @pytest.mark.parametrize("host", hosts.HOSTS)
@@ -159,17 +147,13 @@ def test_a_state_is_read_or_refused_with_a_reason(host: str, archive: Path) -> N
 
 
 def test_the_command_and_its_refusals(unit: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def call(*arguments: str | Path) -> str:
-        done = CliRunner().invoke(app, ["ssp", *map(str, arguments)])
-        assert done.exit_code == 2, done.output
-        return " ".join(done.output.split())
-
     monkeypatch.chdir(tmp_path)
-    assert f"is of the model {MODEL}, and nonlinear+faults is asked for" in call(
-        "--fmu", unit, "--model", "nonlinear+faults")
-    assert "there is no extension 'fault'" in call("--model", "elastic+fault")
+    assert f"is of the model {MODEL}, and nonlinear+faults is asked for" in emcas(
+        "--fmu", unit, "--model", "nonlinear+faults", code=2)
+    assert "there is no extension 'fault'" in emcas("--model", "elastic+fault", code=2)
     (tmp_path / "hot.toml").write_text('[fin1.heat]\ncase_start_rise = "40 K"\n', encoding="utf-8")
-    assert f"the {MODEL} actuator has no such parameter" in call("--fmu", unit, "--variant", "hot=hot.toml")
+    assert f"the {MODEL} actuator has no such parameter" in emcas(
+        "--fmu", unit, "--variant", "hot=hot.toml", code=2)
     monkeypatch.setattr("emcas_fmu.bench.fmu.model_of", lambda name: None)
     with pytest.raises(EmcasError, match="does not tell its model; name it with --model"):
         write_ssp(tmp_path / "a.ssp", unit)
@@ -187,7 +171,6 @@ def test_without_an_fmu_one_of_the_model_is_built(tmp_path: Path, unit: Path, mo
         return type("Built", (), {"path": output})
 
     monkeypatch.setattr("emcas_fmu.ssp.write.build", instead)
-    done = CliRunner().invoke(app, ["ssp", "--model", "nonlinear+faults+homing", "-o", str(tmp_path / "a.ssp")])
-    assert done.exit_code == 0, done.output
+    emcas("--model", "nonlinear+faults+homing", "-o", tmp_path / "a.ssp")
     assert asked == [MODEL]
     assert "resources/EMCAS_homing_faults.fmu" in Archive(tmp_path / "a.ssp").names

@@ -16,23 +16,17 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.fmi.units import fmi_unit
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.ssp.archive import Archive
-from emcas_fmu.ssp.schema import SSC, SSD, SSV, parse, violations
+from emcas_fmu.ssp.schema import SSC, SSD
 from emcas_fmu.ssp.settings import Values, effective
-from emcas_fmu.ssp.structure import Structure, read_structure
-from emcas_fmu.ssp.system import outer_name
+from emcas_fmu.ssp.structure import read_variant
 from emcas_fmu.ssp.variants import variant_files
 from emcas_fmu.ssp.write import write_ssp
 from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS
 
-FILES = {"nominal": "SystemStructure.ssd", "cold": "cold.ssd", "degraded": "degraded.ssd"}
+from .conftest import valid_documents
 
-
-def structure(ssp: Path, variant: str = "nominal") -> Structure:
-    """A variant as read back; nothing may be wrong with it."""
-    def refuse(file: str, problem: str) -> None:
-        raise AssertionError(f"{file}: {problem}")
-
-    return read_structure(Archive(ssp), FILES[variant], refuse)
+VARIANTS = ("nominal", "cold", "degraded")
+OF_FINS = {"fin_command", "aero_torque", *(v.name for v in OUTPUTS)}
 
 
 def of_fin(values: Values, number: int) -> dict[str, Any]:
@@ -41,11 +35,7 @@ def of_fin(values: Values, number: int) -> dict[str, Any]:
 
 
 def test_every_file_is_valid(ssp: Path) -> None:
-    archive = Archive(ssp)
-    checked = [n for n in archive.names if n.endswith((".ssd", ".ssv"))]
-    assert len(checked) > 20
-    for name in checked:
-        assert violations(parse(archive.read(name), name), SSD if name.endswith(".ssd") else SSV) == []
+    assert valid_documents(ssp) > 20
 
 
 def test_fmpy_reads_it(ssp: Path) -> None:
@@ -55,38 +45,36 @@ def test_fmpy_reads_it(ssp: Path) -> None:
     assert len(get_connections(read.system)) == 4 * len(INPUTS + OUTPUTS)
     names = [c.name for c in read.system.connectors]
     assert not {f"fin{i}.{v.name}" for i in range(1, 5) for v in INPUTS + OUTPUTS} & set(names)
-    for variant in FILES:
+    for variant in VARIANTS:
         found = {p.name for p in read_ssv(str(ssp), f"resources/flat/{variant}.ssv").parameters}
         reals = {f"fin{i}.{p.name}" for i in range(1, 5) for p in PARAMETERS if p.kind != "Boolean"}
         assert found == {*reals, "supply_voltage"}
 
 
 def test_connectors_are_those_of_the_table(ssp: Path) -> None:
-    read = structure(ssp)
+    read = read_variant(ssp, "nominal")
     for element in read.system.elements.values():
         assert {(c.name, c.kind, c.type, c.unit) for c in element.connectors.values()} == {
             (v.name, v.causality, v.kind, v.unit if v.kind == "Real" else "") for v in INPUTS + OUTPUTS}
-    of_fins = {"fin_command", "aero_torque", *(v.name for v in OUTPUTS)}
-    shared = {v.name for v in INPUTS} - of_fins
-    assert set(read.system.connectors) == shared | {f"fin[{i}].{name}" for i in range(1, 5) for name in of_fins}
+    shared = {v.name for v in INPUTS} - OF_FINS
+    assert set(read.system.connectors) == shared | {f"fin[{i}].{name}" for i in range(1, 5) for name in OF_FINS}
     for name, unit in read.units.items():
         assert unit.exponents == tuple(fmi_unit(name).exponents.get(b, 0)
                                        for b in ("kg", "m", "s", "A", "K", "mol", "cd", "rad"))
 
 
 def test_every_variable_is_wired(ssp: Path) -> None:
-    wired = {(c.start, c.end) for c in structure(ssp).system.connections}
+    wired = {(c.start, c.end) for c in read_variant(ssp, "nominal").system.connections}
     for i in range(1, 5):
-        assert {(("", outer_name(i, v.name)), (f"fin{i}", v.name)) for v in INPUTS} <= wired
-        assert {((f"fin{i}", v.name), ("", outer_name(i, v.name))) for v in OUTPUTS} <= wired
-    assert outer_name(3, "fin_command") == "fin[3].fin_command"
-    assert outer_name(3, "attitude.roll") == "attitude.roll"
+        of_fin = {name: f"fin[{i}].{name}" for name in OF_FINS}
+        assert {(("", of_fin.get(v.name, v.name)), (f"fin{i}", v.name)) for v in INPUTS} <= wired
+        assert {((f"fin{i}", v.name), ("", of_fin[v.name])) for v in OUTPUTS} <= wired
 
 
-@pytest.mark.parametrize("variant", FILES)
+@pytest.mark.parametrize("variant", VARIANTS)
 def test_components_sets_say_what_the_composed_ones_do(ssp: Path, variant: str) -> None:
     """The three ways to the same numbers, for hosts that read one of them only."""
-    read = structure(ssp, variant)
+    read = read_variant(ssp, variant)
     composed = effective(read)
     named = {p.name: p.value for p in read_ssv(str(ssp), f"resources/flat/{variant}.ssv").parameters}
     for i in range(1, 5):
@@ -101,13 +89,13 @@ def test_components_sets_say_what_the_composed_ones_do(ssp: Path, variant: str) 
 
 @pytest.mark.parametrize(("layout", "azimuths"), [("cross", (45, 135, 225, 315)), ("plus", (0, 90, 180, 270))])
 def test_layout(native: Path, tmp_path: Path, layout: str, azimuths: tuple[float, ...]) -> None:
-    values = effective(structure(write_ssp(tmp_path / "a.ssp", native, layout=layout).path))
+    values = effective(read_variant(write_ssp(tmp_path / "a.ssp", native, layout=layout).path, "nominal"))
     assert [values[f"fin{i}", "mounting.azimuth"] for i in range(1, 5)] == [radians(a) for a in azimuths]
 
 
 def test_variants(ssp: Path, values: Mapping[str, Any]) -> None:
     """Nominal is the default set but for the azimuth; the others are what models/*.toml say of it."""
-    found = {variant: effective(structure(ssp, variant)) for variant in FILES}
+    found = {variant: effective(read_variant(ssp, variant)) for variant in VARIANTS}
     nominal = of_fin(found["nominal"], 2)
     assert {n for n, v in nominal.items() if n in values and v != values[n]} == {"mounting.azimuth"}
     assert of_fin(found["cold"], 2) == {**nominal, "friction.temperature": -6.0}
@@ -126,17 +114,17 @@ def test_parameters_of_the_fmu_of_a_file_and_of_a_fin(tmp_path: Path) -> None:
     (tmp_path / "second.toml").write_text('[motor]\nresistance = "0.5 Ohm"\n[mounting]\nazimuth = "100 deg"\n')
     unit = build(load_parameters(tmp_path / "unit.toml"), tmp_path / "unit.fmu").path
 
-    alone = effective(structure(write_ssp(tmp_path / "a.ssp", unit).path))
+    alone = effective(read_variant(write_ssp(tmp_path / "a.ssp", unit).path, "nominal"))
     assert alone["fin1", "motor.resistance"] == 0.3
     assert ("fin1", "encoder.on_fin") not in alone  # as it is in the FMU
     both = write_ssp(tmp_path / "b.ssp", unit, [tmp_path / "base.toml"], fin_files={2: tmp_path / "second.toml"},
                      variant_files=variant_files([])).path
-    found = effective(structure(both))
+    found = effective(read_variant(both, "nominal"))
     assert found["fin1", "motor.resistance"] == 0.4
     assert found["fin2", "motor.resistance"] == 0.5
     assert found["fin2", "mounting.azimuth"] == radians(100)
     assert found["fin1", "encoder.on_fin"] is False  # the file's default, not what is in the FMU
-    weak = effective(structure(both, "degraded"))
+    weak = effective(read_variant(both, "degraded"))
     assert [weak[f"fin{i}", "motor.resistance"] for i in (1, 2)] == pytest.approx([0.46, 0.575], rel=1e-15)
 
 

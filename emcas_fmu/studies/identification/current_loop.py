@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.linalg import expm
-from scipy.signal import lfilter
+from scipy.signal import cont2discrete, lfilter
 
 from ...actuators.electromechanical import nonlinear
 from ...physics import drive
@@ -16,7 +15,7 @@ from .records import Array
 
 def response(parameters: Any, initial: float, reference: Array, speed: Array | None, step: float,
              values: Mapping[str, Any]) -> Array:
-    """Current [A] of the linear loop for the reference [V] of each row, from rest with xi = `initial` [V]."""
+    """Return the linear loop's current [A] for the reference [V] of each row, from rest with xi = `initial` [V]."""
     gain, offset, delay, kp, ki = parameters
     p = nonlinear.ACTUATOR.namespace({**values, "drive.current_gain": gain, "drive.current_offset": offset})
     demanded = drive.current_reference_raw(p, reference)
@@ -28,7 +27,7 @@ def response(parameters: Any, initial: float, reference: Array, speed: Array | N
     fraction = delay / step - whole
     f, late = _held(a, b, step * (1.0 - fraction))  # the part of an interval after the arrival
     _, early = _held(a, b, step * fraction)
-    both, back = _held(a, e, step)
+    phi, back = _held(a, e, step)
     # x_k+1 = Phi x_k + f(early) u_k-whole-1 + late u_k-whole
     before = np.concatenate([np.full(whole + 1, demanded[0]), demanded])[:len(demanded)]
     now = np.concatenate([np.full(whole, demanded[0]), demanded])[:len(demanded)]
@@ -37,25 +36,21 @@ def response(parameters: Any, initial: float, reference: Array, speed: Array | N
     pushed = np.outer(before, f @ early) + np.outer(now, late)
     if speed is not None:
         pushed = pushed + np.outer(drive.back_emf(p, speed), back)
-    return _first_state(both, rest, pushed)
+    return _first_state(phi, rest, pushed)
 
 
 def _held(a: Array, b: Array, time: float) -> tuple[Array, Array]:
-    """Transition matrix over `time` [s], and what an input held through it adds."""
-    grown = np.zeros((3, 3))
-    grown[:2, :2], grown[:2, 2] = a * time, b * time
-    found = expm(grown)
-    return found[:2, :2], found[:2, 2]
+    """Return the transition matrix over `time` [s], and what an input held through it adds."""
+    transition, added, *_ = cont2discrete((a, b[:, None], np.eye(2), np.zeros((2, 1))), time)
+    return transition, added[:, 0]
 
 
 def _first_state(phi: Array, start: Array, pushed: Array) -> Array:
-    """First component of x_k+1 = phi x_k + pushed_k, by its difference equation."""
+    """Return the first component of x_k+1 = phi x_k + pushed_k, by its difference equation."""
     trace, determinant = float(np.trace(phi)), float(np.linalg.det(phi))
     # (z^2 - trace z + det) x = adj(z - phi) pushed: the first row of it.
-    drive_1 = np.concatenate([[0.0], pushed[:-1, 0]])
-    drive_2 = np.concatenate([[0.0, 0.0], phi[0, 1] * pushed[:-2, 1] - phi[1, 1] * pushed[:-2, 0]])
-    total = drive_1 + drive_2
-    total[0] += start[0]
-    total[1] += phi[0, 1] * start[1] - phi[1, 1] * start[0]
-    found: Array = lfilter([1.0], [1.0, -trace, determinant], total)
-    return found
+    total = np.concatenate([start[:1], pushed[:-1, 0]])
+    before = np.concatenate([start[None], pushed[:-2]])
+    total[1:] += phi[0, 1] * before[:, 1] - phi[1, 1] * before[:, 0]
+    current: Array = lfilter([1.0], [1.0, -trace, determinant], total)
+    return current

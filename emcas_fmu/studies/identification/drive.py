@@ -12,51 +12,72 @@ towards K_v with the slow mode of the integral; a fast record tells delay and K_
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import median_abs_deviation
 
 from ...actuators.electromechanical import nonlinear
+from ...ops.arrays import ARRAYS
 from ...parameters import ParameterSet
 from ...physics import drive
+from ...plots import Drawing
 from . import pictures
 from .current_loop import response
-from .estimation import METHOD, Fit, fit
-from .motion import ARRAYS
+from .estimation import Fit, fit
 from .records import Array, Record, RecordError, read_records, refuse_clipped, refuse_magnitude
-from .result import Estimate, Identification, Picture, noise
+from .result import Estimate, Identification, estimates
 
 NAMES = ("drive.current_gain", "drive.current_offset", "drive.transport_delay", "drive.kp", "drive.ki")
 GAIN, OFFSET, DELAY, KP, KI = range(5)
-UNITS = ("A/V", "A", "s", "V/A", "V/(A.s)")
-_GIVEN = ("motor.resistance", "motor.inductance", "motor.back_emf_constant")
+_ASSUMED = ("motor.resistance", "motor.inductance", "motor.back_emf_constant")
 
 FAST = 10.0  # samples of a fast record in the delay, at least
 LONGEST_DELAY = 0.1  # s, of the parameter's range
 FEWEST_LEVELS = 3
+_SLOWEST = 1e-3  # s between the samples of a fast record: slower than any current loop
 _LENGTH = 0.1  # of the integral's time that the longest record must last
 _SETTLED = 5e-3  # s after an arrival from which a slow record, which cannot show a transient, counts again
 _WORST = 0.25  # relative 1 sigma of gain, delay or K_p beyond which there is no answer
-_LAG = 40.0  # V, a step of the reference is told from its noise by this many of its deviations
+_STEP = 8.0  # deviations of its noise by which the reference takes another level
 
 
-@dataclass(frozen=True)
-class _Run:
-    """One record with what the fit uses of it: rows `used`, and whether it is `fast`."""
+class _Run(NamedTuple):
+    """A record, the rows of it that the fit uses, and the place of its initial integral [V] among the fit's values."""
 
     record: Record
-    reference: Array
-    current: Array
-    speed: Array | None
-    used: Any
-    fast: bool
+    used: NDArray[np.bool_]
+    place: int
+
+    @property
+    def fast(self) -> bool:
+        return self.record.step <= _SLOWEST
+
+    @property
+    def reference(self) -> Array:
+        return self.record["drive_reference"]
+
+    @property
+    def current(self) -> Array:
+        return self.record["motor_current"]
+
+    def late_reference(self, delay: float) -> Array:
+        """Return the reference [V] as it has arrived after a delay [s]."""
+        time = np.arange(len(self.record)) * self.record.step
+        late: Array = np.interp(time - delay, time, self.reference)
+        return late
+
+    def modelled(self, x: Array, values: Mapping[str, Any]) -> Array:
+        """Return the current [A] with the fit's values `x`."""
+        return response(x[:5], float(x[self.place]), self.reference, self.record.columns.get("motor_speed"),
+                        self.record.step, values)
 
 
 def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
-    """The drive's parameters from records with drive_reference and motor_current, and motor_speed unless clamped.
+    """Identify the drive from records with drive_reference and motor_current, and motor_speed unless clamped.
 
     Raises RecordError.
     """
@@ -64,44 +85,35 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     values = base.values
     for record in records:
         _check(record, values)
-    fast = [r for r in records if _is_fast(r)]
+    fast = [r for r in records if r.step <= _SLOWEST]
     if not fast:
-        found = min(r.step for r in records)
         raise RecordError("the sample rate is too low for the transport delay and the current loop: the fastest record "
-                          f"has a sample every {found * 1e3:.3g} ms; log at least one record with steps of the "
-                          f"reference every {_needed(values) * 1e3:.2g} ms or less (a few L/(R + Kp), and a tenth of "
-                          "the delay)")
+                          f"has a sample every {min(r.step for r in records) * 1e3:.3g} ms; log at least one record "
+                          f"with steps of the reference every {_rise(values) * 1e3:.2g} ms or less (a few L/(R + Kp), "
+                          "and a tenth of the delay)")
     start = _delay(fast, values)
-    _require_rate(start + 2.0 * _needed(values), min(r.step for r in fast))
-    runs = [_run(r, start) for r in records]
+    _require_rate(start + 2.0 * _rise(values), min(r.step for r in fast))
+    runs = [_Run(record, _used(record, start), 5 + k) for k, record in enumerate(records)]
     _require_levels(runs)
     _require_slopes(runs, start, values)
     _require_length(runs, values)
-    found_fit = _fit(runs, start, values)
-    _require_answer(found_fit, runs, values)
-    estimates = [Estimate(name, float(value), float(sigma), unit, True, float(values[name]))
-                 for name, value, sigma, unit in zip(NAMES, found_fit.values, found_fit.sigmas, UNITS)]
-    groups = [[i] for i in range(len(runs))]
+    found = _fit(runs, start, values)
+    parameters = estimates(NAMES, found, base)
+    _require_answer(parameters, found, runs, values)
     return Identification(
-        "drive", "Drive: current gain, offset, transport delay and current loop", records, estimates,
-        {name: float(values[name]) for name in _GIVEN}, METHOD, _notes(runs, found_fit, values),
-        _pictures(runs, found_fit, values), (NAMES, found_fit.correlation[:5, :5]),
-        noise(records, found_fit, groups, "A"))
+        "drive", "Drive: current gain, offset, transport delay and current loop", records, base, _ASSUMED, NAMES,
+        found, "A", parameters, _notes(runs, found, values), lambda: _drawings(runs, found, values))
 
 
-def _needed(values: Mapping[str, Any]) -> float:
-    """The longest sample interval [s] of a fast record, for the base set's current loop."""
+def _rise(values: Mapping[str, Any]) -> float:
+    """Return the time constant [s] of the current loop, the longest sample interval of a fast record."""
     return float(values["motor.inductance"] / (values["motor.resistance"] + values["drive.kp"]))
 
 
-def _is_fast(record: Record) -> bool:
-    # Its own current tells later whether it was fast enough; 1 ms is slower than any current loop.
-    return record.step <= 1e-3
-
-
 def _check(record: Record, values: Mapping[str, Any]) -> None:
-    refuse_magnitude(record, "drive_reference", 1.1 * values["drive.reference_limit"], "1.1 times "
-                                                                                       "drive.reference_limit")
+    """Refuse a record that is clipped or saturated, of a wrong magnitude or without a step."""
+    refuse_magnitude(record, "drive_reference", 1.1 * values["drive.reference_limit"],
+                     "1.1 times drive.reference_limit")
     refuse_magnitude(record, "motor_current", 2.0 * values["drive.current_limit"], "2 times drive.current_limit")
     refuse_clipped(record, "motor_current")
     reference, current = record["drive_reference"], record["motor_current"]
@@ -111,36 +123,33 @@ def _check(record: Record, values: Mapping[str, Any]) -> None:
     if np.abs(current).max() > 0.98 * values["drive.current_limit"]:
         raise record.fail(f"motor_current is saturated: it reaches {np.abs(current).max():.3g} A at a "
                           f"drive.current_limit of {values['drive.current_limit']:g} A; excite less")
-    if np.ptp(reference) < 20.0 * _restless(reference):
+    if np.ptp(reference) < 20.0 * _noise(reference):
         raise record.fail(f"drive_reference hardly moves ({np.ptp(reference):.3g} V): there is nothing to answer to; "
                           "step it, over a few tenths of a volt at least")
 
 
-def _restless(x: Array) -> float:
-    """Noise of a signal that steps now and then: robust deviation of its differences, with a floor at rounding."""
-    steps = np.diff(x)
-    return float(1.4826 * np.median(np.abs(steps - np.median(steps))) / 2.0**0.5) + 1e-9
+def _noise(x: Array) -> float:
+    """Return the noise of a signal that steps now and then: robust deviation of its differences, never quite 0."""
+    return float(median_abs_deviation(np.diff(x), scale="normal") / 2.0**0.5) + 1e-9
 
 
 def _changes(reference: Array) -> Any:
-    """Rows at which the reference takes another level."""
-    return np.flatnonzero(np.abs(np.diff(reference)) > max(_LAG * _restless(reference) / 5.0, 1e-3)) + 1
+    """Return the rows at which the reference takes another level."""
+    return np.flatnonzero(np.abs(np.diff(reference)) > max(_STEP * _noise(reference), 1e-3)) + 1
 
 
-def _run(record: Record, delay: float) -> _Run:
-    reference, current = record["drive_reference"], record["motor_current"]
-    fast = _is_fast(record)
+def _used(record: Record, delay: float) -> NDArray[np.bool_]:
+    """Return the rows that count: all of a fast record, of a slow one those without a transient."""
     used = np.ones(len(record), dtype=bool)
-    if not fast:
+    if record.step > _SLOWEST:
         after = int(np.ceil((delay + _SETTLED) / record.step)) + 1
-        for change in _changes(reference):
+        for change in _changes(record["drive_reference"]):
             used[change - 1:change + after] = False
-    speed = record.columns.get("motor_speed")
-    return _Run(record, reference, current, speed, used, fast)
+    return used
 
 
 def _delay(fast: Sequence[Record], values: Mapping[str, Any]) -> float:
-    """A first delay: that shift of the reference which fits the current best, over the fast records."""
+    """Return a first delay [s]: that shift of the reference which fits the current best, over the fast records."""
     step = min(r.step for r in fast)
     shifts = np.arange(0.0, min(LONGEST_DELAY, 0.5 * min(len(r) * r.step for r in fast)), step)
     lost = np.zeros(len(shifts))
@@ -148,8 +157,7 @@ def _delay(fast: Sequence[Record], values: Mapping[str, Any]) -> float:
         u, i = r["drive_reference"], r["motor_current"]
         time = np.arange(len(r)) * r.step
         for k, shift in enumerate(shifts):
-            u_late = np.interp(time - shift, time, u)
-            line = np.column_stack([u_late, np.ones(len(u_late))])
+            line = np.column_stack([np.interp(time - shift, time, u), np.ones(len(u))])
             lost[k] += float(np.sum((i - line @ np.linalg.lstsq(line, i, rcond=None)[0]) ** 2) / np.var(i))
     best = int(np.argmin(lost))
     share = 1.0 - lost[best] / sum(len(r) for r in fast)
@@ -157,14 +165,14 @@ def _delay(fast: Sequence[Record], values: Mapping[str, Any]) -> float:
         raise fast[0].fail(f"motor_current does not follow drive_reference: at the best delay it explains {share:.0%} "
                            "of the current; check that the columns belong together, that the drive was enabled, and "
                            "the units in the header")
-    return max(float(shifts[best]) - _needed(values), 0.0)
+    return max(float(shifts[best]) - _rise(values), 0.0)
 
 
 def _require_levels(runs: Sequence[_Run]) -> None:
     levels: list[float] = []
     for run in runs:
         for level in sorted(run.reference[run.used]):
-            if all(abs(level - known) > 0.05 for known in levels):
+            if all(abs(level - other) > 0.05 for other in levels):
                 levels.append(float(level))
     if len(levels) < FEWEST_LEVELS or min(levels) >= 0.0 or max(levels) <= 0.0:
         raise RecordError(f"the reference takes {len(levels)} level(s) ({min(levels):.3g} to {max(levels):.3g} V): "
@@ -172,47 +180,45 @@ def _require_levels(runs: Sequence[_Run]) -> None:
 
 
 def _require_slopes(runs: Sequence[_Run], delay: float, values: Mapping[str, Any]) -> None:
-    """Each record's own slope of current against the late reference: near the base set's, and near each other."""
-    slopes = []
+    """Require of each record a slope of current against the late reference near the base set's, and the others'."""
+    slopes: list[float] = []
     for run in runs:
-        time = np.arange(len(run.record)) * run.record.step
-        late = np.interp(time - delay - _needed(values), time, run.reference)[run.used]
-        slopes.append(float(np.polyfit(late, run.current[run.used], 1)[0]))
-        if slopes[-1] <= 0.0:
-            raise run.record.fail(f"motor_current falls with drive_reference ({slopes[-1]:.3g} A/V): one of them has "
-                                  "the wrong sign")
-        if not 0.1 < slopes[-1] / values["drive.current_gain"] < 10.0:
-            raise run.record.fail(f"motor_current rises by {slopes[-1]:.4g} A per volt of drive_reference, "
-                                  f"{slopes[-1] / values['drive.current_gain']:.3g} times what the base parameters "
-                                  "say: check the units of both in the header")
-        if not 0.6 < slopes[-1] / slopes[0] < 1.7:
-            raise run.record.fail(f"motor_current rises by {slopes[-1]:.4g} A per volt of drive_reference, but by "
+        late = run.late_reference(delay + _rise(values))
+        slope = float(np.polyfit(late[run.used], run.current[run.used], 1)[0])
+        slopes.append(slope)
+        if slope <= 0.0:
+            raise run.record.fail(f"motor_current falls with drive_reference ({slope:.3g} A/V): one of them has the "
+                                  "wrong sign")
+        if not 0.1 < slope / values["drive.current_gain"] < 10.0:
+            raise run.record.fail(f"motor_current rises by {slope:.4g} A per volt of drive_reference, "
+                                  f"{slope / values['drive.current_gain']:.3g} times what the base parameters say: "
+                                  "check the units of both in the header")
+        if not 0.6 < slope / slopes[0] < 1.7:
+            raise run.record.fail(f"motor_current rises by {slope:.4g} A per volt of drive_reference, but by "
                                   f"{slopes[0]:.4g} in {runs[0].record.name}: check the units of both files' headers, "
                                   "and that they are of one drive")
 
 
 def _fit(runs: Sequence[_Run], start: float, values: Mapping[str, Any]) -> Fit:
+    """Fit the drive's parameters and each record's initial integral [V]."""
     slow = [r for r in runs if not r.fast] or list(runs)
-    u = np.concatenate([r.reference[r.used] for r in slow])
-    i = np.concatenate([r.current[r.used] for r in slow])
-    slope, offset = np.polyfit(u, i, 1)
-    lowest = np.array([-np.inf, -np.inf, 0.0, 1e-3 * values["drive.kp"], *[-np.inf] * (1 + len(runs))])
-    sizes = np.array([slope, 0.1, 1e-3, values["drive.kp"], max(values["drive.ki"], 1e-2), *[0.1] * len(runs)])
+    slope, offset = np.polyfit(np.concatenate([r.reference[r.used] for r in slow]),
+                               np.concatenate([r.current[r.used] for r in slow]), 1)
+    initial = np.zeros(len(runs))
+    lowest = np.array([-np.inf, -np.inf, 0.0, 1e-3 * values["drive.kp"], -np.inf, *(initial - np.inf)])
+    scale = np.array([slope, 0.1, 1e-3, values["drive.kp"], max(values["drive.ki"], 1e-2), *(initial + 0.1)])
 
     def residuals(x: Array) -> list[Array]:
         x = np.maximum(x, lowest)
-        return [(r.current - response(x[:5], float(x[5 + k]), r.reference, r.speed, r.record.step, values))[r.used]
-                for k, r in enumerate(runs)]
+        return [(r.current - r.modelled(x, values))[r.used] for r in runs]
 
     # The fit is flat between samples far from the delay: the best of a few starts, kp's among them.
-    tried = []
-    for delay in start + np.array([0.0, 0.5, 1.0, 1.5]) * _needed(values):
-        for kp in np.array([0.3, 1.0, 3.0]) * values["drive.kp"]:
-            x = np.array([slope * (1.0 + values["motor.resistance"] / kp), offset, delay, kp, values["drive.ki"],
-                          *[0.0] * len(runs)])
-            tried.append((sum(float(r @ r) / len(r) for r in residuals(x)), x))
-    begin = min(tried, key=lambda pair: pair[0])[1]
-    return fit(residuals, begin, sizes, [[k] for k in range(len(runs))])
+    starts = [np.array([slope * (1.0 + values["motor.resistance"] / kp), offset, delay, kp, values["drive.ki"],
+                        *initial])
+              for delay in start + np.array([0.0, 0.5, 1.0, 1.5]) * _rise(values)
+              for kp in np.array([0.3, 1.0, 3.0]) * values["drive.kp"]]
+    begin = min(starts, key=lambda x: sum(float(r @ r) / len(r) for r in residuals(x)))
+    return fit(residuals, begin, scale, [[k] for k in range(len(runs))])
 
 
 def _require_rate(delay: float, step: float) -> None:
@@ -235,47 +241,42 @@ def _require_length(runs: Sequence[_Run], values: Mapping[str, Any]) -> None:
             "integral)")
 
 
-def _require_answer(found: Fit, runs: Sequence[_Run], values: Mapping[str, Any]) -> None:
-    gain, offset, delay, kp, ki = found.values[:5]
-    step = min(r.record.step for r in runs)
-    tau = values["motor.inductance"] / (values["motor.resistance"] + kp)
-    _require_rate(delay, step)
-    if tau < 0.7 * step:
+def _require_answer(parameters: Sequence[Estimate], found: Fit, runs: Sequence[_Run],
+                    values: Mapping[str, Any]) -> None:
+    """Refuse an answer the records do not support, or that a limited voltage has made."""
+    gain, _, delay, kp, ki = parameters
+    identified = {**values, **{e.name: e.value for e in parameters}}
+    step, rise = min(r.record.step for r in runs), _rise(identified)
+    _require_rate(delay.value, step)
+    if rise < 0.7 * step:
         raise RecordError(f"the sample rate is too low for the current loop: the current settles within "
-                          f"{tau * 1e3:.2g} ms, between two samples {step * 1e3:.2g} ms apart, so that delay and Kp "
-                          f"cannot be told apart; log at {1.0 / tau:.3g} Hz or more")
-    for index in (GAIN, DELAY, KP):
-        if not found.sigmas[index] < _WORST * abs(found.values[index]):
-            raise RecordError(f"{NAMES[index]} is not supported by the data: {found.values[index]:.3g} +- "
-                              f"{found.sigmas[index]:.2g} {UNITS[index]}; record more and larger steps, fast logged")
-    if ki < 0.0 and ki < -2.0 * found.sigmas[KI]:
-        raise RecordError(f"drive.ki is found as {ki:.3g} V/(A.s), below 0: the current creeps away from its "
+                          f"{rise * 1e3:.2g} ms, between two samples {step * 1e3:.2g} ms apart, so that delay and Kp "
+                          f"cannot be told apart; log at {1.0 / rise:.3g} Hz or more")
+    for e in (gain, delay, kp):
+        if not e.sigma < _WORST * abs(e.value):
+            raise RecordError(f"{e.name} is not supported by the data: {e.value:.3g} +- {e.sigma:.2g} {e.unit}; record "
+                              "more and larger steps, fast logged")
+    if ki.value < 0.0 and ki.value < -2.0 * ki.sigma:
+        raise RecordError(f"drive.ki is found as {ki.value:.3g} V/(A.s), below 0: the current creeps away from its "
                           "reference; check that the winding did not heat up, and motor.resistance")
+    p, x = nonlinear.ACTUATOR.namespace(identified), found.values
     supply = float(values["drive.supply_voltage"])
-    for k, run in enumerate(runs):
-        if not run.fast:
-            continue
-        x = found.values
-        current = response(x[:5], x[5 + k], run.reference, run.speed, run.record.step, values)
-        shift = np.interp(np.arange(len(run.record)) * run.record.step - delay,
-                          np.arange(len(run.record)) * run.record.step, run.reference)
-        p = nonlinear.ACTUATOR.namespace(
-            {**values, "drive.current_gain": gain, "drive.current_offset": offset, "drive.kp": kp})
-        demand = np.abs(drive.voltage_demand(p, drive.current_reference(ARRAYS, p, shift), current, x[5 + k]))
+    for run in (r for r in runs if r.fast):
+        asked = drive.current_reference(ARRAYS, p, run.late_reference(delay.value))
+        demand = np.abs(drive.voltage_demand(p, asked, run.modelled(x, values), x[run.place]))
         if demand.max() > supply:
             raise run.record.fail(f"the drive's voltage is saturated: the steps ask for {demand.max():.3g} V of a "
                                   f"supply of {supply:g} V, so that their rise tells the supply and not Kp; take steps "
-                                  f"below {0.9 * supply / (kp * gain):.2g} V")
+                                  f"below {0.9 * supply / (kp.value * gain.value):.2g} V")
 
 
 def _notes(runs: Sequence[_Run], found: Fit, values: Mapping[str, Any]) -> list[str]:
     _, _, delay, kp, ki = found.values[:5]
-    step = min(r.record.step for r in runs)
     resistance, inductance = values["motor.resistance"], values["motor.inductance"]
     slow = (resistance + kp) / ki if ki > 0.0 else float("inf")
     lines = [
-        f"The delay is {delay / step:.2f} samples of the fastest record; it includes whatever the two channels of the "
-        "logger differ in, and counts from the row at which a reference first stands.",
+        f"The delay is {delay / min(r.record.step for r in runs):.2f} samples of the fastest record; it includes "
+        "whatever the two channels of the logger differ in, and counts from the row at which a reference first stands.",
         f"Current loop: {inductance / (resistance + kp) * 1e3:.3g} ms, then {slow:.3g} s for the integral; right after "
         f"a step {kp / (resistance + kp):.1%} of the current demanded flow.",
         "Kp scales with motor.inductance and motor.resistance, whose own uncertainty is not included.",
@@ -283,79 +284,60 @@ def _notes(runs: Sequence[_Run], found: Fit, values: Mapping[str, Any]) -> list[
     if found.sigmas[KI] > 0.3 * abs(ki):
         lines.append("drive.ki is poorly known: hold the reference for a good part of the integral's time, slowly "
                      "logged.")
-    if all(r.speed is None for r in runs):
+    if not any("motor_speed" in r.record.columns for r in runs):
         lines.append("No record has motor_speed: the rotor was taken as clamped.")
     return lines
 
 
-def _pictures(runs: Sequence[_Run], found: Fit, values: Mapping[str, Any]) -> list[Picture]:
+def _drawings(runs: Sequence[_Run], found: Fit, values: Mapping[str, Any]) -> Iterator[Drawing]:
     x = found.values
-
-    def modelled(k: int) -> Array:
-        r = runs[k]
-        return response(x[:5], x[5 + k], r.reference, r.speed, r.record.step, values)
-
-    def overlay() -> Any:
-        parts = []
-        for k, r in enumerate(runs):
-            time = r.record["time"] - r.record["time"][0]
-            stop = np.searchsorted(time, 0.03) if r.fast else len(time)
-            parts.append((r.record.name, [pictures.Series("model", time[:stop], r.current[:stop], time[:stop],
-                                                          modelled(k)[:stop], None)]))
-        return pictures.panels(parts, "time [s]", "motor current [A]", sharey=False)
-
-    def line() -> Any:
-        series = []
-        for r in runs:
+    parts, line = [], []
+    for r in runs:
+        time = r.record["time"] - r.record["time"][0]
+        stop = np.searchsorted(time, 0.03) if r.fast else len(time)
+        parts.append((r.record.name, [pictures.Series("model", time[:stop], r.current[:stop], time[:stop],
+                                                      r.modelled(x, values)[:stop])]))
+        if not r.fast:
             order = np.argsort(r.reference[r.used])
             u, i = r.reference[r.used][order], r.current[r.used][order]
-            if not r.fast:
-                series.append(pictures.Series(r.record.name, u, i, u, x[GAIN] * u + x[OFFSET], None))
-        return pictures.panels([("", series)], "reference [V]", "motor current [A]")
+            line.append(pictures.Series(r.record.name, u, i, u, x[GAIN] * u + x[OFFSET]))
+    yield Drawing("Current against time", pictures.panels(parts, "time [s]", "motor current [A]", sharey=False),
+                  "Measured current and the fitted current loop; of fast records the first 30 ms.")
+    steps = [(r.record.name, [series]) for r in runs if r.fast and (series := _steps(r, x, values)) is not None]
+    yield Drawing(
+        "Steps of the reference",
+        pictures.panels(steps or [("no single steps", [])], "time since the step of the reference [ms]",
+                        "share of the step"),
+        "The larger steps of the fast records, scaled and laid on each other: the delay is where the rise begins, "
+        "L/(R + Kp) its time constant.")
+    yield Drawing(
+        "Steady current against reference", pictures.panels([("", line)], "reference [V]", "motor current [A]"),
+        "Slow records, transients left out; the line has the identified gain and offset. Points lie off it by what the "
+        "integral has not yet made up for.")
+    # Records of a tenth of a second and of a minute are shown on one axis.
+    yield pictures.residuals([(r.record.name, (t := r.record["time"][r.used]) / t[-1]) for r in runs], found,
+                             "share of the record's time", "residual current [A]")
 
-    def one_step() -> Any:
-        """All steps of the fast records on each other, as shares of the step, in time from the arrival."""
-        parts = []
-        for k, r in enumerate(runs):
-            if not r.fast:
-                continue
-            model = modelled(k)
-            h = r.record.step
-            before, after = int(0.3e-3 / h) + 1, int(1.2e-3 / h) + 1
-            times, shares = [], []
-            for change in _changes(r.reference):
-                at = change + int(x[DELAY] / h)
-                if at - before < 0 or at + after > len(model):
-                    continue
-                size = model[at + after - 1] - model[at - 1]
-                if abs(size) < 0.3 * np.ptp(r.current) / 2.0:
-                    continue
-                rows = np.arange(at - before, at + after)
-                times.append((rows - change) * h * 1e3)
-                shares.append((r.current[rows] - model[at - 1]) / size)
-            if not times:
-                continue
-            t, s = np.concatenate(times), np.concatenate(shares)
-            grid = np.linspace(t.min(), t.max(), 300)
-            tau = values["motor.inductance"] / (values["motor.resistance"] + x[KP]) * 1e3
-            curve = np.where(grid > x[DELAY] * 1e3, 1.0 - np.exp(-np.maximum(grid - x[DELAY] * 1e3, 0.0) / tau), 0.0)
-            parts.append((r.record.name, [pictures.Series("model", t, s, grid, curve, None)]))
-        return pictures.panels(parts or [("no single steps", [])], "time since the step of the reference [ms]",
-                               "share of the step")
 
-    def residual_series() -> list[tuple[str, Array, Array]]:
-        # Records of a tenth of a second and of a minute are shown on one axis.
-        return [(r.record.name, (t := r.record["time"][r.used]) / t[-1], res)
-                for r, res in zip(runs, found.residuals, strict=True)]
-
-    return [
-        Picture("Current against time", "Measured current and the fitted current loop; of fast records the first 30 "
-                                        "ms.",
-                overlay),
-        Picture("Steps of the reference", "The larger steps of the fast records, scaled and laid on each other: the "
-                                          "delay is where the rise begins, L/(R + Kp) its time constant.", one_step),
-        Picture("Steady current against reference", "Slow records, transients left out; the line has the identified "
-                                                    "gain "
-                "and offset. Points lie off it by what the integral has not yet made up for.", line),
-        pictures.residuals(residual_series, "share of the record's time", "residual current [A]", found),
-    ]
+def _steps(run: _Run, x: Array, values: Mapping[str, Any]) -> pictures.Series | None:
+    """Return all larger steps of a fast record on each other, as shares of the step, in time from the arrival."""
+    model, h, delay = run.modelled(x, values), run.record.step, x[DELAY] * 1e3
+    before, after = int(0.3e-3 / h) + 1, int(1.2e-3 / h) + 1
+    times, shares = [], []
+    for change in _changes(run.reference):
+        at = change + int(x[DELAY] / h)
+        if at - before < 0 or at + after > len(model):
+            continue
+        size = model[at + after - 1] - model[at - 1]
+        if abs(size) < 0.3 * np.ptp(run.current) / 2.0:
+            continue
+        rows = np.arange(at - before, at + after)
+        times.append((rows - change) * h * 1e3)
+        shares.append((run.current[rows] - model[at - 1]) / size)
+    if not times:
+        return None
+    t = np.concatenate(times)
+    grid = np.linspace(t.min(), t.max(), 300)
+    rise = values["motor.inductance"] / (values["motor.resistance"] + x[KP]) * 1e3
+    curve = np.where(grid > delay, 1.0 - np.exp(-np.maximum(grid - delay, 0.0) / rise), 0.0)
+    return pictures.Series("model", t, np.concatenate(shares), grid, curve)

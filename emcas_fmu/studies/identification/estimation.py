@@ -25,38 +25,41 @@ _WINDOW = 5.0
 _PASSES = 3
 _DIFFERENCE = 6e-6  # the cube root of rounding, best for central differences
 _ENOUGH = 90  # residuals of a group that can show a longer autocorrelation time than the small groups share
+_ALONE = 500  # and of one that shows its own time, shorter or longer
 _SINGULAR = 1e-10  # of the largest singular value: the differences of the Jacobian are no better
-_ALONE = 500  # and that tell its own, shorter or longer
 # A group's noise is estimated from few residuals: none is trusted to be much quieter than the typical one.
 _QUIETEST = 0.2
 
 
 @dataclass(frozen=True)
 class Fit:
-    """`values` and their `covariance`; per group the residuals, their standard deviation and correlation time."""
+    """`values` and their `covariance`; the `residuals` of each stretch.
+
+    `groups` lists the stretches of each group; `deviations` and correlation `times` [samples] are the groups'.
+    """
 
     values: Array
     covariance: Array
     residuals: tuple[Array, ...]
+    groups: Sequence[Sequence[int]]
     deviations: Array
     times: Array
-    jacobian: Array
 
     @property
     def sigmas(self) -> Array:
         """1-sigma uncertainties."""
-        found: Array = np.sqrt(np.diag(self.covariance))
-        return found
+        sigmas: Array = np.sqrt(np.diag(self.covariance))
+        return sigmas
 
     @property
     def correlation(self) -> Array:
         """Correlation matrix of the estimates."""
-        found: Array = self.covariance / np.outer(self.sigmas, self.sigmas)
-        return found
+        matrix: Array = self.covariance / np.outer(self.sigmas, self.sigmas)
+        return matrix
 
 
 def correlation_time(residuals: Sequence[Array]) -> float:
-    """Integrated autocorrelation time, in samples, pooled over stretches; 1 for white noise."""
+    """Return the integrated autocorrelation time, in samples, pooled over stretches; 1 for white noise."""
     longest = max(len(r) for r in residuals)
     power = sum(float(r @ r) for r in residuals)
     if power == 0.0:
@@ -70,52 +73,50 @@ def correlation_time(residuals: Sequence[Array]) -> float:
 
 
 def _jacobian(residuals: Callable[[Array], Array], x: Array) -> Array:
-    """Central differences of residuals whose parameters are of the order of one."""
-    columns = []
-    for i in range(len(x)):
-        change = np.zeros(len(x))
-        change[i] = _DIFFERENCE * max(abs(x[i]), 1.0)
-        columns.append((residuals(x + change) - residuals(x - change)) / (2.0 * change[i]))
-    found: Array = np.array(columns).T
-    return found
+    """Return central differences of residuals whose parameters are of the order of one."""
+    changes = np.diag(_DIFFERENCE * np.maximum(np.abs(x), 1.0))
+    jacobian: Array = np.array([(residuals(x + change) - residuals(x - change)) / (2.0 * change.max())
+                                for change in changes]).T
+    return jacobian
 
 
-def solve(residuals: Callable[[Array], Array], start: Array, most: int = 200) -> tuple[Array, Array]:
-    """Least squares by Levenberg and Marquardt (MINPACK): the parameters, and the Jacobian there.
+def solve(residuals: Callable[[Array], Array], start: Array) -> tuple[Array, Array]:
+    """Return the least-squares parameters by Levenberg and Marquardt (MINPACK), and the Jacobian there.
 
     Raises RecordError where it comes to numbers that are not finite.
     """
     try:
         with np.errstate(over="ignore", invalid="ignore"):
-            found = least_squares(residuals, start, jac=lambda x: _jacobian(residuals, x), method="lm",
-                                  x_scale="jac", xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=most)
-            return found.x, _jacobian(residuals, found.x)
+            x = least_squares(residuals, start, jac=lambda x: _jacobian(residuals, x), method="lm", x_scale="jac",
+                              xtol=1e-12, ftol=1e-12, gtol=1e-12, max_nfev=200).x
+            return x, _jacobian(residuals, x)
     except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
         raise RecordError(f"no parameters fit the records ({error}): check units and signs in the headers, and that "
                           "the columns belong together") from error
 
 
-def _times(found: Sequence[Array], groups: Sequence[Sequence[int]], deviations: Array) -> Array:
-    lengths = np.array([sum(len(found[i]) for i in members) for members in groups])
-    times = np.array([correlation_time([found[i] for i in members]) for members in groups])
+def _times(groups: Sequence[Sequence[Array]], deviations: Array) -> Array:
+    """Return each group's correlation time [samples], that of small groups from all of them."""
+    lengths = np.array([sum(map(len, stretches)) for stretches in groups])
+    times = np.array([correlation_time(stretches) for stretches in groups])
     small = lengths < _ALONE
     if small.any():
-        shared = correlation_time([found[i] / (s or 1.0) for members, s, few in zip(
-            groups, deviations, small, strict=True) if few for i in members])
+        shared = correlation_time([r / (s or 1.0) for stretches, s, few in zip(groups, deviations, small) if few
+                                   for r in stretches])
         times = np.where(lengths < _ENOUGH, shared, np.where(small, np.maximum(times, shared), times))
     return times
 
 
-def _deviations(found: Sequence[Array], groups: Sequence[Sequence[int]], jacobian: Array) -> Array:
-    """Each group's noise: its residuals over its own degrees of freedom, what the hat matrix leaves of it.
+def _deviations(stretches: Sequence[Array], groups: Sequence[Sequence[int]], jacobian: Array) -> Array:
+    """Return each group's noise: its residuals over its own degrees of freedom, what the hat matrix leaves of it.
 
     A group that alone decides a parameter bends the fit towards itself, and its residuals shrink.
     """
-    leverage = np.split(np.sum(np.linalg.qr(jacobian)[0] ** 2, axis=1), np.cumsum([len(r) for r in found])[:-1])
-    powers = [sum(float(found[i] @ found[i]) for i in members) for members in groups]
+    leverage = np.split(np.sum(np.linalg.qr(jacobian)[0] ** 2, axis=1), np.cumsum([len(r) for r in stretches])[:-1])
+    powers = [sum(float(stretches[i] @ stretches[i]) for i in members) for members in groups]
     freedom = [max(sum(float(np.sum(1.0 - leverage[i])) for i in members), 1.0) for members in groups]
-    found_deviations: Array = np.sqrt(np.array(powers) / np.array(freedom))
-    return found_deviations
+    deviations: Array = np.sqrt(np.array(powers) / np.array(freedom))
+    return deviations
 
 
 def fit(residuals: Residuals, start: Array, scale: Array, groups: Sequence[Sequence[int]],
@@ -127,18 +128,16 @@ def fit(residuals: Residuals, start: Array, scale: Array, groups: Sequence[Seque
     """
     weights = np.ones(len(groups))
     values = start / scale
-    times = np.ones(len(groups))
-    deviations = np.ones(len(groups))
-    owner = {index: g for g, members in enumerate(groups) for index in members}
+    group = {index: g for g, members in enumerate(groups) for index in members}
 
     def weighted(x: Array) -> Array:
-        return np.concatenate([r * weights[owner[i]] for i, r in enumerate(residuals(x * scale))])
+        return np.concatenate([r * weights[group[i]] for i, r in enumerate(residuals(x * scale))])
 
     for _ in range(_PASSES):
         values, jacobian = solve(weighted, values)
-        found = residuals(values * scale)
-        deviations = _deviations(found, groups, jacobian)
-        times = np.maximum(_times(found, groups, deviations), least_time)
+        stretches = residuals(values * scale)
+        deviations = _deviations(stretches, groups, jacobian)
+        times = np.maximum(_times([[stretches[i] for i in members] for members in groups], deviations), least_time)
         least = _QUIETEST * float(np.median(deviations)) or 1.0
         weights = 1.0 / (np.maximum(deviations, least) * np.sqrt(times))
     jacobian = _jacobian(weighted, values)  # with the weights last found
@@ -149,4 +148,4 @@ def fit(residuals: Residuals, start: Array, scale: Array, groups: Sequence[Seque
                           "what they excite is too little; vary speeds, levels and range more")
     inverse = rows.T / singular
     covariance = (inverse @ inverse.T) * np.outer(scale, scale)
-    return Fit(values * scale, covariance, tuple(found), deviations, times, jacobian / scale)
+    return Fit(values * scale, covariance, tuple(stretches), groups, deviations, times)

@@ -10,28 +10,28 @@ balances in the average.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal.windows import hann
 
 from ...actuators.electromechanical import nonlinear
-from ...ops.arrays import ARRAYS as ARRAYS
+from ...ops.arrays import ARRAYS
 from ...physics import drive, kinematics, loads, mechanics
-from .records import Array, Record, derivative, refuse_clipped, refuse_magnitude
+from ...steppers.rigid import stops
+from .estimation import Fit, fit
+from .records import Array, Record, refuse_clipped, refuse_magnitude, runs
 
 # Windows that overlap by half share a sixth of their variance: of white noise too, 1 + 2/6 windows make one.
-OVERLAP = 4.0 / 3.0
+_OVERLAP = 4.0 / 3.0
 # Motor angle beyond the stops, in shares of the travel, at which the unit or the zero must be wrong.
 _OVER_TRAVEL = 1.25
 _OVER_CURRENT = 2.0
 
 
-@dataclass(frozen=True)
-class Averages:
-    """Windowed means, each an array over windows: motor angle, speed, acceleration, current, time; SI."""
+class Averages(NamedTuple):
+    """Windowed means, each an array over windows: time, motor angle, speed, acceleration, current; SI."""
 
     time: Array
     angle: Array
@@ -40,10 +40,9 @@ class Averages:
     current: Array
     slowest: Array  # least speed [rad/s] along the direction of motion inside a window
 
-    def at(self, chosen: Any) -> Averages:
-        """Some of the windows."""
-        return Averages(*(column[chosen] for column in (self.time, self.angle, self.speed, self.acceleration,
-                                                        self.current, self.slowest)))
+    def at(self, windows: Any) -> Averages:
+        """Return some of the windows."""
+        return Averages(*(column[windows] for column in self))
 
 
 def check(record: Record, values: Mapping[str, Any]) -> None:
@@ -59,80 +58,85 @@ def check(record: Record, values: Mapping[str, Any]) -> None:
     if moved < 0.02 * travel:
         raise record.fail(f"there is no motion to speak of: the motor turns by {moved:.3g} rad of the {2 * travel:.3g} "
                           "rad between the stops; check the unit of motor_angle, and that the drive was enabled")
-    if "motor_speed" in record:
-        derived = derivative(record, "motor_angle")
+    if "motor_speed" in record.columns:
         smooth = max(len(record) // 50, 3)
-        kernel = np.ones(smooth) / smooth
-        ours, theirs = (np.convolve(x, kernel, "valid") for x in (derived, record["motor_speed"]))
-        ratio = float(ours @ theirs) / float(ours @ ours)
+        rate, speed = (np.convolve(x, np.ones(smooth) / smooth, "valid") for x in (
+            np.gradient(record["motor_angle"], record.step), record["motor_speed"]))
+        ratio = float(rate @ speed) / float(rate @ rate)
         if not 0.9 < ratio < 1.1:
             raise record.fail(f"motor_speed is {ratio:.3g} times the rate of motor_angle: one of them has another unit "
-                              f"than the header says (read as {record.written['motor_speed']} and "
-                              f"{record.written['motor_angle']}; 1 rad/s is 9.55 rpm, 1 rad is 57.3 deg)")
+                              f"than the header says (read as {record.units['motor_speed']} and "
+                              f"{record.units['motor_angle']}; 1 rad/s is 9.55 rpm, 1 rad is 57.3 deg)")
 
 
 def motor_travel(p: Any) -> float:
-    """The larger motor angle [rad] of the two stops."""
-    from ...steppers.rigid import stops
-
+    """Return the larger motor angle [rad] of the two stops."""
     low, high = stops(ARRAYS, p)
     return float(max(-low, high))
 
 
 def fin_angle(p: Any, motor_angle: Array) -> Array:
-    """Fin angle [rad] by the geometry of lever and screw."""
-    found: Array = kinematics.fin_angle(ARRAYS, p, kinematics.lever_tangent(ARRAYS, p, motor_angle))
-    return found
+    """Return the fin angle [rad] by the geometry of lever and screw."""
+    angle: Array = kinematics.fin_angle(ARRAYS, p, kinematics.lever_tangent(ARRAYS, p, motor_angle))
+    return angle
 
 
 def averages(record: Record, width: int, hop: int) -> Averages:
-    """Windows of `width` samples, one every `hop`."""
+    """Return windows of `width` samples, one every `hop`."""
     window = hann(width + 2)[1:-1]
     window = window / window.sum()
     angle, step = record["motor_angle"], record.step
-    speed = (angle[2:] - angle[:-2]) / (2.0 * step)
-    second = (angle[2:] - 2.0 * angle[1:-1] + angle[:-2]) / step**2
 
     def mean(x: Array) -> Array:
-        found: Array = np.convolve(x, window[::-1], "valid")[::hop]
-        return found
+        return np.convolve(x, window[::-1], "valid")[::hop]
 
-    middle = mean(speed)
+    speed = mean((angle[2:] - angle[:-2]) / (2.0 * step))
     # A quarter of the window: over fewer samples an encoder's steps are not yet averaged out.
     part = max(width // 4, 1)
     local = (angle[part:] - angle[:-part]) / (part * step)
-    views = np.lib.stride_tricks.sliding_window_view(local, width - part + 1)[::hop][:len(middle)]
-    slowest = np.where(middle > 0.0, views.min(axis=1), -views.max(axis=1))
+    views = np.lib.stride_tricks.sliding_window_view(local, width - part + 1)[::hop][:len(speed)]
+    slowest = np.where(speed > 0.0, views.min(axis=1), -views.max(axis=1))
     inner = slice(1, -1)
-    return Averages(mean(record["time"][inner]), mean(angle[inner]), middle, mean(second),
+    return Averages(mean(record["time"][inner]), mean(angle[inner]), speed,
+                    mean((angle[2:] - 2.0 * angle[1:-1] + angle[:-2]) / step**2),
                     mean(record["motor_current"][inner]), slowest)
 
 
-def joined(parts: Sequence[Averages]) -> Averages:
-    """Windows of several stretches, one after the other."""
-    return Averages(*(np.concatenate(columns) for columns in zip(
-        *((a.time, a.angle, a.speed, a.acceleration, a.current, a.slowest) for a in parts), strict=True)))
+def namespace(values: Mapping[str, Any], temperature: Array | float) -> Any:
+    """Return parameters as attributes, at a temperature [degC] or one for each window."""
+    return nonlinear.ACTUATOR.namespace({**values, "friction.temperature": temperature})
 
 
-def balance(values: Mapping[str, Any], a: Averages, temperature: Array | float) -> tuple[mechanics.Mechanics, Array]:
-    """The mechanics at the windows, and the torque [N.m] left for friction: what drives less what accelerates."""
-    p = nonlinear.ACTUATOR.namespace({**values, "friction.temperature": temperature})
+def balance(p: Any, a: Averages) -> tuple[mechanics.Mechanics, Array]:
+    """Return the mechanics at windows, and the torque [N.m] left for friction: what drives less what accelerates."""
     f_x, f_z = loads.specific_force(ARRAYS, p, (0.0, 0.0, 0.0), 0.0, 0.0)
     m = mechanics.coefficients(ARRAYS, p, a.angle, 0.0, f_x, f_z)
     driving = drive.torque(p, a.current) + m.load + m.centrifugal * a.speed * a.speed
     return m, driving - m.inertia * a.acceleration
 
 
-def resisting(values: Mapping[str, Any], a: Averages, m: mechanics.Mechanics, temperature: Array | float) -> Array:
-    """Friction torque [N.m] of the model at sliding windows, along positive motor angle."""
-    p = nonlinear.ACTUATOR.namespace({**values, "friction.temperature": temperature})
-    direction = np.sign(a.speed)
-    found: Array = (direction * mechanics.breakaway(ARRAYS, p, m, direction)
-                    + mechanics.damping(ARRAYS, p, m, direction) * a.speed)
-    return found
+def fit_motion(values: Mapping[str, Any], names: Sequence[str], parts: Sequence[Averages],
+               temperatures: Sequence[float], start: Array, scale: Array, groups: Sequence[Sequence[int]]) -> Fit:
+    """Fit the parameters `names` to the equation of motion in sliding windows.
+
+    `parts` are stretches of windows, each at a temperature [degC]; `values` are the other parameters. Residuals are
+    torques [N.m]; for `scale` and `groups` see :func:`.estimation.fit`.
+    """
+    windows = Averages(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    lengths = [len(a.time) for a in parts]
+    temperature, ends = np.repeat(temperatures, lengths), np.cumsum(lengths)[:-1]
+    direction = np.sign(windows.speed)
+
+    def residuals(x: Array) -> list[Array]:
+        p = namespace({**values, **dict(zip(names, x.tolist(), strict=True))}, temperature)
+        m, torque = balance(p, windows)
+        friction = (direction * mechanics.breakaway(ARRAYS, p, m, direction)
+                    + mechanics.damping(ARRAYS, p, m, direction) * windows.speed)
+        return np.split(torque - friction, ends)
+
+    return fit(residuals, start, scale, groups, _OVERLAP)
 
 
-def stretches(chosen: NDArray[np.bool_], fewest: int) -> list[NDArray[np.int64]]:
-    """Indices of each run of consecutive chosen windows that has at least `fewest`."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], chosen.astype(int), [0]))))
-    return [np.arange(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= fewest]
+def stretches(windows: NDArray[np.bool_], fewest: int) -> list[NDArray[np.int64]]:
+    """Return the indices of each run of consecutive windows that hold and number at least `fewest`."""
+    return [np.arange(begin, end) for begin, end in runs(windows) if end - begin >= fewest]

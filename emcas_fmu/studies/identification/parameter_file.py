@@ -11,38 +11,45 @@ from math import floor, log10
 from pathlib import Path
 
 from ... import __version__
-from ...parameters import ParameterSet, file_entry, write_parameters
+from ...parameters import file_entry, write_parameters
 from .result import Estimate, Identification
 
 SOURCE = "identified"
 _REMARK = "Reported, no parameter: "
 
 
-def write_identified(result: Identification, base: ParameterSet, path: Path, base_files: Iterable[Path] = ()) -> None:
+def write_identified(result: Identification, path: Path, base_files: Iterable[Path] = ()) -> None:
     """Write the base set with what was identified over it. Raises ParameterError where that makes no sound set."""
+    arrays: dict[str, dict[str, Estimate]] = {}
+    for e in result.estimates:
+        if e.parameter:
+            arrays.setdefault(_array(e.name), {})[e.name] = e
     changes: dict[str, object] = {}
-    for name in dict.fromkeys(e.name.partition("[")[0] for e in result.estimates if e.parameter):
-        estimates = {e.name: e for e in result.estimates if e.parameter and e.name.partition("[")[0] == name}
-        array = [e for e in base.entries if e.variable.name.partition("[")[0] == name]
+    for name, estimates in arrays.items():
+        entries = [e for e in result.base.entries if _array(e.variable.name) == name]
         values = [_rounded(estimates[e.variable.name]) if e.variable.name in estimates else float(e.value)
-                  for e in array]
-        changes[name] = file_entry(values, array[0].variable.unit, SOURCE, _note(result, list(estimates.values())))
+                  for e in entries]
+        changes[name] = file_entry(values, entries[0].variable.unit, SOURCE, _note(result, list(estimates.values())))
     first = f"Identified by emcas {__version__} ({result.kind}); values, units, 1-sigma uncertainties in the notes."
-    write_parameters(base.replace(changes), path, [first, *_remarks(result, base_files)])
+    write_parameters(result.base.replace(changes), path, [first, *_remarks(result, base_files)])
+
+
+def _array(name: str) -> str:
+    return name.partition("[")[0]
 
 
 def _remarks(result: Identification, base_files: Iterable[Path]) -> list[str]:
-    """Comments on what is no parameter, those of the base files among them."""
+    """Return comments on what is no parameter, those of the base files among them."""
     new = [f"{_REMARK}{e.name} = {_rounded(e):g} {e.unit} (1 sigma {e.sigma:.2g}; {result.files})"
            for e in result.estimates if not e.parameter]
-    mine = tuple(line.partition(" = ")[0] + " = " for line in new)
+    replaced = tuple(line.partition(" = ")[0] + " = " for line in new)
     lines = [line.removeprefix("# ") for file in base_files
              for line in file.read_text(encoding="utf-8-sig").splitlines()]
-    return [*(line for line in lines if line.startswith(_REMARK) and not line.startswith(mine)), *new]
+    return [*(line for line in lines if line.startswith(_REMARK) and not line.startswith(replaced)), *new]
 
 
 def _rounded(estimate: Estimate) -> float:
-    """The value with three digits of its uncertainty: more are noise."""
+    """Return the value with three digits of its uncertainty: more are noise."""
     if not estimate.sigma > 0.0:
         return estimate.value
     return round(estimate.value, 2 - floor(log10(estimate.sigma)))

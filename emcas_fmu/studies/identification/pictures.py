@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
-from ...plots import COLORS, GRAY, figure
+from ...plots import COLORS, GRAY, Drawing, figure
 from .estimation import Fit
 from .records import Array
-from .result import Picture
 
 MOST_POINTS = 800  # drawn of one series: more only thickens the page
 
@@ -25,74 +24,71 @@ class Series(NamedTuple):
     y: Array
     model_x: Array
     model_y: Array
-    band: Array | None
+    band: Array | None = None
 
 
-def thinned(*columns: Array) -> tuple[Array, ...]:
-    """At most `MOST_POINTS` of columns of one length, evenly."""
+def _thinned(*columns: Array) -> tuple[Array, ...]:
+    """Return at most `MOST_POINTS` of columns of one length, evenly."""
     step = max(-(-len(columns[0]) // MOST_POINTS), 1)
     return tuple(c[::step] for c in columns)
 
 
 def panels(parts: Sequence[tuple[str, Sequence[Series]]], x_label: str, y_label: str, height: float = 3.4,
            sharey: bool = True) -> Figure:
-    """Panels side by side: points, models over them."""
-    made, grid = figure(1, len(parts), width=9.5, height=height, sharey=sharey)
+    """Draw panels side by side: points, models over them."""
+    drawn, grid = figure(1, len(parts), width=9.5, height=height, sharey=sharey)
     for axes, (title, series) in zip(grid[0], parts, strict=True):
         for color, s in zip(COLORS * 4, series):
-            x, y = thinned(s.x, s.y)
+            x, y = _thinned(s.x, s.y)
             size, alpha = (3.0, 0.45) if len(x) > 60 else (6.0, 1.0)
             axes.plot(x, y, ".", color=color, markersize=size, alpha=alpha, linewidth=0)
             # A lone series' model would not be told from its points.
-            axes.plot(*thinned(s.model_x, s.model_y), color=COLORS[1] if len(series) == 1 else color, label=s.label)
+            axes.plot(*_thinned(s.model_x, s.model_y), color=COLORS[1] if len(series) == 1 else color, label=s.label)
             if s.band is not None:
-                low, high = s.model_y - s.band, s.model_y + s.band
-                axes.fill_between(s.model_x, low, high, color=color, alpha=0.3, linewidth=0)
+                axes.fill_between(s.model_x, s.model_y - s.band, s.model_y + s.band, color=color, alpha=0.3,
+                                  linewidth=0)
         axes.set_title(title)
         axes.set_xlabel(x_label)
         axes.legend(loc="best")
     grid[0][0].set_ylabel(y_label)
-    return made
+    return drawn
 
 
-def residuals(series: Callable[[], Sequence[tuple[str, Array, Array]]], x_label: str, y_label: str,
-              fit: Fit) -> Picture:
-    """Residuals against what they may depend on, their distribution, and their autocorrelation."""
-    def draw() -> Figure:
-        made, grid = figure(1, 3, width=9.5, height=2.9, width_ratios=(2.2, 1, 1))
-        first, second, third = grid[0]
-        shown = series()
-        colors = dict(zip(dict.fromkeys(label for label, _, _ in shown), COLORS * 9))
-        for i, (label, x, y) in enumerate(shown):
-            x, y = thinned(x, y)
-            first_of_label = label not in [other for other, _, _ in shown[:i]]
-            first.plot(x, y, ".", color=colors[label], markersize=2.5, alpha=0.5, linewidth=0,
-                       label=label if first_of_label else "_")
-        if 1 < len(colors) <= 3:
-            first.legend(loc="lower right", markerscale=3, ncols=len(colors))
-        first.axhline(0.0, color=GRAY, linewidth=0.8)
-        first.set_xlabel(x_label)
-        first.set_ylabel(y_label)
-        standard = np.concatenate([r / (np.sqrt(np.mean(r**2)) or 1.0) for r in fit.residuals])
-        second.hist(standard, bins=np.linspace(-4.0, 4.0, 33).tolist(), density=True, color=COLORS[0], alpha=0.6)
-        x = np.linspace(-4.0, 4.0, 100)
-        second.plot(x, norm.pdf(x), color=COLORS[1], label="normal")
-        second.set_xlabel("residual / its deviation")
-        second.set_yticks([])
-        second.legend(loc="upper right")
-        lags = 20
-        third.bar(np.arange(1, lags + 1), _autocorrelation(fit.residuals, lags), color=COLORS[0], width=0.6)
-        bound = 2.0 / np.sqrt(len(standard))
-        third.axhspan(-bound, bound, color=GRAY, alpha=0.3, linewidth=0)
-        third.set_xlabel("lag [samples]")
-        third.set_ylabel("autocorrelation")
-        return made
+def residuals(series: Sequence[tuple[str, Array]], fit: Fit, x_label: str, y_label: str,
+              factor: float = 1.0) -> Drawing:
+    """Draw residuals against what they may depend on, their distribution, and their autocorrelation.
 
-    return Picture("Residuals", "What the fitted model leaves: without a trend to the left, near the normal curve, and "
-                   "an autocorrelation of which the uncertainties take account (grey: 2-sigma of white noise).", draw)
-
-
-def _autocorrelation(stretches: Sequence[Array], lags: int) -> Any:
-    scaled = [r / (np.sqrt(np.mean(r**2)) or 1.0) for r in stretches]
-    return [sum(float(r[:-k] @ r[k:]) for r in scaled if len(r) > k)
-            / max(sum(len(r) - k for r in scaled if len(r) > k), 1) for k in range(1, lags + 1)]
+    `series` has the label and abscissa of each stretch; residuals are shown times `factor`.
+    """
+    drawn, grid = figure(1, 3, width=9.5, height=2.9, width_ratios=(2.2, 1, 1))
+    first, second, third = grid[0]
+    colors = dict(zip(dict.fromkeys(label for label, _ in series), COLORS * 9))
+    legend: set[str] = set()
+    for (label, x), y in zip(series, fit.residuals, strict=True):
+        first.plot(*_thinned(x, y * factor), ".", color=colors[label], markersize=2.5, alpha=0.5, linewidth=0,
+                   label="_" if label in legend else label)
+        legend.add(label)
+    if 1 < len(colors) <= 3:
+        first.legend(loc="lower right", markerscale=3, ncols=len(colors))
+    first.axhline(0.0, color=GRAY, linewidth=0.8)
+    first.set_xlabel(x_label)
+    first.set_ylabel(y_label)
+    scaled = [r / (np.sqrt(np.mean(r**2)) or 1.0) for r in fit.residuals]
+    standard = np.concatenate(scaled)
+    second.hist(standard, bins=np.linspace(-4.0, 4.0, 33).tolist(), density=True, color=COLORS[0], alpha=0.6)
+    x = np.linspace(-4.0, 4.0, 100)
+    second.plot(x, norm.pdf(x), color=COLORS[1], label="normal")
+    second.set_xlabel("residual / its deviation")
+    second.set_yticks([])
+    second.legend(loc="upper right")
+    lags = range(1, 21)
+    autocorrelation = [sum(float(r[:-k] @ r[k:]) for r in scaled if len(r) > k)
+                       / max(sum(len(r) - k for r in scaled if len(r) > k), 1) for k in lags]
+    third.bar(lags, autocorrelation, color=COLORS[0], width=0.6)
+    bound = 2.0 / np.sqrt(len(standard))
+    third.axhspan(-bound, bound, color=GRAY, alpha=0.3, linewidth=0)
+    third.set_xlabel("lag [samples]")
+    third.set_ylabel("autocorrelation")
+    return Drawing("Residuals", drawn, "What the fitted model leaves: without a trend to the left, near the normal "
+                   "curve, and an autocorrelation of which the uncertainties take account (grey: 2-sigma of white "
+                   "noise).")

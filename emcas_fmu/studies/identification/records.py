@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,7 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
     "fin_angle": ("rad", "fin angle, measured directly on the fin shaft"),
     "temperature": ("degC", "ambient temperature; bare numbers are degC, as in parameter files"),
 }
+DIRECTIONS = ((1, "positive"), (-1, "negative"))
 FEWEST_ROWS = 20
 # Share of the sample interval by which a logger's time stamps may jitter: beyond it differences of neighbouring
 # samples, which the estimates rest on, are wrong by more than that share.
@@ -50,19 +51,16 @@ class RecordError(EmcasError):
 
 @dataclass(frozen=True)
 class Record:
-    """One file: `columns` in SI by name, `step` [s] between rows, `written` the units of the file."""
+    """One file: `columns` in SI by name, `step` [s] between rows, `units` those of the file."""
 
     path: Path
     step: float
     columns: Mapping[str, Array]
-    written: Mapping[str, str]
+    units: Mapping[str, str]
     sha256: str
 
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]
-
-    def __contains__(self, name: str) -> bool:
-        return name in self.columns
 
     def __len__(self) -> int:
         return len(self.columns["time"])
@@ -73,15 +71,15 @@ class Record:
         return self.path.name
 
     def fail(self, problem: str) -> RecordError:
-        """An error that names this file."""
+        """Return an error that names this file."""
         return RecordError(f"{self.path}: {problem}")
 
 
 def read_records(paths: Sequence[Path], required: Sequence[str], optional: Sequence[str] = ()) -> list[Record]:
-    """Each file's columns of these names and ``time``. Raises RecordError with the first file's problem."""
+    """Read each file's columns of these names and ``time``. Raises RecordError with the first file's problem."""
     if not paths:
         raise RecordError("no files: give at least one CSV file of measurements")
-    records = [read_record(path, required, optional) for path in paths]
+    records = [_record(path, ("time", *required), optional) for path in paths]
     seen: dict[str, Record] = {}
     for record in records:
         if record.sha256 in seen:
@@ -92,28 +90,28 @@ def read_records(paths: Sequence[Path], required: Sequence[str], optional: Seque
 
 
 def grouped(records: Sequence[Record], stretches: Callable[[Record], Sequence[T]]) -> tuple[list[T], list[list[int]]]:
-    """The stretches of all records, and by record the indices of its own."""
-    found: list[T] = []
+    """Return the stretches of all records, and by record the indices of its stretches."""
+    every: list[T] = []
     groups = []
     for record in records:
-        begin = len(found)
-        found += stretches(record)
-        groups.append(list(range(begin, len(found))))
-    return found, groups
+        begin = len(every)
+        every += stretches(record)
+        groups.append(list(range(begin, len(every))))
+    return every, groups
 
 
-def read_record(path: Path, required: Sequence[str], optional: Sequence[str] = ()) -> Record:
-    """One file's columns of these names and ``time``, checked. Raises RecordError."""
+def _record(path: Path, required: Sequence[str], optional: Sequence[str]) -> Record:
     header, rows, digest = _cells(path)
-    places, written = _places(path, header, required, optional)
-    columns = {name: _column(path, name, written[name], [row[place] for row in rows], header[place])
+    places, units = _places(path, header, required, optional)
+    columns = {name: _column(path, name, units[name], [row[place] for row in rows], header[place])
                for name, place in places.items()}
     if len(rows) < FEWEST_ROWS:
         raise RecordError(f"{path}: has {len(rows)} rows; at least {FEWEST_ROWS} are needed")
-    return Record(path, _step(path, columns["time"]), columns, written, digest)
+    return Record(path, _step(path, columns["time"]), columns, units, digest)
 
 
 def _cells(path: Path) -> tuple[list[str], list[list[str]], str]:
+    """Return the cells of the header and of the rows, and the file's SHA-256."""
     try:
         raw = path.read_bytes()
         text = raw.decode("utf-8-sig")
@@ -124,8 +122,7 @@ def _cells(path: Path) -> tuple[list[str], list[list[str]], str]:
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     if not lines:
         raise RecordError(f"{path}: is empty; expected a header such as  time [s],motor_current [A]  and rows")
-    delimiter = max(",;\t", key=lines[0].count)
-    header, *rows = csv.reader(lines, delimiter=delimiter)
+    header, *rows = csv.reader(lines, delimiter=max(",;\t", key=lines[0].count))
     for i, row in enumerate(rows, 1):
         if len(row) != len(header):
             raise RecordError(f"{path}: data row {i} has {len(row)} cells, the header {len(header)}; "
@@ -135,33 +132,33 @@ def _cells(path: Path) -> tuple[list[str], list[list[str]], str]:
 
 def _places(path: Path, header: Sequence[str], required: Sequence[str],
             optional: Sequence[str]) -> tuple[dict[str, int], dict[str, str]]:
-    """Where the wanted columns are, and their units as written."""
+    """Return the places of the columns by name, and their units in the file."""
     places: dict[str, int] = {}
-    written: dict[str, str] = {}
+    units: dict[str, str] = {}
     names = []
     for place, cell in enumerate(header):
         match = _HEADER.fullmatch(cell)
         name, unit = (match[1], match[2]) if match else (cell.strip(), None)
         names.append(name)
-        if name not in ("time", *required, *optional):
+        if name not in (*required, *optional):
             continue
         if name in places:
             raise RecordError(f"{path}: has two columns {name}; leave one of them out")
-        places[name], written[name] = place, QUANTITIES[name][0] if unit is None else unit.strip()
-    for name in ("time", *required):
+        places[name], units[name] = place, QUANTITIES[name][0] if unit is None else unit.strip()
+    for name in required:
         if name not in places:
+            unit, meaning = QUANTITIES[name]
             close = get_close_matches(name, names, 1)
             hint = f"; is {close[0]} meant? Call it {name}" if close else ""
-            raise RecordError(f"{path}: has no column {name} ({QUANTITIES[name][1]}, in {QUANTITIES[name][0]} or with "
-                              f"its unit as in {name} [{QUANTITIES[name][0]}]); its columns are "
-                              f"{', '.join(names)}{hint}")
-    return places, written
+            raise RecordError(f"{path}: has no column {name} ({meaning}, in {unit} or with its unit as in {name} "
+                              f"[{unit}]); its columns are {', '.join(names)}{hint}")
+    return places, units
 
 
 def _column(path: Path, name: str, unit: str, cells: Sequence[str], head: str) -> Array:
-    wanted = QUANTITIES[name][0]
+    """Return a column's values in SI."""
     try:
-        zero, one = (convert(Decimal(x), unit, wanted) for x in (0, 1))
+        zero, one = (convert(Decimal(x), unit, QUANTITIES[name][0]) for x in (0, 1))
     except UnitError as error:
         raise RecordError(f"{path}: column {head.strip()}: {error}") from error
     values = np.empty(len(cells))
@@ -173,13 +170,11 @@ def _column(path: Path, name: str, unit: str, cells: Sequence[str], head: str) -
         if not np.isfinite(values[i]):
             raise RecordError(f"{path}: {name}, data row {i + 1}: {cell.strip() or '(empty)'} is not a finite number; "
                               "remove what was measured up to the gap or after it")
-    if wanted == unit:
-        return values
-    scaled: Array = zero + (one - zero) * values
-    return scaled
+    return values if unit == QUANTITIES[name][0] else zero + (one - zero) * values
 
 
 def _step(path: Path, time: Array) -> float:
+    """Return the interval [s] of equally spaced samples."""
     steps = np.diff(time)
     if np.any(steps <= 0.0):
         row = int(np.argmax(steps <= 0.0)) + 2
@@ -208,36 +203,27 @@ def refuse_clipped(record: Record, name: str) -> None:
     if len(levels) < 3:
         return
     for extreme, pile, beside in ((levels[-1], counts[-1], counts[-3:-1]), (levels[0], counts[0], counts[1:3])):
-        flat = _longest(values == extreme)
-        others = inner & (values[1:] != extreme)
-        run = flat >= _FLAT and flat > 4 * (_longest(others) + 1)
-        if run or (restless and pile >= 2 * _FLAT and pile > 4 * (int(beside.max()) + 1)):
+        flat, others = _longest(values == extreme), _longest(inner & (values[1:] != extreme))
+        rests = flat >= _FLAT and flat > 4 * (others + 1)
+        piles = restless and pile >= 2 * _FLAT and pile > 4 * (int(beside.max()) + 1)
+        if rests or piles:
             raise record.fail(f"{name} is clipped: {pile} samples are at exactly {extreme:.6g} {QUANTITIES[name][0]}, "
                               "its extreme, as no others; widen the range of the measurement, or excite less")
 
 
+def runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return begin and end of each run of True, of shape (runs, 2); the end is the index behind the last."""
+    edges = np.flatnonzero(np.diff(mask.astype(int), prepend=0, append=0))
+    return edges.reshape(-1, 2)
+
+
 def _longest(mask: NDArray[np.bool_]) -> int:
-    """Length of the longest run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(int), [0]))))
-    return int((edges[1::2] - edges[::2]).max(initial=0))
+    return int(np.diff(runs(mask)).max(initial=0))
 
 
 def refuse_magnitude(record: Record, name: str, largest: float, means: str) -> None:
     """Refuse a column beyond `largest` [SI]: its unit is hardly the one in the header. `means` says what that is."""
-    found = float(np.abs(record[name]).max())
-    if found > largest:
-        unit = QUANTITIES[name][0]
-        raise record.fail(f"{name} reaches {found:.4g} {unit}, more than {largest:.4g} {unit} ({means}); it was read "
-                          f"as {record.written[name]}: put the unit it has into the header, as in {name} [{unit}]")
-
-
-def derivative(record: Record, name: str) -> Array:
-    """Central differences of a column, one-sided at the ends."""
-    found: Array = np.gradient(record[name], record.step)
-    return found
-
-
-def summary(record: Record) -> dict[str, Any]:
-    """What a report says of a file."""
-    return {"file": record.name, "rows": len(record), "sample_rate_hz": float(f"{1.0 / record.step:.6g}"),
-            "units": dict(record.written), "sha256": record.sha256}
+    reached, unit = float(np.abs(record[name]).max()), QUANTITIES[name][0]
+    if reached > largest:
+        raise record.fail(f"{name} reaches {reached:.4g} {unit}, more than {largest:.4g} {unit} ({means}); it was read "
+                          f"as {record.units[name]}: put the unit it has into the header, as in {name} [{unit}]")

@@ -2,21 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 from ...bench.writers import write_page
-from ...plots import style, svg
+from ...plots import pictures
 from .result import Identification
-
-
-def figures(result: Identification) -> list[tuple[str, str, str]]:
-    """Title, SVG and caption of every picture."""
-    drawn = []
-    with style():
-        for picture in result.pictures:
-            drawn.append((picture.title, svg(picture.draw(), picture.title), picture.caption))
-    return drawn
 
 
 def _number(value: float | None, digits: int = 6) -> str:
@@ -25,12 +16,13 @@ def _number(value: float | None, digits: int = 6) -> str:
 
 def write_report(result: Identification, path: Path) -> None:
     """Write the page; the same result gives the same bytes."""
-    write_page(path, "studies/identification/report.html.j2", result=result, figures=figures(result), number=_number,
-               correlated=_strongest(*result.correlation), files={n["file"]: n for n in result.noise})
+    write_page(path, "studies/identification/report.html.j2", result=result, figures=pictures(result.drawings()),
+               number=_number, correlated=_strongest(result), files={n["file"]: n for n in result.noise})
 
 
-def _strongest(names: Any, matrix: Any) -> list[tuple[str, str, float]]:
-    """Pairs of estimates correlated by more than 0.8, strongest first, ten at most."""
-    pairs = [(names[i], names[j], float(matrix[i][j])) for i in range(len(names)) for j in range(i)
-             if abs(matrix[i][j]) > 0.8]
+def _strongest(result: Identification) -> list[tuple[str, str, float]]:
+    """Return pairs of estimates correlated by more than 0.8, strongest first, ten at most."""
+    matrix = result.fit.correlation
+    pairs = [(name, other, float(matrix[i][j]))
+             for (j, other), (i, name) in combinations(enumerate(result.names), 2) if abs(matrix[i][j]) > 0.8]
     return sorted(pairs, key=lambda pair: -abs(pair[2]))[:10]

@@ -1,59 +1,60 @@
-"""What an identification gives: estimates with uncertainty, notes, pictures, and how it was done."""
+"""The outcome of an identification: estimates with uncertainty, notes, pictures, and how it was done."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
-from matplotlib.figure import Figure
-
 from ... import __version__
-from ...bench import writers
-from .estimation import Fit
-from .records import Array, Record, summary
+from ...parameters import ParameterSet
+from ...plots import Drawing
+from .estimation import METHOD, Fit
+from .records import Record
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A value with its 1-sigma uncertainty, in `unit`.
+    """A value with its 1-sigma uncertainty and its value in the base set, in `unit`.
 
     `name` is a parameter's where `parameter` holds; otherwise the model has none and it is reported only.
-    `base` is the value in the parameter set the identification started from.
     """
 
     name: str
     value: float
     sigma: float
     unit: str
-    parameter: bool = True
     base: float | None = None
+    parameter: bool = True
 
 
-@dataclass(frozen=True)
-class Picture:
-    """A figure for the report, drawn when asked for."""
-
-    title: str
-    caption: str
-    draw: Callable[[], Figure]
+def estimates(names: Sequence[str], fit: Fit, base: ParameterSet) -> list[Estimate]:
+    """Return the first fitted values as the parameters `names`."""
+    entries = {e.variable.name: e for e in base.entries}
+    return [Estimate(name, float(value), float(sigma), entries[name].variable.unit, float(entries[name].value))
+            for name, value, sigma in zip(names, fit.values, fit.sigmas)]
 
 
 @dataclass(frozen=True)
 class Identification:
-    """The outcome of one experiment. `given` are the parameters it took for known."""
+    """The outcome of one experiment.
+
+    `names` are those of the first values of the `fit`, whose residuals are in `unit`, a group per record. `assumed`
+    are the parameters taken from the `base` set. `drawings` makes the pictures.
+    """
 
     kind: str
     title: str
     records: Sequence[Record]
+    base: ParameterSet
+    assumed: Sequence[str]
+    names: Sequence[str]
+    fit: Fit
+    unit: str
     estimates: Sequence[Estimate]
-    given: Mapping[str, float]
-    method: str
     notes: Sequence[str]
-    pictures: Sequence[Picture]
-    correlation: tuple[Sequence[str], Array]
-    noise: Sequence[Mapping[str, Any]]
+    drawings: Callable[[], Iterable[Drawing]]
+    method: str = METHOD
 
     def __getitem__(self, name: str) -> Estimate:
         return next(e for e in self.estimates if e.name == name)
@@ -64,23 +65,26 @@ class Identification:
         names = [r.name for r in self.records]
         return ", ".join(names) if len(names) <= 3 else f"{len(names)} files from {names[0]} to {names[-1]}"
 
+    @property
+    def given(self) -> dict[str, float]:
+        """The assumed parameters."""
+        return {name: float(self.base.values[name]) for name in self.assumed}
 
-def noise(records: Sequence[Record], fit: Fit, groups: Sequence[Sequence[int]], unit: str) -> list[dict[str, Any]]:
-    """Per file the residuals' standard deviation and correlation time."""
-    return [{"file": record.name, "residual": float(deviation), "unit": unit,
-             "residuals": sum(len(fit.residuals[i]) for i in members), "correlation_time": float(time)}
-            for record, members, deviation, time in zip(records, groups, fit.deviations, fit.times, strict=True)]
+    @property
+    def noise(self) -> list[dict[str, Any]]:
+        """Per file the residuals' standard deviation and correlation time."""
+        fit = self.fit
+        return [{"file": record.name, "residual": float(deviation), "unit": self.unit,
+                 "residuals": sum(len(fit.residuals[i]) for i in members), "correlation_time": float(time)}
+                for record, members, deviation, time in zip(self.records, fit.groups, fit.deviations, fit.times)]
 
-
-def write_json(result: Identification, path: Path) -> None:
-    """Everything but the pictures, for machines."""
-    names, matrix = result.correlation
-    document = {
-        "kind": result.kind, "title": result.title, "emcas_version": __version__, "method": result.method,
-        "estimates": {e.name: {"value": e.value, "sigma": e.sigma, "unit": e.unit, "base": e.base,
-                               "parameter": e.parameter} for e in result.estimates},
-        "correlation": {"names": list(names), "matrix": matrix.tolist()},
-        "given": dict(result.given), "notes": list(result.notes), "residuals": list(result.noise),
-        "files": [summary(r) for r in result.records],
-    }
-    writers.write_json(document, path)
+    def document(self) -> Mapping[str, Any]:
+        """Return everything but the pictures, for JSON."""
+        entries = [asdict(e) for e in self.estimates]
+        count = len(self.names)
+        return {"kind": self.kind, "title": self.title, "emcas_version": __version__, "method": self.method,
+                "estimates": {entry.pop("name"): entry for entry in entries},
+                "correlation": {"names": self.names, "matrix": self.fit.correlation[:count, :count]},
+                "given": self.given, "notes": self.notes, "residuals": self.noise,
+                "files": [{"file": r.name, "rows": len(r), "sample_rate_hz": float(f"{1.0 / r.step:.6g}"),
+                           "units": r.units, "sha256": r.sha256} for r in self.records]}
