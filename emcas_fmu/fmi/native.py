@@ -14,7 +14,7 @@ from pythonfmu import Fmi2Slave
 from .. import rules
 from ..compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform
 from ..errors import BuildError
-from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, written
+from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, header, written
 from .interface import BUS_PARAMETERS, MIXING, FmuInterface
 from .model_description import element
 
@@ -52,7 +52,7 @@ NOTES = (
 
 
 def interface_header(unit: FmuInterface, starts: Sequence[Any], guid: str, code: str) -> str:
-    """interface.h: the variables, start values and the unit's identity."""
+    """Return interface.h: the variables, start values and the unit's identity."""
     rows = ",\n".join(
         f"    {{{c_text(v.name)}, {'INTEGER' if v.items else v.kind.upper()}, {int(v.variability == 'tunable')}, "
         f"{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in unit.variables)
@@ -60,9 +60,8 @@ def interface_header(unit: FmuInterface, starts: Sequence[Any], guid: str, code:
     categories = ", ".join(c_text(name) for name in Fmi2Slave.log_categories)
     formats = "".join(f"static const char {name}[] = {c_text(getattr(rules, name))};\n"
                       for name in ("NOT_FINITE", "BELOW", "ABOVE"))
-    return (
-        "/* The interface: variables, their places, identity; generated, do not edit. */\n"
-        "#ifndef EMCAS_INTERFACE_H\n#define EMCAS_INTERFACE_H\n\n#include <math.h>\n\n"
+    return header(
+        "interface", "The interface: variables, their places, identity", "#include <math.h>\n\n"
         f"#define MODEL_NAME {c_text(unit.model)}\n#define MODEL_GUID {c_text(guid)}\n"
         f"#define MODEL_STATE {c_text(guid + code)}\n#define LOG_CATEGORIES {{{categories}}}\n\n"
         f"#define FINS {unit.fins}\n\n{_sizes(unit)}\nenum {{ REAL, INTEGER, BOOLEAN }};\n"
@@ -70,7 +69,7 @@ def interface_header(unit: FmuInterface, starts: Sequence[Any], guid: str, code:
         f"{formats}\n"
         "typedef struct {\n    const char *name;\n    int kind, tunable;\n    double minimum, maximum;\n} variable;\n\n"
         f"static const variable VARIABLE[UNIT_VARIABLES] = {{\n{rows}\n}};\n\n"
-        f"static const double START[UNIT_VARIABLES] = {{\n{values}\n}};\n\n#endif\n")
+        f"static const double START[UNIT_VARIABLES] = {{\n{values}\n}};\n")
 
 
 def _sizes(unit: FmuInterface) -> str:
