@@ -194,7 +194,7 @@ class Core:
 
     def _finish(self, inputs: Inputs, left: float) -> tuple[float, ...]:
         """Return the plant after what is left of a tick [s], from event to event."""
-        plant = self._plant
+        plant: tuple[float, ...] = self._plant
         if left <= 0.0:
             return plant
         step, whole = self._kernel_step, left

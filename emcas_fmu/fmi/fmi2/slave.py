@@ -97,16 +97,12 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def setup_experiment(self, start_time: float, stop_time: float | None = None,
                          tolerance: float | None = None) -> None:
-        if self._phase == "instantiated":
+        if self._allowed("instantiated", "fmi2SetupExperiment"):
             self._start = start_time
-        else:
-            self._misused(f"fmi2SetupExperiment called while {self._phase}")
 
     def enter_initialization_mode(self) -> None:
-        if self._phase == "instantiated":
+        if self._allowed("instantiated", "fmi2EnterInitializationMode"):
             self._phase = "initialization"
-        else:
-            self._misused(f"fmi2EnterInitializationMode called while {self._phase}")
 
     def exit_initialization_mode(self) -> None:
         self._guard(self._initialize)
@@ -116,8 +112,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._ready = False
 
     def _initialize(self) -> None:
-        if self._phase != "initialization":
-            self._misused(f"fmi2ExitInitializationMode called while {self._phase}")
+        if not self._allowed("initialization", "fmi2ExitInitializationMode"):
             return
         self._phase = "running"
         problems = self._parameter_problems()
@@ -358,6 +353,12 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             return CorruptState(f"it cannot be read ({type(error).__name__})")
 
     # -- trouble ---------------------------------------------------------------
+
+    def _allowed(self, phase: str, function: str) -> bool:
+        """Return whether a call may come now."""
+        if self._phase != phase:
+            self._misused(f"{function} called while {self._phase}")
+        return self._phase == phase
 
     def _guard(self, action: Callable[[], None]) -> None:
         try:
