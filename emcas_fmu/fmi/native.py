@@ -14,7 +14,7 @@ from pythonfmu import Fmi2Slave
 from .. import rules
 from ..compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform
 from ..errors import BuildError
-from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, header, written
+from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, handwritten, header
 from .interface import BUS_PARAMETERS, MIXING, FmuInterface
 from .model_description import element
 
@@ -94,8 +94,8 @@ def sources(unit: FmuInterface, starts: Sequence[Any], guid: str) -> dict[str, s
     if _NO_PREFIX not in standard["fmi2Functions.h"]:
         raise BuildError("fmi2Functions.h of this version of fmpy is not as expected: fmpy 0.3.25 to 0.3.32 are known")
     standard["fmi2Functions.h"] = standard["fmi2Functions.h"].replace(_NO_PREFIX, _PREFIX)
-    code = {**{name: written(name, "emcas_fmu.fmi.fmi2") for name in _WRITTEN},
-            "multi_fin.h": written("multi_fin.h"), **core_sources(unit.fins > 1, unit.kind)}
+    code = {**{name: handwritten(name, "emcas_fmu.fmi.fmi2") for name in _WRITTEN},
+            "multi_fin.h": handwritten("multi_fin.h"), **core_sources(unit.fins > 1, unit.kind)}
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(code.items())).encode()).hexdigest()[:16]
     return {**code, **standard, "interface.h": interface_header(unit, starts, guid, digest)}
 
@@ -126,14 +126,14 @@ def binaries(model: str, files: Mapping[str, str], platforms: Sequence[Platform]
     Raises CompilerError if there is no compiler or it refuses.
     """
     compiler: Compiler = find(cc)
-    found = {}
+    libraries = {}
     for i, target in enumerate(platforms):
         if progress:
             progress(target.name, i, len(platforms))
-        found[f"binaries/{target.name}/{model}{target.suffix}"] = compiler.library(files, MAIN, target, model)
+        libraries[f"binaries/{target.name}/{model}{target.suffix}"] = compiler.library(files, MAIN, target, model)
     if progress:
         progress("", len(platforms), len(platforms))
-    return found
+    return libraries
 
 
 def build_description(model: str) -> Element:

@@ -18,7 +18,7 @@ _MOST_NUMBERS = 12  # of a rule's message: as many as instance.h hands to printf
 _NO_CONTRACTION = "#if !defined __GNUC__ || defined __clang__\n#pragma STDC FP_CONTRACT OFF\n#endif\n"
 
 
-def written(name: str, package: str = "emcas_fmu.runtime") -> str:
+def handwritten(name: str, package: str = "emcas_fmu.runtime") -> str:
     """Return a source written by hand."""
     return files(package).joinpath(name).read_text(encoding="utf-8")
 
@@ -110,4 +110,4 @@ def rules_header(model: str) -> str:
 def core_sources(several: bool = False, model: str = NONLINEAR) -> dict[str, str]:
     """Return the headers that hold the actuator, or what each of several needs: file name to text."""
     return {"kernel.h": kernel_header(several, model), "model.h": model_header(get(model)),
-            "rules.h": rules_header(model), **{name: written(name) for name in ("core.h", "parameter_checks.h")}}
+            "rules.h": rules_header(model), **{name: handwritten(name) for name in ("core.h", "parameter_checks.h")}}

@@ -21,7 +21,7 @@ from ..compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers
 from ..files import cache_directory
 from ..parameters import ParameterError, check_parameters
 from . import core
-from .c_sources import core_sources, written
+from .c_sources import core_sources, handwritten
 
 _MAIN = "batch.c"
 _DOUBLES = ct.POINTER(ct.c_double)
@@ -39,14 +39,14 @@ def _library(model: str) -> ct.CDLL | str:
     target = local_platform()
     if target is None:
         return "this platform is not known"
-    sources = {_MAIN: written(_MAIN), **core_sources(model=model)}
+    sources = {_MAIN: handwritten(_MAIN), **core_sources(model=model)}
     text = "\0".join([target.name, *FLAGS, *(f"{n}\0{t}" for n, t in sorted(sources.items()))])
     problem = ""
     for compiler in local_compilers():
         described = hashlib.sha256(f"{compiler.version}\0{text}".encode()).hexdigest()[:20]
         try:
-            return _declared(ct.CDLL(str(_kept(described, target.suffix) or _compiled(
-                compiler, sources, target, described))))
+            path = _cached(described, target.suffix) or _compile(compiler, sources, target, described)
+            return _declare(ct.CDLL(str(path)))
         except (OSError, CompilerError) as error:
             problem = str(error)
     if problem:
@@ -71,7 +71,7 @@ def available(model: str = NONLINEAR) -> bool:
     return True
 
 
-def _kept(described: str, suffix: str) -> Path | None:
+def _cached(described: str, suffix: str) -> Path | None:
     """Return a library compiled before, if it is still what it was: its content's hash is in its name."""
     for path in cache_directory().glob(f"kernel_{described}_*{suffix}"):
         if path.stem.endswith(hashlib.sha256(path.read_bytes()).hexdigest()[:16]):
@@ -80,7 +80,7 @@ def _kept(described: str, suffix: str) -> Path | None:
     return None
 
 
-def _compiled(compiler: Compiler, sources: Mapping[str, str], target: Platform, described: str) -> Path:
+def _compile(compiler: Compiler, sources: Mapping[str, str], target: Platform, described: str) -> Path:
     # A rebuilt library at the same path would give the old one to a process that has it loaded.
     content = compiler.library(sources, _MAIN, target, "kernel")
     path = cache_directory() / f"kernel_{described}_{hashlib.sha256(content).hexdigest()[:16]}{target.suffix}"
@@ -90,7 +90,7 @@ def _compiled(compiler: Compiler, sources: Mapping[str, str], target: Platform, 
     return path
 
 
-def _declared(loaded: ct.CDLL) -> ct.CDLL:
+def _declare(loaded: ct.CDLL) -> ct.CDLL:
     loaded.actuator_size.restype = loaded.actuator_state.restype = ct.c_size_t
     loaded.actuators_run.restype = loaded.actuator_simulate.restype = ct.c_size_t
     for function in ("bind", "start"):
