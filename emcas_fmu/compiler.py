@@ -51,7 +51,7 @@ PLATFORMS = {p.name: p for p in (
 
 
 def local_platform() -> Platform | None:
-    """The platform of this machine; None if it is none of those known."""
+    """Return the platform of this machine; None if it is none of those known."""
     machine = "aarch64" if platform.machine().lower() in ("arm64", "aarch64") else platform.machine().lower()
     names = {("Linux", "x86_64"): "linux64", ("Windows", "amd64"): "win64", ("Darwin", "x86_64"): "darwin64",
              ("Linux", "aarch64"): "aarch64-linux", ("Darwin", "aarch64"): "aarch64-darwin"}
@@ -67,7 +67,7 @@ class Compiler:
     zig: bool
 
     def library(self, sources: Mapping[str, str], main: str, target: Platform, name: str) -> bytes:
-        """The shared library `name` of one source file and the headers beside it: file name to text.
+        """Return the shared library `name` of one source file and the headers beside it: file name to text.
 
         The same sources give the same bytes. Raises CompilerError with what the compiler said.
         """
@@ -95,7 +95,7 @@ class Compiler:
 
 @cache
 def zig() -> Compiler | None:
-    """The compiler of the package ziglang, if installed."""
+    """Return the compiler of the package ziglang, if installed."""
     if importlib.util.find_spec("ziglang") is None:
         return None
     command = (sys.executable, "-m", "ziglang", "cc")
@@ -105,7 +105,7 @@ def zig() -> Compiler | None:
 
 @cache
 def system(name: str) -> Compiler:
-    """A system compiler by name or command line. Raises CompilerError if it does not run."""
+    """Return a system compiler by name or command line. Raises CompilerError if it does not run."""
     program, *options = shlex.split(name) or [""]
     path = shutil.which(program)
     if path is None:
@@ -117,27 +117,26 @@ def system(name: str) -> Compiler:
 
 
 def find(cc: str | None = None) -> Compiler:
-    """The compiler asked for by name; else zig. Raises CompilerError, naming the remedy, if there is none."""
+    """Return the compiler of a name, else zig. Raises CompilerError, naming the remedy, if there is none."""
     if cc is not None:
         try:
             return system(cc)
         except CompilerError as error:
             raise CompilerError(f"--cc {error}") from error
-    found = zig()
-    if found is None:
+    compiler = zig()
+    if compiler is None:
         raise CompilerError("no C compiler for native FMUs: install one with  pip install 'emcas-fmu[native]'  "
                             "or name a system compiler with --cc (this platform only)")
-    return found
+    return compiler
 
 
 def local_compilers() -> Iterator[Compiler]:
-    """Compilers that run on this machine and build for it: $CC, cc, gcc, clang, zig."""
+    """Yield the compilers that run on this machine and build for it: $CC, cc, gcc, clang, zig."""
     for name in (os.environ.get("CC"), "cc", "gcc", "clang"):
         try:
             if name:
                 yield system(name)
         except (CompilerError, OSError, ValueError):
             continue
-    found = zig()
-    if found is not None:
-        yield found
+    if compiler := zig():
+        yield compiler

@@ -17,7 +17,7 @@ from ..physics import bus
 from ..reference import files
 from ..variables import Variable
 from . import native, python
-from .figures import icon, response_figures
+from .figures import response_figures
 from .interface import FmuInterface, start_values
 from .model_description import describe
 
@@ -69,23 +69,21 @@ def _page(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: 
 
 
 def _licenses(*packages: tuple[str, str]) -> dict[str, bytes]:
-    """Licences as their packages ship them: of (package, name of the file in the FMU)."""
-    found = {}
+    """Return licences as their packages ship them: of (package, name of the file in the FMU)."""
+    contents = {}
     for name, target in packages:
         try:
             shipped = distribution(name).files or []
         except PackageNotFoundError:
             continue
-        for file in shipped:
-            path = Path(file.locate())
-            if file.name.startswith("LICENSE") and path.is_file():
-                found[target] = path.read_bytes()
-                break
-    return {f"documentation/licenses/{target}": content for target, content in found.items()}
+        paths = (Path(file.locate()) for file in shipped if file.name.startswith("LICENSE"))
+        if path := next(filter(Path.is_file, paths), None):
+            contents[f"documentation/licenses/{target}"] = path.read_bytes()
+    return contents
 
 
 def _references(parameters: ParameterSet) -> Mapping[str, bytes]:
-    """The reference response of the case a newcomer plots; it holds for the shipped parameters only."""
+    """Return the reference response of the case a newcomer plots; it holds for the shipped parameters only."""
     if not are_defaults(parameters):
         return {}
     folder = models_directory() / "reference"
@@ -96,8 +94,8 @@ def _references(parameters: ParameterSet) -> Mapping[str, bytes]:
 
 def documents(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str,
               platforms: Sequence[str]) -> dict[str, bytes]:
-    """Archive name to content of everything that is documentation, of a unit with binaries for `platforms`."""
-    picture = icon()
+    """Return everything that is documentation, of a unit with binaries for `platforms`: archive name to content."""
+    picture = Path(__file__).with_name("icon.png").read_bytes()
     licenses = [("emcas-fmu", "LICENSE.txt")]
     external = {}
     if backend == "python":

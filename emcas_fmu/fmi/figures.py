@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from io import BytesIO
 from math import radians
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, FancyBboxPatch, Polygon, Rectangle
 
 from ..files import models_directory
 from ..parameters import ParameterSet, are_defaults
@@ -62,30 +60,8 @@ def _slew(parameters: ParameterSet) -> Figure:
 
 
 def response_figures(parameters: ParameterSet) -> list[tuple[str, str]]:
-    """(caption, inline SVG) of responses computed with this parameter set."""
+    """Return (caption, inline SVG) of responses computed with this parameter set."""
     captions = {"Step responses; dots, where shown, are the stored independent reference.": _steps,
                 "A step to the command limit.": _slew}
     with style():
         return [(caption, svg(draw(parameters), caption)) for caption, draw in captions.items()]
-
-
-def icon() -> bytes:
-    """PNG of the unit: motor, screw and nut, lever and fin."""
-    drawn = Figure(figsize=(2, 2), dpi=100)
-    axes = drawn.add_axes((0, 0, 1, 1))
-    axes.set(xlim=(0, 100), ylim=(0, 100), aspect="equal")
-    axes.axis("off")
-    dark, steel, fin = "#1f3a5f", "#8fa3b8", "#d9822b"
-    axes.add_patch(FancyBboxPatch((6, 18), 26, 24, boxstyle="round,pad=2", color=dark))
-    axes.add_patch(Rectangle((34, 27), 58, 6, color=steel))
-    for x in range(36, 92, 5):
-        axes.plot([x, x + 3], [26.5, 33.5], color="white", linewidth=1.2)
-    axes.add_patch(Rectangle((57, 22), 15, 16, color=dark))
-    axes.add_patch(Polygon([(60, 30), (69, 30), (62, 62), (54, 62)], color=steel))
-    axes.add_patch(Polygon([(42, 58), (78, 92), (86, 70), (60, 54)], color=fin))
-    axes.add_patch(Circle((58, 61), 5.5, color=dark))
-    axes.text(19, 30, "M", color="white", fontsize=15, fontweight="bold", ha="center", va="center")
-    axes.text(8, 88, "EM-CAS", color=dark, fontsize=11, fontweight="bold", va="center")
-    data = BytesIO()
-    drawn.savefig(data, format="png", metadata={"Software": None})
-    return data.getvalue()

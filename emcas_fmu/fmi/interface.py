@@ -107,15 +107,11 @@ class FmuInterface:
 
     @cached_property
     def outputs(self) -> tuple[Variable, ...]:
-        outputs = self.actuator.outputs
-        return outputs if self.fins == 1 else self.bus_outputs + self._each(outputs)
+        return self.bus_outputs + self._each(self.actuator.outputs)
 
     @cached_property
     def parameters(self) -> tuple[Variable, ...]:
-        parameters = self.actuator.parameters
-        if self.fins == 1:
-            return parameters
-        return (*(BUS_PARAMETERS if self.actuator.supply else ()), *self._each(parameters))
+        return (BUS_PARAMETERS if self.bus_outputs else ()) + self._each(self.actuator.parameters)
 
     @cached_property
     def variables(self) -> tuple[Variable, ...]:

@@ -156,7 +156,7 @@ def _terminals(unit: FmuInterface) -> Iterator[Terminal]:
         yield Terminal("bus", "electrical supply", (supply.input.name, *(v.name for v in outputs)))
 
 
-def terminals_and_icons(unit: FmuInterface = SINGLE) -> Element:
+def terminals_and_icons(unit: FmuInterface) -> Element:
     """Return inputs and outputs grouped for tools that draw terminals (FMI 3.0's file, ignored by others)."""
     corners = {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"}
     return element("fmiTerminalsAndIcons", {"fmiVersion": "3.0"}, [

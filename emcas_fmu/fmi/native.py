@@ -15,7 +15,7 @@ from .. import rules
 from ..compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform
 from ..errors import BuildError
 from ..progress import Progress
-from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, written
+from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, handwritten, header
 from .interface import BUS_PARAMETERS, MIXING, FmuInterface
 from .model_description import element
 
@@ -53,7 +53,7 @@ NOTES = (
 
 
 def interface_header(unit: FmuInterface, starts: Sequence[Any], guid: str, code: str) -> str:
-    """interface.h: the variables, start values and the unit's identity."""
+    """Return interface.h: the variables, start values and the unit's identity."""
     rows = ",\n".join(
         f"    {{{c_text(v.name)}, {'INTEGER' if v.items else v.kind.upper()}, {int(v.variability == 'tunable')}, "
         f"{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in unit.variables)
@@ -61,9 +61,8 @@ def interface_header(unit: FmuInterface, starts: Sequence[Any], guid: str, code:
     categories = ", ".join(c_text(name) for name in Fmi2Slave.log_categories)
     formats = "".join(f"static const char {name}[] = {c_text(getattr(rules, name))};\n"
                       for name in ("NOT_FINITE", "BELOW", "ABOVE"))
-    return (
-        "/* The interface: variables, their places, identity; generated, do not edit. */\n"
-        "#ifndef EMCAS_INTERFACE_H\n#define EMCAS_INTERFACE_H\n\n#include <math.h>\n\n"
+    return header(
+        "interface", "The interface: variables, their places, identity", "#include <math.h>\n\n"
         f"#define MODEL_NAME {c_text(unit.model)}\n#define MODEL_GUID {c_text(guid)}\n"
         f"#define MODEL_STATE {c_text(guid + code)}\n#define LOG_CATEGORIES {{{categories}}}\n\n"
         f"#define FINS {unit.fins}\n\n{_sizes(unit)}\nenum {{ REAL, INTEGER, BOOLEAN }};\n"
@@ -71,7 +70,7 @@ def interface_header(unit: FmuInterface, starts: Sequence[Any], guid: str, code:
         f"{formats}\n"
         "typedef struct {\n    const char *name;\n    int kind, tunable;\n    double minimum, maximum;\n} variable;\n\n"
         f"static const variable VARIABLE[UNIT_VARIABLES] = {{\n{rows}\n}};\n\n"
-        f"static const double START[UNIT_VARIABLES] = {{\n{values}\n}};\n\n#endif\n")
+        f"static const double START[UNIT_VARIABLES] = {{\n{values}\n}};\n")
 
 
 def _sizes(unit: FmuInterface) -> str:
@@ -96,8 +95,8 @@ def sources(unit: FmuInterface, starts: Sequence[Any], guid: str) -> dict[str, s
     if _NO_PREFIX not in standard["fmi2Functions.h"]:
         raise BuildError("fmi2Functions.h of this version of fmpy is not as expected: fmpy 0.3.25 to 0.3.32 are known")
     standard["fmi2Functions.h"] = standard["fmi2Functions.h"].replace(_NO_PREFIX, _PREFIX)
-    code = {**{name: written(name, "emcas_fmu.fmi.fmi2") for name in _WRITTEN},
-            "multi_fin.h": written("multi_fin.h"), **core_sources(unit.fins > 1, unit.kind)}
+    code = {**{name: handwritten(name, "emcas_fmu.fmi.fmi2") for name in _WRITTEN},
+            "multi_fin.h": handwritten("multi_fin.h"), **core_sources(unit.fins > 1, unit.kind)}
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(code.items())).encode()).hexdigest()[:16]
     return {**code, **standard, "interface.h": interface_header(unit, starts, guid, digest)}
 
@@ -128,14 +127,14 @@ def binaries(model: str, files: Mapping[str, str], platforms: Sequence[Platform]
     Raises CompilerError if there is no compiler or it refuses.
     """
     compiler: Compiler = find(cc)
-    found = {}
+    libraries = {}
     for i, target in enumerate(platforms):
         if progress:
             progress(target.name, i, len(platforms))
-        found[f"binaries/{target.name}/{model}{target.suffix}"] = compiler.library(files, MAIN, target, model)
+        libraries[f"binaries/{target.name}/{model}{target.suffix}"] = compiler.library(files, MAIN, target, model)
     if progress:
         progress("", len(platforms), len(platforms))
-    return found
+    return libraries
 
 
 def build_description(model: str) -> Element:

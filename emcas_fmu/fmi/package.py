@@ -17,7 +17,7 @@ from ..progress import Progress
 from . import native, python
 from .documentation import documents
 from .interface import FmuInterface, fin_sets, start_values
-from .model_description import SINGLE, model_description, terminals_and_icons, to_bytes
+from .model_description import model_description, terminals_and_icons, to_bytes
 
 BACKENDS = ("python", "native")
 
@@ -34,7 +34,7 @@ class Built:
     warnings: tuple[str, ...]
 
 
-def interface_guid(starts: tuple[Any, ...], unit: FmuInterface = SINGLE) -> str:
+def interface_guid(starts: tuple[Any, ...], unit: FmuInterface) -> str:
     """A hash of the interface: of the model description with its GUID left empty."""
     description = to_bytes(model_description(starts, "", options={}, tool="", unit=unit))
     return f"{{{UUID(bytes=hashlib.sha256(description).digest()[:16], version=5)}}}"

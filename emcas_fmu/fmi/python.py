@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import sys
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from pprint import pformat
@@ -74,12 +74,6 @@ def _sources(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str
     return files
 
 
-def _entry(package: str, model: str) -> str:
-    return (f'"""Entry module of {model}.fmu; generated, do not edit."""\n\n'
-            f"from {package}.fmi.fmi2.slave import keep\nfrom {package}.model import {model}  # noqa: F401\n\n"
-            "keep(globals())\n")
-
-
 @contextmanager
 def _clean_imports(*packages: str) -> Iterator[None]:
     """Undo what the exporter leaves behind: its search path and the modules it imported."""
@@ -94,27 +88,25 @@ def _clean_imports(*packages: str) -> Iterator[None]:
             del sys.modules[name]
 
 
-def _exported(files: Mapping[str, str], model: str, folder: Path) -> dict[str, bytes]:
-    """What pythonfmu makes of the embedded sources: archive name to content."""
-    digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(files.items())).encode()).hexdigest()[:12]
-    package = f"emcas_{digest}"
-    for name, text in files.items():
-        target = folder / package / name
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_text(text, encoding="utf-8", newline="\n")
-    script = folder / f"emcas_slave_{digest}.py"
-    script.write_text(_entry(package, model), encoding="utf-8", newline="\n")
-    with _clean_imports(package, script.stem):
-        archive = FmuBuilder.build_FMU(
-            script, dest=folder / f"{model}.fmu", project_files={folder / package}, **_OPTIONS)
-    with zipfile.ZipFile(archive) as built:
-        return {name: built.read(name) for name in built.namelist() if not name.endswith("/")}
-
-
 def exported(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> tuple[dict[str, bytes], dict[str, str]]:
-    """What goes into the archive (name to content), and the attributes of its CoSimulation element."""
-    with TemporaryDirectory(prefix="emcas_build_") as folder:
-        contents = _exported(_sources(unit, starts, guid), unit.model, Path(folder))
+    """Return what goes into the archive (name to content), and the attributes of its CoSimulation element."""
+    files, model = _sources(unit, starts, guid), unit.model
+    digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(files.items())).encode()).hexdigest()[:12]
+    package, script = f"emcas_{digest}", f"emcas_slave_{digest}"
+    entry = (f'"""Entry module of {model}.fmu; generated, do not edit."""\n\n'
+             f"from {package}.fmi.fmi2.slave import keep\nfrom {package}.model import {model}  # noqa: F401\n\n"
+             "keep(globals())\n")
+    with TemporaryDirectory(prefix="emcas_build_") as temporary:
+        folder = Path(temporary)
+        for name, text in (*((f"{package}/{name}", text) for name, text in files.items()), (f"{script}.py", entry)):
+            target = folder / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_text(text, encoding="utf-8", newline="\n")
+        with _clean_imports(package, script):
+            archive = FmuBuilder.build_FMU(folder / f"{script}.py", dest=folder / f"{model}.fmu",
+                                           project_files={folder / package}, **_OPTIONS)
+        with zipfile.ZipFile(archive) as built:
+            contents = {name: built.read(name) for name in built.namelist() if not name.endswith("/")}
     simulation = fromstring(contents["modelDescription.xml"]).find("CoSimulation")
     if simulation is None:
         raise BuildError("pythonfmu wrote no CoSimulation element: this version of it is not supported")

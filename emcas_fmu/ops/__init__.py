@@ -3,13 +3,8 @@
 Physics is written once, as functions whose first argument is one of these
 namespaces:
 
-- :data:`FLOATS` plain Python numbers (standard library only),
+- ``floats.FLOATS`` plain Python numbers (standard library only),
 - ``arrays.ARRAYS`` NumPy arrays, element by element,
 - ``symbols.SYMBOLS`` CasADi expressions,
 - :class:`emcas_fmu.trace.tracer.Tracer` records the operations as a straight-line program.
 """
-
-from .base import Ops
-from .floats import FLOATS
-
-__all__ = ["FLOATS", "Ops"]

@@ -54,17 +54,17 @@ def rigid(ops: Ops, p: Any) -> Value:
 
 def line(ops: Ops, p: Any) -> Line:
     """The drive line of a parameter set; that of a rigid one must not be used."""
-    own, square = p.drive_line, p.screw.lead * p.screw.lead
+    parts, square = p.drive_line, p.screw.lead * p.screw.lead
     structure = structure_compliance(p)
-    loose = own.backlash > 0.0
-    contact = ops.where(loose, 1.0 / (own.contact_stiffness * square), 0.0)
+    loose = parts.backlash > 0.0
+    contact = ops.where(loose, 1.0 / (parts.contact_stiffness * square), 0.0)
     total = structure + contact
     stiffness = 1.0 / ops.where(total > 0.0, total, 1.0)
-    torsional, axial = own.torsional_compliance * stiffness, own.axial_compliance / square * stiffness
+    torsional, axial = parts.torsional_compliance * stiffness, parts.axial_compliance / square * stiffness
     contact_share = contact * stiffness
-    damping = (own.torsional_damping * torsional * torsional + own.axial_damping * square * axial * axial
-               + own.contact_damping * square * contact_share * contact_share)
-    return Line(stiffness, damping, 0.5 * own.backlash / p.screw.lead, structure * stiffness, loose)
+    damping = (parts.torsional_damping * torsional * torsional + parts.axial_damping * square * axial * axial
+               + parts.contact_damping * square * contact_share * contact_share)
+    return Line(stiffness, damping, 0.5 * parts.backlash / p.screw.lead, structure * stiffness, loose)
 
 
 def pressed(ops: Ops, c: Line, deflection: Value, rate: Value) -> tuple[Value, Value]:

@@ -70,9 +70,9 @@ def coulomb(ops: Ops, p: Any, direction: Value, fin: Value, speed: Value = 0.0) 
         lambda: (coulomb_reference(ops, polynomials.negative, fin),),
     )
     if falls(p):
-        own = p.stribeck
+        curve = p.stribeck
         along = ops.maximum(ops.where(direction > 0.0, speed, -speed), 0.0)
-        return value * factor * stribeck(ops, own.static_ratio, own.speed, along)
+        return value * factor * stribeck(ops, curve.static_ratio, curve.speed, along)
     return value * factor
 
 
@@ -81,11 +81,11 @@ def bristles(ops: Ops, p: Any, fin: Value, ratio: Value, speed: Value) -> tuple[
 
     g is C_m with its excess at low speed and the Coulomb friction about the hinge, at the motor. sigma_1 |w| < g.
     """
-    own, turning = p.lugre, ops.fabs(speed)
-    level = (coulomb(ops, p, speed, fin) * stribeck(ops, own.static_ratio, own.stribeck_speed, turning)
+    bristle, turning = p.lugre, ops.fabs(speed)
+    level = (coulomb(ops, p, speed, fin) * stribeck(ops, bristle.static_ratio, bristle.stribeck_speed, turning)
              + p.friction.fin_coulomb / ratio)
     level = ops.maximum(level, _LEAST)
-    return own.stiffness * turning / level, own.damping / (1.0 + own.damping * turning / level)
+    return bristle.stiffness * turning / level, bristle.damping / (1.0 + bristle.damping * turning / level)
 
 
 def viscous(ops: Ops, p: Any, direction: Value) -> Value:

@@ -46,11 +46,6 @@ API int actuator_start(actuator *a, const double *parameters)
     return 1;
 }
 
-API void actuator_schedule(const actuator *a, double *out)
-{
-    kernel_schedule(a->parameters, a->constants, out);
-}
-
 API void actuator_forces(const actuator *a, const double *motion, double *out)
 {
     core_forces(a->parameters, a->constants, motion, out);

@@ -16,28 +16,33 @@ _MOST_NUMBERS = 12  # of a rule's message: as many as instance.h hands to printf
 
 # gcc does not know the pragma and does not contract under -std=c11; the flag -ffp-contract=off says it to all.
 _NO_CONTRACTION = "#if !defined __GNUC__ || defined __clang__\n#pragma STDC FP_CONTRACT OFF\n#endif\n"
-_NOTE = "/* {}; generated, do not edit. */\n"
 
 
-def written(name: str, package: str = "emcas_fmu.runtime") -> str:
-    """A source written by hand."""
+def handwritten(name: str, package: str = "emcas_fmu.runtime") -> str:
+    """Return a source written by hand."""
     return files(package).joinpath(name).read_text(encoding="utf-8")
 
 
+def header(name: str, content: str, body: str) -> str:
+    """Return NAME.h with a note of its content around `body`."""
+    guard = f"EMCAS_{name.upper()}_H"
+    return f"/* {content}; generated, do not edit. */\n#ifndef {guard}\n#define {guard}\n\n{body}\n#endif\n"
+
+
 def kernel_header(several: bool = False, model: str = NONLINEAR) -> str:
-    """kernel.h: the equations."""
-    return (_NOTE.format("The actuator's equations as straight-line code")
-            + f"#ifndef EMCAS_KERNEL_H\n#define EMCAS_KERNEL_H\n\n#include <math.h>\n\n{_NO_CONTRACTION}\n"
-            f"{c_source(codegen.traced(several, model), 'kernel')}\n#endif\n")
+    """Return kernel.h: the equations."""
+    equations = c_source(codegen.traced(several, model), "kernel")
+    return header("kernel", "The actuator's equations as straight-line code",
+                  f"#include <math.h>\n\n{_NO_CONTRACTION}\n{equations}")
 
 
 def enumerator(name: str) -> str:
-    """A variable's name as part of a C identifier: ``acceleration.x`` gives ACCELERATION_X."""
+    """Return a variable's name as part of a C identifier: ``acceleration.x`` gives ACCELERATION_X."""
     return identifier(name).upper()
 
 
 def model_header(actuator: Actuator) -> str:
-    """model.h: sizes, limits and the places of the inputs."""
+    """Return model.h: sizes, limits and the places of the inputs."""
     def listed(array: str, count: int, first: int = 0) -> str:
         # Behind others in a list of arguments, and there may be none.
         return "".join(f", {array}[{i}]" for i in range(first, first + count))
@@ -50,41 +55,41 @@ def model_header(actuator: Actuator) -> str:
     power = codegen.power_place(actuator)
     states, controller, sampled = (", ".join(s.name for s in group) or "none" for group in (
         actuator.states, actuator.controller_states, actuator.sampled_states))
-    return (_NOTE.format("Sizes, limits and the order of the inputs")
-            + "#ifndef EMCAS_MODEL_H\n#define EMCAS_MODEL_H\n\nenum {\n"
-            f"    CORE_LINE = {LONGEST_DELAY + 2},\n    CORE_MOST_EVENTS = {core.MOST_EVENTS},\n"
-            f"    CORE_MOST_TICKS = {core.MOST_TICKS},\n    MODEL_INPUTS = {len(names)},\n"
-            f"    MODEL_OUTPUTS = {len(actuator.outputs)},\n    MODEL_PARAMETERS = {len(actuator.parameters)},\n"
-            f"    CORE_PLANT = {plant},\n    CORE_CONTROLLER = {kept},\n"
-            f"    CORE_SAMPLED = {kept + 2 + held}\n}};\n\n"
-            "/* Inputs besides the fin port's, and how many of them, the first ones, act on the plant. */\n"
-            f"#define CORE_FURTHER {len(further)}\n#define CORE_ACTING {acting}\n"
-            "/* Place of the supply among the inputs, and of its power among the outputs; -1 where there is none. */\n"
-            f"#define MODEL_SUPPLY ({supply})\n#define MODEL_SUPPLY_POWER ({-1 if power is None else power})\n"
-            f"/* {states} */\n#define CORE_PLANT_OF(state) {listed('(state)->x', plant)[2:]}\n"
-            f"/* {controller} */\n#define CORE_CONTROLLER_OF(state) {listed('(state)->sampled', kept)}\n"
-            "/* measured fin angle, whether a limit was met */\n"
-            f"#define CORE_SHOWN_OF(state) {listed('(state)->sampled', 2, kept)[2:]}\n"
-            f"/* {sampled} */\n#define CORE_HELD_OF(state) {listed('(state)->sampled', held, kept + 2)}\n"
-            f"#define CORE_FURTHER_OF(inputs) {listed('(inputs)->further', len(further))}\n"
-            f"#define CORE_ACTING_OF(inputs) {listed('(inputs)->further', acting)}\n\n"
-            f"enum {{\n{inputs.rstrip().rstrip(',')}\n}};\n\n#endif\n")
+    return header(
+        "model", "Sizes, limits and the order of the inputs", "enum {\n"
+        f"    CORE_LINE = {LONGEST_DELAY + 2},\n    CORE_MOST_EVENTS = {core.MOST_EVENTS},\n"
+        f"    CORE_MOST_TICKS = {core.MOST_TICKS},\n    MODEL_INPUTS = {len(names)},\n"
+        f"    MODEL_OUTPUTS = {len(actuator.outputs)},\n    MODEL_PARAMETERS = {len(actuator.parameters)},\n"
+        f"    CORE_PLANT = {plant},\n    CORE_CONTROLLER = {kept},\n"
+        f"    CORE_SAMPLED = {kept + 2 + held}\n}};\n\n"
+        "/* Inputs besides the fin port's, and how many of them, the first ones, act on the plant. */\n"
+        f"#define CORE_FURTHER {len(further)}\n#define CORE_ACTING {acting}\n"
+        "/* Place of the supply among the inputs, and of its power among the outputs; -1 where there is none. */\n"
+        f"#define MODEL_SUPPLY ({supply})\n#define MODEL_SUPPLY_POWER ({-1 if power is None else power})\n"
+        f"/* {states} */\n#define CORE_PLANT_OF(state) {listed('(state)->x', plant)[2:]}\n"
+        f"/* {controller} */\n#define CORE_CONTROLLER_OF(state) {listed('(state)->sampled', kept)}\n"
+        "/* measured fin angle, whether a limit was met */\n"
+        f"#define CORE_SHOWN_OF(state) {listed('(state)->sampled', 2, kept)[2:]}\n"
+        f"/* {sampled} */\n#define CORE_HELD_OF(state) {listed('(state)->sampled', held, kept + 2)}\n"
+        f"#define CORE_FURTHER_OF(inputs) {listed('(inputs)->further', len(further))}\n"
+        f"#define CORE_ACTING_OF(inputs) {listed('(inputs)->further', acting)}\n\n"
+        f"enum {{\n{inputs.rstrip().rstrip(',')}\n}};\n")
 
 
 def c_number(value: float) -> str:
-    """A number as a C constant."""
+    """Return a number as a C constant."""
     if math.isinf(value):
         return "HUGE_VAL" if value > 0.0 else "-HUGE_VAL"
     return repr(float(value))
 
 
 def c_text(value: str) -> str:
-    """A string as a C literal."""
+    """Return a string as a C literal."""
     return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
 def rules_header(model: str) -> str:
-    """rules.h: limits of the parameters, and the rules for sets of them."""
+    """Return rules.h: limits of the parameters, and the rules for sets of them."""
     actuator, tracer = get(model), codegen.traced_rules(model)
     rows = []
     for i, (rule, function) in enumerate(zip(actuator.all_rules, tracer.functions, strict=True)):
@@ -92,17 +97,17 @@ def rules_header(model: str) -> str:
             raise ValueError(f"instance.h prints {_MOST_NUMBERS} numbers of a rule, not those of {rule.message!r}")
         rows.append(f"    {{rules_check_{i}, {int(rule.scanned)}, {c_text(rule.message)}}}")
     limits = ",\n".join(f"    {{{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in actuator.parameters)
-    return (_NOTE.format("What parameters must fulfil")
-            + "#ifndef EMCAS_RULES_H\n#define EMCAS_RULES_H\n\n#include <math.h>\n\n"
-            "static const struct {\n    double minimum, maximum;\n"
-            f"}} LIMIT[] = {{\n{limits}\n}};\n\n{c_source(tracer, 'rules')}\n"
-            f"enum {{ RULE_NUMBERS = {_MOST_NUMBERS}, RULE_SCAN = {rules.SCAN}, RULES = {len(rows)} }};\n\n"
-            "typedef struct {\n    void (*check)(const double *restrict, const double *restrict, double, "
-            "double *restrict);\n    int scanned;\n    const char *message;\n} rule;\n\n"
-            "static const rule RULE[RULES] = {\n" + ",\n".join(rows) + "\n};\n\n#endif\n")
+    return header(
+        "rules", "What parameters must fulfil",
+        "#include <math.h>\n\nstatic const struct {\n    double minimum, maximum;\n"
+        f"}} LIMIT[] = {{\n{limits}\n}};\n\n{c_source(tracer, 'rules')}\n"
+        f"enum {{ RULE_NUMBERS = {_MOST_NUMBERS}, RULE_SCAN = {rules.SCAN}, RULES = {len(rows)} }};\n\n"
+        "typedef struct {\n    void (*check)(const double *restrict, const double *restrict, double, "
+        "double *restrict);\n    int scanned;\n    const char *message;\n} rule;\n\n"
+        "static const rule RULE[RULES] = {\n" + ",\n".join(rows) + "\n};\n")
 
 
 def core_sources(several: bool = False, model: str = NONLINEAR) -> dict[str, str]:
-    """Headers that hold the actuator, or what each of several needs: file name to text."""
+    """Return the headers that hold the actuator, or what each of several needs: file name to text."""
     return {"kernel.h": kernel_header(several, model), "model.h": model_header(get(model)),
-            "rules.h": rules_header(model), **{name: written(name) for name in ("core.h", "parameter_checks.h")}}
+            "rules.h": rules_header(model), **{name: handwritten(name) for name in ("core.h", "parameter_checks.h")}}

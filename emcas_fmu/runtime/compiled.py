@@ -6,7 +6,7 @@ import ctypes as ct
 import hashlib
 import threading
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from math import isfinite
 from pathlib import Path
@@ -21,7 +21,7 @@ from ..compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers
 from ..files import cache_directory
 from ..parameters import ParameterError, check_parameters
 from . import core
-from .c_sources import core_sources, written
+from .c_sources import core_sources, handwritten
 
 _MAIN = "batch.c"
 _DOUBLES = ct.POINTER(ct.c_double)
@@ -31,40 +31,48 @@ Array = NDArray[Any]
 
 
 _making = threading.Lock()
-_reason = ""
-
-
-def library(model: str = NONLINEAR) -> ct.CDLL | None:
-    """The compiled library of a model; None where it cannot be made, with a warning if a compiler was tried."""
-    with _making:  # the first use may come from several threads
-        return _library(model)
 
 
 @cache
-def _library(model: str) -> ct.CDLL | None:
-    global _reason
+def _library(model: str) -> ct.CDLL | str:
+    """Return the compiled library of a model, or why there is none, with a warning if a compiler was tried."""
     target = local_platform()
     if target is None:
-        _reason = "this platform is not known"
-        return None
-    sources = {_MAIN: written(_MAIN), **core_sources(model=model)}
+        return "this platform is not known"
+    sources = {_MAIN: handwritten(_MAIN), **core_sources(model=model)}
     text = "\0".join([target.name, *FLAGS, *(f"{n}\0{t}" for n, t in sorted(sources.items()))])
-    problems: list[str] = []
+    problem = ""
     for compiler in local_compilers():
         described = hashlib.sha256(f"{compiler.version}\0{text}".encode()).hexdigest()[:20]
         try:
-            return _declared(ct.CDLL(str(_kept(described, target.suffix) or _compiled(
-                compiler, sources, target, described))))
+            path = _cached(described, target.suffix) or _compile(compiler, sources, target, described)
+            return _declare(ct.CDLL(str(path)))
         except (OSError, CompilerError) as error:
-            problems.append(str(error))
-    _reason = problems[-1] if problems else ""
-    if problems:
-        warnings.warn(f"no compiled kernel, Python is used instead: {problems[-1]}", RuntimeWarning, stacklevel=5)
-    return None
+            problem = str(error)
+    if problem:
+        warnings.warn(f"no compiled kernel, Python is used instead: {problem}", RuntimeWarning, stacklevel=5)
+    return problem or "install a C compiler, or ziglang with  pip install 'emcas-fmu[native]'"
 
 
-def _kept(described: str, suffix: str) -> Path | None:
-    """A library compiled before, if it is still what it was: its content's hash is in its name."""
+def _loaded(model: str) -> ct.CDLL:
+    with _making:  # the first use may come from several threads
+        library = _library(model)
+    if isinstance(library, str):
+        raise CompilerError(f"no compiled kernel: {library}")
+    return library
+
+
+def available(model: str = NONLINEAR) -> bool:
+    """Return whether there is a compiled kernel of a model on this machine; compile it if need be."""
+    try:
+        _loaded(model)
+    except CompilerError:
+        return False
+    return True
+
+
+def _cached(described: str, suffix: str) -> Path | None:
+    """Return a library compiled before, if it is still what it was: its content's hash is in its name."""
     for path in cache_directory().glob(f"kernel_{described}_*{suffix}"):
         if path.stem.endswith(hashlib.sha256(path.read_bytes()).hexdigest()[:16]):
             return path
@@ -72,7 +80,7 @@ def _kept(described: str, suffix: str) -> Path | None:
     return None
 
 
-def _compiled(compiler: Compiler, sources: Mapping[str, str], target: Platform, described: str) -> Path:
+def _compile(compiler: Compiler, sources: Mapping[str, str], target: Platform, described: str) -> Path:
     # A rebuilt library at the same path would give the old one to a process that has it loaded.
     content = compiler.library(sources, _MAIN, target, "kernel")
     path = cache_directory() / f"kernel_{described}_{hashlib.sha256(content).hexdigest()[:16]}{target.suffix}"
@@ -82,68 +90,50 @@ def _compiled(compiler: Compiler, sources: Mapping[str, str], target: Platform, 
     return path
 
 
-def _declared(loaded: ct.CDLL) -> ct.CDLL:
+def _declare(loaded: ct.CDLL) -> ct.CDLL:
     loaded.actuator_size.restype = loaded.actuator_state.restype = ct.c_size_t
     loaded.actuators_run.restype = loaded.actuator_simulate.restype = ct.c_size_t
     for function in ("bind", "start"):
         getattr(loaded, f"actuator_{function}").argtypes = [ct.c_void_p, _DOUBLES]
     for function in ("forces", "outputs"):
         getattr(loaded, f"actuator_{function}").argtypes = [ct.c_void_p, _DOUBLES, _DOUBLES]
-    loaded.actuator_schedule.argtypes = [ct.c_void_p, _DOUBLES]
     loaded.actuator_run.argtypes = [ct.c_void_p, ct.c_double, _DOUBLES, _DOUBLES, _DOUBLES]
     loaded.actuators_run.argtypes = [ct.c_void_p, ct.c_size_t, ct.c_double, ct.c_void_p, ct.c_void_p, ct.c_void_p]
     loaded.actuator_simulate.argtypes = [ct.c_void_p, ct.c_size_t, ct.c_double, ct.c_void_p, ct.c_void_p, ct.c_void_p]
     return loaded
 
 
-def available(model: str = NONLINEAR) -> bool:
-    """Whether there is a compiled kernel of a model on this machine; compiles it if need be."""
-    return library(model) is not None
-
-
-def _loaded(model: str) -> ct.CDLL:
-    found = library(model)
-    if found is None:
-        raise CompilerError(f"no compiled kernel: {_reason}" if _reason else
-                            "no compiled kernel: install a C compiler, or ziglang with  "
-                            "pip install 'emcas-fmu[native]'")
-    return found
-
-
 def _numbers(values: Mapping[str, Any], model: str) -> ct.Array[ct.c_double]:
     if not isinstance(values, Mapping):
         raise TypeError(f"parameters are a mapping of names to values in SI (.values of a set), not a "
                         f"{type(values).__name__}")
-    table = get(model).parameters
-    if not _names(model) <= values.keys() <= _known(model):
+    needed, known = _names(model)
+    if not needed.keys() <= values.keys() <= known:
         raise ParameterError(check_parameters(values, model))
-    return (ct.c_double * len(table))(*(float(values[v.name]) for v in table))
+    return (ct.c_double * len(needed))(*(float(values[name]) for name in needed))
 
 
 @cache
-def _names(model: str) -> frozenset[str]:
-    return frozenset(v.name for v in get(model).parameters)
+def _names(model: str) -> tuple[dict[str, None], frozenset[str]]:
+    """Return the names of a model's parameters, in their order, and of all that a parameter file may give."""
+    actuator = get(model)
+    return dict.fromkeys(v.name for v in actuator.parameters), frozenset(v.name for v in actuator.file_entries)
 
 
-@cache
-def _known(model: str) -> frozenset[str]:
-    return frozenset(v.name for v in get(model).file_entries)
-
-
-def _taken(answer: int, values: Mapping[str, Any], model: str) -> None:
-    """The C side judges parameters by the same limits and rules; the words for it are found here."""
-    if not answer:
+def _take(function: Callable[..., int], memory: int, values: Mapping[str, Any], model: str) -> None:
+    """Hand parameters to the C side, which judges them by the same limits and rules; the words are found here."""
+    if not function(memory, _numbers(values, model)):
         raise ParameterError(check_parameters(values, model) or ["the parameters are refused"])
 
 
 def _table(rows: Array, shape: tuple[int, ...], what: str, model: str) -> Array:
-    found: Array = np.ascontiguousarray(rows, dtype=np.float64)
-    if found.shape != shape:
-        raise ValueError(f"inputs have shape {found.shape}, not {shape}")
-    if not np.isfinite(found).all():
-        row, column = np.argwhere(~np.isfinite(found))[0]
-        raise ValueError(f"{what} {row}: {get(model).inputs[column].name} = {found[row, column]} is not finite")
-    return found
+    table: Array = np.ascontiguousarray(rows, dtype=np.float64)
+    if table.shape != shape:
+        raise ValueError(f"inputs have shape {table.shape}, not {shape}")
+    if not np.isfinite(table).all():
+        row, column = np.argwhere(~np.isfinite(table))[0]
+        raise ValueError(f"{what} {row}: {get(model).inputs[column].name} = {table[row, column]} is not finite")
+    return table
 
 
 class CompiledCore:
@@ -165,14 +155,7 @@ class CompiledCore:
         self._in = (ct.c_double * (6 + len(chosen.further_inputs)))()
         self._out = (ct.c_double * len(chosen.outputs))()
         self._flags = {i for i, v in enumerate(chosen.outputs) if v.kind == "Boolean"}
-        _taken(self._library.actuator_start(self._at, _numbers(values, model)), values, model)
-        self.schedule = self._scheduled()
-
-    def _scheduled(self) -> tuple[Any, ...]:
-        plan = (ct.c_double * 8)()
-        self._library.actuator_schedule(self._at, plan)
-        period, before, after, *rest = plan
-        return (period, int(before), int(before) + int(after), *rest)
+        _take(self._library.actuator_start, self._at, values, model)
 
     @property
     def state(self) -> bytes:
@@ -185,24 +168,18 @@ class CompiledCore:
             raise ValueError(f"a state has {self._state_size} bytes, not {len(state)}")
         ct.memmove(self._at + self._state, state, self._state_size)
 
-    @property
-    def slack(self) -> float:
-        """Tolerance of communication points [s]."""
-        slack: float = self.schedule[-1]
-        return slack
-
     def bind(self, values: Mapping[str, Any]) -> None:
         """Take parameter values, anew after a tunable one changed."""
-        _taken(self._library.actuator_bind(self._at, _numbers(values, self._model)), values, self._model)
+        _take(self._library.actuator_bind, self._at, values, self._model)
 
     def forces(self, a_x: float, a_y: float, a_z: float, roll: float, pitch: float) -> tuple[float, float]:
-        """Specific force in the fin's frame from acceleration (x, y, z), roll and pitch."""
+        """Return the specific force in the fin's frame from acceleration (x, y, z), roll and pitch."""
         out = (ct.c_double * 2)()
         self._library.actuator_forces(self._at, (ct.c_double * 5)(a_x, a_y, a_z, roll, pitch), out)
         return out[0], out[1]
 
     def outputs(self, inputs: core.Inputs) -> tuple[Any, ...]:
-        """Outputs in the order of the variable table."""
+        """Return the outputs in the interface's order."""
         self._in[:] = list(inputs)
         self._library.actuator_outputs(self._at, self._in, self._out)
         return self._results()
@@ -246,8 +223,7 @@ class Batch:
         if len(sets) != self.count:
             raise ValueError(f"{len(sets)} parameter sets for {self.count} actuators")
         for i, values in enumerate(sets):
-            answer = self._library.actuator_start(self._at + i * self._size, _numbers(values, self._model))
-            _taken(answer, values, self._model)
+            _take(self._library.actuator_start, self._at + i * self._size, values, self._model)
 
     def run(self, end: float, inputs: Array) -> Array:
         """Move every actuator on to `end` [s] from the start with its inputs held.
@@ -269,19 +245,19 @@ class Batch:
 
 
 def run_table(values: Mapping[str, Any], step: float, inputs: Array, model: str = NONLINEAR) -> Array:
-    """Outputs at the times of the rows of `inputs`, `step` [s] apart from 0, each row held until the next.
+    """Return the outputs at the times of the rows of `inputs`, `step` [s] apart from 0, each row held until the next.
 
     Columns as the inputs and outputs of the variable table, in SI. Raises ArithmeticError
     where the equations cannot be followed, CompilerError where there is no compiled kernel.
     """
-    found = _loaded(model)
+    library = _loaded(model)
     rows = _table(inputs, (len(inputs), len(get(model).inputs)), "row", model)
-    memory = ct.create_string_buffer(found.actuator_size())
-    _taken(found.actuator_start(ct.addressof(memory), _numbers(values, model)), values, model)
+    memory = ct.create_string_buffer(library.actuator_size())
+    _take(library.actuator_start, ct.addressof(memory), values, model)
     outputs: Array = np.empty((len(rows), len(get(model).outputs)))
     result = ct.c_int(0)
-    reached = found.actuator_simulate(ct.addressof(memory), len(rows), step, rows.ctypes.data, outputs.ctypes.data,
-                                      ct.addressof(result))
+    reached = library.actuator_simulate(ct.addressof(memory), len(rows), step, rows.ctypes.data, outputs.ctypes.data,
+                                        ct.addressof(result))
     if reached < len(rows):
         raise ArithmeticError(f"at {reached * step:.6g} s: {_REASONS[result.value]}")
     return outputs

@@ -138,26 +138,18 @@ static inline core_inputs core_at(const core_inputs *in, const core_ramp *ramp, 
     return then;
 }
 
-/* One kernel step; the time it took. */
-static inline double core_step(const double *p, const double *c, const core_state *s, core_plant *x,
-                               const core_inputs *in, double h)
-{
-    double out[CORE_PLANT + 1];
-    kernel_step(p, c, CORE_PLANT_OF(x) CORE_HELD_OF(s), s->active, in->aero_torque, in->f_x, in->f_z, in->supply,
-                in->enable CORE_ACTING_OF(in), h, out);
-    memcpy(x->x, out, sizeof x->x);
-    return out[CORE_PLANT];
-}
-
 /* Step a plant of `s` over what is left of a tick [s], from event to event. */
 static inline bool core_finish(const double *p, const double *c, const core_state *s, core_plant *x,
                                const core_inputs *in, double left)
 {
     if (left <= 0.0) return true;
     for (int i = 0; i < CORE_MOST_EVENTS; ++i) {
-        const double used = core_step(p, c, s, x, in, left);
-        if (used >= left) return true;
-        left -= used;
+        double out[CORE_PLANT + 1];
+        kernel_step(p, c, CORE_PLANT_OF(x) CORE_HELD_OF(s), s->active, in->aero_torque, in->f_x, in->f_z, in->supply,
+                    in->enable CORE_ACTING_OF(in), left, out);
+        memcpy(x->x, out, sizeof x->x);
+        if (out[CORE_PLANT] >= left) return true;
+        left -= out[CORE_PLANT];
     }
     return false;
 }
@@ -189,20 +181,14 @@ static inline core_inputs core_mean(const core_part *part)
     return mean;
 }
 
-/* Whether inputs differ that act on the plant through limits, or in a way not known here. */
-static inline bool core_switched(const core_inputs *a, const core_inputs *b)
-{
-    bool differ = a->supply != b->supply || a->enable != b->enable;
-    for (int i = 0; i < CORE_ACTING; ++i) differ |= a->further[i] != b->further[i];
-    return differ;
-}
-
-/* Where such inputs change inside a tick, it is split: the plant moves to where the tick
- * is covered, and a new part starts there. */
+/* Where inputs change inside a tick that act on the plant through limits, or in a way not known here, it is
+ * split: the plant moves to where the tick is covered, and a new part starts there. */
 static inline bool core_split(const double *p, const double *c, core_state *s, const core_inputs *in)
 {
     const core_part *part = &s->part;
-    if (!core_switched(&part->first, in)) return true;
+    bool differ = part->first.supply != in->supply || part->first.enable != in->enable;
+    for (int i = 0; i < CORE_ACTING; ++i) differ |= part->first.further[i] != in->further[i];
+    if (!differ) return true;
     const core_inputs mean = core_mean(part);
     const double covered = part->covered;
     const bool followed = core_finish(p, c, s, &s->plant, &mean, covered - part->origin);

@@ -43,15 +43,15 @@ class Core:
 
     `functions` are those of the kernel bound to the parameters; `plant` and `controller` the numbers of states that
     steps move and that samples keep to themselves, `acting` that of the further inputs that act on the plant.
-    The inputs are ``command, aero_torque, f_x, f_z, supply, enable`` and the further ones. `state` is everything that
-    changes while running, as nested tuples of numbers; it may be kept and put back.
+    The inputs are ``command, aero_torque, f_x, f_z, supply, enable`` and the further ones.
     """
 
-    __slots__ = ("_acting", "_controller", "_further", "_kernel_forces", "_kernel_initial", "_kernel_locate",
-                 "_kernel_outputs", "_kernel_sample", "_kernel_step", "_plant", "schedule", "state")
+    __slots__ = ("_acting", "_active", "_controller", "_further", "_kernel_forces", "_kernel_initial", "_kernel_locate",
+                 "_kernel_outputs", "_kernel_sample", "_kernel_step", "_line", "_part", "_period", "_plant",
+                 "_position", "_sampled", "_states", "_tentative", "schedule")
 
-    def __init__(self, functions: Functions, plant: int = 4, controller: int = 2, acting: int = 0) -> None:
-        self._plant, self._controller = plant, controller
+    def __init__(self, functions: Functions, plant: int, controller: int, acting: int) -> None:
+        self._states, self._controller = plant, controller
         self._acting, self._further = slice(1, _RAMPED + 1 + acting), slice(_RAMPED + 1, _RAMPED + 1 + acting)
         self.bind(functions)
         self.start()
@@ -69,25 +69,35 @@ class Core:
         slack: float = self.schedule[-1]
         return slack
 
-    def forces(self, *arguments: float) -> tuple[float, float]:
+    @property
+    def state(self) -> tuple[Any, ...]:
+        """Everything that changes while running, as nested tuples of numbers; it may be kept and put back."""
+        return (self._period, self._position, self._plant, self._sampled, self._line, self._active, self._part,
+                self._tentative)
+
+    @state.setter
+    def state(self, state: tuple[Any, ...]) -> None:
+        (self._period, self._position, self._plant, self._sampled, self._line, self._active, self._part,
+         self._tentative) = state
+
+    def forces(self, *motion: float) -> tuple[float, float]:
         """Return the specific force in the fin's frame from acceleration (x, y, z), roll and pitch."""
-        f_x, f_z = self._kernel_forces(*arguments)
+        f_x, f_z = self._kernel_forces(*motion)
         return f_x, f_z
 
     def start(self) -> None:
         """Put the actuator at rest at its start."""
         initial = self._kernel_initial()
-        plant, rest = initial[:self._plant], initial[self._plant:]
+        plant, rest = initial[:self._states], initial[self._states:]
         limited = self._controller + 1  # none is met yet: not among what it starts with
         # Length of the delay line: the sample in the drive before and after the arrival, and those on their way.
         line = (0.0,) * (int(self.schedule[-2]) + 2)
-        #      period, position, plant, sampled, delay line, active, part of the tick done, tentative plant
-        self.state: tuple[Any, ...] = (0, 0, plant, (*rest[:limited], 0.0, *rest[limited:]), line, 0.0, None, plant)
+        self.state = (0, 0, plant, (*rest[:limited], 0.0, *rest[limited:]), line, 0.0, None, plant)
 
     def outputs(self, inputs: Inputs) -> tuple[Any, ...]:
         """Return the outputs in the interface's order."""
-        _, _, _, sampled, line, active, _, plant = self.state
-        return self._outputs(plant, sampled, line, active, inputs)
+        return self._kernel_outputs(*self._tentative, self._active, self._line[-1], *self._sampled[self._controller:],
+                                    inputs[0], *inputs[self._acting])
 
     def run(self, end: float, inputs: Inputs, ramp: Ramp | None = None) -> tuple[Any, ...]:
         """Move on to `end` [s] from the start, all or nothing; return the outputs there.
@@ -96,80 +106,74 @@ class Core:
         ones that act) are those at `begin` and change at these rates. A tick takes them at its middle.
         Raises ArithmeticError where the equations cannot be followed.
         """
-        _, before, ticks, _, h_before, h_after, _, _ = self.schedule
-        period, position, plant, sampled, line, active, part, _ = self.state
-        periods, at, rest = self._kernel_locate(end)
-        if not (periods - period) * ticks <= MOST_TICKS:
-            raise ArithmeticError(f"{(periods - period) * ticks:g} ticks in one step are more than {MOST_TICKS}")
-        to_period, to_position = int(periods), int(at)
-        if (to_period, to_position) <= (period, position):  # never back
-            covered = part[1] if part is not None else 0.0
-            if (to_period, to_position) < (period, position) or rest < covered:
-                rest = covered
-            to_period, to_position = period, position
+        before = self.state
+        try:
+            return self._run(end, inputs, ramp)
+        except BaseException:
+            self.state = before
+            raise
 
-        while position < to_position or period < to_period:
-            plant, sampled, line, active, part = self._tick(
-                plant, sampled, line, part, period, position, inputs, ramp, h_before if position < before else h_after,
-                True)
-            position += 1
-            if position == ticks:
-                position = 0
-                period += 1
-        tentative = plant
+    def _run(self, end: float, inputs: Inputs, ramp: Ramp | None) -> tuple[Any, ...]:
+        _, before, ticks, _, h_before, h_after, _, _ = self.schedule
+        periods, at, rest = self._kernel_locate(end)
+        if not (periods - self._period) * ticks <= MOST_TICKS:
+            raise ArithmeticError(f"{(periods - self._period) * ticks:g} ticks in one step are more than {MOST_TICKS}")
+        reached, to = (self._period, self._position), (int(periods), int(at))
+        if to <= reached:  # never back
+            covered = self._part[1] if self._part is not None else 0.0
+            if to < reached or rest < covered:
+                rest = covered
+            to = reached
+        period, position = to
+        while self._position < position or self._period < period:
+            self._tick(inputs, ramp, h_before if self._position < before else h_after, True)
+            self._position += 1
+            if self._position == ticks:
+                self._position = 0
+                self._period += 1
+        self._tentative = self._plant
         if rest > 0.0:
-            plant, sampled, line, active, part = self._tick(
-                plant, sampled, line, part, period, position, inputs, ramp, rest, False)
-            tentative = self._finish(plant, sampled, active, _mean(part), rest - part[0])
-        outputs = self._outputs(tentative, sampled, line, active, self._at(inputs, ramp, end))
-        total = sum(outputs, sum(tentative, sum(sampled)))
+            self._tick(inputs, ramp, rest, False)
+        outputs = self.outputs(self._at(inputs, ramp, end))
+        total = sum(outputs, sum(self._tentative, sum(self._sampled)))
         if total - total != 0.0:  # infinite or not a number
             raise ArithmeticError("the state is no longer finite")
-        self.state = (period, position, plant, sampled, line, active, part, tentative)
         return outputs
 
-    def _tick(self, plant: tuple[float, ...], sampled: tuple[float, ...], line: tuple[float, ...], part: Any,
-              period: int, position: int, inputs: Inputs, ramp: Ramp | None, until: float, whole: bool
-              ) -> tuple[Any, ...]:
-        """Return plant, sampled states, delay line, active reference and part after a tick up to `until` [s] in it.
-
-        A whole one leaves no part behind; of another the plant stays where it stands, and the part says how far the
-        tick is covered.
-        """
-        acting, begun = inputs, 0.0
+    def _tick(self, inputs: Inputs, ramp: Ramp | None, until: float, whole: bool) -> None:
+        """Move on up to `until` [s] in a tick. A whole one leaves no part behind."""
+        part, begun, acting = self._part, 0.0, inputs
         if ramp is not None:
-            begun = self._begun(period, position)
+            begun = self._begun()
             acting = self._at(inputs, ramp, begun + 0.5 * (until if part is None else until + part[1]))
-        if position == 0 and part is None:
-            sampled, line = self._sample(plant, sampled, line, self._at(inputs, ramp, begun))
-        active = line[0] if position < self.schedule[1] else line[1]
-        if part is None and whole:
-            return self._finish(plant, sampled, active, acting, until), sampled, line, active, None
+        if self._position == 0 and part is None:
+            self._sample(self._at(inputs, ramp, begun))
+        self._active = self._line[0 if self._position < self.schedule[1] else 1]
+        origin = 0.0
         if part is not None:
-            plant, part = self._split(plant, sampled, active, part, acting)
-        part = _extend(part, until, acting)
+            part = self._split(part, acting)
+            origin = part[0]
+        if part is not None or not whole:
+            part = _extend(part, until, acting)
+            acting = _mean(part)
         if whole:
-            plant, part = self._finish(plant, sampled, active, _mean(part), until - part[0]), None
-        return plant, sampled, line, active, part
+            self._plant, self._part = self._finish(acting, until - origin), None
+        else:
+            self._tentative, self._part = self._finish(acting, until - origin), part
 
-    def _begun(self, period: int, position: int) -> float:
-        """Return when a tick begins [s]."""
+    def _begun(self) -> float:
+        """Return when the tick that the state stands at begins [s]."""
         length, before, _, arrival, h_before, h_after, _, _ = self.schedule
+        position = self._position
         within = position * h_before if position < before else arrival + (position - before) * h_after
-        begun: float = period * length + within
+        begun: float = self._period * length + within
         return begun
 
-    def _outputs(self, plant: tuple[float, ...], sampled: tuple[float, ...], line: tuple[float, ...], active: float,
-                 inputs: Inputs) -> tuple[Any, ...]:
-        return self._kernel_outputs(*plant, active, line[-1], *sampled[self._controller:], inputs[0],
-                                    *inputs[self._acting])
-
-    def _sample(self, plant: tuple[float, ...], sampled: tuple[float, ...], line: tuple[float, ...], inputs: Inputs
-                ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return what is sampled and the delay line after a sample."""
+    def _sample(self, inputs: Inputs) -> None:
         count, (command, _, _, _, *rest) = self._controller, inputs
-        reference, *after = self._kernel_sample(*plant, *sampled[:count], *sampled[count + 2:], command, *rest)
-        return tuple(after), (*line[1:], reference)
+        reference, *sampled = self._kernel_sample(*self._plant, *self._sampled[:count], *self._sampled[count + 2:],
+                                                  command, *rest)
+        self._sampled, self._line = tuple(sampled), (*self._line[1:], reference)
 
     def _at(self, inputs: Inputs, ramp: Ramp | None, time: float) -> Inputs:
         """Return the inputs at a time [s] of a ramp."""
@@ -180,21 +184,21 @@ class Core:
         changed = [x + rate * t for x, rate in zip((*inputs[:_RAMPED], *inputs[self._further]), rates, strict=True)]
         return (*changed[:_RAMPED], inputs[_RAMPED], *changed[_RAMPED:], *inputs[self._further.stop:])
 
-    def _split(self, plant: tuple[float, ...], sampled: tuple[float, ...], active: float, part: Part, inputs: Inputs
-               ) -> tuple[Any, ...]:
-        """Return plant and part; where inputs change that act through limits, the tick is covered, a part begins there.
-        """
+    def _split(self, part: Part, inputs: Inputs) -> Part:
+        """Return the part; where inputs change that act through limits, the plant moves on and another begins there."""
         origin, covered, first, _ = part
         if first[_SWITCHED] == inputs[_SWITCHED] and first[self._further] == inputs[self._further]:
-            return plant, part
-        return self._finish(plant, sampled, active, _mean(part), covered - origin), (covered, covered, inputs, _NOTHING)
+            return part
+        self._plant = self._finish(_mean(part), covered - origin)
+        return covered, covered, inputs, _NOTHING
 
-    def _finish(self, plant: tuple[float, ...], sampled: tuple[float, ...], active: float, inputs: Inputs, left: float
-                ) -> tuple[float, ...]:
+    def _finish(self, inputs: Inputs, left: float) -> tuple[float, ...]:
         """Return the plant after what is left of a tick [s], from event to event."""
+        plant: tuple[float, ...] = self._plant
         if left <= 0.0:
             return plant
-        step, acting, whole = self._kernel_step, (*sampled[self._controller + 2:], active, *inputs[self._acting]), left
+        step, whole = self._kernel_step, left
+        acting = (*self._sampled[self._controller + 2:], self._active, *inputs[self._acting])
         for _ in range(MOST_EVENTS):
             moved = step(*plant, *acting, left)
             plant, used = moved[:-1], moved[-1]

@@ -133,14 +133,14 @@ static core_result run_fins(const multi_fin *m, multi_fin_state *s, double from,
 #if MULTI_FIN_BUS
 static double next_sag(const multi_fin *m, double sag, double drawn)
 {
-    double inductances = 0.0, found;
+    double inductances = 0.0, next;
     for (size_t fin = 0; fin < FINS; ++fin) {
         double inverse;
         kernel_inverse_inductance(m->p[fin], m->c[fin], &inverse);
         inductances += inverse;
     }
-    kernel_bus_sag(m->p[0], m->c[0], m->resistance, sag, drawn, m->interval, inductances, &found);
-    return found;
+    kernel_bus_sag(m->p[0], m->c[0], m->resistance, sag, drawn, m->interval, inductances, &next);
+    return next;
 }
 #endif
 

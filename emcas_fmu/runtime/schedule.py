@@ -7,9 +7,9 @@ whatever the delay, samples and arrivals fall on tick boundaries.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
+from ..actuators.declaration import Actuator
 from ..ops.base import Ops, Value
 
 # Communication points this close to a tick, as a share of the sample time, lie on it: hosts
@@ -37,16 +37,7 @@ class Schedule(NamedTuple):
     slack: Value
 
 
-class Timed(Protocol):
-    """What a schedule asks of an actuator: the largest tick [s], and the delay from a sample to the drive [s]."""
-
-    @property
-    def longest_tick(self) -> Callable[[Ops, Any], Value]: ...
-    @property
-    def transport_delay(self) -> Callable[[Ops, Any], Value] | None: ...
-
-
-def schedule(ops: Ops, p: Any, actuator: Timed) -> Schedule:
+def schedule(ops: Ops, p: Any, actuator: Actuator) -> Schedule:
     """Return the sample period of an actuator with parameters `p`."""
     period = p.controller.sample_time
     delay = 0.0 if actuator.transport_delay is None else actuator.transport_delay(ops, p) / period
@@ -66,7 +57,7 @@ def schedule(ops: Ops, p: Any, actuator: Timed) -> Schedule:
     return Schedule(period, before, after, fraction * period, h_before, h_after, delay_samples, slack)
 
 
-def locate(ops: Ops, p: Any, actuator: Timed, time: Value) -> tuple[Value, ...]:
+def locate(ops: Ops, p: Any, actuator: Actuator, time: Value) -> tuple[Value, ...]:
     """Return whole periods and whole ticks beyond them in a time [s] from the start, and the rest [s].
 
     The rest is 0 within the slack.

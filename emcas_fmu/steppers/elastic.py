@@ -260,10 +260,10 @@ def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, 
     def to_event() -> tuple[Value, ...]:
         least = h * ops.where(ops.both(mode.pressed, ops.equal(place, float(_CONTACT))), _LEAVING, PROGRESS)
         guess = ops.maximum(first, least)
-        found = _margins(ops, p, c, s, _advanced(ops, p, c, s, acting, mode, guess), mode)
-        y = found[0]
-        for i in range(1, len(found)):
-            y = ops.where(ops.equal(place, float(i)), found[i], y)
+        margins = _margins(ops, p, c, s, _advanced(ops, p, c, s, acting, mode, guess), mode)
+        y = margins[0]
+        for i, margin in enumerate(margins[1:], 1):
+            y = ops.where(ops.equal(place, float(i)), margin, y)
         late = y <= 0.0
         better = _zero(ops, guess, y, ops.where(late, 0.0, h), ops.where(late, begin, end))
         used = ops.clip(better, least, h)

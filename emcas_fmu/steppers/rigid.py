@@ -1,4 +1,4 @@
-"""One step of a plant with a rigid drive line.
+"""One step of the plant: from a state to the end of a tick, or to the first event in it.
 
 The motion takes an implicit midpoint step (second order) under the mean torque of
 the tick. The current is stiff beside it, so it follows its exact exponential for

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite
 
-from .tracer import Assign, Block, Expr, If, Operand, Tracer
+from .tracer import Assign, Expr, If, Operand, Tracer
 from .usage import ARITHMETIC, Writer
 
 TEMPLATES = {
@@ -18,12 +19,12 @@ _CONDITIONS = {"less", "less_equal", "greater", "greater_equal", "equal", "both"
 
 
 def c_source(tracer: Tracer, prefix: str) -> str:
-    """Declarations and static functions of a header.
+    """Return declarations and static functions of a header.
 
     ``<prefix>_prepare(p, c)`` fills the constants `c` [<PREFIX>_CONSTANTS] from the parameters `p`
     [<PREFIX>_PARAMETERS]; each function takes both, its arguments, and the array `out` for its results.
     """
-    writer = _CWriter(tracer)
+    writer = CWriter(tracer)
     upper = prefix.upper()
     text = [f"enum {{ {upper}_PARAMETERS = {len(tracer.parameters)}, {upper}_CONSTANTS = {len(writer.constants)} }};",
             ""]
@@ -42,7 +43,7 @@ def c_source(tracer: Tracer, prefix: str) -> str:
 
 
 def _bare(text: str) -> str:
-    """A condition without parentheses around the whole: compilers take ((a == b)) for a slip."""
+    """Return a condition without parentheses around the whole: compilers take ((a == b)) for a slip."""
     depth = 0
     for i, character in enumerate(text):
         depth += (character == "(") - (character == ")")
@@ -51,7 +52,7 @@ def _bare(text: str) -> str:
     return text[1:-1] if text.startswith("(") else text
 
 
-class _CWriter(Writer):
+class CWriter(Writer):
     def __init__(self, tracer: Tracer) -> None:
         super().__init__(tracer, TEMPLATES)
         self._conditions: set[str] = set()
@@ -69,35 +70,25 @@ class _CWriter(Writer):
             raise ValueError(f"{value!r} has no place in traced code")
         return repr(float(value))
 
-    def block(self, block: Block, depth: int) -> list[str]:
-        indent = "    " * depth
-        lines: list[str] = []
-        for statement in block.statements:
-            if isinstance(statement, If):
-                lines += self._branch(statement, depth)
-                continue
-            text = self.expression(statement)
-            if self._condition(statement):
-                self._conditions.add(statement.name)
-            if text is None:
-                continue
-            kind = "int" if statement.name in self._conditions else "double"
-            declared = "" if statement.name in self.constants else f"const {kind} "
-            lines.append(f"{indent}{declared}{self.name(statement.name)} = {text};")
-        return lines
+    def expression(self, statement: Assign) -> str | None:
+        text = super().expression(statement)
+        if self._condition(statement):
+            self._conditions.add(statement.name)
+        return text
 
-    def _branch(self, statement: If, depth: int) -> list[str]:
-        live = self.live(statement)
-        if not live:
-            return []
+    def assignment(self, name: str, text: str) -> str:
+        kind = "int" if name in self._conditions else "double"
+        declared = "" if name in self.constants else f"const {kind} "
+        return f"{declared}{self.name(name)} = {text};"
+
+    def branch(self, statement: If, live: Sequence[int], depth: int) -> list[str]:
         indent = "    " * depth
         yes, no = self.block(statement.yes, depth + 1), self.block(statement.no, depth + 1)
-        kinds = {"int": [], "double": []}  # type: dict[str, list[str]]
+        kinds: dict[str, list[str]] = {"int": [], "double": []}
         for i in live:
             both = self._holds(statement.yes_values[i]) and self._holds(statement.no_values[i])
             kinds["int" if both else "double"].append(statement.names[i])
-            if both:
-                self._conditions.add(statement.names[i])
+        self._conditions.update(kinds["int"])
         lines = [f"{indent}{kind} {', '.join(names)};" for kind, names in kinds.items() if names]
         lines.append(f"{indent}if ({_bare(self.operand(statement.condition))}) {{")
         for inner, values, end in ((yes, statement.yes_values, "} else {"), (no, statement.no_values, "}")):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
-from .tracer import Assign, Block, Operand, Tracer
+from .tracer import If, Operand, Tracer
 from .usage import ARITHMETIC, Writer
 
 TEMPLATES = {
@@ -19,45 +19,35 @@ _TEMPORARY = re.compile(r"\bt\d+\b")
 
 
 def python_source(tracer: Tracer, docstring: str) -> str:
-    """A module with `make(parameters) -> tuple of functions`, `parameters` being a flat mapping."""
-    writer = Writer(tracer, TEMPLATES)
+    """Return a module with `make(parameters) -> tuple of functions`, `parameters` being a flat mapping."""
+    writer = _PythonWriter(tracer, TEMPLATES)
     body: list[str] = []
     for function in tracer.functions:
-        lines = [*_block(writer, function.block, 2), f"        return {_tuple(writer, function.results)}"]
+        lines = writer.block(function.block, 2)
+        lines.append(f"        return {writer.listed(function.results)}" + ("," if len(function.results) == 1 else ""))
         body += [f"    def {function.name}({', '.join(function.arguments)}):", *_registers(lines), ""]
     prologue = [f"    {name} = parameters[{key!r}]" for name, key in tracer.parameters if writer.uses.get(name)]
-    prologue += _block(writer, tracer.prologue, 1)
+    prologue += writer.block(tracer.prologue, 1)
     functions = ", ".join(function.name for function in tracer.functions)
     return "\n".join([f'"""{docstring}"""', "",
                       "from math import atan, cos, exp, fabs, floor, log, sin, sqrt, tan  # noqa: F401", "", "",
                       "def make(parameters):", *prologue, "", *body, f"    return {functions},", ""])
 
 
-def _tuple(writer: Writer, values: Sequence[Operand]) -> str:
-    return ", ".join(writer.operand(v) for v in values) + ("," if len(values) == 1 else "")
+class _PythonWriter(Writer):
+    def listed(self, values: Iterable[Operand]) -> str:
+        return ", ".join(self.operand(value) for value in values)
 
+    def assignment(self, name: str, text: str) -> str:
+        return f"{name} = {text}"
 
-def _block(writer: Writer, block: Block, depth: int) -> list[str]:
-    indent = "    " * depth
-    lines: list[str] = []
-    for statement in block.statements:
-        if isinstance(statement, Assign):
-            text = writer.expression(statement)
-            if text is not None:
-                lines.append(f"{indent}{statement.name} = {text}")
-            continue
-        live = writer.live(statement)
-        if not live:
-            continue
-        targets = ", ".join(statement.names[i] for i in live)
-        for keyword, inner, values in (
-            (f"if {writer.operand(statement.condition)}:", statement.yes, statement.yes_values),
-            ("else:", statement.no, statement.no_values),
-        ):
-            lines.append(f"{indent}{keyword}")
-            lines += _block(writer, inner, depth + 1)
-            lines.append(f"{indent}    {targets} = {', '.join(writer.operand(values[i]) for i in live)}")
-    return lines
+    def branch(self, statement: If, live: Sequence[int], depth: int) -> list[str]:
+        indent, targets = "    " * depth, ", ".join(statement.names[i] for i in live)
+        lines = [f"{indent}if {self.operand(statement.condition)}:"]
+        lines += self.block(statement.yes, depth + 1)
+        lines += [f"{indent}    {targets} = {self.listed(statement.yes_values[i] for i in live)}", f"{indent}else:"]
+        lines += self.block(statement.no, depth + 1)
+        return [*lines, f"{indent}    {targets} = {self.listed(statement.no_values[i] for i in live)}"]
 
 
 def _registers(lines: Sequence[str]) -> list[str]:
@@ -73,9 +63,9 @@ def _registers(lines: Sequence[str]) -> list[str]:
     free: list[str] = []
     result = []
     for number, line in enumerate(lines):
-        found = dict.fromkeys(_TEMPORARY.findall(line))
-        ending = [name for name in found if last[name] == number]
-        starting = [name for name in found if name not in names]
+        temporaries = dict.fromkeys(_TEMPORARY.findall(line))
+        ending = [name for name in temporaries if last[name] == number]
+        starting = [name for name in temporaries if name not in names]
         # What is read for the last time here is read before anything here is set.
         free += sorted(names[name] for name in ending if name in names)
         for name in starting:

@@ -1,7 +1,8 @@
-"""What the printers of traced programs share: who reads a value, and how expressions nest."""
+"""What the printers of traced programs share: who reads a value, how expressions nest and blocks follow."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 
 from .tracer import Assign, Block, Expr, If, Operand, Traced, Tracer
@@ -15,8 +16,8 @@ ARITHMETIC = {
 }
 
 
-class Writer:
-    """Turns blocks into expressions: drops what nobody reads, inlines what is read once.
+class Writer(ABC):
+    """Turns blocks into lines: drops what nobody reads, inlines what is read once.
 
     `templates` give each operation's text in the language, with the operands as
     ``{0}``, ``{1}``, ``{2}``. An operand that a template names twice counts as read twice.
@@ -55,18 +56,37 @@ class Writer:
                     self._use(statement.condition)
 
     def live(self, statement: If) -> Sequence[int]:
-        """Positions of the values of a branch that are read."""
+        """Return the positions of the values of a branch that are read."""
         return [i for i, name in enumerate(statement.names) if self.uses.get(name)]
 
+    def block(self, block: Block, depth: int) -> list[str]:
+        """Return the lines of a block, indented to a depth."""
+        lines: list[str] = []
+        for statement in block.statements:
+            if isinstance(statement, If):
+                if live := self.live(statement):
+                    lines += self.branch(statement, live, depth)
+            elif (text := self.expression(statement)) is not None:
+                lines.append("    " * depth + self.assignment(statement.name, text))
+        return lines
+
+    @abstractmethod
+    def assignment(self, name: str, text: str) -> str:
+        """Return the statement that gives a value its text."""
+
+    @abstractmethod
+    def branch(self, statement: If, live: Sequence[int], depth: int) -> list[str]:
+        """Return the lines of a branch that gives the values at the positions `live`."""
+
     def operand(self, value: Operand) -> str:
-        """Text of an operand."""
+        """Return the text of an operand."""
         if isinstance(value, Expr):
             return self._text.get(value.name) or self.name(value.name)
         text = self.literal(value)
         return f"({text})" if text.startswith("-") else text
 
     def expression(self, statement: Assign) -> str | None:
-        """Text of an operation to be assigned to its name; None if nobody reads it or it is inlined."""
+        """Return the text of an operation to be assigned to its name; None if nobody reads it or it is inlined."""
         uses = self.uses.get(statement.name, 0)
         if not uses:
             return None
@@ -77,11 +97,11 @@ class Writer:
         return text
 
     def name(self, name: str) -> str:
-        """How a value's name is written."""
+        """Return a value's name in the language."""
         return name
 
     def literal(self, value: float | bool) -> str:
-        """How a number is written."""
+        """Return a number in the language."""
         return repr(value)
 
 

@@ -108,7 +108,7 @@ def run(values: Mapping[str, Any], signal: Callable[[float], float], duration: f
         reference, *others = sample(*states, 0.0 if open_loop else asked, supply, enable)
         return float(quantised(asked if open_loop else reference, DAC_BITS, DAC_RANGE)), *others
 
-    core = Core((schedule, locate, initial, through_dac, *rest))
+    core = Core((schedule, locate, initial, through_dac, *rest), *codegen.sizes(nonlinear.ACTUATOR))
     p = nonlinear.ACTUATOR.namespace(chosen)
     supply = chosen["drive.supply_voltage"]
 

@@ -11,7 +11,7 @@ import pytest
 from emcas_fmu.actuators import NAMES
 from emcas_fmu.extensions.monitors import Watched, modelled, response
 from emcas_fmu.extensions.status import DEGRADED, DISABLED, FAILED, OPERATIONAL
-from emcas_fmu.ops import FLOATS
+from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from emcas_fmu.ops import FLOATS
+from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import check_combinations
 from emcas_fmu.physics import kinematics, mechanics
 from emcas_fmu.rules import check_ranges

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from emcas_fmu.control import controllers, sensors
-from emcas_fmu.ops import FLOATS
 from emcas_fmu.ops.arrays import ARRAYS
+from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.ops.symbols import SYMBOLS
 from emcas_fmu.physics import bus, drive, friction, kinematics, loads, mechanics
 from emcas_fmu.runtime import codegen

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emcas_fmu.ops import FLOATS
+from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics import drive, friction, kinematics, loads, mechanics
 from emcas_fmu.steppers.rigid import Plant, electrical_mode
 from tests.default_actuator import namespace

@@ -29,7 +29,7 @@ def _angle(slave: Any) -> float:
     return float(angle)
 
 
-@pytest.mark.parametrize("method", ["run", "_outputs"])
+@pytest.mark.parametrize("method", ["run", "_tick", "outputs"])
 def test_an_interrupt_discards_the_step_and_nothing_else(slave: Any, monkeypatch: pytest.MonkeyPatch,
                                                          method: str) -> None:
     slave.set_real([INDEX["fin_command"]], [0.1])

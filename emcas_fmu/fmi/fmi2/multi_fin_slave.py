@@ -26,14 +26,14 @@ class MultiFinSlave(Slave):
         cls._mixing = [cls._index[name] for name in ("roll_command", "pitch_command", "yaw_command")]
         cls._unknown_force = [(nan, nan)] * len(cls.places)
 
-    def _fins(self, values: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """Return each fin's parameters under the names of a single one's."""
-        count = len(self.names)
-        of_fins = list(values.values())[-len(self.places) * count:]
-        return [dict(zip(self.names, of_fins[k:k + count], strict=True)) for k in range(0, len(of_fins), count)]
+    def _fins(self, values: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
+        count, fins = len(self.names), len(self.places)
+        of_fins = list(values.values())[-fins * count:]
+        return {f"fin[{fin + 1}]: ": dict(zip(self.names, of_fins[fin * count:(fin + 1) * count], strict=True))
+                for fin in range(fins)}
 
     def _functions(self, values: Mapping[str, Any]) -> Sequence[Functions]:
-        return [type(self).make(one) for one in self._fins(values)]
+        return [type(self).make(one) for one in self._fins(values).values()]
 
     def _made(self, values: Mapping[str, Any]) -> Any:
         return MultiFin(self._functions(values), values.get("bus.source_resistance", 0.0),
@@ -47,7 +47,3 @@ class MultiFinSlave(Slave):
     @staticmethod
     def _finite(inputs: tuple[Any, ...]) -> bool:
         return all(isfinite(sum(each)) for each in inputs)
-
-    def _inconsistencies(self, values: Mapping[str, Any]) -> list[str]:
-        return [f"fin[{k}]: {problem}" for k, one in enumerate(self._fins(values), 1)
-                for problem in self._broken_rules(one)]

@@ -97,16 +97,12 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def setup_experiment(self, start_time: float, stop_time: float | None = None,
                          tolerance: float | None = None) -> None:
-        if self._phase == "instantiated":
+        if self._allowed("instantiated", "fmi2SetupExperiment"):
             self._start = start_time
-        else:
-            self._misused(f"fmi2SetupExperiment called while {self._phase}")
 
     def enter_initialization_mode(self) -> None:
-        if self._phase == "instantiated":
+        if self._allowed("instantiated", "fmi2EnterInitializationMode"):
             self._phase = "initialization"
-        else:
-            self._misused(f"fmi2EnterInitializationMode called while {self._phase}")
 
     def exit_initialization_mode(self) -> None:
         self._guard(self._initialize)
@@ -116,8 +112,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._ready = False
 
     def _initialize(self) -> None:
-        if self._phase != "initialization":
-            self._misused(f"fmi2ExitInitializationMode called while {self._phase}")
+        if not self._allowed("initialization", "fmi2ExitInitializationMode"):
             return
         self._phase = "running"
         problems = self._parameter_problems()
@@ -229,13 +224,14 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     def _finite(inputs: tuple[Any, ...]) -> bool:
         return isfinite(sum(inputs))
 
-    def _inconsistencies(self, values: Mapping[str, Any]) -> list[str]:
-        return self._broken_rules(values)
+    def _fins(self, values: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
+        """Return each fin's parameters under the names of a single one's, by what goes before its messages."""
+        return {"": values}
 
     def _broken_rules(self, values: Mapping[str, Any]) -> list[str]:
-        """Return a message for each rule that one fin's parameters break."""
-        checks = zip(type(self).make_checks(values), self.rules, strict=True)
-        return check_rules((check, message, scanned) for check, (message, scanned) in checks)
+        """Return a message for each rule that a fin's parameters break."""
+        return [prefix + problem for prefix, one in self._fins(values).items() for problem in check_rules(
+            (check, *rule) for check, rule in zip(type(self).make_checks(one), self.rules, strict=True))]
 
     def _parameter_values(self) -> dict[str, Any]:
         return {self.rows[i][0]: self._values[i] for i in self._parameters}
@@ -243,7 +239,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     def _parameter_problems(self) -> list[str]:
         values = self._parameter_values()
         limits = ((r[0], r[4], r[5]) for r in (self.rows[i] for i in self._parameters) if r[1] != "Boolean")
-        return check_ranges(values, limits) or self._inconsistencies(values)
+        return check_ranges(values, limits) or self._broken_rules(values)
 
     # -- variables -------------------------------------------------------------
 
@@ -358,6 +354,12 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             return CorruptState(f"it cannot be read ({type(error).__name__})")
 
     # -- trouble ---------------------------------------------------------------
+
+    def _allowed(self, phase: str, function: str) -> bool:
+        """Return whether a call may come now."""
+        if self._phase != phase:
+            self._misused(f"{function} called while {self._phase}")
+        return self._phase == phase
 
     def _guard(self, action: Callable[[], None]) -> None:
         try:

@@ -135,7 +135,7 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte b
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
 {
     const instance *m = c;
-    const state_head own = {.magic = MODEL_STATE};
+    const state_head expected = {.magic = MODEL_STATE};
     state_head head;
     if (!allowed(m, ANY_PHASE, "fmi2DeSerializeFMUstate")) return fmi2Error;
     if (!bytes || !state) return report(m, fmi2Error, "fmi2DeSerializeFMUstate: argument missing");
@@ -143,7 +143,7 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size
         return report(m, fmi2Error, "FMU state refused: it has %lu bytes, not %lu", (unsigned long)size,
                       (unsigned long)(sizeof head + sizeof(model_state)));
     memcpy(&head, bytes, sizeof head);
-    if (memcmp(head.magic, own.magic, sizeof head.magic) != 0)
+    if (memcmp(head.magic, expected.magic, sizeof head.magic) != 0)
         return report(m, fmi2Error, "FMU state refused: it is of another FMU or build, not of %s", MODEL_STATE);
     if (head.check != checksum(bytes + sizeof head, sizeof(model_state)))
         return report(m, fmi2Error, "FMU state refused: its checksum is wrong");
