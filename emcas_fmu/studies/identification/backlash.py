@@ -49,8 +49,8 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
             raise RecordError(f"no sweep of at least {degrees(_RANGE):g} deg in the {word} direction: the gap shows "
                               "between the two directions; sweep there and back")
     reach = max(float(np.abs(s.fin).max()) for s in sweeps)
-    found = fit(lambda x: [s.difference - _model(x, s.direction, s.fin, reach) for s in sweeps],
-                np.zeros(5), np.full(5, 1e-3), groups)
+    found = fit(_NAMES, lambda x: [s.difference - _model(x, s.direction, s.fin, reach) for s in sweeps], np.zeros(5),
+                np.full(5, 1e-3), groups)
     gap, sigma = float(found.values[0]), float(found.sigmas[0])
     if gap < -3.0 * sigma:
         raise RecordError(f"the backlash is found as {degrees(gap):.3g} deg, below 0: the direct angle leads the "
@@ -68,7 +68,7 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
         notes.append(f"Not distinguishable from no backlash; below {degrees(max(gap, 0.0) + 2.0 * sigma):.2g} deg at "
                      "2 sigma.")
     return Identification(
-        "backlash", "Backlash", records, base, _ASSUMED, _NAMES, found, "rad",
+        "backlash", "Backlash", records, base, _ASSUMED, found, "rad",
         [Estimate(GAP, degrees(gap), degrees(sigma), "deg", parameter=False)], notes,
         lambda: _drawings(sweeps, [(r, _indirect(r, p)) for r in records], found, reach))
 

@@ -28,7 +28,7 @@ from . import pictures
 from .current_loop import response
 from .estimation import Fit, fit
 from .motion import ARRAYS
-from .records import Array, Record, RecordError, read_records, refuse_clipped, refuse_magnitude
+from .records import Array, Record, RecordError, distinct, read_records, refuse_clipped, refuse_magnitude
 from .result import Estimate, Identification, estimates
 
 NAMES = ("drive.current_gain", "drive.current_offset", "drive.transport_delay", "drive.kp", "drive.ki")
@@ -98,11 +98,11 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     _require_slopes(runs, start, values)
     _require_length(runs, values)
     found = _fit(runs, start, values)
-    parameters = estimates(NAMES, found, base)
+    parameters = estimates(found, base)
     _require_answer(parameters, found, runs, values)
     return Identification(
-        "drive", "Drive: current gain, offset, transport delay and current loop", records, base, _ASSUMED, NAMES,
-        found, "A", parameters, _notes(runs, found, values), lambda: _drawings(runs, found, values))
+        "drive", "Drive: current gain, offset, transport delay and current loop", records, base, _ASSUMED, found,
+        "A", parameters, _notes(runs, found, values), lambda: _drawings(runs, found, values))
 
 
 def _rise(values: Mapping[str, Any]) -> float:
@@ -169,11 +169,7 @@ def _delay(fast: Sequence[Record], values: Mapping[str, Any]) -> float:
 
 
 def _require_levels(runs: Sequence[_Run]) -> None:
-    levels: list[float] = []
-    for run in runs:
-        for level in sorted(run.reference[run.used]):
-            if all(abs(level - other) > 0.05 for other in levels):
-                levels.append(float(level))
+    levels = distinct(np.concatenate([run.reference[run.used] for run in runs]), 0.05)
     if len(levels) < FEWEST_LEVELS or min(levels) >= 0.0 or max(levels) <= 0.0:
         raise RecordError(f"the reference takes {len(levels)} level(s) ({min(levels):.3g} to {max(levels):.3g} V): "
                           f"gain and offset need at least {FEWEST_LEVELS}, of both signs")
@@ -218,7 +214,7 @@ def _fit(runs: Sequence[_Run], start: float, values: Mapping[str, Any]) -> Fit:
               for delay in start + np.array([0.0, 0.5, 1.0, 1.5]) * _rise(values)
               for kp in np.array([0.3, 1.0, 3.0]) * values["drive.kp"]]
     begin = min(starts, key=lambda x: sum(float(r @ r) / len(r) for r in residuals(x)))
-    return fit(residuals, begin, scale, [[k] for k in range(len(runs))])
+    return fit(NAMES, residuals, begin, scale, [[k] for k in range(len(runs))])
 
 
 def _require_rate(delay: float, step: float) -> None:

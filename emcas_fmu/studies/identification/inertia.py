@@ -44,7 +44,7 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     _require_scale(records, [[parts[i] for i in members] for members in groups], base)
     _require(parts, base)
     fit = _fit(parts, groups, base)
-    (rotor, *_) = estimates((MOTOR,), fit, base)
+    rotor = estimates(fit, base)[0]
     assert rotor.base is not None
     total = _total({**base.values, MOTOR: rotor.value})
     if not rotor.sigma < _WORST * total:
@@ -67,7 +67,7 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
         "fin side of the parameter set leave of it. Their uncertainties are not included.",
     ]
     return Identification(
-        "inertia", "Inertia", records, base, _ASSUMED, _NAMES, fit, "N.m",
+        "inertia", "Inertia", records, base, _ASSUMED, fit, "N.m",
         [rotor, Estimate(TOTAL, total, rotor.sigma, rotor.unit, _total(base.values), parameter=False)], notes,
         lambda: _drawings(parts, records, fit, base.values))
 

@@ -136,7 +136,7 @@ def fit_motion(values: Mapping[str, Any], names: Sequence[str], parts: Sequence[
                     + mechanics.damping(ARRAYS, p, m, direction) * windows.speed)
         return np.split(torque - friction, ends)
 
-    return fit(residuals, start, scale, groups, _OVERLAP)
+    return fit(names, residuals, start, scale, groups, _OVERLAP)
 
 
 def stretches(windows: NDArray[np.bool_], fewest: int) -> list[NDArray[np.int64]]:

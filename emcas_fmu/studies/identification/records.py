@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from difflib import get_close_matches
@@ -209,6 +209,15 @@ def refuse_clipped(record: Record, name: str) -> None:
         if rests or piles:
             raise record.fail(f"{name} is clipped: {pile} samples are at exactly {extreme:.6g} {QUANTITIES[name][0]}, "
                               "its extreme, as no others; widen the range of the measurement, or excite less")
+
+
+def distinct(numbers: Iterable[float], apart: float = 0.0) -> list[float]:
+    """Return those that differ by more than 15 %, or by `apart`, sorted."""
+    levels: list[float] = []
+    for number in sorted(numbers):
+        if not levels or number - levels[-1] > (apart or 0.15 * abs(levels[-1])):
+            levels.append(float(number))
+    return levels
 
 
 def runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -22,7 +22,7 @@ def write_report(result: Identification, path: Path) -> None:
 
 def _strongest(result: Identification) -> list[tuple[str, str, float]]:
     """Return pairs of estimates correlated by more than 0.8, strongest first, ten at most."""
-    matrix = result.fit.correlation
-    pairs = [(name, other, float(matrix[i][j]))
-             for (j, other), (i, name) in combinations(enumerate(result.names), 2) if abs(matrix[i][j]) > 0.8]
+    names, matrix = result.fit.names, result.fit.correlation
+    pairs = [(names[i], names[j], float(matrix[i, j])) for j, i in combinations(range(len(names)), 2)
+             if abs(matrix[i, j]) > 0.8]
     return sorted(pairs, key=lambda pair: -abs(pair[2]))[:10]

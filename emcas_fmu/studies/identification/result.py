@@ -28,19 +28,19 @@ class Estimate:
     parameter: bool = True
 
 
-def estimates(names: Sequence[str], fit: Fit, base: ParameterSet) -> list[Estimate]:
-    """Return the first fitted values as the parameters `names`."""
+def estimates(fit: Fit, base: ParameterSet) -> list[Estimate]:
+    """Return the fitted values with names, which are those of parameters."""
     entries = {e.variable.name: e for e in base.entries}
     return [Estimate(name, float(value), float(sigma), entries[name].variable.unit, float(entries[name].value))
-            for name, value, sigma in zip(names, fit.values, fit.sigmas)]
+            for name, value, sigma in zip(fit.names, fit.values, fit.sigmas)]
 
 
 @dataclass(frozen=True)
 class Identification:
     """The outcome of one experiment.
 
-    `names` are those of the first values of the `fit`, whose residuals are in `unit`, a group per record. `assumed`
-    are the parameters taken from the `base` set. `drawings` makes the pictures.
+    The residuals of the `fit` are in `unit`, a group per record. `assumed` are the parameters taken from the `base`
+    set. `drawings` makes the pictures.
     """
 
     kind: str
@@ -48,7 +48,6 @@ class Identification:
     records: Sequence[Record]
     base: ParameterSet
     assumed: Sequence[str]
-    names: Sequence[str]
     fit: Fit
     unit: str
     estimates: Sequence[Estimate]
@@ -81,10 +80,10 @@ class Identification:
     def document(self) -> Mapping[str, Any]:
         """Return everything but the pictures, for JSON."""
         entries = [asdict(e) for e in self.estimates]
-        count = len(self.names)
+        count = len(self.fit.names)
         return {"kind": self.kind, "title": self.title, "emcas_version": __version__, "method": self.method,
                 "estimates": {entry.pop("name"): entry for entry in entries},
-                "correlation": {"names": self.names, "matrix": self.fit.correlation[:count, :count]},
+                "correlation": {"names": self.fit.names, "matrix": self.fit.correlation[:count, :count]},
                 "given": self.given, "notes": self.notes, "residuals": self.noise,
                 "files": [{"file": r.name, "rows": len(r), "sample_rate_hz": float(f"{1.0 / r.step:.6g}"),
                            "units": r.units, "sha256": r.sha256} for r in self.records]}
