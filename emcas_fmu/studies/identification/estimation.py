@@ -119,8 +119,8 @@ def _deviations(stretches: Sequence[Array], groups: Sequence[Sequence[int]], jac
     return deviations
 
 
-def fit(names: Sequence[str], residuals: Callable[[Array], Sequence[Array]], start: Array, scale: Array,
-        groups: Sequence[Sequence[int]], least_time: float = 1.0) -> Fit:
+def weighted_fit(names: Sequence[str], residuals: Callable[[Array], Sequence[Array]], start: Array, scale: Array,
+                 groups: Sequence[Sequence[int]], least_time: float = 1.0) -> Fit:
     """Minimise the residual stretches that `residuals` gives for a parameter vector, the first of them with `names`.
 
     `scale` has each parameter's typical size. `groups` lists, for each group of common noise, the

@@ -24,7 +24,7 @@ from . import motion, pictures
 from .estimation import Fit
 from .motion import ARRAYS
 from .records import DIRECTIONS, Array, Record, RecordError, distinct, grouped, read_records
-from .result import Identification, estimates
+from .result import Estimate, Identification, estimates, require_certain
 
 VISCOUS = ("friction.viscous.positive", "friction.viscous.negative")
 COULOMB = {d: tuple(f"friction.coulomb.{d}[{n}]" for n in range(7)) for d in ("positive", "negative")}
@@ -66,7 +66,8 @@ def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = Fals
     fit = _fit(sweeps, groups, base, NAMES[:-2] if keep_ratios else NAMES)
     values = {**base.values, **dict(zip(fit.names, fit.values, strict=True))}
     _require_plausible(values, base)
-    bands = _require_certain(fit, base)
+    parameters = estimates(fit, base)
+    bands = _require_certain(parameters, fit, base)
     limit = degrees(float(base.values["command.limit"]))
     notes = [f"{len(sweeps)} sweeps at {_listed(sweeps, 'speed')} rad/s and {_listed(sweeps, 'temperature')} degC.",
              *(f"Coulomb friction, {d} direction: 1 sigma is at most {band:.2g} N.m within +-{limit:.3g} deg; the "
@@ -77,7 +78,7 @@ def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = Fals
              "current sensor goes into the Coulomb friction, with opposite signs in the two directions."]
     return Identification(
         "friction", "Viscous and Coulomb friction", records, base, _ASSUMED, fit, "N.m",
-        estimates(fit, base), notes, lambda: _drawings(sweeps, fit, base.values, values))
+        parameters, notes, lambda: _drawings(sweeps, fit, base.values, values))
 
 
 def _sweeps(record: Record, values: Mapping[str, Any]) -> list[Sweep]:
@@ -168,13 +169,11 @@ def _fit(sweeps: Sequence[Sweep], groups: Sequence[Sequence[int]], base: Paramet
     torques = [motion.balance(motion.namespace(base.values, s.temperature), s.windows)[1] for s in sweeps]
     level = max(float(np.mean(np.abs(np.concatenate(torques)))), 1e-12)
     fastest = max(s.speed for s in sweeps)
-    # From flat polynomials: those of the base set might be far off.
-    start = {**dict.fromkeys(VISCOUS, 0.1 * level / fastest), **{n: 0.0 for c in COULOMB.values() for n in c},
-             **{c[0]: level for c in COULOMB.values()}, **dict.fromkeys(RATIOS, 1.0)}
-    scale = {**dict.fromkeys(VISCOUS, level / fastest), **{n: level for c in COULOMB.values() for n in c},
-             **dict.fromkeys(RATIOS, 1.0)}
-    return motion.fit_motion(base.values, names, [s.windows for s in sweeps], [s.temperature for s in sweeps],
-                             np.array([start[n] for n in names]), np.array([scale[n] for n in names]), groups)
+    flat = [level, *[0.0] * 6]  # polynomials to start from: those of the base set might be far off
+    start = np.array([*[0.1 * level / fastest] * 2, *flat, *flat, 1.0, 1.0])[:len(names)]
+    scale = np.array([*[level / fastest] * 2, *[level] * 14, 1.0, 1.0])[:len(names)]
+    return motion.fit_motion(base.values, names, [s.windows for s in sweeps], [s.temperature for s in sweeps], start,
+                             scale, groups)
 
 
 def _require_plausible(values: Mapping[str, Any], base: ParameterSet) -> None:
@@ -200,22 +199,18 @@ def _require_plausible(values: Mapping[str, Any], base: ParameterSet) -> None:
                               "column temperature")
 
 
-def _require_certain(fit: Fit, base: ParameterSet) -> dict[str, float]:
+def _require_certain(parameters: Sequence[Estimate], fit: Fit, base: ParameterSet) -> dict[str, float]:
     """Refuse uncertain results; return 1 sigma [N.m] of the Coulomb friction per direction, the largest in range."""
-    fitted = {name: (value, sigma) for name, value, sigma in zip(fit.names, fit.values, fit.sigmas, strict=True)}
     limit = float(base.values["command.limit"])
     bands = {d: float(_band(fit, d, np.linspace(-limit, limit, 81)).max()) for d in COULOMB}
     for direction, band in bands.items():
-        level = fitted[COULOMB[direction][0]][0]
+        level = next(e.value for e in parameters if e.name == COULOMB[direction][0])
         if not band < _WORST_COULOMB * level:
             raise RecordError(f"Coulomb friction in the {direction} direction is not supported by the data: 1 sigma is "
                               f"{band:.2g} N.m of {level:.3g} N.m somewhere within +-{degrees(limit):.3g} deg; sweep "
                               "slowly over the whole range, more than once")
-    for name in (*VISCOUS, *(n for n in RATIOS if n in fitted)):
-        value, sigma = fitted[name]
-        if not sigma < _WORST * abs(value):
-            raise RecordError(f"{name} is not supported by the data: {value:.3g} +- {sigma:.2g}; sweep faster, longer "
-                              "or more often")
+    require_certain([e for e in parameters if e.name in (*VISCOUS, *RATIOS)], _WORST,
+                    "sweep faster, longer or more often")
     return bands
 
 

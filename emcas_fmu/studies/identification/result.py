@@ -10,7 +10,7 @@ from ... import __version__
 from ...parameters import ParameterSet
 from ...plots import Drawing
 from .estimation import METHOD, Fit
-from .records import Record
+from .records import Record, RecordError
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,14 @@ def estimates(fit: Fit, base: ParameterSet) -> list[Estimate]:
     entries = {e.variable.name: e for e in base.entries}
     return [Estimate(name, float(value), float(sigma), entries[name].variable.unit, float(entries[name].value))
             for name, value, sigma in zip(fit.names, fit.values, fit.sigmas)]
+
+
+def require_certain(estimates: Iterable[Estimate], worst: float, remedy: str) -> None:
+    """Raise RecordError for an estimate whose relative 1 sigma is not below `worst`."""
+    for e in estimates:
+        if not e.sigma < worst * abs(e.value):
+            raise RecordError(f"{e.name} is not supported by the data: {e.value:.3g} +- {e.sigma:.2g} {e.unit}; "
+                              f"{remedy}")
 
 
 @dataclass(frozen=True)
