@@ -109,6 +109,13 @@ def systems(system: Element, path: str = "") -> Iterator[tuple[str, Element]]:
             yield from systems(element, f"{path}{element.name}.")
 
 
+def elements(system: Element, path: str = "") -> Iterator[tuple[str, Element]]:
+    """Yield all elements of a system, and of those in it, each with its path."""
+    for element in system.elements.values():
+        yield f"{path}{element.name}", element
+        yield from elements(element, f"{path}{element.name}.")
+
+
 def read_structure(archive: Archive, file: str, on_problem: OnProblem) -> Structure:
     """Read a structure; `on_problem` gets what is wrong with it or with its parameter sets, the rest is read.
 

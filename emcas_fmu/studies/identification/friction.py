@@ -55,6 +55,9 @@ class Sweep(NamedTuple):
     windows: motion.Averages
 
 
+Points = Sequence[tuple[Sweep, Array, Array]]  # of each sweep the fin angle [rad] and the friction [N.m] at its windows
+
+
 def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = False) -> Identification:
     """Identify friction parameters from records with motor_angle, motor_current and temperature.
 
@@ -247,9 +250,6 @@ def _drawings(sweeps: Sequence[Sweep], fit: Fit, base: Mapping[str, Any],
         "line: its slope is the viscous coefficient.")
     yield pictures.residuals([(f"{s.direction * s.speed:+.3g} rad/s", np.degrees(fin))
                               for s, fin in zip(sweeps, fins)], fit, "fin angle [deg]", "residual torque [N.m]")
-
-
-Points = Sequence[tuple[Sweep, Array, Array]]  # of each sweep the fin angle [rad] and the friction [N.m] at its windows
 
 
 def _against_fin(direction: int, word: str, points: Points, fit: Fit,

@@ -61,7 +61,7 @@ class Identification:
     estimates: Sequence[Estimate]
     notes: Sequence[str]
     drawings: Callable[[], Iterable[Drawing]]
-    method: str = METHOD
+    method = METHOD
 
     def __getitem__(self, name: str) -> Estimate:
         return next(e for e in self.estimates if e.name == name)
