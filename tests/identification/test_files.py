@@ -12,7 +12,7 @@ import pytest
 
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import ParameterError, load_parameters
-from emcas_fmu.studies.identification import backlash, parameter_file, report
+from emcas_fmu.studies.identification import backlash, parameter_file
 from emcas_fmu.studies.identification.result import Identification
 
 from .conftest import BENCH, emcas, shipped
@@ -79,7 +79,7 @@ def test_every_report_draws_and_is_reproducible(identified: Mapping[str, Identif
     for kind, result in identified.items():
         pages = [tmp_path / f"{kind}{i}.html" for i in range(2)]
         for page in pages:
-            report.write_report(result, page)
+            result.write_report(page)
         first, second = (p.read_bytes() for p in pages)
         assert first == second
         assert first.count(b"<svg") == pictures[kind]

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 from ... import __version__
+from ...bench.writers import write_page
 from ...parameters import ParameterSet
-from ...plots import Drawing
+from ...plots import Drawing, pictures
 from .estimation import METHOD, Fit
 from .records import Record, RecordError
 
@@ -84,6 +87,19 @@ class Identification:
         return [{"file": record.name, "residual": float(deviation), "unit": self.unit,
                  "residuals": sum(len(fit.residuals[i]) for i in members), "correlation_time": float(time)}
                 for record, members, deviation, time in zip(self.records, fit.groups, fit.deviations, fit.times)]
+
+    @property
+    def correlated(self) -> list[tuple[str, str, float]]:
+        """Pairs of fitted values correlated by more than 0.8, strongest first, ten at most."""
+        names, matrix = self.fit.names, self.fit.correlation
+        pairs = [(names[i], names[j], float(matrix[i, j])) for j, i in combinations(range(len(names)), 2)
+                 if abs(matrix[i, j]) > 0.8]
+        return sorted(pairs, key=lambda pair: -abs(pair[2]))[:10]
+
+    def write_report(self, path: Path) -> None:
+        """Write a page with the pictures; the same result gives the same bytes."""
+        write_page(path, "studies/identification/report.html.j2", result=self, figures=pictures(self.drawings()),
+                   records=list(zip(self.records, self.noise)))
 
     def document(self) -> Mapping[str, Any]:
         """Return everything but the pictures, for JSON."""
