@@ -26,7 +26,7 @@ class Connector:
     kind: str
     type: str
     unit: str
-    prefix: str = ""
+    prefix: str
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def _units(root: Any, kind: str, file: str, on_problem: OnProblem) -> dict[str, 
     for element in root.iterfind(f"{kind}:Units/ssc:Unit", NAMESPACES):
         name, base = element.get("name", ""), element.find("ssc:BaseUnit", NAMESPACES)
         try:
-            units[name] = Unit.of(name, base.attrib if base is not None else {})
+            units[name] = Unit.of(base.attrib if base is not None else {})
         except ValueError as error:
             on_problem(file, f"unit {name}: {error}")
     return units
