@@ -56,7 +56,6 @@ def _identify(kind: str, files: list[Path], parameters: list[Path] | None, outpu
     """Identify, write what is called for and print the estimates."""
     from ..bench.writers import write_json
     from ..studies.identification.parameter_file import write_identified
-    from ..studies.identification.report import write_report
 
     with failures():
         # The set may be written over: experiments chain through one file.
@@ -67,7 +66,7 @@ def _identify(kind: str, files: list[Path], parameters: list[Path] | None, outpu
         if output:
             write_identified(result, output, parameters or ())
         if report:
-            write_report(result, report)
+            result.write_report(report)
         if as_json:
             write_json(result.document(), as_json)
     table = Table("name", "value", "1 sigma", "unit", "base set", title=result.title, title_justify="left")

@@ -57,7 +57,7 @@ def read_interface(content: bytes, name: str) -> Interface:
     """Return the interface of an FMU file. Raises SspError if it is none."""
     try:
         description = read_model_description(BytesIO(content), validate=False)
-        units = {u.name: Unit.of(u.name, {base: getattr(u.baseUnit, base) for base in (*BASES, "factor", "offset")})
+        units = {u.name: Unit.of({base: getattr(u.baseUnit, base) for base in (*BASES, "factor", "offset")})
                  for u in description.unitDefinitions if u.baseUnit is not None}
         ports = {v.name: _port(v) for v in description.modelVariables}
     except Exception as error:  # fmpy raises what its parsers raise: of zipfile, lxml, float and its own

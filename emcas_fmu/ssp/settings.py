@@ -10,7 +10,7 @@ from ..bench.fmu import model_of
 from ..parameters import check_parameters
 from .findings import Report, nearest
 from .interface import Value, typed
-from .structure import Binding, Element, Setting, Structure, systems
+from .structure import Binding, Element, Setting, Structure, elements, systems
 from .units import conversion
 
 Values = dict[tuple[str, str], Value]  # by path of the component (empty: the system) and name of the variable
@@ -170,16 +170,13 @@ def _check_agreement(structure: Structure, bound: Sequence[Bound], unbound: Sequ
 def _check_combinations(structure: Structure, report: Report, otherwise: str | None) -> None:
     """Combinations of parameters an actuator of ours refuses at its initialization."""
     values = effective(structure)
-    for path, system in systems(structure.system):
-        for element in system.elements.values():
-            if element.interface is None:
-                continue
-            ports, model = element.interface.ports, model_of(element.interface.model) or otherwise or NONLINEAR
-            table = get(model).parameters
-            if any(v.name not in ports for v in table):
-                continue
-            numbers = {v.name: typed(v.kind, ports[v.name].start or "0") for v in table}
-            numbers |= {name: value for (component, name), value in values.items()
-                        if component == f"{path}{element.name}" and name in numbers}
-            for problem in check_parameters(numbers, model):
-                report.error(structure.file, f"component {path}{element.name}", problem, "change one of them")
+    for path, element in elements(structure.system):
+        if element.interface is None:
+            continue
+        ports, model = element.interface.ports, model_of(element.interface.model) or otherwise or NONLINEAR
+        table = get(model).parameters
+        if any(v.name not in ports for v in table):
+            continue
+        numbers = {v.name: values.get((path, v.name), typed(v.kind, ports[v.name].start or "0")) for v in table}
+        for problem in check_parameters(numbers, model):
+            report.error(structure.file, f"component {path}", problem, "change one of them")

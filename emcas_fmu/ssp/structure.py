@@ -26,7 +26,7 @@ class Connector:
     kind: str
     type: str
     unit: str
-    prefix: str = ""
+    prefix: str
 
 
 @dataclass(frozen=True)
@@ -109,6 +109,13 @@ def systems(system: Element, path: str = "") -> Iterator[tuple[str, Element]]:
             yield from systems(element, f"{path}{element.name}.")
 
 
+def elements(system: Element, path: str = "") -> Iterator[tuple[str, Element]]:
+    """Yield all elements of a system, and of those in it, each with its path."""
+    for element in system.elements.values():
+        yield f"{path}{element.name}", element
+        yield from elements(element, f"{path}{element.name}.")
+
+
 def read_structure(archive: Archive, file: str, on_problem: OnProblem) -> Structure:
     """Read a structure; `on_problem` gets what is wrong with it or with its parameter sets, the rest is read.
 
@@ -141,7 +148,7 @@ def _units(root: Any, kind: str, file: str, on_problem: OnProblem) -> dict[str, 
     for element in root.iterfind(f"{kind}:Units/ssc:Unit", NAMESPACES):
         name, base = element.get("name", ""), element.find("ssc:BaseUnit", NAMESPACES)
         try:
-            units[name] = Unit.of(name, base.attrib if base is not None else {})
+            units[name] = Unit.of(base.attrib if base is not None else {})
         except ValueError as error:
             on_problem(file, f"unit {name}: {error}")
     return units

@@ -14,15 +14,14 @@ BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 class Unit:
     """A value x in this unit is ``factor * x + offset`` in the SI unit with these exponents (in the order of BASES)."""
 
-    name: str
     exponents: tuple[int, ...]
     factor: float = 1.0
     offset: float = 0.0
 
     @classmethod
-    def of(cls, name: str, attributes: Mapping[str, Any]) -> Unit:
+    def of(cls, attributes: Mapping[str, Any]) -> Unit:
         """Read the attributes of a BaseUnit element. Raises ValueError if they are no numbers."""
-        return cls(name, tuple(int(attributes.get(base, 0)) for base in BASES),
+        return cls(tuple(int(attributes.get(base, 0)) for base in BASES),
                    float(attributes.get("factor", 1.0)), float(attributes.get("offset", 0.0)))
 
 

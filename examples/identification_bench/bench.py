@@ -22,18 +22,8 @@ from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.physics import friction, kinematics, mechanics
 from emcas_fmu.studies.identification.records import Array
 
-from .rig import (
-    ADC_BITS,
-    CURRENT_NOISE,
-    CURRENT_RANGE,
-    DAC_BITS,
-    REFERENCE_NOISE,
-    REFERENCE_RANGE,
-    Log,
-    fastest_sweep,
-    quantised,
-    run,
-)
+from . import rig
+from .rig import Log, quantised, run
 
 SPEEDS_RPM = (25, 50, 500, 1000, 1500, 2000)  # those of the thesis, the slowest for Coulomb friction
 TEMPERATURES = (friction.WARM, friction.COLD)
@@ -53,16 +43,14 @@ Columns = Mapping[str, tuple[Array, str]]
 
 def _current(log: Log, rng: np.random.Generator, averaged: int = 1) -> Array:
     true = log.mean_current if averaged > 1 else log.columns["motor_current"]
-    noisy = true + rng.normal(0.0, CURRENT_NOISE / averaged**0.5, len(true))
+    noisy = true + rng.normal(0.0, rig.CURRENT_NOISE / averaged**0.5, len(true))
     # A logger that averages has the finer steps of the mean.
-    found: Array = quantised(noisy, ADC_BITS + (3 if averaged > 1 else 0), CURRENT_RANGE)
-    return found
+    return quantised(noisy, rig.ADC_BITS + (3 if averaged > 1 else 0), rig.CURRENT_RANGE)
 
 
 def _counts(values: Mapping[str, Any], angle: Array) -> Array:
-    q = sensors.resolution(nonlinear.ACTUATOR.namespace(values))
-    found: Array = np.floor(angle / q) * q
-    return found
+    q = float(sensors.resolution(nonlinear.ACTUATOR.namespace(values)))
+    return np.floor(angle / q) * q
 
 
 def _motor_end(values: Mapping[str, Any]) -> tuple[float, float]:
@@ -85,7 +73,7 @@ def _there_and_back(low: float, high: float, speed: float) -> tuple[Callable[[fl
 def sweep_speeds(values: Mapping[str, Any], speeds: Sequence[float] = SPEEDS_RPM) -> list[float]:
     """Speeds [rpm] of the sweeps: the fast ones slowed, all in one ratio, to what the rig holds within the travel."""
     low, high = _motor_end(values)
-    share = min(1.0, fastest_sweep(values, high - low) / (max(speeds) * _RPM))
+    share = min(1.0, rig.fastest_sweep(values, high - low) / (max(speeds) * _RPM))
     return [rpm if rpm < _SLOW else max(round(rpm * share), _SLOW) for rpm in speeds]
 
 
@@ -131,9 +119,8 @@ def spin_up_volts(values: Mapping[str, Any]) -> list[float]:
 
 
 def _reference(log: Log, rng: np.random.Generator) -> Array:
-    noisy = log.reference + rng.normal(0.0, REFERENCE_NOISE, len(log.reference))
-    found: Array = quantised(noisy, ADC_BITS + 2, REFERENCE_RANGE)
-    return found
+    noisy = log.reference + rng.normal(0.0, rig.REFERENCE_NOISE, len(log.reference))
+    return quantised(noisy, rig.ADC_BITS + 2, rig.REFERENCE_RANGE)
 
 
 def drive_fast(values: Mapping[str, Any], rng: np.random.Generator) -> Columns:
@@ -216,13 +203,12 @@ def write_record(path: Path, columns: Columns) -> None:
 def write_bench(directory: Path, parameters: ParameterSet, seed: int) -> list[Path]:
     """Write every record and the provenance into `directory`; gives the paths of the records."""
     directory.mkdir(parents=True, exist_ok=True)
-    written: list[Path] = []
+    paths = []
     for name, columns in data_sets(parameters.values, seed):
-        path = directory / f"{name}.csv"
-        write_record(path, columns)
-        written.append(path)
-    (directory / PROVENANCE).write_text(_provenance(parameters, seed, written), encoding="utf-8", newline="\n")
-    return written
+        paths.append(directory / f"{name}.csv")
+        write_record(paths[-1], columns)
+    (directory / PROVENANCE).write_text(_provenance(parameters, seed, paths), encoding="utf-8", newline="\n")
+    return paths
 
 
 TRUTHS = ("drive.current_gain", "drive.current_offset", "drive.transport_delay", "drive.kp", "drive.ki",
@@ -233,16 +219,17 @@ TRUTHS = ("drive.current_gain", "drive.current_offset", "drive.transport_delay",
 
 def _provenance(parameters: ParameterSet, seed: int, paths: Sequence[Path]) -> str:
     default = load_parameters().values
-    own = {n: x for n, x in parameters.values.items() if x != default[n]}
-    given = " --parameters FILE" if own else ""
+    changed = {n: x for n, x in parameters.values.items() if x != default[n]}
+    given = " --parameters FILE" if changed else ""
     lines = ["# How the records were made, and the values an identification ought to find, SI.",
              f'command = "python examples/identification_bench/make.py --seed {seed}{given}"', f"seed = {seed}",
              f'emcas_version = "{__version__}"',
-             f"current_noise_a = {CURRENT_NOISE}", f"reference_noise_v = {REFERENCE_NOISE}", f"adc_bits = {ADC_BITS}",
-             f"dac_bits = {DAC_BITS}", f"backlash_deg = {degrees(BACKLASH):.6g}", "", "[truth]"]
+             f"current_noise_a = {rig.CURRENT_NOISE}", f"reference_noise_v = {rig.REFERENCE_NOISE}",
+             f"adc_bits = {rig.ADC_BITS}", f"dac_bits = {rig.DAC_BITS}",
+             f"backlash_deg = {degrees(BACKLASH):.6g}", "", "[truth]"]
     lines += [f"{json.dumps(name)} = {float(parameters.values[name])!r}" for name in TRUTHS]
-    if own:  # what FILE has to say
-        lines += ["", "[parameters]", *(f"{json.dumps(n)} = {json.dumps(x)}" for n, x in own.items())]
+    if changed:  # what FILE has to say
+        lines += ["", "[parameters]", *(f"{json.dumps(n)} = {json.dumps(x)}" for n, x in changed.items())]
     lines += ["", "[sha256]"]
     lines += [f'"{path.name}" = "{hashlib.sha256(path.read_bytes()).hexdigest()}"' for path in paths]
     return "\n".join([*lines, ""])

@@ -52,10 +52,11 @@ class Log:
     mean_current: Array
 
 
-def quantised(values: Any, bits: int, reach: float) -> Any:
-    """A converter's output: rounded to its steps, held at its ends."""
+def quantised(values: Any, bits: int, reach: float) -> Array:
+    """Return a converter's output: rounded to its steps, held at its ends."""
     step = 2.0 * reach / 2**bits
-    return np.clip(np.round(np.asarray(values) / step), -2 ** (bits - 1), 2 ** (bits - 1) - 1) * step
+    converted: Array = np.clip(np.round(np.asarray(values) / step), -2 ** (bits - 1), 2 ** (bits - 1) - 1) * step
+    return converted
 
 
 def position_bandwidth(values: Mapping[str, Any], sample_time: float = 1e-3) -> float:
@@ -84,8 +85,7 @@ def centred(fine: Array, every: int) -> Array:
     half = every // 2
     weights = np.full(2 * half + 1, 1.0)
     weights[[0, -1]] = 0.5 if half else 1.0
-    found: Array = np.convolve(np.pad(fine, half, mode="edge"), weights / weights.sum(), mode="valid")[::every]
-    return found
+    return np.convolve(np.pad(fine, half, mode="edge"), weights / weights.sum(), mode="valid")[::every]
 
 
 def run(values: Mapping[str, Any], signal: Callable[[float], float], duration: float, interval: float, *,

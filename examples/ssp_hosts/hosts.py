@@ -31,13 +31,12 @@ from emcas_fmu.parameters import Value
 from emcas_fmu.ssp.archive import Archive, write_archive
 from emcas_fmu.ssp.check import check
 from emcas_fmu.ssp.findings import nearest
-from emcas_fmu.ssp.schema import DEFAULT, NOMINAL, SSC, SSD, SspError, parse
+from emcas_fmu.ssp.schema import DEFAULT, NAMESPACES, NOMINAL, SspError, parse
 from emcas_fmu.ssp.structure import Connection, Structure, read_variant
 
-HOSTS = ("fmpy", "libcosimpy", "ecospy")
-_MODULES = {"fmpy": "in_fmpy", "libcosimpy": "in_libcosim", "ecospy": "in_ecos"}
-_NEEDS = {"fmpy": "pip install fmpy", "libcosimpy": "pip install libcosimpy",
-          "ecospy": "pip install ecospy; on Debian also apt-get install libtbb12"}
+# Python package of each host, with the module here and what installs it.
+HOSTS = {"fmpy": ("in_fmpy", "pip install fmpy"), "libcosimpy": ("in_libcosim", "pip install libcosimpy"),
+         "ecospy": ("in_ecos", "pip install ecospy; on Debian also apt-get install libtbb12")}
 End = tuple[str, str]  # component and variable
 
 
@@ -153,10 +152,11 @@ def open(ssp: Path, host: str, variant: str = NOMINAL, step: float = 1e-3) -> Sy
         raise SspError(f"there is no host {host!r}; there is {', '.join(HOSTS)}")
     if not 0.0 < step < float("inf"):
         raise SspError(f"step {step}: must be above 0")
+    module_name, installation = HOSTS[host]
     try:
         importlib.import_module(host)
     except (ImportError, OSError) as error:  # OSError: a library it needs
-        raise SspError(f"{host} cannot be loaded ({error}): {_NEEDS[host]}") from error
+        raise SspError(f"{host} cannot be loaded ({error}): {installation}") from error
     # Hosts pass over much of what is wrong.
     if errors := check(ssp).errors:
         raise SspError("\n".join(f"{ssp}: {error}" for error in errors))
@@ -166,7 +166,7 @@ def open(ssp: Path, host: str, variant: str = NOMINAL, step: float = 1e-3) -> Sy
     with TemporaryDirectory() as folder:
         prepared = Path(folder) / "system.ssp"
         write_archive(_prepared(archive, structure.file, host), prepared)
-        module = importlib.import_module(f".{_MODULES[host]}", __package__)
+        module = importlib.import_module(f".{module_name}", __package__)
         try:
             system: System = module.Running(structure, step, prepared)
         except SspError as error:
@@ -195,18 +195,18 @@ def _prepared(archive: Archive, file: str, host: str) -> dict[str, bytes]:
     contents = {name: data for name, data in archive.contents().items()
                 if not (name in archive.structures and name != file)}
     root = parse(contents.pop(file), file)
-    found = root.find(f"{{{SSD}}}System/{{{SSD}}}Connections")
-    if host == "fmpy" or found is None:
+    connections = root.find("ssd:System/ssd:Connections", NAMESPACES)
+    if host == "fmpy" or connections is None:
         contents[DEFAULT] = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
         return contents
-    for connection in list(found):
+    for connection in list(connections):
         if not (connection.get("startElement") and connection.get("endElement")):
-            found.remove(connection)
+            connections.remove(connection)
     if host == "libcosimpy":
-        _without_enumerations(root, found, file)
-    prefix = found.prefix
-    if len(found) == 0:
-        found.getparent().remove(found)
+        _without_enumerations(root, connections, file)
+    prefix = connections.prefix
+    if len(connections) == 0:
+        connections.getparent().remove(connections)
     text = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
     contents[DEFAULT] = re.sub(rf"(</?){prefix}:Connections\b".encode(), rb"\1ssd:Connections", text)
     return contents
@@ -215,11 +215,11 @@ def _prepared(archive: Archive, file: str, host: str) -> dict[str, bytes]:
 def _without_enumerations(root: Any, connections: Any, file: str) -> None:
     """Take out what libcosim ends the process over."""
     gone = set()
-    for component in root.iterfind(f".//{{{SSD}}}Component"):
-        for connector in component.findall(f"{{{SSD}}}Connectors/{{{SSD}}}Connector"):
-            if connector.find(f"{{{SSC}}}Enumeration") is not None:
-                gone.add((component.get("name"), connector.get("name")))
-                connector.getparent().remove(connector)
+    for enumeration in root.findall(".//ssd:Component/ssd:Connectors/ssd:Connector/ssc:Enumeration", NAMESPACES):
+        connector = enumeration.getparent()
+        connectors = connector.getparent()
+        gone.add((connectors.getparent().get("name"), connector.get("name")))
+        connectors.remove(connector)
     for connection in connections:
         ends = [(connection.get(f"{side}Element"), connection.get(f"{side}Connector")) for side in ("start", "end")]
         if gone.intersection(ends):

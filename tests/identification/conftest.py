@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner, Result
 
+from emcas_fmu.cli import app
 from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.identification import backlash, drive, friction, inertia
@@ -21,8 +23,6 @@ from .truths import draw_truth
 BENCH = models_directory() / "bench"
 IDENTIFY: Mapping[str, Callable[..., Identification]] = {
     "friction": friction.identify, "drive": drive.identify, "inertia": inertia.identify, "backlash": backlash.identify}
-
-
 # What the experiments take for known: assembly and winding are measured otherwise.
 KNOWN = ("kinematics.initial_angle", "motor.resistance", "motor.inductance")
 
@@ -33,6 +33,11 @@ class Recovery(NamedTuple):
     names: list[str]
     z: Any
     relative: Any
+
+
+def emcas(*arguments: object) -> Result:
+    """The command carried out."""
+    return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
 def shipped(kind: str) -> list[Path]:

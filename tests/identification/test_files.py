@@ -9,19 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
 
-from emcas_fmu.cli import app
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import ParameterError, load_parameters
-from emcas_fmu.studies.identification import backlash, parameter_file, report
+from emcas_fmu.studies.identification import backlash, parameter_file
 from emcas_fmu.studies.identification.result import Identification
 
-from .conftest import BENCH, shipped
-
-
-def emcas(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(a) for a in arguments])
+from .conftest import BENCH, emcas, shipped
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +79,7 @@ def test_every_report_draws_and_is_reproducible(identified: Mapping[str, Identif
     for kind, result in identified.items():
         pages = [tmp_path / f"{kind}{i}.html" for i in range(2)]
         for page in pages:
-            report.write_report(result, page)
+            result.write_report(page)
         first, second = (p.read_bytes() for p in pages)
         assert first == second
         assert first.count(b"<svg") == pictures[kind]

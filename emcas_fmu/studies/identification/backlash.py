@@ -19,7 +19,7 @@ import numpy as np
 from ...parameters import ParameterSet
 from ...plots import Drawing
 from . import motion, pictures
-from .estimation import Fit, fit
+from .estimation import Fit, weighted_fit
 from .records import DIRECTIONS, Array, Record, RecordError, grouped, read_records, refuse_magnitude
 from .result import Estimate, Identification
 
@@ -49,9 +49,9 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
             raise RecordError(f"no sweep of at least {degrees(_RANGE):g} deg in the {word} direction: the gap shows "
                               "between the two directions; sweep there and back")
     reach = max(float(np.abs(s.fin).max()) for s in sweeps)
-    found = fit(lambda x: [s.difference - _model(x, s.direction, s.fin, reach) for s in sweeps],
-                np.zeros(5), np.full(5, 1e-3), groups)
-    gap, sigma = float(found.values[0]), float(found.sigmas[0])
+    fit = weighted_fit(_NAMES, lambda x: [s.difference - _model(x, s.direction, s.fin, reach) for s in sweeps],
+                       np.zeros(5), np.full(5, 1e-3), groups)
+    gap, sigma = float(fit.values[0]), float(fit.sigmas[0])
     if gap < -3.0 * sigma:
         raise RecordError(f"the backlash is found as {degrees(gap):.3g} deg, below 0: the direct angle leads the "
                           "motor's; check the columns' signs, that they are sampled at the same instants, and that the "
@@ -61,16 +61,16 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
         f"{degrees(max(float(s.fin.max()) for s in sweeps)):.3g} deg; the first {degrees(_CLEAR):g} deg after each "
         "reversal are left out.",
         "The model has no backlash: this is no parameter and nothing computes with it.",
-        f"Zero of one encoder against the other: {degrees(float(found.values[1])):.3g} deg; part of it may be half "
+        f"Zero of one encoder against the other: {degrees(float(fit.values[1])):.3g} deg; part of it may be half "
         "a count.",
     ]
     if gap < 2.0 * sigma:
         notes.append(f"Not distinguishable from no backlash; below {degrees(max(gap, 0.0) + 2.0 * sigma):.2g} deg at "
                      "2 sigma.")
     return Identification(
-        "backlash", "Backlash", records, base, _ASSUMED, _NAMES, found, "rad",
+        "backlash", "Backlash", records, base, _ASSUMED, fit, "rad",
         [Estimate(GAP, degrees(gap), degrees(sigma), "deg", parameter=False)], notes,
-        lambda: _drawings(sweeps, [(r, _indirect(r, p)) for r in records], found, reach))
+        lambda: _drawings(sweeps, [(r, _indirect(r, p)) for r in records], fit, reach))
 
 
 def _indirect(record: Record, p: Any) -> Array:
@@ -133,7 +133,7 @@ def _model(x: Array, direction: int, fin: Array, reach: float) -> Array:
     return difference
 
 
-def _drawings(sweeps: Sequence[Sweep], traces: Sequence[tuple[Record, Array]], found: Fit,
+def _drawings(sweeps: Sequence[Sweep], traces: Sequence[tuple[Record, Array]], fit: Fit,
               reach: float) -> Iterator[Drawing]:
     series = []
     for direction, word in DIRECTIONS:
@@ -141,12 +141,12 @@ def _drawings(sweeps: Sequence[Sweep], traces: Sequence[tuple[Record, Array]], f
             *(s[1:] for s in sweeps if s.direction == direction), strict=True))
         grid = np.linspace(fin.min(), fin.max(), 100)
         series.append(pictures.Series(f"{word} direction", np.degrees(fin), np.degrees(difference), np.degrees(grid),
-                                      np.degrees(_model(found.values, direction, grid, reach))))
+                                      np.degrees(_model(fit.values, direction, grid, reach))))
     yield Drawing(
         "Direct and indirect fin angle",
         pictures.panels([("", series)], "fin angle [deg]", "direct less indirect fin angle [deg]"),
         "Their difference in blocks of each sweep, by direction, and the fitted curves: "
-        f"{degrees(float(found.values[0])):.3g} deg apart, the backlash.")
+        f"{degrees(float(fit.values[0])):.3g} deg apart, the backlash.")
     parts = []
     for record, indirect in traces:
         time, difference = record["time"] - record["time"][0], np.degrees(record["fin_angle"] - indirect)
@@ -155,5 +155,5 @@ def _drawings(sweeps: Sequence[Sweep], traces: Sequence[tuple[Record, Array]], f
     yield Drawing("Difference against time", pictures.panels(parts, "time [s]", "difference [deg]", height=2.6),
                   "As measured, with the encoders' counts.")
     words = dict(DIRECTIONS)
-    yield pictures.residuals([(words[s.direction], np.degrees(s.fin)) for s in sweeps], found, "fin angle [deg]",
+    yield pictures.residuals([(words[s.direction], np.degrees(s.fin)) for s in sweeps], fit, "fin angle [deg]",
                              "residual [deg]", degrees(1.0))

@@ -27,9 +27,9 @@ from ...physics import drive
 from ...plots import Drawing
 from . import pictures
 from .current_loop import response
-from .estimation import Fit, fit
-from .records import Array, Record, RecordError, read_records, refuse_clipped, refuse_magnitude
-from .result import Estimate, Identification, estimates
+from .estimation import Fit, weighted_fit
+from .records import Array, Record, RecordError, distinct, read_records, refuse_clipped, refuse_magnitude
+from .result import Estimate, Identification, estimates, require_certain
 
 NAMES = ("drive.current_gain", "drive.current_offset", "drive.transport_delay", "drive.kp", "drive.ki")
 GAIN, OFFSET, DELAY, KP, KI = range(5)
@@ -94,15 +94,13 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     start = _delay(fast, values)
     _require_rate(start + 2.0 * _rise(values), min(r.step for r in fast))
     runs = [_Run(record, _used(record, start), 5 + k) for k, record in enumerate(records)]
-    _require_levels(runs)
-    _require_slopes(runs, start, values)
-    _require_length(runs, values)
-    found = _fit(runs, start, values)
-    parameters = estimates(NAMES, found, base)
-    _require_answer(parameters, found, runs, values)
+    _require(runs, start, values)
+    fit = _fit(runs, start, values)
+    parameters = estimates(fit, base)
+    _require_answer(parameters, fit, runs, values)
     return Identification(
-        "drive", "Drive: current gain, offset, transport delay and current loop", records, base, _ASSUMED, NAMES,
-        found, "A", parameters, _notes(runs, found, values), lambda: _drawings(runs, found, values))
+        "drive", "Drive: current gain, offset, transport delay and current loop", records, base, _ASSUMED, fit,
+        "A", parameters, _notes(runs, fit, values), lambda: _drawings(runs, fit, values))
 
 
 def _rise(values: Mapping[str, Any]) -> float:
@@ -168,35 +166,38 @@ def _delay(fast: Sequence[Record], values: Mapping[str, Any]) -> float:
     return max(float(shifts[best]) - _rise(values), 0.0)
 
 
-def _require_levels(runs: Sequence[_Run]) -> None:
-    levels: list[float] = []
-    for run in runs:
-        for level in sorted(run.reference[run.used]):
-            if all(abs(level - other) > 0.05 for other in levels):
-                levels.append(float(level))
+def _require(runs: Sequence[_Run], delay: float, values: Mapping[str, Any]) -> None:
+    """Refuse records that together lack levels or length, and slopes of the current far from the base set's."""
+    levels = distinct(np.concatenate([run.reference[run.used] for run in runs]), 0.05)
     if len(levels) < FEWEST_LEVELS or min(levels) >= 0.0 or max(levels) <= 0.0:
         raise RecordError(f"the reference takes {len(levels)} level(s) ({min(levels):.3g} to {max(levels):.3g} V): "
                           f"gain and offset need at least {FEWEST_LEVELS}, of both signs")
-
-
-def _require_slopes(runs: Sequence[_Run], delay: float, values: Mapping[str, Any]) -> None:
-    """Require of each record a slope of current against the late reference near the base set's, and the others'."""
     slopes: list[float] = []
     for run in runs:
         late = run.late_reference(delay + _rise(values))
         slope = float(np.polyfit(late[run.used], run.current[run.used], 1)[0])
         slopes.append(slope)
+        rises = f"motor_current rises by {slope:.4g} A per volt of drive_reference"
         if slope <= 0.0:
             raise run.record.fail(f"motor_current falls with drive_reference ({slope:.3g} A/V): one of them has the "
                                   "wrong sign")
         if not 0.1 < slope / values["drive.current_gain"] < 10.0:
-            raise run.record.fail(f"motor_current rises by {slope:.4g} A per volt of drive_reference, "
-                                  f"{slope / values['drive.current_gain']:.3g} times what the base parameters say: "
-                                  "check the units of both in the header")
+            raise run.record.fail(f"{rises}, {slope / values['drive.current_gain']:.3g} times what the base parameters "
+                                  "say: check the units of both in the header")
         if not 0.6 < slope / slopes[0] < 1.7:
-            raise run.record.fail(f"motor_current rises by {slope:.4g} A per volt of drive_reference, but by "
-                                  f"{slopes[0]:.4g} in {runs[0].record.name}: check the units of both files' headers, "
-                                  "and that they are of one drive")
+            raise run.record.fail(f"{rises}, but by {slopes[0]:.4g} in {runs[0].record.name}: check the units of both "
+                                  "files' headers, and that they are of one drive")
+    if values["drive.ki"] <= 0.0:
+        return
+    # A record within the integral's first moments shows the proportional part alone, and calls it the whole.
+    slow = (values["motor.resistance"] + values["drive.kp"]) / values["drive.ki"]
+    longest = max(len(r.record) * r.record.step for r in runs)
+    if longest < _LENGTH * slow:
+        raise RecordError(
+            f"the longest record lasts {longest:.3g} s, but by the base parameters the drive's integral takes "
+            f"(R + Kp)/Ki = {slow:.3g} s to act: gain and Ki cannot be told from it. Add a slow staircase of "
+            f"{_LENGTH * slow:.3g} s or more, or give base parameters whose drive.ki is nearer the truth (0: no "
+            "integral)")
 
 
 def _fit(runs: Sequence[_Run], start: float, values: Mapping[str, Any]) -> Fit:
@@ -218,7 +219,7 @@ def _fit(runs: Sequence[_Run], start: float, values: Mapping[str, Any]) -> Fit:
               for delay in start + np.array([0.0, 0.5, 1.0, 1.5]) * _rise(values)
               for kp in np.array([0.3, 1.0, 3.0]) * values["drive.kp"]]
     begin = min(starts, key=lambda x: sum(float(r @ r) / len(r) for r in residuals(x)))
-    return fit(residuals, begin, scale, [[k] for k in range(len(runs))])
+    return weighted_fit(NAMES, residuals, begin, scale, [[k] for k in range(len(runs))])
 
 
 def _require_rate(delay: float, step: float) -> None:
@@ -227,21 +228,7 @@ def _require_rate(delay: float, step: float) -> None:
                           f"samples of the fastest record; log at {FAST / max(delay, 1e-4):.3g} Hz or more")
 
 
-def _require_length(runs: Sequence[_Run], values: Mapping[str, Any]) -> None:
-    """A record within the integral's first moments shows the proportional part alone, and calls it the whole."""
-    if values["drive.ki"] <= 0.0:
-        return
-    slow = (values["motor.resistance"] + values["drive.kp"]) / values["drive.ki"]
-    longest = max(len(r.record) * r.record.step for r in runs)
-    if longest < _LENGTH * slow:
-        raise RecordError(
-            f"the longest record lasts {longest:.3g} s, but by the base parameters the drive's integral takes "
-            f"(R + Kp)/Ki = {slow:.3g} s to act: gain and Ki cannot be told from it. Add a slow staircase of "
-            f"{_LENGTH * slow:.3g} s or more, or give base parameters whose drive.ki is nearer the truth (0: no "
-            "integral)")
-
-
-def _require_answer(parameters: Sequence[Estimate], found: Fit, runs: Sequence[_Run],
+def _require_answer(parameters: Sequence[Estimate], fit: Fit, runs: Sequence[_Run],
                     values: Mapping[str, Any]) -> None:
     """Refuse an answer the records do not support, or that a limited voltage has made."""
     gain, _, delay, kp, ki = parameters
@@ -252,14 +239,11 @@ def _require_answer(parameters: Sequence[Estimate], found: Fit, runs: Sequence[_
         raise RecordError(f"the sample rate is too low for the current loop: the current settles within "
                           f"{rise * 1e3:.2g} ms, between two samples {step * 1e3:.2g} ms apart, so that delay and Kp "
                           f"cannot be told apart; log at {1.0 / rise:.3g} Hz or more")
-    for e in (gain, delay, kp):
-        if not e.sigma < _WORST * abs(e.value):
-            raise RecordError(f"{e.name} is not supported by the data: {e.value:.3g} +- {e.sigma:.2g} {e.unit}; record "
-                              "more and larger steps, fast logged")
+    require_certain((gain, delay, kp), _WORST, "record more and larger steps, fast logged")
     if ki.value < 0.0 and ki.value < -2.0 * ki.sigma:
         raise RecordError(f"drive.ki is found as {ki.value:.3g} V/(A.s), below 0: the current creeps away from its "
                           "reference; check that the winding did not heat up, and motor.resistance")
-    p, x = nonlinear.ACTUATOR.namespace(identified), found.values
+    p, x = nonlinear.ACTUATOR.namespace(identified), fit.values
     supply = float(values["drive.supply_voltage"])
     for run in (r for r in runs if r.fast):
         asked = drive.current_reference(ARRAYS, p, run.late_reference(delay.value))
@@ -270,8 +254,8 @@ def _require_answer(parameters: Sequence[Estimate], found: Fit, runs: Sequence[_
                                   f"below {0.9 * supply / (kp.value * gain.value):.2g} V")
 
 
-def _notes(runs: Sequence[_Run], found: Fit, values: Mapping[str, Any]) -> list[str]:
-    _, _, delay, kp, ki = found.values[:5]
+def _notes(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> list[str]:
+    _, _, delay, kp, ki = fit.values[:5]
     resistance, inductance = values["motor.resistance"], values["motor.inductance"]
     slow = (resistance + kp) / ki if ki > 0.0 else float("inf")
     lines = [
@@ -281,7 +265,7 @@ def _notes(runs: Sequence[_Run], found: Fit, values: Mapping[str, Any]) -> list[
         f"a step {kp / (resistance + kp):.1%} of the current demanded flow.",
         "Kp scales with motor.inductance and motor.resistance, whose own uncertainty is not included.",
     ]
-    if found.sigmas[KI] > 0.3 * abs(ki):
+    if fit.sigmas[KI] > 0.3 * abs(ki):
         lines.append("drive.ki is poorly known: hold the reference for a good part of the integral's time, slowly "
                      "logged.")
     if not any("motor_speed" in r.record.columns for r in runs):
@@ -289,8 +273,8 @@ def _notes(runs: Sequence[_Run], found: Fit, values: Mapping[str, Any]) -> list[
     return lines
 
 
-def _drawings(runs: Sequence[_Run], found: Fit, values: Mapping[str, Any]) -> Iterator[Drawing]:
-    x = found.values
+def _drawings(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> Iterator[Drawing]:
+    x = fit.values
     parts, line = [], []
     for r in runs:
         time = r.record["time"] - r.record["time"][0]
@@ -315,7 +299,7 @@ def _drawings(runs: Sequence[_Run], found: Fit, values: Mapping[str, Any]) -> It
         "Slow records, transients left out; the line has the identified gain and offset. Points lie off it by what the "
         "integral has not yet made up for.")
     # Records of a tenth of a second and of a minute are shown on one axis.
-    yield pictures.residuals([(r.record.name, (t := r.record["time"][r.used]) / t[-1]) for r in runs], found,
+    yield pictures.residuals([(r.record.name, (t := r.record["time"][r.used]) / t[-1]) for r in runs], fit,
                              "share of the record's time", "residual current [A]")
 
 

@@ -18,7 +18,6 @@ from scipy.optimize import least_squares
 
 from .records import Array, RecordError
 
-Residuals = Callable[[Array], list[Array]]
 METHOD = ("weighted least squares; 1 sigma from the covariance scaled by each file's residuals and by their "
           "autocorrelation time")
 _WINDOW = 5.0
@@ -33,11 +32,12 @@ _QUIETEST = 0.2
 
 @dataclass(frozen=True)
 class Fit:
-    """`values` and their `covariance`; the `residuals` of each stretch.
+    """`values`, the first of which have `names`, and their `covariance`; the `residuals` of each stretch.
 
     `groups` lists the stretches of each group; `deviations` and correlation `times` [samples] are the groups'.
     """
 
+    names: Sequence[str]
     values: Array
     covariance: Array
     residuals: tuple[Array, ...]
@@ -119,9 +119,9 @@ def _deviations(stretches: Sequence[Array], groups: Sequence[Sequence[int]], jac
     return deviations
 
 
-def fit(residuals: Residuals, start: Array, scale: Array, groups: Sequence[Sequence[int]],
-        least_time: float = 1.0) -> Fit:
-    """Minimise the residual stretches that `residuals` gives for a parameter vector.
+def weighted_fit(names: Sequence[str], residuals: Callable[[Array], Sequence[Array]], start: Array, scale: Array,
+                 groups: Sequence[Sequence[int]], least_time: float = 1.0) -> Fit:
+    """Minimise the residual stretches that `residuals` gives for a parameter vector, the first of them with `names`.
 
     `scale` has each parameter's typical size. `groups` lists, for each group of common noise, the
     indices of its stretches. `least_time` is the correlation time the residuals have of white noise.
@@ -148,4 +148,4 @@ def fit(residuals: Residuals, start: Array, scale: Array, groups: Sequence[Seque
                           "what they excite is too little; vary speeds, levels and range more")
     inverse = rows.T / singular
     covariance = (inverse @ inverse.T) * np.outer(scale, scale)
-    return Fit(values * scale, covariance, tuple(stretches), groups, deviations, times)
+    return Fit(names, values * scale, covariance, tuple(stretches), groups, deviations, times)

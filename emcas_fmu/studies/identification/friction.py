@@ -23,8 +23,8 @@ from ...physics import friction
 from ...plots import Drawing
 from . import motion, pictures
 from .estimation import Fit
-from .records import DIRECTIONS, Array, Record, RecordError, grouped, read_records
-from .result import Identification, estimates
+from .records import DIRECTIONS, Array, Record, RecordError, distinct, grouped, read_records
+from .result import Estimate, Identification, estimates, require_certain
 
 VISCOUS = ("friction.viscous.positive", "friction.viscous.negative")
 COULOMB = {d: tuple(f"friction.coulomb.{d}[{n}]" for n in range(7)) for d in ("positive", "negative")}
@@ -55,6 +55,9 @@ class Sweep(NamedTuple):
     windows: motion.Averages
 
 
+Points = Sequence[tuple[Sweep, Array, Array]]  # of each sweep the fin angle [rad] and the friction [N.m] at its windows
+
+
 def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = False) -> Identification:
     """Identify friction parameters from records with motor_angle, motor_current and temperature.
 
@@ -63,11 +66,11 @@ def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = Fals
     records = read_records(paths, ("motor_angle", "motor_current", "temperature"), ("motor_speed",))
     sweeps, groups = grouped(records, lambda record: _sweeps(record, base.values))
     _require(sweeps, base, keep_ratios)
-    names = NAMES[:-2] if keep_ratios else NAMES
-    fit = _fit(sweeps, groups, base, names)
-    values = {**base.values, **dict(zip(names, fit.values, strict=True))}
+    fit = _fit(sweeps, groups, base, NAMES[:-2] if keep_ratios else NAMES)
+    values = {**base.values, **dict(zip(fit.names, fit.values, strict=True))}
     _require_plausible(values, base)
-    bands = _require_certain(fit, names, base)
+    parameters = estimates(fit, base)
+    bands = _require_certain(parameters, fit, base)
     limit = degrees(float(base.values["command.limit"]))
     notes = [f"{len(sweeps)} sweeps at {_listed(sweeps, 'speed')} rad/s and {_listed(sweeps, 'temperature')} degC.",
              *(f"Coulomb friction, {d} direction: 1 sigma is at most {band:.2g} N.m within +-{limit:.3g} deg; the "
@@ -77,8 +80,8 @@ def identify(paths: Sequence[Path], base: ParameterSet, keep_ratios: bool = Fals
              "All torques scale with motor.torque_constant, whose own uncertainty is not included; an offset of the "
              "current sensor goes into the Coulomb friction, with opposite signs in the two directions."]
     return Identification(
-        "friction", "Viscous and Coulomb friction", records, base, _ASSUMED, names, fit, "N.m",
-        estimates(names, fit, base), notes, lambda: _drawings(sweeps, fit, names, base.values, values))
+        "friction", "Viscous and Coulomb friction", records, base, _ASSUMED, fit, "N.m",
+        parameters, notes, lambda: _drawings(sweeps, fit, base.values, values))
 
 
 def _sweeps(record: Record, values: Mapping[str, Any]) -> list[Sweep]:
@@ -130,7 +133,7 @@ def _require(sweeps: Sequence[Sweep], base: ParameterSet, keep_ratios: bool) -> 
         along = [s for s in sweeps if s.direction == direction]
         if not along:
             raise RecordError(f"no sweep in the {word} direction: friction differs with direction; measure both")
-        speeds = _distinct([s.speed for s in along])
+        speeds = distinct([s.speed for s in along])
         if len(speeds) < FEWEST_SPEEDS:
             raise RecordError(f"too few speeds in the {word} direction ({_listed(along, 'speed')} rad/s): viscous "
                               f"friction needs at least {FEWEST_SPEEDS} different ones, one of them slow")
@@ -154,37 +157,26 @@ def _require(sweeps: Sequence[Sweep], base: ParameterSet, keep_ratios: bool) -> 
                           "--keep-cold-ratios")
     for end in (inside.min(), inside.max()):
         near = [s.speed for s, t in zip(sweeps, inside, strict=True) if abs(t - end) < 0.5 * FEWEST_KELVIN]
-        if len(_distinct(near)) < 2:
+        if len(distinct(near)) < 2:
             raise RecordError(f"only one speed near {end:.3g} degC: the ratio of viscous friction needs at least two "
                               "at each temperature")
-
-
-def _distinct(numbers: Sequence[float], apart: float = 0.0) -> list[float]:
-    """Return those that differ by more than 15 %, or by `apart`, sorted."""
-    levels: list[float] = []
-    for number in sorted(numbers):
-        if not levels or number - levels[-1] > (apart or 0.15 * abs(levels[-1])):
-            levels.append(number)
-    return levels
 
 
 def _listed(sweeps: Sequence[Sweep], quantity: str) -> str:
     """Return the different speeds [rad/s] or temperatures [degC] of sweeps, for a message."""
     numbers = [getattr(s, quantity) for s in sweeps]
-    return ", ".join(f"{x:.3g}" for x in _distinct(numbers, 1.0 if quantity == "temperature" else 0.0))
+    return ", ".join(f"{x:.3g}" for x in distinct(numbers, 1.0 if quantity == "temperature" else 0.0))
 
 
 def _fit(sweeps: Sequence[Sweep], groups: Sequence[Sequence[int]], base: ParameterSet, names: Sequence[str]) -> Fit:
     torques = [motion.balance(motion.namespace(base.values, s.temperature), s.windows)[1] for s in sweeps]
     level = max(float(np.mean(np.abs(np.concatenate(torques)))), 1e-12)
     fastest = max(s.speed for s in sweeps)
-    # From flat polynomials: those of the base set might be far off.
-    start = {**dict.fromkeys(VISCOUS, 0.1 * level / fastest), **{n: 0.0 for c in COULOMB.values() for n in c},
-             **{c[0]: level for c in COULOMB.values()}, **dict.fromkeys(RATIOS, 1.0)}
-    scale = {**dict.fromkeys(VISCOUS, level / fastest), **{n: level for c in COULOMB.values() for n in c},
-             **dict.fromkeys(RATIOS, 1.0)}
-    return motion.fit_motion(base.values, names, [s.windows for s in sweeps], [s.temperature for s in sweeps],
-                             np.array([start[n] for n in names]), np.array([scale[n] for n in names]), groups)
+    flat = [level, *[0.0] * 6]  # polynomials to start from: those of the base set might be far off
+    start = np.array([*[0.1 * level / fastest] * 2, *flat, *flat, 1.0, 1.0])[:len(names)]
+    scale = np.array([*[level / fastest] * 2, *[level] * 14, 1.0, 1.0])[:len(names)]
+    return motion.fit_motion(base.values, names, [s.windows for s in sweeps], [s.temperature for s in sweeps], start,
+                             scale, groups)
 
 
 def _require_plausible(values: Mapping[str, Any], base: ParameterSet) -> None:
@@ -210,22 +202,18 @@ def _require_plausible(values: Mapping[str, Any], base: ParameterSet) -> None:
                               "column temperature")
 
 
-def _require_certain(fit: Fit, names: Sequence[str], base: ParameterSet) -> dict[str, float]:
+def _require_certain(parameters: Sequence[Estimate], fit: Fit, base: ParameterSet) -> dict[str, float]:
     """Refuse uncertain results; return 1 sigma [N.m] of the Coulomb friction per direction, the largest in range."""
-    fitted = {name: (value, sigma) for name, value, sigma in zip(names, fit.values, fit.sigmas, strict=True)}
     limit = float(base.values["command.limit"])
-    bands = {d: float(_band(fit, names, d, np.linspace(-limit, limit, 81)).max()) for d in COULOMB}
+    bands = {d: float(_band(fit, d, np.linspace(-limit, limit, 81)).max()) for d in COULOMB}
     for direction, band in bands.items():
-        level = fitted[COULOMB[direction][0]][0]
+        level = next(e.value for e in parameters if e.name == COULOMB[direction][0])
         if not band < _WORST_COULOMB * level:
             raise RecordError(f"Coulomb friction in the {direction} direction is not supported by the data: 1 sigma is "
                               f"{band:.2g} N.m of {level:.3g} N.m somewhere within +-{degrees(limit):.3g} deg; sweep "
                               "slowly over the whole range, more than once")
-    for name in (*VISCOUS, *(n for n in RATIOS if n in fitted)):
-        value, sigma = fitted[name]
-        if not sigma < _WORST * abs(value):
-            raise RecordError(f"{name} is not supported by the data: {value:.3g} +- {sigma:.2g}; sweep faster, longer "
-                              "or more often")
+    require_certain([e for e in parameters if e.name in (*VISCOUS, *RATIOS)], _WORST,
+                    "sweep faster, longer or more often")
     return bands
 
 
@@ -234,23 +222,23 @@ def _coulomb(coefficients: Any, fin: Any) -> Any:
     return friction.coulomb_polynomial(coefficients, fin) + 0.0 * fin
 
 
-def _band(fit: Fit, names: Sequence[str], direction: str, fin: Array) -> Array:
+def _band(fit: Fit, direction: str, fin: Array) -> Array:
     """Return 1 sigma [N.m] of a direction's Coulomb polynomial at fin angles [rad]."""
     # The polynomial is linear in its coefficients: its gradient is itself, for unit coefficients.
     rows = np.array([_coulomb(unit, fin) for unit in np.eye(7)]).T
-    at = [names.index(n) for n in COULOMB[direction]]
+    at = [fit.names.index(n) for n in COULOMB[direction]]
     band: Array = np.sqrt(np.einsum("ij,jk,ik->i", rows, fit.covariance[np.ix_(at, at)], rows))
     return band
 
 
-def _drawings(sweeps: Sequence[Sweep], fit: Fit, names: Sequence[str], base: Mapping[str, Any],
+def _drawings(sweeps: Sequence[Sweep], fit: Fit, base: Mapping[str, Any],
               values: Mapping[str, Any]) -> Iterator[Drawing]:
     fins = [_fin(s, base) for s in sweeps]
     points = [(s, fin, s.direction * motion.balance(motion.namespace(base, s.temperature), s.windows)[1])
               for s, fin in zip(sweeps, fins)]
     yield Drawing(
         "Coulomb friction against fin angle",
-        pictures.panels([(f"{word} direction", _against_fin(direction, word, points, fit, names, values))
+        pictures.panels([(f"{word} direction", _against_fin(direction, word, points, fit, values))
                          for direction, word in DIRECTIONS], "fin angle [deg]", "Coulomb friction at the motor [N.m]"),
         "Windows of the slowest sweeps with the viscous part taken off, and the fitted sixth-order polynomials with "
         "their 2-sigma band, per direction of motion.")
@@ -264,10 +252,7 @@ def _drawings(sweeps: Sequence[Sweep], fit: Fit, names: Sequence[str], base: Map
                               for s, fin in zip(sweeps, fins)], fit, "fin angle [deg]", "residual torque [N.m]")
 
 
-Points = Sequence[tuple[Sweep, Array, Array]]  # of each sweep the fin angle [rad] and the friction [N.m] at its windows
-
-
-def _against_fin(direction: int, word: str, points: Points, fit: Fit, names: Sequence[str],
+def _against_fin(direction: int, word: str, points: Points, fit: Fit,
                  values: Mapping[str, Any]) -> list[pictures.Series]:
     """Return the friction of the slowest sweeps in a direction, warm and cold, less what is viscous."""
     series = []
@@ -281,14 +266,14 @@ def _against_fin(direction: int, word: str, points: Points, fit: Fit, names: Seq
         model = friction.coulomb(ARRAYS, p, float(direction), grid)
         warm = np.maximum(_coulomb(getattr(p.friction.coulomb, word), grid), 1e-12)
         series.append(pictures.Series(f"{s.temperature:.3g} degC", np.degrees(fin), torque - viscous, np.degrees(grid),
-                                      model, 2.0 * _band(fit, names, word, grid) * model / warm))
+                                      model, 2.0 * _band(fit, word, grid) * model / warm))
     return series
 
 
 def _against_speed(points: Points, values: Mapping[str, Any]) -> list[pictures.Series]:
     """Return the mean friction of each sweep over speed, by direction and temperature, reduced to fin angle 0."""
     series = []
-    temperatures = _distinct([s.temperature for s, _, _ in points], 5.0)
+    temperatures = distinct([s.temperature for s, _, _ in points], 5.0)
     for direction, word in DIRECTIONS:
         for t in temperatures:
             alike = [(s, fin, torque) for s, fin, torque in points

@@ -24,7 +24,7 @@ from . import motion, pictures
 from .estimation import Fit
 from .friction import COULOMB, VISCOUS
 from .records import DIRECTIONS, Array, Record, RecordError, grouped, read_records
-from .result import Estimate, Identification, estimates
+from .result import Estimate, Identification, estimates, require_certain
 
 TOTAL = "total inertia at the motor"  # at fin angle 0
 MOTOR = "inertia.motor"
@@ -44,12 +44,11 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     _require_scale(records, [[parts[i] for i in members] for members in groups], base)
     _require(parts, base)
     fit = _fit(parts, groups, base)
-    (rotor, *_) = estimates((MOTOR,), fit, base)
+    rotor = estimates(fit, base)[0]
     assert rotor.base is not None
     total = _total({**base.values, MOTOR: rotor.value})
-    if not rotor.sigma < _WORST * total:
-        raise RecordError(f"the inertia is not supported by the data: {total:.3g} +- {rotor.sigma:.2g} kg.m2 in total; "
-                          "spin up at levels of current further apart, so that it can be told from friction")
+    whole = Estimate(TOTAL, total, rotor.sigma, rotor.unit, _total(base.values), parameter=False)
+    require_certain([whole], _WORST, "spin up at levels of current further apart, so that it can be told from friction")
     if rotor.value <= 0.0:
         raise RecordError(f"the total inertia at the motor is found as {total:.4g} kg.m2, but screw, nut and fin side "
                           f"of the base parameters alone make {total - rotor.value:.4g}: check inertia.fin, .fork, "
@@ -67,9 +66,8 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
         "fin side of the parameter set leave of it. Their uncertainties are not included.",
     ]
     return Identification(
-        "inertia", "Inertia", records, base, _ASSUMED, _NAMES, fit, "N.m",
-        [rotor, Estimate(TOTAL, total, rotor.sigma, rotor.unit, _total(base.values), parameter=False)], notes,
-        lambda: _drawings(parts, records, fit, base.values))
+        "inertia", "Inertia", records, base, _ASSUMED, fit, "N.m",
+        [rotor, whole], notes, lambda: _drawings(parts, records, fit, base.values))
 
 
 def _total(values: Mapping[str, Any]) -> float:

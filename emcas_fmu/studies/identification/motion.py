@@ -20,7 +20,7 @@ from ...actuators.electromechanical import nonlinear
 from ...ops.arrays import ARRAYS
 from ...physics import drive, kinematics, loads, mechanics
 from ...steppers.rigid import stops
-from .estimation import Fit, fit
+from .estimation import Fit, weighted_fit
 from .records import Array, Record, refuse_clipped, refuse_magnitude, runs
 
 # Windows that overlap by half share a sixth of their variance: of white noise too, 1 + 2/6 windows make one.
@@ -120,7 +120,7 @@ def fit_motion(values: Mapping[str, Any], names: Sequence[str], parts: Sequence[
     """Fit the parameters `names` to the equation of motion in sliding windows.
 
     `parts` are stretches of windows, each at a temperature [degC]; `values` are the other parameters. Residuals are
-    torques [N.m]; for `scale` and `groups` see :func:`.estimation.fit`.
+    torques [N.m]; for `scale` and `groups` see :func:`.estimation.weighted_fit`.
     """
     windows = Averages(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     lengths = [len(a.time) for a in parts]
@@ -134,7 +134,7 @@ def fit_motion(values: Mapping[str, Any], names: Sequence[str], parts: Sequence[
                     + mechanics.damping(ARRAYS, p, m, direction) * windows.speed)
         return np.split(torque - friction, ends)
 
-    return fit(residuals, start, scale, groups, _OVERLAP)
+    return weighted_fit(names, residuals, start, scale, groups, _OVERLAP)
 
 
 def stretches(windows: NDArray[np.bool_], fewest: int) -> list[NDArray[np.int64]]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from difflib import get_close_matches
@@ -102,12 +102,13 @@ def grouped(records: Sequence[Record], stretches: Callable[[Record], Sequence[T]
 
 def _record(path: Path, required: Sequence[str], optional: Sequence[str]) -> Record:
     header, rows, digest = _cells(path)
-    places, units = _places(path, header, required, optional)
-    columns = {name: _column(path, name, units[name], [row[place] for row in rows], header[place])
-               for name, place in places.items()}
+    places = _places(path, header, required, optional)
+    columns = {name: _column(path, name, unit, [row[place] for row in rows], header[place])
+               for name, (place, unit) in places.items()}
     if len(rows) < FEWEST_ROWS:
         raise RecordError(f"{path}: has {len(rows)} rows; at least {FEWEST_ROWS} are needed")
-    return Record(path, _step(path, columns["time"]), columns, units, digest)
+    return Record(path, _step(path, columns["time"]), columns, {name: unit for name, (_, unit) in places.items()},
+                  digest)
 
 
 def _cells(path: Path) -> tuple[list[str], list[list[str]], str]:
@@ -131,10 +132,9 @@ def _cells(path: Path) -> tuple[list[str], list[list[str]], str]:
 
 
 def _places(path: Path, header: Sequence[str], required: Sequence[str],
-            optional: Sequence[str]) -> tuple[dict[str, int], dict[str, str]]:
-    """Return the places of the columns by name, and their units in the file."""
-    places: dict[str, int] = {}
-    units: dict[str, str] = {}
+            optional: Sequence[str]) -> dict[str, tuple[int, str]]:
+    """Return the place and the unit in the file of each column by name."""
+    places: dict[str, tuple[int, str]] = {}
     names = []
     for place, cell in enumerate(header):
         match = _HEADER.fullmatch(cell)
@@ -144,7 +144,7 @@ def _places(path: Path, header: Sequence[str], required: Sequence[str],
             continue
         if name in places:
             raise RecordError(f"{path}: has two columns {name}; leave one of them out")
-        places[name], units[name] = place, QUANTITIES[name][0] if unit is None else unit.strip()
+        places[name] = place, QUANTITIES[name][0] if unit is None else unit.strip()
     for name in required:
         if name not in places:
             unit, meaning = QUANTITIES[name]
@@ -152,7 +152,7 @@ def _places(path: Path, header: Sequence[str], required: Sequence[str],
             hint = f"; is {close[0]} meant? Call it {name}" if close else ""
             raise RecordError(f"{path}: has no column {name} ({meaning}, in {unit} or with its unit as in {name} "
                               f"[{unit}]); its columns are {', '.join(names)}{hint}")
-    return places, units
+    return places
 
 
 def _column(path: Path, name: str, unit: str, cells: Sequence[str], head: str) -> Array:
@@ -209,6 +209,15 @@ def refuse_clipped(record: Record, name: str) -> None:
         if rests or piles:
             raise record.fail(f"{name} is clipped: {pile} samples are at exactly {extreme:.6g} {QUANTITIES[name][0]}, "
                               "its extreme, as no others; widen the range of the measurement, or excite less")
+
+
+def distinct(numbers: Iterable[float], apart: float = 0.0) -> list[float]:
+    """Return those that differ by more than 15 %, or by `apart`, sorted."""
+    levels: list[float] = []
+    for number in sorted(numbers):
+        if not levels or number - levels[-1] > (apart or 0.15 * abs(levels[-1])):
+            levels.append(float(number))
+    return levels
 
 
 def runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:

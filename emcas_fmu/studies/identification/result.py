@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 from ... import __version__
+from ...bench.writers import write_page
 from ...parameters import ParameterSet
-from ...plots import Drawing
+from ...plots import Drawing, pictures
 from .estimation import METHOD, Fit
-from .records import Record
+from .records import Record, RecordError
 
 
 @dataclass(frozen=True)
@@ -28,19 +31,27 @@ class Estimate:
     parameter: bool = True
 
 
-def estimates(names: Sequence[str], fit: Fit, base: ParameterSet) -> list[Estimate]:
-    """Return the first fitted values as the parameters `names`."""
+def estimates(fit: Fit, base: ParameterSet) -> list[Estimate]:
+    """Return the fitted values with names, which are those of parameters."""
     entries = {e.variable.name: e for e in base.entries}
     return [Estimate(name, float(value), float(sigma), entries[name].variable.unit, float(entries[name].value))
-            for name, value, sigma in zip(names, fit.values, fit.sigmas)]
+            for name, value, sigma in zip(fit.names, fit.values, fit.sigmas)]
+
+
+def require_certain(estimates: Iterable[Estimate], worst: float, remedy: str) -> None:
+    """Raise RecordError for an estimate whose relative 1 sigma is not below `worst`."""
+    for e in estimates:
+        if not e.sigma < worst * abs(e.value):
+            raise RecordError(f"{e.name} is not supported by the data: {e.value:.3g} +- {e.sigma:.2g} {e.unit}; "
+                              f"{remedy}")
 
 
 @dataclass(frozen=True)
 class Identification:
     """The outcome of one experiment.
 
-    `names` are those of the first values of the `fit`, whose residuals are in `unit`, a group per record. `assumed`
-    are the parameters taken from the `base` set. `drawings` makes the pictures.
+    The residuals of the `fit` are in `unit`, a group per record. `assumed` are the parameters taken from the `base`
+    set. `drawings` makes the pictures.
     """
 
     kind: str
@@ -48,13 +59,12 @@ class Identification:
     records: Sequence[Record]
     base: ParameterSet
     assumed: Sequence[str]
-    names: Sequence[str]
     fit: Fit
     unit: str
     estimates: Sequence[Estimate]
     notes: Sequence[str]
     drawings: Callable[[], Iterable[Drawing]]
-    method: str = METHOD
+    method = METHOD
 
     def __getitem__(self, name: str) -> Estimate:
         return next(e for e in self.estimates if e.name == name)
@@ -78,13 +88,26 @@ class Identification:
                  "residuals": sum(len(fit.residuals[i]) for i in members), "correlation_time": float(time)}
                 for record, members, deviation, time in zip(self.records, fit.groups, fit.deviations, fit.times)]
 
+    @property
+    def correlated(self) -> list[tuple[str, str, float]]:
+        """Pairs of fitted values correlated by more than 0.8, strongest first, ten at most."""
+        names, matrix = self.fit.names, self.fit.correlation
+        pairs = [(names[i], names[j], float(matrix[i, j])) for j, i in combinations(range(len(names)), 2)
+                 if abs(matrix[i, j]) > 0.8]
+        return sorted(pairs, key=lambda pair: -abs(pair[2]))[:10]
+
+    def write_report(self, path: Path) -> None:
+        """Write a page with the pictures; the same result gives the same bytes."""
+        write_page(path, "studies/identification/report.html.j2", result=self, figures=pictures(self.drawings()),
+                   records=list(zip(self.records, self.noise)))
+
     def document(self) -> Mapping[str, Any]:
         """Return everything but the pictures, for JSON."""
         entries = [asdict(e) for e in self.estimates]
-        count = len(self.names)
+        count = len(self.fit.names)
         return {"kind": self.kind, "title": self.title, "emcas_version": __version__, "method": self.method,
                 "estimates": {entry.pop("name"): entry for entry in entries},
-                "correlation": {"names": self.names, "matrix": self.fit.correlation[:count, :count]},
+                "correlation": {"names": self.fit.names, "matrix": self.fit.correlation[:count, :count]},
                 "given": self.given, "notes": self.notes, "residuals": self.noise,
                 "files": [{"file": r.name, "rows": len(r), "sample_rate_hz": float(f"{1.0 / r.step:.6g}"),
                            "units": r.units, "sha256": r.sha256} for r in self.records]}
