@@ -38,7 +38,7 @@ class Surroundings(NamedTuple):
     """What stays constant between two discrete instants."""
 
     current_reference: float  # A, after gain, offset and limit
-    supply: float  # V, never negative
+    supply: float  # V, above 0
     aero_torque: float  # N.m, positive along +delta
     force: tuple[float, float, float]  # m/s2, specific force g_b - a_b in the fin's own axes
     enable: bool
@@ -140,7 +140,7 @@ class Plant:
         reference = p["drive.current_gain"] * drive_input + p["drive.current_offset"]
         return Surroundings(
             current_reference=clip(reference, p["drive.current_limit"]),
-            supply=max(row["supply_voltage"], 0.0),
+            supply=row["supply_voltage"],
             aero_torque=row["aero_torque"],
             force=(x, c * y + s * z, -s * y + c * z),
             enable=bool(row["enable"]),

@@ -15,14 +15,15 @@ from ..parameters import ParameterSet, file_entry, load_parameters, write_parame
 from ..simulation import Array, simulate
 
 MODEL = "second-order"
-SIZES = (1.0, 2.5, 5.0, 10.0, 20.0)  # deg, of the steps that are fitted, each by its own size
+SIZES = (1.0, 2.5, 5.0, 10.0, 20.0)  # deg, of the steps that are fitted, each divided by its size
 STOP = 0.4  # s
-STEP = 1e-3  # s
-NAMES = ("second_order.natural_frequency", "second_order.damping", "second_order.rate_limit", "drive.transport_delay")
-_BEGIN = np.array([100.0, 0.7, 4.0, 3e-3])
+# First guess, lower and upper bound, SI.
+_SEARCHED = {"second_order.natural_frequency": (100.0, 5.0, 2000.0), "second_order.damping": (0.7, 0.05, 3.0),
+             "second_order.rate_limit": (4.0, 0.1, 100.0), "drive.transport_delay": (3e-3, 0.0, 0.03)}
+NAMES = tuple(_SEARCHED)
+_BEGIN, _LOWEST, _HIGHEST = np.array(list(_SEARCHED.values())).T
 _NOTE = "Fitted to the nonlinear model."
 _DIFFERENCE = 3e-3  # relative: a delay is known to a thousandth of the sample time
-_LOWEST, _HIGHEST = np.array([5.0, 0.05, 0.1, 0.0]), np.array([2000.0, 3.0, 100.0, 0.03])
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ def fit(nonlinear: ParameterSet) -> Fit:
 def _responses(values: Mapping[str, Any], model: str, sizes: tuple[float, ...]) -> Array:
     """Return fin angle over command of each step, the mean of both directions: a row a size."""
     def one(size: float) -> Array:
-        return simulate(values, STOP, STEP, model=model, fin_command=radians(size))["fin_angle"] / radians(size)
+        return simulate(values, STOP, model=model, fin_command=radians(size))["fin_angle"] / radians(size)
 
     return np.array([0.5 * (one(size) + one(-size)) for size in sizes])
 

@@ -1,4 +1,4 @@
-"""Everything `emcas analyse` finds out about a parameter set."""
+"""The analysis of a parameter set: linear models, margins, final values, sweeps, natural frequencies, capability."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class ClosedLoop:
 
 @dataclass(frozen=True)
 class Analysis:
-    """The findings, each as its module gives it; ``left_out`` says of SECTIONS why there is none, the rest is None.
+    """The result of each module; of a section of SECTIONS that is missing it is None, and ``left_out`` has the reason.
 
     ``thesis`` is None also where its model, at fin angle 0, is unstable. ``parameters`` are the sound actuator's.
     """

@@ -47,9 +47,9 @@ class Envelope:
     stall_torque: float
 
 
-def limit_torque(p: Any, speed: Any, side: float) -> Any:
-    """Return the motor torque [N.m] at full voltage of one side (1 or -1) at motor speeds [rad/s], in steady motion."""
-    current = (side * p.drive.supply_voltage - drive.back_emf(p, speed)) / p.motor.resistance
+def limit_torque(p: Any, speed: Any) -> Any:
+    """Return the largest motor torque [N.m] at motor speeds [rad/s], in steady motion."""
+    current = (p.drive.supply_voltage - drive.back_emf(p, speed)) / p.motor.resistance
     return drive.torque(p, ARRAYS.clip(current, -p.drive.current_limit, p.drive.current_limit))
 
 
@@ -58,11 +58,11 @@ def envelope(values: Mapping[str, Any], model: str = NONLINEAR) -> Envelope:
     p = get(model).namespace(values)
     free = p.drive.supply_voltage / p.motor.back_emf_constant
     speed = np.linspace(-free, free, 4 * _POINTS)
-    highest = limit_torque(p, speed, 1.0)
+    highest = limit_torque(p, speed)
     loop = p.motor.resistance + p.drive.kp
     current = (drive.voltage_demand(p, p.drive.current_limit, 0.0, 0.0) - drive.back_emf(p, speed)) / loop
     return Envelope(speed, highest, np.minimum(highest, drive.torque(p, current)),
-                    loop / p.drive.ki if p.drive.ki > 0.0 else nan, free, float(limit_torque(p, 0.0, 1.0)))
+                    loop / p.drive.ki if p.drive.ki > 0.0 else nan, free, float(limit_torque(p, 0.0)))
 
 
 def case_points(parameters: ParameterSet) -> dict[str, Columns]:
@@ -99,7 +99,7 @@ def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
     m = mechanics.coefficients(ARRAYS, p, kinematics.motor_angle(ARRAYS, p, fin), 0.0, *force)
     stall, held = np.empty((2, len(fin))), np.empty((2, len(fin)))
     for row, side in enumerate((1.0, -1.0)):
-        driving = abs(float(limit_torque(p, 0.0, side))) + side * m.load
+        driving = limit_torque(p, 0.0) + side * m.load
         stall[row] = np.maximum(m.ratio * (driving - mechanics.breakaway(ARRAYS, p, m, side)), 0.0)
         # What holds is overcome the other way.
         held[row] = m.ratio * (driving + mechanics.breakaway(ARRAYS, p, m, -side))

@@ -30,21 +30,18 @@ from scipy.optimize import brentq, minimize_scalar
 
 from ...actuators import capabilities, parts, require
 from ...errors import EmcasError
-from ...namespace import with_values
 from ...ops.floats import FLOATS
 from ...parameters import ParameterSet
 from ...physics import drive, heat
 from ...plots import BLUE, GREEN, INK, PURPLE, VERMILLION, figure, style, write
 from ...simulation import Array
-from .capability import limit_torque
 
 _POINTS = 201
 _CURRENTS = 101  # among which turning points of torque and voltage are looked for
 _SHORTEST, _LONGEST = 1e-6, 1e9  # s
-_UNLIMITED = 1e12  # A
 _MOLTEN = 1e9  # degC, for what no longer is a number
-CAUSES = ("heat", "i2t", "peak")
-_WORDS = {"heat": "heat", "i2t": "I2t", "peak": "peak current"}
+CAUSES = {"heat": "heat", "i2t": "I2t", "peak": "peak current"}
+"""What bounds a current, with its words."""
 Temperatures = tuple[float, float]  # of winding and case [degC]
 
 
@@ -211,18 +208,18 @@ def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures
             ends.append(float(minimize_scalar(lambda i: -torque_of(i), bounds=bounds, method="bounded").x))
 
     def largest_torque(at: float) -> float:
-        currents = [i for i in ends if excess(i, at) <= 0.0]
-        currents += [brentq(excess, low, high, (at,), xtol=1e-9) for low, high in pairwise(tried)
-                     if (excess(low, at) > 0.0) is not (excess(high, at) > 0.0)]
-        return max(map(torque_of, currents), default=0.0)
+        candidates = [i for i in ends if excess(i, at) <= 0.0]
+        candidates += [brentq(excess, low, high, (at,), xtol=1e-9) for low, high in pairwise(tried)
+                       if (excess(low, at) > 0.0) is not (excess(high, at) > 0.0)]
+        return max(map(torque_of, candidates), default=0.0)
 
-    hot = motor(largest)
-    cold = with_values(heat.at_temperatures(FLOATS, p, *start), {"drive.current_limit": _UNLIMITED})
+    hot, cold = motor(largest), heat.at_temperatures(FLOATS, p, *start)
     return Curve(currents, *heated(largest),
                  max((supply - hot.motor.resistance * largest) / hot.motor.back_emf_constant, 0.0),
                  np.array([largest_torque(float(at)) for at in speed]),
                  {**{cause: np.full(len(speed), torque_of(current)) for cause, current in currents.items()},
-                  "voltage": np.maximum(limit_torque(cold, speed, 1.0), 0.0)})
+                  "voltage": drive.torque(cold, np.maximum(supply - drive.back_emf(cold, speed), 0.0)
+                                          / cold.motor.resistance)})
 
 
 def draw(e: Envelope) -> Figure:
@@ -232,7 +229,7 @@ def draw(e: Envelope) -> Figure:
     for curve, color, name in ((e.short_term, VERMILLION, f"for {e.duration:g} s"),
                                (e.continuous, BLUE, "for any time")):
         axes.fill_between(rpm, curve.torque, color=color, alpha=0.18, linewidth=0.0)
-        axes.plot(rpm, curve.torque, color=color, linewidth=2.0, label=f"{name} (limited by {_WORDS[curve.bound_by]})")
+        axes.plot(rpm, curve.torque, color=color, linewidth=2.0, label=f"{name} (limited by {CAUSES[curve.bound_by]})")
         axes.plot(rpm, curve.limits["heat"], color=color, linestyle="--", label=f"winding at its limit, {name}")
     cold = e.short_term
     axes.plot(rpm, cold.limits["peak"], color=PURPLE, linestyle="-.", label="drive's peak current")

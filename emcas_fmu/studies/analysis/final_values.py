@@ -15,14 +15,13 @@ from ...actuators import NONLINEAR, capabilities, get
 from ...reference.cases import LOAD
 from .linear import LinearActuator, cleared, largest_pole
 
-COMMAND = 1.0  # deg
-TORQUE = LOAD  # N.m, the load of the thesis's Table 2
+COMMAND = 1.0  # deg; the load is that of the thesis's Table 2
 
 
 @dataclass(frozen=True)
 class FinalValues:
     """Of one position controller: ``name``, integral gain [1/s2] of one in cascade, fin errors [deg], command
-    less angle, after a step of COMMAND and of TORQUE; nan where the loop is unstable. ``slowest`` [s] is the
+    less angle, after a step of COMMAND and of LOAD; nan where the loop is unstable. ``slowest`` [s] is the
     largest time constant of the closed loop: final values are reached after several of them.
     """
 
@@ -49,5 +48,5 @@ def final_values(values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque:
         largest = largest_pole(linear.closed)
         slowest = -linear.period / log(largest) if largest < 1.0 else inf
         table.append(FinalValues(name, ki, cleared(COMMAND * (1.0 - command), 1e-9),
-                                 cleared(degrees(-TORQUE * load), 1e-9), slowest, linear.stable))
+                                 cleared(degrees(-LOAD * load), 1e-9), slowest, linear.stable))
     return table

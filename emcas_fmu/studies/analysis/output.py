@@ -10,6 +10,7 @@ import numpy as np
 
 from ... import __version__, plots
 from ...bench import writers
+from ...reference.cases import LOAD
 from . import final_values
 from .analyse import Analysis, ClosedLoop
 from .frequency import continuous_poles
@@ -34,7 +35,7 @@ def figures(analysis: Analysis) -> dict[str, Any]:
         "linear": _loop(analysis.linear) | {"transfer_function": _state_space(analysis.linear.system)},
         "thesis_linear": _loop(thesis) if thesis else None,
         "final_values": {
-            "command_step_deg": final_values.COMMAND, "load_step_nm": final_values.TORQUE,
+            "command_step_deg": final_values.COMMAND, "load_step_nm": LOAD,
             **{row.name.lower().replace(" ", "_"): {
                 "ki": row.ki, "stable": row.stable, "command_error_deg": row.command_error,
                 "load_error_deg": row.load_error, "slowest_time_constant_s": row.slowest}
@@ -103,7 +104,7 @@ def _capability(analysis: Analysis) -> dict[str, Any] | None:
     moments = {"stall_torque_nm": c.stall, "held_torque_nm": c.held}
     rates = {"rate": c.rate, "rate_loaded": c.rate_loaded, "free_rate": c.free_rate,
              "free_rate_loaded": c.free_rate_loaded}
-    return {"fin_angle_deg": np.degrees(c.fin_angle), "ratio": c.ratio, "load_nm": final_values.TORQUE,
+    return {"fin_angle_deg": np.degrees(c.fin_angle), "ratio": c.ratio, "load_nm": LOAD,
             **{name: np.min(both, axis=0) for name, both in moments.items()},
             **{f"{name}_deg_per_s": np.degrees(np.min(both, axis=0)) for name, both in rates.items()}}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from itertools import zip_longest
 from math import degrees, pi
 from typing import Any
 
@@ -92,7 +93,8 @@ def nichols(analysis: Analysis) -> Drawing:
     # At -180 deg, L = -M/(M - 1).
     tops = [(-180.0, 20.0 * np.log10(m / (m - 1.0)), f"{level} dB") for level in (3, 6) for m in [10.0 ** (level / 20)]]
     for x, y, text in (*tops, (-88.0, 36.0, "0 dB"), (-40.0, 8.0, "-3 dB")):
-        axes.text(x, y, text, fontsize=6.5, color=plots.GRAY, ha="center" if x == -180.0 else "left", va="bottom")
+        horizontal, vertical = ("center", "bottom") if x == -180.0 else ("left", "baseline")
+        axes.text(x, y, text, fontsize=6.5, color=plots.GRAY, ha=horizontal, va=vertical)
     entries: dict[str, Look] = {}
     # The current loop is in continuous time.
     for name, label, color in (("velocity", "velocity loop", plots.GREEN), ("position", "position loop", plots.PURPLE),
@@ -203,10 +205,10 @@ def amplitudes(analysis: Analysis) -> Drawing:
         curves.append((f"{_LIMIT_NAMES[name]} limited above",
                        {"color": color, "marker": marker, "markersize": 4.0, "linewidth": 0.9},
                        [s.onset(name) for s in sweeps]))
-    for _, look, values in curves:
+    for (_, look, values), level in zip_longest(curves, (linear.bandwidth, linear.phase_bandwidth)):
         axes.loglog(size, values, **look)
-    for value, (_, look, _) in zip((linear.bandwidth, linear.phase_bandwidth), curves, strict=False):
-        axes.axhline(value, color=look["color"], linewidth=0.9, **_DASHED)
+        if level is not None:
+            axes.axhline(level, color=look["color"], linewidth=0.9, **_DASHED)
     axes.set(xlabel="amplitude of the command / deg", ylabel="frequency / Hz")
     axes.set_xticks(size, [f"{s:.3g}" for s in size], minor=False)
     axes.xaxis.set_minor_formatter("")
