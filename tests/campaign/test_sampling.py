@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import log, sqrt
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,9 +16,8 @@ from emcas_fmu.studies.campaign.distributions import KINDS, distribution
 from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.study import load_study
 
-from .conftest import SMALL
+from .conftest import SMALL, Write
 
-Write = Callable[[str], Path]
 GRID = """
 [campaign]
 method = "grid"
