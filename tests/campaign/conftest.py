@@ -49,6 +49,21 @@ SMALL = BASIC + """
 [vary."motor.back_emf_constant"]
 follows = "motor.torque_constant"
 """
+GRID = """
+[campaign]
+method = "grid"
+[vary."motor.resistance"]
+low = "0.2 Ohm"
+high = "0.3 Ohm"
+count = 4
+[vary."friction.temperature"]
+levels = ["-6 degC", "10 degC", "24 degC"]
+[vary."encoder.enabled"]
+levels = [true, false]
+[experiments.a]
+kind = "hold"
+amplitude = "0 deg"
+"""
 ODD = ("true", "3", "-0.5", "inf", '"x"', "[]", "[1]", "{}", "{ a = 1 }", "[{ a = 1 }]", '[["x"]]', "1979-05-27")
 
 

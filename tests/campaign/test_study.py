@@ -16,7 +16,7 @@ from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.experiments import excitation
 from emcas_fmu.studies.campaign.study import Study, load_study
 
-from .conftest import ODD, SMALL, Write, replaced
+from .conftest import GRID, ODD, SMALL, Write, replaced
 
 
 def test_the_example_is_sound() -> None:
@@ -189,22 +189,9 @@ def test_a_combination_that_never_goes_is_refused(write: Write) -> None:
 
 
 def test_a_grid_multiplies(write: Write) -> None:
-    text = """
-[campaign]
-method = "grid"
-[vary."motor.resistance"]
-low = "0.2 Ohm"
-high = "0.3 Ohm"
-count = 3
-[vary."encoder.enabled"]
-levels = [true, false]
-[experiments.a]
-kind = "hold"
-amplitude = "0 deg"
-"""
-    study = load_study(write(text))
-    assert study.samples == 6
+    study = load_study(write(GRID))
+    assert study.samples == 24
     # A third of a tenth, added in floats: a rounding or two.
-    assert study.plan.factors[0].distribution.levels == pytest.approx((0.2, 0.25, 0.3), rel=1e-15)
-    with pytest.raises(CampaignError, match="the grid has 6 points"):
-        load_study(write(text.replace('"grid"', '"grid"\nsamples = 7')))
+    assert study.plan.factors[0].distribution.levels == pytest.approx((0.2, 0.7 / 3, 0.8 / 3, 0.3), rel=1e-15)
+    with pytest.raises(CampaignError, match="the grid has 24 points"):
+        load_study(write(GRID.replace('"grid"', '"grid"\nsamples = 7')))

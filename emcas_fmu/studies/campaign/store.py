@@ -33,7 +33,7 @@ _MOST_NAMED = 6  # changes told in a refusal
 
 
 def identity(study: Study) -> dict[str, Any]:
-    """All that decides the rows, as JSON: the campaign, base parameters, what runs, the program's version."""
+    """Return all that decides the rows, as JSON: the campaign, base parameters, what runs, the program's version."""
     plan = study.plan
     model = {} if plan.model == NONLINEAR else {"model": plan.actuator.name}
     if plan.model_sha256:
@@ -90,14 +90,14 @@ class Store:
         self.close()
 
     def missing(self) -> NDArray[np.int64]:
-        """Indices of the samples there is no row of, ascending."""
+        """Return the indices of the samples there is no row of, ascending."""
         missing = np.ones(self._study.samples, dtype=bool)
         for part in self._parts():
             missing[_read(part, ["index"])["index"].to_numpy()] = False
         return np.flatnonzero(missing)
 
     def write(self, rows: Sequence[Row]) -> Path:
-        """Keep rows as a part of their own: on disk when this returns."""
+        """Write rows as a part of their own: on disk when this returns."""
         # No part can have this name: the first of these rows would be in it.
         name = f"part-{min(row['index'] for row in rows):09d}.parquet"
         sink = pa.BufferOutputStream()
@@ -107,7 +107,7 @@ class Store:
         return _whole(self._parts_folder / name, sink.getvalue())
 
     def table(self) -> pa.Table:
-        """All rows there are, by index, each once."""
+        """Return all rows there are, by index, each once."""
         parts = [_read(part) for part in self._parts()]
         if not parts:
             return self._schema.empty_table()
