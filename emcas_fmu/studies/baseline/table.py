@@ -29,8 +29,8 @@ def cells(row: Row) -> tuple[str, ...]:
     moved = f"{change + 0.0:+.3g}" if isfinite(change) else "-"
     limit = "-" if row.limit is None else f"{row.limit:.3g}"
     name = f"{row.name} [{row.unit}]" if row.at is None else f"{row.name}({row.at:g} s) [{row.unit}]"
-    told = "told" if row.limit is None else "ok" if row.passed else "DRIFT"
-    return row.case, name, number(row.approved), number(row.now), moved, limit, told
+    judged = "told" if row.limit is None else "ok" if row.passed else "DRIFT"
+    return row.case, name, number(row.approved), number(row.now), moved, limit, judged
 
 
 def selected(comparison: Comparison, everything: bool = False) -> Iterator[Row]:

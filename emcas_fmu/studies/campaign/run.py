@@ -108,11 +108,11 @@ def remote_client(address: str) -> Iterator[Any]:
 
 
 async def _kind(address: str) -> str:
-    """What a Dask process calls itself."""
+    """Return what a Dask process calls itself."""
     distributed = _distributed()
     options = distributed.Security().get_connection_args("client")
-    async with distributed.rpc(address, timeout=_CONNECT, connection_args=options) as there:
-        return str((await there.identity())["type"])
+    async with distributed.rpc(address, timeout=_CONNECT, connection_args=options) as process:
+        return str((await process.identity())["type"])
 
 
 def _reason(error: Exception) -> str:

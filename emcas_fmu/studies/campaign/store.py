@@ -71,7 +71,7 @@ class Store:
             for left in place.glob(".*.partial"):  # was being written when a run was killed
                 left.unlink()
         if manifest.is_file():
-            _same(manifest, self._identity)
+            _check_same(manifest, self._identity)
             return
         self._parts_folder.mkdir(exist_ok=True)
         text = json.dumps({**self._identity, "text": self._study.text}, indent=1)
@@ -174,15 +174,15 @@ def _read(part: Path, names: Sequence[str] | None = None) -> pa.Table:
                             "again") from error
 
 
-def _same(manifest: Path, wanted: Mapping[str, Any]) -> None:
-    """Raise CampaignError where the folder's campaign is not the one wanted, naming what differs."""
+def _check_same(manifest: Path, campaign: Mapping[str, Any]) -> None:
+    """Raise CampaignError where the folder is of another campaign, naming what differs."""
     try:
         document = json.loads(manifest.read_text(encoding="utf-8"))
         document.pop("text")
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise CampaignError(f"{manifest}: is no record of a campaign; name another folder") from error
-    before, now = dict(_flat(document)), dict(_flat(wanted))
-    changed = [f"{name.removeprefix('campaign.')}: {_told(before, name)} then, {_told(now, name)} now"
+    before, now = dict(_flat(document)), dict(_flat(campaign))
+    changed = [f"{name.removeprefix('campaign.')}: {_shown(before, name)} then, {_shown(now, name)} now"
                for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
     if changed:
         more = f"; and {len(changed) - _MOST_NAMED} more" if len(changed) > _MOST_NAMED else ""
@@ -190,7 +190,7 @@ def _same(manifest: Path, wanted: Mapping[str, Any]) -> None:
                             "Restore what changed, or name another folder with --output")
 
 
-def _told(values: Mapping[str, Any], name: str) -> str:
+def _shown(values: Mapping[str, Any], name: str) -> str:
     return repr(values[name]) if name in values else "not given"
 
 
