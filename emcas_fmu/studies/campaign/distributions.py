@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from inspect import signature
 from math import inf, log1p, sqrt
 from typing import Annotated, Any
 
@@ -21,16 +22,24 @@ Value = float | int | bool
 # Of all samples, how many may lie outside the limits before the entry is refused: tails fail one by one.
 MOST_OUTSIDE = 1e-3
 _NUMBER = re.compile(r"\s*[+-]?(?:\d[\d_]*\.?[\d_]*|\.\d[\d_]*)(?:[eE][+-]?\d+)?")
+
+
+def _lognormal(mean: float, sd: float) -> Any:
+    variance = log1p((sd / mean) ** 2)
+    return stats.lognorm(sqrt(variance), scale=mean * np.exp(-variance / 2.0))
+
+
+_CONTINUOUS: Mapping[str, Callable[..., Any]] = {
+    "uniform": lambda low, high: stats.uniform(low, high - low),
+    "log-uniform": lambda low, high: stats.loguniform(low, high),
+    "triangular": lambda low, mode, high: stats.triang((mode - low) / (high - low), low, high - low),
+    "normal": lambda mean, sd: stats.norm(mean, sd),
+    "truncated-normal": lambda mean, sd, low, high: stats.truncnorm((low - mean) / sd, (high - mean) / sd, mean, sd),
+    "lognormal": _lognormal,
+}
 # The numbers of each kind; a `mean` left out is the value of the base set.
 KINDS: Mapping[str, tuple[str, ...]] = {
-    "uniform": ("low", "high"),
-    "log-uniform": ("low", "high"),
-    "triangular": ("low", "mode", "high"),
-    "normal": ("mean", "sd"),
-    "truncated-normal": ("mean", "sd", "low", "high"),
-    "lognormal": ("mean", "sd"),
-    "choice": ("levels", "weights"),
-}
+    **{kind: tuple(signature(make).parameters) for kind, make in _CONTINUOUS.items()}, "choice": ("levels", "weights")}
 
 
 class CampaignError(EmcasError):
@@ -51,21 +60,7 @@ class Distribution:
 
     @cached_property
     def _frozen(self) -> Any:
-        n = self.numbers
-        width = n["high"] - n["low"] if "high" in n else 0.0
-        if self.kind == "uniform":
-            return stats.uniform(n["low"], width)
-        if self.kind == "log-uniform":
-            return stats.loguniform(n["low"], n["high"])
-        if self.kind == "triangular":
-            return stats.triang((n["mode"] - n["low"]) / width, n["low"], width)
-        if self.kind == "lognormal":
-            variance = log1p((n["sd"] / n["mean"]) ** 2)
-            return stats.lognorm(sqrt(variance), scale=n["mean"] * np.exp(-variance / 2.0))
-        if self.kind == "truncated-normal":
-            ends = ((n[side] - n["mean"]) / n["sd"] for side in ("low", "high"))
-            return stats.truncnorm(*ends, n["mean"], n["sd"])
-        return stats.norm(n["mean"], n["sd"])
+        return _CONTINUOUS[self.kind](**self.numbers)
 
     @property
     def bounded(self) -> bool:
