@@ -29,25 +29,9 @@ from emcas_fmu.studies.campaign.sample import rows
 from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.store import Store
 from emcas_fmu.studies.campaign.study import Study, load_study
+from tests.campaign.conftest import BASIC
 
-SHORT = """
-[campaign]
-samples = 100000
-[vary."motor.torque_constant"]
-distribution = "normal"
-sd = "3 %"
-[vary."friction.temperature"]
-distribution = "uniform"
-low = "-6 degC"
-high = "24 degC"
-[inputs.aero_torque]
-kind = "constant"
-value = { distribution = "uniform", low = "-40 N.m", high = "0 N.m" }
-[experiments.step]
-kind = "step"
-amplitude = "5 deg"
-duration = "0.6 s"
-"""
+SHORT = BASIC.replace("samples = 24", "samples = 100000").replace("0.3 s", "0.6 s")
 SHARE = 40  # of the full campaign's samples to the short one's, which cost so much less
 
 

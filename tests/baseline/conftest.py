@@ -19,12 +19,29 @@ def emcas(*arguments: str | Path, code: int = 0) -> str:
     return str(result.output)
 
 
+def record(folder: Path, *arguments: str | Path, article: str | Path = "actuator.toml", code: int = 0) -> str:
+    """What it prints when an article of a folder is recorded in the folder's baseline."""
+    return emcas("record", folder / article, "--output", folder / "baseline", *arguments, code=code)
+
+
+def check(folder: Path, *arguments: str | Path, article: str | Path = "actuator.toml", code: int = 0) -> str:
+    """What it prints when an article of a folder is compared with the folder's baseline."""
+    return emcas("check", folder / article, "--baseline", folder / "baseline", *arguments, code=code)
+
+
+def edit(file: Path, old: str, new: str) -> None:
+    """Replace a text that is in a file."""
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new))
+
+
 @pytest.fixture(scope="session")
 def shipped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the shipped parameters as `actuator.toml` and their baseline."""
     folder = tmp_path_factory.mktemp("shipped")
     (folder / "actuator.toml").write_text("")
-    emcas("record", folder / "actuator.toml", "--output", folder / "baseline")
+    record(folder)
     return folder
 
 
@@ -53,5 +70,5 @@ def short(tmp_path: Path) -> Path:
     (tmp_path / "actuator.toml").write_text("")
     (tmp_path / "baseline").mkdir()
     (tmp_path / "baseline/baseline.toml").write_text(SHORT)
-    emcas("record", tmp_path / "actuator.toml", "--output", tmp_path / "baseline")
+    record(tmp_path)
     return tmp_path

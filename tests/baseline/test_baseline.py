@@ -20,7 +20,7 @@ from emcas_fmu.studies.baseline.model import ALL, Limit, Step, output_units, uni
 from emcas_fmu.studies.baseline.read import read
 from emcas_fmu.studies.baseline.study import Row, compare
 
-from .conftest import emcas
+from .conftest import check, edit, emcas, record
 
 
 def drift(shipped: Path, changes: Mapping[str, object]) -> list[Row]:
@@ -66,7 +66,7 @@ def test_an_fmu_gives_the_figures_of_its_parameters(shipped: Path, units: Mappin
 def test_recording_twice_gives_the_same_bytes(short: Path) -> None:
     before = {path: path.read_bytes() for path in (short / "baseline").iterdir()}
     assert len(before) == 2
-    emcas("record", short / "actuator.toml", "--output", short / "baseline")
+    record(short)
     assert {path: path.read_bytes() for path in (short / "baseline").iterdir()} == before
 
 
@@ -78,7 +78,7 @@ def test_a_drift_in_every_output(folder: Path) -> None:
     (folder / "changed.toml").write_text('[motor]\ntorque_constant = "0.1 N*m/A"\n')
     files = {key: folder / f"out.{key}" for key in ("json", "junit", "markdown", "report")}
     options = [part for key, path in files.items() for part in (f"--{key}", path)]
-    printed = emcas("check", folder / "changed.toml", "--baseline", folder / "baseline", *options, code=1)
+    printed = check(folder, *options, article="changed.toml", code=1)
     assert "DRIFT" in printed
     assert re.search(r"0\.11 N\.m/A +0\.1 N\.m/A", printed)
     assert re.search(r"0\.11 V\.s/rad +0\.1 V\.s/rad", printed)  # the motor's other constant follows
@@ -97,34 +97,33 @@ def test_a_drift_in_every_output(folder: Path) -> None:
     page = files["report"].read_text()
     assert page.count(">DRIFT<") == len(drifted)
     assert page.count("<figure>") == 7  # every case but the two sweeps
-    emcas("check", folder / "actuator.toml", "--baseline", folder / "baseline", "--markdown", files["markdown"])
+    check(folder, "--markdown", files["markdown"])
     assert files["markdown"].read_text().startswith(markdown)  # appended, as other steps of a job do
 
 
 def test_a_limit_of_the_user(short: Path) -> None:
     (short / "changed.toml").write_text('[motor]\ntorque_constant = "0.1 N*m/A"\n')
     file = short / "baseline/baseline.toml"
-    emcas("check", short / "changed.toml", "--baseline", short / "baseline", code=1)
-    wide = file.read_text().replace('"0.05 deg"', '"5 deg"')
-    own = '[case.only.limits]\nrise_time = { absolute = "20 ms", relative = "0 %" }\n[case.only.figures]'
-    file.write_text(wide.replace("[case.only.figures]", own))
-    emcas("check", short / "changed.toml", "--baseline", short / "baseline")
-    emcas("record", short / "changed.toml", "--output", short / "baseline")
+    check(short, article="changed.toml", code=1)
+    edit(file, '"0.05 deg"', '"5 deg"')
+    edit(file, "[case.only.figures]",
+         '[case.only.limits]\nrise_time = { absolute = "20 ms", relative = "0 %" }\n[case.only.figures]')
+    check(short, article="changed.toml")
+    record(short, article="changed.toml")
     kept = read(short / "baseline")
     assert kept.cases["only"].limits == {"rise_time": limit(20.0)}
     assert kept.limits.traces == {"fin_angle": 5.0}
-    emcas("record", short / "changed.toml", "--output", short / "baseline", "--fresh")
+    record(short, "--fresh", article="changed.toml")
     assert len(read(short / "baseline").cases) > 1
 
 
 def test_a_limit_of_one_case_is_used(short: Path) -> None:
     """Tighter for a case than for all: what passed by the common limit drifts by its own."""
     (short / "changed.toml").write_text('[controller]\nposition.kp = "57.35 1/s"\n')
-    file = short / "baseline/baseline.toml"
-    emcas("check", short / "changed.toml", "--baseline", short / "baseline")
-    own = '[case.only.limits]\nsustained_rate = { absolute = "0 deg/s", relative = "0 %" }\n[case.only.figures]'
-    file.write_text(file.read_text().replace("[case.only.figures]", own))
-    printed = emcas("check", short / "changed.toml", "--baseline", short / "baseline", code=1)
+    check(short, article="changed.toml")
+    edit(short / "baseline/baseline.toml", "[case.only.figures]",
+         '[case.only.limits]\nsustained_rate = { absolute = "0 deg/s", relative = "0 %" }\n[case.only.figures]')
+    printed = check(short, article="changed.toml", code=1)
     assert [line for line in printed.splitlines() if "DRIFT" in line and "sustained_rate" in line]
 
 
@@ -149,29 +148,29 @@ def test_cases_of_the_user(short: Path) -> None:
     file.write_text(file.read_text().replace('fin_angle = "0.05 deg"', 'fin_angle = "0.05 deg"\nmotor_current = "5 A"')
                     + '\n[case.replay]\nkind = "file"\nfile = "flight.csv"\n'
                     'start = { "friction.temperature" = "-6 degC", "encoder.enabled" = false }\n')
-    emcas("record", short / "actuator.toml", "--output", short / "baseline")
+    record(short)
     kept = read(short / "baseline")
     assert kept.cases["replay"].start == {"friction.temperature": -6.0, "encoder.enabled": False}
     assert list(kept.traces["replay"]) == ["fin_angle", "motor_current"]
-    emcas("check", short / "actuator.toml", "--baseline", short / "baseline")
+    check(short)
 
 
 def test_a_command_beyond_the_range_is_reduced_once(tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text('[command]\nlimit = "12 deg"\n')
-    emcas("record", tmp_path / "small.toml", "--output", tmp_path / "baseline")
+    record(tmp_path, article="small.toml")
     commands = {name: c.command for name, c in read(tmp_path / "baseline").cases.items() if isinstance(c, Step)}
     assert (commands["large_step"], commands["step"]) == (12.0, -5.0)
 
 
 def test_a_fin_that_does_not_move(tmp_path: Path) -> None:
     (tmp_path / "dead.toml").write_text('[drive]\nsupply_voltage = "0 V"\n')
-    emcas("record", tmp_path / "dead.toml", "--output", tmp_path / "baseline")
+    record(tmp_path, article="dead.toml")
     text = (tmp_path / "baseline/baseline.toml").read_text()
     assert 'rise_time = "never"' in text
     assert 'peak_gain = "never"' in text
-    emcas("check", tmp_path / "dead.toml", "--baseline", tmp_path / "baseline")
+    check(tmp_path, article="dead.toml")
     (tmp_path / "alive.toml").write_text("")
-    assert "never" in emcas("check", tmp_path / "alive.toml", "--baseline", tmp_path / "baseline", code=1)
+    assert "never" in check(tmp_path, article="alive.toml", code=1)
 
 
 def limit(absolute: float, relative: float = 0.0) -> Limit:

@@ -9,7 +9,7 @@ import pytest
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 
-from .conftest import emcas
+from .conftest import check, edit, emcas, record
 
 
 @pytest.mark.parametrize(("old", "new", "said"), [
@@ -34,11 +34,8 @@ from .conftest import emcas
     ("[recorded]", "[remembered]", "unknown key 'remembered'"),
 ])
 def test_a_damaged_file(short: Path, old: str, new: str, said: str) -> None:
-    file = short / "baseline/baseline.toml"
-    text = file.read_text()
-    assert old in text
-    file.write_text(text.replace(old, new))
-    printed = emcas("check", short / "actuator.toml", "--baseline", short / "baseline", code=2)
+    edit(short / "baseline/baseline.toml", old, new)
+    printed = check(short, code=2)
     assert said in printed
     assert str(short / "baseline") in printed
 
@@ -51,36 +48,31 @@ def test_a_damaged_file(short: Path, old: str, new: str, said: str) -> None:
     ("\n0.02,0\n", "\n", "its times are not"),
 ])
 def test_a_damaged_trajectory(short: Path, old: str, new: str, said: str) -> None:
-    file = short / "baseline/only.csv"
-    text = file.read_text()
-    assert old in text
-    file.write_text(text.replace(old, new))
-    printed = emcas("check", short / "actuator.toml", "--baseline", short / "baseline", code=2)
+    edit(short / "baseline/only.csv", old, new)
+    printed = check(short, code=2)
     assert said in printed
     assert "only.csv" in printed
 
 
 def test_an_edited_case_is_to_be_recorded_again(short: Path) -> None:
-    file = short / "baseline/baseline.toml"
-    file.write_text(file.read_text().replace('"0.3 s"', '"0.4 s"'))
-    assert "was the case edited?" in emcas("check", short / "actuator.toml", "-b", short / "baseline", code=2)
-    emcas("record", short / "actuator.toml", "-o", short / "baseline")
-    emcas("check", short / "actuator.toml", "-b", short / "baseline")
+    edit(short / "baseline/baseline.toml", '"0.3 s"', '"0.4 s"')
+    assert "was the case edited?" in check(short, code=2)
+    record(short)
+    check(short)
 
 
 def test_missing_files(short: Path) -> None:
     (short / "baseline/only.csv").unlink()
-    assert "only.csv: is missing" in emcas("check", short / "actuator.toml", "-b", short / "baseline", code=2)
+    assert "only.csv: is missing" in check(short, code=2)
     printed = emcas("check", short / "actuator.toml", "-b", short / "nowhere", code=2)
     assert "emcas baseline record" in printed
-    assert "is a folder" in emcas("check", short / "actuator.toml", "-b", short / "baseline", "--junit", short,
-                                  code=2)
+    assert "is a folder" in check(short, "--junit", short, code=2)
 
 
 def test_inputs_are_not_written_over(short: Path) -> None:
     file = short / "baseline/baseline.toml"
     file.write_text(file.read_text() + '\n[case.flight]\nkind = "file"\nfile = "flight.csv"\n')
-    assert "rename the case" in emcas("record", short / "actuator.toml", "-o", short / "baseline", code=2)
+    assert "rename the case" in record(short, code=2)
 
 
 @pytest.mark.parametrize(("model", "options", "said"), [
@@ -88,7 +80,7 @@ def test_inputs_are_not_written_over(short: Path) -> None:
     ("absent.fmu", (), "there is no such file"), ("absent.toml", (), "absent.toml"),
 ])
 def test_a_model_that_is_none(short: Path, model: str, options: tuple[str, ...], said: str) -> None:
-    assert said in emcas("check", short / model, "-b", short / "baseline", *options, code=2)
+    assert said in check(short, *options, article=model, code=2)
 
 
 @pytest.mark.fmu
@@ -96,24 +88,22 @@ def test_one_fin_of_several(short: Path) -> None:
     """Fin 2 has a motor of its own; the others are those of the baseline."""
     (short / "weaker.toml").write_text('[motor]\ntorque_constant = "0.1 N*m/A"\n')
     fmu = build(load_parameters(), short / "EMCAS2.fmu", fins=2, files={2: short / "weaker.toml"}).path
-    emcas("check", fmu, "-b", short / "baseline")
-    printed = emcas("check", fmu, "-b", short / "baseline", "--fin", "2", code=1)
+    check(short, article=fmu)
+    printed = check(short, "--fin", "2", article=fmu, code=1)
     assert "motor.torque_constant" in printed
     assert "--fin 2" in printed
-    emcas("record", fmu, "-o", short / "baseline", "--fin", "2")
-    emcas("check", fmu, "-b", short / "baseline", "--fin", "2")
-    assert "is of fin 2, compared is fin 1" in emcas("check", fmu, "-b", short / "baseline", code=1)
-    assert "there is no fin 3" in emcas("check", fmu, "-b", short / "baseline", "--fin", "3", code=2)
+    record(short, "--fin", "2", article=fmu)
+    check(short, "--fin", "2", article=fmu)
+    assert "is of fin 2, compared is fin 1" in check(short, article=fmu, code=1)
+    assert "there is no fin 3" in check(short, "--fin", "3", article=fmu, code=2)
 
 
 @pytest.mark.fmu
 def test_a_run_that_ends_early_fails(short: Path, fmu: Path) -> None:
     """A load beyond all numbers: the FMU goes no further than where it comes on."""
-    file = short / "baseline/baseline.toml"
-    file.write_text(file.read_text().replace('duration = "0.3 s"',
-                                             'duration = "0.3 s"\ntorque = "1e300 N*m"'))
-    printed = emcas("check", fmu, "-b", short / "baseline", "--junit", short / "drift.xml", code=1)
+    edit(short / "baseline/baseline.toml", 'duration = "0.3 s"', 'duration = "0.3 s"\ntorque = "1e300 N*m"')
+    printed = check(short, "--junit", short / "drift.xml", article=fmu, code=1)
     assert "1 of 1 cases did not run to the end" in printed
     assert "more than 500 events" in " ".join(printed.split())
     assert "went no further than 0.051 s" in (short / "drift.xml").read_text()
-    assert "a baseline needs every case to run to its end" in emcas("record", fmu, "-o", short / "baseline", code=2)
+    assert "a baseline needs every case to run to its end" in record(short, article=fmu, code=2)

@@ -11,7 +11,7 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.baseline.read import read
 
-from .conftest import emcas
+from .conftest import SHORT, check, edit, record
 
 DIRECT_DRIVE = str(Path(__file__).parents[2] / "examples/own_actuator/direct_drive.py")
 MODELS = ("second-order", DIRECT_DRIVE, "elastic+heat+homing+faults")
@@ -30,7 +30,7 @@ def base(tmp_path: Path) -> Path:
 def test_recorded_checked_and_left_out(base: Path, model: str, electrical: bool, cases: set[str]) -> None:
     """What an actuator lacks is left out with the reason; a change of what it has is drift."""
     (base / "actuator.toml").write_text("homing.required = false\n" if "homing" in model else "")
-    printed = emcas("record", base / "actuator.toml", "--model", model, "-o", base / "baseline")
+    printed = record(base, "--model", model)
     kept = read(base / "baseline", model)
     assert {"cold", "supply_sag"} - set(kept.cases) == cases
     assert all(f"left out: case {name}: this actuator has no " in printed for name in cases)
@@ -38,31 +38,28 @@ def test_recorded_checked_and_left_out(base: Path, model: str, electrical: bool,
     assert ("rms_current: this actuator has no motor_current" in printed) is not electrical
     assert f'model = "{get(model).name}"' in (base / "baseline/baseline.toml").read_text()
     assert str(base) not in (base / "baseline/baseline.toml").read_text()
-    article = ("check", base / "actuator.toml", "--model", model, "-b", base / "baseline")
-    assert "no drift" in emcas(*article, "--report", base / "drift.html")
+    assert "no drift" in check(base, "--model", model, "--report", base / "drift.html")
     name = {"second-order": "second_order.natural_frequency", DIRECT_DRIVE: "controller.kp"}.get(
         model, "controller.position.kp")
     changed = load_parameters(base / "actuator.toml", model=model)
     value, unit = 1.05 * float(changed.values[name]), next(
         e.variable.unit for e in changed.entries if e.variable.name == name)
     (base / "changed.toml").write_text(f'{name} = "{value!r} {unit}"\n')
-    assert name in emcas(*article, "-p", base / "changed.toml", code=1)
+    assert name in check(base, "--model", model, "-p", base / "changed.toml", code=1)
 
 
 def test_another_actuator_is_refused(base: Path) -> None:
-    emcas("record", base / "actuator.toml", "--model", "second-order", "-o", base / "baseline")
-    for command in (("check", "-b"), ("record", "-o")):
-        printed = emcas(command[0], base / "actuator.toml", command[1], base / "baseline", code=2)
+    record(base, "--model", "second-order")
+    for printed in (check(base, code=2), record(base, code=2)):
         assert "is of the actuator second-order, not of nonlinear; say with --model" in printed
-    emcas("record", base / "actuator.toml", "-o", base / "baseline", "--fresh")
-    emcas("check", base / "actuator.toml", "-b", base / "baseline")
+    record(base, "--fresh")
+    check(base)
 
 
 def test_what_only_another_actuator_has_is_named(base: Path) -> None:
-    emcas("record", base / "actuator.toml", "--model", "second-order", "-o", base / "baseline")
-    file = base / "baseline/baseline.toml"
-    file.write_text(file.read_text().replace('fin_angle = "0.05 deg"', 'motor_current = "1 A"'))
-    said = emcas("record", base / "actuator.toml", "--model", "second-order", "-o", base / "baseline", code=2)
+    record(base, "--model", "second-order")
+    edit(base / "baseline/baseline.toml", 'fin_angle = "0.05 deg"', 'motor_current = "1 A"')
+    said = record(base, "--model", "second-order", code=2)
     assert "limits.trajectories.motor_current = 1 A: there is no such entry" in said
 
 
@@ -70,23 +67,12 @@ def test_what_only_another_actuator_has_is_named(base: Path) -> None:
 @pytest.mark.parametrize("model", MODELS)
 def test_an_fmu_is_checked_by_the_baseline_of_its_parameters(base: Path, model: str) -> None:
     (base / "baseline").mkdir()
-    name = get(model).name
-    (base / "baseline/baseline.toml").write_text(f'''schema = "emcas-baseline/1"
-model = "{name}"
-[limits.figures]
-rise_time = {{ absolute = "0 ms", relative = "0.1 %" }}
-[limits.trajectories]
-sample_time = "10 ms"
-fin_angle = "0.001 deg"
-[case.only]
-kind = "step"
-command = "5 deg"
-duration = "0.3 s"
-''')
+    text = SHORT.replace('"0.5 ms"', '"0 ms"').replace('"1 %"', '"0.1 %"').replace('"0.05 deg"', '"0.001 deg"')
+    (base / "baseline/baseline.toml").write_text(f'model = "{get(model).name}"\n{text}')
     (base / "actuator.toml").write_text("homing.required = false\n" if "homing" in model else "")
-    emcas("record", base / "actuator.toml", "--model", model, "-o", base / "baseline")
+    record(base, "--model", model)
     fmu = build(load_parameters(base / "actuator.toml", model=model), base / "a.fmu").path
     asked = ("--model", model) if model == DIRECT_DRIVE else ()
-    emcas("check", fmu, *asked, "-b", base / "baseline")
+    check(base, *asked, article=fmu)
     if asked:
-        assert "does not tell its model" in emcas("check", fmu, "-b", base / "baseline", code=2)
+        assert "does not tell its model" in check(base, article=fmu, code=2)

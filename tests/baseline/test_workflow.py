@@ -18,7 +18,7 @@ import yaml
 from emcas_fmu.compiler import local_platform
 from tests.docs.recipes import ROOT
 
-from .conftest import emcas
+from .conftest import check, record
 
 WORKFLOW = yaml.safe_load((ROOT / "examples/ci/emcas.yml").read_text(encoding="utf-8"))
 JOB: Mapping[str, Any] = WORKFLOW["jobs"]["actuator"]
@@ -67,7 +67,7 @@ def run(folder: Path, inputs: Mapping[str, str]) -> dict[str, int]:
 def repository(tmp_path: Path) -> Path:
     """A user's repository: a parameter file and the approved baseline of it."""
     (tmp_path / "actuator.toml").write_text('[motor]\ntorque_constant = "0.105 N*m/A"\n')
-    emcas("record", tmp_path / "actuator.toml", "--output", tmp_path / "baseline")
+    record(tmp_path)
     return tmp_path
 
 
@@ -117,11 +117,10 @@ def test_whole() -> None:
 def test_parameter_files_over_the_article(short: Path) -> None:
     stiffer = short / "stiffer.toml"
     stiffer.write_text('controller.position.kp = "80 1/s"\n', encoding="utf-8")
-    over = (short / "actuator.toml", "--parameters", stiffer)
-    said = " ".join(emcas("check", *over, "-b", short / "baseline", code=1).split())
-    assert f"emcas baseline record {' '.join(map(str, over))} --output" in said
-    emcas("record", *over, "-o", short / "baseline")
-    emcas("check", *over, "-b", short / "baseline")
-    emcas("check", short / "actuator.toml", "-b", short / "baseline", code=1)
+    said = " ".join(check(short, "--parameters", stiffer, code=1).split())
+    assert f"emcas baseline record {short / 'actuator.toml'} --parameters {stiffer} --output" in said
+    record(short, "--parameters", stiffer)
+    check(short, "--parameters", stiffer)
+    check(short, code=1)
     recorded = (short / "baseline" / "baseline.toml").read_text(encoding="utf-8")
     assert "emcas baseline record actuator.toml --parameters stiffer.toml" in recorded

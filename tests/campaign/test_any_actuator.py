@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
 from math import isnan, radians
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from emcas_fmu.bench.excitation import STEP
 from emcas_fmu.bench.subject import ParameterSubject
-from emcas_fmu.cli import app
-from emcas_fmu.compiler import local_platform
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import LEAD_IN
 from emcas_fmu.studies.campaign import measure, sample
@@ -29,9 +24,10 @@ from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.store import Store
 from emcas_fmu.studies.campaign.study import load_study
 
-Write = Callable[[str], Path]
+from .conftest import A_STEP, Write, assert_same_rows, campaign, native_unit
+
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_actuator"
-DIRECT = """
+DIRECT = A_STEP + """
 [campaign]
 samples = 12
 [base]
@@ -43,10 +39,6 @@ high = "150 %"
 [inputs.aero_torque]
 kind = "constant"
 value = { distribution = "uniform", low = "-5 N.m", high = "5 N.m" }
-[experiments.step]
-kind = "step"
-amplitude = "5 deg"
-duration = "0.3 s"
 [experiments.pulled]
 kind = "sine"
 amplitude = "5 deg"
@@ -56,7 +48,7 @@ duration = "0.3 s"
 kind = "spring"
 stiffness = "20 N.m/rad"
 """
-SECOND_ORDER = """
+SECOND_ORDER = A_STEP + """
 [campaign]
 samples = 12
 [base]
@@ -65,10 +57,6 @@ model = "second-order"
 distribution = "uniform"
 low = "80 %"
 high = "120 %"
-[experiments.step]
-kind = "step"
-amplitude = "5 deg"
-duration = "0.3 s"
 [experiments.sweep]
 kind = "chirp"
 amplitude = "1 deg"
@@ -87,22 +75,10 @@ def direct(write: Write, tmp_path: Path) -> Path:
     return write(DIRECT)
 
 
-def native(model: str, folder: Path) -> Path:
-    """The native FMU of an actuator, for this platform."""
-    local = local_platform()
-    assert local is not None
-    return build(load_parameters(model=model), folder / "unit.fmu", "native", [local.name]).path
-
-
-def assert_same_rows(file: Path, fmu: Path, model: str | None = None) -> None:
-    """Figures divide by rates and heights no smaller than 1e-3; trajectories are within 1e-9 rad."""
-    by_kernel, by_unit = load_study(file), load_study(file, fmu, model=model)
+def same_rows(file: Path, fmu: Path) -> None:
+    by_kernel, by_unit = load_study(file), load_study(file, fmu)
     assert by_unit.guid == by_kernel.guid
-    drawn = Sampler(by_kernel).draw([0, 1])
-    pairs = zip(*(sample.rows(study.plan.packed(), [0, 1], drawn) for study in (by_kernel, by_unit)), strict=True)
-    for one, other in pairs:
-        assert (one.pop("status"), one.pop("error")) == (other.pop("status"), other.pop("error")) == ("ok", "")
-        assert one == pytest.approx(other, rel=1e-6, abs=1e-9)
+    assert_same_rows(by_unit, by_kernel, Sampler(by_kernel).draw([0, 1]))
 
 
 def test_a_users_actuator_varies_by_spring_and_load(direct: Path) -> None:
@@ -156,8 +132,7 @@ def test_a_users_file_that_changed_is_another_campaign(direct: Path, tmp_path: P
 
 def test_a_command_line_takes_a_users_file(direct: Path, write: Write, tmp_path: Path) -> None:
     file = write(DIRECT.replace('[base]\nmodel = "direct_drive.py"\n', ""))
-    done = CliRunner().invoke(app, ["campaign", str(file), "--output", str(tmp_path / "out"), "--workers", "0",
-                                    "--model", str(tmp_path / "direct_drive.py")])
+    done = campaign(file, "--output", tmp_path / "out", "--workers", 0, "--model", tmp_path / "direct_drive.py")
     assert done.exit_code == 0, done.output
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     assert (summary["model"], summary["left_out"], summary["done"]) == ("direct-drive", {}, 12)
@@ -169,8 +144,8 @@ def test_a_command_line_takes_a_users_file(direct: Path, write: Write, tmp_path:
 @pytest.mark.fmu
 def test_an_fmu_of_a_users_actuator(direct: Path, tmp_path: Path) -> None:
     model = str(tmp_path / "direct_drive.py")
-    unit = native(model, tmp_path)
-    assert_same_rows(direct, unit)
+    unit = native_unit(model, tmp_path)
+    same_rows(direct, unit)
     direct.write_text(DIRECT.replace('[base]\nmodel = "direct_drive.py"\n', ""), encoding="utf-8")
     with pytest.raises(EmcasError, match="does not tell its model; name it with --model"):
         load_study(direct, unit)
@@ -185,8 +160,7 @@ def test_one_without_motor_and_supply_leaves_their_figures_out(write: Write, tmp
     assert quick["sweep.bandwidth_90deg"] > 1.3 * slow["sweep.bandwidth_90deg"]
     assert slow["step.rise_time"] > 1.3 * quick["step.rise_time"]
     assert 0.0 < slow["step.peak_rate"] < radians(1000.0)
-    done = CliRunner().invoke(app, ["campaign", str(tmp_path / "small.toml"), "--output", str(tmp_path / "out"),
-                                    "--workers", "0"])
+    done = campaign(tmp_path / "small.toml", "--output", tmp_path / "out", "--workers", 0)
     assert done.exit_code == 0, done.output
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
     assert summary["left_out"] == {"this actuator has no supply_power": ["power_peak", "power_rms", "energy"],
@@ -197,4 +171,4 @@ def test_one_without_motor_and_supply_leaves_their_figures_out(write: Write, tmp
 
 @pytest.mark.fmu
 def test_an_fmu_without_motor_and_supply(write: Write, tmp_path: Path) -> None:
-    assert_same_rows(write(SECOND_ORDER), native("second-order", tmp_path))
+    same_rows(write(SECOND_ORDER), native_unit("second-order", tmp_path))

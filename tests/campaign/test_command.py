@@ -5,27 +5,19 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
-from typer.testing import CliRunner, Result
 
 from emcas_fmu.bench.writers import plain
-from emcas_fmu.cli import app
 from emcas_fmu.studies.campaign.sample import Row
 from emcas_fmu.studies.campaign.store import Store
 
-from .conftest import SMALL
-
-Write = Callable[[str], Path]
-
-
-def campaign(*arguments: object) -> Result:
-    return CliRunner().invoke(app, ["campaign", *map(str, arguments)])
+from .conftest import SMALL, Write, campaign
 
 
 def test_help_has_examples() -> None:
@@ -157,5 +149,3 @@ def test_missing_samples_are_told(write: Write, tmp_path: Path, monkeypatch: pyt
     done = campaign(write(SMALL), "--output", folder, "--workers", 0, "--chunk", 10)
     assert done.exit_code == 1, done.output
     assert "10 of 24 samples are missing" in " ".join(done.stderr.split())
-
-

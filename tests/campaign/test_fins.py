@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from emcas_fmu.bench.subject import FmuSubject
-from emcas_fmu.cli import app
-from emcas_fmu.compiler import local_platform
-from emcas_fmu.fmi.package import build
-from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.campaign import sample
 from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.store import identity
 from emcas_fmu.studies.campaign.study import load_study
 
-from .conftest import SMALL
+from .conftest import SMALL, Write, assert_same_rows, campaign, native_unit
 
-Write = Callable[[str], Path]
 pytestmark = pytest.mark.fmu
 
 
@@ -29,10 +22,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two fins, the second with a worn winding; the parameter file is beside it."""
     folder = tmp_path_factory.mktemp("pair")
     (folder / "worn.toml").write_text('[motor]\nresistance = "0.4 Ohm"\n', encoding="utf-8")
-    local = local_platform()
-    assert local is not None
-    return build(load_parameters(), folder / "EMCAS2.fmu", "native", [local.name], fins=2,
-                 files={2: folder / "worn.toml"}).path
+    return native_unit("nonlinear", folder, fins=2, files={2: folder / "worn.toml"})
 
 
 def test_a_fin_has_the_figures_of_its_parameters(write: Write, pair: Path) -> None:
@@ -43,16 +33,13 @@ def test_a_fin_has_the_figures_of_its_parameters(write: Write, pair: Path) -> No
     assert identity(by_fin[1]) != identity(by_fin[2])
     alone = {1: load_study(file), 2: load_study(write(f'[base]\nparameters = "{pair.parent / "worn.toml"}"\n{SMALL}'))}
     drawn = Sampler(alone[1]).draw([0])
-    rows = {}
     for fin, study in alone.items():
-        rows[fin] = sample.rows(by_fin[fin].plan.packed(), [0], drawn)[0]
-        expected = sample.rows(study.plan.packed(), [0], drawn)[0]
-        assert (rows[fin].pop("error"), rows[fin].pop("status")) == (expected.pop("error"), expected.pop("status"))
-        assert rows[fin] == pytest.approx(expected, rel=1e-6, abs=1e-9)
+        assert_same_rows(by_fin[fin], study, drawn)
         subject = sample.subject_of(by_fin[fin].plan)
         assert isinstance(subject, FmuSubject)
         assert subject.unit.names["fin_command"] == f"fin[{fin}].fin_command"  # and no other with its parameters
-    assert rows[2]["step.energy"] > 1.1 * rows[1]["step.energy"]
+    sound, worn = (sample.rows(study.plan.packed(), [0], drawn)[0] for study in alone.values())
+    assert worn["step.energy"] > 1.1 * sound["step.energy"]
 
 
 def test_the_file_may_choose_the_fin(write: Write, pair: Path) -> None:
@@ -63,8 +50,7 @@ def test_the_file_may_choose_the_fin(write: Write, pair: Path) -> None:
 
 def test_a_fin_there_is_not(write: Write, pair: Path, tmp_path: Path) -> None:
     for fin, said in ((3, "has 2 fins, there is no fin 3"), (0, "--fin")):
-        done = CliRunner().invoke(app, ["campaign", str(write(SMALL)), "--fmu", str(pair), "--fin", str(fin),
-                                        "--output", str(tmp_path / "out")])
+        done = campaign(write(SMALL), "--fmu", pair, "--fin", fin, "--output", tmp_path / "out")
         assert done.exit_code == 2
         assert said in " ".join(done.stderr.split())
         assert not (tmp_path / "out").exists()
@@ -72,8 +58,7 @@ def test_a_fin_there_is_not(write: Write, pair: Path, tmp_path: Path) -> None:
 
 def test_a_run_with_a_fin(write: Write, pair: Path, tmp_path: Path) -> None:
     few = write(SMALL.replace("samples = 24", "samples = 2"))
-    done = CliRunner().invoke(app, ["campaign", str(few), "--fmu", str(pair), "--fin", "2", "--output",
-                                    str(tmp_path / "out"), "--workers", "0"])
+    done = campaign(few, "--fmu", pair, "--fin", 2, "--output", tmp_path / "out", "--workers", 0)
     assert done.exit_code == 0, done.output
     page = (tmp_path / "out" / "summary.html").read_text(encoding="utf-8")
     assert "--fin 2" in page

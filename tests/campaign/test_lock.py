@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from emcas_fmu.cli import app
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.store import Store
-from emcas_fmu.studies.campaign.study import load_study
+from emcas_fmu.studies.campaign.study import Study, load_study
 
-from .conftest import SMALL
+from .conftest import SMALL, Write, campaign
 
-Write = Callable[[str], Path]
 HOLDING = """
 import sys
 from pathlib import Path
@@ -45,8 +42,7 @@ def test_a_second_run_is_refused(tmp_path: Path, other: subprocess.Popen[str]) -
     partial = tmp_path / "out" / "samples" / ".part-000000000.parquet.1.partial"
     partial.write_bytes(b"PAR1")  # what the other is writing
     for _ in range(2):  # asking does not change who has it
-        done = CliRunner().invoke(app, ["campaign", str(tmp_path / "small.toml"), "--output", str(tmp_path / "out"),
-                                        "--workers", "0"])
+        done = campaign(tmp_path / "small.toml", "--output", tmp_path / "out", "--workers", 0)
         assert done.exit_code == 2, done.output
         said = " ".join(done.stderr.split())
         assert f"another run (pid {other.pid} on " in said
@@ -62,12 +58,11 @@ def test_a_killed_run_holds_nothing(tmp_path: Path, other: subprocess.Popen[str]
         assert len(store.missing()) == 24
 
 
-def test_one_process_is_no_exception(write: Write, tmp_path: Path) -> None:
-    study = load_study(write(SMALL))
-    with Store(tmp_path / "out", study), pytest.raises(CampaignError, match="another run"):
-        Store(tmp_path / "out", study)
+def test_one_process_is_no_exception(write: Write, small: Study, tmp_path: Path) -> None:
+    with Store(tmp_path / "out", small), pytest.raises(CampaignError, match="another run"):
+        Store(tmp_path / "out", small)
     changed = load_study(write(SMALL.replace("seed = 5", "seed = 7")))
     for _ in range(2):  # a refusal lets go of the folder
         with pytest.raises(CampaignError, match="holds another campaign"):
             Store(tmp_path / "out", changed)
-    Store(tmp_path / "out", study).close()
+    Store(tmp_path / "out", small).close()

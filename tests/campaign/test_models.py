@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from math import isnan, radians
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,9 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
-from typer.testing import CliRunner
 
-from emcas_fmu.cli import app
-from emcas_fmu.compiler import local_platform
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.files import models_directory
-from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import LEAD_IN
 from emcas_fmu.runtime import compiled
@@ -27,11 +23,10 @@ from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.experiments import excitation
 from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.store import Store, identity
-from emcas_fmu.studies.campaign.study import load_study
+from emcas_fmu.studies.campaign.study import Study, load_study
 
-from .conftest import SMALL
+from .conftest import SMALL, Write, assert_same_rows, campaign, native_unit
 
-Write = Callable[[str], Path]
 FAULTS = """
 [campaign]
 samples = 6
@@ -73,26 +68,18 @@ duration = "0.3 s"
 """
 
 
-def built(model: str, folder: Path) -> Path:
-    """The native FMU of a model, for this platform."""
-    local = local_platform()
-    assert local is not None
-    return build(load_parameters(model=model), folder / "unit.fmu", "native", [local.name]).path
-
-
 @pytest.fixture(scope="module")
 def faulty(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An FMU with faults, under a file name that says nothing."""
-    return built("nonlinear+faults", tmp_path_factory.mktemp("faulty"))
+    """An FMU with faults."""
+    return native_unit("nonlinear+faults", tmp_path_factory.mktemp("faulty"))
 
 
-def test_the_nonlinear_model_is_as_ever(write: Write) -> None:
+def test_the_nonlinear_model_is_as_ever(small: Study) -> None:
     """A store of a campaign without a model goes on: nothing new is in its identity or its rows."""
-    study = load_study(write(SMALL))
-    assert study.plan.model == "nonlinear"
-    assert "model" not in identity(study)
-    assert sample.observed(study.plan) == {}
-    assert sample.subject_of(study.plan).model == "nonlinear"
+    assert small.plan.model == "nonlinear"
+    assert "model" not in identity(small)
+    assert sample.observed(small.plan) == {}
+    assert sample.subject_of(small.plan).model == "nonlinear"
 
 
 def test_a_fault_shows_in_words_state_and_time(write: Write) -> None:
@@ -180,12 +167,7 @@ def test_an_fmu_tells_its_model(write: Write, faulty: Path) -> None:
     by_unit, by_model = load_study(write(plain), faulty), load_study(write(FAULTS))
     assert by_unit.plan.model == "nonlinear+faults"
     assert by_unit.guid == by_model.guid
-    drawn = [[0.15, 1000.0], [0.12, 0.0]]
-    pairs = zip(*(sample.rows(s.plan.packed(), [0, 1], np.array(drawn)) for s in (by_unit, by_model)), strict=True)
-    for one, other in pairs:
-        texts = [name for name in one if not isinstance(one[name], float)]
-        assert {name: one.pop(name) for name in texts} == {name: other.pop(name) for name in texts}
-        assert one == pytest.approx(other, rel=1e-6, abs=1e-9, nan_ok=True)
+    assert_same_rows(by_unit, by_model, [[0.15, 1000.0], [0.12, 0.0]])
     with pytest.raises(EmcasError, match=r"is of the model nonlinear\+faults, and nonlinear\+heat is asked for"):
         load_study(write(plain), faulty, model="nonlinear+heat")
 
@@ -246,16 +228,14 @@ def test_the_shipped_campaign(tmp_path: Path) -> None:
     text = (models_directory() / "campaign_faults.toml").read_text(encoding="utf-8")
     file, folder = tmp_path / "few.toml", tmp_path / "out"
     file.write_text(text.replace("samples = 2000", "samples = 30"), encoding="utf-8")
-    done = CliRunner().invoke(app, ["campaign", str(file), "--output", str(folder), "--workers", "0", "--model",
-                                    "nonlinear+heat+faults"])
+    done = campaign(file, "--output", folder, "--workers", 0, "--model", "nonlinear+heat+faults")
     assert done.exit_code == 0, done.output
     assert "what the built-in test found" in done.output
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     assert summary["model"] == "nonlinear+heat+faults"
     assert sum(f["samples"] for f in summary["findings"]) == 30
     assert {t["name"] for t in summary["tallies"]} >= {"fly.status_last", "fly.built_in_test_ever"}
-    one = CliRunner().invoke(app, ["campaign", str(file), "--only", "3"])
-    assert "512 (encoder_reversed)" in one.output
+    assert "512 (encoder_reversed)" in campaign(file, "--only", 3).output
     page = (folder / "summary.html").read_text(encoding="utf-8")
     assert "Faults, and what the built-in test found" in page
     assert "--model nonlinear+heat+faults" in page

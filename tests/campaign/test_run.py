@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,10 +19,9 @@ from emcas_fmu.studies.campaign.run import by_dask, chunk_size, in_process, loca
 from emcas_fmu.studies.campaign.store import Store
 from emcas_fmu.studies.campaign.study import Study, load_study
 
-from .conftest import SMALL
+from .conftest import SMALL, Write
 from .work import DEADLY, deadly, slow
 
-Write = Callable[[str], Path]
 LONGER = SMALL.replace("samples = 24", "samples = 250").replace('"0.3 s"', '"1 s"')
 
 
@@ -39,16 +37,12 @@ def same(one: pa.Table, other: pa.Table) -> bool:
     return bool(repr(one.to_pylist()) == repr(other.to_pylist()))
 
 
-def test_workers_give_the_rows_of_one_process(write: Write, tmp_path: Path, client: Any) -> None:
-    study = load_study(write(SMALL))
-    store = Store(tmp_path / "out", study)
-    by_dask(client, study, store.missing(), store.write, chunk=5)
-    assert same(store.table(), alone(study, tmp_path / "alone"))
+def test_workers_give_the_rows_of_one_process(small: Study, store: Store, tmp_path: Path, client: Any) -> None:
+    by_dask(client, small, store.missing(), store.write, chunk=5)
+    assert same(store.table(), alone(small, tmp_path / "alone"))
 
 
-def test_a_worker_killed_mid_run(write: Write, tmp_path: Path, client: Any) -> None:
-    study = load_study(write(SMALL))
-    store = Store(tmp_path / "out", study)
+def test_a_worker_killed_mid_run(small: Study, store: Store, tmp_path: Path, client: Any) -> None:
     victims = list(client.run(os.getpid).values())
     kept: list[int] = []
 
@@ -58,16 +52,14 @@ def test_a_worker_killed_mid_run(write: Write, tmp_path: Path, client: Any) -> N
         kept.extend(row["index"] for row in rows)
         store.write(rows)
 
-    by_dask(client, study, store.missing(), keep, chunk=2, work=slow)
+    by_dask(client, small, store.missing(), keep, chunk=2, work=slow)
     assert sorted(kept) == list(range(24))  # none lost, none twice
-    assert same(store.table(), alone(study, tmp_path / "alone"))
+    assert same(store.table(), alone(small, tmp_path / "alone"))
 
 
-def test_a_sample_that_kills_its_workers(write: Write, tmp_path: Path, client: Any) -> None:
-    study = load_study(write(SMALL))
-    store = Store(tmp_path / "out", study)
-    by_dask(client, study, store.missing(), store.write, chunk=3, work=deadly)
-    found, expected = store.table().to_pylist(), alone(study, tmp_path / "alone").to_pylist()
+def test_a_sample_that_kills_its_workers(small: Study, store: Store, tmp_path: Path, client: Any) -> None:
+    by_dask(client, small, store.missing(), store.write, chunk=3, work=deadly)
+    found, expected = store.table().to_pylist(), alone(small, tmp_path / "alone").to_pylist()
     lost = found.pop(DEADLY)
     assert expected.pop(DEADLY)["motor.torque_constant"] == lost["motor.torque_constant"]
     assert lost["status"] == "failed"
@@ -75,16 +67,14 @@ def test_a_sample_that_kills_its_workers(write: Write, tmp_path: Path, client: A
     assert found == expected
 
 
-def test_a_scheduler_that_is_lost(write: Write, tmp_path: Path) -> None:
-    study = load_study(write(SMALL))
-    store = Store(tmp_path / "out", study)
+def test_a_scheduler_that_is_lost(small: Study, store: Store) -> None:
     with local_client(1) as other:
         def keep(rows: list[dict[str, Any]]) -> None:
             store.write(rows)
             other.cluster.close()
 
         with pytest.raises(CampaignError, match=r"the scheduler was lost .* the same command goes on"):
-            by_dask(other, study, store.missing(), keep, chunk=1, work=slow)
+            by_dask(other, small, store.missing(), keep, chunk=1, work=slow)
     assert len(store.missing()) < 24
 
 
@@ -151,7 +141,6 @@ def test_ctrl_c_leaves_what_is_done(write: Write, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("count", "threads", "size"), [(10, 2, 1), (160, 2, 10), (10**6, 4, 666), (1, 64, 1)])
-def test_chunks(write: Write, count: int, threads: int, size: int) -> None:
-    plan = load_study(write(SMALL)).plan  # of 0.3 s: 666 samples are 200 s
-    assert chunk_size(plan, count, threads) == size
-    assert chunk_size(replace(plan, fmu="EMCAS.fmu"), count, threads) == min(size, 66)
+def test_chunks(small: Study, count: int, threads: int, size: int) -> None:
+    assert chunk_size(small.plan, count, threads) == size  # of 0.3 s: 666 samples are 200 s
+    assert chunk_size(replace(small.plan, fmu="EMCAS.fmu"), count, threads) == min(size, 66)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from math import inf, isnan, nan, radians
 from pathlib import Path
@@ -22,13 +22,12 @@ from emcas_fmu.studies.campaign import measure, sample
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.experiments import Experiment, Profile, excitation
 from emcas_fmu.studies.campaign.sampling import Sampler
-from emcas_fmu.studies.campaign.study import load_study
+from emcas_fmu.studies.campaign.study import Study, load_study
 from tests.bench.subjects import Broken
 
-from .conftest import SMALL
+from .conftest import SMALL, Write, assert_same_rows
 
 SUBJECT = ParameterSubject(load_parameters())
-Write = Callable[[str], Path]
 FAULTY = SMALL + """
 [experiments.step.inputs.supply_voltage]
 kind = "window"
@@ -139,10 +138,9 @@ def test_a_sample_that_cannot_be_is_recorded(write: Write) -> None:
     assert (stopped["status"], stopped["error"]) == ("failed", "error: the bridge is open")
 
 
-def test_a_level_never_reached_is_no_failure(write: Write) -> None:
+def test_a_level_never_reached_is_no_failure(small: Study) -> None:
     """Against more than the motor can hold the fin goes the other way: times are missing, the rest is there."""
-    plan = load_study(write(SMALL)).plan
-    row = sample.row(plan, 0, [0.11, 20.0, -2000.0], SUBJECT)
+    row = sample.row(small.plan, 0, [0.11, 20.0, -2000.0], SUBJECT)
     assert row["status"] == "ok"
     assert isnan(row["step.rise_time"])
     assert row["step.at_stop_share"] > 0.0
@@ -197,17 +195,10 @@ end = { distribution = "uniform", low = "10 ms", high = "40 ms" }
 
 @pytest.mark.fmu
 def test_an_fmu_gives_the_kernels_figures(write: Write, native: Path) -> None:
-    """Both FMUs are within 1e-9 rad of the kernel; figures divide by rates and heights no smaller than 1e-3."""
     path = write(FAULTY)
     by_unit, by_kernel = load_study(path, native), load_study(path)
     assert by_unit.guid == by_kernel.guid != ""
-    drawn = Sampler(by_kernel).draw(range(3))
-    expected = sample.rows(by_kernel.plan.packed(), [0, 1, 2], drawn)
-    found = sample.rows(by_unit.plan.packed(), [0, 1, 2], drawn)
-    for one, other in zip(found, expected, strict=True):
-        assert one.pop("status") == other.pop("status") == "ok"
-        assert one.pop("error") == other.pop("error") == ""
-        assert one == pytest.approx(other, rel=1e-6, abs=1e-9)
+    assert_same_rows(by_unit, by_kernel, Sampler(by_kernel).draw(range(3)))
 
 
 @pytest.mark.fmu

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import log, sqrt
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,24 +16,8 @@ from emcas_fmu.studies.campaign.distributions import KINDS, distribution
 from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.study import load_study
 
-from .conftest import SMALL
+from .conftest import GRID, SMALL, Write
 
-Write = Callable[[str], Path]
-GRID = """
-[campaign]
-method = "grid"
-[vary."motor.resistance"]
-low = "0.2 Ohm"
-high = "0.3 Ohm"
-count = 4
-[vary."friction.temperature"]
-levels = ["-6 degC", "10 degC", "24 degC"]
-[vary."encoder.enabled"]
-levels = [true, false]
-[experiments.a]
-kind = "hold"
-amplitude = "0 deg"
-"""
 RANDOM = ("monte-carlo", "latin-hypercube", "sobol")
 PLAIN = In("1")
 EXAMPLES: dict[str, dict[str, Any]] = {

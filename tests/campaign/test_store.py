@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -16,17 +15,13 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.run import in_process
 from emcas_fmu.studies.campaign.store import Store
-from emcas_fmu.studies.campaign.study import load_study
+from emcas_fmu.studies.campaign.study import Study, load_study
 
-from .conftest import SMALL
-
-Write = Callable[[str], Path]
+from .conftest import SMALL, Write
 
 
-def test_what_is_kept_with_the_rows(write: Write, tmp_path: Path) -> None:
-    study = load_study(write(SMALL))
-    store = Store(tmp_path / "out", study)
-    in_process(study, store.missing()[:5], store.write, 5)
+def test_what_is_kept_with_the_rows(small: Study, store: Store, tmp_path: Path) -> None:
+    in_process(small, store.missing()[:5], store.write, 5)
     part = next((tmp_path / "out" / "samples").glob("*.parquet"))
     metadata = {k.decode(): v.decode() for k, v in pq.read_schema(part).metadata.items()}
     assert metadata["emcas.guid"] == build(load_parameters(), tmp_path / "E.fmu").guid
@@ -39,45 +34,39 @@ def test_what_is_kept_with_the_rows(write: Write, tmp_path: Path) -> None:
     assert set(table["seed"].to_pylist()) == {5}
 
 
-def test_a_part_half_written_does_not_count(write: Write, tmp_path: Path) -> None:
-    study = load_study(write(SMALL))
-    store = Store(tmp_path / "out", study)
-    in_process(study, store.missing()[:4], store.write, 4)
+def test_a_part_half_written_does_not_count(small: Study, store: Store, tmp_path: Path) -> None:
+    in_process(small, store.missing()[:4], store.write, 4)
     partial = tmp_path / "out" / "samples" / ".part-000000004.parquet.1.partial"
     partial.write_bytes(b"PAR1")
     store.close()
-    again = Store(tmp_path / "out", study)
-    assert again.missing().tolist() == list(range(4, 24))
+    with Store(tmp_path / "out", small) as again:
+        assert again.missing().tolist() == list(range(4, 24))
     assert not partial.exists()
 
 
-def test_killed_before_the_first_sample(write: Write, tmp_path: Path) -> None:
+def test_killed_before_the_first_sample(small: Study, tmp_path: Path) -> None:
     (tmp_path / "out" / "samples").mkdir(parents=True)
     (tmp_path / "out" / ".campaign.json.1.partial").write_bytes(b"{")
-    assert len(Store(tmp_path / "out", load_study(write(SMALL))).missing()) == 24
+    assert len(Store(tmp_path / "out", small).missing()) == 24
 
 
-def test_a_sample_kept_twice_is_read_once(write: Write, tmp_path: Path) -> None:
-    study = load_study(write(SMALL))
-    store = Store(tmp_path / "out", study)
-    in_process(study, store.missing()[:4], store.write, 4)
-    in_process(study, store.missing()[:2], store.write, 2)
+def test_a_sample_kept_twice_is_read_once(small: Study, store: Store) -> None:
+    in_process(small, store.missing()[:4], store.write, 4)
+    in_process(small, store.missing()[:2], store.write, 2)
     rows = store.table().slice(3, 2).to_pylist()
     store.write([dict(rows[0]), {**rows[1], "index": 4}])  # named after sample 3, which is in another part
     assert store.table()["index"].to_pylist() == [0, 1, 2, 3, 4, 5]
 
 
-def test_a_part_is_whole_or_not_there(write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_part_is_whole_or_not_there(small: Study, store: Store, tmp_path: Path,
+                                      monkeypatch: pytest.MonkeyPatch) -> None:
     """A run that ends before its rows are on disk leaves no part of that name."""
-    study = load_study(write(SMALL))
-    store = Store(tmp_path / "out", study)
-
     def ended(_: int) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(os, "fsync", ended)
     with pytest.raises(KeyboardInterrupt):
-        in_process(study, store.missing()[:4], store.write, 4)
+        in_process(small, store.missing()[:4], store.write, 4)
     assert list((tmp_path / "out" / "samples").glob("part-*")) == []
     assert len(store.missing()) == 24
 
@@ -102,22 +91,19 @@ def test_a_comment_is_no_change(write: Write, tmp_path: Path) -> None:
     assert len(Store(tmp_path / "out", load_study(write(f"# said later\n{SMALL}"))).missing()) == 24
 
 
-def test_folders_of_something_else(write: Write, tmp_path: Path) -> None:
-    study = load_study(write(SMALL))
+def test_folders_of_something_else(small: Study, tmp_path: Path) -> None:
     with pytest.raises(CampaignError, match="is no folder of a campaign"):
-        Store(tmp_path, study)  # the campaign's file is in it
+        Store(tmp_path, small)  # the campaign's file is in it
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "campaign.json").write_text("[]", encoding="utf-8")
     with pytest.raises(CampaignError, match="is no record of a campaign"):
-        Store(tmp_path / "out", study)
+        Store(tmp_path / "out", small)
     (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(CampaignError, match="is a file"):
-        Store(tmp_path / "file", study)
+        Store(tmp_path / "file", small)
 
 
-def test_a_broken_part_is_named(write: Write, tmp_path: Path) -> None:
-    study = load_study(write(SMALL))
-    store = Store(tmp_path / "out", study)
+def test_a_broken_part_is_named(store: Store, tmp_path: Path) -> None:
     (tmp_path / "out" / "samples" / "part-000000000.parquet").write_bytes(b"broken")
     with pytest.raises(CampaignError, match=r"part-000000000\.parquet: cannot be read .* remove it"):
         store.missing()

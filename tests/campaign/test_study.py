@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from contextlib import suppress
 from math import radians
-from pathlib import Path
 
 import pytest
 
@@ -16,11 +14,9 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import LEAD_IN
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.experiments import excitation
-from emcas_fmu.studies.campaign.study import load_study
+from emcas_fmu.studies.campaign.study import Study, load_study
 
-from .conftest import ODD, SMALL, replaced
-
-Write = Callable[[str], Path]
+from .conftest import GRID, ODD, SMALL, Write, replaced
 
 
 def test_the_example_is_sound() -> None:
@@ -29,15 +25,14 @@ def test_the_example_is_sound() -> None:
     assert {e.kind for e in study.plan.experiments} == {"step", "chirp"}
 
 
-def test_numbers_in_the_tables_units(write: Write) -> None:
-    study = load_study(write(SMALL))
-    constant, temperature, load = (f.distribution.numbers for f in study.plan.factors)
+def test_numbers_in_the_tables_units(small: Study) -> None:
+    constant, temperature, load = (f.distribution.numbers for f in small.plan.factors)
     base = load_parameters().values["motor.torque_constant"]
     # Left out, a mean is the base value; a percentage of an sd is one of the mean (one rounding).
     assert constant == pytest.approx({"mean": base, "sd": 0.03 * base}, rel=1e-15)
     assert temperature == {"low": -6.0, "high": 24.0}
     assert load == {"low": -40.0, "high": 0.0}
-    assert study.plan.numbers == {"experiments.step.amplitude": radians(5.0)}
+    assert small.plan.numbers == {"experiments.step.amplitude": radians(5.0)}
 
 
 @pytest.mark.parametrize(("written", "expected"), [("5 K", 5.0), ("5 degC", 5.0), ("9 degF", 5.0)])
@@ -49,8 +44,8 @@ def test_a_temperatures_deviation_is_a_difference(write: Write, written: str, ex
     assert factor.distribution.numbers["sd"] == pytest.approx(expected, abs=1e-12)
 
 
-def test_a_follower_keeps_its_ratio(write: Write) -> None:
-    plan = load_study(write(SMALL)).plan
+def test_a_follower_keeps_its_ratio(small: Study) -> None:
+    plan = small.plan
     values, _ = plan.varied([1.5 * plan.base["motor.torque_constant"], 0.0, 0.0])
     assert values["motor.back_emf_constant"] == pytest.approx(1.5 * plan.base["motor.back_emf_constant"], rel=1e-15)
 
@@ -194,22 +189,9 @@ def test_a_combination_that_never_goes_is_refused(write: Write) -> None:
 
 
 def test_a_grid_multiplies(write: Write) -> None:
-    text = """
-[campaign]
-method = "grid"
-[vary."motor.resistance"]
-low = "0.2 Ohm"
-high = "0.3 Ohm"
-count = 3
-[vary."encoder.enabled"]
-levels = [true, false]
-[experiments.a]
-kind = "hold"
-amplitude = "0 deg"
-"""
-    study = load_study(write(text))
-    assert study.samples == 6
+    study = load_study(write(GRID))
+    assert study.samples == 24
     # A third of a tenth, added in floats: a rounding or two.
-    assert study.plan.factors[0].distribution.levels == pytest.approx((0.2, 0.25, 0.3), rel=1e-15)
-    with pytest.raises(CampaignError, match="the grid has 6 points"):
-        load_study(write(text.replace('"grid"', '"grid"\nsamples = 7')))
+    assert study.plan.factors[0].distribution.levels == pytest.approx((0.2, 0.7 / 3, 0.8 / 3, 0.3), rel=1e-15)
+    with pytest.raises(CampaignError, match="the grid has 24 points"):
+        load_study(write(GRID.replace('"grid"', '"grid"\nsamples = 7')))

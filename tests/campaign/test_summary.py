@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pytest
 from scipy import stats
 
@@ -18,41 +17,47 @@ from emcas_fmu.bench.writers import write_json
 from emcas_fmu.studies.campaign import sample, summary
 from emcas_fmu.studies.campaign.report import write_report
 from emcas_fmu.studies.campaign.store import Store
-from emcas_fmu.studies.campaign.study import Study, load_study
+from emcas_fmu.studies.campaign.study import load_study
 
-from .conftest import SMALL
+from .conftest import SMALL, Write
 
-Write = Callable[[str], Path]
-
-
-def made(study: Study, folder: Path, **columns: Any) -> pa.Table:
-    """Rows with figures 1, 2, 3, ... by index but for the columns given."""
-    store = Store(folder, study)
-    rows = []
-    for i in range(100):
-        drawn = [float(i % 7)] * len(study.plan.factors)
-        rows.append({**sample.failed(study.plan, i, drawn, ""), **dict.fromkeys(sample.columns(study.plan), i + 1.0),
-                     "status": "ok", **{name: values[i] for name, values in columns.items()}})
-    store.write(rows)
-    return store.table()
+Summarised = Callable[..., summary.Summary]
 
 
-def test_percentiles_are_samples(write: Write, tmp_path: Path) -> None:
-    found = summary.summarise(study := load_study(write(SMALL)), made(study, tmp_path / "out"))
-    spread = next(s for s in found.spreads if s.name == "step.rise_time")
+@pytest.fixture
+def summarised(write: Write, tmp_path: Path) -> Summarised:
+    """Gives the summary of rows with figures 1, 2, 3, ... by index but for the columns given."""
+    def made(text: str = SMALL, **columns: Any) -> summary.Summary:
+        study, rows = load_study(write(text)), []
+        for i in range(100):
+            drawn = [float(i % 7)] * len(study.plan.factors)
+            rows.append({**sample.failed(study.plan, i, drawn, ""),
+                         **dict.fromkeys(sample.columns(study.plan), i + 1.0), "status": "ok",
+                         **{name: values[i] for name, values in columns.items()}})
+        with Store(tmp_path / "out", study) as store:
+            store.write(rows)
+            return summary.summarise(study, store.table())
+
+    return made
+
+
+def spreads(found: summary.Summary, experiment: str, *names: str) -> list[summary.Spread]:
+    return [next(s for s in found.spreads if s.name == f"{experiment}.{name}") for name in names]
+
+
+def test_percentiles_are_samples(summarised: Summarised) -> None:
+    spread, rate = spreads(summarised(), "step", "rise_time", "sustained_rate")
     assert spread.percentiles == {p: float(p) for p in summary.PERCENTILES}
     assert spread.worst == ((99, 100.0), (98, 99.0), (97, 98.0))
-    rate = next(s for s in found.spreads if s.name == "step.sustained_rate")
     assert rate.worst == ((0, 1.0), (1, 2.0), (2, 3.0))  # of a rate, the least
     assert spread.mean == 50.5
 
 
-def test_what_was_never_reached_is_worst(write: Write, tmp_path: Path) -> None:
+def test_what_was_never_reached_is_worst(summarised: Summarised) -> None:
     """Ten of a hundred without a figure: the 95th percentile is one of them, the median is not moved."""
     times = [nan if i % 10 == 3 else 1.0 + i / 1000 for i in range(100)]
-    found = summary.summarise(study := load_study(write(SMALL)), made(
-        study, tmp_path / "out", **{"step.rise_time": times, "step.sustained_rate": times}))
-    spread, rate = (next(s for s in found.spreads if s.name == f"step.{n}") for n in ("rise_time", "sustained_rate"))
+    spread, rate = spreads(summarised(**{"step.rise_time": times, "step.sustained_rate": times}), "step",
+                           "rise_time", "sustained_rate")
     assert spread.without == 10
     assert (spread.percentiles[95], spread.percentiles[99]) == (inf, inf)
     assert (rate.percentiles[1], rate.percentiles[5]) == (-inf, -inf)
@@ -63,13 +68,12 @@ def test_what_was_never_reached_is_worst(write: Write, tmp_path: Path) -> None:
     assert summary.text(FIGURES["bandwidth_3db"], inf) == "beyond the sweep"
 
 
-def test_infinite_figures_keep_their_side(write: Write, tmp_path: Path) -> None:
+def test_infinite_figures_keep_their_side(summarised: Summarised) -> None:
     """A gain of nothing is the least, a bandwidth beyond the sweep the largest; one that cannot be had is worst."""
     text = SMALL + '[experiments.sweep]\nkind = "chirp"\namplitude = "1 deg"\nlow = "1 Hz"\nhigh = "9 Hz"\n'
     gains = [-inf if i == 7 else nan if i == 8 else i / 100 for i in range(100)]
-    found = summary.summarise(study := load_study(write(text)), made(study, tmp_path / "out", **{
-        "sweep.peak_gain": gains, "sweep.bandwidth_3db": [-gain for gain in gains]}))
-    gain, band = (next(s for s in found.spreads if s.name == f"sweep.{n}") for n in ("peak_gain", "bandwidth_3db"))
+    found = summarised(text, **{"sweep.peak_gain": gains, "sweep.bandwidth_3db": [-gain for gain in gains]})
+    gain, band = spreads(found, "sweep", "peak_gain", "bandwidth_3db")
     assert (gain.smallest, gain.largest, gain.worst[0]) == (-inf, inf, (8, inf))
     assert (band.smallest, band.largest, band.worst[0]) == (-inf, inf, (8, -inf))
     assert summary.text(FIGURES["peak_gain"], -inf) == "no response"
@@ -134,36 +138,33 @@ def test_too_few_or_constant_say_nothing() -> None:
     assert effects == ()
 
 
-def test_what_varies_elsewhere_is_no_cause(write: Write, tmp_path: Path) -> None:
+def test_what_varies_elsewhere_is_no_cause(summarised: Summarised) -> None:
     text = SMALL + '[experiments.other]\nkind = "hold"\namplitude = { distribution = "uniform", low = "0 deg", ' \
                    'high = "9 deg" }\nduration = "0.2 s"\n'
-    found = summary.summarise(study := load_study(write(text)), made(study, tmp_path / "out"))
-    causes = {s.name.partition(".")[0]: {e.factor for e in s.effects} for s in found.spreads}
+    causes = {s.name.partition(".")[0]: {e.factor for e in s.effects} for s in summarised(text).spreads}
     assert "experiments.other.amplitude" in causes["other"]
     assert "experiments.other.amplitude" not in causes["step"]
 
 
-def test_failures_by_reason(write: Write, tmp_path: Path) -> None:
+def test_failures_by_reason(summarised: Summarised) -> None:
     status = ["failed" if i in (4, 7, 9) else "ok" for i in range(100)]
     errors = ["at 0.1 s: lost" if i == 4 else "at 0.2 s: lost" if i == 7 else "odd" if i == 9 else ""
               for i in range(100)]
-    found = summary.summarise(study := load_study(write(SMALL)), made(
-        study, tmp_path / "out", status=status, error=errors))
+    found = summarised(status=status, error=errors)
     assert found.failures == (("at … s: lost", 2, 4), ("odd", 1, 9))
     assert (found.done, found.failed, len(found.spreads[0].values)) == (100, 3, 97)
 
 
-def test_page_and_json(write: Write, tmp_path: Path) -> None:
+def test_page_and_json(summarised: Summarised, tmp_path: Path) -> None:
     status = ["failed" if i == 4 else "ok" for i in range(100)]
     times = [nan if i == 3 else 0.05 + i / 1000 for i in range(100)]
-    found = summary.summarise(study := load_study(write(SMALL)), made(
-        study, tmp_path / "out", status=status, error=[f"<b>{s}" for s in status], **{"step.rise_time": times}))
+    found = summarised(status=status, error=[f"<b>{s}" for s in status], **{"step.rise_time": times})
     pages = [tmp_path / "a.html", tmp_path / "b.html"]
     for page in pages:
         write_report(found, page, "emcas campaign small.toml")
     text = pages[0].read_text(encoding="utf-8")
     assert text == pages[1].read_text(encoding="utf-8")
-    for part in (study.guid, "emcas campaign small.toml --only 3", "emcas campaign small.toml --only 4", "<svg",
+    for part in (found.study.guid, "emcas campaign small.toml --only 3", "emcas campaign small.toml --only 4", "<svg",
                  "&lt;b&gt;failed", "not reached"):
         assert part in text, part
     assert "http" not in text.replace("http://www.w3.org", "")  # nothing from outside
@@ -172,11 +173,10 @@ def test_page_and_json(write: Write, tmp_path: Path) -> None:
     rise = next(f for f in document["figures"] if f["name"] == "step.rise_time")
     assert rise["worst"][0] == {"index": 3, "value": None}
     assert document["failed"] == 1
-    assert document["guid"] == study.guid
+    assert document["guid"] == found.study.guid
 
 
-def test_no_sample_worked(write: Write, tmp_path: Path) -> None:
-    found = summary.summarise(study := load_study(write(SMALL)), made(
-        study, tmp_path / "out", status=["failed"] * 100, error=["odd"] * 100))
+def test_no_sample_worked(summarised: Summarised, tmp_path: Path) -> None:
+    found = summarised(status=["failed"] * 100, error=["odd"] * 100)
     write_report(found, tmp_path / "a.html", "emcas campaign small.toml")
     assert "100 of them failed" in (tmp_path / "a.html").read_text(encoding="utf-8")

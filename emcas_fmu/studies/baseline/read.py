@@ -70,7 +70,7 @@ class _File(schema.Table):
 
 
 def read(path: Path, model: str = NONLINEAR) -> Baseline:
-    """The baseline, of an actuator, of a folder; of a file only limits and cases, which is what recording needs.
+    """Return the baseline of an actuator in a folder; of a file limits and cases only, which is what recording needs.
 
     Raises EmcasError.
     """
@@ -90,14 +90,14 @@ def read(path: Path, model: str = NONLINEAR) -> Baseline:
     if (of := document.pop("model", NONLINEAR)) != name:
         raise EmcasError(f"{file}: is of the actuator {of}, not of {name}; say with --model what a parameter file is "
                          "of, or keep the baseline of each actuator in a folder of its own")
-    found = schema.read(_File, document, file, EmcasError, Reading(model, not plan))
-    traces = {} if plan else {key: _traces(path / f"{key}.csv", found.limits, model) for key, case in
-                              found.case.items() if case.kind != "sweep"}
-    return Baseline(model, found.limits, found.case, traces, found.recorded or {}, found.parameters or {})
+    tables = schema.read(_File, document, file, EmcasError, Reading(model, not plan))
+    traces = {} if plan else {key: _traces(path / f"{key}.csv", tables.limits, model) for key, case in
+                              tables.case.items() if case.kind != "sweep"}
+    return Baseline(model, tables.limits, tables.case, traces, tables.recorded or {}, tables.parameters or {})
 
 
 def _traces(path: Path, limits: Limits, model: str) -> dict[str, Array]:
-    """The columns of a case's file but its time."""
+    """Return the columns of a case's file but its time."""
     units = output_units(model)
     columns = ["time [s]", *(f"{name} [{units[name]}]" for name in limits.traces)]
     if not path.is_file():

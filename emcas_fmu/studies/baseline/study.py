@@ -118,7 +118,7 @@ def first(template: Baseline, subject: Subject) -> tuple[Baseline, list[str]]:
 
 
 def record(plan: Baseline, subject: Subject, folder: Path, command: str, progress: Progress | None = None) -> Baseline:
-    """The subject's response to the plan's cases as a baseline; limits are the plan's.
+    """Return the subject's response to the plan's cases as a baseline; limits are the plan's.
 
     CSV inputs are looked for in `folder`. Raises EmcasError where a run does not reach its end.
     """
@@ -135,7 +135,7 @@ def record(plan: Baseline, subject: Subject, folder: Path, command: str, progres
 
 
 def compare(baseline: Baseline, subject: Subject, folder: Path, progress: Progress | None = None) -> Comparison:
-    """The subject's response against the approved one, which `folder` is of. Raises EmcasError."""
+    """Compare the subject's response with the approved one, which `folder` is of. Raises EmcasError."""
     rows: list[Row] = []
     titles, stopped, curves, notes = {}, {}, {}, []
     for name, run, figures, traces in _responses(baseline, subject, folder, progress):
@@ -200,7 +200,7 @@ def _curves(case: str, baseline: Baseline, traces: Mapping[str, Array], folder: 
 
 
 def _marks(subject: Subject) -> dict[str, str]:
-    """What a baseline tells of where it comes from: nothing that depends on where or when it is recorded."""
+    """Return the provenance of a baseline: nothing that depends on where or when it is recorded."""
     about = subject.identification
     marks = {"article": about.kind, "file": about.file, "sha256": about.sha256, "guid": about.guid,
              "fin": str(about.fin or ""), "parameters_sha256": about.parameters_sha256, "emcas": __version__}

@@ -19,7 +19,7 @@ _STYLES = {"ok": "green", "told": "dim", "DRIFT": "bold red"}
 
 
 def number(value: float) -> str:
-    """Five significant digits; `never` where a level is not reached."""
+    """Return five significant digits; `never` where a level is not reached."""
     return f"{value + 0.0:.5g}" if isfinite(value) else NEVER
 
 
@@ -29,8 +29,8 @@ def cells(row: Row) -> tuple[str, ...]:
     moved = f"{change + 0.0:+.3g}" if isfinite(change) else "-"
     limit = "-" if row.limit is None else f"{row.limit:.3g}"
     name = f"{row.name} [{row.unit}]" if row.at is None else f"{row.name}({row.at:g} s) [{row.unit}]"
-    told = "told" if row.limit is None else "ok" if row.passed else "DRIFT"
-    return row.case, name, number(row.approved), number(row.now), moved, limit, told
+    judged = "told" if row.limit is None else "ok" if row.passed else "DRIFT"
+    return row.case, name, number(row.approved), number(row.now), moved, limit, judged
 
 
 def selected(comparison: Comparison, everything: bool = False) -> Iterator[Row]:
@@ -44,7 +44,7 @@ def selected(comparison: Comparison, everything: bool = False) -> Iterator[Row]:
 
 
 def verdict(comparison: Comparison) -> str:
-    """The result in a sentence."""
+    """Return the result in a sentence."""
     if not comparison.judged and not comparison.stopped:
         return "nothing was judged: the baseline has no limits"
     if comparison.passed:
@@ -56,7 +56,7 @@ def verdict(comparison: Comparison) -> str:
 
 
 def remedy(comparison: Comparison, file: str, folder: str) -> str:
-    """What to do about a drift of the article in `file` from the baseline in `folder`."""
+    """Return what to do about a drift of the article in `file` from the baseline in `folder`."""
     fin = comparison.identification.fin or 1
     which = f" --fin {fin}" if fin > 1 else ""
     was, now = comparison.baseline.recorded.get("file", ""), comparison.identification.file
@@ -66,7 +66,7 @@ def remedy(comparison: Comparison, file: str, folder: str) -> str:
 
 
 def summary(comparison: Comparison, everything: bool = False) -> Iterator[RenderableType]:
-    """What drifted, or what came nearest to its limit; what changed; the verdict."""
+    """Yield what drifted, or what came nearest to its limit; what changed; the verdict."""
     about = comparison.identification
     which = f", fin {about.fin}" if about.fin else ""
     yield escape(f"{about.kind} {about.file}{which}  {about.guid}".rstrip())

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from inspect import signature
 from math import inf, log1p, sqrt
 from typing import Annotated, Any
 
@@ -21,16 +22,24 @@ Value = float | int | bool
 # Of all samples, how many may lie outside the limits before the entry is refused: tails fail one by one.
 MOST_OUTSIDE = 1e-3
 _NUMBER = re.compile(r"\s*[+-]?(?:\d[\d_]*\.?[\d_]*|\.\d[\d_]*)(?:[eE][+-]?\d+)?")
+
+
+def _lognormal(mean: float, sd: float) -> Any:
+    variance = log1p((sd / mean) ** 2)
+    return stats.lognorm(sqrt(variance), scale=mean * np.exp(-variance / 2.0))
+
+
+_CONTINUOUS: Mapping[str, Callable[..., Any]] = {
+    "uniform": lambda low, high: stats.uniform(low, high - low),
+    "log-uniform": lambda low, high: stats.loguniform(low, high),
+    "triangular": lambda low, mode, high: stats.triang((mode - low) / (high - low), low, high - low),
+    "normal": lambda mean, sd: stats.norm(mean, sd),
+    "truncated-normal": lambda mean, sd, low, high: stats.truncnorm((low - mean) / sd, (high - mean) / sd, mean, sd),
+    "lognormal": _lognormal,
+}
 # The numbers of each kind; a `mean` left out is the value of the base set.
 KINDS: Mapping[str, tuple[str, ...]] = {
-    "uniform": ("low", "high"),
-    "log-uniform": ("low", "high"),
-    "triangular": ("low", "mode", "high"),
-    "normal": ("mean", "sd"),
-    "truncated-normal": ("mean", "sd", "low", "high"),
-    "lognormal": ("mean", "sd"),
-    "choice": ("levels", "weights"),
-}
+    **{kind: tuple(signature(make).parameters) for kind, make in _CONTINUOUS.items()}, "choice": ("levels", "weights")}
 
 
 class CampaignError(EmcasError):
@@ -51,21 +60,7 @@ class Distribution:
 
     @cached_property
     def _frozen(self) -> Any:
-        n = self.numbers
-        width = n["high"] - n["low"] if "high" in n else 0.0
-        if self.kind == "uniform":
-            return stats.uniform(n["low"], width)
-        if self.kind == "log-uniform":
-            return stats.loguniform(n["low"], n["high"])
-        if self.kind == "triangular":
-            return stats.triang((n["mode"] - n["low"]) / width, n["low"], width)
-        if self.kind == "lognormal":
-            variance = log1p((n["sd"] / n["mean"]) ** 2)
-            return stats.lognorm(sqrt(variance), scale=n["mean"] * np.exp(-variance / 2.0))
-        if self.kind == "truncated-normal":
-            ends = ((n[side] - n["mean"]) / n["sd"] for side in ("low", "high"))
-            return stats.truncnorm(*ends, n["mean"], n["sd"])
-        return stats.norm(n["mean"], n["sd"])
+        return _CONTINUOUS[self.kind](**self.numbers)
 
     @property
     def bounded(self) -> bool:
@@ -73,15 +68,15 @@ class Distribution:
         return self.kind == "choice" or "low" in self.numbers
 
     def at(self, share: Array | float) -> Array:
-        """Values in the entry's unit below which the given shares (0 to 1, any shape) of all samples lie."""
+        """Return the values in the entry's unit below which the given shares (0 to 1, any shape) of all samples lie."""
         if self.kind == "choice":
             which = np.searchsorted(self.cumulated, share, side="right")
             return np.asarray(self.levels, dtype=float)[np.minimum(which, len(self.levels) - 1)]
-        found: Array = np.asarray(self._frozen.ppf(share), dtype=float)
-        return found
+        values: Array = np.asarray(self._frozen.ppf(share), dtype=float)
+        return values
 
     def limits(self, outside: float = 0.0) -> tuple[float, float]:
-        """Values all samples lie between, but for a share `outside` at either end of one with tails."""
+        """Return values all samples lie between, but for a share `outside` at either end of one with tails."""
         if self.kind == "choice":
             return float(min(self.levels)), float(max(self.levels))
         if "low" in self.numbers:
@@ -136,27 +131,26 @@ class _Evenly(Table):
 
 
 def distribution(written: Mapping[str, Any], unit: In) -> Distribution:
-    """The distribution a table describes. Raises ValueError or ValidationError."""
+    """Return the distribution a table describes. Raises ValueError or ValidationError."""
     if "count" in written and "distribution" not in written:
         even = _Evenly.model_validate(written, context=unit)
         width = even.high - even.low
         levels = [even.low + width * k / (even.count - 1) for k in range(even.count)]
         unit_of = "" if unit.unit == "1" else f" {unit.unit}"
-        return _choice(tuple(unit.number(f"{level!r}{unit_of}") for level in levels), None, unit)
+        return _checked(_choice(tuple(unit.number(f"{level!r}{unit_of}") for level in levels), None), unit)
     kind = kind_of({"distribution": "choice", **written} if "levels" in written else written, KINDS, "distribution")
     if kind != "choice" and unit.type != "Real":
         raise ValueError(f"{'true and false have' if unit.type == 'Boolean' else 'a whole number has'} no such "
                          "distribution; give levels = [...]")
     table: Any = _TABLES[kind].model_validate(written, context=unit)
     if kind == "choice":
-        return _choice(tuple(table.levels), table.weights, unit)
-    found = Distribution(kind, {key: getattr(table, key) for key in KINDS[kind]})
-    _sound(found, unit)
-    return found
+        return _checked(_choice(tuple(table.levels), table.weights), unit)
+    return _checked(Distribution(kind, {key: getattr(table, key) for key in KINDS[kind]}), unit)
 
 
-def _sound(found: Distribution, unit: In) -> None:
-    n = found.numbers
+def _checked(made: Distribution, unit: In) -> Distribution:
+    """Return a distribution that is one and stays within the entry's limits, but for tails. Raises ValueError."""
+    n = made.numbers
     if "low" in n and not n["low"] < n["high"]:
         raise ValueError(f"low = {n['low']:g} must be below high = {n['high']:g} {unit.unit}")
     if "mode" in n and not n["low"] <= n["mode"] <= n["high"]:
@@ -164,27 +158,21 @@ def _sound(found: Distribution, unit: In) -> None:
     if "sd" in n and not n["sd"] > 0.0:
         raise ValueError(f"sd = {n['sd']:g} {unit.unit}: must be above 0 (a percentage is one of the mean)")
     for kind, key in (("lognormal", "mean"), ("log-uniform", "low")):
-        if found.kind == kind and not n[key] > 0.0:
+        if made.kind == kind and not n[key] > 0.0:
             raise ValueError(f"{key} = {n[key]:g}: a {kind} needs a {key} above 0")
-    if found.kind == "truncated-normal" and found._frozen.ppf(0.5) != found._frozen.ppf(0.5):
+    if made.kind == "truncated-normal" and np.isnan(made.at(0.5)):
         raise ValueError("low and high are too far from the mean for a normal distribution")
-    _inside(found, unit)
-
-
-def _inside(found: Distribution, unit: In) -> None:
-    """Raise ValueError for what lies outside the entry's limits, but for tails."""
-    share = found.outside(unit.minimum, unit.maximum)
+    share = made.outside(unit.minimum, unit.maximum)
     if share > MOST_OUTSIDE:
-        remedy = "" if found.bounded else (
+        remedy = "" if made.bounded else (
             f": {share:.2g} of the samples are not; truncate it (distribution = \"truncated-normal\")")
         raise ValueError(f"must stay {unit.limits}{remedy}")
+    return made
 
 
-def _choice(levels: tuple[Value, ...], weights: list[float] | None, unit: In) -> Distribution:
+def _choice(levels: tuple[Value, ...], weights: list[float] | None) -> Distribution:
     given = [1.0] * len(levels) if weights is None else weights
     if len(given) != len(levels) or not all(0.0 < w < inf for w in given):
         raise ValueError(f"weights must be {len(levels)} finite numbers above 0, one for each level")
     shares = np.cumsum(given)
-    found = Distribution("choice", {}, levels, tuple((shares / shares[-1]).tolist()))
-    _inside(found, unit)
-    return found
+    return Distribution("choice", {}, levels, tuple((shares / shares[-1]).tolist()))

@@ -51,10 +51,11 @@ def _reductions(v: Variable) -> dict[str, tuple[Figure | None, Callable[[Array, 
                           lambda column, time: float(np.mean(column)))}
     if v.items:
         return {"last": (None, lambda column, time: v.in_words(column[-1]))}
-    last = (None, lambda column, time: int(column[-1]))
-    return {"last": last} if not v.bits else {
-        "last": last, "ever": (None, lambda column, time: int(np.bitwise_or.reduce(column.astype(np.int64)))),
-        "first": (figure("s", f"when {v.name} first has a bit set"), _first)}
+    if not v.bits:
+        return {"last": (None, lambda column, time: int(column[-1]))}
+    return {"last": (None, lambda column, time: int(column[-1])),
+            "ever": (None, lambda column, time: int(np.bitwise_or.reduce(column.astype(np.int64)))),
+            "first": (figure("s", f"when {v.name} first has a bit set"), _first)}
 
 
 def _first(column: Array, time: Array) -> float:

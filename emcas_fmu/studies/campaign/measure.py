@@ -58,33 +58,34 @@ def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps
     columns = {name: column for name, column in run.columns.items() if name != POWER}
     rows = replace(run, columns=columns)
     begun = int(np.argmax(run.excitation.judged(columns["time"])))
-    found = usage(rows)
+    measures = usage(rows)
     if POWER in run.columns:
-        found |= leaping_power(run.columns[POWER][begun * POWER_ROWS:], run.excitation.step / POWER_ROWS, leaps)
+        measures |= leaping_power(run.columns[POWER][begun * POWER_ROWS:], run.excitation.step / POWER_ROWS, leaps)
     if experiment.kind == "step":
         moves = run.excitation.moves
         if not moves or moves[0].level == columns["fin_angle"][begun]:
             raise ValueError("the step has no height: the fin is told to stay where it is")
-        found |= motion(rows)
-        found["steady_error"] = abs(found["steady_error"])
+        measures |= motion(rows)
+        measures["steady_error"] = abs(measures["steady_error"])
     if experiment.kind == "chirp":
         low, high = (float(numbers[f"{experiment.prefix}.{side}"]) for side in ("low", "high"))
-        found |= _within(swept(sweep_response(rows, low, high)))
-    return found
+        measures |= _bandwidths(swept(sweep_response(rows, low, high)))
+    return measures
 
 
-def _within(found: dict[str, float]) -> dict[str, float]:
-    """A bandwidth beyond the sweep is infinite; 0 where the fin never comes within 3 dB of the command."""
-    follows = found["peak_gain"] >= -3.0
+def _bandwidths(measures: dict[str, float]) -> dict[str, float]:
+    """Return the figures of a sweep with infinite bandwidths beyond it, 0 where the fin never comes within 3 dB."""
+    follows = measures["peak_gain"] >= -3.0
     beyond = inf if follows else 0.0
-    gain, phase = found["bandwidth_3db"], found["bandwidth_90deg"]
-    return {**found, "bandwidth_3db": beyond if isnan(gain) or not follows else gain,
+    gain, phase = measures["bandwidth_3db"], measures["bandwidth_90deg"]
+    return {**measures, "bandwidth_3db": beyond if isnan(gain) or not follows else gain,
             "bandwidth_90deg": beyond if isnan(phase) else phase}
 
 
-def named(experiment: Experiment, model: str, found: Mapping[str, float]) -> dict[str, float]:
+def named(experiment: Experiment, model: str, measures: Mapping[str, float]) -> dict[str, float]:
     """Return the figures of an experiment by column name."""
-    return {f"{experiment.name}.{name}": float(found[_COLUMNS[name][0]]) for name in figures(experiment.kind, model)}
+    return {f"{experiment.name}.{name}": float(measures[_COLUMNS[name][0]])
+            for name in figures(experiment.kind, model)}
 
 
 def leaps(subject: Subject, changes: Mapping[str, Any], run: Run) -> Array:

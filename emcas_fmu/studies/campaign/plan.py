@@ -23,7 +23,7 @@ class Factor:
     distribution: Distribution
 
     def value(self, drawn: float) -> Value:
-        """A number drawn, as what the factor is."""
+        """Return a number drawn, as what the factor is."""
         return bool(drawn) if self.type == "Boolean" else int(drawn) if self.type == "Integer" else float(drawn)
 
 
@@ -55,7 +55,7 @@ class Plan:
         return get(self.model)
 
     def packed(self) -> bytes:
-        """For sending."""
+        """Return the plan as it is sent to a worker."""
         return pickle.dumps(self)
 
     def chosen(self, drawn: Iterable[float]) -> dict[str, Value]:

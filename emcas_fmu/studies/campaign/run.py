@@ -45,12 +45,12 @@ def _distributed() -> Any:
 
 
 def chunked(missing: Indices, size: int) -> deque[Indices]:
-    """The indices in chunks, in order."""
+    """Return the indices in chunks, in order."""
     return deque(missing[k:k + size] for k in range(0, len(missing), size))
 
 
 def chunk_size(plan: Plan, count: int, threads: int) -> int:
-    """Samples in a task: at least eight tasks for a thread, so that all end at about the same time."""
+    """Return the samples in a task: at least eight tasks for a thread, so that all end at about the same time."""
     duration = sum(experiment.duration for experiment in plan.experiments)
     most = int((BY_FMU if plan.fmu else SIMULATED) / duration)
     return max(1, min(most, count // (8 * threads)))
@@ -108,11 +108,11 @@ def remote_client(address: str) -> Iterator[Any]:
 
 
 async def _kind(address: str) -> str:
-    """What a Dask process calls itself."""
+    """Return what a Dask process calls itself."""
     distributed = _distributed()
     options = distributed.Security().get_connection_args("client")
-    async with distributed.rpc(address, timeout=_CONNECT, connection_args=options) as there:
-        return str((await there.identity())["type"])
+    async with distributed.rpc(address, timeout=_CONNECT, connection_args=options) as process:
+        return str((await process.identity())["type"])
 
 
 def _reason(error: Exception) -> str:
@@ -122,7 +122,7 @@ def _reason(error: Exception) -> str:
 
 
 def _ready(client: Any, address: str) -> None:
-    """All workers there are have this version of the package."""
+    """Wait for workers; raise CampaignError where there is none, or one without this version of the package."""
     try:
         client.wait_for_workers(1, timeout=_WORKERS)
     except TimeoutError as error:

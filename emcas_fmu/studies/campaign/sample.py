@@ -62,7 +62,7 @@ def _identity(plan: Plan, index: int, drawn: Sequence[float]) -> Row:
 def _figures(plan: Plan, drawn: Sequence[float], subject: Subject) -> Row:
     values, numbers = plan.varied(drawn)
     changes = {name: value for name, value in values.items() if value != subject.values[name]}
-    found: Row = {}
+    entries: Row = {}
     for experiment in plan.experiments:
         outputs = _outputs(experiment.kind, plan.model)
         run = subject.run(excitation(experiment, values, numbers, plan.model), changes, outputs, measure.POWER_ROWS,
@@ -70,14 +70,14 @@ def _figures(plan: Plan, drawn: Sequence[float], subject: Subject) -> Row:
         if run.stopped is not None:
             raise ArithmeticError("; ".join(run.messages[-3:]) or run.reason)
         figures = measure.measured(experiment, numbers, run, measure.leaps(subject, changes, run))
-        found |= measure.named(experiment, plan.model, figures)
-        found |= reduced(experiment, plan.model, run)
-    return {name: found[name] for name in (*columns(plan), *observed(plan))}
+        entries |= measure.named(experiment, plan.model, figures)
+        entries |= reduced(experiment, plan.model, run)
+    return {name: entries[name] for name in (*columns(plan), *observed(plan))}
 
 
 @cache
 def _outputs(kind: str, model: str) -> tuple[str, ...]:
-    """What is recorded for a kind of experiment."""
+    """Return the outputs that are recorded for a kind of experiment."""
     needed = (name for figure in measure.figures(kind, model).values() for name in figure.needs)
     return tuple(dict.fromkeys((*needed, *(v.name for v in extension_outputs(model)))))
 
@@ -113,7 +113,7 @@ def _check_same(path: str, found: str, begun: str) -> None:
 
 
 def rows(packed: bytes, indices: Sequence[int], drawn: Array) -> list[Row]:
-    """Rows of samples; `drawn` (indices, factors). The work of a task.
+    """Return the rows of samples, which is the work of a task; `drawn` (indices, factors).
 
     Raises CampaignError where no sample can be run here at all, as without the FMU.
     """

@@ -31,7 +31,7 @@ class Sampler:
         return np.random.default_rng([self._seed, *more])
 
     def draw(self, indices: Sequence[int]) -> Array:
-        """Values (indices, factors), each in its factor's unit. Raises IndexError outside the campaign."""
+        """Return the values (indices, factors), each in its factor's unit. Raises IndexError outside the campaign."""
         if any(not 0 <= i < self._samples for i in indices):
             raise IndexError(f"samples are numbered from 0 to {self._samples - 1}")
         if self._method == "grid":
@@ -55,13 +55,13 @@ class Sampler:
         return np.array([self._generator(i).random(len(self._factors)) for i in indices])
 
     def _sobol(self, indices: Sequence[int]) -> Array:
-        """The engine goes forward only: each point once, in order, then as asked."""
+        """Draw each point once, in order, as the engine goes forward only; return them in the order of `indices`."""
         engine = qmc.Sobol(len(self._factors), scramble=True, rng=self._generator())
-        wanted, places = np.unique(np.asarray(indices), return_inverse=True)
-        found = np.empty((len(wanted), len(self._factors)))
-        for row, index in zip(found, wanted.tolist(), strict=True):
+        ordered, places = np.unique(np.asarray(indices), return_inverse=True)
+        points = np.empty((len(ordered), len(self._factors)))
+        for row, index in zip(points, ordered.tolist(), strict=True):
             if index > engine.num_generated:
                 engine.fast_forward(index - engine.num_generated)
             row[:] = engine.random(1)[0]
         # A scrambled point may have a 0, where a normal distribution has no value.
-        return np.clip(found, 2.0**-53, 1.0 - 2.0**-53)[places]
+        return np.clip(points, 2.0**-53, 1.0 - 2.0**-53)[places]

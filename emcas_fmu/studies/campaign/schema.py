@@ -98,16 +98,16 @@ class Reader:
             self.numbers[name] = unit.limited(written)
 
     def _profiles(self, prefix: str, entries: Any) -> dict[str, Profile]:
-        known = {name: v for name, v in self._inputs.items() if name != COMMAND}
-        return each(_leaves(entries, known), partial(self._profile, prefix, known))
+        inputs = {name: v for name, v in self._inputs.items() if name != COMMAND}
+        return each(_leaves(entries, inputs), partial(self._profile, prefix, inputs))
 
-    def _profile(self, prefix: str, known: Mapping[str, Variable], name: str, entry: Any) -> Profile:
-        if name not in known:
+    def _profile(self, prefix: str, inputs: Mapping[str, Variable], name: str, entry: Any) -> Profile:
+        if name not in inputs:
             what = "the command is that of an experiment" if name == COMMAND else f"there is no input {name!r}"
-            raise ValueError(f"{what}{_elsewhere(name, self.model) or hint(name, known)}; inputs are "
-                             f"{', '.join(known)}")
+            raise ValueError(f"{what}{_elsewhere(name, self.model) or hint(name, inputs)}; inputs are "
+                             f"{', '.join(inputs)}")
         kinds: Iterable[str] = [k for k in PROFILES if k != "spring" or name == LOAD]
-        kind = kind_of(entry, ("constant", "step", "window") if known[name].kind == "Boolean" else kinds)
+        kind = kind_of(entry, ("constant", "step", "window") if inputs[name].kind == "Boolean" else kinds)
         profile = Profile(name, kind, f"{prefix}.{name}")
         self._fields(profile.prefix, entry, PROFILES[kind], name)
         if kind == "window":  # some may be drawn the wrong way round, and are recorded; all may not
@@ -134,7 +134,7 @@ class Reader:
         return replace(written, minimum=-inf, maximum=inf) if field == "amplitude" else written
 
     def _limits(self, name: str, outside: float = 0.0) -> tuple[float, float]:
-        """Between what a number lies, whether it is fixed or drawn."""
+        """Return between what a number lies, whether it is fixed or drawn."""
         if name in self.numbers:
             return float(self.numbers[name]), float(self.numbers[name])
         return next(f for f in self.factors if f.name == name).distribution.limits(outside)
@@ -143,7 +143,7 @@ class Reader:
         if "." in name:
             raise ValueError("a name without dots is needed")
         kind, prefix = kind_of(entry, EXPERIMENTS), f"experiments.{name}"
-        found = self._fields(prefix, entry, EXPERIMENTS[kind], COMMAND,
+        table = self._fields(prefix, entry, EXPERIMENTS[kind], COMMAND,
                              duration=(Annotated[float, PlainValidator(_duration)], 1.0),
                              inputs=(Annotated[Any, PlainValidator(partial(self._profiles, f"{prefix}.inputs"))], {}))
         if kind == "step" and self.numbers.get(f"{prefix}.amplitude") == 0.0:
@@ -152,26 +152,26 @@ class Reader:
             (_, low), (high, _) = (self._limits(f"{prefix}.{side}", MOST_OUTSIDE) for side in ("low", "high"))
             if not low < high:
                 raise ValueError(f"low (up to {low:g} Hz) must be below high (from {high:g} Hz on)")
-        return Experiment(name, kind, found.duration, tuple({**self._common, **found.inputs}.values()))
+        return Experiment(name, kind, table.duration, tuple({**self._common, **table.inputs}.values()))
 
 
-def _leaves(entries: Any, known: Mapping[str, Variable], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Names with dots, quoted or not, with their tables."""
+def _leaves(entries: Any, variables: Mapping[str, Variable], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield names with dots, quoted or not, with their tables."""
     if not isinstance(entries, Mapping):
         raise ValueError("expected a table")
     for key, entry in entries.items():
         name = f"{prefix}{key}"
         nested = isinstance(entry, Mapping) and entry and all(isinstance(e, Mapping) for e in entry.values())
-        if nested and name not in known:
-            yield from _leaves(entry, known, f"{name}.")
+        if nested and name not in variables:
+            yield from _leaves(entry, variables, f"{name}.")
         else:
             yield name, entry
 
 
 def _elsewhere(name: str, model: str) -> str:
-    """What to say of a parameter or input that the actuator with an extension, or another actuator, has."""
-    actuator, there = parts(model)
-    for kind in (*("+".join((actuator, *there, more)) for more in EXTENSIONS if more not in there), *NAMES):
+    """Return what to say of a parameter or input that the actuator with an extension, or another actuator, has."""
+    actuator, extensions = parts(model)
+    for kind in (*("+".join((actuator, *extensions, more)) for more in EXTENSIONS if more not in extensions), *NAMES):
         try:
             chosen = get(kind)
         except EmcasError:  # an extension that does not go with it

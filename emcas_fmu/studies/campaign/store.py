@@ -33,7 +33,7 @@ _MOST_NAMED = 6  # changes told in a refusal
 
 
 def identity(study: Study) -> dict[str, Any]:
-    """All that decides the rows, as JSON: the campaign, base parameters, what runs, the program's version."""
+    """Return all that decides the rows, as JSON: the campaign, base parameters, what runs, the program's version."""
     plan = study.plan
     model = {} if plan.model == NONLINEAR else {"model": plan.actuator.name}
     if plan.model_sha256:
@@ -71,7 +71,7 @@ class Store:
             for left in place.glob(".*.partial"):  # was being written when a run was killed
                 left.unlink()
         if manifest.is_file():
-            _same(manifest, self._identity)
+            _check_same(manifest, self._identity)
             return
         self._parts_folder.mkdir(exist_ok=True)
         text = json.dumps({**self._identity, "text": self._study.text}, indent=1)
@@ -90,14 +90,14 @@ class Store:
         self.close()
 
     def missing(self) -> NDArray[np.int64]:
-        """Indices of the samples there is no row of, ascending."""
+        """Return the indices of the samples there is no row of, ascending."""
         missing = np.ones(self._study.samples, dtype=bool)
         for part in self._parts():
             missing[_read(part, ["index"])["index"].to_numpy()] = False
         return np.flatnonzero(missing)
 
     def write(self, rows: Sequence[Row]) -> Path:
-        """Keep rows as a part of their own: on disk when this returns."""
+        """Write rows as a part of their own: on disk when this returns."""
         # No part can have this name: the first of these rows would be in it.
         name = f"part-{min(row['index'] for row in rows):09d}.parquet"
         sink = pa.BufferOutputStream()
@@ -107,7 +107,7 @@ class Store:
         return _whole(self._parts_folder / name, sink.getvalue())
 
     def table(self) -> pa.Table:
-        """All rows there are, by index, each once."""
+        """Return all rows there are, by index, each once."""
         parts = [_read(part) for part in self._parts()]
         if not parts:
             return self._schema.empty_table()
@@ -174,15 +174,15 @@ def _read(part: Path, names: Sequence[str] | None = None) -> pa.Table:
                             "again") from error
 
 
-def _same(manifest: Path, wanted: Mapping[str, Any]) -> None:
-    """Raise CampaignError where the folder's campaign is not the one wanted, naming what differs."""
+def _check_same(manifest: Path, campaign: Mapping[str, Any]) -> None:
+    """Raise CampaignError where the folder is of another campaign, naming what differs."""
     try:
         document = json.loads(manifest.read_text(encoding="utf-8"))
         document.pop("text")
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise CampaignError(f"{manifest}: is no record of a campaign; name another folder") from error
-    before, now = dict(_flat(document)), dict(_flat(wanted))
-    changed = [f"{name.removeprefix('campaign.')}: {_told(before, name)} then, {_told(now, name)} now"
+    before, now = dict(_flat(document)), dict(_flat(campaign))
+    changed = [f"{name.removeprefix('campaign.')}: {_shown(before, name)} then, {_shown(now, name)} now"
                for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
     if changed:
         more = f"; and {len(changed) - _MOST_NAMED} more" if len(changed) > _MOST_NAMED else ""
@@ -190,7 +190,7 @@ def _same(manifest: Path, wanted: Mapping[str, Any]) -> None:
                             "Restore what changed, or name another folder with --output")
 
 
-def _told(values: Mapping[str, Any], name: str) -> str:
+def _shown(values: Mapping[str, Any], name: str) -> str:
     return repr(values[name]) if name in values else "not given"
 
 

@@ -68,7 +68,7 @@ class Study:
 
 
 def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, model: str | None = None) -> Study:
-    """The campaign of a TOML file (see models/campaign.toml). Raises CampaignError.
+    """Return the campaign of a TOML file (see models/campaign.toml). Raises CampaignError.
 
     `fmu`, and `fin` of a unit of several, counted from 1, replace the file's own, and so does `model`, one of
     :mod:`emcas_fmu.actuators`.
@@ -83,17 +83,19 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, mode
         raise CampaignError(f"{path}: nothing varies; give at least one [vary.\"NAME\"] with a distribution")
     if not reader.experiments:
         raise CampaignError(f"{path}: nothing is done; give at least one [experiments.NAME] with a kind")
-    about = file.campaign
-    plan = Plan(dict(base.values), reader.numbers, tuple(reader.factors), reader.followers,
-                tuple(reader.experiments), about.seed, unit, digest, chosen, base.model, source_sha256(base.model))
-    samples = _samples(path, about, plan.factors)
-    _check_middle(path, plan)
-    return Study(path, text, document, about.method, samples, guid, plan)
+    plan = Plan(dict(base.values), reader.numbers, tuple(reader.factors), reader.followers, tuple(reader.experiments),
+                file.campaign.seed, unit, digest, chosen, base.model, source_sha256(base.model))
+    samples = _samples(path, file.campaign, plan.factors)
+    # With everything at its median the parameters must go together: what does not there seldom does anywhere.
+    values, _ = plan.varied(float(f.distribution.at(0.5)) for f in plan.factors)
+    if problems := check_parameters({v.name: values[v.name] for v in plan.actuator.parameters}, plan.model):
+        raise CampaignError(f"{path}: with everything at its median: {'; '.join(problems)}")
+    return Study(path, text, document, file.campaign.method, samples, guid, plan)
 
 
 def _base(path: Path, entry: _Base, fmu: Path | None, fin: int | None,
           model: str | None) -> tuple[ParameterSet, str, str, str, int]:
-    """Base set, GUID, and of the FMU if one is to run, path, SHA-256 and fin."""
+    """Return base set, GUID, and of the FMU if one is to run, path, SHA-256 and fin."""
     chosen = fin if fin is not None else entry.fin or 1
     kind = _model(path, entry, model)
     # Files are named as seen from the campaign's own, which can then be run from anywhere.
@@ -108,29 +110,29 @@ def _base(path: Path, entry: _Base, fmu: Path | None, fin: int | None,
     if unit.suffix.lower() != ".fmu":
         raise CampaignError(f"{unit}: is no FMU by its name; give a file that ends in .fmu")
     with open_subject(unit, kind, chosen) as subject:
-        about, base = subject.identification, load_parameters(files, model=subject.model)
+        identification, base = subject.identification, load_parameters(files, model=subject.model)
         base = base if files else base.replace(dict(subject.values))
-    return base, about.guid, str(unit.resolve()), about.sha256, chosen
+    return base, identification.guid, str(unit.resolve()), identification.sha256, chosen
 
 
 def _model(path: Path, entry: _Base, given: str | None) -> str | None:
-    """The full name of the model asked for; nothing if none is."""
-    asked = given or entry.model
-    if asked is None:
+    """Return the full name of the model that is given, or that the file names, if any."""
+    model = given or entry.model
+    if model is None:
         return None
-    if given is None and asked.partition("+")[0].endswith(".py"):
-        asked = str(path.parent / asked)
+    if given is None and model.partition("+")[0].endswith(".py"):
+        model = str(path.parent / model)
     try:
-        get(asked)
-        return full_name(asked)
+        get(model)
+        return full_name(model)
     except EmcasError as error:
         where = f"{path}: base.model = " if given is None else "--model "
         raise CampaignError(where + str(error).removeprefix("--model ")) from error
 
 
-def _samples(path: Path, about: _Campaign, factors: tuple[Factor, ...]) -> int:
-    if about.method != "grid":
-        return about.samples or 1000
+def _samples(path: Path, campaign: _Campaign, factors: tuple[Factor, ...]) -> int:
+    if campaign.method != "grid":
+        return campaign.samples or 1000
     for factor in factors:
         if factor.distribution.kind != "choice" or np.ptp(np.diff(factor.distribution.cumulated, prepend=0.0)) > 1e-9:
             raise CampaignError(f"{path}: {factor.name}: a grid needs levels = [...], or low, high and count, without "
@@ -138,14 +140,7 @@ def _samples(path: Path, about: _Campaign, factors: tuple[Factor, ...]) -> int:
     points = prod(len(f.distribution.levels) for f in factors)
     if points > MOST_SAMPLES:
         raise CampaignError(f"{path}: the grid has {points} points; at most {MOST_SAMPLES} can be run")
-    if about.samples not in (None, points):
-        raise CampaignError(f"{path}: campaign.samples = {about.samples}: the grid has {points} points; leave "
+    if campaign.samples not in (None, points):
+        raise CampaignError(f"{path}: campaign.samples = {campaign.samples}: the grid has {points} points; leave "
                             "samples out")
     return points
-
-
-def _check_middle(path: Path, plan: Plan) -> None:
-    """With everything at its median the parameters must go together: what does not there seldom does anywhere."""
-    values, _ = plan.varied(float(f.distribution.at(0.5)) for f in plan.factors)
-    if problems := check_parameters({v.name: values[v.name] for v in plan.actuator.parameters}, plan.model):
-        raise CampaignError(f"{path}: with everything at its median: {'; '.join(problems)}")

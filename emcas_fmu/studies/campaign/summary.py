@@ -89,7 +89,7 @@ class Summary:
 
 
 def summarise(study: Study, table: pa.Table) -> Summary:
-    """The summary of a campaign's rows, some or all."""
+    """Return the summary of a campaign's rows, some or all."""
     good = table.filter(pa.compute.equal(table["status"], OK))
     factors = {f.name: np.asarray(good[f.name].to_numpy(zero_copy_only=False), dtype=float)
                for f in study.plan.factors}
@@ -130,7 +130,7 @@ def _spread(name: str, figure: Figure, values: Array, index: Array, factors: Map
 
 
 def sensitivities(figure: Array, factors: Mapping[str, Array]) -> tuple[float, tuple[Effect, ...]]:
-    """Share of the variance a linear fit explains, and how the figure (n) goes with each factor (n).
+    """Return the share of the variance a linear fit explains, and how the figure (n) goes with each factor (n).
 
     Ranks use every sample (infinite ones are beyond the rest); the fit those with a figure. A factor or figure
     that does not vary has none. The interval of a rank correlation is Fisher's, with the variance of Bonett and
@@ -156,7 +156,7 @@ def _interval(rank: float, n: int) -> tuple[float, float]:
 
 
 def _regression(figure: Array, factors: Mapping[str, Array]) -> tuple[list[float], list[float], float]:
-    """Standardised coefficients, their standard errors and the share of variance explained, by least squares."""
+    """Return standardised coefficients, their standard errors and the share of variance explained, by least squares."""
     has = np.isfinite(figure)
     x, y = np.column_stack([column[has] for column in factors.values()]), figure[has]
     n, count = x.shape
@@ -164,14 +164,14 @@ def _regression(figure: Array, factors: Mapping[str, Array]) -> tuple[list[float
     if n < count + 3 or np.ptp(y) == 0.0 or np.any(np.ptp(x, axis=0) == 0.0):
         return nothing, nothing, nan
     x, y = (x - x.mean(axis=0)) / x.std(axis=0), (y - y.mean()) / y.std()
-    found, *_ = np.linalg.lstsq(x, y)
-    left = float(np.sum((y - x @ found) ** 2))
+    coefficients, *_ = np.linalg.lstsq(x, y)
+    left = float(np.sum((y - x @ coefficients) ** 2))
     errors = np.sqrt(left / (n - count - 1) * np.diag(np.linalg.pinv(x.T @ x)))
-    return found.tolist(), errors.tolist(), 1.0 - left / n
+    return coefficients.tolist(), errors.tolist(), 1.0 - left / n
 
 
 def text(figure: Figure, value: float) -> str:
-    """A figure for people, without its unit; what lies beyond all that was found is told so."""
+    """Return a figure for people, without its unit; one beyond all of the samples in words."""
     if isfinite(value):
         return f"{value * shown(figure.unit)[1]:.4g}"
     if value * figure.bad > 0.0:
