@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from junitparser import TestCase
 from pydantic import BeforeValidator, Field, PlainValidator, PrivateAttr, ValidationInfo
 from rich.markup import escape
 from rich.table import Column
@@ -26,7 +27,7 @@ from ..schema import In, Table, each, load, named
 from .excitation import Excitation, reference_case, step_to
 from .metrics import ACCURACY, held_error, motion, sweep_response, unit_of
 from .subject import Run
-from .writers import Case, number
+from .writers import junit_case, number
 
 Sense = Literal["<=", ">="]
 Runs = Mapping[str, Run]
@@ -71,10 +72,10 @@ class Judged:
         """Whether the limit is kept; never true of a figure that is missing or not a number."""
         return self.margin is not None and bool(self.margin >= 0.0)
 
-    def test_case(self, classname: str, time: float = 0.0) -> Case:
+    def junit_case(self, classname: str, time: float = 0.0) -> TestCase:
         """Return the requirement as a test case; `time` [s] is what its run took."""
-        return Case(self.name, classname, "" if self.passed else str(self), self.note if self.skipped else "",
-                    time=time)
+        return junit_case(self.name, classname, "" if self.passed else str(self), self.note if self.skipped else "",
+                         time=time)
 
     def __str__(self) -> str:
         measured = "no value" if self.measured is None else f"{self.measured:.4g} {self.unit}"

@@ -42,7 +42,7 @@ def write_junit(result: Result, path: Path) -> None:
     """Write one test case a criterion."""
     wall = {case.name: case.wall_time for case in result.cases}
     writers.write_junit("emcas validate", {
-        title: [j.test_case(f"emcas.{group}", wall.get(j.name, 0.0)) for j in judged]
+        title: [j.junit_case(f"emcas.{group}", wall.get(j.name, 0.0)) for j in judged]
         for group, title, judged in (("trajectory", "trajectory against the reference", result.trajectory),
                                      ("table2", "requirements of Table 2", result.table2))}, path)
 
