@@ -42,9 +42,8 @@ def report(
     from ..bench.subject import open_subject
     from ..bench.verdict import load_requirements
     from ..reference.cases import LOAD
-    from ..studies.report.output import write_json, write_junit, write_report
+    from ..studies.report.output import summary, write_json, write_junit, write_report
     from ..studies.report.study import carry_out
-    from ..studies.report.summary import summary
 
     with common.failures():
         common.check_outputs(output, as_json, junit, inputs=(article, *(parameters or ()), requirements, mission))

@@ -30,9 +30,8 @@ def validate(
     """Run a model on every reference case and judge it by the reference, where there is one of its actuator, and by
     the thesis's Table 2."""
     from ..bench.subject import open_subject
-    from ..studies.validate.output import write_json, write_junit, write_report
+    from ..studies.validate.output import summary, write_json, write_junit, write_report
     from ..studies.validate.study import validate as run
-    from ..studies.validate.summary import summary
 
     with common.failures():
         common.check_outputs(as_json, junit, report, inputs=(fmu, directory))
