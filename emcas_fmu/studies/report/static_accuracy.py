@@ -12,7 +12,6 @@ from ...bench.verdict import HOLD
 from .outcome import Outcome, Quantity
 from .rig import Rig
 
-NAME = "static_accuracy"
 INTERVALS = 8  # of the range
 CYCLES = 5
 STEP = 0.02  # s, of the outputs: only what is held is looked at

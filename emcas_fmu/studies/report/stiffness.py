@@ -12,7 +12,6 @@ from ...bench.metrics import breakaway, fundamental, held
 from .outcome import Array, Outcome, Quantity, Value
 from .rig import Rig
 
-NAME = "dynamic_stiffness"
 FREQUENCIES = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)  # Hz
 CYCLES, SETTLE = 6.0, (4.0, 0.5)  # cycles fitted; cycles, and at least s, before them
 RAMP = 5.0  # s in which the breakaway ramp reaches the rated load
