@@ -52,26 +52,25 @@ class StoppedError(EmcasError):
 
 @dataclass(frozen=True)
 class Identification:
-    """What was tested: nothing in it depends on where or when the test is run."""
+    """What was tested: nothing in it depends on where or when the test is run.
+
+    `kind` is `FMU` or `parameter set`; `sha256` is of the file, empty for the shipped parameters; a parameter set has
+    no `guid`. `differences` are parameters that differ from the shipped ones, `estimates` those that rest on an
+    engineering estimate. `fin`, from 1 on, is of an FMU.
+    """
 
     kind: str
-    """`FMU` or `parameter set`."""
     file: str
     sha256: str
-    """Of the file; empty for the shipped parameters."""
     name: str
     guid: str
-    """Empty for a parameter set."""
     generation_tool: str
     parameters_sha256: str
     run_by: str
     differences: tuple[str, ...]
-    """Parameters that differ from the shipped ones."""
     estimates: tuple[str, ...]
-    """Parameters that rest on an engineering estimate."""
     model: str = NONLINEAR
     fin: int | None = None
-    """From 1 on, of an FMU."""
 
 
 @dataclass(frozen=True)

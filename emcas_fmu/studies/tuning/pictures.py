@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from math import degrees
+from typing import Any
 
 import numpy as np
 
@@ -14,28 +15,22 @@ from .measure import Test, response
 from .optimise import Result
 from .pareto import Conflict, shares
 
+_LEVEL: Mapping[str, Any] = {"color": VERMILLION, "linewidth": 0.7, "linestyle": "--"}
 _SHOWN = 1.0  # s of a response, at most: past any settling of use
 
 
 def drawings(result: Result, found: Conflict | None) -> Iterator[Drawing]:
     """Draw every picture the result has something for."""
-    if drawn := responses(result):
-        yield drawn
+    if moves := list(dict.fromkeys(r.test for r in result.study.requirements if r.test.kind in ("step", "slew"))):
+        yield responses(result, moves)
     yield search(result)
     if found is not None:
         yield trade(result, found)
 
 
-def responses(result: Result) -> Drawing | None:
-    """Draw every step and slew of the study, in every case, with the gains begun with and those found."""
-    moves: list[Test] = []
-    for r in result.study.requirements:
-        if r.test.kind in ("step", "slew") and r.test not in moves:
-            moves.append(r.test)
-    if not moves:
-        return None
-    subject = ParameterSubject(result.study.base)
-    columns = 2 if len(moves) > 1 else 1
+def responses(result: Result, moves: Sequence[Test]) -> Drawing:
+    """Draw steps and slews in every case, with the gains begun with and those found."""
+    subject, columns = ParameterSubject(result.study.base), min(len(moves), 2)
     drawn, grid = figure(-(-len(moves) // columns), columns, width=10.0, height=2.6)
     for axes, test in zip(grid.flat, moves, strict=False):
         for gains, color, label in ((result.before.gains, GRAY, "before"), (result.best.gains, BLUE, "tuned")):
@@ -47,7 +42,7 @@ def responses(result: Result) -> Drawing | None:
                 shown = (time > -0.03) & (time <= min(test.duration, _SHOWN))
                 axes.plot(time[shown] * 1e3, np.degrees(run.columns["fin_angle"][shown]), color=color, linewidth=0.9,
                           alpha=0.8, label=label if case is result.study.cases[0] else None)
-        axes.axhline(degrees(test.amplitude), color=VERMILLION, linewidth=0.7, linestyle="--")
+        axes.axhline(degrees(test.amplitude), **_LEVEL)
         load = f", {test.torque:+g} N.m" if test.torque else ""
         axes.set_title(f"{test.kind} to {degrees(test.amplitude):g} deg{load}")
         axes.set(xlabel="time / ms", ylabel="fin angle / deg")
@@ -87,8 +82,8 @@ def trade(result: Result, found: Conflict) -> Drawing:
     axes.plot([p[0] for p in inside], [p[1] for p in inside], ".-", color=GREEN, label="none is better in both")
     best = shares([result.best], found.first, found.second)[0]
     axes.plot(*best, "o", color=BLUE, label="found")
-    axes.axvline(1.0, color=VERMILLION, linewidth=0.7, linestyle="--")
-    axes.axhline(1.0, color=VERMILLION, linewidth=0.7, linestyle="--")
+    axes.axvline(1.0, **_LEVEL)
+    axes.axhline(1.0, **_LEVEL)
     axes.set(xlabel=f"{found.first} / limit", ylabel=f"{found.second} / limit")
     axes.legend(loc="upper right")
     return Drawing(
