@@ -157,8 +157,8 @@ def _result(subject: Subject, folder: Path, cases: Sequence[stored.Stored], seri
     findings = (*claims.claims(comparisons), *claims.accuracy(runs))
     notes += _notes(subject, [case for case in cases if series[case.name].exact], series)
     return Result(subject.identification, dict(subject.values), tuple(_differences(subject)),
-                  str(folder) if trajectory else "",
-                  tuple(results), trajectory, tuple(verdict.judge_table2(runs)), comparisons, findings, tuple(notes), series, linear)
+                  str(folder) if trajectory else "", tuple(results), trajectory, tuple(verdict.judge_table2(runs)),
+                  comparisons, findings, tuple(notes), series, linear)
 
 
 def _linear_name(amplitude: float) -> str:
