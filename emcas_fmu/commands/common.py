@@ -106,10 +106,10 @@ def check_outputs(*files: Path | None, folders: Iterable[Path] = (), inputs: Ite
     taken: set[Path] = set()
     for path in filter(None, files):
         with _refused(path):
-            target, there = path.resolve(), path.exists()
+            target, exists = path.resolve(), path.exists()
             if path.is_dir():
                 raise EmcasError(f"{path}: is a folder; give a file to write to")
-            if there and not path.is_file():  # the terminal, a pipe
+            if exists and not path.is_file():  # the terminal, a pipe
                 continue
             if any(target == source or (source.is_dir() and source in target.parents) for source in read):
                 raise EmcasError(f"{path}: is read by this command and would be overwritten; write to another file")
@@ -122,7 +122,7 @@ def check_outputs(*files: Path | None, folders: Iterable[Path] = (), inputs: Ite
                 raise EmcasError(f"{path}: there is no folder {path.parent}; make it first")
             with path.open("ab"):
                 pass
-            if not there:
+            if not exists:
                 target.unlink()
 
 

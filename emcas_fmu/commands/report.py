@@ -67,8 +67,8 @@ def report(
         raise typer.Exit(1)
 
 
-def _date(written: str) -> str:
+def _date(text: str) -> str:
     try:
-        return calendar.fromisoformat(written).isoformat()
+        return calendar.fromisoformat(text).isoformat()
     except ValueError as error:
-        raise EmcasError(f"--date {written}: expected a date such as 2026-03-31") from error
+        raise EmcasError(f"--date {text}: expected a date such as 2026-03-31") from error

@@ -19,13 +19,13 @@ _LEVEL: Mapping[str, Any] = {"color": VERMILLION, "linewidth": 0.7, "linestyle":
 _SHOWN = 1.0  # s of a response, at most: past any settling of use
 
 
-def drawings(result: Result, found: Conflict | None) -> Iterator[Drawing]:
+def drawings(result: Result, conflict: Conflict | None) -> Iterator[Drawing]:
     """Draw every picture the result has something for."""
     if moves := list(dict.fromkeys(r.test for r in result.study.requirements if r.test.kind in ("step", "slew"))):
         yield responses(result, moves)
     yield search(result)
-    if found is not None:
-        yield trade(result, found)
+    if conflict is not None:
+        yield trade(result, conflict)
 
 
 def responses(result: Result, moves: Sequence[Test]) -> Drawing:
@@ -72,21 +72,21 @@ def search(result: Result) -> Drawing:
                                     "not.")
 
 
-def trade(result: Result, found: Conflict) -> Drawing:
+def trade(result: Result, conflict: Conflict) -> Drawing:
     """Draw what one requirement costs another: shares of both limits, and the sets none beats in both."""
     drawn, ((axes,),) = figure(1, 1, width=6.0, height=3.6)
-    points = np.array(shares(result.evaluated, found.first, found.second))
+    points = np.array(shares(result.evaluated, conflict.first, conflict.second))
     near = points[(points < min(HOPELESS, 3.0)).all(axis=1)]
     axes.plot(near[:, 0], near[:, 1], ".", color=GRAY, markersize=2.5)
-    inside = [p for p in found.front if max(p) < 3.0]
+    inside = [p for p in conflict.front if max(p) < 3.0]
     axes.plot([p[0] for p in inside], [p[1] for p in inside], ".-", color=GREEN, label="none is better in both")
-    best = shares([result.best], found.first, found.second)[0]
+    best = shares([result.best], conflict.first, conflict.second)[0]
     axes.plot(*best, "o", color=BLUE, label="found")
     axes.axvline(1.0, **_LEVEL)
     axes.axhline(1.0, **_LEVEL)
-    axes.set(xlabel=f"{found.first} / limit", ylabel=f"{found.second} / limit")
+    axes.set(xlabel=f"{conflict.first} / limit", ylabel=f"{conflict.second} / limit")
     axes.legend(loc="upper right")
     return Drawing(
         "What one costs the other", drawn,
-        f"{found.first} and {found.second} as shares of their limits, worst case each (rank correlation near the best "
-        f"{found.correlation:.2f}); below and left of the dashed lines both are met.")
+        f"{conflict.first} and {conflict.second} as shares of their limits, worst case each (rank correlation near the "
+        f"best {conflict.correlation:.2f}); below and left of the dashed lines both are met.")
