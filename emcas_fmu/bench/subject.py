@@ -23,7 +23,6 @@ import fmpy
 import numpy as np
 from fmpy.fmi1 import FMICallException
 from fmpy.simulation import apply_start_values
-from numpy.typing import NDArray
 
 from ..actuators import NONLINEAR, full_name, get
 from ..actuators.declaration import Actuator
@@ -33,12 +32,11 @@ from ..ops.floats import FLOATS
 from ..parameters import ParameterError, ParameterSet, check_parameters, load_parameters
 from ..reference.files import parameters_hash
 from ..runtime import codegen, compiled
-from ..simulation import respond
+from ..simulation import Array, respond
 from ..variables import Variable
 from .excitation import LOAD, Excitation
 from .fmu import OpenedFmu, chosen_model, opened
 
-Array = NDArray[np.floating[Any]]
 Columns = Mapping[str, Array]
 
 COMMAND_RANGE = radians(20.0)  # Table 2's; of an actuator that does not say its own
