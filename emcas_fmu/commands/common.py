@@ -35,6 +35,9 @@ def model_option(what: str, more: str = "") -> Any:
 
 
 ModelOption = Annotated[str, model_option("Which actuator")]
+SubjectArgument = Annotated[Path | None, typer.Argument(
+    help="FMU (.fmu) or parameter file (.toml); the shipped parameters unless given.", metavar="[FMU|TOML]",
+    show_default=False)]
 SubjectModelOption = Annotated[str | None, model_option(
     "Which actuator a parameter file is of", " Unless given, nonlinear; an FMU tells it by its name.")]
 ParametersOption = Annotated[list[Path] | None, typer.Option(

@@ -18,9 +18,7 @@ EPILOG = ("Examples:\n\n  emcas report\n\n  emcas report EMCAS.fmu --output repo
 
 
 def report(
-    article: Annotated[Path | None, typer.Argument(help="FMU (.fmu) or parameter file (.toml); the shipped parameters "
-                                                        "unless given.", metavar="[FMU|TOML]",
-                                                   show_default=False)] = None,
+    article: common.SubjectArgument = None,
     parameters: common.ParametersOption = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Page to write.",
                                          metavar="FILE.html")] = Path("report.html"),
