@@ -51,7 +51,7 @@ def write_junit(name: str, suites: Mapping[str, Iterable[TestCase]], path: Path)
         suite = TestSuite(title)
         suite.add_testcases(list(cases))
         document.add_testsuite(suite)
-    document.update_statistics()
+    document.update_statistics()  # type: ignore[no-untyped-call]
     document.write(str(path), pretty=True)
 
 
