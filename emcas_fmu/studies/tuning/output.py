@@ -14,7 +14,6 @@ from ...parameters import file_entry, write_parameters
 from ...plots import pictures
 from .evaluate import Evaluation
 from .optimise import Result
-from .pareto import conflict
 from .pictures import drawings
 
 
@@ -86,4 +85,4 @@ def write_report(result: Result, path: Path, command: str, pair: tuple[str, str]
         path, "studies/tuning/page.html.j2", result=result, command=command, verdict=verdict(result), shown=shown,
         by_case=by_case, rows=list(zip(rows(result, result.best), rows(result, result.before), strict=True)),
         units={e.variable.name: e.variable.unit for e in result.study.base.entries},
-        pictures=pictures(drawings(result, conflict(result.evaluated, pair))))
+        pictures=pictures(drawings(result, pair)))
