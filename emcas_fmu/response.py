@@ -50,33 +50,30 @@ class Response:
     @cached_property
     def fins(self) -> tuple[Run, ...]:
         """Each fin's run, under the names of a single actuator, judged from 0 on; its command is the mixed one."""
-        inputs, outputs = self.unit.actuator.inputs, self.unit.actuator.outputs
+        return tuple(self._run(fin) for fin in range(self.unit.fins))
 
-        def of(fin: int, variables: Sequence[Variable], columns: Columns) -> dict[str, Any]:
+    def _run(self, fin: int) -> Run:
+        def of_fin(variables: Sequence[Variable], columns: Columns) -> dict[str, Any]:
             names = {v.name: self.unit.name(v.name, fin) for v in variables}
             return {name: columns[full] for name, full in names.items() if full in columns}
 
-        def excited(fin: int) -> Excitation:
-            given = of(fin, inputs, self.excitation.columns)
-            mixing = [self.excitation.columns.get(v.name) for v in MIXING]
-            if any(column is not None for column in mixing):
-                given[COMMAND] = fin_port.mixed_command(
-                    FLOATS, self.sets[fin].nested(), given.get(COMMAND, np.zeros(len(self.time))),
-                    *(0.0 if column is None else column for column in mixing))
-            return replace(self.excitation, columns=given, begin=0.0)
-
-        return tuple(Run(excited(fin), {"time": self.time, **of(fin, outputs, self.columns)}, None, (), 0.0)
-                     for fin in range(self.unit.fins))
+        inputs = of_fin(self.unit.actuator.inputs, self.excitation.columns)
+        if any(v.name in self.excitation.columns for v in MIXING):
+            inputs[COMMAND] = fin_port.mixed_command(
+                FLOATS, self.sets[fin].nested(), inputs.get(COMMAND, np.zeros(len(self.time))),
+                *(self.excitation.columns.get(v.name, 0.0) for v in MIXING))
+        return Run(replace(self.excitation, columns=inputs, begin=0.0),
+                   {"time": self.time, **of_fin(self.unit.actuator.outputs, self.columns)}, None, (), 0.0)
 
     @cached_property
     def bus(self) -> Mapping[str, float]:
         """Figures of the bus of several fins, units in the names."""
         if not self.unit.bus_outputs:
             return {}
-        drawn = metrics.usage(Run(self.excitation, {"time": self.time, "supply_power": self.columns["supply_power"]},
-                                  None, (), 0.0))
+        power = Run(self.excitation, {name: self.columns[name] for name in ("time", "supply_power")}, None, (), 0.0)
         return {"lowest_bus_voltage_v": float(np.min(self.columns["bus_voltage"])),
-                "peak_bus_current_a": float(np.max(np.abs(self.columns["bus_current"]))), **metrics.displayed(drawn)}
+                "peak_bus_current_a": float(np.max(np.abs(self.columns["bus_current"]))),
+                **metrics.displayed(metrics.usage(power))}
 
     @property
     def extension_outputs(self) -> tuple[Variable, ...]:

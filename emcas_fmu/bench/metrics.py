@@ -393,10 +393,10 @@ def bidirectional(below: Array, above: Array) -> Bidirectional:
     controlled axes". A target that has no approach from one side has nan there.
     """
     errors = np.stack([below, above])  # side, target, cycle
-    known = ~np.isnan(errors).all(axis=2)
-    means, spreads = np.full(known.shape, np.nan), np.full(known.shape, np.nan)
-    means[known] = errors[known].mean(axis=1)
-    spreads[known] = errors[known].std(axis=1, ddof=1) if errors.shape[2] > 1 else 0.0
+    approached = ~np.isnan(errors).all(axis=2)
+    means, spreads = np.full(approached.shape, np.nan), np.full(approached.shape, np.nan)
+    means[approached] = errors[approached].mean(axis=1)
+    spreads[approached] = errors[approached].std(axis=1, ddof=1) if errors.shape[2] > 1 else 0.0
     reversal = means[0] - means[1]
     both = ~np.isnan(reversal)
     return Bidirectional(

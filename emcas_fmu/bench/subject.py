@@ -9,10 +9,11 @@ from __future__ import annotations
 import hashlib
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import groupby
 from math import radians
 from pathlib import Path
 from time import perf_counter
@@ -21,7 +22,7 @@ from typing import Any
 import fmpy
 import numpy as np
 from fmpy.fmi1 import FMICallException
-from numpy.typing import NDArray
+from fmpy.simulation import apply_start_values
 
 from ..actuators import NONLINEAR, full_name, get
 from ..actuators.declaration import Actuator
@@ -31,13 +32,12 @@ from ..ops.floats import FLOATS
 from ..parameters import ParameterSet, load_parameters, require_sound
 from ..reference.files import parameters_hash
 from ..runtime import codegen, compiled
-from ..simulation import respond
+from ..simulation import Array, respond
 from ..variables import Variable
 from .excitation import LOAD, Excitation
 from .fmu import OpenedFmu, chosen_model, opened
 from .metrics import Figure
 
-Array = NDArray[np.floating[Any]]
 Columns = Mapping[str, Array]
 
 COMMAND_RANGE = radians(20.0)  # Table 2's; of an actuator that does not say its own
@@ -51,26 +51,25 @@ class StoppedError(EmcasError):
 
 @dataclass(frozen=True)
 class Identification:
-    """What was tested: nothing in it depends on where or when the test is run."""
+    """What was tested: nothing in it depends on where or when the test is run.
+
+    `kind` is `FMU` or `parameter set`; `sha256` is of the file, empty for the shipped parameters; a parameter set has
+    no `guid`. `differences` are parameters that differ from the shipped ones, `estimates` those that rest on an
+    engineering estimate. `fin`, from 1 on, is of an FMU.
+    """
 
     kind: str
-    """`FMU` or `parameter set`."""
     file: str
     sha256: str
-    """Of the file; empty for the shipped parameters."""
     name: str
     guid: str
-    """Empty for a parameter set."""
     generation_tool: str
     parameters_sha256: str
     run_by: str
     differences: tuple[str, ...]
-    """Parameters that differ from the shipped ones."""
     estimates: tuple[str, ...]
-    """Parameters that rest on an engineering estimate."""
     model: str = NONLINEAR
     fin: int | None = None
-    """From 1 on, of an FMU."""
 
 
 @dataclass(frozen=True)
@@ -267,6 +266,26 @@ def _sprung(values: Mapping[str, Any], model: str, table: Array, step: float, sp
     return {"time": np.arange(len(rows)) * step, **{v.name: columns[i] for i, v in enumerate(outputs)}}
 
 
+class _Recorder:
+    """Values of variables of an FMU, a row for each time they are read."""
+
+    def __init__(self, fmu: Any, variables: Sequence[Variable], references: Mapping[str, int]) -> None:
+        self.rows: list[list[Any]] = []
+        self._variables, self._getters = sorted(variables, key=lambda v: v.kind), []
+        for kind, group in groupby(self._variables, key=lambda v: v.kind):
+            get_values = getattr(fmu, f"get{'Integer' if kind == 'Enumeration' else kind}")
+            self._getters.append((get_values, [references[v.name] for v in group]))
+
+    def sample(self) -> None:
+        """Read the variables."""
+        self.rows.append([value for get_values, references in self._getters for value in get_values(references)])
+
+    def columns(self, count: int) -> dict[str, Array]:
+        """Return the first `count` values of each variable."""
+        table = np.array(self.rows, dtype=float).reshape(len(self.rows), len(self._variables))[:count]
+        return {v.name: table[:, i] for i, v in enumerate(self._variables)}
+
+
 class FmuSubject(Subject):
     """An FMU, run by fmpy: one instance, reset between runs and made anew after one that failed."""
 
@@ -301,59 +320,55 @@ class FmuSubject(Subject):
         if changes:  # an FMU refuses, too, in words of its own or by not stepping
             _check({**self.values, **changes}, self.model)
         self._messages.clear()
-        rows: list[list[float]] = []
-        between: list[list[float]] = []
+        if self._instance is None:
+            self._instance = self.unit.instance(self._log)
+        else:
+            self._instance.reset()
+        at_rows, at_steps = (_Recorder(self._instance, [self.outputs[name] for name in group], self.unit.references)
+                             for group in (names, fine))
         complete = True
         try:
-            self._follow(excitation, changes, substeps, names, rows, fine, between)
+            self._follow(self._instance, excitation, changes, substeps, at_rows, at_steps)
         except FMICallException as error:
             if not self._messages:  # what the FMU says tells more
                 self._messages.append(str(error))
             self.close()
             complete = False
-        table = np.array(rows, dtype=float).reshape(len(rows), len(names))
-        columns = {"time": np.arange(len(rows)) * substeps * (excitation.step / substeps),
-                   **{name: table[:, i] for i, name in enumerate(names)}}
+        count = len(at_rows.rows)
+        recorded = at_rows.columns(count) | at_steps.columns((count - 1) * substeps + 1)
+        columns = {"time": np.arange(count) * substeps * (excitation.step / substeps),
+                   **{name: recorded[name] for name in names}}
         stopped = None if complete else float(np.max(columns["time"], initial=0.0))
-        if fine and substeps > 1 and rows:
-            whole = np.array(between[:(len(rows) - 1) * (substeps - 1)], dtype=float)
-            inside = whole.reshape(-1, substeps - 1, len(fine))
-            for i, name in enumerate(fine):
-                steps = np.column_stack([columns[name][:-1], inside[:, :, i]])
-                columns[name] = np.append(steps, columns[name][-1])
         return Run(excitation, columns, stopped, tuple(self._messages), perf_counter() - begin)
 
-    def _follow(self, excitation: Excitation, changes: Mapping[str, Any], substeps: int, names: Sequence[str],
-                rows: list[list[float]], fine: Sequence[str], between: list[list[float]]) -> None:
-        """Step through an excitation; append the outputs `names` at its `rows` and those that are `fine` `between`.
+    def _follow(self, fmu: Any, excitation: Excitation, changes: Mapping[str, Any], substeps: int, at_rows: _Recorder,
+                at_steps: _Recorder) -> None:
+        """Step through an excitation, recording at its rows and at every one of their `substeps`.
 
         Raises FMICallException where the FMU goes no further.
         """
-        if self._instance is None:
-            self._instance = self.unit.instance(self._log)
-        else:
-            self._instance.reset()
-        fmu, references, step = self._instance, self.unit.references, excitation.step / substeps
-        kinds = {v.name: v.kind for v in (*self.actuator.parameters, *self.inputs.values())}
+        references, step = self.unit.references, excitation.step / substeps
         started = {v.name: changes[v.key] for v in self.inputs.values() if v.key and v.key in changes}
-        for name, value in {**changes, **started}.items():
-            if name in references:  # the start of an input goes by another name in a parameter file
-                _set(fmu, kinds[name], references[name], value)
-        columns = [(kinds[name], references[name], column.tolist()) for name, column in excitation.columns.items()]
+        apply_start_values(fmu, self.unit.description, {
+            self.unit.names[name]: value for name, value in {**changes, **started}.items()
+            if name in references})  # the start of an input goes by another name in a parameter file
+        setters = {"Real": (fmu.setReal, float), "Boolean": (fmu.setBoolean, bool), "Integer": (fmu.setInteger, int)}
+        columns = [(setters[self.inputs[name].kind][0], references[name],
+                    column.astype(setters[self.inputs[name].kind][1]).tolist())
+                   for name, column in excitation.columns.items()]
         moment = excitation.columns.get(LOAD, np.zeros(len(excitation.time)))
-        read, read_fine = (_reader(fmu, [(self.outputs[name].kind, references[name]) for name in group])
-                           for group in (names, fine))
         fmu.setupExperiment(startTime=0.0)
 
         def apply(k: int) -> None:
-            for kind, reference, column in columns:
+            for set_values, reference, column in columns:
                 if k == 0 or column[k] != column[k - 1]:
-                    _set(fmu, kind, reference, column[k])
+                    set_values([reference], [column[k]])
 
         apply(0)
         fmu.enterInitializationMode()
         fmu.exitInitializationMode()
-        rows.append(read())
+        at_rows.sample()
+        at_steps.sample()
         for k in range(len(excitation.time) - 1):
             if k:
                 apply(k)
@@ -361,10 +376,9 @@ class FmuSubject(Subject):
                 (angle,) = fmu.getReal([references["fin_angle"]])
                 fmu.setReal([references[LOAD]], [float(moment[k]) - excitation.spring * angle])
             for now in range(k * substeps, (k + 1) * substeps):
-                if now > k * substeps:
-                    between.append(read_fine())
                 fmu.doStep(now * step, (now + 1) * step - now * step)
-            rows.append(read())
+                at_steps.sample()
+            at_rows.sample()
         fmu.terminate()
 
     def _log(self, _component: Any, _instance: bytes, status: int, _category: bytes, message: bytes) -> None:
@@ -377,33 +391,6 @@ class FmuSubject(Subject):
         instance, self._instance = self._instance, None
         if instance is not None:
             instance.freeInstance()
-
-
-def _set(fmu: Any, kind: str, reference: int, value: Any) -> None:
-    if kind == "Real":
-        fmu.setReal([reference], [float(value)])
-    elif kind == "Boolean":
-        fmu.setBoolean([reference], [bool(value)])
-    else:
-        fmu.setInteger([reference], [int(value)])
-
-
-def _reader(fmu: Any, variables: Sequence[tuple[str, int]]) -> Callable[[], list[float]]:
-    """Return a function that gives the values of variables, each of a kind and a reference, in their order."""
-    getters = []
-    for kinds, get_values in ((("Real",), fmu.getReal), (("Boolean",), fmu.getBoolean),
-                              (("Integer", "Enumeration"), fmu.getInteger)):
-        if places := [i for i, (kind, _) in enumerate(variables) if kind in kinds]:
-            getters.append((places, [variables[i][1] for i in places], get_values))
-
-    def read() -> list[float]:
-        row = [0.0] * len(variables)
-        for places, references, get_values in getters:
-            for place, value in zip(places, get_values(references), strict=True):
-                row[place] = float(value)
-        return row
-
-    return read
 
 
 def _check(values: Mapping[str, Any], model: str) -> None:

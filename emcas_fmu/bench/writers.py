@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from functools import cache
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
-import junitparser
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+from junitparser import Failure, JUnitXml, Skipped, TestCase, TestSuite
 
 from .. import __version__
 
@@ -34,30 +33,23 @@ def write_json(document: Mapping[str, Any], path: Path) -> None:
     path.write_text(text + "\n", encoding="utf-8", newline="\n")
 
 
-@dataclass(frozen=True)
-class Case:
-    """A test case: `failed` and `skipped` say why it is; `kind` is the failure's type, `time` [s]."""
+def junit_case(name: str, classname: str, failed: str = "", skipped: str = "", kind: str = "limit missed",
+               time: float = 0.0) -> TestCase:
+    """Return a test case: `failed` and `skipped` say why it is; `kind` is the failure's type, `time` [s]."""
+    case = TestCase(name, classname, time)
+    if skipped:
+        case.result = [Skipped(skipped)]
+    elif failed:
+        case.result = [Failure(failed, kind)]
+    return case
 
-    name: str
-    classname: str
-    failed: str = ""
-    skipped: str = ""
-    kind: str = "limit missed"
-    time: float = 0.0
 
-
-def write_junit(name: str, suites: Mapping[str, Iterable[Case]], path: Path) -> None:
+def write_junit(name: str, suites: Mapping[str, Iterable[TestCase]], path: Path) -> None:
     """Write suites of test cases by title, for continuous integration."""
-    document = junitparser.JUnitXml(name)
+    document = JUnitXml(name)
     for title, cases in suites.items():
-        suite = junitparser.TestSuite(title)
-        for case in cases:
-            test = junitparser.TestCase(case.name, case.classname, case.time)
-            if case.skipped:
-                test.result = [junitparser.Skipped(case.skipped)]
-            elif case.failed:
-                test.result = [junitparser.Failure(case.failed, case.kind)]
-            suite.add_testcase(test)
+        suite = TestSuite(title)
+        suite.add_testcases(list(cases))
         document.add_testsuite(suite)
     document.update_statistics()  # type: ignore[no-untyped-call]
     document.write(str(path), pretty=True)

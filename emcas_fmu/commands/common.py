@@ -35,6 +35,9 @@ def model_option(what: str, more: str = "") -> Any:
 
 
 ModelOption = Annotated[str, model_option("Which actuator")]
+SubjectArgument = Annotated[Path | None, typer.Argument(
+    help="FMU (.fmu) or parameter file (.toml); the shipped parameters unless given.", metavar="[FMU|TOML]",
+    show_default=False)]
 SubjectModelOption = Annotated[str | None, model_option(
     "Which actuator a parameter file is of", " Unless given, nonlinear; an FMU tells it by its name.")]
 ParametersOption = Annotated[list[Path] | None, typer.Option(
@@ -106,10 +109,10 @@ def check_outputs(*files: Path | None, folders: Iterable[Path] = (), inputs: Ite
     taken: set[Path] = set()
     for path in filter(None, files):
         with _refused(path):
-            target, there = path.resolve(), path.exists()
+            target, exists = path.resolve(), path.exists()
             if path.is_dir():
                 raise EmcasError(f"{path}: is a folder; give a file to write to")
-            if there and not path.is_file():  # the terminal, a pipe
+            if exists and not path.is_file():  # the terminal, a pipe
                 continue
             if any(target == source or (source.is_dir() and source in target.parents) for source in read):
                 raise EmcasError(f"{path}: is read by this command and would be overwritten; write to another file")
@@ -122,7 +125,7 @@ def check_outputs(*files: Path | None, folders: Iterable[Path] = (), inputs: Ite
                 raise EmcasError(f"{path}: there is no folder {path.parent}; make it first")
             with path.open("ab"):
                 pass
-            if not there:
+            if not exists:
                 target.unlink()
 
 

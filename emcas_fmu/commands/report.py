@@ -18,9 +18,7 @@ EPILOG = ("Examples:\n\n  emcas report\n\n  emcas report EMCAS.fmu --output repo
 
 
 def report(
-    article: Annotated[Path | None, typer.Argument(help="FMU (.fmu) or parameter file (.toml); the shipped parameters "
-                                                        "unless given.", metavar="[FMU|TOML]",
-                                                   show_default=False)] = None,
+    article: common.SubjectArgument = None,
     parameters: common.ParametersOption = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Page to write.",
                                          metavar="FILE.html")] = Path("report.html"),
@@ -42,9 +40,8 @@ def report(
     from ..bench.subject import open_subject
     from ..bench.verdict import load_requirements
     from ..reference.cases import LOAD
-    from ..studies.report.output import write_json, write_junit, write_report
+    from ..studies.report.output import summary, write_json, write_junit, write_report
     from ..studies.report.study import carry_out
-    from ..studies.report.summary import summary
 
     with common.failures():
         common.check_outputs(output, as_json, junit, inputs=(article, *(parameters or ()), requirements, mission))
@@ -68,8 +65,8 @@ def report(
         raise typer.Exit(1)
 
 
-def _date(written: str) -> str:
+def _date(text: str) -> str:
     try:
-        return calendar.fromisoformat(written).isoformat()
+        return calendar.fromisoformat(text).isoformat()
     except ValueError as error:
-        raise EmcasError(f"--date {written}: expected a date such as 2026-03-31") from error
+        raise EmcasError(f"--date {text}: expected a date such as 2026-03-31") from error

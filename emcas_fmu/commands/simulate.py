@@ -47,10 +47,10 @@ def _settings(texts: Iterable[str], unit: FmuInterface) -> tuple[
     bus: dict[str, float] = {}
     constants: dict[str, float] = {}
     for text in texts:
-        name, separator, written = (part.strip() for part in text.partition("="))
-        if not (name and separator and written):
+        name, separator, entry = (part.strip() for part in text.partition("="))
+        if not (name and separator and entry):
             raise EmcasError(f"--set {text}: expected a name and a value, as in --set controller.position.kp=70")
-        value = _value(written)
+        value = _value(entry)
         if variable := inputs.get(name) or line.get(name):
             try:
                 plain = not isinstance(value, (bool, str)) and variable.unit not in ("", "1")
@@ -66,14 +66,14 @@ def _settings(texts: Iterable[str], unit: FmuInterface) -> tuple[
     return parameters, bus, constants
 
 
-def _value(written: str) -> bool | float | str:
+def _value(entry: str) -> bool | float | str:
     """Return true, false, a number that is in the variable's unit, or text with a unit of its own."""
-    if written.lower() in ("true", "false"):
-        return written.lower() == "true"
+    if entry.lower() in ("true", "false"):
+        return entry.lower() == "true"
     try:
-        return float(written)
+        return float(entry)
     except ValueError:
-        return written
+        return entry
 
 
 def _stepped(degrees: float, torque: float, interval: float, stop: float) -> Excitation:

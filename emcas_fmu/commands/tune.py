@@ -59,10 +59,10 @@ def tune(
             raise EmcasError(f"--pareto is given twice, with two of {', '.join(names)}")
         if any(r.test.kind == "linear" for r in chosen.requirements):
             common.require_extra("analysis", "margins (tests of kind linear) need", "control", "casadi")
-        kept = Journal(journal, chosen)
+        evaluations = Journal(journal, chosen)
         try:
             with common.progress_bar() as progress:
-                result = run(chosen, seed, generations, workers or os.cpu_count() or 1, kept,
+                result = run(chosen, seed, generations, workers or os.cpu_count() or 1, evaluations,
                              common.stepper(progress, "tune"))
         except KeyboardInterrupt:
             common.err.print("stopped before there were gains to write")

@@ -15,9 +15,7 @@ EPILOG = ("Examples:\n\n  emcas validate EMCAS.fmu\n\n  emcas validate EMCAS.fmu
 
 
 def validate(
-    fmu: Annotated[Path | None, typer.Argument(help="FMU (.fmu) or parameter file (.toml) to judge; the shipped "
-                                                    "parameters unless given.", metavar="[FMU|TOML]",
-                                               show_default=False)] = None,
+    article: common.SubjectArgument = None,
     case: Annotated[list[str] | None, typer.Option(help="Only this case (may be given several times).")] = None,
     model: common.SubjectModelOption = None,
     fin: common.FinOption = None,
@@ -30,13 +28,12 @@ def validate(
     """Run a model on every reference case and judge it by the reference, where there is one of its actuator, and by
     the thesis's Table 2."""
     from ..bench.subject import open_subject
-    from ..studies.validate.output import write_json, write_junit, write_report
+    from ..studies.validate.output import summary, write_json, write_junit, write_report
     from ..studies.validate.study import validate as run
-    from ..studies.validate.summary import summary
 
     with common.failures():
-        common.check_outputs(as_json, junit, report, inputs=(fmu, directory))
-        with common.progress_bar() as progress, open_subject(fmu, model, fin) as subject:
+        common.check_outputs(as_json, junit, report, inputs=(article, directory))
+        with common.progress_bar() as progress, open_subject(article, model, fin) as subject:
             result = run(subject, case, directory, common.stepper(progress, "validate"))
         for part in summary(result):
             common.out.print(part, highlight=False)

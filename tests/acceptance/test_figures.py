@@ -13,7 +13,7 @@ from emcas_fmu.bench import metrics
 from emcas_fmu.bench.metrics import unit_of
 from emcas_fmu.bench.subject import ParameterSubject, StoppedError
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.report import mission, slewing, static_accuracy, steps, stiffness, threshold
+from emcas_fmu.studies.report import mission, responses, static_accuracy, stiffness, threshold
 from emcas_fmu.studies.report.outcome import Outcome, Quantity
 from emcas_fmu.studies.report.rig import Rig
 
@@ -194,7 +194,7 @@ def test_synthetic_mission_is_what_it_is_said_to_be(limit: float, load: float) -
 
 def test_steps_and_slew_of_a_second_order_system() -> None:
     subject = SecondOrder()
-    found = steps.measure(Rig(subject))
+    found = responses.steps(Rig(subject))
     assert list(found.figures) == [f"{sign}_{size}deg" for size in (1, 5, 10, 20) for sign in ("plus", "minus")]
     natural = (subject.stiffness / subject.mass) ** 0.5
     damping = subject.damping / (2.0 * subject.mass * natural)
@@ -202,7 +202,7 @@ def test_steps_and_slew_of_a_second_order_system() -> None:
     for figures in found.figures.values():  # linear: every size and sign alike
         assert figures["overshoot_percent"] == pytest.approx(overshoot, abs=0.1)  # the row next to the peak
         assert figures["steady_error_deg"] == pytest.approx(0.0, abs=1e-9)
-    slew = slewing.measure(Rig(subject)).figures
+    slew = responses.slews(Rig(subject)).figures
     # An subject without a rate of its own: the mean over the travel is from the angle, 24 of 40 deg over the time
     # from 20 to 80 %, which does not depend on the direction.
     assert slew["unloaded_positive"]["sustained_rate_deg_per_s"] == pytest.approx(
@@ -215,8 +215,8 @@ def test_steps_and_slew_of_a_second_order_system() -> None:
 
 def test_sizes_stay_within_the_range_of_commands(values: Mapping[str, Any]) -> None:
     small = Rig(Play(values={**values, "command.limit": radians(7.5)}))
-    assert small.sizes(steps.SIZES) == [1.0, 5.0, 7.5]
-    assert "plus_7p5deg" in steps.measure(small).figures
+    assert small.sizes(responses.SIZES) == [1.0, 5.0, 7.5]
+    assert "plus_7p5deg" in responses.steps(small).figures
 
 
 def test_encoder_count_at_the_fin(values: Mapping[str, Any]) -> None:
@@ -227,7 +227,7 @@ def test_encoder_count_at_the_fin(values: Mapping[str, Any]) -> None:
 
 def test_broken_subject_is_told() -> None:
     with pytest.raises(StoppedError, match=r"no further than 0\.01 s: error: the bridge is open"):
-        steps.measure(Rig(Broken()))
+        responses.steps(Rig(Broken()))
 
 
 @pytest.mark.parametrize(("key", "unit"), [

@@ -31,7 +31,7 @@ from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.tuning.evaluate import HOPELESS, Evaluation, Journal, Judgement, evaluate, share
 from emcas_fmu.studies.tuning.measure import KINDS, Test, describing_function, measure
 from emcas_fmu.studies.tuning.optimise import rounded, tune
-from emcas_fmu.studies.tuning.pareto import conflict, front
+from emcas_fmu.studies.tuning.pictures import conflict, front
 from emcas_fmu.studies.tuning.study import Study, StudyError, load_study
 from tests.campaign.conftest import ODD, replaced
 from tests.own_actuator.example import MODEL, changed

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from junitparser import TestCase
 
 from ... import __version__, plots
 from ...bench import writers
@@ -38,15 +39,16 @@ def write_junit(comparison: Comparison, path: Path) -> None:
         title: _tests(comparison, name) for name, title in comparison.titles.items()}, path)
 
 
-def _tests(comparison: Comparison, case: str) -> Iterator[writers.Case]:
+def _tests(comparison: Comparison, case: str) -> Iterator[TestCase]:
     place = f"emcas.baseline.{case}"
     if case in comparison.stopped:
-        yield writers.Case("run", place, comparison.stopped[case], kind="not finished")
+        yield writers.junit_case("run", place, comparison.stopped[case], kind="not finished")
     for row in comparison.rows:
         if row.case == case and row.limit is not None:
             shown = list(zip(HEADER, cells(row), strict=True))[1:-1]
             drift = "" if row.passed else ", ".join(f"{key} {cell}" for key, cell in shown)
-            yield writers.Case(row.name if row.at is None else f"{row.name}_trajectory", place, drift, kind="drift")
+            name = row.name if row.at is None else f"{row.name}_trajectory"
+            yield writers.junit_case(name, place, drift, kind="drift")
 
 
 def append_markdown(comparison: Comparison, remedy: str, path: Path, everything: bool = False) -> None:

@@ -9,7 +9,6 @@ from ...bench.metrics import rms, usage
 from .outcome import Array, Outcome, Quantity, Value
 from .rig import Rig
 
-NAME = "mission"
 LAG = 0.02  # s, of the hinge moment behind the command in the synthetic profile
 RATE = 150.0  # deg/s, of the commands of the synthetic profile
 # Phase, its end [s], hinge moment at the end of the range as a share of the rated load there.

@@ -1,18 +1,52 @@
-"""An acceptance test as JSON, JUnit XML and the page that is signed."""
+"""An acceptance test on the terminal, as JSON, JUnit XML and the page that is signed."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from rich.box import SIMPLE_HEAD
+from rich.console import RenderableType
+from rich.markup import escape
+from rich.table import Table
+
 from ... import __version__
 from ...bench import writers
+from ...bench.verdict import summary_table
 from .pictures import pictures
 from .study import Result
 
 SCHEMA = "emcas-acceptance/1"
 """Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
+
+
+def summary(result: Result) -> Iterator[RenderableType]:
+    """Give the requirements as a table, then the most important figures, notes and the verdict."""
+    about = result.about
+    yield escape(f"{about.kind} {about.name}  {about.file}  {about.guid}".rstrip())
+    yield summary_table("requirement", result.judged)
+    figures = Table("test", "figure", "measured", "unit", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    figures.columns[2].justify = "right"
+    for outcome in result.outcomes.values():
+        first = outcome.title
+        for group, q, value in outcome.headlines():
+            label = f"{outcome.label(group)}: {q.label}" + (" (estimate)" if outcome.estimate else "")
+            figures.add_row(first, escape(label), writers.number(value), "" if q.unit == "1" else q.unit)
+            first = ""
+    yield figures
+    for outcome in result.outcomes.values():
+        for note in outcome.notes:
+            yield f"[yellow]note:[/] {escape(note)}"
+        for why, labels in outcome.left_out():
+            yield f"[yellow]note:[/] {outcome.title}: {', '.join(labels)} not applicable: {why}"
+        if outcome.stopped:
+            yield f"[bold red]{outcome.title} was not finished:[/] {escape(outcome.stopped)}"
+    if result.passed:
+        yield f"[green]all {len(result.judged)} requirements are met[/]"
+    elif result.failed:
+        yield f"[bold red]{len(result.failed)} of {len(result.judged)} requirements are not met[/]"
 
 
 def as_dict(result: Result, date: str = "") -> dict[str, Any]:
@@ -41,9 +75,9 @@ def write_json(result: Result, path: Path, date: str = "") -> None:
 
 def write_junit(result: Result, path: Path) -> None:
     """Write a test case for each requirement and each test."""
-    suites = {f"requirements of {source}": [j.test_case("emcas.requirement") for j in result.judged
+    suites = {f"requirements of {source}": [j.junit_case("emcas.requirement") for j in result.judged
                                             if j.source == source] for source in result.sources}
-    suites["tests finished"] = [writers.Case(name, "emcas.test", outcome.stopped, kind="not finished")
+    suites["tests finished"] = [writers.junit_case(name, "emcas.test", outcome.stopped, kind="not finished")
                                 for name, outcome in result.outcomes.items()]
     writers.write_junit("emcas report", suites, path)
 

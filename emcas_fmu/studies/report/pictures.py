@@ -12,7 +12,6 @@ from ... import plots
 from ...bench.metrics import ACCURACY as _ACCURACY
 from ...bench.verdict import HOLD
 from ...plots import COMMAND, LIMIT, Drawing, Picture, legend_above
-from . import frequency, mission, slewing, static_accuracy, steps, stiffness
 from .outcome import Array, Outcome
 
 ACCURACY = round(degrees(_ACCURACY), 9)  # deg
@@ -147,6 +146,6 @@ def _mission(outcome: Outcome) -> Drawing:
 
 
 _DRAWINGS: Mapping[str, Callable[[Outcome], Drawing]] = {
-    steps.NAME: _steps, frequency.NAME: _bode, slewing.NAME: _slew, static_accuracy.NAME: _grid,
-    stiffness.NAME: _stiffness, mission.NAME: _mission,
+    "step_response": _steps, "frequency_response": _bode, "slew_rate": _slew, "static_accuracy": _grid,
+    "dynamic_stiffness": _stiffness, "mission": _mission,
 }

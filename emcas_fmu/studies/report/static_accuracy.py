@@ -12,7 +12,6 @@ from ...bench.verdict import HOLD
 from .outcome import Outcome, Quantity
 from .rig import Rig
 
-NAME = "static_accuracy"
 INTERVALS = 8  # of the range
 CYCLES = 5
 STEP = 0.02  # s, of the outputs: only what is held is looked at
@@ -51,14 +50,14 @@ def measure(rig: Rig) -> Outcome:
     for number, (k, side, cycle) in enumerate(visits, start=2):
         end = number * hold
         errors[side, k, cycle] = np.mean(angle[end - last + 1:end + 1]) - targets[k]
-    found = bidirectional(*errors)
-    figures = {"grid": {q.key: getattr(found, q.key.removesuffix("_deg")) for q in QUANTITIES}}
+    approaches = bidirectional(*errors)
+    figures = {"grid": {q.key: getattr(approaches, q.key.removesuffix("_deg")) for q in QUANTITIES}}
     return Outcome(
         f"{len(targets)} angles evenly over ±{rig.limit:g} deg, {CYCLES} times up and down, no load. Each is held "
         f"for {HOLD:g} s; its angle is the mean of the last {HELD:g} s. The ends of the range can be approached "
         "from one side only and are no part of the hysteresis.", QUANTITIES, figures,
         tuple(f"grid.{key}" for key in ("largest_error_deg", "hysteresis_deg", "repeatability_deg")),
         {"grid": f"{len(targets)} angles"},
-        {"grid": {"command_deg": targets, "error_from_below_deg": found.means[0],
-                  "error_from_above_deg": found.means[1], "reversal_deg": found.reversal}},
+        {"grid": {"command_deg": targets, "error_from_below_deg": approaches.means[0],
+                  "error_from_above_deg": approaches.means[1], "reversal_deg": approaches.reversal}},
         {"below": {"errors_deg": errors[0]}, "above": {"errors_deg": errors[1]}})

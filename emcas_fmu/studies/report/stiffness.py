@@ -12,7 +12,6 @@ from ...bench.metrics import breakaway, fundamental, held
 from .outcome import Array, Outcome, Quantity, Value
 from .rig import Rig
 
-NAME = "dynamic_stiffness"
 FREQUENCIES = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)  # Hz
 CYCLES, SETTLE = 6.0, (4.0, 0.5)  # cycles fitted; cycles, and at least s, before them
 RAMP = 5.0  # s in which the breakaway ramp reaches the rated load
@@ -80,23 +79,23 @@ def measure(rig: Rig) -> Outcome:
             loads.append(("unpowered_below_breakaway", BELOW * lowest, False))
         loads.append(("unpowered_above_breakaway", max(ABOVE * highest, 0.01 * rig.load), False))
     for group, amplitude, enable in loads:
-        found = sweep(rig, amplitude, enable)
-        size = np.abs(found.stiffness)
-        figures[group] = {"load_amplitude_n_m": amplitude, "friction_locked": found.locked}
-        known = ~np.isnan(size)
-        if known.any():
+        response = sweep(rig, amplitude, enable)
+        size = np.abs(response.stiffness)
+        figures[group] = {"load_amplitude_n_m": amplitude, "friction_locked": response.locked}
+        moved = ~np.isnan(size)
+        if moved.any():
             least = int(np.nanargmin(size))
             figures[group] |= {"least_stiffness_n_m_per_rad": float(size[least]),
-                               "least_stiffness_at_hz": float(found.frequency[least])}
-            figures[group] |= {key: float(size[found.frequency == at][0]) for key, at in _MARKS.items()}
-            curves[group] = {"frequency_hz": found.frequency[known], "stiffness_n_m_per_rad": size[known],
-                             "phase_deg": np.degrees(np.angle(found.stiffness[known]))}
-        if found.locked:
+                               "least_stiffness_at_hz": float(response.frequency[least])}
+            figures[group] |= {key: float(size[response.frequency == at][0]) for key, at in _MARKS.items()}
+            curves[group] = {"frequency_hz": response.frequency[moved], "stiffness_n_m_per_rad": size[moved],
+                             "phase_deg": np.degrees(np.angle(response.stiffness[moved]))}
+        if response.locked:
             notes.append(f"{_LABELS[group]}, {amplitude:.3g} N.m: friction-locked. The fin stands still at every "
                          "frequency; where the drive line is rigid, its stiffness is then infinite.")
-        if found.stopped_at:
+        if response.stopped_at:
             notes.append(f"{_LABELS[group]}, {amplitude:.3g} N.m: the fin meets a mechanical stop at "
-                         f"{', '.join(f'{f:g}' for f in found.stopped_at)} Hz, which are left out.")
+                         f"{', '.join(f'{f:g}' for f in response.stopped_at)} Hz, which are left out.")
     angle = rig.subject.values.get("fin.stop_angle")
     stop = "" if angle is None else f" at ±{degrees(angle):g} deg"
     return Outcome(

@@ -16,18 +16,18 @@ from ...bench.verdict import FileRequirement, Judged, all_passed, judge_table2
 from ...errors import EmcasError
 from ...progress import Progress, silent
 from ...reference.cases import LOAD
-from . import frequency, mission, slewing, static_accuracy, steps, stiffness, threshold
+from . import mission, responses, static_accuracy, stiffness, threshold
 from .outcome import Outcome, Value
 from .rig import Rig
 
 TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome]]] = {
-    steps.NAME: ("Step response", steps.measure),
-    frequency.NAME: ("Frequency response", frequency.measure),
-    slewing.NAME: ("Slew rate", slewing.measure),
-    static_accuracy.NAME: ("Static accuracy", static_accuracy.measure),
-    threshold.NAME: ("Threshold and resolution", threshold.measure),
-    stiffness.NAME: ("Dynamic stiffness", stiffness.measure),
-    mission.NAME: ("Mission profile", mission.measure),
+    "step_response": ("Step response", responses.steps),
+    "frequency_response": ("Frequency response", responses.frequency),
+    "slew_rate": ("Slew rate", responses.slews),
+    "static_accuracy": ("Static accuracy", static_accuracy.measure),
+    "threshold": ("Threshold and resolution", threshold.measure),
+    "dynamic_stiffness": ("Dynamic stiffness", stiffness.measure),
+    "mission": ("Mission profile", mission.measure),
 }
 
 

@@ -12,7 +12,6 @@ from ...bench.verdict import HOLD
 from .outcome import Array, Outcome, Quantity, Value
 from .rig import Rig
 
-NAME = "threshold"
 STEP = 0.01  # s, of the outputs
 REST = 0.5  # s at rest before a command from rest
 MOVED_TO = 1.0  # deg, the motion before a reversal or an increment

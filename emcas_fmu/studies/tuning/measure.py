@@ -146,5 +146,5 @@ def _margins(parameters: ParameterSet, changes: Mapping[str, Any]) -> dict[str, 
     if not linear.stable:
         return dict.fromkeys(_MARGINS, nan)
     loop = linear.loop("reference")
-    found = margins(loop, np.geomspace(_LOOP_LOWEST, highest(loop), _LOOP_POINTS))
-    return dict(zip(_MARGINS, (found.gain_db, found.phase, found.delay), strict=True))
+    broken = margins(loop, np.geomspace(_LOOP_LOWEST, highest(loop), _LOOP_POINTS))
+    return dict(zip(_MARGINS, (broken.gain_db, broken.phase, broken.delay), strict=True))

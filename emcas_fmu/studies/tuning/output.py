@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rich.table import Table
+from rich.table import Column, Table
 
 from ... import __version__
 from ...bench import writers
@@ -14,7 +14,6 @@ from ...parameters import file_entry, write_parameters
 from ...plots import pictures
 from .evaluate import Evaluation
 from .optimise import Result
-from .pareto import conflict
 from .pictures import drawings
 
 
@@ -34,12 +33,9 @@ def rows(result: Result, evaluation: Evaluation) -> list[dict[str, Any]]:
 def summary(result: Result) -> Table:
     """Return the requirements with the tuned gains as a table, worst case each."""
     gains = ", ".join(f"{name} = {value:g}" for name, value in result.best.gains.items())
-    table = Table("requirement", "case", "measured", "limit", "margin", "", title=f"Tuned gains: {gains}",
-                  title_justify="left")
-    for column in table.columns:
-        column.no_wrap = True
-    for column in table.columns[2:5]:
-        column.justify = "right"
+    table = Table(*(Column(heading, justify="right" if heading in ("measured", "limit", "margin") else "left",
+                           no_wrap=True) for heading in ("requirement", "case", "measured", "limit", "margin", "")),
+                  title=f"Tuned gains: {gains}", title_justify="left")
     for row in rows(result, result.best):
         table.add_row(row["requirement"], row["case"], writers.with_unit(row["measured"], row["unit"]),
                       f"{'≤' if row['sense'] == 'maximum' else '≥'} {row['limit']:.3g}", f"{row['margin']:.0%}",
@@ -89,4 +85,4 @@ def write_report(result: Result, path: Path, command: str, pair: tuple[str, str]
         path, "studies/tuning/page.html.j2", result=result, command=command, verdict=verdict(result), shown=shown,
         by_case=by_case, rows=list(zip(rows(result, result.best), rows(result, result.before), strict=True)),
         units={e.variable.name: e.variable.unit for e in result.study.base.entries},
-        pictures=pictures(drawings(result, conflict(result.evaluated, pair))))
+        pictures=pictures(drawings(result, pair)))

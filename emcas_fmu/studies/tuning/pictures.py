@@ -2,40 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
 from math import degrees
+from typing import Any
 
 import numpy as np
+from scipy.stats import spearmanr
 
 from ...bench.subject import ParameterSubject
 from ...plots import BLUE, GRAY, GREEN, VERMILLION, Drawing, figure
-from .evaluate import HOPELESS
+from .evaluate import HOPELESS, Evaluation
 from .measure import Test, response
 from .optimise import Result
-from .pareto import Conflict, shares
 
+_LEVEL: Mapping[str, Any] = {"color": VERMILLION, "linewidth": 0.7, "linestyle": "--"}
 _SHOWN = 1.0  # s of a response, at most: past any settling of use
+# Evaluations this close to the best objective are what a choice is made among.
+_NEAR = 1.6
 
 
-def drawings(result: Result, found: Conflict | None) -> Iterator[Drawing]:
-    """Draw every picture the result has something for."""
-    if drawn := responses(result):
-        yield drawn
+def drawings(result: Result, pair: tuple[str, str] | None = None) -> Iterator[Drawing]:
+    """Draw every picture the result has something for; of two requirements that conflict the `pair`, if given."""
+    if moves := list(dict.fromkeys(r.test for r in result.study.requirements if r.test.kind in ("step", "slew"))):
+        yield responses(result, moves)
     yield search(result)
-    if found is not None:
+    if found := conflict(result.evaluated, pair):
         yield trade(result, found)
 
 
-def responses(result: Result) -> Drawing | None:
-    """Draw every step and slew of the study, in every case, with the gains begun with and those found."""
-    moves: list[Test] = []
-    for r in result.study.requirements:
-        if r.test.kind in ("step", "slew") and r.test not in moves:
-            moves.append(r.test)
-    if not moves:
-        return None
-    subject = ParameterSubject(result.study.base)
-    columns = 2 if len(moves) > 1 else 1
+def responses(result: Result, moves: Sequence[Test]) -> Drawing:
+    """Draw steps and slews in every case, with the gains begun with and those found."""
+    subject, columns = ParameterSubject(result.study.base), min(len(moves), 2)
     drawn, grid = figure(-(-len(moves) // columns), columns, width=10.0, height=2.6)
     for axes, test in zip(grid.flat, moves, strict=False):
         for gains, color, label in ((result.before.gains, GRAY, "before"), (result.best.gains, BLUE, "tuned")):
@@ -47,7 +46,7 @@ def responses(result: Result) -> Drawing | None:
                 shown = (time > -0.03) & (time <= min(test.duration, _SHOWN))
                 axes.plot(time[shown] * 1e3, np.degrees(run.columns["fin_angle"][shown]), color=color, linewidth=0.9,
                           alpha=0.8, label=label if case is result.study.cases[0] else None)
-        axes.axhline(degrees(test.amplitude), color=VERMILLION, linewidth=0.7, linestyle="--")
+        axes.axhline(degrees(test.amplitude), **_LEVEL)
         load = f", {test.torque:+g} N.m" if test.torque else ""
         axes.set_title(f"{test.kind} to {degrees(test.amplitude):g} deg{load}")
         axes.set(xlabel="time / ms", ylabel="fin angle / deg")
@@ -77,21 +76,67 @@ def search(result: Result) -> Drawing:
                                     "not.")
 
 
-def trade(result: Result, found: Conflict) -> Drawing:
+@dataclass(frozen=True)
+class Conflict:
+    """Two requirements and the evaluations none of which is better in both: (share, share), the first rising."""
+
+    first: str
+    second: str
+    correlation: float
+    front: tuple[tuple[float, float], ...]
+
+
+def front(points: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """Return the points that no other is at least as good as in both coordinates; small is good."""
+    best: list[tuple[float, float]] = []
+    for x, y in sorted(set(points)):
+        if not best or y < best[-1][1]:
+            best.append((x, y))
+    return tuple(best)
+
+
+def shares(evaluations: Sequence[Evaluation], first: str, second: str) -> list[tuple[float, float]]:
+    """Return the worst shares of two requirements in each evaluation."""
+    return [(e.by_requirement()[first].share, e.by_requirement()[second].share) for e in evaluations]
+
+
+def conflict(evaluations: Sequence[Evaluation], pair: tuple[str, str] | None = None) -> Conflict | None:
+    """Return a pair of requirements, or the two that pull most against each other near the best; None if none do."""
+    if not evaluations:
+        return None
+    best = min(e.objective for e in evaluations)
+    near = [e.by_requirement() for e in evaluations if e.objective <= _NEAR * best]
+    columns = {name: np.array([judgements[name].share for judgements in near]) for name in near[0]}
+    # What hardly moves or cannot be had says nothing of a conflict.
+    lively = [name for name, column in columns.items() if np.ptp(column) > 0.02 and column.max() < HOPELESS]
+    rated = [(_correlation(columns[first], columns[second]), first, second)
+             for first, second in ([pair] if pair else combinations(lively, 2))]
+    correlation, first, second = min(rated, key=lambda entry: entry[0], default=(0.0, "", ""))
+    if not pair and correlation > -0.3:
+        return None
+    return Conflict(first, second, correlation, front(shares(evaluations, first, second)))
+
+
+def _correlation(first: Any, second: Any) -> float:
+    """Return the rank correlation of two columns; 0 where one does not move."""
+    return float(spearmanr(first, second).statistic) if min(np.ptp(first), np.ptp(second)) > 0.0 else 0.0
+
+
+def trade(result: Result, pair: Conflict) -> Drawing:
     """Draw what one requirement costs another: shares of both limits, and the sets none beats in both."""
     drawn, ((axes,),) = figure(1, 1, width=6.0, height=3.6)
-    points = np.array(shares(result.evaluated, found.first, found.second))
+    points = np.array(shares(result.evaluated, pair.first, pair.second))
     near = points[(points < min(HOPELESS, 3.0)).all(axis=1)]
     axes.plot(near[:, 0], near[:, 1], ".", color=GRAY, markersize=2.5)
-    inside = [p for p in found.front if max(p) < 3.0]
+    inside = [p for p in pair.front if max(p) < 3.0]
     axes.plot([p[0] for p in inside], [p[1] for p in inside], ".-", color=GREEN, label="none is better in both")
-    best = shares([result.best], found.first, found.second)[0]
+    best = shares([result.best], pair.first, pair.second)[0]
     axes.plot(*best, "o", color=BLUE, label="found")
-    axes.axvline(1.0, color=VERMILLION, linewidth=0.7, linestyle="--")
-    axes.axhline(1.0, color=VERMILLION, linewidth=0.7, linestyle="--")
-    axes.set(xlabel=f"{found.first} / limit", ylabel=f"{found.second} / limit")
+    axes.axvline(1.0, **_LEVEL)
+    axes.axhline(1.0, **_LEVEL)
+    axes.set(xlabel=f"{pair.first} / limit", ylabel=f"{pair.second} / limit")
     axes.legend(loc="upper right")
     return Drawing(
         "What one costs the other", drawn,
-        f"{found.first} and {found.second} as shares of their limits, worst case each (rank correlation near the best "
-        f"{found.correlation:.2f}); below and left of the dashed lines both are met.")
+        f"{pair.first} and {pair.second} as shares of their limits, worst case each (rank correlation near the "
+        f"best {pair.correlation:.2f}); below and left of the dashed lines both are met.")

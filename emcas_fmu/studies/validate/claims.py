@@ -57,30 +57,30 @@ def claims(comparisons: Sequence[Comparison]) -> list[Finding]:
     small = [c for c in comparisons if c.amplitude < ALIKE_BELOW]
     at = [c for c in comparisons if c.amplitude == ALIKE_BELOW]
     large = [c for c in comparisons if c.amplitude > ALIKE_BELOW]
-    found = []
+    findings = []
     if small:
         each = ", ".join(f"{c.largest_difference:.1f} % at {c.amplitude:g} deg" for c in small)
         each += "".join(f"; at {c.amplitude:g} deg itself it is {c.largest_difference:.1f} %" for c in at)
-        found.append(Finding("linear_alike_below_3deg",
+        findings.append(Finding("linear_alike_below_3deg",
                              f"Below {ALIKE_BELOW:g} deg, this model and the linear one differ by at most {ALIKE:g} % "
                              f"of the step: {each}", all(c.largest_difference <= ALIKE for c in small)))
     if large:
         each = ", ".join(f"{c.rise_time_fmu * 1e3:.1f} ms against {c.rise_time_linear * 1e3:.1f} ms "
                          f"at {c.amplitude:g} deg" for c in large)
-        found.append(Finding("nonlinear_slower_above_3deg",
+        findings.append(Finding("nonlinear_slower_above_3deg",
                              f"Above {ALIKE_BELOW:g} deg, this model rises more slowly: {each}",
                              all(c.rise_time_fmu > c.rise_time_linear for c in large)))
-    return found
+    return findings
 
 
 def accuracy(runs: Mapping[str, Run]) -> list[Finding]:
     """Return how long the accuracy takes, and what a load does to it: Table 2 says neither."""
-    found = []
+    findings = []
     for name, what in (("hold_plus20", "a step to 20 deg"), ("hold_loaded", "the same step against 100 N.m")):
         if name in runs and runs[name].stopped is None:
             took = metrics.motion(runs[name])["time_to_accuracy"]
             when = f"not within {HOLD:g} s" if took == inf else f"{took:.3f} s after the command"
             left = f"{degrees(metrics.held_error(runs[name])):+.4f} deg are left after {HOLD:g} s"
-            found.append(Finding(f"time_to_accuracy_{name}", "The error stays within "
+            findings.append(Finding(f"time_to_accuracy_{name}", "The error stays within "
                                  f"±{degrees(metrics.ACCURACY):.6g} deg after {what}: {when}; {left}"))
-    return found
+    return findings

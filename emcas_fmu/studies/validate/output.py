@@ -1,20 +1,66 @@
-"""A validation as JSON, JUnit XML and a page. Angles are in deg, rates in deg/s, times in s, frequencies in Hz."""
+"""A validation on the terminal, as JSON, JUnit XML and a page.
+
+Angles are in deg, rates in deg/s, times in s, frequencies in Hz.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import fmpy
+from rich.box import SIMPLE_HEAD
+from rich.console import RenderableType
+from rich.markup import escape
+from rich.table import Table
 
 from ...bench import writers
+from ...bench.verdict import summary_table
 from ...plots import pictures
 from .pictures import drawings
 from .study import TRAJECTORY_LIMIT, Result
 
 SCHEMA = "emcas-validation/1"
 """Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
+
+
+def _cases(result: Result) -> Table:
+    """Return errors and performance figures of the cases as a table."""
+    units = {"max": "mdeg", "rms": "mdeg", "rise": "ms", "settle": "ms", "over": "%", "end": "deg", "rate": "deg/s",
+             "-3dB": "Hz", "-90°": "Hz"}
+    table = Table("case", *units, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, title_justify="left",
+                  title="error to the reference; rise, settling, overshoot, error at the end, peak rate; bandwidth")
+    table.add_row("", *units.values(), style="dim")
+    for column in table.columns:
+        column.no_wrap = True
+        column.justify = "left" if column is table.columns[0] else "right"
+    keys = (("rise_time_s", 1e3), ("settling_time_s", 1e3), ("overshoot_percent", 1.0), ("end_error_deg", 1.0),
+            ("peak_rate_deg_per_s", 1.0), ("bandwidth_hz", 1.0), ("phase_bandwidth_hz", 1.0))
+    for case in result.cases:
+        error = case.errors.get("fin_angle")
+        errors = [f"{1e3 * value:.3f}" for value in (error.maximum, error.rms)] if error else ["", ""]
+        figures = [f"{case.figures[key] * scale:#.3g}".rstrip(".") if key in case.figures else ""
+                   for key, scale in keys]
+        table.add_row(case.name, *errors, *figures)
+    return table
+
+
+def summary(result: Result) -> Iterator[RenderableType]:
+    """Give the criteria as a table, then findings, notes and the verdict."""
+    about = result.about
+    yield escape(f"{about.name}  {'GUID ' + about.guid if about.guid else about.file}  {about.model}")
+    yield summary_table("criterion", result.criteria)
+    yield _cases(result)
+    for finding in result.findings:
+        held = {True: " So it is.", False: " It is not so.", None: ""}[finding.holds]
+        yield escape(f"{finding.text}.{held}")
+    unmeasured = [f"{j.name}: {j.note}" for j in result.criteria if j.measured is None and not j.skipped]
+    for note in (*unmeasured, *result.notes):
+        yield f"[yellow]note:[/] {escape(note)}"
+    yield (f"[green]all {len(result.judged)} criteria are met[/]" if result.passed
+           else f"[bold red]{len(result.failed)} of {len(result.judged)} criteria are not met[/]")
 
 
 def as_dict(result: Result) -> dict[str, Any]:
@@ -42,7 +88,7 @@ def write_junit(result: Result, path: Path) -> None:
     """Write one test case a criterion."""
     wall = {case.name: case.wall_time for case in result.cases}
     writers.write_junit("emcas validate", {
-        title: [j.test_case(f"emcas.{group}", wall.get(j.name, 0.0)) for j in judged]
+        title: [j.junit_case(f"emcas.{group}", wall.get(j.name, 0.0)) for j in judged]
         for group, title, judged in (("trajectory", "trajectory against the reference", result.trajectory),
                                      ("table2", "requirements of Table 2", result.table2))}, path)
 

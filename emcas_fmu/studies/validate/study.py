@@ -126,12 +126,8 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
     extra = {} if names else {**verdict.holds(), **_linear_steps(subject)}
     total, series = len(cases) + len(extra), dict[str, Series]()
     outputs = [name for name in RECORDED if name in subject.outputs]
-
-    def starting(name: str) -> None:
-        progress(name, len(series), total)
-
     for case in cases:
-        starting(case.name)
+        progress(case.name, len(series), total)
         # The encoder's chatter hides small errors, so references do without; performance does not.
         exact, shipped = excitations[case.name], with_encoder(excitations[case.name])
         compared = subject.run(exact, outputs=outputs) if case.model == subject.actuator.name else None
@@ -139,9 +135,9 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
         run = same or subject.run(shipped, outputs=outputs)
         series[case.name] = Series(run, case.reference if compared else {}, compared)
     for name, excitation in extra.items():
-        starting(name)
+        progress(name, len(series), total)
         series[name] = Series(subject.run(excitation, outputs=outputs))
-    starting("done")
+    progress("done", total, total)
     return _result(subject, folder, cases, series, notes)
 
 
@@ -158,13 +154,11 @@ def _result(subject: Subject, folder: Path, cases: Sequence[stored.Stored], seri
     if not trajectory:
         notes.insert(0, f"There is no independent reference of {subject.actuator.name} in {folder}: trajectories are "
                         "not judged, performance is")
-    with np.errstate(divide="ignore", invalid="ignore"):  # a fin that does not move has no gain: nan, which fails
-        table2 = tuple(verdict.judge_table2(runs))
     findings = (*claims.claims(comparisons), *claims.accuracy(runs))
     notes += _notes(subject, [case for case in cases if series[case.name].exact], series)
     return Result(subject.identification, dict(subject.values), tuple(_differences(subject)),
-                  str(folder) if trajectory else "",
-                  tuple(results), trajectory, table2, comparisons, findings, tuple(notes), series, linear)
+                  str(folder) if trajectory else "", tuple(results), trajectory, tuple(verdict.judge_table2(runs)),
+                  comparisons, findings, tuple(notes), series, linear)
 
 
 def _linear_name(amplitude: float) -> str:
@@ -172,7 +166,7 @@ def _linear_name(amplitude: float) -> str:
 
 
 def _linear_steps(subject: Subject) -> dict[str, Excitation]:
-    """Steps to compare with the linear model, at its sample times; none of an actuator it is no model of."""
+    """Return steps to compare with the linear model, at its sample times; none of an actuator it is no model of."""
     if parts(subject.model)[0] != NONLINEAR:
         return {}
     period = LinearModel(subject.values).sample_time
@@ -195,16 +189,16 @@ def _figures(kind: str, run: Run) -> dict[str, float]:
     if run.stopped is not None:
         return {}
     if kind == "chirp":
-        found = metrics.swept(response := metrics.sweep_response(run))
-        return {"bandwidth_hz": found["bandwidth_3db"], "phase_bandwidth_hz": found["bandwidth_90deg"],
+        response = metrics.sweep_response(run)
+        swept = metrics.swept(response)
+        return {"bandwidth_hz": swept["bandwidth_3db"], "phase_bandwidth_hz": swept["bandwidth_90deg"],
                 "lowest_coherence": float(np.min(response.coherence, initial=1.0))}
     if kind not in ("step", "cold", "sag", "load"):
         return {}
-    found = metrics.motion(run, 1 if kind == "load" else 0)
-    return {"rise_time_s": found["rise_time"], "settling_time_s": found["settling_time"],
-            "overshoot_percent": 100.0 * found["overshoot"], "end_error_deg": degrees(found["steady_error"]),
-            "peak_rate_deg_per_s": degrees(found["peak_rate"]),
-            "sustained_rate_deg_per_s": degrees(found["sustained_rate"])}
+    figures = metrics.displayed(metrics.motion(run, 1 if kind == "load" else 0))
+    figures["end_error_deg"] = figures["steady_error_deg"]
+    return {key: figures[key] for key in ("rise_time_s", "settling_time_s", "overshoot_percent", "end_error_deg",
+                                          "peak_rate_deg_per_s", "sustained_rate_deg_per_s")}
 
 
 def _trajectory(case: CaseResult, series: Series) -> Judged:
