@@ -24,7 +24,7 @@ class Names(SimpleNamespace):
 class Record(Names):
     """Named values of one moment: states, or what acts on them."""
 
-    def replace(self, **changes: Any) -> Record:
+    def replace(self, /, **changes: Any) -> Record:
         """Return a copy with other values; TypeError for a name there is not."""
         known = vars(self)
         if unknown := [name for name in changes if name not in known]:

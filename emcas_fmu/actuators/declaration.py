@@ -17,6 +17,7 @@ mapping of names to values; all but `output_values` leave out what does not chan
 
 from __future__ import annotations
 
+import keyword
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -58,8 +59,10 @@ class State:
     description: str = ""
 
     def __post_init__(self) -> None:
-        if not self.name.isidentifier():
+        if not (self.name.isidentifier() and self.name.isascii()) or keyword.iskeyword(self.name):
             raise EmcasError(f"state {self.name!r}: a state's name is a Python identifier, such as fin_rate")
+        if hasattr(Record, self.name):
+            raise EmcasError(f"state {self.name!r}: is what a method of x is called; give it another name")
 
 
 @dataclass(frozen=True)

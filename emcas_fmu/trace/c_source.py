@@ -13,7 +13,6 @@ TEMPLATES = {
     "both": "{0} && {1}", "either": "{0} || {1}", "negate": "!{0}",
     "minimum": "{0} < {1} ? {0} : {1}", "maximum": "{0} > {1} ? {0} : {1}",
     "clip": "{0} < {1} ? {1} : {0} > {2} ? {2} : {0}", "where": "{0} ? {1} : {2}",
-    "floor": "floor({0})",
 }
 _CONDITIONS = {"less", "less_equal", "greater", "greater_equal", "equal", "both", "either", "negate"}
 
@@ -31,11 +30,11 @@ def c_source(tracer: Tracer, prefix: str) -> str:
     text += [f"static inline void {prefix}_prepare(const double *restrict p, double *restrict c)", "{",
              "    (void)p, (void)c;", *writer.block(tracer.prologue, 1), "}", ""]
     for function in tracer.functions:
-        arguments = "".join(f", double {a}" for a in function.arguments)
+        arguments = "".join(f", double {a}" for a in function.printed)
         text += [f"static inline void {prefix}_{function.name}(const double *restrict p, const double *restrict c"
                  f"{arguments}, double *restrict out)", "{", "    (void)p, (void)c;"]
-        if function.arguments:
-            text.append("    " + ", ".join(f"(void){a}" for a in function.arguments) + ";")
+        if function.printed:
+            text.append("    " + ", ".join(f"(void){a}" for a in function.printed) + ";")
         text += writer.block(function.block, 1)
         text += [f"    out[{i}] = {writer.operand(value)};" for i, value in enumerate(function.results)]
         text += ["}", ""]

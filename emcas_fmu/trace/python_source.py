@@ -25,7 +25,7 @@ def python_source(tracer: Tracer, docstring: str) -> str:
     for function in tracer.functions:
         lines = writer.block(function.block, 2)
         lines.append(f"        return {writer.listed(function.results)}" + ("," if len(function.results) == 1 else ""))
-        body += [f"    def {function.name}({', '.join(function.arguments)}):", *_registers(lines), ""]
+        body += [f"    def {function.name}({', '.join(function.printed)}):", *_registers(lines), ""]
     prologue = [f"    {name} = parameters[{key!r}]" for name, key in tracer.parameters if writer.uses.get(name)]
     prologue += writer.block(tracer.prologue, 1)
     functions = ", ".join(function.name for function in tracer.functions)

@@ -9,6 +9,8 @@ and :mod:`c_source` print the program.
 
 from __future__ import annotations
 
+import keyword
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partialmethod
@@ -18,6 +20,8 @@ from typing import Any, Union
 from ..ops.base import Thunk, Value
 
 Operand = Union["Expr", float, bool]
+FUNCTIONS = ("sin", "cos", "tan", "atan", "exp", "log", "sqrt", "fabs", "floor")
+"""Operations that are functions of one value."""
 
 
 def _operator(operation: str, swapped: bool = False) -> Callable[[Expr, Value], Value]:
@@ -117,12 +121,26 @@ class Block:
         return None
 
 
+# Of Python, of C, and of what is printed around the functions.
+_WORDS = f"""
+    {" ".join(keyword.kwlist)} {" ".join(FUNCTIONS)} auto bool case char const default do double enum extern goto inline
+    int long register restrict short signed sizeof static struct switch typedef union unsigned void volatile
+    main size_t fmin fmax errno NULL NAN INFINITY HUGE_VAL float parameters make out p c"""
+_RESERVED = re.compile(rf"([pctr]\d+|{'|'.join(_WORDS.split())})_*")
+
+
+def _printed(argument: str) -> str:
+    """Return an argument's name as generated code has it, where temporaries, parameters and words have other uses."""
+    return f"{argument}_" if _RESERVED.fullmatch(argument) else argument
+
+
 @dataclass
 class Traced:
-    """A function of the program: its arguments, statements and results."""
+    """A function of the program: its arguments, their names in generated code, statements and results."""
 
     name: str
     arguments: Sequence[str]
+    printed: Sequence[str]
     block: Block
     results: tuple[Operand, ...]
 
@@ -148,9 +166,10 @@ class Tracer:
     def function(self, name: str, arguments: Sequence[str], body: Callable[..., Iterable[Value]]) -> None:
         """Trace `body(*arguments)` as a function of the program."""
         self._block = block = Block(self.prologue)
-        results = tuple(body(*(Expr(self, argument, False) for argument in arguments)))
+        printed = tuple(map(_printed, arguments))
+        results = tuple(body(*(Expr(self, argument, False) for argument in printed)))
         self._block = self.prologue
-        self.functions.append(Traced(name, arguments, block, results))
+        self.functions.append(Traced(name, arguments, printed, block, results))
 
     # -- operations ----------------------------------------------------------
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 
-from .tracer import Assign, Block, Expr, If, Operand, Traced, Tracer
+from .tracer import FUNCTIONS, Assign, Block, Expr, If, Operand, Traced, Tracer
 
 # Operations that Python and C write alike.
 ARITHMETIC = {
     "add": "{0} + {1}", "subtract": "{0} - {1}", "multiply": "{0} * {1}", "divide": "{0} / {1}", "negative": "-{0}",
     "less": "{0} < {1}", "less_equal": "{0} <= {1}", "greater": "{0} > {1}", "greater_equal": "{0} >= {1}",
     "equal": "{0} == {1}",
-    **{name: f"{name}({{0}})" for name in ("sin", "cos", "tan", "atan", "exp", "log", "sqrt", "fabs")},
+    **{name: f"{name}({{0}})" for name in FUNCTIONS},
 }
 
 
@@ -107,7 +107,8 @@ class Writer(ABC):
 
 def dependencies(function: Traced) -> list[frozenset[str]]:
     """Return which arguments of a traced function each of its results depends on."""
-    needed: dict[str, frozenset[str]] = {argument: frozenset({argument}) for argument in function.arguments}
+    needed: dict[str, frozenset[str]] = {
+        printed: frozenset({argument}) for printed, argument in zip(function.printed, function.arguments, strict=True)}
 
     def of(*values: Operand) -> frozenset[str]:
         return frozenset().union(*(needed.get(v.name, frozenset()) for v in values if isinstance(v, Expr)))
