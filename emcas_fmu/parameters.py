@@ -16,7 +16,7 @@ from types import MappingProxyType
 from typing import Any
 
 from . import schema
-from .actuators import EXTENSIONS, NAMES, NONLINEAR, default_files, full_name, get, get_extension
+from .actuators import EXTENSIONS, NAMES, NONLINEAR, default_files, fin_port, full_name, get, get_extension, parts
 from .actuators.declaration import Actuator
 from .errors import EmcasError, hint
 from .files import models_directory
@@ -46,9 +46,10 @@ class ParameterError(EmcasError, ValueError):
 
 
 class _Known:
-    """Names a parameter file may use: those of an actuator, and those of all that are shipped."""
+    """Names that may be given, and what to say of one that is none of them."""
 
-    def __init__(self, variables: Iterable[Variable]) -> None:
+    def __init__(self, variables: Iterable[Variable], unknown: str = "unknown parameter") -> None:
+        self.unknown = unknown
         self.variables = {v.name: v for v in variables}
         self.lengths = Counter(name.partition("[")[0] for name in self.variables if "[" in name)  # of the arrays
         self.names = [*self.variables, *self.lengths]
@@ -65,8 +66,14 @@ def _shipped() -> tuple[Variable, ...]:
 
 @cache
 def _known(model: str) -> _Known:
-    """An actuator's names are its own, whatever others mean by them."""
+    """Return the names a user's file may use. What an actuator declares, it means, whatever others mean by it."""
     return _Known((*_shipped(), *get(model).file_entries))
+
+
+@cache
+def _declared(model: str) -> _Known:
+    """Return the names of an actuator alone."""
+    return _Known(get(model).file_entries, f"the {get(model).name} actuator has no such parameter")
 
 
 @dataclass(frozen=True)
@@ -155,13 +162,16 @@ def load_parameters(files: Path | str | Iterable[Path | str] | None = None, base
 
 def _defaults(model: str) -> ParameterSet:
     actuator = get(model)
-    files = [models_directory() / "emcas.toml", *default_files(model)]
+    shipped = models_directory() / "emcas.toml"
+    files = [shipped, *default_files(model)]
     entries: dict[str, Entry] = {}
     for file in files:
         given, problems = _entries(_document(file), str(file), file.name, "", _known(model))
         if problems:
             raise ParameterError(problems)
-        entries |= given
+        # Of a user's actuator a motor's resistance, say, is not that of the thesis: only the fin port's are taken.
+        entries |= given if file != shipped or parts(model)[0] in NAMES else {
+            v.name: given[v.name] for v in fin_port.PARAMETERS}
     where = files[-1] if len(files) > 1 else files[0]
     if missing := [f"{where}: {v.name}: missing; the defaults must give every parameter of the {actuator.name} actuator"
                    for v in actuator.file_entries if v.name not in entries]:
@@ -208,14 +218,11 @@ def _overridden(base: ParameterSet, document: Mapping[str, Any], label: str, fil
 
     A user's file may give what other actuators have; a program may not.
     """
-    known = _known(base.model)
-    entries, problems = _entries(document, label, file, "user", known)
+    entries, problems = _entries(document, label, file, "user", (_known if file else _declared)(base.model))
     if file:
-        _follow(entries, problems, label, base.actuator)
+        _follow(entries, problems, label, base)
     have = {e.variable.name for e in base.entries}
     unused = tuple(name for name in entries if name not in have)
-    if unused and not file:
-        problems += [f"{label}: {name}: the {base.actuator.name} actuator has no such parameter" for name in unused]
     if problems:
         raise ParameterError(problems)
     chosen = _checked(tuple(entries.get(e.variable.name, e) for e in base.entries), base.model, label)
@@ -229,21 +236,28 @@ def _checked(entries: tuple[Entry, ...], model: str, label: str) -> ParameterSet
     return chosen
 
 
-def _follow(entries: dict[str, Entry], problems: list[str], label: str, actuator: Actuator) -> None:
-    """Add the one of two equal parameters to a file's entries where it gives only the other."""
-    variables = {v.name: v for v in actuator.parameters}
-    for pair in actuator.equal_parameters:
+def _follow(entries: dict[str, Entry], problems: list[str], label: str, base: ParameterSet) -> None:
+    """Add the one of two equal parameters to a file's entries where it, and those before it, give only the other."""
+    variables = {v.name: v for v in base.actuator.parameters}
+    before = {e.variable.name: e for e in base.entries}
+    shipped = {e.variable.name: e for e in _defaults(base.model).entries}
+    for pair in base.actuator.equal_parameters:
         for given, name in (pair, pair[::-1]):
-            if given not in entries or name in entries:
+            followed = before[name] == shipped[name] or before[name].text == _as(given)
+            if given not in entries or name in entries or not followed:
                 continue
             value, variable = entries[given].value, variables[name]
             if value < variable.minimum:
                 problems.append(f"{label}: {given} = {entries[given].text}: {name}, which follows from it, must be at "
                                 f"least {variable.minimum:.6g} {variable.unit}; give that too")
-            entries[name] = Entry(variable, value, f"as {given}", "derived",
+            entries[name] = Entry(variable, value, _as(given), "derived",
                                   f"Follows from {given}, to which it is equal in SI units; the file does not give it.",
                                   entries[given].file)
             break
+
+
+def _as(given: str) -> str:
+    return f"as {given}"
 
 
 def _apart(one: Entry, other: Entry) -> str:
@@ -302,7 +316,7 @@ def _scalars(key: str, written: Any, known: _Known) -> Iterator[tuple[str, Mappi
         raise ValueError("is a group of parameters; expected a table such as "
                          f"{next(name for name in known.names if name.startswith(key + '.'))}")
     else:
-        raise ValueError(f"unknown parameter{hint(key, known.names)}")
+        raise ValueError(f"{known.unknown}{hint(key, known.names)}")
 
 
 def _entry(variable: Variable, fields: Mapping[str, Any], source: str, file: str) -> Entry:

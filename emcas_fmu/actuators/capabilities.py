@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 MOTOR_CURRENT = "a motor current"
 CURRENT_LOOP = "a current loop"
 CURRENT_LIMIT = "a limit of the motor current"
@@ -18,3 +20,23 @@ COMMAND_REFERENCE = "a drive that takes the fin command itself"
 POSITION_LOOP = "a sampled position loop"
 CASCADE = "loops of position and velocity in cascade"
 SUPPLY_VOLTAGE = "a supply voltage"
+
+NEEDED_VARIABLES: Mapping[str, tuple[str, ...]] = {
+    MOTOR_CURRENT: ("motor_current", "motor.resistance", "motor.torque_constant"),
+    CURRENT_LOOP: ("drive.kp", "drive.ki", "drive.current_gain"),
+    CURRENT_LIMIT: ("drive.current_limit",),
+    VOLTAGE_LIMIT: ("supply_voltage", "motor_voltage"),
+    COULOMB_FRICTION: ("friction.coulomb.positive[0]", "friction.coulomb.negative[0]"),
+    RIGID_DRIVE_LINE: (),
+    DRIVE_LINE: ("encoder.on_fin",),
+    BACKLASH: ("drive_line.backlash",),
+    SCREW_LOAD: ("screw.lead",),
+    REFERENCE_LIMIT: ("drive.reference_limit",),
+    ENCODER: ("encoder.pulses", "encoder.multiplier", "encoder.enabled"),
+    SCREW_DRIVE: ("screw.lead", "kinematics.moment_arm", "inertia.motor", "inertia.fin"),
+    COMMAND_REFERENCE: (),
+    POSITION_LOOP: (),
+    CASCADE: ("controller.position.kp", "controller.velocity.kp"),
+    SUPPLY_VOLTAGE: ("supply_voltage",),
+}
+"""Every capability, and the inputs, outputs and parameters by which those that ask for it reach it."""

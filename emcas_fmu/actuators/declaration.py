@@ -19,19 +19,20 @@ from __future__ import annotations
 
 import keyword
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from ..errors import EmcasError
+from ..errors import EmcasError, hint
 from ..namespace import Record, namespace
 from ..ops.base import Ops, Value
 from ..rules import Rule
 from ..steppers.smooth import Derivatives, smooth_step
 from ..variables import Terminal, Variable, parameter
-from . import fin_port
+from . import capabilities, fin_port
 
 Values = Mapping[str, Value]
 Parameters = Any
@@ -76,6 +77,14 @@ class Supply:
     input: Variable
     power: Variable
     inverse_inductance: Callable[[Ops, Parameters], Value] = lambda ops, p: 0.0
+
+    def __post_init__(self) -> None:
+        if self.input.unit != "V":
+            raise EmcasError(f"supply {self.input.name} [{self.input.unit}]: a line that fins share is one of voltage "
+                             "[V]; declare another input among further_inputs")
+        if (self.power.name, self.power.unit) != ("supply_power", "W"):
+            raise EmcasError(f"supply {self.input.name}: its power is called {self.power.name} [{self.power.unit}]; "
+                             "every actuator's is supply_power [W]")
 
 
 def _at_start_angle(ops: Ops, p: Parameters, start: Record) -> Values:
@@ -186,7 +195,7 @@ class Actuator:
             if self.derivatives is None:
                 raise EmcasError(f"actuator {self.name}: has neither step nor derivatives; smooth equations need only "
                                  "derivatives")
-            object.__setattr__(self, "step", smooth_step(self.rates, [s.name for s in self.states]))
+            object.__setattr__(self, "step", smooth_step(self._every_rate, [s.name for s in self.states]))
         # Those that act on the plant first: the core takes them so.
         object.__setattr__(self, "further_inputs", tuple(sorted(self.further_inputs, key=lambda v: v.kind != "Real")))
         arguments = [a for _, names, _ in self.functions for a in names]
@@ -194,14 +203,28 @@ class Actuator:
         if repeated:
             raise EmcasError(f"actuator {self.name}: {repeated[0]} is the name of two things; states, inputs and what "
                              f"acts ({', '.join(dict.fromkeys(arguments))}) have names of their own")
-        for kind, variables in (("output", self.outputs), ("parameter", self.parameters)):
-            names = [v.name for v in variables]
-            if twice := [name for name in names if names.count(name) > 1]:
-                raise EmcasError(f"actuator {self.name}: {kind} {twice[0]} is declared twice")
-            needed = fin_port.OUTPUTS if kind == "output" else fin_port.PARAMETERS
-            if missing := [v.name for v in needed if v.name not in names]:
+        self._check_interface()
+
+    def _check_interface(self) -> None:
+        count = Counter(v.name for v in (*self.inputs, *self.outputs, *self.parameters))
+        if twice := [name for name, times in count.items() if times > 1]:
+            raise EmcasError(f"actuator {self.name}: {twice[0]} is declared twice; inputs, outputs and parameters have "
+                             "names of their own")
+        for kind, needed in (("output", fin_port.OUTPUTS), ("parameter", fin_port.PARAMETERS)):
+            if missing := [v.name for v in needed if v.name not in count]:
                 raise EmcasError(f"actuator {self.name}: {kind} {missing[0]} of the fin port is missing; it has "
                                  f"{', '.join(v.name for v in needed)}")
+        for v in (*self.outputs, *self.parameters, *self.further_inputs):
+            if not v.minimum <= v.maximum:
+                raise EmcasError(f"actuator {self.name}: {v.name} has minimum {v.minimum:g} above maximum "
+                                 f"{v.maximum:g}")
+        for capability in self.provides:
+            if capability not in capabilities.NEEDED_VARIABLES:
+                raise EmcasError(f"actuator {self.name} provides {capability!r}, which nothing asks for"
+                                 f"{hint(capability, capabilities.NEEDED_VARIABLES)}")
+            if missing := [name for name in capabilities.NEEDED_VARIABLES[capability] if name not in count]:
+                raise EmcasError(f"actuator {self.name} provides {capability!r}, which needs {missing[0]}; declare it, "
+                                 "or leave that out of provides")
 
     # -- interface -------------------------------------------------------------
 
@@ -301,6 +324,10 @@ class Actuator:
         assert self.derivatives is not None
         names = tuple(s.name for s in self.states)
         return {**dict.fromkeys(names, 0.0), **_complete(self.derivatives, self.derivatives(ops, p, x, u), (), names)}
+
+    def _every_rate(self, ops: Ops, p: Parameters, x: Record, u: Acting) -> Mapping[str, Value]:
+        assert self.derivatives is not None
+        return _complete(self.derivatives, self.derivatives(ops, p, x, u), (s.name for s in self.states))
 
     def _acting(self, held: Iterable[Value], active: Value, acting: Iterable[Value]) -> dict[str, Value]:
         names = (*(s.name for s in self.sampled_states), "reference", "aero_torque", "f_x", "f_z", "supply", "enabled",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import re
 import sys
 import traceback
 from collections.abc import Mapping
@@ -15,9 +16,11 @@ from types import ModuleType
 
 from ..errors import EmcasError
 from ..units import UnitError, check_unit
+from . import EXTENSIONS, NAMES
 from .declaration import Actuator
 
 GROUP = "emcas.actuators"
+_NAME = re.compile("[A-Za-z][A-Za-z0-9_-]*")
 
 
 @cache
@@ -57,18 +60,32 @@ def load(path: Path) -> Actuator:
     beside = path.with_suffix(".toml")
     if not actuator.files and not beside.is_file():
         raise EmcasError(f"{beside}: there is no such file; it gives the parameters of {path.name}, unit and source")
+    _check_name(actuator, path)
+    reference = actuator.reference
+    if isinstance(reference, str) and reference.endswith(".py"):
+        reference = path.parent / reference
     chosen = replace(actuator, files=actuator.files or (beside,), modules=actuator.modules or (module,),
-                     source=path)
+                     reference=reference, source=path)
     _check_units(chosen)
     return chosen
 
 
+def _check_name(actuator: Actuator, path: Path) -> None:
+    """Raise EmcasError for a name that cannot stand in the FMU's, or that is taken."""
+    if not _NAME.fullmatch(actuator.name):
+        raise EmcasError(f"{path}: name {actuator.name!r}: use letters, digits, _ and -, a letter first: the FMU's "
+                         "name is made of it")
+    if actuator.name in (*NAMES, *EXTENSIONS):
+        raise EmcasError(f"{path}: name {actuator.name!r} is that of an actuator or extension that is shipped; choose "
+                         "another")
+
+
 def _check_units(actuator: Actuator) -> None:
     """Raise EmcasError for a variable whose unit is not known."""
-    for v in (*actuator.inputs, *actuator.outputs, *actuator.parameters):
+    states = (*actuator.states, *actuator.controller_states, *actuator.sampled_states)
+    for v in (*states, *(v for v in (*actuator.inputs, *actuator.outputs, *actuator.parameters) if v.kind == "Real")):
         try:
-            if v.kind == "Real":
-                check_unit(v.unit)
+            check_unit(v.unit)
         except UnitError as error:
             raise EmcasError(f"{actuator.source}: {v.name}: {error}") from error
 

@@ -60,6 +60,8 @@ def simulator(model: str) -> Simulate:
                          "one, and a file of yours that names one as `reference`")
     if isinstance(actuator.reference, str):
         module: Any = import_module(actuator.reference)
+    elif not actuator.reference.is_file():
+        raise EmcasError(f"{actuator.source}: reference {actuator.reference}: there is no such file")
     else:
         module = load_module(actuator.reference)
     if not callable(getattr(module, "simulate", None)):

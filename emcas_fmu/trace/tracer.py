@@ -17,7 +17,8 @@ from functools import partialmethod
 from math import isinf
 from typing import Any, Union
 
-from ..ops.base import Thunk, Value
+from ..errors import hint
+from ..ops.base import Ops, Thunk, Value
 
 Operand = Union["Expr", float, bool]
 FUNCTIONS = ("sin", "cos", "tan", "atan", "exp", "log", "sqrt", "fabs", "floor")
@@ -64,12 +65,22 @@ class Expr:
     __radd__ = _operator("add", swapped=True)
     __sub__ = _operator("subtract")
     __rsub__ = _operator("subtract", swapped=True)
-    __truediv__ = _operator("divide")
     __rtruediv__ = _operator("divide", swapped=True)
     __lt__ = _comparison("less")
     __le__ = _comparison("less_equal")
     __gt__ = _comparison("greater", greater=True)
     __ge__ = _comparison("greater_equal", greater=True)
+
+    def __truediv__(self, other: Value) -> Value:
+        if not isinstance(other, Expr) and other == 0.0:
+            raise ZeroDivisionError("division by 0 in traced code")
+        return self.tracer.emit("divide", self, other)
+
+    def __pow__(self, exponent: Value) -> Value:
+        raise TypeError("there is no ** in traced code: write x * x, or ops.exp(y * ops.log(x))")
+
+    def __abs__(self) -> Value:
+        return self.tracer.fabs(self)
 
     def __mul__(self, other: Value) -> Value:
         # Exact for every number, so that folding changes no bit.
@@ -154,6 +165,10 @@ class Tracer:
         self._count = 0
         self.parameters: list[tuple[str, str]] = []
         self.functions: list[Traced] = []
+
+    def __getattr__(self, name: str) -> Any:
+        there_is = [operation for operation in vars(Ops) if not operation.startswith("_")]
+        raise AttributeError(f"ops has no {name}{hint(name, there_is)}; it has {', '.join(there_is)}")
 
     # -- leaves and functions ------------------------------------------------
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import degrees, exp, log
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,10 +19,10 @@ from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import Case
 from emcas_fmu.reference.files import cases, simulator
-from emcas_fmu.simulation import respond
+from emcas_fmu.simulation import respond, simulate
 from emcas_fmu.steppers.smooth import smooth_step, solve
 
-from .example import FILE, MODEL
+from .example import FILE, MODEL, changed
 
 PARAMETERS = load_parameters(model=MODEL)
 CASES = {case.name: case for case in cases(PARAMETERS)}
@@ -96,3 +97,15 @@ def test_elimination(entries: list[float]) -> None:
     matrix = np.reshape(entries[:9], (3, 3)) + 4.0 * np.eye(3)
     found = solve(matrix.tolist(), entries[9:])
     assert np.allclose(found, np.linalg.solve(matrix, entries[9:]), rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["p1", "c3", "r0", "t7", "t7_", "int", "sin", "out", "p", "self", "float"])
+def test_a_state_may_have_any_name(tmp_path: Path, name: str) -> None:
+    """Names of temporaries and of words of Python and C: the same bits in both back ends as with another name."""
+    renamed = changed(tmp_path, ('State("current"', f'State("{name}"'), ("x.current", f"x.{name}"),
+                      ('"current": rise', f'"{name}": rise'))
+    model, values = str(renamed), load_parameters(model=MODEL).values
+    expected = simulate(values, 0.05, model=MODEL, fin_command=0.1, kernel="python")["fin_angle"]
+    for kernel in ("python", "compiled"):
+        angle = simulate(values, 0.05, model=model, fin_command=0.1, kernel=kernel)["fin_angle"]
+        assert np.array_equal(angle, expected)

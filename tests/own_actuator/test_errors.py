@@ -13,6 +13,7 @@ from emcas_fmu import actuators
 from emcas_fmu.actuators import external, get
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.reference import files
 from emcas_fmu.runtime import codegen
 
 from .example import FILE, changed
@@ -34,6 +35,23 @@ _SPRING = "- p.spring.stiffness * x.fin_angle"
     (('State("current", "A")', 'State("the current", "A")'), None,
      "'the current': a state's name is a Python identifier"),
     (("    derivatives=derivatives,\n", ""), "ACTUATOR = Actuator(", "has neither step nor derivatives"),
+    (('"fin_rate": torque / p.hinge.inertia, ', ""), "def derivatives", "derivatives() gives no fin_rate"),
+    (("rise / p.motor.inductance", "rise / 0.0"), "    return {\"fin_angle\": x.fin_rate, \"fin", "division by 0"),
+    (("    clipped = ops", "    ops.tanh(demand)\n    clipped = ops"), "    clipped = ops",
+     "ops has no tanh; did you mean tan?"),
+    (("    clipped = ops", "    demand ** 2\n    clipped = ops"), "    clipped = ops", "write x * x"),
+    (('State("current", "A")', 'State("replace", "A")'), None, "what a method of x is called"),
+    (("MOTOR_CURRENT = real_output(\"motor_current\"", "MOTOR_CURRENT = real_output(\"hinge.inertia\""),
+     "ACTUATOR = Actuator(", "hinge.inertia is declared twice"),
+    (('"hinge.damping", "N.m.s/rad", 0.0,', '"hinge.damping", "N.m.s/rad", 2e3,'), "ACTUATOR = Actuator(",
+     "hinge.damping has minimum 2000 above maximum 1000"),
+    (('real_input("supply_voltage", "V"', 'real_input("supply_voltage", "Pa"'), "    supply=Supply(",
+     "a line that fins share is one of voltage"),
+    (('real_output("supply_power", "W"', 'real_output("pump_power", "W"'), "    supply=Supply(",
+     "every actuator's is supply_power [W]"),
+    (("capabilities.POSITION_LOOP}", "'a motor curent'}"), "ACTUATOR = Actuator(", "did you mean a motor current?"),
+    (("capabilities.POSITION_LOOP}", "capabilities.CURRENT_LIMIT}"), "ACTUATOR = Actuator(",
+     "which needs drive.current_limit"),
 ])
 def test_file_and_line_are_named(tmp_path: Path, change: tuple[str, str], place: str | None, says: str) -> None:
     path = changed(tmp_path, change)
@@ -51,6 +69,9 @@ def test_file_and_line_are_named(tmp_path: Path, change: tuple[str, str], place:
     (('"N.m/rad", 0.0', '"N.m/rod", 0.0'), "spring.stiffness: unknown unit 'N.m/rod'; did you mean rad?"),
     (("*fin_port.OUTPUTS, ", ""), "output fin_angle of the fin port is missing"),
     (("    *fin_port.PARAMETERS,\n", ""), "parameter mass.fin of the fin port is missing"),
+    (('State("current", "A")', 'State("current", "Amp")'), "current: unknown unit 'Amp'"),
+    (('name="direct-drive"', 'name="elastic"'), "name 'elastic' is that of an actuator or extension that is shipped"),
+    (('name="direct-drive"', 'name="direct drive"'), "name 'direct drive': use letters, digits"),
 ])
 def test_the_declaration_is_judged(tmp_path: Path, change: tuple[str, str], says: str) -> None:
     path = changed(tmp_path, change)
@@ -71,11 +92,20 @@ def test_files_that_are_missing(tmp_path: Path) -> None:
 def test_a_parameter_without_a_value(tmp_path: Path) -> None:
     path = changed(tmp_path)
     toml = path.with_suffix(".toml")
-    toml.write_text(toml.read_text(encoding="utf-8").replace("[spring]\nstiffness", "[spring]\n# stiffness"),
-                    encoding="utf-8")
-    with pytest.raises(EmcasError, match=re.escape("spring.stiffness: missing")) as refused:
-        load_parameters(model=str(path))
-    assert str(toml) in str(refused.value)
+    text = toml.read_text(encoding="utf-8")
+    # A motor's resistance is also one of the default actuator, whose motor is another.
+    for line, name in (("[spring]\nstiffness", "spring.stiffness"), ("\nresistance", "motor.resistance")):
+        toml.write_text(text.replace(line, line.replace("\n", "\n# ")), encoding="utf-8")
+        with pytest.raises(EmcasError, match=re.escape(f"{name}: missing")) as refused:
+            load_parameters(model=str(path))
+        assert str(toml) in str(refused.value)
+
+
+def test_a_reference_that_is_missing(tmp_path: Path) -> None:
+    path = changed(tmp_path, ('Path(__file__).with_name("direct_drive_reference.py")', '"nope.py"'))
+    missing = f"mine.py: reference {tmp_path / 'nope.py'}: there is no such file"
+    with pytest.raises(EmcasError, match=re.escape(missing)):
+        files.simulator(str(path))
 
 
 def test_an_extension_says_what_is_missing() -> None:
