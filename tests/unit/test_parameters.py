@@ -211,6 +211,18 @@ def test_constants_that_are_both_given_stay(load: Load) -> None:
     assert (chosen.values["motor.torque_constant"], chosen.values["motor.back_emf_constant"]) == (0.094, 0.1)
 
 
+def test_a_constant_of_an_earlier_file_stays(tmp_path: Path) -> None:
+    """Of several files in order; one that followed in the first follows again."""
+    first, second = tmp_path / "first.toml", tmp_path / "second.toml"
+    first.write_text('motor.torque_constant = "0.094 N*m/A"', encoding="utf-8")
+    second.write_text('motor.back_emf_constant = "0.05 V*s/rad"', encoding="utf-8")
+    chosen = load_parameters([first, second])
+    assert (chosen.values["motor.torque_constant"], chosen.values["motor.back_emf_constant"]) == (0.094, 0.05)
+    assert len(chosen.warnings) == 1
+    second.write_text('motor.torque_constant = "0.05 N*m/A"', encoding="utf-8")
+    assert load_parameters([first, second]).values["motor.back_emf_constant"] == 0.05
+
+
 def test_a_program_changes_what_it_names_alone() -> None:
     """Cases of a tuning study and samples of a campaign say which parameters they change."""
     changed = DEFAULTS.replace({"motor.torque_constant": 0.1})
