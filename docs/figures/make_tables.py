@@ -156,8 +156,8 @@ def _over(extension: str, model: str) -> str:
 
 def provided() -> str:
     """What each actuator provides, by the names that extensions and tools ask for, and which extensions go over it."""
-    known = [words for name, words in vars(capabilities).items() if name.isupper()]
-    rows = [[words, *("yes" if words in get(model).provides else "" for model in NAMES)] for words in known]
+    rows = [[words, *("yes" if words in get(model).provides else "" for model in NAMES)]
+            for words in capabilities.NEEDED_VARIABLES]
     rows += [[f"`+{name}`", *(_over(name, model) for model in NAMES)] for name in EXTENSIONS]
     rows += [[f"number of {kind}", *(str(len(getattr(get(model), kind))) for model in NAMES)]
              for kind in ("states", "inputs", "outputs", "parameters")]

@@ -246,7 +246,7 @@ def test_limits_of_other_quantities(figure: str, limit: str, expected: float, tm
 
 
 @pytest.mark.parametrize(("text", "message"), [
-    ("[[requirement", "cannot be read: Expected"),
+    ("[[requirement", "is not valid TOML: Expected"),
     ("", "requirement: expected one or more tables [[requirement]] with name, title, figure, sense, limit"),
     ("a = 1", "unknown key 'a'; there is requirement"),
     ("requirement = []", "expected one or more tables"),

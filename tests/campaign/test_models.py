@@ -185,7 +185,7 @@ def test_an_fmu_that_does_not_tell(write: Write, faulty: Path, monkeypatch: pyte
     (SMALL + '[vary."fault.jam.begin"]\ndistribution = "uniform"\nlow = "0 s"\nhigh = "1 s"\n',
      "'fault.jam.begin' of the nonlinear model; nonlinear+faults has one"),
     (SMALL + '[inputs.home]\nkind = "constant"\nvalue = true\n', "'home' of the nonlinear model; nonlinear+homing has"),
-    ('[base]\nmodel = "nonlinear+fault"\n' + SMALL, "base.model = nonlinear+fault: there is no extension 'fault', did"),
+    ('[base]\nmodel = "nonlinear+fault"\n' + SMALL, "base.model = nonlinear+fault: there is no extension 'fault'; did"),
     ('[base]\nmodel = "linear+lugre"\n' + SMALL, "base.model = linear+lugre"),
     ('[base]\nmodel = 3\n' + SMALL, "base.model = 3: must be a string"),
 ])

@@ -171,7 +171,7 @@ def test_refused(native: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
     ("[every_fin.motor]\nresistance = '-5 %'\n", "motor.resistance = -0.0125 Ohm: is -0.0125 Ohm; it must be within"),
     ("[motor]\nresistance = '1 Ohm'\n", "hot.toml: motor: expected tables every_fin, fin1, fin2"),
     ("[fin2.drive]\nsupply_voltage = '90 %'\n", "drive.supply_voltage differs between fins, which share it"),
-    ("nonsense", "hot.toml: cannot be read"),
+    ("nonsense", "hot.toml: is not valid TOML"),
 ])
 def test_bad_variant_file(native: Path, tmp_path: Path, text: str, expected: str) -> None:
     file = tmp_path / "hot.toml"
