@@ -16,7 +16,7 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date a ZIP archive can hold
 
 
 def models_directory() -> Path:
-    """The folder of parameter sets: inside the package when installed, beside it in a checkout.
+    """Return the folder of parameter sets: inside the package when installed, beside it in a checkout.
 
     Raises FileNotFoundError naming the file looked for and both places.
     """
@@ -31,7 +31,7 @@ def models_directory() -> Path:
 
 @cache
 def cache_directory() -> Path:
-    """A folder for what is compiled: the user's cache, or one of the user's own among the temporary ones.
+    """Return a folder for what is compiled: the user's cache, or one of the user's own among the temporary ones.
 
     Raises OSError where neither can be written.
     """

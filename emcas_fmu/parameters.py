@@ -273,7 +273,7 @@ def _apart(one: Entry, other: Entry) -> str:
 def _entries(
     document: Mapping[str, Any], label: str, file: str, source: str, known: _Known,
 ) -> tuple[dict[str, Entry], list[str]]:
-    """The sound entries of a document and the problems of the others."""
+    """Return the sound entries of a document and the problems of the others."""
     entries: dict[str, Entry] = {}
     problems = []
     for key, written in _leaves(document, known):
@@ -291,7 +291,7 @@ def _entries(
 
 
 def _leaves(node: Mapping[str, Any], known: _Known, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted keys with what is written there; tables that are no entry are descended into."""
+    """Yield dotted keys with what is written there; tables that are no entry are descended into."""
     for part, written in node.items():
         key = f"{path}.{part}" if path else part
         descend = isinstance(written, Mapping) and key not in known.names and "value" not in written
@@ -302,7 +302,7 @@ def _leaves(node: Mapping[str, Any], known: _Known, path: str = "") -> Iterator[
 
 
 def _scalars(key: str, written: Any, known: _Known) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Names and fields of a key's scalars: one, or one an element of an array."""
+    """Yield names and fields of a key's scalars: one, or one an element of an array."""
     fields = written if isinstance(written, Mapping) else {"value": written}
     if key in known.variables:
         yield key, fields
@@ -320,7 +320,7 @@ def _scalars(key: str, written: Any, known: _Known) -> Iterator[tuple[str, Mappi
 
 
 def _entry(variable: Variable, fields: Mapping[str, Any], source: str, file: str) -> Entry:
-    """The entry of a scalar. Raises ValueError, saying what is wrong and what was expected."""
+    """Return the entry of a scalar. Raises ValueError, saying what is wrong and what was expected."""
     for field in fields:
         if field not in _FIELDS:
             raise ValueError(f"unknown field {field!r}{hint(field, _FIELDS)}; "
@@ -361,7 +361,7 @@ def _number(variable: Variable, written: Any, written_unit: str) -> float | int:
 
 
 def _in_variables_unit(name: str, value: object, model: str) -> object:
-    """What a parameter file would say for a value given in a program."""
+    """Return what a parameter file would say for a value given in a program."""
     if isinstance(value, (list, tuple)):
         return [_in_variables_unit(f"{name}[{i}]", element, model) for i, element in enumerate(value)]
     if isinstance(value, bool) or not isinstance(value, Real):
@@ -390,7 +390,7 @@ def write_parameters(parameters: ParameterSet, path: Path, comments: Iterable[st
 
 
 def _entry_line(key: str, entries: Sequence[Entry]) -> str:
-    """The line of one value, or of an array whole: its elements are of one source and note."""
+    """Return the line of one value, or of an array whole: its elements are of one source and note."""
     first, texts = entries[0], [json.dumps(e.value) for e in entries]
     fields = [f"value = [{', '.join(texts)}]" if len(texts) > 1 else f"value = {texts[0]}"]
     if first.variable.kind != "Boolean":
@@ -407,7 +407,7 @@ def file_entry(values: Sequence[float], unit: str, source: str, note: str) -> di
 
 
 def _text(fields: Mapping[str, Any]) -> str:
-    """A value as its file has it, with its unit."""
+    """Return a value as its file has it, with its unit."""
     value, unit = fields.get("value", "(nothing)"), fields.get("unit", "")
     text = str(value).lower() if isinstance(value, bool) else str(value)
     return text if unit in ("", "1") else f"{text} {unit}"

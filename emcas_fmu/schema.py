@@ -42,7 +42,7 @@ class Table(BaseModel):
 
 
 def failure(problems: Iterable[tuple[Place, str, Any]]) -> ValidationError:
-    """An error of several problems, each with its place below the table, the reason and what is written there."""
+    """Return an error of several problems, each with its place below the table, the reason and the entry."""
     return ValidationError.from_exception_data("table", [
         InitErrorDetails(type=PydanticCustomError("reason", reason), loc=place, input=written)
         for place, reason, written in problems])
@@ -61,7 +61,7 @@ def _worded(problem: Any, keys: list[str]) -> tuple[Place, str, Any]:
 
 
 def unknown(word: Any, known: Iterable[str]) -> str:
-    """What to say of a word that is none of those there are."""
+    """Return what to say of a word that is none of those there are."""
     words = list(known)
     return f"{hint(word, words).removeprefix('; ')} there is {', '.join(words)}".lstrip()
 
@@ -74,7 +74,7 @@ def parameter_of(name: str, variables: Mapping[str, Variable], remedy: str = "")
 
 
 def named(tables: Any) -> Iterator[tuple[str, Any]]:
-    """The tables of a list with the names they give themselves. Raises ValueError."""
+    """Yield the tables of a list with the names they give themselves. Raises ValueError."""
     if not isinstance(tables, list):
         raise ValueError("must be a list of tables")
     for i, table in enumerate(tables):
@@ -108,7 +108,7 @@ def each(entries: Any, read: Callable[[str, Any], T]) -> dict[str, T]:
 
 
 def kind_of(written: Any, kinds: Iterable[str], key: str = "kind") -> str:
-    """Which of several kinds of table this is, by its `key`. Raises ValueError or ValidationError."""
+    """Return which of several kinds of table this is, by its `key`. Raises ValueError or ValidationError."""
     known = list(kinds)
     if not isinstance(written, Mapping) or key not in written:
         raise ValueError(f"expected a table with a {key}; there is {', '.join(known)}")
@@ -131,7 +131,7 @@ class In:
     type: str = "Real"
 
     def number(self, written: Any) -> Any:
-        """The value of what is written, in the unit; limits are not looked at. Raises ValueError."""
+        """Return the value of what is written, in the unit; limits are not looked at. Raises ValueError."""
         if self.type == "Boolean":
             if not isinstance(written, bool):
                 raise ValueError("expected true or false")
@@ -152,7 +152,7 @@ class In:
         return value
 
     def limited(self, written: Any) -> Any:
-        """The value of what is written, if it is within the limits. Raises ValueError."""
+        """Return the value of what is written, if it is within the limits. Raises ValueError."""
         value = self.number(written)
         if not self.minimum <= value <= self.maximum:
             raise ValueError(f"must be {self.limits}")
@@ -191,7 +191,7 @@ def document(path: Path, error: type[EmcasError], number: Callable[[str], Any] =
 
 
 def read(model: type[M], written: Mapping[str, Any], path: Path, error: type[EmcasError], context: Any = None) -> M:
-    """The contents of a file as `model`, whose validators are given `context`. Raises `error` with all problems."""
+    """Return a file's contents as `model`, whose validators are given `context`. Raises `error` with all problems."""
     try:
         return model.model_validate(written, context=context)
     except ValidationError as caught:
@@ -199,7 +199,7 @@ def read(model: type[M], written: Mapping[str, Any], path: Path, error: type[Emc
 
 
 def load(model: type[M], path: Path, error: type[EmcasError], context: Any = None) -> M:
-    """A TOML file as `model`; see `read`."""
+    """Return a TOML file as `model`; see `read`."""
     return read(model, document(path, error)[1], path, error, context)
 
 

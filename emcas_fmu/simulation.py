@@ -27,7 +27,7 @@ MOST_POINTS = 10_000_000  # the outputs of more would not fit in memory
 
 def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel: str = "auto",
              model: str = NONLINEAR, **inputs: Signal) -> dict[str, Array]:
-    """Outputs of the actuator at its communication points, from 0 to `stop` [s] every `step` [s].
+    """Return outputs of the actuator at its communication points, from 0 to `stop` [s] every `step` [s].
 
     `values` are the flat parameters in SI. Inputs are given by name with ``__`` for the
     dot (``attitude__roll``), as a constant, a function of time [s] or an array of values at
@@ -45,7 +45,7 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel:
 
 def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 1e-3, model: str = NONLINEAR,
                   bus: Mapping[str, float] | None = None, **inputs: Signal) -> dict[str, Array]:
-    """Outputs of several actuators, whose parameters are `sets`, on one bus, by the names of a unit of several fins.
+    """Return the outputs of several actuators, of parameters `sets`, on one bus, by the names of a unit of them.
 
     As `simulate`, but in Python, which is slower. `bus` are parameters of the bus (``bus.source_resistance``). An input
     of a single actuator, such as ``fin_command``, is that of every fin; of one it is given as
@@ -79,7 +79,7 @@ def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 
 
 
 def spread(inputs: Mapping[str, T], unit: FmuInterface) -> dict[str, T]:
-    """Inputs by the names of a unit: what is a single actuator's there is every fin's."""
+    """Return inputs by the names of a unit: what is a single actuator's there is every fin's."""
     there_are, of_one = {v.name for v in unit.inputs}, {v.name for v in unit.actuator.inputs}
     found: dict[str, T] = {}
     for name, signal in inputs.items():
@@ -91,7 +91,7 @@ def spread(inputs: Mapping[str, T], unit: FmuInterface) -> dict[str, T]:
 
 def _table(there_are: Sequence[Variable], starts: Sequence[Any], stop: float, step: float,
            inputs: Mapping[str, Signal]) -> Array:
-    """Inputs at the communication points, a column each: what is given, or the start value."""
+    """Return the inputs at the communication points, a column each; those not given at their start value."""
     if not (0.0 < step < np.inf and step * 0.5 <= stop <= MOST_POINTS * step):
         raise ValueError(f"from 0 to {stop} s every {step} s: both must be above 0, with 1 to {MOST_POINTS:g} steps")
     times: Array = np.arange(round(stop / step) + 1) * step
@@ -118,7 +118,7 @@ def _held(signal: float | Sequence[float] | Array, name: str, times: Array) -> A
 
 def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = "auto",
             model: str = NONLINEAR, outputs: Collection[str] | None = None) -> dict[str, Array]:
-    """Outputs at the times of the rows of `table`, `step` [s] apart from 0, each row held until the next.
+    """Return outputs at the times of the rows of `table`, `step` [s] apart from 0, each row held until the next.
 
     The table's columns are the inputs of the variable table, in SI. All outputs unless they are named; see
     :func:`simulate` for the rest.
@@ -147,7 +147,7 @@ def _by_python(values: Mapping[str, Any], table: Array, step: float, model: str)
 
 
 def _rows(core: Any, table: Array, step: float, arranged: Callable[[Sequence[float]], Any]) -> Array:
-    """Outputs of a core, or of those of several fins, at each row; `arranged` gives what it takes of one."""
+    """Return outputs of a core, or of those of several fins, at each row; `arranged` gives what it takes of one."""
     rows: list[tuple[Any, ...]] = []
     acting: Any = ()
     for k, row in enumerate(table.tolist()):

@@ -86,7 +86,7 @@ class UnitError(ValueError):
 
 
 def quantity(written: str, written_unit: str, unit: str) -> float:
-    """A number in `unit`, from text like ``50 mm`` or from ``50`` and a `written_unit` beside it.
+    """Return a number in `unit`, from text like ``50 mm`` or from ``50`` and a `written_unit` beside it.
 
     Raises UnitError, saying what was expected.
     """
@@ -105,7 +105,7 @@ def quantity(written: str, written_unit: str, unit: str) -> float:
 
 
 def convert(amount: Decimal, written: str, unit: str) -> float:
-    """`amount` in the unit `written`, expressed in `unit`; degC and degF are absolute temperatures.
+    """Return `amount` in the unit `written`, expressed in `unit`; degC and degF are absolute temperatures.
 
     Raises UnitError, saying what is wrong with `written`.
     """
@@ -145,7 +145,7 @@ def check_unit(unit: str) -> None:
 
 
 def describe(unit: str) -> str:
-    """What to write for a quantity in this unit."""
+    """Return what to write for a quantity in this unit."""
     return "a pure number" if unit == "1" else f"a number with a unit such as {unit}"
 
 

@@ -82,12 +82,13 @@ def _check_name(actuator: Actuator, path: Path) -> None:
 
 def _check_units(actuator: Actuator) -> None:
     """Raise EmcasError for a variable whose unit is not known."""
-    states = (*actuator.states, *actuator.controller_states, *actuator.sampled_states)
-    for v in (*states, *(v for v in (*actuator.inputs, *actuator.outputs, *actuator.parameters) if v.kind == "Real")):
+    units = {s.name: s.unit for s in (*actuator.states, *actuator.controller_states, *actuator.sampled_states)}
+    units |= {v.name: v.unit for v in (*actuator.inputs, *actuator.outputs, *actuator.parameters) if v.kind == "Real"}
+    for name, unit in units.items():
         try:
-            check_unit(v.unit)
+            check_unit(unit)
         except UnitError as error:
-            raise EmcasError(f"{actuator.source}: {v.name}: {error}") from error
+            raise EmcasError(f"{actuator.source}: {name}: {error}") from error
 
 
 def refusal(error: Exception, path: Path) -> EmcasError:

@@ -38,7 +38,7 @@ def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
 
 
 def _free(ops: Ops, p: Any, angle: Value, rate: Value, target: Value, h: Value) -> tuple[Value, ...]:
-    """Angle and rate after h [s] without limits, exactly."""
+    """Return angle and rate after h [s] without limits, exactly."""
     w, zeta = p.second_order.natural_frequency, p.second_order.damping
     x = angle - target
     split = 1.0 - zeta * zeta

@@ -156,7 +156,7 @@ def _one(study: Any, index: int, as_json: Path | None) -> None:
 
 
 def _table(summary: Any) -> Table:
-    """Percentiles of every figure."""
+    """Return percentiles of every figure."""
     from ..bench.metrics import shown
     from ..studies.campaign.summary import text
 
@@ -175,7 +175,7 @@ def _table(summary: Any) -> Table:
 
 
 def _faults(summary: Any) -> Table:
-    """What was injected, and what was found."""
+    """Return what was injected, and what was found."""
     from ..studies.campaign.report import seconds
 
     table = Table("fault, alone", "samples", "found", "after", "before", "by", title_justify="left",
@@ -190,5 +190,5 @@ def _faults(summary: Any) -> Table:
 
 
 def _short(factor: str) -> str:
-    """A factor without the experiment and the kind of entry it stands in."""
+    """Return a factor without the experiment and the kind of entry it stands in."""
     return factor.split(".", 2)[2].removeprefix("inputs.") if factor.startswith("experiments.") else factor

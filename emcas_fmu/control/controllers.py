@@ -32,7 +32,7 @@ def clipped_command(ops: Ops, p: Any, command: Value) -> Value:
 
 
 def friction_compensation(ops: Ops, p: Any, fin_measured: Value, speed_reference: Value) -> Value:
-    """Reference [V] that cancels Coulomb friction in the direction asked for.
+    """Return reference [V] that cancels Coulomb friction in the direction asked for.
 
     The controller knows the friction identified at 24 degC, not the temperature.
     """
@@ -48,7 +48,7 @@ def friction_compensation(ops: Ops, p: Any, fin_measured: Value, speed_reference
 
 
 def output(ops: Ops, p: Any, integral: Value, measured: Measurement, command: Value) -> Output:
-    """The controllers' outputs at a sample; `integral` I [rad/s], `command` [rad] before its limit."""
+    """Return the controllers' outputs at a sample; `integral` I [rad/s], `command` [rad] before its limit."""
     target = kinematics.motor_angle(ops, p, clipped_command(ops, p, command))
     error = target - measured.motor_angle
     position, limit = p.controller.position, p.controller.speed_limit
@@ -63,6 +63,6 @@ def output(ops: Ops, p: Any, integral: Value, measured: Measurement, command: Va
 
 
 def update(ops: Ops, p: Any, integral: Value, out: Output) -> Value:
-    """The integral [rad/s] after a sample, back-calculated where the speed reference was clipped."""
+    """Return the integral [rad/s] after a sample, back-calculated where the speed reference was clipped."""
     antiwindup = p.controller.antiwindup * (out.speed_reference - out.speed_raw)
     return integral + p.controller.sample_time * (p.controller.position.ki * out.error + antiwindup)

@@ -26,7 +26,7 @@ class Measurement(NamedTuple):
 
 
 def resolution(p: Any) -> Value:
-    """Angle of one count [rad]."""
+    """Return angle of one count [rad]."""
     return 2.0 * pi / (p.encoder.pulses * p.encoder.multiplier)
 
 

@@ -32,7 +32,7 @@ MOST_JAMMING = 0.9
 
 def _load_side(ops: Ops, p: Any, speed: Value, fin: Value, moment: Value, f_x: Value, direction: Value
                ) -> tuple[Value, Value]:
-    """J_l [kg.m2] and L_0 [N.m] of a rigid drive line at a speed of the motor [rad/s] and a fin angle [rad]."""
+    """Return J_l [kg.m2] and L_0 [N.m] of a rigid drive line at a speed of the motor [rad/s] and a fin angle [rad]."""
     m = mechanics.coefficients(ops, p, kinematics.motor_angle(ops, p, fin), 0.0, 0.0, 0.0)
     m = m._replace(load=moment / m.ratio + p.screw.lead * loads.nut_force(ops, p, f_x))
     return screw.load_inertia(p, m.ratio), screw.load(p, m, speed, direction)

@@ -247,7 +247,7 @@ def _parameters(actuator: Actuator) -> tuple[Variable, ...]:
 
 
 def _command_delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-    """A delay that is switched on or scheduled; others may wait for a longer sample time."""
+    """Check a delay that is switched on or scheduled; others may wait for a longer sample time."""
     late, period = p.fault.command_delay, p.controller.sample_time
     used = ops.either(late.active, late.end > late.begin)
     longest = fault_list.LONGEST_COMMAND_DELAY * period * (1.0 + SLACK)

@@ -107,8 +107,10 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
         return when(ops, p.homing.timeout <= least), p.homing.timeout, least
 
     def stall(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-        """The push, less friction at a stop, brings the motor to homing.speed after the drive's delay: till then it
-        stands still as at a stop. Of the lever the least ratio, d/l: the least time."""
+        """Check that the push, less friction at a stop, brings the motor to homing.speed after the drive's delay.
+
+        Till then it stands still as at a stop. Of the lever the least ratio, d/l: the least time.
+        """
         push, stop, coulomb = drive.stall_torque(p, p.homing.reference_limit), p.fin.stop_angle, p.friction.coulomb
         friction = ops.maximum(coulomb_polynomial(coulomb.positive, stop), coulomb_polynomial(coulomb.negative, -stop))
         load, rotor = inertias(p, 0.0)

@@ -61,12 +61,12 @@ class _Way(NamedTuple):
 
 
 def moving(ops: Ops, phase: Value) -> Value:
-    """Whether a run is under way."""
+    """Return whether a run is under way."""
     return ops.both(phase >= SEEKING, phase <= RETURNING)
 
 
 def driven(ops: Ops, phase: Value) -> Value:
-    """Whether the drive's bridge may work."""
+    """Return whether the drive's bridge may work."""
     return ops.both(phase >= SEEKING, phase <= READY)
 
 

@@ -130,7 +130,7 @@ class FmuInterface:
 
 
 def azimuths(fins: int, layout: str) -> tuple[float, ...]:
-    """Azimuths [deg] of equally spaced fins: ``plus`` begins with one on body y, ``cross`` half a space further.
+    """Return azimuths [deg] of equally spaced fins: ``plus`` begins with one on body y, ``cross`` half a space further.
 
     Raises EmcasError for another layout.
     """
@@ -141,7 +141,7 @@ def azimuths(fins: int, layout: str) -> tuple[float, ...]:
 
 
 def fin_files(given: Sequence[str]) -> dict[int, Path]:
-    """Parameter files of single fins from 1 on, given as ``N=FILE``. Raises EmcasError."""
+    """Return parameter files of single fins from 1 on, given as ``N=FILE``. Raises EmcasError."""
     files: dict[int, Path] = {}
     for text in given:
         number, separator, file = text.partition("=")

@@ -103,7 +103,7 @@ def _structure(unit: FmuInterface) -> Element:
             "dependenciesKind": " ".join(["dependent"] * len(needed))})
 
     def initial(output: str) -> Element:
-        """An output's initial value follows from all parameters, or from those of its fin."""
+        """Return what an output's initial value follows from: all parameters, or those of its fin."""
         fin = output.partition(".")[0] if output.startswith("fin[") else ""
         return unknown(output, (v for v in unit.parameters if v.name.startswith(fin)))
 

@@ -74,7 +74,7 @@ def interface_header(unit: FmuInterface, starts: Sequence[Any], guid: str, code:
 
 
 def _sizes(unit: FmuInterface) -> str:
-    """Numbers of variables of the whole unit, and where each fin's are."""
+    """Return numbers of variables of the whole unit, and where each fin's are."""
     at = unit.reference
     numbers = {"UNIT_INPUTS": len(unit.inputs), "UNIT_OUTPUTS": len(unit.outputs),
                "UNIT_VARIABLES": len(unit.variables),
@@ -89,7 +89,7 @@ def _sizes(unit: FmuInterface) -> str:
 
 
 def sources(unit: FmuInterface, starts: Sequence[Any], guid: str) -> dict[str, str]:
-    """Everything needed to compile the unit: file name to text; only `MAIN` is handed to the compiler."""
+    """Return everything needed to compile the unit: file name to text; only `MAIN` is handed to the compiler."""
     headers = Path(fmpy.__file__).parent / "c-code"
     standard = {name: (headers / name).read_text(encoding="utf-8") for name in _HEADERS}
     if _NO_PREFIX not in standard["fmi2Functions.h"]:
@@ -102,7 +102,7 @@ def sources(unit: FmuInterface, starts: Sequence[Any], guid: str) -> dict[str, s
 
 
 def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
-    """Platforms to build for: those named, else all (with a system compiler: this machine's).
+    """Return platforms to build for: those named, else all (with a system compiler: this machine's).
 
     Raises CompilerError for an unknown one and for one a system compiler cannot build.
     """
@@ -122,7 +122,7 @@ def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
 
 def binaries(model: str, files: Mapping[str, str], platforms: Sequence[Platform], cc: str | None,
              progress: Progress | None = None) -> dict[str, bytes]:
-    """Libraries for the platforms: archive name to content.
+    """Return libraries for the platforms: archive name to content.
 
     Raises CompilerError if there is no compiler or it refuses.
     """

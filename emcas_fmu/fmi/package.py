@@ -35,7 +35,7 @@ class Built:
 
 
 def interface_guid(starts: tuple[Any, ...], unit: FmuInterface) -> str:
-    """A hash of the interface: of the model description with its GUID left empty."""
+    """Return a hash of the interface: of the model description with its GUID left empty."""
     description = to_bytes(model_description(starts, "", options={}, tool="", unit=unit))
     return f"{{{UUID(bytes=hashlib.sha256(description).digest()[:16], version=5)}}}"
 

@@ -13,18 +13,18 @@ from ..ops.base import Ops, Value
 
 
 def current_reference_raw(p: Any, reference: Value) -> Value:
-    """Current asked for [A] by an analogue reference [V], before the limit."""
+    """Return current asked for [A] by an analogue reference [V], before the limit."""
     return p.drive.current_gain * reference + p.drive.current_offset
 
 
 def current_reference(ops: Ops, p: Any, reference: Value) -> Value:
-    """Current demanded [A], within the drive's limit."""
+    """Return current demanded [A], within the drive's limit."""
     limit = p.drive.current_limit
     return ops.clip(current_reference_raw(p, reference), -limit, limit)
 
 
 def voltage_demand(p: Any, i_ref: Value, current: Value, integral: Value) -> Value:
-    """Output [V] of the current controller before the supply limits it."""
+    """Return output [V] of the current controller before the supply limits it."""
     return p.drive.kp * (i_ref - current) + integral
 
 
@@ -67,7 +67,7 @@ def rates(p: Any, reference: Value, speed: Value, current: Value, integral: Valu
 
 
 def back_emf(p: Any, speed: Value) -> Value:
-    """Back-EMF [V] at a motor speed [rad/s]."""
+    """Return the back-EMF [V] at a motor speed [rad/s]."""
     return p.motor.back_emf_constant * speed
 
 
@@ -79,5 +79,5 @@ def stall_torque(p: Any, reference: Value) -> Value:
 
 
 def torque(p: Any, current: Value) -> Value:
-    """Motor torque [N.m], (2.47)."""
+    """Return motor torque [N.m], (2.47)."""
     return p.motor.torque_constant * current

@@ -42,18 +42,18 @@ class Line(NamedTuple):
 
 
 def structure_compliance(p: Any) -> Value:
-    """C_s [rad/(N.m)] of shaft and screw at the motor."""
+    """Return C_s [rad/(N.m)] of shaft and screw at the motor."""
     line, lead = p.drive_line, p.screw.lead
     return line.torsional_compliance + line.axial_compliance / (lead * lead)
 
 
 def rigid(ops: Ops, p: Any) -> Value:
-    """Whether nothing in the line yields or is loose."""
+    """Return whether nothing in the line yields or is loose."""
     return ops.both(ops.equal(structure_compliance(p), 0.0), ops.equal(p.drive_line.backlash, 0.0))
 
 
 def line(ops: Ops, p: Any) -> Line:
-    """The drive line of a parameter set; that of a rigid one must not be used."""
+    """Return the drive line of a parameter set; that of a rigid one must not be used."""
     parts, square = p.drive_line, p.screw.lead * p.screw.lead
     structure = structure_compliance(p)
     loose = parts.backlash > 0.0
@@ -68,7 +68,7 @@ def line(ops: Ops, p: Any) -> Line:
 
 
 def pressed(ops: Ops, c: Line, deflection: Value, rate: Value) -> tuple[Value, Value]:
-    """Whether the line is under load, and the deflection [rad] from which it is: +-g/2, or 0 where preloaded."""
+    """Return whether the line is under load, and the deflection [rad] from which it is: +-g/2, or 0 where preloaded."""
     def on(side: float) -> Value:
         beyond = side * deflection - c.half_gap
         pushing = c.stiffness * beyond + c.damping * side * rate > least(c)
@@ -81,21 +81,21 @@ def pressed(ops: Ops, c: Line, deflection: Value, rate: Value) -> tuple[Value, V
 
 
 def least(c: Line) -> Value:
-    """Torque [N.m] below which a flank counts as left: what it has where it counts as met."""
+    """Return torque [N.m] below which a flank counts as left: what it has where it counts as met."""
     return c.stiffness * MET
 
 
 def torque(c: Line, deflection: Value, rate: Value, flank: Value) -> Value:
-    """f [N.m at the motor] of a pressed line, from rotor to fin."""
+    """Return f [N.m at the motor] of a pressed line, from rotor to fin."""
     return c.stiffness * (deflection - flank) + c.damping * rate
 
 
 def nut_lag(ops: Ops, c: Line, deflection: Value) -> Value:
-    """Share of the deflection [rad at the motor] that lies before the nut: shaft and screw."""
+    """Return share of the deflection [rad at the motor] that lies before the nut: shaft and screw."""
     beyond = deflection - ops.clip(deflection, -c.half_gap, c.half_gap)
     return c.structure * beyond
 
 
 def fin_side(ops: Ops, p: Any, angle: Value, aero_torque: Value, f_x: Value, f_z: Value) -> mechanics.Mechanics:
-    """Coefficients of the fin side's equation alone, at the motor: those of an actuator without rotor and nut."""
+    """Return the coefficients at the motor of the fin side alone: those of an actuator without rotor and nut."""
     return mechanics.coefficients(ops, with_values(p, _NO_ROTOR), angle, aero_torque, f_x, f_z)

@@ -17,14 +17,14 @@ _TINY = 1e-300
 
 
 def moment(ops: Ops, p: Any, angle: Value, aero_torque: Value, f_x: Value, f_z: Value) -> Value:
-    """External moment [N.m] on the broken fin at its angle [rad]."""
+    """Return external moment [N.m] on the broken fin at its angle [rad]."""
     tangent = ops.tan(angle + p.kinematics.initial_angle)
     bar = p.load.torsion_bar * angle if p.structure.torsion_bar else 0.0
     return mechanics.external_moment(ops, with_values(p, {"mass.fork": 0.0}), tangent, aero_torque - bar, f_x, f_z)
 
 
 def _pushed(ops: Ops, p: Any, torque: Value, rate: Value, h: Value) -> Value:
-    """Acceleration [rad/s2], constant over `h` [s]: the midpoint rule's; none of a fin at rest that friction holds."""
+    """Return the midpoint rule's acceleration [rad/s2] over `h` [s]; none of a fin at rest that friction holds."""
     dry = p.friction.fin_coulomb
     way = ops.where(rate > 0.0, 1.0, ops.where(rate < 0.0, -1.0, ops.where(torque > 0.0, 1.0, -1.0)))
     net = torque - way * dry
@@ -35,7 +35,7 @@ def _pushed(ops: Ops, p: Any, torque: Value, rate: Value, h: Value) -> Value:
 
 def advance(ops: Ops, p: Any, angle: Value, rate: Value, aero_torque: Value, f_x: Value, f_z: Value, h: Value
             ) -> tuple[Value, Value]:
-    """Angle [rad] and rate [rad/s] after `h` [s]; dry friction may bring it to rest on the way, and a stop does."""
+    """Return angle [rad] and rate [rad/s] after `h` [s]; dry friction may bring it to rest, and a stop does."""
     torque = moment(ops, p, angle + 0.5 * h * rate, aero_torque, f_x, f_z)
     first = _pushed(ops, p, torque, rate, h)
     turns = rate * (rate + h * first) < 0.0

@@ -33,7 +33,7 @@ def _temperature_factor(ops: Ops, p: Any, cold_ratio: Value) -> Value:
 
 
 def coulomb_polynomial(coefficients: Any, fin: Value) -> Value:
-    """The polynomial [N.m] of one direction at a fin angle [rad], as fitted: it may leave the positive."""
+    """Return the polynomial [N.m] of one direction at a fin angle [rad], as fitted: it may leave the positive."""
     z = fin / POLYNOMIAL_SPAN
     value = coefficients[6]
     for coefficient in reversed(coefficients[:6]):
@@ -42,7 +42,7 @@ def coulomb_polynomial(coefficients: Any, fin: Value) -> Value:
 
 
 def coulomb_reference(ops: Ops, coefficients: Any, fin: Value) -> Value:
-    """Coulomb torque [N.m] at 24 degC at a fin angle [rad] for one direction's coefficients."""
+    """Return the Coulomb torque [N.m] at 24 degC at a fin angle [rad] for one direction's coefficients."""
     return ops.maximum(coulomb_polynomial(coefficients, fin), 0.0)
 
 
@@ -52,13 +52,13 @@ def falls(p: Any) -> bool:
 
 
 def stribeck(ops: Ops, static_ratio: Value, stribeck_speed: Value, speed: Value) -> Value:
-    """Dry friction at a speed [rad/s] over that of fast sliding [-]: `static_ratio` at rest."""
+    """Return dry friction at a speed [rad/s] over that of fast sliding [-]: `static_ratio` at rest."""
     share = speed / stribeck_speed
     return 1.0 + (static_ratio - 1.0) * ops.exp(-share * share)
 
 
 def coulomb(ops: Ops, p: Any, direction: Value, fin: Value, speed: Value = 0.0) -> Value:
-    """Dry friction's magnitude C_m [N.m] at the motor for motion along the sign of `direction`, at a speed [rad/s].
+    """Return dry friction C_m [N.m] at the motor for motion along the sign of `direction`, at a speed [rad/s].
 
     At a speed against the direction it is that at rest.
     """
@@ -77,7 +77,7 @@ def coulomb(ops: Ops, p: Any, direction: Value, fin: Value, speed: Value = 0.0) 
 
 
 def bristles(ops: Ops, p: Any, fin: Value, ratio: Value, speed: Value) -> tuple[Value, Value]:
-    """Of LuGre bristles at a motor speed w [rad/s]: a = sigma_0 |w|/g [1/s] and the damping sigma_1 [N.m.s/rad].
+    """Return, of LuGre bristles at a motor speed w [rad/s], a = sigma_0 |w|/g [1/s] and sigma_1 [N.m.s/rad].
 
     g is C_m with its excess at low speed and the Coulomb friction about the hinge, at the motor. sigma_1 |w| < g.
     """
@@ -89,7 +89,7 @@ def bristles(ops: Ops, p: Any, fin: Value, ratio: Value, speed: Value) -> tuple[
 
 
 def viscous(ops: Ops, p: Any, direction: Value) -> Value:
-    """Viscous coefficient b_m [N.m.s/rad] at the motor for motion along the sign of `direction`."""
+    """Return viscous coefficient b_m [N.m.s/rad] at the motor for motion along the sign of `direction`."""
     factor = _temperature_factor(ops, p, p.friction.cold_viscous_ratio)
     return ops.where(direction > 0.0, p.friction.viscous.positive * factor, p.friction.viscous.negative * factor)
 

@@ -35,17 +35,17 @@ def _linear(ops: Ops, p: Any, coefficient: Value, temperature: Value) -> Value:
 
 
 def resistance(ops: Ops, p: Any, winding: Value) -> Value:
-    """Winding resistance [Ohm] at a winding temperature [degC]."""
+    """Return winding resistance [Ohm] at a winding temperature [degC]."""
     return p.motor.resistance * _linear(ops, p, p.heat.resistance_coefficient, winding)
 
 
 def magnets(ops: Ops, p: Any, case: Value) -> Value:
-    """Flux of the magnets at a case temperature [degC] over that at the reference: the factor of K_t and K_e."""
+    """Return flux of the magnets at a case temperature [degC] over that at the reference: the factor of K_t and K_e."""
     return _linear(ops, p, p.heat.torque_coefficient, case)
 
 
 def at_temperatures(ops: Ops, p: Any, winding: Value, case: Value) -> Any:
-    """Parameters with the motor's resistance and constants at temperatures [degC] of winding and case."""
+    """Return parameters with the motor's resistance and constants at temperatures [degC] of winding and case."""
     flux = magnets(ops, p, case)
     return with_values(p, {"motor.resistance": resistance(ops, p, winding),
                            "motor.torque_constant": p.motor.torque_constant * flux,
@@ -53,12 +53,12 @@ def at_temperatures(ops: Ops, p: Any, winding: Value, case: Value) -> Any:
 
 
 def flows(p: Any, winding: Value, case: Value) -> tuple[Value, Value]:
-    """Heat [W] from winding to case and from case to ambient at their temperatures [degC]."""
+    """Return heat [W] from winding to case and from case to ambient at their temperatures [degC]."""
     return ((winding - case) / p.heat.winding_to_case, (case - p.friction.temperature) / p.heat.case_to_ambient)
 
 
 def warmed(p: Any, winding: Value, case: Value, loss: Value, h: Value) -> tuple[Value, Value]:
-    """Temperatures [degC] of winding and case after `h` [s] under a constant loss [W] in the winding.
+    """Return temperatures [degC] of winding and case after `h` [s] under a constant loss [W] in the winding.
 
     Implicit midpoint rule: of second order, stable for any step; what is lost in the step is stored or has left.
     """
@@ -75,7 +75,7 @@ def warmed(p: Any, winding: Value, case: Value, loss: Value, h: Value) -> tuple[
 
 
 def mean_square(ops: Ops, start: Value, end: Value, ratio: Value) -> Value:
-    """Mean of i^2 [A^2] over a step in which i goes from `start` to `end` on an exponential.
+    """Return mean of i^2 [A^2] over a step in which i goes from `start` to `end` on an exponential.
 
     `ratio` is that of the step to the exponential's time constant, above 0.
     """

@@ -20,7 +20,7 @@ from ..ops.base import Ops, Value
 
 
 def lever_tangent(ops: Ops, p: Any, motor_angle: Value) -> Value:
-    """tan(phi) at a motor angle [rad]; (2.1)-(2.5) solved for it."""
+    """Return tan(phi) at a motor angle [rad]; (2.1)-(2.5) solved for it."""
     gain = p.screw.lead / p.kinematics.moment_arm
     if p.structure.constant_ratio:
         return ops.tan(gain * motor_angle + p.kinematics.initial_angle)
@@ -28,12 +28,12 @@ def lever_tangent(ops: Ops, p: Any, motor_angle: Value) -> Value:
 
 
 def fin_angle(ops: Ops, p: Any, tangent: Value) -> Value:
-    """Fin angle [rad] from tan(phi)."""
+    """Return fin angle [rad] from tan(phi)."""
     return ops.atan(tangent) - p.kinematics.initial_angle
 
 
 def motor_angle(ops: Ops, p: Any, fin: Value) -> Value:
-    """Motor angle [rad] at a fin angle [rad], (2.5); zero at fin angle zero."""
+    """Return motor angle [rad] at a fin angle [rad], (2.5); zero at fin angle zero."""
     ratio = p.kinematics.moment_arm / p.screw.lead
     initial = p.kinematics.initial_angle
     if p.structure.constant_ratio:
@@ -42,12 +42,12 @@ def motor_angle(ops: Ops, p: Any, fin: Value) -> Value:
 
 
 def reduction_ratio(ops: Ops, p: Any, tangent: Value) -> Value:
-    """R = d(motor angle)/d(fin angle) [-], (2.6), with 1/cos^2 = 1 + tan^2."""
+    """Return R = d(motor angle)/d(fin angle) [-], (2.6), with 1/cos^2 = 1 + tan^2."""
     if p.structure.constant_ratio:
         return p.kinematics.moment_arm / p.screw.lead
     return p.kinematics.moment_arm / p.screw.lead * (1.0 + tangent * tangent)
 
 
 def nut_position(ops: Ops, p: Any, motor: Value) -> Value:
-    """Nut displacement [m] at a motor angle [rad], (2.1)."""
+    """Return nut displacement [m] at a motor angle [rad], (2.1)."""
     return p.screw.lead * motor

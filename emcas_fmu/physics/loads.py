@@ -18,7 +18,7 @@ GRAVITY = 9.80665  # m/s2, standard gravity (CGPM 1901)
 
 def specific_force(ops: Ops, p: Any, acceleration: tuple[Value, Value, Value],
                    roll: Value, pitch: Value) -> tuple[Value, Value]:
-    """x and z components [m/s2] of g_b - a_b in the fin's frame, (2.27)-(2.33), (2.36).
+    """Return x and z components [m/s2] of g_b - a_b in the fin's frame, (2.27)-(2.33), (2.36).
 
     Body acceleration [m/s2], roll and pitch [rad]; yaw turns about the direction of
     gravity. The fin's frame is the body's turned about x by mounting.azimuth.
@@ -33,7 +33,7 @@ def specific_force(ops: Ops, p: Any, acceleration: tuple[Value, Value, Value],
 
 
 def hinge_moment(ops: Ops, p: Any, tangent: Value, f_x: Value, f_z: Value) -> Value:
-    """Moment [N.m] of gravity and inertia about the hinge at tan(phi), (2.34), (2.35), (2.40), (2.41).
+    """Return moment [N.m] of gravity and inertia about the hinge at tan(phi), (2.34), (2.35), (2.40), (2.41).
 
     A right-handed turn of the centres of mass about +y by the fin angle, and the y
     component of r x m f.
@@ -74,5 +74,5 @@ def _turned(moments: tuple[Value, Value], cosine: Value, sine: Value, f_x: Value
 
 
 def nut_force(ops: Ops, p: Any, f_x: Value) -> Value:
-    """Axial body force P_n [N] on the nut along +x, (2.42)-(2.45)."""
+    """Return axial body force P_n [N] on the nut along +x, (2.42)-(2.45)."""
     return p.mass.nut * f_x

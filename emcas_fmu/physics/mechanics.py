@@ -36,22 +36,22 @@ class Mechanics(NamedTuple):
 
 
 def screw_inertia(p: Any) -> Value:
-    """J_t [kg.m2] at the motor: motor, screw (2.8) and nut."""
+    """Return J_t [kg.m2] at the motor: motor, screw (2.8) and nut."""
     return p.inertia.motor + p.inertia.screw + p.mass.nut * p.screw.lead * p.screw.lead
 
 
 def fin_inertia(p: Any) -> Value:
-    """J_ft [kg.m2] about the hinge, (2.13)."""
+    """Return J_ft [kg.m2] about the hinge, (2.13)."""
     return p.inertia.fork + p.inertia.shaft + p.inertia.fin
 
 
 def external_moment(ops: Ops, p: Any, tangent: Value, aero_torque: Value, f_x: Value, f_z: Value) -> Value:
-    """T_f [N.m], the total external moment about the hinge."""
+    """Return T_f [N.m], the total external moment about the hinge."""
     return aero_torque + loads.hinge_moment(ops, p, tangent, f_x, f_z)
 
 
 def coefficients(ops: Ops, p: Any, motor_angle: Value, aero_torque: Value, f_x: Value, f_z: Value) -> Mechanics:
-    """The equation's coefficients at a motor angle [rad] under loads [N.m, m/s2, m/s2]."""
+    """Return the equation's coefficients at a motor angle [rad] under loads [N.m, m/s2, m/s2]."""
     tangent = kinematics.lever_tangent(ops, p, motor_angle)
     ratio = kinematics.reduction_ratio(ops, p, tangent)
     reflected = fin_inertia(p) / (ratio * ratio)
@@ -66,10 +66,10 @@ def coefficients(ops: Ops, p: Any, motor_angle: Value, aero_torque: Value, f_x: 
 
 
 def breakaway(ops: Ops, p: Any, m: Mechanics, direction: Value, speed: Value = 0.0) -> Value:
-    """T_c/R [N.m]: dry friction at the motor for motion along the sign of `direction`, at a motor speed [rad/s]."""
+    """Return T_c/R [N.m], dry friction at the motor for motion along `direction`, at a motor speed [rad/s]."""
     return friction.coulomb(ops, p, direction, m.fin, speed) + p.friction.fin_coulomb / m.ratio
 
 
 def damping(ops: Ops, p: Any, m: Mechanics, direction: Value) -> Value:
-    """Viscous coefficient [N.m.s/rad] at the motor, that of the hinge included (2.17)."""
+    """Return viscous coefficient [N.m.s/rad] at the motor, that of the hinge included (2.17)."""
     return friction.viscous(ops, p, direction) + p.friction.fin_viscous / (m.ratio * m.ratio)

@@ -27,43 +27,43 @@ def lossy(p: Any) -> bool:
 
 
 def forward(p: Any) -> Value:
-    """e [-] where the motor drives the load."""
+    """Return e [-] where the motor drives the load."""
     return 1.0 / p.efficiency.forward
 
 
 def share(ops: Ops, p: Any, transmitted: Value, direction: Value) -> Value:
-    """e [-] under a load [N.m] of that sign along `direction`."""
+    """Return e [-] under a load [N.m] of that sign along `direction`."""
     return ops.where(transmitted * direction > 0.0, forward(p), p.efficiency.backward)
 
 
 def hold(ops: Ops, p: Any, transmitted: Value, direction: Value) -> Value:
-    """Torque [N.m], 0 or more, by which the screw under a load [N.m] adds to the friction that keeps it at rest."""
+    """Return by how much [N.m] the screw under a load [N.m] adds to the friction that keeps it at rest."""
     return (share(ops, p, transmitted, direction) - 1.0) * transmitted * direction
 
 
 def rotor_inertia(p: Any) -> Value:
-    """J_r [kg.m2] on the motor's side of the screw."""
+    """Return J_r [kg.m2] on the motor's side of the screw."""
     return p.inertia.motor + p.inertia.screw
 
 
 def nut_inertia(p: Any) -> Value:
-    """Share [kg.m2] of the nut in J_l."""
+    """Return share [kg.m2] of the nut in J_l."""
     return p.mass.nut * p.screw.lead * p.screw.lead
 
 
 def load_inertia(p: Any, ratio: Value) -> Value:
-    """J_l [kg.m2] of nut and fin behind a rigid line of a ratio R."""
+    """Return J_l [kg.m2] of nut and fin behind a rigid line of a ratio R."""
     return nut_inertia(p) + fin_inertia(p) / (ratio * ratio)
 
 
 def load(p: Any, m: Mechanics, speed: Value, direction: Value) -> Value:
-    """L_0 [N.m] behind a rigid line at a motor speed [rad/s]."""
+    """Return L_0 [N.m] behind a rigid line at a motor speed [rad/s]."""
     hinge = direction * p.friction.fin_coulomb / m.ratio + p.friction.fin_viscous / (m.ratio * m.ratio) * speed
     return hinge - m.load - m.centrifugal * speed * speed
 
 
 def felt(p: Any, m: Mechanics, e: Value) -> tuple[Any, Mechanics]:
-    """Parameters and coefficients with `e` times what is on the load side."""
+    """Return parameters and coefficients with `e` times what is on the load side."""
     hinge = {"friction.fin_coulomb": e * p.friction.fin_coulomb, "friction.fin_viscous": e * p.friction.fin_viscous}
     inertia = m.inertia + (e - 1.0) * load_inertia(p, m.ratio)
     return with_values(p, hinge), m._replace(inertia=inertia, load=e * m.load, centrifugal=e * m.centrifugal)
@@ -71,7 +71,7 @@ def felt(p: Any, m: Mechanics, e: Value) -> tuple[Any, Mechanics]:
 
 def transmitted(ops: Ops, p: Any, net: Value, inertia: Value, at_rest: Value,
                 direction: Value) -> tuple[Value, Value]:
-    """L [N.m] of a turning screw, and e [-], from `net` [N.m], J_l [kg.m2] and L_0 [N.m]."""
+    """Return L [N.m] of a turning screw, and e [-], from `net` [N.m], J_l [kg.m2] and L_0 [N.m]."""
     rotor = rotor_inertia(p)
     weighed = inertia * net + rotor * at_rest
     e = share(ops, p, weighed, direction)

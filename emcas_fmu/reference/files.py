@@ -92,7 +92,7 @@ class Difference(NamedTuple):
 
 
 def path_of(directory: Path, case: str, suffix: str) -> Path:
-    """Path of one file of the triple; `suffix` is `in.csv`, `ref.csv` or `ref.opt`."""
+    """Return path of one file of the triple; `suffix` is `in.csv`, `ref.csv` or `ref.opt`."""
     return directory / f"EMCAS_{case}_{suffix}"
 
 
@@ -220,7 +220,7 @@ def _provenance(case: Case, directory: Path, values: Mapping[str, Value], model:
 
 
 def _table(name: str, entry: Mapping[str, Any]) -> str:
-    """One TOML table; JSON writes strings, numbers and arrays of them as TOML does."""
+    """Return one TOML table; JSON writes strings, numbers and arrays of them as TOML does."""
     plain = [f"{key} = {json.dumps(value)}" for key, value in entry.items() if key != "start_values"]
     start = [f"{json.dumps(key)} = {json.dumps(value)}" for key, value in entry["start_values"].items()]
     return "\n".join([f"[{name}]", *plain, f"\n[{name}.start_values]", *start, ""])

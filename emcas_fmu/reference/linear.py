@@ -68,7 +68,7 @@ class LinearModel:
         self.output[0] = 1.0 / ratio
 
     def simulate(self, command: Array) -> Array:
-        """Fin angle [rad] at each sample, from rest, before that sample's command [rad] acts."""
+        """Return fin angle [rad] at each sample, from rest, before that sample's command [rad] acts."""
         state, angles = np.zeros(len(self.drive)), np.empty(len(command))
         for k, value in enumerate(command):
             angles[k] = self.output @ state
@@ -83,7 +83,7 @@ class LinearModel:
 
 
 def _plant(values: Mapping[str, Any]) -> tuple[Array, float]:
-    """d/dt of (theta, w, i, xi, u in the drive), and N."""
+    """Return d/dt of (theta, w, i, xi, u in the drive), and N."""
     lead = values["screw.lead"]
     ratio = values["kinematics.moment_arm"] / lead
     fin = values["inertia.fin"] + values["inertia.shaft"] + values["inertia.fork"]

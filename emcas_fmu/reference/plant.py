@@ -59,7 +59,7 @@ class Guard:
 
 
 def clip(value: float, limit: float) -> float:
-    """`value` limited to the range -limit to limit, in any unit."""
+    """Return `value` limited to the range -limit to limit, in any unit."""
     return max(-limit, min(limit, value))
 
 
@@ -90,32 +90,32 @@ class Plant:
     # Kinematics -------------------------------------------------------------------------------------------
 
     def motor_angle(self, delta: float) -> float:
-        """Motor angle [rad] at fin angle `delta` [rad] (2.1 - 2.5)."""
+        """Return motor angle [rad] at fin angle `delta` [rad] (2.1 - 2.5)."""
         return self.arm * (math.tan(delta + self.assembly) - math.tan(self.assembly)) / self.lead
 
     def fin_angle(self, theta: float) -> float:
-        """Fin angle [rad] at motor angle `theta` [rad], the inverse of (2.5)."""
+        """Return fin angle [rad] at motor angle `theta` [rad], the inverse of (2.5)."""
         return math.atan(self.lead * theta / self.arm + math.tan(self.assembly)) - self.assembly
 
     def ratio(self, delta: float) -> float:
-        """Reduction ratio R = dtheta_m/ddelta [-] (2.6)."""
+        """Return reduction ratio R = dtheta_m/ddelta [-] (2.6)."""
         return self.arm / self.lead * (1.0 + math.tan(delta + self.assembly) ** 2)
 
     # Forces -----------------------------------------------------------------------------------------------
 
     def motor_coulomb(self, delta: float, direction: int) -> float:
-        """Coulomb torque at the motor [N.m] at 24 degC, polynomial in delta / 20 deg, never negative."""
+        """Return the Coulomb torque at the motor [N.m] at 24 degC, polynomial in delta / 20 deg, never negative."""
         x, total = delta / POLYNOMIAL_ANGLE, 0.0
         for coefficient in reversed(self.polynomial[direction]):
             total = total * x + coefficient
         return max(total, 0.0)
 
     def coulomb(self, delta: float, direction: int) -> float:
-        """Coulomb moment at the fin T_c = R C_m + C_f [N.m]."""
+        """Return the Coulomb moment at the fin T_c = R C_m + C_f [N.m]."""
         return self.ratio(delta) * self.motor_coulomb(delta, direction) * self.coulomb_factor + self.fin_coulomb
 
     def loads(self, delta: float, around: Surroundings) -> float:
-        """External moment T_f + l R P_n at the fin [N.m] (2.27 - 2.45), positive along +delta."""
+        """Return external moment T_f + l R P_n at the fin [N.m] (2.27 - 2.45), positive along +delta."""
         fx, _, fz = around.force
         c, s = math.cos(delta), math.sin(delta)
         moment = around.aero_torque
@@ -125,11 +125,11 @@ class Plant:
         return moment + self.lead * self.ratio(delta) * self.parameters["mass.nut"] * fx
 
     def resting_moment(self, state: Vector, around: Surroundings) -> float:
-        """Moment that friction has to hold when the fin rests [N.m]."""
+        """Return moment that friction has to hold when the fin rests [N.m]."""
         return self.ratio(state[0]) * self.torque_constant * state[2] + self.loads(state[0], around)
 
     def surroundings(self, row: Mapping[str, float], drive_input: float) -> Surroundings:
-        """Constants of a segment from an input row (names of the interface) and the delayed DAC value [V]."""
+        """Return constants of a segment from an input row (names of the interface) and the delayed DAC value [V]."""
         p = self.parameters
         gravity = STANDARD_GRAVITY if p["loads.gravity"] else 0.0
         roll, pitch = row["attitude.roll"], row["attitude.pitch"]  # a yaw turns about g itself
@@ -149,11 +149,11 @@ class Plant:
     # Drive (2.46, 2.47) -----------------------------------------------------------------------------------
 
     def demand(self, state: Vector, around: Surroundings) -> float:
-        """Voltage the current controller asks for, before the limit [V]."""
+        """Return voltage the current controller asks for, before the limit [V]."""
         return self.kp * (around.current_reference - state[2]) + state[3]
 
     def voltage(self, state: Vector, around: Surroundings) -> float:
-        """Motor terminal voltage [V]; the back-EMF when the bridge is open."""
+        """Return motor terminal voltage [V]; the back-EMF when the bridge is open."""
         if not around.enable:
             return self.emf_constant * self.ratio(state[0]) * state[1]
         return clip(self.demand(state, around), around.supply)
@@ -165,7 +165,7 @@ class Plant:
     # Smooth pieces ----------------------------------------------------------------------------------------
 
     def slope(self, state: Vector, mode: Mode, around: Surroundings) -> tuple[float, float, float, float]:
-        """Time derivative of the state in `mode`: rad/s, rad/s2, A/s, V/s."""
+        """Return time derivative of the state in `mode`: rad/s, rad/s2, A/s, V/s."""
         delta, omega, current, _ = state
         motion, drive = mode
         current_slope = integral_slope = 0.0
@@ -194,7 +194,7 @@ class Plant:
     # Modes ------------------------------------------------------------------------------------------------
 
     def motion_at_rest(self, state: Vector, around: Surroundings) -> int:
-        """Direction in which a resting fin breaks away, or 0: friction or a stop holds it."""
+        """Return direction in which a resting fin breaks away, or 0: friction or a stop holds it."""
         moment, delta = self.resting_moment(state, around), state[0]
         if moment > self.coulomb(delta, 1) and delta < self.stop:
             return 1
@@ -203,7 +203,7 @@ class Plant:
         return 0
 
     def drive_on_limit(self, state: Vector, around: Surroundings, side: int) -> int:
-        """Drive mode that leaves the voltage limit of sign `side`, reached by the demand, consistently.
+        """Return drive mode that leaves the voltage limit of sign `side`, reached by the demand, consistently.
 
         Clipped, xi is held and the demand moves with the current alone; free, xi moves too.  When the one
         takes the demand back inside and the other outside, neither can last: the drive glides on the limit.
@@ -213,15 +213,15 @@ class Plant:
         return FREE if self._free_slope(state, around, side) <= 0.0 else side * ON_LIMIT
 
     def _held_slope(self, state: Vector, around: Surroundings, side: int) -> float:
-        """Slope [V/s] of the demand towards `side` while the voltage is clipped there and xi is held."""
+        """Return slope [V/s] of the demand towards `side` while the voltage is clipped there and xi is held."""
         return -side * self.kp * self._current_slope(state, side * around.supply)
 
     def _free_slope(self, state: Vector, around: Surroundings, side: int) -> float:
-        """The same while xi moves."""
+        """Return the same while xi moves."""
         return self._held_slope(state, around, side) + side * self.ki * (around.current_reference - state[2])
 
     def admit(self, state: list[float], mode: Mode, around: Surroundings) -> Mode:
-        """The mode after the surroundings have jumped; clears the current of an opened bridge in place."""
+        """Return the mode after the surroundings have jumped; clears the current of an opened bridge in place."""
         demand = self.demand(state, around)
         side = 1 if demand >= 0.0 else -1
         if not around.enable:
@@ -234,7 +234,7 @@ class Plant:
         return Mode(mode.motion or self.motion_at_rest(state, around), drive)
 
     def guards(self, mode: Mode, around: Surroundings) -> list[Guard]:
-        """Events that end `mode`; each successor turns the state at the event into the next mode."""
+        """Return events that end `mode`; each successor turns the state at the event into the next mode."""
         return self._motion_guards(mode, around) + self._drive_guards(mode, around)
 
     def _motion_guards(self, mode: Mode, around: Surroundings) -> list[Guard]:

@@ -48,7 +48,7 @@ class Controllers:
         return math.floor(angle / self.count_size)
 
     def _measure(self, delta: float, omega: float) -> tuple[float, float, float]:
-        """Measured fin angle [rad], motor angle [rad] and motor speed [rad/s]."""
+        """Return measured fin angle [rad], motor angle [rad] and motor speed [rad/s]."""
         previous, self.counts = self.counts, self._count(delta)
         if not self.p["encoder.enabled"]:
             return delta, self.plant.motor_angle(delta), self.plant.ratio(delta) * omega
@@ -59,7 +59,7 @@ class Controllers:
         return self.plant.fin_angle(angle), angle, speed
 
     def sample(self, delta: float, omega: float, command: float, enable: bool) -> float:
-        """One sample: the DAC value u_k [V] from the true state and the command [rad]."""
+        """Return one sample: the DAC value u_k [V] from the true state and the command [rad]."""
         p = self.p
         fin, motor, speed = self._measure(delta, omega)
         if not enable:

@@ -166,7 +166,7 @@ def test_refused(native: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
 
 @pytest.mark.parametrize(("text", "expected"), [
     ("[every_fin.motor]\nresistence = '1 Ohm'\n",
-     "hot.toml: fin1: motor.resistence = 1 Ohm: unknown parameter; did you mean motor.resistance?"),
+     "fin1: motor.resistence = 1 Ohm: the nonlinear actuator has no such parameter; did you mean motor.resistance?"),
     ("[every_fin.motor]\nresistance = '115 s'\n", "the unit s does not measure this quantity"),
     ("[every_fin.motor]\nresistance = '-5 %'\n", "motor.resistance = -0.0125 Ohm: is -0.0125 Ohm; it must be within"),
     ("[motor]\nresistance = '1 Ohm'\n", "hot.toml: motor: expected tables every_fin, fin1, fin2"),

@@ -152,7 +152,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             return self._discard(f"step from {current_time!r} s of {step_size!r} s: {type(error).__name__}: {error}")
 
     def _step(self, current_time: float, step_size: float) -> bool:
-        """A step that needs a closer look first."""
+        """Take a step that needs a closer look first."""
         if self._phase != "running":
             raise _RefusedError(f"fmi2DoStep called while {self._phase}")
         if self._refusal:

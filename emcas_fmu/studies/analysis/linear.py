@@ -254,7 +254,7 @@ class LinearActuator:
         return self.closed[:, 1]
 
     def loop(self, name: str) -> System:
-        """Loop transfer function L (closed by 1 + L) of one of `loops`, all the others in their places.
+        """Return loop transfer function L (closed by 1 + L) of one of `loops`, all the others in their places.
 
         ``current`` is broken at the drive's voltage, in continuous time, the outer loops open; ``velocity`` at the
         measured speed, the position loop open; ``position`` at the measured angle, the velocity loop closed;
@@ -282,7 +282,7 @@ class LinearActuator:
         return largest_pole(self.closed) < 1.0
 
     def rational(self, order: int = 3) -> System:
-        """A continuous rational approximation of `closed`, where a tool needs one.
+        """Return a continuous rational approximation of `closed`, where a tool needs one.
 
         Padé of `order` for the transport delay and half a sample of hold; the controllers' states by the differential
         equations they are the Euler steps of, speed measured without lag. Nothing here is computed from it but the

@@ -48,7 +48,7 @@ class Sweep:
     active: Array
 
     def onset(self, limit: str) -> float:
-        """Lowest frequency [Hz] at which a limit of LIMITS acts; nan if it does not."""
+        """Return lowest frequency [Hz] at which a limit of LIMITS acts; nan if it does not."""
         acting = np.flatnonzero(self.active[LIMITS.index(limit)] > 0.0)
         return float(self.response.frequency[acting[0]]) if len(acting) else float("nan")
 

@@ -92,7 +92,7 @@ class Distribution:
 
 
 def _deviation(written: Any, info: ValidationInfo) -> float:
-    """A standard deviation: a percentage of the mean, or a difference in the entry's unit."""
+    """Return a standard deviation, given as a percentage of the mean or as a difference, in the entry's unit."""
     unit: Any = info.context
     text = str(written).strip()
     if text.endswith("%") and unit.unit == "degC":

@@ -95,7 +95,7 @@ _COMMANDS: Mapping[str, Callable[[Number, float], Excitation]] = {
 
 
 def _from(time: Array, instant: float) -> Array:
-    """Rows at an instant or later; a row a rounding short of it is on it."""
+    """Return rows at an instant or later; a row a rounding short of it is on it."""
     return time > instant - STEP / 2
 
 

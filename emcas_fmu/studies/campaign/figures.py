@@ -30,7 +30,7 @@ def drawings(summary: Summary) -> Iterator[Drawing]:
 
 
 def _panels(spreads: Sequence[Spread], height: float, **more: Any) -> tuple[Figure, list[Any]]:
-    """A figure with a panel for each figure of an experiment; `height` of a row in inches."""
+    """Return a figure with a panel for each figure of an experiment; `height` of a row in inches."""
     drawn, grid = figure(-(-len(spreads) // _COLUMNS), _COLUMNS, width=10.0, height=height, **more)
     for axes in grid.flat[len(spreads):]:
         axes.set_visible(False)

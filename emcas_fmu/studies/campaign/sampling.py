@@ -46,7 +46,7 @@ class Sampler:
                                 for f, k in zip(self._factors, where, strict=True)])
 
     def _shares(self, indices: Sequence[int]) -> Array:
-        """Numbers between 0 and 1 (indices, factors)."""
+        """Return numbers between 0 and 1 (indices, factors)."""
         if self._cube is not None:
             chosen: Array = self._cube[np.asarray(indices)]
             return chosen

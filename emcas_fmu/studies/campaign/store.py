@@ -137,7 +137,7 @@ def _locked(folder: Path) -> FileLock:
 
 
 def _unused(folder: Path) -> bool:
-    """Whether there is nothing in a folder but what a run that was killed before its first sample leaves."""
+    """Return whether there is nothing in a folder but what a run that was killed before its first sample leaves."""
     return all(path.name in (PARTS, LOCK, OWNER) or path.suffix == ".partial" for path in folder.iterdir()) and not any(
         (folder / PARTS).glob("*"))
 

@@ -101,7 +101,7 @@ def summarise(study: Study, table: pa.Table) -> Summary:
 
 
 def _failures(table: pa.Table) -> tuple[tuple[str, int, int], ...]:
-    """Messages without their numbers: those of different samples are one reason."""
+    """Return messages without their numbers: those of different samples are one reason."""
     bad = table.filter(pa.compute.not_equal(table["status"], OK))
     samples: dict[str, list[int]] = {}
     for index, error in zip(bad["index"].to_pylist(), bad["error"].to_pylist(), strict=True):
