@@ -50,17 +50,17 @@ static void multi_fin_start(const multi_fin *m, multi_fin_state *s)
 }
 
 /* What acts on a fin, but for the sag, of its actuator's inputs and the mixing commands. The forces apart, linear. */
-static core_inputs multi_fin_acting(const multi_fin *m, size_t fin, double *in, const double *mixing,
+static core_inputs multi_fin_acting(const multi_fin *m, size_t fin, const double *in, const double *mixing,
                                     const double *force)
 {
+    core_inputs acting = core_inputs_of(in, force);
 #if FINS > 1
-    double command;
-    kernel_mixed_command(m->p[fin], m->c[fin], in[INPUT_FIN_COMMAND], mixing[0], mixing[1], mixing[2], &command);
-    in[INPUT_FIN_COMMAND] = command;
+    kernel_mixed_command(m->p[fin], m->c[fin], in[INPUT_FIN_COMMAND], mixing[0], mixing[1], mixing[2],
+                         &acting.command);
 #else
     (void)m, (void)fin, (void)mixing;
 #endif
-    return core_inputs_of(in, force);
+    return acting;
 }
 
 static double bus_voltage(const multi_fin *m, double source, double sag)
@@ -98,6 +98,19 @@ static void multi_fin_outputs(const multi_fin *m, const multi_fin_state *s, cons
     }
     bus(m, in->supply, s->sag, out);
 }
+
+#if FINS == 1
+
+/* Move on to `end` [s] after the start, all or nothing. The outputs there go to `out`. A core does that by itself,
+ * and copies no more of its delay line than is in use. */
+static core_result multi_fin_run(const multi_fin *m, multi_fin_state *state, double from, double end,
+                                 const core_inputs *in, const core_ramp *ramp, double *out)
+{
+    (void)from;
+    return core_run(m->p[0], m->c[0], state->core, end, in, ramp, out);
+}
+
+#else
 
 static double source_at(const core_inputs *in, const core_ramp *ramp, double time)
 {
@@ -171,5 +184,7 @@ static core_result multi_fin_run(const multi_fin *m, multi_fin_state *state, dou
     memcpy(out, outputs, sizeof outputs);
     return CORE_DONE;
 }
+
+#endif
 
 #endif

@@ -190,8 +190,12 @@ static void prepare(instance *m)
 /* What acts on a fin by the unit's inputs `values`. */
 static core_inputs acting(const instance *m, size_t fin, const double *values, const double *force)
 {
+#if FINS == 1
+    const double *in = values; /* a single fin's inputs are the unit's */
+#else
     double in[MODEL_INPUTS];
     for (size_t i = 0; i < MODEL_INPUTS; ++i) in[i] = values[PLACE[fin][i]];
+#endif
     return multi_fin_acting(&m->fins, fin, in, values + MIXING_BEGIN, force);
 }
 
