@@ -15,6 +15,7 @@ from ..files import models_directory
 from ..parameters import ParameterSet, are_defaults
 from ..physics import bus
 from ..reference import files
+from ..runtime import schedule
 from ..variables import Variable
 from . import native, python
 from .figures import response_figures
@@ -58,7 +59,7 @@ def _page(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: 
                               trim_blocks=True, lstrip_blocks=True)
     starts = dict(zip(unit.reference, start_values(unit, [p.values for p in sets]), strict=True))
     several = [bus] if unit.fins > 1 and unit.actuator.supply else []
-    equations = [*unit.actuator.modules, *several]
+    equations = [*unit.actuator.modules, schedule, *several]
     return environment.get_template("documentation.html.j2").render(
         model=unit.model, description=describe(unit), origin=unit.actuator.origin, version=__version__, guid=guid,
         fins=unit.fins, supply=unit.actuator.supply, notes=_NOTES[backend], platforms=platforms,

@@ -9,7 +9,6 @@ from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics import drive, friction, kinematics, loads, mechanics
 from ...physics.structure import Structure
-from ...runtime import schedule
 from ...steppers import rigid
 from ...steppers.rigid import Plant, advance
 from .. import capabilities, fin_port
@@ -18,7 +17,7 @@ from . import interface
 
 # The drive's integral is taken at mid-tick; this keeps its oscillation resolved.
 _INTEGRAL_PHASE = 0.07
-EQUATIONS = (kinematics, mechanics, friction, loads, drive, sensors, controllers, schedule, rigid)
+EQUATIONS = (kinematics, mechanics, friction, loads, drive, sensors, controllers, rigid)
 
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
