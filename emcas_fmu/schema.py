@@ -1,4 +1,4 @@
-"""TOML files as pydantic models; what is wrong with one is told a line each, as `FILE: KEY = VALUE: reason`."""
+"""TOML files as pydantic models; an error has a line for each problem, as `FILE: KEY = VALUE: reason`."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ def _known(actuator: str, name: str) -> str:
 
 
 def full_name(name: str) -> str:
-    """Return the name that tells an actuator from all others, its extensions in their order. Raises EmcasError."""
+    """Return the unambiguous name of an actuator, its extensions in their order. Raises EmcasError."""
     actuator, extensions = parts(name)
     return _SEPARATOR.join((actuator, *extensions))
 

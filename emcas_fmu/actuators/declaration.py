@@ -70,7 +70,7 @@ class State:
 class Supply:
     """The line that feeds the actuator: its input, and for several fins on one line what loads it.
 
-    `power` is the output that tells the power drawn [W]; `inverse_inductance(ops, p)` is 1/L [1/H] of what the line's
+    `power` is the output of the power drawn [W]; `inverse_inductance(ops, p)` is 1/L [1/H] of what the line's
     voltage drives, 0 of what it drives at once.
     """
 

@@ -92,7 +92,7 @@ def _check_units(actuator: Actuator) -> None:
 
 
 def refusal(error: Exception, path: Path) -> EmcasError:
-    """Return an error in a user's file as one that names file, line and, where it can be told, the remedy."""
+    """Return an error in a user's file as one that names file, line and, where there is one, the remedy."""
     what = str(error) if isinstance(error, EmcasError) else f"{type(error).__name__}: {error}"
     if isinstance(error, TypeError) and "Expr" in what:
         what += "; equations are traced: take functions from ops, as in ops.sin(x)"

@@ -3,7 +3,7 @@
 The equations are :mod:`emcas_fmu.physics.heat`'s. Over a step the motor is that of the temperatures at its middle,
 which the current at its start leads to, and the heat is what the current's own equation loses in that resistance: of
 second order. The current limit errs to the safe side instead, by less than a tick of its folding back. The controllers
-do not know of any of it: friction compensation keeps the torque constant it was told.
+do not know of any of it: friction compensation keeps the torque constant of the parameters.
 
 The mean of i^2 follows the course :mod:`emcas_fmu.steppers.rigid` gives the current between the ends of a step, an
 exponential. Actuators with another current loop (linear, ristanovic, ozkan) have the same ends and a course a

@@ -15,7 +15,7 @@ from .study import Comparison, Row
 
 HEADER = ("case", "figure", "approved", "now", "change", "limit", "verdict")
 NUMERIC = range(2, 6)  # of the header
-_STYLES = {"ok": "green", "told": "dim", "DRIFT": "bold red"}
+_STYLES = {"ok": "green", "not judged": "dim", "DRIFT": "bold red"}
 
 
 def number(value: float) -> str:
@@ -29,7 +29,7 @@ def cells(row: Row) -> tuple[str, ...]:
     moved = f"{change + 0.0:+.3g}" if isfinite(change) else "-"
     limit = "-" if row.limit is None else f"{row.limit:.3g}"
     name = f"{row.name} [{row.unit}]" if row.at is None else f"{row.name}({row.at:g} s) [{row.unit}]"
-    judged = "told" if row.limit is None else "ok" if row.passed else "DRIFT"
+    judged = "not judged" if row.limit is None else "ok" if row.passed else "DRIFT"
     return row.case, name, number(row.approved), number(row.now), moved, limit, judged
 
 

@@ -51,7 +51,7 @@ def _document(baseline: Baseline) -> Iterator[str]:
     for name, value in baseline.parameters.items():
         remark = "" if shipped[name] == value else f"  # shipped: {_quantity(variables[name], shipped[name])}"
         yield f"{json.dumps(name)} = {_quantity(variables[name], value)}{remark}"
-    yield "\n# A figure may change by the larger of the two; one without an entry here is told and not judged."
+    yield "\n# A figure may change by the larger of the two; one without an entry here is shown and not judged."
     yield "[limits.figures]"
     yield from _limits(baseline.limits.figures)
     yield "\n# Outputs kept as trajectories of every case but sweeps, every sample_time.\n[limits.trajectories]"

@@ -64,7 +64,7 @@ def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps
     if experiment.kind == "step":
         moves = run.excitation.moves
         if not moves or moves[0].level == columns["fin_angle"][begun]:
-            raise ValueError("the step has no height: the fin is told to stay where it is")
+            raise ValueError("the step has no height: the command stays where it is")
         measures |= motion(rows)
         measures["steady_error"] = abs(measures["steady_error"])
     if experiment.kind == "chirp":
