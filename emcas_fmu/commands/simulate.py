@@ -123,6 +123,7 @@ def simulate(
     from ..bench.excitation import STEP, csv_file, reference_case
     from ..bench.writers import number, write_json
     from ..plots import check_ending
+    from ..reference.files import supply_start
     from ..response import Response, write_csv, write_picture
     from ..simulation import simulate as run
     from ..simulation import simulate_fins, spread
@@ -156,6 +157,8 @@ def simulate(
         sets = fin_sets(base, fins, layout, files) if fins > 1 else (base,)
         sets = tuple(each.replace({**changes[0], **changes[k]}) for k, each in enumerate(sets, 1))
         require_shared(sets, "--set")
+        if case:
+            chosen = reference_case(case, supply=supply_start(model, sets[0].values))
         # What is of one fin goes over what is every fin's.
         columns = dict(sorted(chosen.columns.items(), key=lambda item: item[0].startswith("fin[")))
         chosen = replace(chosen, columns=columns).holding(constants)

@@ -31,6 +31,12 @@ MODELS = ("nonlinear", "second-order", DIRECT_DRIVE, "elastic+heat+homing+faults
 SAG = {"bus.source_resistance": 0.02}
 
 
+def test_a_sag_is_a_share_of_the_supply(tmp_path: Path) -> None:
+    for settings, levels in (((), {39.0, 28.0}), (("--set", "drive.supply_voltage=28 V"), {28.0, 20.1025641})):
+        assert f"Supply sags from {max(levels):g} to" in emcas("--case", "sag", "-o", tmp_path / "s.csv", *settings)
+        assert set(read_csv(tmp_path / "s.csv")["supply_voltage"]) == levels
+
+
 def emcas(*arguments: str | Path, code: int = 0) -> str:
     """What `emcas simulate` prints."""
     done = CliRunner().invoke(app, ["simulate", *map(str, arguments)])
