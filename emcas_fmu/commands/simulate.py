@@ -31,7 +31,7 @@ EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.
                    "\n\n  emcas simulate --input flight.csv -p my_actuator.toml --json figures.json"
                    "\n\n  emcas simulate --step 10 --model elastic+faults --set fault.jam.begin='80 ms' "
                    "--set fault.jam.end='1 s' --plot jam.png"
-                   "\n\n  emcas simulate --fins 4 --fin 2=worn.toml --step 10 --set bus.source_resistance=0.02 "
+                   "\n\n  emcas simulate --fins 4 --fin 2=my_actuator.toml --step 10 --set bus.source_resistance=0.02 "
                    "--plot fins.html")
 
 
