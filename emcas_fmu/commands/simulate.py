@@ -15,7 +15,7 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 from ..actuators import NONLINEAR
-from ..errors import EmcasError
+from ..errors import EmcasError, hint
 from ..fmi.interface import BUS_PARAMETERS, FmuInterface, fin_files, fin_sets, require_shared
 from ..parameters import load_parameters
 from ..reference.cases import LEAD_IN
@@ -43,6 +43,7 @@ def _settings(texts: Iterable[str], unit: FmuInterface) -> tuple[
     """
     inputs = {v.name: v for v in (*unit.actuator.inputs, *unit.inputs)}
     line = {v.name: v for v in BUS_PARAMETERS} if unit.fins > 1 else {}
+    known = {part for v in unit.actuator.file_entries for part in (v.name, v.name.partition("[")[0])}
     parameters: dict[int, dict[str, object]] = defaultdict(dict)
     bus: dict[str, float] = {}
     constants: dict[str, float] = {}
@@ -59,10 +60,14 @@ def _settings(texts: Iterable[str], unit: FmuInterface) -> tuple[
             except ValueError as error:
                 raise EmcasError(f"--set {text}: {error}") from error
             (constants if name in inputs else bus)[name] = float(number)
-        elif (fin := _FIN.fullmatch(name)) and 1 <= int(fin[1]) <= unit.fins > 1:
-            parameters[int(fin[1])][fin[2]] = value
-        else:
-            parameters[0][name] = value
+            continue
+        fin = _FIN.fullmatch(name)
+        number, own = (int(fin[1]), fin[2]) if fin and 1 <= int(fin[1]) <= unit.fins > 1 else (0, name)
+        if own not in known:
+            remedy = hint(own, [*inputs, *line, *known]) or (
+                f"; its inputs are {', '.join(inputs)}; emcas parameters lists its parameters")
+            raise EmcasError(f"--set {text}: the {unit.actuator.name} actuator has no such parameter or input{remedy}")
+        parameters[number][own] = value
     return parameters, bus, constants
 
 
@@ -157,6 +162,7 @@ def simulate(
         sets = fin_sets(base, fins, layout, files) if fins > 1 else (base,)
         sets = tuple(each.replace({**changes[0], **changes[k]}) for k, each in enumerate(sets, 1))
         require_shared(sets, "--set")
+        common.warn(dict.fromkeys(warning for each in sets for warning in each.warnings))
         if case:
             chosen = reference_case(case, supply=supply_start(model, sets[0].values))
         # What is of one fin goes over what is every fin's.

@@ -37,6 +37,23 @@ def test_a_sag_is_a_share_of_the_supply(tmp_path: Path) -> None:
         assert set(read_csv(tmp_path / "s.csv")["supply_voltage"]) == levels
 
 
+def test_settings_are_judged_as_a_file_is() -> None:
+    printed = emcas("--step", "5", "--set", "motor.torque_constant=0.2")
+    assert "warning: motor.torque_constant = 0.2" in printed
+    assert "are 0.2 and 0.11 in SI units" in printed
+    assert "warning" not in emcas("--step", "5", "--set", "motor.torque_constant=0.12")
+
+
+@pytest.mark.parametrize(("model", "setting", "said"), [
+    (DIRECT_DRIVE, "supply_voltag=20", "the direct-drive actuator has no such parameter or input; did you mean supply"),
+    ("second-order", "supply_voltage=20", "the second-order actuator has no such parameter or input; its inputs are"),
+    ("second-order", "aero_torqe=20", "; did you mean aero_torque?"),
+    ("second-order", "motor.resistance=1", "the second-order actuator has no such parameter or input"),
+])
+def test_what_an_actuator_has_not_is_told_with_its_own_names(model: str, setting: str, said: str) -> None:
+    assert said in " ".join(emcas("--model", model, "--step", "5", "--set", setting, code=2).split())
+
+
 def emcas(*arguments: str | Path, code: int = 0) -> str:
     """What `emcas simulate` prints."""
     done = CliRunner().invoke(app, ["simulate", *map(str, arguments)])
