@@ -120,7 +120,8 @@ def simulate(
                                              "numbers are the same.")] = "auto",
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write every signal to this CSV file.",
                                                 metavar="FILE")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw the response: .html, .svg, .png or .pdf.",
+    plot: Annotated[Path | None, typer.Option(help="Draw the response, the actuator's outputs by their units: .html, "
+                                                   ".svg, .png or .pdf.",
                                               metavar="FILE")] = None,
     as_json: common.JsonOption = None,
 ) -> None:

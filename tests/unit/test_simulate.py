@@ -181,6 +181,20 @@ def test_statuses_and_words_by_name() -> None:
     assert "tracking" in ticks["built in test"]
 
 
+def test_the_plot_has_the_outputs_of_the_actuator() -> None:
+    """The port's, and its own by their units; of a motor only where there is one."""
+    port = ["fin angle [deg]", "tracking error [deg]", "fin rate [deg/s]", "hinge torque [N.m]"]
+    own = {"second-order": [], DIRECT_DRIVE: ["motor current [A]", "motor voltage [V]", "supply power [W]"],
+           "nonlinear": ["motor angle [deg]", "motor speed [deg/s]", "motor current [A]", "[V]", "motor torque [N.m]",
+                         "nut position [m]", "supply power [W]"]}
+    with style():
+        for model, labels in own.items():
+            found = {axes.get_ylabel(): axes for axes in draw(response(model, [{}], 0.1)).axes if axes.get_visible()}
+            assert list(found) == [*port, *labels]
+            if "[V]" in found:
+                assert found["[V]"].get_legend_handles_labels()[1] == ["motor voltage", "drive reference"]
+
+
 def test_words() -> None:
     by_name = {v.name: v for v in get("nonlinear+faults").outputs}
     assert by_name["status"].in_words(6.0) == "failed"
