@@ -12,9 +12,10 @@ import pytest
 from emcas_fmu.actuators import get
 from emcas_fmu.bench.excitation import step_to
 from emcas_fmu.compiler import local_platform
+from emcas_fmu.fmi.interface import require_shared
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.simulation import simulate
+from emcas_fmu.simulation import simulate, simulate_fins
 from emcas_fmu.ssp.archive import Archive
 from examples.ssp_hosts import hosts
 from tests.own_actuator.example import changed
@@ -52,7 +53,8 @@ def written(model: str, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path,
     folder, local = tmp_path_factory.mktemp("actuator"), local_platform()
     assert local is not None
     unit = build(load_parameters(model=model), folder / "unit.fmu", "native", [local.name]).path
-    (folder / "second.toml").write_text('[fin]\nstart_angle = "3 deg"\n', encoding="utf-8")
+    own = 'spring.preload = "10 N*m"\n' if get(model).further_inputs else ""
+    (folder / "second.toml").write_text(f'{own}[fin]\nstart_angle = "3 deg"\n', encoding="utf-8")
     asked = ("--model", model) if model.endswith(".py") else ()
     return folder / "a.ssp", emcas("--fmu", unit, "-o", folder / "a.ssp", "--fin", f"2={folder / 'second.toml'}",
                                    *asked)
@@ -76,6 +78,16 @@ def test_files_are_valid_and_inputs_those_of_the_actuator(model: str, written: t
     assert all(f'"fin[2].{name}"'.encode() in archive.read("resources/inputs.ssv") for name in own)
 
 
+def test_a_unit_of_several_starts_each_fins_own_input_at_its_value(model: str) -> None:
+    base = load_parameters(model=model)
+    both = (base, base.replace(base.having({"spring.preload": 10.0})))
+    require_shared(both, "here")  # which they do not share
+    found = simulate_fins([each.values for each in both], 0.03, model=model)
+    for i, each in enumerate(both, 1):
+        alone = simulate(each.values, 0.03, kernel="python", model=model)
+        assert np.array_equal(found[f"fin[{i}].fin_angle"], alone["fin_angle"])
+
+
 def test_fmpy_computes_what_the_kernel_does(model: str, written: tuple[Path, str]) -> None:
     excitation = step_to(0.1, 0.2, -5.0)
     found: Mapping[int, list[float]] = {1: [], 2: []}
@@ -89,6 +101,7 @@ def test_fmpy_computes_what_the_kernel_does(model: str, written: tuple[Path, str
                 angles.append(float(system.get(f"fin[{i}].fin_angle")))
     base, columns = load_parameters(model=model), dict[str, Any](excitation.columns)
     for i, start in ((1, 0.0), (2, np.radians(3.0))):
-        values = base.replace({"fin.start_angle": start}).values
+        preload = base.having({"spring.preload": 10.0}) if i == 2 else {}
+        values = base.replace({"fin.start_angle": start, **preload}).values
         alone = simulate(values, excitation.stop, excitation.step, model=model, **columns)
         assert np.max(np.abs(alone["fin_angle"][1:] - found[i])) < SAME
