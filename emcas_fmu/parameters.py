@@ -267,7 +267,7 @@ def _apart(one: Entry, other: Entry) -> str:
         return ""
     return (f"{one.variable.name} = {one.text} and {other.variable.name} = {other.text} are {one.value:.6g} and "
             f"{other.value:.6g} in SI units, where they are equal for one motor: check rms or peak, phase or "
-            "line to line; or give only one, and the other follows")
+            "line to line; or give only one in a file, and the other follows")
 
 
 def _entries(

@@ -26,9 +26,8 @@ from .plots import COLORS, figure, shade, style, write
 from .plots import COMMAND as COMMAND_LINE
 from .variables import Variable
 
-_PANELS = (("fin_angle", "angle [deg]", degrees(1.0)), ("tracking_error", "tracking error [deg]", degrees(1.0)),
-           ("fin_rate", "fin rate [deg/s]", degrees(1.0)), ("motor_current", "current [A]", 1.0),
-           ("motor_voltage", "voltage [V]", 1.0), ("supply_power", "power [W]", 1.0))
+_MOST_OWN = 8  # panels of an actuator's own outputs
+_LINES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))  # of outputs in one panel, of several fins
 _BUS = (("bus_voltage", "bus voltage [V]"), ("bus_current", "bus current [A]"))
 _MOST_CHANGES = 4  # of a status, that are listed
 
@@ -127,10 +126,10 @@ def write_csv(path: Path, response: Response) -> None:
 def draw(response: Response) -> Figure:
     """Draw command, outputs of every fin, the bus, and what extensions add, over time; shaded where a limit is active.
 
-    Takes effect inside `style()`.
+    An actuator's own outputs of one unit share a panel. Takes effect inside `style()`.
     """
     time, fins, extensions = response.time, response.fins, response.extension_outputs
-    panels = [panel for panel in _PANELS if panel[0] in fins[0].columns]
+    panels = _panels(response)
     bus = _BUS if response.unit.bus_outputs else ()
     count = len(panels) + len(bus) + len(extensions)
     made, grid = figure((count + 1) // 2, 2, width=10.0, sharex=True)
@@ -138,11 +137,8 @@ def draw(response: Response) -> Figure:
     commands = [run.excitation.command for run in fins if COMMAND in run.excitation.columns]
     for k, command in enumerate(commands):
         first.step(time, np.degrees(command), where="post", label=None if k else "command", **COMMAND_LINE)
-    for (name, label, scale), axes in zip(panels, places, strict=False):
-        for k, run in enumerate(fins):
-            axes.plot(time, run.columns[name] * scale, color=COLORS[k % len(COLORS)],
-                      label=f"fin {k + 1}" if len(fins) > 1 else "fin angle")
-        axes.set_ylabel(label)
+    for panel, axes in zip(panels, places, strict=False):
+        _draw_panel(axes, panel, time, fins)
     first.set_title(response.excitation.title)
     first.legend(loc="best", ncols=1 + len(fins) // 5)
     for (name, label), axes in zip(bus, places, strict=False):
@@ -159,6 +155,31 @@ def draw(response: Response) -> Figure:
     for axes in grid[-1]:
         axes.set_xlabel("time [s] (shaded: a limit is active)")
     return made
+
+
+def _panels(response: Response) -> list[list[Variable]]:
+    """Return the outputs of each panel: the port's one by one, then the actuator's own Real ones by their units."""
+    aside = {v.name for v in (*fin_port.OUTPUTS, *response.extension_outputs)}
+    own: dict[str, list[Variable]] = {}
+    for v in response.unit.actuator.outputs:
+        if v.kind == "Real" and v.name not in aside:
+            own.setdefault(v.unit, []).append(v)
+    port = (fin_port.FIN_ANGLE, fin_port.TRACKING_ERROR, fin_port.FIN_RATE, fin_port.HINGE_TORQUE)
+    return [*([v] for v in port), *list(own.values())[:_MOST_OWN]]
+
+
+def _draw_panel(axes: Axes, panel: Sequence[Variable], time: Any, fins: Sequence[Run]) -> None:
+    """Draw outputs of one unit: a colour for each, or of several fins for each fin, and a kind of line for each."""
+    unit, scale = metrics.shown(panel[0].unit)
+    names, several = [v.name.replace("_", " ") for v in panel], len(fins) > 1
+    for j, (v, name) in enumerate(zip(panel, names, strict=True)):
+        for k, run in enumerate(fins):
+            named = f"fin {k + 1}" if several and v is fin_port.FIN_ANGLE else None if k else name
+            axes.plot(time, run.columns[v.name] * scale, label=named, color=COLORS[(k if several else j) % len(COLORS)],
+                      linestyle=_LINES[j % len(_LINES) if several else 0])
+    axes.set_ylabel(f"{names[0]} [{unit}]" if len(panel) == 1 else f"[{unit}]")
+    if len(panel) > 1:
+        axes.legend(loc="best")
 
 
 def _draw_output(axes: Axes, v: Variable, time: Any, columns: Sequence[Any]) -> None:

@@ -21,7 +21,7 @@ import numpy as np
 from ..actuators import NONLINEAR, get
 from ..errors import EmcasError
 from ..fmi.interface import FmuInterface
-from ..reference.cases import CASES, LEAD_IN, LOAD_RISE, SWEEP
+from ..reference.cases import CASES, LEAD_IN, LOAD_RISE, SUPPLY, SWEEP, with_supply
 from ..simulation import MOST_POINTS, Array
 
 STEP = 1e-3  # s
@@ -156,14 +156,16 @@ def staircase(levels: Sequence[float], holds: Sequence[float], step: float = STE
                       sum(holds[:-1]), step)
 
 
-def reference_case(name: str, exact: bool = True) -> Excitation:
-    """Return a reference case by name. Raises EmcasError, naming those there are.
+def reference_case(name: str, exact: bool = True, supply: float = SUPPLY) -> Excitation:
+    """Return a reference case by name, for a unit whose supply is `supply` [V] at the start.
 
     Trajectories are compared with true angle and speed fed back (`exact`); performance is that with the encoder.
+    Raises EmcasError, naming the cases there are.
     """
     case = {case.name: case for case in CASES}.get(name)
     if case is None:
         raise EmcasError(f"there is no case {name}; there is {', '.join(case.name for case in CASES)}")
+    case = with_supply(case, supply)
     excitation = of_case(case.title, case.inputs(), case.step, case.overrides)
     return excitation if exact else with_encoder(excitation)
 

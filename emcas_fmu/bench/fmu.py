@@ -84,8 +84,8 @@ def chosen_model(file: str, name: str, model: str | None, error: type[EmcasError
     """
     named = model_of(name)
     if named is None and model is None:
-        raise error(f"{file}: is named {name}, which does not tell its model; name it with --model, such as "
-                    "elastic+faults, or build the FMU anew with emcas build")
+        raise error(f"{file}: is named {name}, which does not tell its model; name it with --model, as the FMU was "
+                    "built: FILE.py, or a name such as elastic+faults")
     if named is not None and model not in (None, named):
         raise error(f"{file}: is of the model {named}, and {model} is asked for; leave the model out, or build the FMU "
                     f"with emcas build --model {model}")

@@ -13,6 +13,7 @@ from rich.markup import escape
 from .common import (
     FinOption,
     ParametersOption,
+    SubjectArgument,
     SubjectModelOption,
     check_outputs,
     failures,
@@ -27,7 +28,7 @@ _LOG_WIDTH = 110
 _RECORD = ("Examples:\n\n  emcas baseline record my_actuator.toml --output baseline"
            "\n\n  emcas baseline record EMCAS4.fmu --fin 2 --output baseline_fin2"
            "\n\n  emcas baseline record my_actuator.toml --output baseline --fresh"
-           "\n\n  emcas baseline record fin.toml --model my_actuator.py --output baseline")
+           "\n\n  emcas baseline record --model my_actuator.py --output baseline")
 _CHECK = ("Examples:\n\n  emcas baseline check my_actuator.toml --baseline baseline"
           "\n\n  emcas baseline check EMCAS.fmu --baseline baseline --junit drift.xml --report drift.html"
           "\n\n  emcas baseline check EMCAS.fmu --markdown summary.md --all")
@@ -36,13 +37,11 @@ app = typer.Typer(add_completion=False, rich_markup_mode="rich", no_args_is_help
                   epilog="Examples:\n\n  emcas baseline record my_actuator.toml --output baseline"
                          "\n\n  emcas baseline check EMCAS.fmu --baseline baseline --junit drift.xml",
                   help="Record the approved response of an actuator, or fail where another drifts from it.")
-_Subject = Annotated[Path, typer.Argument(help="FMU (.fmu, run by fmpy) or parameter file (.toml, run by the kernel).",
-                                        metavar="FMU|TOML", show_default=False)]
 
 
 @app.command(epilog=_RECORD)
 def record(
-    subject: _Subject,
+    subject: SubjectArgument = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write; limits and cases of a baseline "
                                                                 "that is there are kept.",
                                          metavar="DIR")] = Path("baseline"),
@@ -74,16 +73,16 @@ def record(
               highlight=False, soft_wrap=True)
 
 
-def _command(subject: Path, model: str | None, fin: int | None, parameters: list[Path] | None) -> str:
+def _command(subject: Path | None, model: str | None, fin: int | None, parameters: list[Path] | None) -> str:
     """The command as a baseline has it, without folders: the same response gives the same bytes wherever it is kept."""
-    kind = [] if model is None else ["--model", Path(model).name]
-    return shlex.join(["emcas", "baseline", "record", subject.name, *kind, *(["--fin", str(fin)] if fin else []),
+    which = [*([subject.name] if subject else []), *([] if model is None else ["--model", Path(model).name])]
+    return shlex.join(["emcas", "baseline", "record", *which, *(["--fin", str(fin)] if fin else []),
                        *parameter_arguments(Path(file.name) for file in parameters or ())])
 
 
 @app.command(epilog=_CHECK)
 def check(
-    subject: _Subject,
+    subject: SubjectArgument = None,
     baseline: Annotated[Path, typer.Option("--baseline", "-b", help="Folder `emcas baseline record` wrote.",
                                            metavar="DIR")] = Path("baseline"),
     model: SubjectModelOption = None,
@@ -111,8 +110,8 @@ def check(
         check_outputs(as_json, junit, markdown, report, inputs=(subject, *(parameters or ()), baseline))
         with progress_bar() as progress, open_subject(subject, model, fin, parameters) as opened:
             result = compare(read(baseline, opened.model), opened, baseline, stepper(progress, "check"))
-        kind = [] if model is None else ["--model", model]
-        advice = remedy(result, shlex.join([str(subject), *kind, *parameter_arguments(parameters)]), str(baseline))
+        which = [*([str(subject)] if subject else []), *([] if model is None else ["--model", model])]
+        advice = remedy(result, shlex.join([*which, *parameter_arguments(parameters)]), str(baseline))
         # A log has no width of its own, and a folded table is hard to read there.
         console = out if out.is_terminal else Console(width=_LOG_WIDTH)
         for part in summary(result, everything):

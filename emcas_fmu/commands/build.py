@@ -18,7 +18,7 @@ EPILOG = ("Examples:\n\n  emcas build\n\n  emcas build --parameters my_actuator.
                 "\n\n  emcas build --backend native --platform linux64 --platform win64"
                 "\n\n  emcas build --backend native --cc gcc"
                 "\n\n  emcas build --model second-order"
-                "\n\n  emcas build --fins 4 --layout cross --fin 2=worn.toml --backend native")
+                "\n\n  emcas build --fins 4 --layout cross --fin 2=my_actuator.toml --backend native")
 
 
 def build(

@@ -39,7 +39,8 @@ SubjectArgument = Annotated[Path | None, typer.Argument(
     help="FMU (.fmu) or parameter file (.toml); the shipped parameters unless given.", metavar="[FMU|TOML]",
     show_default=False)]
 SubjectModelOption = Annotated[str | None, model_option(
-    "Which actuator a parameter file is of", " Unless given, nonlinear; an FMU tells it by its name.")]
+    "Which actuator a parameter file is of", " Unless given, nonlinear; an FMU tells it by its name, but for one of a "
+                                               "file of yours.")]
 ParametersOption = Annotated[list[Path] | None, typer.Option(
     "--parameters", "-p", help="Parameter file (TOML); overrides any subset of the defaults (may be given several "
                                "times: a later file goes over those before it).", metavar="FILE")]

@@ -9,8 +9,10 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+from ..actuators import NONLINEAR, full_name
 from ..bench.writers import write_json
-from ..parameters import load_parameters
+from ..errors import EmcasError
+from ..parameters import ParameterError, ParameterSet, load_parameters
 from .common import ParametersOption, check_outputs, failures, out, parameter_arguments, print_written
 
 EPILOG = ("Examples:\n\n  emcas fit\n\n  emcas fit -p my_actuator.toml --output my_second_order.toml"
@@ -19,6 +21,7 @@ EPILOG = ("Examples:\n\n  emcas fit\n\n  emcas fit -p my_actuator.toml --output 
 
 def fit(
     parameters: ParametersOption = None,
+    model: Annotated[str, typer.Option(help="Only the nonlinear actuator is fitted.", metavar="NAME")] = NONLINEAR,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write a parameter file of the second-order "
                                                 "model.", metavar="FILE")] = None,
     as_json: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.",
@@ -29,7 +32,7 @@ def fit(
 
     with failures():
         check_outputs(output, as_json, inputs=parameters or ())
-        fitted = fitting.fit(load_parameters(parameters))
+        fitted = fitting.fit(_nonlinear(parameters, model))
         if output:
             fitting.write_fitted(fitted, output, shlex.join(["emcas", "fit", *parameter_arguments(parameters)]))
         if as_json:
@@ -42,3 +45,19 @@ def fit(
         table.add_row(f"{size:g}", f"{largest:.2g}", f"{rms:.2g}")
     out.print(table)
     print_written(output)
+
+
+def _nonlinear(files: list[Path] | None, model: str) -> ParameterSet:
+    """Return the nonlinear actuator's parameters. Raises EmcasError, one line where model or file is of another."""
+    needs = "emcas fit needs the parameters of the nonlinear actuator"
+    if full_name(model) != NONLINEAR:
+        raise EmcasError(f"--model {model}: {needs}; leave --model out")
+    try:
+        return load_parameters(files)
+    except ParameterError as error:
+        places = [problem.partition(" = ")[0].rpartition(": ") for problem in error.problems
+                  if ": unknown parameter" in problem]
+        if len(places) < max(2, len(error.problems)):  # a slip of the pen, or another mistake
+            raise
+        names = ", ".join(name for _, _, name in places)
+        raise EmcasError(f"{places[0][0]}: {needs}, which has no {names}; give a file of that actuator") from error

@@ -15,7 +15,7 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 from ..actuators import NONLINEAR
-from ..errors import EmcasError
+from ..errors import EmcasError, hint
 from ..fmi.interface import BUS_PARAMETERS, FmuInterface, fin_files, fin_sets, require_shared
 from ..parameters import load_parameters
 from ..reference.cases import LEAD_IN
@@ -31,7 +31,7 @@ EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.
                    "\n\n  emcas simulate --input flight.csv -p my_actuator.toml --json figures.json"
                    "\n\n  emcas simulate --step 10 --model elastic+faults --set fault.jam.begin='80 ms' "
                    "--set fault.jam.end='1 s' --plot jam.png"
-                   "\n\n  emcas simulate --fins 4 --fin 2=worn.toml --step 10 --set bus.source_resistance=0.02 "
+                   "\n\n  emcas simulate --fins 4 --fin 2=my_actuator.toml --step 10 --set bus.source_resistance=0.02 "
                    "--plot fins.html")
 
 
@@ -43,6 +43,7 @@ def _settings(texts: Iterable[str], unit: FmuInterface) -> tuple[
     """
     inputs = {v.name: v for v in (*unit.actuator.inputs, *unit.inputs)}
     line = {v.name: v for v in BUS_PARAMETERS} if unit.fins > 1 else {}
+    known = {part for v in unit.actuator.file_entries for part in (v.name, v.name.partition("[")[0])}
     parameters: dict[int, dict[str, object]] = defaultdict(dict)
     bus: dict[str, float] = {}
     constants: dict[str, float] = {}
@@ -59,10 +60,14 @@ def _settings(texts: Iterable[str], unit: FmuInterface) -> tuple[
             except ValueError as error:
                 raise EmcasError(f"--set {text}: {error}") from error
             (constants if name in inputs else bus)[name] = float(number)
-        elif (fin := _FIN.fullmatch(name)) and 1 <= int(fin[1]) <= unit.fins > 1:
-            parameters[int(fin[1])][fin[2]] = value
-        else:
-            parameters[0][name] = value
+            continue
+        fin = _FIN.fullmatch(name)
+        number, own = (int(fin[1]), fin[2]) if fin and 1 <= int(fin[1]) <= unit.fins > 1 else (0, name)
+        if own not in known:
+            remedy = hint(own, [*inputs, *line, *known]) or (
+                f"; its inputs are {', '.join(inputs)}; emcas parameters lists its parameters")
+            raise EmcasError(f"--set {text}: the {unit.actuator.name} actuator has no such parameter or input{remedy}")
+        parameters[number][own] = value
     return parameters, bus, constants
 
 
@@ -115,7 +120,8 @@ def simulate(
                                              "numbers are the same.")] = "auto",
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write every signal to this CSV file.",
                                                 metavar="FILE")] = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw the response: .html, .svg, .png or .pdf.",
+    plot: Annotated[Path | None, typer.Option(help="Draw the response, the actuator's outputs by their units: .html, "
+                                                   ".svg, .png or .pdf.",
                                               metavar="FILE")] = None,
     as_json: common.JsonOption = None,
 ) -> None:
@@ -123,6 +129,7 @@ def simulate(
     from ..bench.excitation import STEP, csv_file, reference_case
     from ..bench.writers import number, write_json
     from ..plots import check_ending
+    from ..reference.files import supply_start
     from ..response import Response, write_csv, write_picture
     from ..simulation import simulate as run
     from ..simulation import simulate_fins, spread
@@ -156,6 +163,9 @@ def simulate(
         sets = fin_sets(base, fins, layout, files) if fins > 1 else (base,)
         sets = tuple(each.replace({**changes[0], **changes[k]}) for k, each in enumerate(sets, 1))
         require_shared(sets, "--set")
+        common.warn(dict.fromkeys(warning for each in sets for warning in each.warnings))
+        if case:
+            chosen = reference_case(case, supply=supply_start(model, sets[0].values))
         # What is of one fin goes over what is every fin's.
         columns = dict(sorted(chosen.columns.items(), key=lambda item: item[0].startswith("fin[")))
         chosen = replace(chosen, columns=columns).holding(constants)

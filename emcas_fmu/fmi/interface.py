@@ -172,7 +172,8 @@ def fin_sets(base: ParameterSet, fins: int, layout: str, files: Mapping[int, Pat
 
 def require_shared(sets: Sequence[ParameterSet], where: str) -> None:
     """Raise EmcasError where fins differ in a start value of an input they share."""
-    for name in (v.key for v in FmuInterface(1, sets[0].model).inputs if v.key is not None):
+    unit = FmuInterface(1, sets[0].model)
+    for name in (v.key for v in unit.inputs if v.key is not None and v.name in unit.shared):
         if len({each.values[name] for each in sets}) > 1:
             raise EmcasError(f"{where}: {name} differs between fins, which share it; change it for every fin")
 
@@ -184,12 +185,14 @@ def start_values(unit: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> tuple
     """
     parameters = {**_BUS_START, **{unit.name(p.name, fin): values[p.name] for fin, values in enumerate(sets)
                                    for p in unit.actuator.parameters}}
+    keyed = {unit.name(v.name, fin): values[v.key] for fin, values in reversed(list(enumerate(sets)))
+             for v in unit.actuator.inputs if v.key is not None}
 
     def start(v: Variable) -> Any:
         if v.causality == "output":
             return False if v.kind == "Boolean" else 0.0
         if v.causality == "input":
-            return v.start if v.key is None else sets[0][v.key]
+            return keyed.get(v.name, v.start)
         return parameters[v.name]
 
     return tuple(start(v) for v in unit.variables)

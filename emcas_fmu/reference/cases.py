@@ -22,6 +22,8 @@ EDGE_RATE = 400.0  # deg/s, faster than the fin can go, so that the edges still 
 LOAD = 100.0  # N.m, the load of the thesis's Table 2
 LOAD_RISE = 0.02  # s, so that it is a load and not a hammer
 SWEEP = 0.5, 30.0  # Hz, first and last frequency
+SUPPLY = 39.0  # V, of the default actuator
+_SAG = 28.0 / 39.0  # of the supply: below the back-EMF of a fast slew, so that the motor also regenerates
 _CHIRP_TIME = 12.0  # s
 
 # A quantised encoder and exact stiction together amplify any difference, down to rounding: two converged
@@ -101,13 +103,22 @@ def _loaded(moment: float) -> Callable[[Array], Columns]:
     return build
 
 
-def _sag(time: Array) -> Columns:
-    # 28 V is below the back-EMF of a fast slew, so the sag also makes the motor regenerate.
-    command = _levels((LEAD_IN, 20.0), (0.35, -20.0), (0.7, 0.0))(time)
-    return command | {"supply_voltage": _held(time, 39.0, (0.4, 28.0), (0.47, 39.0))}
-
-
 _LARGE = math.radians(20.0)
+
+
+def _sag(supply: float) -> Case:
+    def build(time: Array) -> Columns:
+        command = _levels((LEAD_IN, 20.0), (0.35, -20.0), (0.7, 0.0))(time)
+        return command | {"supply_voltage": _held(time, supply, (0.4, _SAG * supply), (0.47, supply))}
+
+    title = f"Supply sags from {supply:.3g} to {_SAG * supply:.3g} V during a 40 deg slew and recovers"
+    return Case("sag", title, "sag", 1.0, _LARGE, build)
+
+
+def with_supply(case: Case, supply: float) -> Case:
+    """Return a case for a unit whose supply is `supply` [V] at the start: a sag is a share of it."""
+    return _sag(supply) if case.name == "sag" else case
+
 
 CASES = [
     Case("step", "Steps to +10, 0, -10 and 0 deg", "step", 1.0, math.radians(10.0),
@@ -123,5 +134,5 @@ CASES = [
     Case("load_aiding", "Slew from -20 to +20 deg with 100 N.m", "load", 0.85, _LARGE, _loaded(LOAD)),
     Case("cold", "Steps to +5, +20, +5 and 0 deg at -6 degC", "cold", 1.0, _LARGE,
          _levels((LEAD_IN, 5.0), (0.3, 20.0), (0.55, 5.0), (0.8, 0.0)), {**EXACT, "friction.temperature": -6.0}),
-    Case("sag", "Supply sags from 39 to 28 V during a 40 deg slew and recovers", "sag", 1.0, _LARGE, _sag),
+    _sag(SUPPLY),
 ]

@@ -28,7 +28,7 @@ from ..errors import EmcasError
 from ..parameters import ParameterSet, load_parameters
 from ..progress import Progress, silent
 from ..toml import tomllib
-from .cases import CASES, SIGNIFICANT_DIGITS, Case
+from .cases import CASES, SIGNIFICANT_DIGITS, SUPPLY, Case, with_supply
 from .plant import Value
 from .simulate import MAX_STEP, RTOL, SCALES, Array
 
@@ -70,6 +70,11 @@ def simulator(model: str) -> Simulate:
     return simulate
 
 
+def supply_start(model: str, values: Mapping[str, Value]) -> float:
+    """Return what supply_voltage of an actuator with these parameters starts at [V]; the default's without one."""
+    return next((float(v.initial(values)) for v in get(model).inputs if v.name == "supply_voltage"), SUPPLY)
+
+
 def cases(parameters: ParameterSet) -> tuple[Case, ...]:
     """Return the cases an actuator can be run through, with those of their overrides that it has.
 
@@ -77,8 +82,9 @@ def cases(parameters: ParameterSet) -> tuple[Case, ...]:
     it does not have is left alone.
     """
     names = {"time", *parameters.values, *(v.name for v in parameters.actuator.inputs)}
+    supply = supply_start(parameters.model, parameters.values)
     return tuple(
-        replace(case, overrides=parameters.having(case.overrides)) for case in CASES
+        replace(with_supply(case, supply), overrides=parameters.having(case.overrides)) for case in CASES
         if names.issuperset(name for name in (*case.overrides, *case.inputs()) if not name.startswith("encoder.")))
 
 

@@ -46,6 +46,17 @@ def _complete(parameters: ParameterSet, fmu_starts: Mapping[str, Value]) -> Entr
     return _entries(parameters, lambda e: e.variable.kind != "Boolean" or e.value != fmu_starts[e.variable.name])
 
 
+def _starts(fins: Sequence[ParameterSet]) -> Entries:
+    """Return the start values that the system's connectors have: of inputs all fins share, and of each fin's own."""
+    model, values = fins[0].model, Entries()
+    shared = shared_inputs(model)
+    for number, fin in enumerate(fins, 1):
+        keyed = _entries(fin, lambda e: e.variable.name in started(model))
+        plain = {v.name: Entry(v, v.start, "", "", "", "") for v in get(model).inputs if v.key is None and v.start}
+        values |= {n if n in shared else f"fin[{number}].{n}": e for n, e in {**keyed, **plain}.items()}
+    return values
+
+
 def parameter_sets(variants: Sequence[Variant], fmu_starts: Mapping[str, Value],
                    base: ParameterSet) -> tuple[dict[str, bytes], dict[str, list[tuple[str, str]]]]:
     """Return the sets of all variants, the first of which is the system as built, and what each binds at the system.
@@ -65,11 +76,9 @@ def parameter_sets(variants: Sequence[Variant], fmu_starts: Mapping[str, Value],
                                       units=fmi_units(e.variable for e in entries.values()))
         return f"{name}.ssv"
 
-    # Each fin has an azimuth of its own; the bus and the inputs' other start values are the system's.
+    # Each fin has an azimuth of its own; start values of inputs are those of the system's connectors.
     add("shared", {n: e for n, e in _complete(base, fmu_starts).items() if n != AZIMUTH and n not in of_inputs})
-    add("inputs", {**_entries(built.fins[0], lambda e: e.variable.name in inputs),
-                   **{v.name: Entry(v, v.start, "", "", "", "") for v in get(base.model).inputs
-                      if v.name in shared_inputs(base.model) and v.start}})
+    add("inputs", _starts(built.fins))
     for name, fin in zip(names, built.fins):
         add(name, _entries(fin, lambda e: e.variable.name not in inputs and (
             e.variable.name == AZIMUTH or e.value != base.values[e.variable.name])))
@@ -81,7 +90,7 @@ def parameter_sets(variants: Sequence[Variant], fmu_starts: Mapping[str, Value],
         complete = {name: _complete(fin, fmu_starts) for name, fin in zip(names, variant.fins)}
         for name, entries in complete.items():
             add(f"flat/{variant.name}_{name}", entries, variant.name)
-        everything = {n: e for n, e in complete[names[0]].items() if n in of_inputs}
+        everything = {n: e for n, e in _starts(variant.fins).items() if e.variable.key is not None}
         for name, entries in complete.items():
             everything |= {f"{name}.{n}": e for n, e in entries.items() if n not in of_inputs}
         add(f"flat/{variant.name}", everything, variant.name)
@@ -91,16 +100,17 @@ def parameter_sets(variants: Sequence[Variant], fmu_starts: Mapping[str, Value],
 def _changes(variant: Variant, built: Variant, add: Add) -> list[tuple[str, str]]:
     """Add the files of a variant: for the system's inputs, for every fin alike, and for single fins."""
     bindings, names = [], built.names
-    inputs, every = started(built.fins[0].model), variant.fins[0].values
+    before = _starts(built.fins)
+    if changed := {n: e for n, e in _starts(variant.fins).items() if e.value != before[n].value}:
+        bindings.append(("", add(f"{variant.name}_inputs", changed)))
+    every = {n: v for n, v in variant.fins[0].values.items() if n not in started(built.fins[0].model)}
     alike = {n for n, value in every.items() if all(fin.values[n] == value for fin in variant.fins)
              and any(fin.values[n] != value for fin in built.fins)}
-    if bus := _entries(variant.fins[0], lambda e: e.variable.name in alike & inputs.keys()):
-        bindings.append(("", add(f"{variant.name}_inputs", bus)))
-    if common := _entries(variant.fins[0], lambda e: e.variable.name in alike - inputs.keys()):
+    if common := _entries(variant.fins[0], lambda e: e.variable.name in alike):
         file = add(variant.name, common)
         bindings += [(f"{n}.", file) for n in names]
-    for name, fin, before in zip(names, variant.fins, built.fins):
-        changed = {n for n, value in fin.values.items() if n not in alike and value != before.values[n]}
-        if further := _entries(fin, lambda e: e.variable.name in changed):  # noqa: B023  called at once
+    for name, fin, origin in zip(names, variant.fins, built.fins):
+        own = {n for n in every if n not in alike and fin.values[n] != origin.values[n]}
+        if further := _entries(fin, lambda e: e.variable.name in own):  # noqa: B023  called at once
             bindings.append((f"{name}.", add(f"{variant.name}_{name}", further)))
     return bindings

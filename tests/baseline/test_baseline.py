@@ -20,7 +20,7 @@ from emcas_fmu.studies.baseline.model import ALL, Limit, Step, output_units, uni
 from emcas_fmu.studies.baseline.read import read
 from emcas_fmu.studies.baseline.study import Row, compare
 
-from .conftest import check, edit, emcas, record
+from .conftest import SHORT, check, edit, emcas, record
 
 
 def drift(shipped: Path, changes: Mapping[str, object]) -> list[Row]:
@@ -99,6 +99,15 @@ def test_a_drift_in_every_output(folder: Path) -> None:
     assert page.count("<figure>") == 7  # every case but the two sweeps
     check(folder, "--markdown", files["markdown"])
     assert files["markdown"].read_text().startswith(markdown)  # appended, as other steps of a job do
+
+
+def test_cases_of_one_title_have_suites_of_their_own(short: Path) -> None:
+    (short / "baseline/baseline.toml").write_text(
+        SHORT + SHORT[SHORT.index("[case.only]"):].replace("[case.only]", "[case.again]"))
+    record(short)
+    check(short, "--junit", short / "drift.xml")
+    names = [suite.name for suite in junitparser.JUnitXml.fromfile(str(short / "drift.xml"))]
+    assert [name.partition(": ")[0] for name in names] == ["only", "again"]
 
 
 def test_a_limit_of_the_user(short: Path) -> None:

@@ -7,9 +7,11 @@ from pathlib import Path
 import pytest
 
 from emcas_fmu.actuators import get
+from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.baseline.read import read
+from emcas_fmu.studies.baseline.study import TEMPLATE
 
 from .conftest import SHORT, check, edit, record
 
@@ -46,6 +48,14 @@ def test_recorded_checked_and_left_out(base: Path, model: str, electrical: bool,
         e.variable.unit for e in changed.entries if e.variable.name == name)
     (base / "changed.toml").write_text(f'{name} = "{value!r} {unit}"\n')
     assert name in check(base, "--model", model, "-p", base / "changed.toml", code=1)
+
+
+def test_a_sag_is_a_share_of_the_supply(base: Path) -> None:
+    case = read(TEMPLATE).cases["supply_sag"]
+    small = ParameterSubject(load_parameters().replace({"drive.supply_voltage": 28.0}))
+    lower = case.model_copy(update={"start": {"drive.supply_voltage": 19.5}})
+    assert set(case.excitation(base, small).columns["supply_voltage"]) == {28.0, 20.1025641}
+    assert set(lower.excitation(base, small).columns["supply_voltage"]) == {19.5, 14.0}
 
 
 def test_another_actuator_is_refused(base: Path) -> None:

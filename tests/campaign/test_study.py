@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from contextlib import suppress
 from math import radians
+from pathlib import Path
 
 import pytest
 
@@ -19,10 +20,15 @@ from emcas_fmu.studies.campaign.study import Study, load_study
 from .conftest import GRID, ODD, SMALL, Write, replaced
 
 
-def test_the_example_is_sound() -> None:
+def test_the_example_is_sound(write: Write, tmp_path: Path) -> None:
     study = load_study(models_directory() / "campaign.toml")
     assert study.samples == 1000
     assert {e.kind for e in study.plan.experiments} == {"step", "chirp"}
+    (tmp_path / "unit.toml").write_text('[drive]\nsupply_voltage = "19.5 V"\n', encoding="utf-8")
+    small = load_study(write(f'[base]\nparameters = "{tmp_path / "unit.toml"}"\n{study.text}'))
+    for each, limits in ((study, (18.0, 39.0)), (small, (9.0, 19.5))):  # the brown-out is a share of the supply
+        sag = next(f for f in each.plan.factors if f.name == "experiments.sag.inputs.supply_voltage.value")
+        assert sag.distribution.limits() == limits
 
 
 def test_numbers_in_the_tables_units(small: Study) -> None:

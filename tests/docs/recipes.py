@@ -1,8 +1,9 @@
-"""Code blocks of the documents that are said to be tested: those after a line `<!-- run: name -->`."""
+"""Code blocks of documents that are said to be tested, those after a line `<!-- run: name -->`; commands in others."""
 
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -13,3 +14,22 @@ def recipes(document: str) -> dict[str, tuple[str, str]]:
     """Language and text of each marked block of a document in docs/, by name."""
     text = (ROOT / "docs" / document).read_text(encoding="utf-8")
     return {name: (language, block) for name, language, block in _BLOCK.findall(text)}
+
+
+def commands(document: str) -> list[list[str]]:
+    """The lines of a document of the repository that call `emcas`, split as a shell does; build_fmu.py is emcas build.
+
+    Those in the text count where they have an option or a file.
+    """
+    text = (ROOT / document).read_text(encoding="utf-8")
+    blocks = "\n".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL)).replace("&&", "\n")
+    inline = [line for line in re.findall(r"`(emcas [^`|]*)`", text) if re.search(r" -(?!-help)|\.\w", line)]
+    words = [shlex.split(line, comments=True) for line in [*blocks.splitlines(), *inline]]
+    found = []
+    for line in filter(None, words):
+        program, *rest = [Path(line[0]).name, *line[1:]]
+        if program == "emcas":
+            found.append([program, *rest])
+        elif rest[:1] == ["build_fmu.py"]:
+            found.append(["emcas", "build", *rest[1:]])
+    return found

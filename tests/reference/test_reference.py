@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference import files
 from emcas_fmu.reference import simulate as engine
 from emcas_fmu.reference.cases import CASES, Case
@@ -336,6 +337,17 @@ def test_case_starts_at_rest_and_uses_interface_inputs(case: Case) -> None:
 
 def test_names_of_cases_are_unique() -> None:
     assert len({case.name for case in CASES}) == len(CASES)
+
+
+def test_a_sag_is_a_share_of_the_supply() -> None:
+    """The default's to the bit: from 39 to 28 V, as stored."""
+    small = load_parameters().replace({"drive.supply_voltage": 28.0})
+    default, other = ({case.name: case for case in files.cases(each)} for each in (load_parameters(), small))
+    assert set(default["sag"].inputs()["supply_voltage"]) == {39.0, 28.0}
+    assert default["sag"].title == CASES[-1].title == "Supply sags from 39 to 28 V during a 40 deg slew and recovers"
+    assert set(other["sag"].inputs()["supply_voltage"]) == {28.0, 20.1025641}
+    assert other["sag"].title == "Supply sags from 28 to 20.1 V during a 40 deg slew and recovers"
+    assert all(other[name] == case for name, case in default.items() if name != "sag")
 
 
 @pytest.fixture

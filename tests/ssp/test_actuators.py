@@ -12,24 +12,39 @@ import pytest
 from emcas_fmu.actuators import get
 from emcas_fmu.bench.excitation import step_to
 from emcas_fmu.compiler import local_platform
+from emcas_fmu.fmi.interface import require_shared
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.simulation import simulate
+from emcas_fmu.simulation import simulate, simulate_fins
 from emcas_fmu.ssp.archive import Archive
 from examples.ssp_hosts import hosts
+from tests.own_actuator.example import changed
 
 from .conftest import emcas, valid_documents
 
 pytestmark = pytest.mark.fmu
 DIRECT_DRIVE = str(Path(__file__).parents[2] / "examples/own_actuator/direct_drive.py")
+# A moment on the hinge as an input of each fin's own; its start value is in the parameter file.
+PRELOADED = (
+    ("MOTOR_CURRENT = ", 'PRELOAD = real_input("preload", "N.m", "moment of the spring at 0", start=None, '
+                         'key="spring.preload")\nMOTOR_CURRENT = '),
+    ("    supply=Supply(", "    further_inputs=(PRELOAD,),\n    supply=Supply("),
+    ("- p.spring.stiffness * x.fin_angle", "+ u.preload - p.spring.stiffness * x.fin_angle"),
+)
 # The FMU and the kernel in this process compute the same bits; a host's clock is within 1e-15 s (test_hosts.py).
 SAME = 1e-9
 
 
-@pytest.fixture(scope="module", params=["second-order", DIRECT_DRIVE])
-def model(request: pytest.FixtureRequest) -> str:
-    """An actuator."""
-    return str(request.param)
+@pytest.fixture(scope="module", params=["second-order", DIRECT_DRIVE, "preloaded"])
+def model(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """An actuator; the last one has an input of its own that starts at a value of the parameter file."""
+    if request.param != "preloaded":
+        return str(request.param)
+    path = changed(tmp_path_factory.mktemp("preloaded"), *PRELOADED)
+    values = path.with_suffix(".toml")
+    values.write_text(values.read_text(encoding="utf-8").replace("[spring]", '[spring]\npreload = "30 N*m"'),
+                      encoding="utf-8")
+    return str(path)
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +53,9 @@ def written(model: str, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path,
     folder, local = tmp_path_factory.mktemp("actuator"), local_platform()
     assert local is not None
     unit = build(load_parameters(model=model), folder / "unit.fmu", "native", [local.name]).path
-    (folder / "second.toml").write_text('[fin]\nstart_angle = "3 deg"\n', encoding="utf-8")
-    asked = ("--model", model) if model == DIRECT_DRIVE else ()
+    own = 'spring.preload = "10 N*m"\n' if get(model).further_inputs else ""
+    (folder / "second.toml").write_text(f'{own}[fin]\nstart_angle = "3 deg"\n', encoding="utf-8")
+    asked = ("--model", model) if model.endswith(".py") else ()
     return folder / "a.ssp", emcas("--fmu", unit, "-o", folder / "a.ssp", "--fin", f"2={folder / 'second.toml'}",
                                    *asked)
 
@@ -49,7 +65,7 @@ def test_variants_it_has_no_parameters_for_are_left_out(model: str, written: tup
     assert "left out: variant cold: this actuator has no friction.temperature" in printed
     assert "left out: variant degraded: this actuator has no" in printed
     assert "variants nominal (SystemStructure.ssd); schema and wiring checked" in printed
-    said = emcas("check", path, *(("--model", model) if model == DIRECT_DRIVE else ()))
+    said = emcas("check", path, *(("--model", model) if model.endswith(".py") else ()))
     assert said.startswith("passed, 0 warnings")
 
 
@@ -58,6 +74,18 @@ def test_files_are_valid_and_inputs_those_of_the_actuator(model: str, written: t
     archive = Archive(written[0])
     assert (b"supply_voltage" in archive.read("SystemStructure.ssd")) is (get(model).supply is not None)
     assert (b"supply_voltage" in archive.read("resources/inputs.ssv")) is (get(model).supply is not None)
+    own = [v.name for v in get(model).further_inputs]
+    assert all(f'"fin[2].{name}"'.encode() in archive.read("resources/inputs.ssv") for name in own)
+
+
+def test_a_unit_of_several_starts_each_fins_own_input_at_its_value(model: str) -> None:
+    base = load_parameters(model=model)
+    both = (base, base.replace(base.having({"spring.preload": 10.0})))
+    require_shared(both, "here")  # which they do not share
+    found = simulate_fins([each.values for each in both], 0.03, model=model)
+    for i, each in enumerate(both, 1):
+        alone = simulate(each.values, 0.03, kernel="python", model=model)
+        assert np.array_equal(found[f"fin[{i}].fin_angle"], alone["fin_angle"])
 
 
 def test_fmpy_computes_what_the_kernel_does(model: str, written: tuple[Path, str]) -> None:
@@ -73,6 +101,7 @@ def test_fmpy_computes_what_the_kernel_does(model: str, written: tuple[Path, str
                 angles.append(float(system.get(f"fin[{i}].fin_angle")))
     base, columns = load_parameters(model=model), dict[str, Any](excitation.columns)
     for i, start in ((1, 0.0), (2, np.radians(3.0))):
-        values = base.replace({"fin.start_angle": start}).values
+        preload = base.having({"spring.preload": 10.0}) if i == 2 else {}
+        values = base.replace({"fin.start_angle": start, **preload}).values
         alone = simulate(values, excitation.stop, excitation.step, model=model, **columns)
         assert np.max(np.abs(alone["fin_angle"][1:] - found[i])) < SAME

@@ -230,3 +230,17 @@ def test_two_outputs_are_two_files(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["fit", "-o", str(target), "--json", str(target)])
     assert done.exit_code == 2
     assert "two outputs" in " ".join(done.stderr.split())
+
+
+def test_fit_is_of_the_nonlinear_actuator(tmp_path: Path) -> None:
+    """Another model, or the parameters of one, is told in a line; a slip in a name is told as ever."""
+    own, slip = tmp_path / "own.toml", tmp_path / "slip.toml"
+    own.write_text('motor.resistance = "1 Ohm"\ncylinder.area = "4 cm^2"\noil.modulus = "1 GPa"\n', encoding="utf-8")
+    slip.write_text('motor.resistence = "1 Ohm"\n', encoding="utf-8")
+    for arguments, said in ((("--model", "elastic"), "error: --model elastic: emcas fit needs the parameters of"),
+                            (("-p", str(own)), "nonlinear actuator, which has no cylinder.area, oil.modulus; give"),
+                            (("-p", str(slip)), "unknown parameter; did you mean motor.resistance?")):
+        done = CliRunner().invoke(app, ["fit", *arguments])
+        assert done.exit_code == 2
+        assert said in done.stderr
+        assert len(done.stderr.splitlines()) == 1

@@ -31,6 +31,29 @@ MODELS = ("nonlinear", "second-order", DIRECT_DRIVE, "elastic+heat+homing+faults
 SAG = {"bus.source_resistance": 0.02}
 
 
+def test_a_sag_is_a_share_of_the_supply(tmp_path: Path) -> None:
+    for settings, levels in (((), {39.0, 28.0}), (("--set", "drive.supply_voltage=28 V"), {28.0, 20.1025641})):
+        assert f"Supply sags from {max(levels):g} to" in emcas("--case", "sag", "-o", tmp_path / "s.csv", *settings)
+        assert set(read_csv(tmp_path / "s.csv")["supply_voltage"]) == levels
+
+
+def test_settings_are_judged_as_a_file_is() -> None:
+    printed = emcas("--step", "5", "--set", "motor.torque_constant=0.2")
+    assert "warning: motor.torque_constant = 0.2" in printed
+    assert "are 0.2 and 0.11 in SI units" in printed
+    assert "warning" not in emcas("--step", "5", "--set", "motor.torque_constant=0.12")
+
+
+@pytest.mark.parametrize(("model", "setting", "said"), [
+    (DIRECT_DRIVE, "supply_voltag=20", "the direct-drive actuator has no such parameter or input; did you mean supply"),
+    ("second-order", "supply_voltage=20", "the second-order actuator has no such parameter or input; its inputs are"),
+    ("second-order", "aero_torqe=20", "; did you mean aero_torque?"),
+    ("second-order", "motor.resistance=1", "the second-order actuator has no such parameter or input"),
+])
+def test_what_an_actuator_has_not_is_told_with_its_own_names(model: str, setting: str, said: str) -> None:
+    assert said in " ".join(emcas("--model", model, "--step", "5", "--set", setting, code=2).split())
+
+
 def emcas(*arguments: str | Path, code: int = 0) -> str:
     """What `emcas simulate` prints."""
     done = CliRunner().invoke(app, ["simulate", *map(str, arguments)])
@@ -156,6 +179,20 @@ def test_statuses_and_words_by_name() -> None:
     assert ticks["fault word"] == ["jam"]
     assert "operational" in ticks["status"]
     assert "tracking" in ticks["built in test"]
+
+
+def test_the_plot_has_the_outputs_of_the_actuator() -> None:
+    """The port's, and its own by their units; of a motor only where there is one."""
+    port = ["fin angle [deg]", "tracking error [deg]", "fin rate [deg/s]", "hinge torque [N.m]"]
+    own = {"second-order": [], DIRECT_DRIVE: ["motor current [A]", "motor voltage [V]", "supply power [W]"],
+           "nonlinear": ["motor angle [deg]", "motor speed [deg/s]", "motor current [A]", "[V]", "motor torque [N.m]",
+                         "nut position [m]", "supply power [W]"]}
+    with style():
+        for model, labels in own.items():
+            found = {axes.get_ylabel(): axes for axes in draw(response(model, [{}], 0.1)).axes if axes.get_visible()}
+            assert list(found) == [*port, *labels]
+            if "[V]" in found:
+                assert found["[V]"].get_legend_handles_labels()[1] == ["motor voltage", "drive reference"]
 
 
 def test_words() -> None:

@@ -24,6 +24,7 @@ from ...ops.floats import FLOATS
 from ...parameters import ParameterSet
 from ...physics import drive, kinematics, mechanics
 from ...reference.cases import CASES, LOAD
+from ...reference.files import supply_start
 from ...simulation import Array
 
 NEEDS = (capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.SCREW_LOAD,
@@ -67,9 +68,9 @@ def envelope(values: Mapping[str, Any], model: str = NONLINEAR) -> Envelope:
 
 def case_points(parameters: ParameterSet) -> dict[str, Columns]:
     """Return motor speed [rad/s] and torque [N.m] at the communication points of each reference case by name."""
-    subject = ParameterSubject(parameters)
-    return {case.name: subject.run(reference_case(case.name), outputs=("motor_speed", "motor_torque")).finished()
-            for case in CASES}
+    subject, supply = ParameterSubject(parameters), supply_start(parameters.model, parameters.values)
+    return {case.name: subject.run(reference_case(case.name, supply=supply),
+                                   outputs=("motor_speed", "motor_torque")).finished() for case in CASES}
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,9 @@ from ...actuators import get
 from ...bench import metrics
 from ...bench.excitation import Excitation, csv_file, reference_case, slew_to, step_to, sweep
 from ...bench.metrics import FIGURES, shown
-from ...bench.subject import Run
+from ...bench.subject import Run, Subject
 from ...errors import EmcasError
+from ...reference.files import supply_start
 from ...schema import In, Table, each, parameter_of, unknown
 from ...variables import Variable
 
@@ -160,16 +161,16 @@ class Case(Table):
 
         return each(written, read) if reading(info).approved else {}
 
-    def made(self, folder: Path, model: str) -> Excitation:
-        """Return the inputs, without what `start` changes."""
+    def made(self, folder: Path, subject: Subject) -> Excitation:
+        """Return the inputs for a subject, without what `start` changes."""
         raise NotImplementedError
 
-    def excitation(self, folder: Path, model: str) -> Excitation:
-        """Return the inputs; a CSV file is looked for beside the baseline in `folder`. Raises EmcasError.
+    def excitation(self, folder: Path, subject: Subject) -> Excitation:
+        """Return the inputs for a subject; a CSV file is looked for beside the baseline in `folder`. Raises EmcasError.
 
         All of a response is approved, and not what follows the command only.
         """
-        made = self.made(folder, model).with_start_values(self.start)
+        made = self.made(folder, subject).with_start_values(self.start)
         changes = "".join(f", {name} {value:g}" for name, value in self.start.items())
         return replace(made, title=made.title + changes, begin=0.0)
 
@@ -193,7 +194,7 @@ class Sweep(Case):
             raise ValueError("nothing would move")
         return command
 
-    def made(self, folder: Path, model: str) -> Excitation:
+    def made(self, folder: Path, subject: Subject) -> Excitation:
         return sweep(radians(self.command), self.duration)
 
     def measure(self, run: Run) -> dict[str, float]:
@@ -207,7 +208,7 @@ class Step(Sweep):
 
     torque: Annotated[float, In("N.m")] = 0.0
 
-    def made(self, folder: Path, model: str) -> Excitation:
+    def made(self, folder: Path, subject: Subject) -> Excitation:
         return step_to(radians(self.command), self.duration, self.torque)
 
     def measure(self, run: Run) -> dict[str, float]:
@@ -217,7 +218,7 @@ class Step(Sweep):
 class Slew(Step):
     """From -`command` to `command` [deg] while `torque` [N.m] comes on."""
 
-    def made(self, folder: Path, model: str) -> Excitation:
+    def made(self, folder: Path, subject: Subject) -> Excitation:
         return slew_to(radians(self.command), self.duration, self.torque)
 
 
@@ -235,8 +236,9 @@ class Reference(Case):
             raise ValueError(str(error)) from error
         return case
 
-    def made(self, folder: Path, model: str) -> Excitation:
-        return replace(reference_case(self.case, exact=False), title=f"reference case {self.case}")
+    def made(self, folder: Path, subject: Subject) -> Excitation:
+        supply = supply_start(subject.model, {**subject.values, **self.start})
+        return replace(reference_case(self.case, exact=False, supply=supply), title=f"reference case {self.case}")
 
 
 class Replay(Case):
@@ -244,9 +246,9 @@ class Replay(Case):
 
     file: str
 
-    def made(self, folder: Path, model: str) -> Excitation:
+    def made(self, folder: Path, subject: Subject) -> Excitation:
         path = folder / self.file  # an absolute path stays one
-        inputs = csv_file(path, model=model)
+        inputs = csv_file(path, model=subject.model)
         if inputs.stop > LONGEST:
             raise EmcasError(f"{path}: lasts {inputs.stop:g} s; a baseline's case may last {LONGEST:g} s")
         return replace(inputs, title=f"inputs of {self.file}")

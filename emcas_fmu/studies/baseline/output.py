@@ -36,7 +36,7 @@ def as_dict(comparison: Comparison) -> dict[str, Any]:
 def write_junit(comparison: Comparison, path: Path) -> None:
     """Write a test case for each comparison with a limit, a suite for each case."""
     writers.write_junit("emcas baseline check", {
-        title: _tests(comparison, name) for name, title in comparison.titles.items()}, path)
+        f"{name}: {title}": _tests(comparison, name) for name, title in comparison.titles.items()}, path)
 
 
 def _tests(comparison: Comparison, case: str) -> Iterator[TestCase]:

@@ -107,7 +107,7 @@ def first(template: Baseline, subject: Subject) -> tuple[Baseline, list[str]]:
                if not subject.lacking(FIGURES[name].needs)}
     cases: dict[str, Case] = {}
     for name, case in template.cases.items():
-        if why := subject.obstacle(case.excitation(Path(), template.model)):
+        if why := subject.obstacle(case.excitation(Path(), subject)):
             without.append(f"case {name}: {why}")
             continue
         command = getattr(case, "command", None)
@@ -173,7 +173,7 @@ def _responses(plan: Baseline, subject: Subject, folder: Path, progress: Progres
     for done, (name, case) in enumerate(plan.cases.items()):
         if progress:
             progress(name, done, len(plan.cases))
-        excitation = case.excitation(folder, plan.model)
+        excitation = case.excitation(folder, subject)
         run = subject.run(excitation)
         if run.stopped is not None:
             yield name, run, {}, {}

@@ -56,12 +56,13 @@ def verdict(comparison: Comparison) -> str:
 
 
 def remedy(comparison: Comparison, file: str, folder: str) -> str:
-    """Return what to do about a drift of the article in `file` from the baseline in `folder`."""
+    """Return what to do about a drift from the baseline in `folder`; `file` is the article's, empty for the shipped."""
     fin = comparison.identification.fin or 1
     which = f" --fin {fin}" if fin > 1 else ""
     was, now = comparison.baseline.recorded.get("file", ""), comparison.identification.file
     before = "" if was in ("", now) else f" (or of {was}, which the baseline was recorded of)"
-    return (f"If this is intended: emcas baseline record {file} --output {folder}{which}{before}, and commit {folder}. "
+    record = " ".join(filter(None, ("emcas baseline record", file, "--output", folder)))
+    return (f"If this is intended: {record}{which}{before}, and commit {folder}. "
             "If not, undo the change.")
 
 

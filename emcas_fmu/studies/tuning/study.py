@@ -163,6 +163,10 @@ def _tunables(entries: Any, info: ValidationInfo) -> Any:
         variable = _variable(name, base)
         unit = In(variable.unit, variable.minimum, variable.maximum)
         bounds = _Bounds.model_validate(entry, context=unit)
+        if bounds.lower == 0.0 < bounds.upper:
+            least = max(1e-3 * bounds.upper, unit.minimum)
+            raise ValueError("lower = 0: the search is on a logarithmic scale, which has no 0; write a small value "
+                             f"such as {least:.3g} {unit.unit}, or give 0 in a parameter file and do not tune it")
         if not max(unit.minimum, 0.0) <= bounds.lower < bounds.upper <= unit.maximum or bounds.lower <= 0.0:
             raise ValueError(f"expected 0 < lower < upper, {unit.limits}")
         return Tunable(name, bounds.lower, bounds.upper)

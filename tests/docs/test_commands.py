@@ -1,0 +1,74 @@
+"""Commands in README.md and examples/own_actuator/README.md are ones the program takes, and their files are there."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from emcas_fmu.actuators import get
+from emcas_fmu.bench.fmu import chosen_model
+from emcas_fmu.cli import app
+from emcas_fmu.fmi.interface import model_name
+
+from .recipes import ROOT, commands
+
+DOCUMENTS = ("README.md", "examples/own_actuator/README.md")
+WRITTEN = ("output", "plot", "report", "as_json", "junit", "markdown")
+# Files of the reader's, and words that stand for a name.
+YOURS = re.compile(r"[Mm]y_?\w*(\.\w+)?|[A-Z]+")
+
+
+def parsed(arguments: list[str]) -> tuple[str, dict[str, Any]]:
+    """The command that a line calls, and its options as the program's own parser has them."""
+    command: Any = get_command(app)
+    while arguments and arguments[0] in getattr(command, "commands", {}):
+        command = command.commands[arguments.pop(0)]
+    return command.name, command.make_context(command.name, arguments).params
+
+
+def paths(value: Any) -> Iterator[Path]:
+    """Files and folders among the values of an option, those of N=FILE too."""
+    for each in value if isinstance(value, (list, tuple)) else [value]:
+        if isinstance(each, Path):
+            yield each
+        elif isinstance(each, str) and (match := re.fullmatch(r"(?:\w+=)?([^=+]+\.(?:toml|py))", each)):
+            yield Path(match[1])
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_commands_and_their_files_are_there(document: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    made: dict[Path, Any] = {}  # the FMUs with their actuators
+    lines = commands(document)
+    assert len(lines) > 5
+    for line in lines:
+        name, options = parsed(line[1:])
+        model: Any = options.get("model")
+        written = {"directory": options["directory"]} if name == "reference" and not options["check"] else {}
+        written |= {key: options[key] for key in WRITTEN if options.get(key)}
+        for key, value in options.items():
+            for path in paths(value) if key not in written else ():
+                # A folder of results there is only once a command has made it, and is not asked for.
+                known = path in made or path.exists() or YOURS.fullmatch(path.name)
+                assert known or key == "baseline", f"{document}: {' '.join(line)}: {path}"
+                if path.suffix == ".fmu" and made.get(path) is not None:
+                    chosen_model(path.name, model_name(get(made[path]).name), model and get(model).name)
+        made |= dict.fromkeys((Path(value) for value in written.values()), model)
+        if name == "build":
+            made |= dict.fromkeys({Path(f"{model_name(get(model).name, options['fins'])}.fmu")}, model)
+
+
+@pytest.mark.parametrize("name", ["parameters", "simulate"])
+def test_those_of_an_own_actuator_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    chosen = [line[1:] for line in commands(DOCUMENTS[1]) if line[1] == name and "direct-drive" not in line]
+    for line in chosen:
+        done = CliRunner().invoke(app, [text.replace("examples/", f"{ROOT}/examples/") for text in line])
+        assert done.exit_code == 0, done.output
+    assert chosen
