@@ -268,6 +268,17 @@ def test_actuators_without_a_reference_are_judged_by_performance(model: str, tmp
     assert page.count("<svg") == (9 if document["comparisons"] else plain)
 
 
+def test_of_a_users_actuator_nothing_is_said_that_is_the_thesiss(tmp_path: Path) -> None:
+    page, model = tmp_path / "page.html", Path(__file__).parents[2] / "examples" / "own_actuator" / "direct_drive.py"
+    done = emcas("--model", model, "--case", "step_plus20", "--case", "step_minus20", "--case", "sag", "--report", page)
+    assert done.exit_code == 0, done.output
+    assert done.stdout.startswith("direct-drive  the parameters of direct_drive.py")
+    text = " ".join(page.read_text(encoding="utf-8").split())
+    for words in ("EMCAS", "shipped", "meets the thesis", "Source of the model"):
+        assert words not in text
+    assert "engineering estimates</strong>. Meeting Table 2" in text
+
+
 def test_case_an_actuator_has_no_input_for_is_left_out_and_said() -> None:
     subject = ParameterSubject(load_parameters(model="second-order"))
     subject.inputs = {name: v for name, v in subject.inputs.items() if name != "supply_voltage"}

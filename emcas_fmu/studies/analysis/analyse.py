@@ -141,7 +141,7 @@ def _hidden(poles: Array) -> str:
     growth = ", ".join(f"{100.0 * cleared(abs(pole) - 1.0, ROUNDING):.2g} %" for pole in poles)
     modes = f"{len(poles)} mode{'s' * (len(poles) > 1)}"
     return (f"{modes} left out of stability, final values and root locus: command and load do not reach it, or fin "
-            f"angle and drive reference do not show it; growth a sample {growth}")
+            f"angle and reference do not show it; growth a sample {growth}")
 
 
 def _thesis(values: Mapping[str, Any]) -> ClosedLoop | None:

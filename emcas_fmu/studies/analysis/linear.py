@@ -72,7 +72,7 @@ FINE = _Fine()
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """A rest: fin angle [rad], hinge moment [N.m], reference of the drive [V]; motor angle [rad], ratio R [1], current
+    """A rest: fin angle [rad], hinge moment [N.m], reference [V of a drive]; motor angle [rad], ratio R [1], current
     [A] and voltage [V], nan of an actuator that has none."""
 
     fin_angle: float
@@ -255,7 +255,7 @@ class LinearActuator:
 
     @property
     def hidden(self) -> Array:
-        """Poles of the modes that command and load do not reach, or that fin angle and drive reference do not show."""
+        """Poles of the modes that command and load do not reach, or that fin angle and reference do not show."""
         return self._shown[1]
 
     @property
@@ -290,6 +290,12 @@ class LinearActuator:
         into[plant.state_labels.index("motor_current")] = 1.0 / self.p.motor.inductance
         demand = self._voltage[None, :]
         return -ct.ss(plant.A - into @ demand, into, demand, [[0.0]], inputs=["voltage"], outputs=["demand"])
+
+    @property
+    def reference_name(self) -> str:
+        """What the reference is called: a drive's, in V, or of another actuator, such as a valve's opening."""
+        drive = any(v.name == "drive_reference" for v in self.actuator.outputs)
+        return "the drive's reference" if drive else "the reference"
 
     @property
     def stable(self) -> bool:

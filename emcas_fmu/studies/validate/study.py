@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...actuators import NONLINEAR, parts
+from ...actuators import NAMES, NONLINEAR, parts
 from ...bench import metrics, verdict
 from ...bench.excitation import Excitation, of_case, step_to, with_encoder
 from ...bench.subject import Columns, Identification, Run, Subject
@@ -86,6 +86,13 @@ class Result:
     notes: tuple[str, ...]
     series: Mapping[str, Series] = field(repr=False)
     linear_series: Mapping[float, tuple[Run, Any]] = field(repr=False)
+    origin: str = ""
+    """Where the actuator's equations come from; empty where it does not say."""
+
+    @property
+    def of_thesis(self) -> bool:
+        """Whether the actuator is one of those shipped that come from the thesis."""
+        return bool(self.origin) and parts(self.about.model)[0] in NAMES
 
     @property
     def criteria(self) -> tuple[Judged, ...]:
@@ -158,7 +165,7 @@ def _result(subject: Subject, folder: Path, cases: Sequence[stored.Stored], seri
     notes += _notes(subject, [case for case in cases if series[case.name].exact], series)
     return Result(subject.identification, dict(subject.values), tuple(_differences(subject)),
                   str(folder) if trajectory else "", tuple(results), trajectory, tuple(verdict.judge_table2(runs)),
-                  comparisons, findings, tuple(notes), series, linear)
+                  comparisons, findings, tuple(notes), series, linear, subject.actuator.origin)
 
 
 def _linear_name(amplitude: float) -> str:
