@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from math import isnan
 from pathlib import Path
 from typing import Any
 
 import junitparser
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner, Result
 
 from emcas_fmu.actuators import NAMES, NONLINEAR, get
@@ -25,7 +28,7 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.reference.stored import load
-from emcas_fmu.studies.validate.output import write_json, write_junit, write_report
+from emcas_fmu.studies.validate.output import as_dict, summary, write_json, write_junit, write_report
 from emcas_fmu.studies.validate.study import RECORDED, Series, _case_result, _trajectory, validate
 from emcas_fmu.studies.validate.study import Result as Validation
 
@@ -298,6 +301,20 @@ def test_outputs_an_actuator_lacks_are_left_out(tmp_path: Path) -> None:
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert page.count("<svg") == 9
     assert "current / A" not in page
+    # Its bandwidth is beyond the sweep: a lower bound, and never a nan.
+    assert [(j.measured, j.beyond, j.passed) for j in found.table2[-2:]] == [(24.0, True, True)] * 2
+    assert "&gt; 24 Hz" in page
+    assert "1 deg: -3 dB above 24 Hz, -90 deg above 24 Hz" in page
+    console = Console(width=200, record=True)
+    for part in summary(found):
+        console.print(part)
+    said = console.export_text()
+    assert re.search(r"bandwidth_1deg +│ +> 24 │ +>= 10 │ +> 14 │", said)
+    assert re.search(r"chirp_1deg +[\d. ]*>24 +>24", said)
+    assert "nan" not in said
+    bandwidth = next(case for case in as_dict(found)["cases"] if case["name"] == "chirp_1deg")["figures"]
+    assert isnan(bandwidth["bandwidth_hz"])  # null in the file
+    assert bandwidth["swept_to_hz"] == 24.0
 
 
 def test_parameter_file_and_fmu_are_judged_alike(whole: Validation) -> None:

@@ -85,9 +85,8 @@ def bode(analysis: Analysis) -> Drawing:
     load_gain.set(title="fin angle over hinge moment", ylabel="dB of 1 deg/(N.m)")
     load_phase.set(ylabel="phase / deg", xlabel="frequency / Hz", yticks=range(-270, 91, 90))
     _legend(figure, entries)
-    r = analysis.linear.command
-    return Drawing("Bode diagrams", figure, f"Left, fin angle over command: -3 dB at {r.bandwidth:.1f} Hz, -90 deg at "
-                   f"{r.phase_bandwidth:.1f} Hz (linear). Right, fin angle over hinge moment. The linear responses are "
+    return Drawing("Bode diagrams", figure, f"Left, fin angle over command: {analysis.linear.command.bandwidths} "
+                   "(linear). Right, fin angle over hinge moment. The linear responses are "
                    "those of the sampled system with its transport delay, exactly; circles are the fundamental of the "
                    "simulated response to steady sines.")
 

@@ -5,8 +5,9 @@ Angles are in deg, rates in deg/s, times in s, frequencies in Hz.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
+from math import isnan, nan
 from pathlib import Path
 from typing import Any
 
@@ -41,10 +42,17 @@ def _cases(result: Result) -> Table:
     for case in result.cases:
         error = case.errors.get("fin_angle")
         errors = [f"{1e3 * value:.3f}" for value in (error.maximum, error.rms)] if error else ["", ""]
-        figures = [f"{case.figures[key] * scale:#.3g}".rstrip(".") if key in case.figures else ""
-                   for key, scale in keys]
+        figures = [_figure(case.figures, key, scale) if key in case.figures else "" for key, scale in keys]
         table.add_row(case.name, *errors, *figures)
     return table
+
+
+def _figure(figures: Mapping[str, float], key: str, scale: float) -> str:
+    """Return a figure with three digits, the sweep's end of a bandwidth beyond it, a dash for one that is none."""
+    value, end = figures[key], figures["swept_to_hz"] if key.endswith("bandwidth_hz") else nan
+    if isnan(value):
+        return "–" if isnan(end) else f">{end:.3g}"
+    return f"{value * scale:#.3g}".rstrip(".")
 
 
 def summary(result: Result) -> Iterator[RenderableType]:

@@ -165,7 +165,7 @@ def bode(result: Result, names: Sequence[str]) -> Drawing:
         look: dict[str, Any] = {"color": color, "linestyle": line}
         plots.bode(gain, phase, curve.frequency, curve.gain_db, np.degrees(curve.phase),
                    (curve.bandwidth, curve.phase_bandwidth), **look)
-        marks.append(f"{label}: -3 dB at {curve.bandwidth:.1f} Hz, -90 deg at {curve.phase_bandwidth:.1f} Hz")
+        marks.append(f"{label}: {curve.bandwidths}")
         entries.append((label, look))
     plots.bode_axes(gain, phase)
     for axes in (gain, phase):

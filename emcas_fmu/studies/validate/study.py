@@ -199,6 +199,7 @@ def _figures(kind: str, run: Run) -> dict[str, float]:
         response = metrics.sweep_response(run)
         swept = metrics.swept(response)
         return {"bandwidth_hz": swept["bandwidth_3db"], "phase_bandwidth_hz": swept["bandwidth_90deg"],
+                "swept_to_hz": response.beyond,
                 "lowest_coherence": float(np.min(response.coherence, initial=1.0))}
     if kind not in ("step", "cold", "sag", "load"):
         return {}
