@@ -33,6 +33,7 @@ from emcas_fmu.studies.validate.study import RECORDED, Series, _case_result, _tr
 from emcas_fmu.studies.validate.study import Result as Validation
 
 from ..bench.subjects import FIN_PORT, Play
+from ..own_actuator.example import MODEL as DIRECT_DRIVE
 
 pytestmark = pytest.mark.acceptance
 
@@ -271,9 +272,27 @@ def test_actuators_without_a_reference_are_judged_by_performance(model: str, tmp
     assert page.count("<svg") == (9 if document["comparisons"] else plain)
 
 
+@pytest.mark.parametrize(("model", "cases", "code", "passed", "says"), [
+    ("second-order", ["step"], 0, None, "nothing was judged: what was run has no reference of second-order"),
+    ("second-order", ["chirp_1deg"], 0, True, "the one criterion is met"),
+    ("nonlinear", ["step", "step_plus1"], 0, True, "all 2 criteria are met"),
+    (DIRECT_DRIVE, ["cold"], 1, False, "nothing was judged")])
+def test_what_was_judged_is_counted(model: str, cases: list[str], code: int, passed: bool | None, says: str,
+                                    tmp_path: Path) -> None:
+    files = {name: tmp_path / f"out.{name}" for name in ("json", "report")}
+    done = emcas("--model", model, *(part for case in cases for part in ("--case", case)),
+                 *(part for name, path in files.items() for part in (f"--{name}", path)))
+    assert done.exit_code == code, done.output
+    assert says in " ".join(done.stdout.split())
+    assert json.loads(files["json"].read_text(encoding="utf-8"))["passed"] is passed
+    assert says[1:] in files["report"].read_text(encoding="utf-8")
+    assert "0 of 0" not in done.stdout
+
+
 def test_of_a_users_actuator_nothing_is_said_that_is_the_thesiss(tmp_path: Path) -> None:
-    page, model = tmp_path / "page.html", Path(__file__).parents[2] / "examples" / "own_actuator" / "direct_drive.py"
-    done = emcas("--model", model, "--case", "step_plus20", "--case", "step_minus20", "--case", "sag", "--report", page)
+    page = tmp_path / "page.html"
+    cases = [part for case in ("step_plus20", "step_minus20", "sag") for part in ("--case", case)]
+    done = emcas("--model", DIRECT_DRIVE, *cases, "--report", page)
     assert done.exit_code == 0, done.output
     assert done.stdout.startswith("direct-drive  the parameters of direct_drive.py")
     text = " ".join(page.read_text(encoding="utf-8").split())

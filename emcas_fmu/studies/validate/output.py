@@ -67,8 +67,8 @@ def summary(result: Result) -> Iterator[RenderableType]:
     unmeasured = [f"{j.name}: {j.note}" for j in result.criteria if j.measured is None and not j.skipped]
     for note in (*unmeasured, *result.notes):
         yield f"[yellow]note:[/] {escape(note)}"
-    yield (f"[green]all {len(result.judged)} criteria are met[/]" if result.passed
-           else f"[bold red]{len(result.failed)} of {len(result.judged)} criteria are not met[/]")
+    color = "green" if result.passed else "yellow" if result.unjudged else "bold red"
+    yield f"[{color}]{escape(result.verdict)}[/]"
 
 
 def as_dict(result: Result) -> dict[str, Any]:
@@ -82,9 +82,10 @@ def as_dict(result: Result) -> dict[str, Any]:
                "kind": about.kind, "model": about.model, "fin": about.fin}
     criteria = [{"group": group, **asdict(j), "margin": j.margin, "passed": j.passed}
                 for group, judged in (("trajectory", result.trajectory), ("table2", result.table2)) for j in judged]
-    return {"schema": SCHEMA, "passed": result.passed, "fmu": subject, "reference": result.reference,
-            "notes": result.notes, **{key: [asdict(item) for item in getattr(result, key)]
-                                      for key in ("cases", "comparisons", "findings")}, "criteria": criteria}
+    return {"schema": SCHEMA, "passed": None if result.unjudged else result.passed, "fmu": subject,
+            "reference": result.reference, "notes": result.notes,
+            **{key: [asdict(item) for item in getattr(result, key)] for key in ("cases", "comparisons", "findings")},
+            "criteria": criteria}
 
 
 def write_json(result: Result, path: Path) -> None:

@@ -114,6 +114,24 @@ class Result:
         """Whether something was judged and all of it passed."""
         return verdict.all_passed(self.criteria)
 
+    @property
+    def unjudged(self) -> bool:
+        """Whether what was asked for ran to its end and has no criterion."""
+        return not self.judged and bool(self.cases) and all(case.stopped is None for case in self.cases)
+
+    @property
+    def verdict(self) -> str:
+        """What came of it, in words."""
+        count, failed = len(self.judged), len(self.failed)
+        if not count:
+            short = [case.name for case in self.cases if case.stopped is not None]
+            ended = f" and {', '.join(short)} did not run to the end" if short else ""
+            return (f"nothing was judged{ended}: what was run has no reference of {self.about.model}, and no "
+                    "requirement of Table 2 by itself")
+        if failed:
+            return f"{failed} of {count} criteria {'is' if failed == 1 else 'are'} not met"
+        return f"all {count} criteria are met" if count > 1 else "the one criterion is met"
+
 
 def validate(subject: Subject, names: Sequence[str] | None = None, directory: Path | None = None,
              progress: Progress = silent) -> Result:
