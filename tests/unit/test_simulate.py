@@ -158,6 +158,18 @@ def test_statuses_and_words_by_name() -> None:
     assert "tracking" in ticks["built in test"]
 
 
+def test_every_column_of_panels_has_its_time_axis() -> None:
+    """Three panels: beside the last is an empty place, and the one above it has the axis of its column."""
+    made = response("second-order", [{}], 0.05)
+    assert "motor_current" not in made.columns
+    with style():
+        drawn = draw(made)
+        drawn.draw_without_rendering()
+        panels = [axes for axes in drawn.axes if axes.get_visible()]
+        labelled = [bool(axes.get_xlabel()) and axes.xaxis.get_ticklabels()[0].get_visible() for axes in panels]
+    assert labelled == [False, True, True]
+
+
 def test_words() -> None:
     by_name = {v.name: v for v in get("nonlinear+faults").outputs}
     assert by_name["status"].in_words(6.0) == "failed"
