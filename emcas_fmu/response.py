@@ -152,7 +152,8 @@ def draw(response: Response) -> Figure:
     for axes in grid.ravel():
         shade(axes, time, limited)
         axes.margins(x=0.0)
-    for axes in grid[-1]:
+    for axes in grid.ravel()[:count][-2:]:  # the last of each column, above an empty place too
+        axes.tick_params(labelbottom=True)
         axes.set_xlabel("time [s] (shaded: a limit is active)")
     return made
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from math import degrees, inf, nan, pi, radians
+from math import degrees, inf, isfinite, nan, pi, radians
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -304,6 +304,20 @@ class FrequencyResponse:
     def phase_bandwidth(self) -> float:
         """Lowest frequency [Hz] at which the response lags by 90 degrees; nan if it does not."""
         return crossing(self.frequency, -np.degrees(self.phase), 90.0)
+
+    @property
+    def beyond(self) -> float:
+        """Highest frequency [Hz], which a bandwidth that is nan lies beyond; nan where nothing is measured."""
+        measured = len(self.gain) > 0 and bool(np.all(np.isfinite(self.gain)))
+        return float(self.frequency[-1]) if measured else nan
+
+    @property
+    def bandwidths(self) -> str:
+        """Both bandwidths in words."""
+        return ", ".join(
+            f"{level} at {at:.1f} Hz" if isfinite(at) else
+            f"{level} above {self.beyond:.4g} Hz" if isfinite(self.beyond) else f"no {level}"
+            for level, at in (("-3 dB", self.bandwidth), ("-90 deg", self.phase_bandwidth)))
 
 
 def frequency_response(time: Array, command: Array, response: Array, low: float, high: float) -> FrequencyResponse:

@@ -53,7 +53,7 @@ class StoppedError(EmcasError):
 class Identification:
     """What was tested: nothing in it depends on where or when the test is run.
 
-    `kind` is `FMU` or `parameter set`; `sha256` is of the file, empty for the shipped parameters; a parameter set has
+    `kind` is `FMU` or `parameter set`; `sha256` is of the file, empty for the defaults; a parameter set has
     no `guid`. `differences` are parameters that differ from the shipped ones, `estimates` those that rest on an
     engineering estimate. `fin`, from 1 on, is of an FMU.
     """
@@ -202,10 +202,12 @@ class ParameterSubject(Subject):
 
     @cached_property
     def identification(self) -> Identification:
+        source = self.actuator.source
+        own = f"the parameters of {source.name}" if source else "the shipped parameters"
         return Identification(
-            "parameter set", ", ".join(file.name for file in self.files) or "the shipped parameters",
+            "parameter set", ", ".join(file.name for file in self.files) or own,
             hashlib.sha256(b"".join(file.read_bytes() for file in self.files)).hexdigest() if self.files else "",
-            "EMCAS", "", "",
+            self.actuator.name if source else "EMCAS", "", "",
             parameters_hash(self.values), "the kernel of emcas", _differences(self.values, self.model),
             tuple(e.variable.name for e in self.parameters.entries if e.source == "estimate"), self.actuator.name)
 

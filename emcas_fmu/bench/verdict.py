@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
-from math import degrees, isfinite, radians
+from math import degrees, isfinite, isnan, radians
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -41,7 +41,7 @@ class Judged:
     """A requirement and what was measured for it: `measured` [unit] at least or at most `limit` [unit].
 
     ``measured`` is None where what it needs was not run (skipped) or gave no such figure (failed, with the reason
-    in ``note``).
+    in ``note``); of a bandwidth ``beyond`` the sweep it is the highest frequency swept.
     """
 
     source: str
@@ -53,6 +53,7 @@ class Judged:
     unit: str
     note: str = ""
     skipped: bool = False
+    beyond: bool = False
 
     @property
     def margin(self) -> float | None:
@@ -71,13 +72,18 @@ class Judged:
         """Whether the limit is kept; never true of a figure that is missing or not a number."""
         return self.margin is not None and bool(self.margin >= 0.0)
 
+    @property
+    def more(self) -> str:
+        """The sign before a figure that is a lower bound."""
+        return "> " if self.beyond else ""
+
     def junit_case(self, classname: str, time: float = 0.0) -> TestCase:
         """Return the requirement as a test case; `time` [s] is what its run took."""
         return junit_case(self.name, classname, "" if self.passed else str(self), self.note if self.skipped else "",
                          time=time)
 
     def __str__(self) -> str:
-        measured = "no value" if self.measured is None else f"{self.measured:.4g} {self.unit}"
+        measured = "no value" if self.measured is None else f"{self.more}{self.measured:.4g} {self.unit}"
         text = f"{self.title}: {measured}, required {self.sense} {self.limit:g} {self.unit}"
         return f"{text} ({self.note})" if self.note else text
 
@@ -93,8 +99,8 @@ def summary_table(heading: str, judged: Sequence[Judged]) -> RichTable:
     table = RichTable(Column(heading, no_wrap=True), *(Column(name, justify="right") for name in (
         "measured", "required", "margin")), "unit", "")
     for j, after in zip_longest(judged, judged[1:]):
-        table.add_row(escape(j.name), number(j.measured), f"{j.sense} {j.limit:g}", number(j.margin), j.unit,
-                      "[dim]not run[/]" if j.skipped else "[green]ok[/]" if j.passed else "[bold red]FAIL[/]",
+        table.add_row(escape(j.name), j.more + number(j.measured), f"{j.sense} {j.limit:g}", j.more + number(j.margin),
+                      j.unit, "[dim]not run[/]" if j.skipped else "[green]ok[/]" if j.passed else "[bold red]FAIL[/]",
                       end_section=after is not None and after.source != j.source)
     return table
 
@@ -127,9 +133,7 @@ def _rate(runs: Sequence[Run]) -> float:
 
 def _bandwidth(runs: Sequence[Run]) -> float:
     response = sweep_response(runs[0])
-    if np.isnan(response.bandwidth) and np.all(np.isfinite(response.gain)):
-        return float(response.frequency[-1])  # the gain does not fall by 3 dB within the sweep
-    return response.bandwidth
+    return response.beyond if np.isnan(response.bandwidth) else response.bandwidth
 
 
 _HELD = {"hold_plus20": 20.0, "hold_minus20": -20.0, "hold_plus1": 1.0, "hold_minus1": -1.0}  # deg
@@ -172,15 +176,16 @@ def judge_table2(runs: Runs) -> list[Judged]:
 def _table2(r: Requirement, runs: Runs) -> Judged:
     absent = [name for name in r.needs if name not in runs]
     broken = [name for name in r.needs if name in runs and runs[name].stopped is not None]
-    measured = None
+    measured, beyond = None, False
     if absent:
         note = f"needs {', '.join(absent)}, not run"
     elif broken:
         note = f"{', '.join(broken)} did not run to the end"
     else:
         measured = r.measure([runs[name] for name in r.needs])
+        beyond = r.measure is _bandwidth and isfinite(measured) and isnan(sweep_response(runs[r.needs[0]]).bandwidth)
         note = r.how if isfinite(measured) else f"the response never reaches what is measured: {r.how}"
-    return Judged(TABLE_2, r.name, r.title, measured, r.sense, r.limit, r.unit, note, bool(absent))
+    return Judged(TABLE_2, r.name, r.title, measured, r.sense, r.limit, r.unit, note, bool(absent), beyond)
 
 
 def _limit(entry: Any, info: ValidationInfo) -> float:
@@ -206,10 +211,10 @@ class FileRequirement(Table):
         """The file it is from."""
         return self._source
 
-    def judged(self, measured: float | None, note: str) -> Judged:
+    def judged(self, measured: float | None, note: str, beyond: bool = False) -> Judged:
         """Return the requirement with what was measured for it."""
         return Judged(self.source, self.name, self.title or self.name, measured, self.sense, self.limit,
-                      unit_of(self.figure), note)
+                      unit_of(self.figure), note, beyond=beyond)
 
 
 def _requirements(entries: Any, info: ValidationInfo) -> dict[str, FileRequirement]:

@@ -63,7 +63,7 @@ def analyse(
             output.write_json(analysis, as_json)
         if report:
             output.write_report(analysis, report)
-    for table in _tables(output.figures(analysis)):
+    for table in _tables(output.figures(analysis), analysis.actuator.reference_name):
         out.print(table)
     lines = [f"{why}." for why in analysis.left_out.values()]
     if analysis.modes:
@@ -75,13 +75,13 @@ def analyse(
     print_written(as_json, report)
 
 
-def _tables(f: dict[str, Any]) -> list[Table]:
+def _tables(f: dict[str, Any], reference: str) -> list[Table]:
     models = {"here": f["linear"]} | ({} if "thesis_linear" in f["left_out"] else {"thesis": f["thesis_linear"]})
     at, rod = f["operating_point"], f["modes"]
     first = Table("linear", *models, title=f"at {at['fin_angle_deg']:.4g} deg, {at['aero_torque_nm']:.4g} N.m",
                   title_justify="left")
     for key, label in (("bandwidth_3db_hz", "bandwidth -3 dB / Hz"), ("bandwidth_90deg_hz", "bandwidth -90 deg / Hz"),
-                       ("gain_margin_db", "gain margin at the drive's reference / dB"),
+                       ("gain_margin_db", f"gain margin at {reference} / dB"),
                        ("phase_margin_deg", "phase margin there / deg"), ("delay_margin_s", "delay margin there / s")):
         first.add_row(label, *(number(model[key]) if model else "unstable" for model in models.values()))
     for name in ("axial", "torsional") if rod else ():

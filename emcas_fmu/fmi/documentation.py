@@ -11,6 +11,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from .. import __version__
+from ..actuators import capabilities
 from ..files import models_directory
 from ..parameters import ParameterSet, are_defaults
 from ..physics import bus
@@ -42,14 +43,17 @@ def _text(value: Any) -> str:
 def _rows(unit: FmuInterface, variables: tuple[Variable, ...], sets: Sequence[ParameterSet],
           starts: Mapping[str, Any]) -> list[dict[str, Any]]:
     entries = {unit.name(e.variable.name, fin): e for fin, p in enumerate(sets) for e in p.entries}
-    rows = []
+    rows, screw = [], capabilities.SCREW_DRIVE in unit.actuator.provides
     for v in variables:
         row: dict[str, Any] = {"v": v, "source": "", "note": ""}
         if v.causality == "parameter":
             limits = "" if v.kind == "Boolean" else f"{v.minimum:.4g} … {v.maximum:.4g}"
             row |= {"range": limits, "value": _text(starts[v.name])}
             if v.name in entries:
-                row |= {"source": entries[v.name].source, "note": entries[v.name].note}
+                entry = entries[v.name]
+                # Of the fin port's, which every actuator has, the shipped file tells what is so with a screw.
+                told = screw or entry.file != "emcas.toml" or "screw" not in entry.note
+                row |= {"source": entry.source, "note": entry.note if told else ""}
         rows.append(row)
     return rows
 

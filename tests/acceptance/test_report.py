@@ -345,6 +345,24 @@ def test_json_has_no_value_json_does_not_know(shipped: Result) -> None:
     assert len(grid["command_deg"]) == len(grid["error_from_above_deg"])
 
 
+def test_a_bandwidth_beyond_the_sweep_is_at_least_its_end(tmp_path: Path) -> None:
+    file = tmp_path / "asked.toml"
+    file.write_text("".join(f"""[[requirement]]
+name = "{name}"
+figure = "frequency_response.1deg.bandwidth_3db_hz"
+sense = "{sense}"
+limit = "{limit} Hz"
+""" for name, sense, limit in (("met", ">=", 20), ("cannot_tell", ">=", 30), ("bounded", "<=", 30))), encoding="utf-8")
+    found = carry_out(Play(there=FIN_PORT), requirements=load_requirements(file))
+    assert [(j.name, j.measured, j.passed) for j in found.judged[-3:-1]] == [("met", 24.0, True),
+                                                                             ("cannot_tell", 24.0, False)]
+    assert not found.judged[-1].passed
+    assert str(found.judged[-2]).startswith("cannot_tell: > 24 Hz, required >= 30 Hz")
+    text = " ".join(page(found, tmp_path).split())
+    assert '1 deg: -3 dB</td><td class="n">&gt; 24 Hz</td>' in text
+    assert '<td>3.5 deg</td><td class="n">&gt; 24</td><td class="n">&gt; 24</td>' in text
+
+
 def test_what_needs_an_output_the_actuator_lacks_is_not_applicable(tmp_path: Path) -> None:
     wanted = load_requirements(specification(tmp_path, "5 A", "mission.synthetic.motor_current_rms_a"))
     found = carry_out(Play(there=FIN_PORT), requirements=wanted)

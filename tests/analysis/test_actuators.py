@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -29,6 +30,7 @@ from emcas_fmu.studies.analysis import frequency, sweep
 from emcas_fmu.studies.analysis.analyse import analyse
 from emcas_fmu.studies.analysis.linear import LinearActuator, sound
 from emcas_fmu.studies.analysis.steps import compare
+from tests.own_actuator.example import changed
 
 from .conftest import growth, without_friction
 
@@ -219,6 +221,43 @@ def test_an_unstable_loop_of_a_users_actuator() -> None:
         analyse(values)
 
 
+# Two chambers' pressures, in Pa: their mean takes all that flows in and pushes nothing, a leak keeps their difference.
+CHAMBERS = (('State("current", "A")', 'State("current", "A"), State("one", "Pa"), State("other", "Pa")'),
+            ('"current": rise / p.motor.inductance}', '"current": rise / p.motor.inductance, '
+             '"one": 7e6 * x.current - 30.0 * (x.one - x.other) - 1e6 * x.fin_rate, '
+             '"other": -3e6 * x.current + 30.0 * (x.one - x.other) + 1e6 * x.fin_rate}'),
+            ("p.motor.torque_constant * x.current + load", "p.motor.torque_constant * x.current + load "
+             "+ 1e-7 * (x.one - x.other)"))
+
+
+def test_a_mode_that_nothing_shows_is_left_out_and_told(tmp_path: Path) -> None:
+    model = str(changed(tmp_path, *CHAMBERS))
+    parameters = load_parameters(model=model)
+    steady = changed(tmp_path, *CHAMBERS, ("7e6 * x", "5e6 * x"), ("-3e6 * x", "-5e6 * x"), name="steady.py")
+    for kp in np.geomspace(0.1, 1.0, 7) * parameters.values["controller.kp"]:  # rounding falls either way
+        values = {**parameters.values, "controller.kp": float(kp)}
+        linear = LinearActuator(values, model=model)
+        # 1e-12 are found, of what the mode does over a sample.
+        assert linear.hidden == pytest.approx([1.0], abs=1e-9)
+        assert linear.stable
+        assert linear.closed.dcgain()[0, 0] == pytest.approx(1.0, abs=1e-9)  # an integral controller
+        # Their mean, which the angle does not show, may as well stand still.
+        np.testing.assert_allclose(response(values, model), response(values, str(steady)), rtol=1e-9)
+    found = analyse(parameters)
+    assert found.left_out["hidden_modes"].startswith("1 mode left out of stability, final values and root locus")
+    assert found.left_out["hidden_modes"].endswith("growth a sample 0 %")
+    assert found.final_values[0].slowest < 10.0
+    assert found.locus.stable_range[0] == found.locus.values[0]
+    assert all(np.all(np.abs(poles) > 1e-3) for poles in found.locus.poles)
+
+
+def test_a_mode_at_one_that_shows_is_no_stable_one(tmp_path: Path) -> None:
+    parameters = load_parameters(model=DIRECT_DRIVE).replace(
+        {"controller.kp": 0.0, "controller.ki": 0.0, "spring.stiffness": 0.0})
+    with pytest.raises(EmcasError, match=r"unstable \(a mode neither decays nor grows\)"):
+        analyse(parameters)
+
+
 Analysed = Callable[..., tuple[dict[str, Any], str, str]]
 
 
@@ -269,6 +308,14 @@ def test_the_command_on_a_users_actuator(analysed: Analysed) -> None:
     p = load_parameters(model=DIRECT_DRIVE).values
     current = (p["spring.stiffness"] * radians(2.0) + 20.0) / p["motor.torque_constant"]
     assert found["operating_point"]["current_a"] == pytest.approx(current, rel=1e-9)
-    assert found["operating_point"]["drive_reference_v"] == pytest.approx(p["motor.resistance"] * current, rel=1e-9)
+    assert found["operating_point"]["reference"] == pytest.approx(p["motor.resistance"] * current, rel=1e-9)
     assert "Natural frequencies" not in page
+    # Neither page nor terminal tells of the thesis's drive, friction and encoder, which it has not.
+    text = " ".join(re.sub("<[^>]*>", " ", re.sub("(?s)<(svg|style).*?</(svg|style)>", "", unescape(page))).split())
+    for words in ("drive reference", "the drive's reference", "Yerlikaya", "encoder", "compensation", "ratio"):
+        assert words not in text
+        assert words not in said
+    assert f"current {current:.4g} A, reference" in text
+    assert "Large steps differ by the limits." in text
+    assert "Large amplitudes lose bandwidth to the limits" in text
     assert page.count("<svg") == 5

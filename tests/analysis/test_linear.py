@@ -22,7 +22,7 @@ from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis import frequency, thesis
 from emcas_fmu.studies.analysis.final_values import final_values
-from emcas_fmu.studies.analysis.linear import LinearActuator, sampled, wire
+from emcas_fmu.studies.analysis.linear import LinearActuator, decays, sampled, shown, wire
 from emcas_fmu.studies.analysis.locus import locus
 from tests.default_actuator import namespace
 
@@ -127,6 +127,22 @@ def test_wire_closes_the_loop_named() -> None:
     closed = wire([gain, plant], [("law", "u"), ("y", "seen")], ["r"], ["y"])
     assert closed.poles() == pytest.approx([0.2])
     assert closed.dcgain() == pytest.approx(0.3 / 0.8)
+
+
+@pytest.mark.parametrize("coupling", [0.0, 1e-5])
+def test_hidden_modes_are_told_from_weak_ones(coupling: float) -> None:
+    """Poles that show, 0.5 and 0.8; one at 1 not shown; one that grows, not reached; in units far apart."""
+    a = np.diag([0.5, 0.8, 1.0, 1.02])
+    b = np.array([[1.0, 0.3], [0.7, -1.0], [1.0, 2.0], [0.0, 0.0]])
+    c = np.array([[1.0, -0.4, coupling, 0.5], [0.2, 1.0, 0.0, -2.0]])
+    turn = np.linalg.qr(np.random.default_rng(7).normal(size=(4, 4)))[0] * np.array([[1.0], [1e7], [1e-3], [50.0]])
+    whole = ct.ss(turn @ a @ np.linalg.inv(turn), turn @ b, c @ np.linalg.inv(turn), np.zeros((2, 2)), 1e-3)
+    small, hidden = shown(whole)
+    # Rounding of 1e-16, by the 1e10 between units less what balancing takes of it: 1e-12 are found.
+    assert np.sort(hidden) == pytest.approx([1.02] if coupling else [1.0, 1.02], abs=1e-10)
+    assert decays(small) is (coupling == 0.0)
+    z = np.exp(1j * np.geomspace(1e-3, 3.0, 20))
+    np.testing.assert_allclose(small(z), whole(z), rtol=1e-8)
 
 
 def test_margins_are_those_of_a_closed_form() -> None:

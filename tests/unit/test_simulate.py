@@ -195,6 +195,16 @@ def test_the_plot_has_the_outputs_of_the_actuator() -> None:
                 assert found["[V]"].get_legend_handles_labels()[1] == ["motor voltage", "drive reference"]
 
 
+def test_every_column_of_panels_has_its_time_axis() -> None:
+    """Seven panels: beside the last is an empty place, and the one above it has the axis of its column."""
+    with style():
+        drawn = draw(response(DIRECT_DRIVE, [{}], 0.05))
+        drawn.draw_without_rendering()
+        panels = [axes for axes in drawn.axes if axes.get_visible()]
+        labelled = [bool(axes.get_xlabel()) and axes.xaxis.get_ticklabels()[0].get_visible() for axes in panels]
+    assert labelled == [*[False] * 5, True, True]
+
+
 def test_words() -> None:
     by_name = {v.name: v for v in get("nonlinear+faults").outputs}
     assert by_name["status"].in_words(6.0) == "failed"

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from math import isnan
 from pathlib import Path
 from typing import Any
 
 import junitparser
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner, Result
 
 from emcas_fmu.actuators import NAMES, NONLINEAR, get
@@ -25,11 +28,12 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.reference.stored import load
-from emcas_fmu.studies.validate.output import write_json, write_junit, write_report
+from emcas_fmu.studies.validate.output import as_dict, summary, write_json, write_junit, write_report
 from emcas_fmu.studies.validate.study import RECORDED, Series, _case_result, _trajectory, validate
 from emcas_fmu.studies.validate.study import Result as Validation
 
 from ..bench.subjects import FIN_PORT, Play
+from ..own_actuator.example import MODEL as DIRECT_DRIVE
 
 pytestmark = pytest.mark.acceptance
 
@@ -268,6 +272,35 @@ def test_actuators_without_a_reference_are_judged_by_performance(model: str, tmp
     assert page.count("<svg") == (9 if document["comparisons"] else plain)
 
 
+@pytest.mark.parametrize(("model", "cases", "code", "passed", "says"), [
+    ("second-order", ["step"], 0, None, "nothing was judged: what was run has no reference of second-order"),
+    ("second-order", ["chirp_1deg"], 0, True, "the one criterion is met"),
+    ("nonlinear", ["step", "step_plus1"], 0, True, "all 2 criteria are met"),
+    (DIRECT_DRIVE, ["cold"], 1, False, "nothing was judged")])
+def test_what_was_judged_is_counted(model: str, cases: list[str], code: int, passed: bool | None, says: str,
+                                    tmp_path: Path) -> None:
+    files = {name: tmp_path / f"out.{name}" for name in ("json", "report")}
+    done = emcas("--model", model, *(part for case in cases for part in ("--case", case)),
+                 *(part for name, path in files.items() for part in (f"--{name}", path)))
+    assert done.exit_code == code, done.output
+    assert says in " ".join(done.stdout.split())
+    assert json.loads(files["json"].read_text(encoding="utf-8"))["passed"] is passed
+    assert says[1:] in files["report"].read_text(encoding="utf-8")
+    assert "0 of 0" not in done.stdout
+
+
+def test_of_a_users_actuator_nothing_is_said_that_is_the_thesiss(tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    cases = [part for case in ("step_plus20", "step_minus20", "sag") for part in ("--case", case)]
+    done = emcas("--model", DIRECT_DRIVE, *cases, "--report", page)
+    assert done.exit_code == 0, done.output
+    assert done.stdout.startswith("direct-drive  the parameters of direct_drive.py")
+    text = " ".join(page.read_text(encoding="utf-8").split())
+    for words in ("EMCAS", "shipped", "meets the thesis", "Source of the model"):
+        assert words not in text
+    assert "engineering estimates</strong>. Meeting Table 2" in text
+
+
 def test_case_an_actuator_has_no_input_for_is_left_out_and_said() -> None:
     subject = ParameterSubject(load_parameters(model="second-order"))
     subject.inputs = {name: v for name, v in subject.inputs.items() if name != "supply_voltage"}
@@ -287,6 +320,20 @@ def test_outputs_an_actuator_lacks_are_left_out(tmp_path: Path) -> None:
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert page.count("<svg") == 9
     assert "current / A" not in page
+    # Its bandwidth is beyond the sweep: a lower bound, and never a nan.
+    assert [(j.measured, j.beyond, j.passed) for j in found.table2[-2:]] == [(24.0, True, True)] * 2
+    assert "&gt; 24 Hz" in page
+    assert "1 deg: -3 dB above 24 Hz, -90 deg above 24 Hz" in page
+    console = Console(width=200, record=True)
+    for part in summary(found):
+        console.print(part)
+    said = console.export_text()
+    assert re.search(r"bandwidth_1deg +│ +> 24 │ +>= 10 │ +> 14 │", said)
+    assert re.search(r"chirp_1deg +[\d. ]*>24 +>24", said)
+    assert "nan" not in said
+    bandwidth = next(case for case in as_dict(found)["cases"] if case["name"] == "chirp_1deg")["figures"]
+    assert isnan(bandwidth["bandwidth_hz"])  # null in the file
+    assert bandwidth["swept_to_hz"] == 24.0
 
 
 def test_parameter_file_and_fmu_are_judged_alike(whole: Validation) -> None:

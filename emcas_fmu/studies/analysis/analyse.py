@@ -15,7 +15,7 @@ from ...errors import EmcasError
 from ...parameters import ParameterSet
 from ...progress import Progress, silent
 from . import capability, final_values, frequency, locus, steps, sweep, thesis
-from .linear import LinearActuator, System, largest_pole, sound
+from .linear import ROUNDING, Array, LinearActuator, System, cleared, decays, largest_pole, sound
 from .modes import Modes, load_rod, modes_at, thesis_modes
 
 # Swept to this many times the linear bandwidth, to show what the gain does beyond it.
@@ -80,6 +80,8 @@ def analyse(parameters: ParameterSet, fin_angle: float = 0.0, aero_torque: float
     beam = load_rod(rod)
     actuator = LinearActuator(values, fin_angle, aero_torque, model)
     _require_stable(actuator)
+    if len(actuator.hidden):
+        left_out["hidden_modes"] = _hidden(actuator.hidden)
     linear = _closed_loop(actuator.closed, {name: actuator.loop(name) for name in actuator.loops})
     progress("root locus", 1, _STEPS)
     poles = locus.locus(parameters, locus_name, fin_angle, aero_torque)
@@ -130,13 +132,21 @@ def _require_stable(actuator: LinearActuator) -> None:
                              "both be above 0")
         remedy = ("controller.velocity.kp, controller.position.kp or controller.position.ki, or shorten "
                   "drive.transport_delay")
-    growth = 100.0 * (largest_pole(actuator.closed) - 1.0)
-    raise EmcasError(f"{where} is unstable (a mode grows by {growth:.2g} % a sample): lower {remedy}")
+    growth = cleared(largest_pole(actuator.closed) - 1.0, ROUNDING)
+    does = f"grows by {100.0 * growth:.2g} % a sample" if growth else "neither decays nor grows"
+    raise EmcasError(f"{where} is unstable (a mode {does}): lower {remedy}")
+
+
+def _hidden(poles: Array) -> str:
+    growth = ", ".join(f"{100.0 * cleared(abs(pole) - 1.0, ROUNDING):.2g} %" for pole in poles)
+    modes = f"{len(poles)} mode{'s' * (len(poles) > 1)}"
+    return (f"{modes} left out of stability, final values and root locus: command and load do not reach it, or fin "
+            f"angle and reference do not show it; growth a sample {growth}")
 
 
 def _thesis(values: Mapping[str, Any]) -> ClosedLoop | None:
     system = thesis.closed(values)
-    if largest_pole(system) >= 1.0:
+    if not decays(system):
         return None
     return _closed_loop(system, {"reference": thesis.reference_loop(values)})
 

@@ -22,7 +22,7 @@ COMMAND = 1.0  # deg; the load is that of the thesis's Table 2
 class FinalValues:
     """Of one position controller: ``name``, integral gain [1/s2] of one in cascade, fin errors [deg], command
     less angle, after a step of COMMAND and of LOAD; nan where the loop is unstable. ``slowest`` [s] is the
-    largest time constant of the closed loop: final values are reached after several of them.
+    largest time constant of the closed loop's modes that are shown: final values are reached after several of them.
     """
 
     name: str
@@ -46,7 +46,7 @@ def final_values(values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque:
         linear = LinearActuator(changed, fin_angle, aero_torque, model)
         command, load = linear.closed.dcgain()[0] if linear.stable else (nan, nan)
         largest = largest_pole(linear.closed)
-        slowest = -linear.period / log(largest) if largest < 1.0 else inf
+        slowest = -linear.period / log(largest) if linear.stable else inf
         table.append(FinalValues(name, ki, cleared(COMMAND * (1.0 - command), 1e-9),
                                  cleared(degrees(-LOAD * load), 1e-9), slowest, linear.stable))
     return table

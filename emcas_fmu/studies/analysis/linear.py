@@ -23,7 +23,7 @@ import casadi as ca
 import control as ct
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
+from scipy.linalg import expm, matrix_balance, null_space
 
 from ...actuators import NONLINEAR, capabilities, fin_port, get, parts, require
 from ...actuators.declaration import identifier
@@ -44,8 +44,14 @@ LOOPS = {"current": capabilities.CURRENT_LOOP, "velocity": capabilities.CASCADE,
 """Loops by name, with what an actuator needs to have them."""
 _LAID_ASIDE = ("homing", "faults")
 _OUTPUTS = ("fin_angle", "motor_angle", "motor_current", "motor_voltage")
+_PORTS = (("command", "aero_torque"), ("fin_angle", "reference"))
 _ITERATIONS = 30
 _REST = 1e-6  # of what the reference does to the states: more is no rest
+# Of 1, a sample: poles are off by 1e-14 at most, and a mode that decays more slowly takes 1e10 samples, months.
+ROUNDING = 1e-10
+# Of the balanced system: rounding leaves 1e-15 of a hidden mode, and the weakest mode of shipped actuators has 7e-6.
+_HIDDEN = 1e-12
+_FAST = 0.5  # a mode that is gone after some samples changes no figure, and is hard to tell from a hidden one
 
 
 class _Fine(SymbolOps):
@@ -66,7 +72,7 @@ FINE = _Fine()
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """A rest: fin angle [rad], hinge moment [N.m], reference of the drive [V]; motor angle [rad], ratio R [1], current
+    """A rest: fin angle [rad], hinge moment [N.m], reference [V of a drive]; motor angle [rad], ratio R [1], current
     [A] and voltage [V], nan of an actuator that has none."""
 
     fin_angle: float
@@ -236,12 +242,21 @@ class LinearActuator:
         return [(name, name) for name in ("reference", *self._sampled, *map(_measured, self._states))]
 
     @cached_property
+    def _shown(self) -> tuple[System, Array]:
+        return shown(wire([self.controller, self.plant], self._links, *_PORTS))
+
+    @property
     def closed(self) -> System:
         """Closed loop at the sample times: from ``command`` [rad] and ``aero_torque`` [N.m] to ``fin_angle`` [rad].
 
-        A load is held between samples like a host's input over a communication step.
+        A load is held between samples like a host's input over a communication step. Modes in `hidden` are not in it.
         """
-        return wire([self.controller, self.plant], self._links, ["command", "aero_torque"], ["fin_angle"])
+        return self._shown[0][:1, :]
+
+    @property
+    def hidden(self) -> Array:
+        """Poles of the modes that command and load do not reach, or that fin angle and reference do not show."""
+        return self._shown[1]
 
     @property
     def command_to_angle(self) -> System:
@@ -277,9 +292,15 @@ class LinearActuator:
         return -ct.ss(plant.A - into @ demand, into, demand, [[0.0]], inputs=["voltage"], outputs=["demand"])
 
     @property
+    def reference_name(self) -> str:
+        """What the reference is called: a drive's, in V, or of another actuator, such as a valve's opening."""
+        drive = any(v.name == "drive_reference" for v in self.actuator.outputs)
+        return "the drive's reference" if drive else "the reference"
+
+    @property
     def stable(self) -> bool:
         """Whether every mode of the closed loop decays."""
-        return largest_pole(self.closed) < 1.0
+        return decays(self.closed)
 
     def rational(self, order: int = 3) -> System:
         """Return a continuous rational approximation of `closed`, where a tool needs one.
@@ -298,7 +319,7 @@ class LinearActuator:
         delay = 0.5 * period + (transport(FLOATS, self.p) if transport else 0.0)
         late = ct.ss(ct.tf(*ct.pade(delay, order)), inputs=["sent"], outputs=["received"])
         links = [("reference", "sent"), ("received", "reference"), *self._links[1:]]
-        return wire([law, late, self.continuous], links, ["command", "aero_torque"], ["fin_angle"])
+        return shown(wire([law, late, self.continuous], links, *_PORTS))[0][:1, :]
 
 
 def _measured(state: str) -> str:
@@ -347,8 +368,54 @@ def cleared(value: float, rounding: float) -> float:
 
 
 def largest_pole(system: System) -> float:
-    """Return the largest magnitude of a sampled system's poles: below 1 every mode decays."""
-    return float(np.max(np.abs(system.poles())))
+    """Return the largest magnitude of a sampled system's poles."""
+    return float(np.max(np.abs(system.poles()), initial=0.0))
+
+
+def decays(system: System) -> bool:
+    """Return whether every mode of a sampled system decays, by more than rounding makes of a pole at 1."""
+    return largest_pole(system) < 1.0 - ROUNDING
+
+
+def shown(system: System) -> tuple[System, Array]:
+    """Return a system, with as many inputs as outputs, without its hidden modes, and their poles.
+
+    Hidden is a mode that no input reaches or no output shows, by the Popov-Belevitch-Hautus test on the system scaled
+    (Kailath, "Linear Systems", section 2.4). Sampled ones that are fast stay, and a system without others is returned
+    as it is.
+    """
+    count, sampled = len(system.A), bool(system.dt)
+    joined = np.block([[system.A, system.B], [system.C, np.eye(system.noutputs)]])
+    balanced, (scale, _) = matrix_balance(joined, permute=False, separate=True)
+    a, b, c = balanced[:count, :count], _even(balanced[:count, count:].T).T, _even(balanced[count:, :count])
+    least, basis, hidden = _HIDDEN * np.linalg.norm(a, 2), np.eye(count), []
+    poles = list(np.linalg.eigvals(a))
+    while poles:
+        pole = poles.pop()
+        if pole.imag < 0.0 or (sampled and abs(pole) < _FAST):
+            continue
+        shifted = a - pole * np.eye(len(a))
+        for pencil in (np.vstack([shifted, c]), np.vstack([shifted.T, b.T])):
+            _, sizes, modes = np.linalg.svd(pencil)
+            if sizes[-1] <= least:
+                mode = modes[-1].conj()
+                others = null_space(np.vstack([mode.real, mode.imag]), rcond=1e-6)
+                hidden += [pole, pole.conjugate()][:len(a) - others.shape[1]]
+                a, b, c, basis = others.T @ a @ others, others.T @ b, c @ others, basis @ others
+                poles = list(np.linalg.eigvals(a))
+                break
+    if not hidden:
+        return system, np.array([])
+    into = scale[:count, None] * basis
+    back = basis.T / scale[:count]
+    return ct.ss(a, back @ system.B, system.C @ into, system.D, system.dt,
+                 inputs=system.input_labels, outputs=system.output_labels), np.array(hidden)
+
+
+def _even(rows: Array) -> Array:
+    """Return rows of length 1, or of zeros."""
+    lengths: Array = np.linalg.norm(rows, axis=1, keepdims=True)
+    return rows / np.maximum(lengths, 1e-300)
 
 
 def sampled(plant: System, period: float, whole: int, rest: float) -> System:

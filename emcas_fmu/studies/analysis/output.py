@@ -16,7 +16,7 @@ from .analyse import Analysis, ClosedLoop
 from .frequency import continuous_poles
 from .linear import System
 from .modes import Modes
-from .pictures import drawings
+from .pictures import drawings, unseen
 from .sweep import LIMITS
 
 
@@ -31,7 +31,7 @@ def figures(analysis: Analysis) -> dict[str, Any]:
         "operating_point": {
             "fin_angle_deg": degrees(point.fin_angle), "aero_torque_nm": point.aero_torque, "ratio": point.ratio,
             "motor_angle_rad": point.motor_angle, "current_a": point.current, "voltage_v": point.voltage,
-            "drive_reference_v": point.reference},
+            "drive_reference_v" if "drive" in actuator.reference_name else "reference": point.reference},
         "linear": _loop(analysis.linear) | {"transfer_function": _state_space(analysis.linear.system)},
         "thesis_linear": _loop(thesis) if thesis else None,
         "final_values": {
@@ -116,5 +116,6 @@ def write_json(analysis: Analysis, path: Path) -> None:
 
 def write_report(analysis: Analysis, path: Path) -> None:
     """Write the page; the same analysis gives the same bytes."""
-    writers.write_page(path, "studies/analysis/page.html.j2", f=figures(analysis),
+    writers.write_page(path, "studies/analysis/page.html.j2", f=figures(analysis), actuator=analysis.actuator.actuator,
+                       reference=analysis.actuator.reference_name, small=unseen(analysis.actuator.actuator),
                        pictures=plots.pictures(drawings(analysis)))

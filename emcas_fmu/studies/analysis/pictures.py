@@ -13,6 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ... import plots
+from ...actuators import capabilities
+from ...actuators.declaration import Actuator
 from ...bench.metrics import FrequencyResponse
 from ...plots import LIMIT, Drawing
 from . import frequency
@@ -29,6 +31,15 @@ _SHOWN = (0.1, 300.0)  # Hz
 _DOTS = 400  # of a case, about
 _LIMIT_NAMES = {"rate": "speed reference", "current": "drive current", "voltage": "supply voltage",
                 "dac": "analogue reference"}
+
+
+def unseen(actuator: Actuator) -> dict[str, str]:
+    """Return in words what an actuator has that acts in the small and that no linear model sees, by its key."""
+    names = [v.name for v in actuator.parameters]
+    there = {"friction": any("coulomb" in name or name.startswith(("stribeck.", "lugre.")) for name in names),
+             "compensation": "compensation.gain" in names, "counts": capabilities.ENCODER in actuator.provides}
+    words = {"friction": "friction", "compensation": "its compensation", "counts": "the encoder's counts"}
+    return {key: words[key] for key in words if there[key]}
 
 
 def drawings(analysis: Analysis) -> Iterator[Drawing]:
@@ -74,9 +85,8 @@ def bode(analysis: Analysis) -> Drawing:
     load_gain.set(title="fin angle over hinge moment", ylabel="dB of 1 deg/(N.m)")
     load_phase.set(ylabel="phase / deg", xlabel="frequency / Hz", yticks=range(-270, 91, 90))
     _legend(figure, entries)
-    r = analysis.linear.command
-    return Drawing("Bode diagrams", figure, f"Left, fin angle over command: -3 dB at {r.bandwidth:.1f} Hz, -90 deg at "
-                   f"{r.phase_bandwidth:.1f} Hz (linear). Right, fin angle over hinge moment. The linear responses are "
+    return Drawing("Bode diagrams", figure, f"Left, fin angle over command: {analysis.linear.command.bandwidths} "
+                   "(linear). Right, fin angle over hinge moment. The linear responses are "
                    "those of the sampled system with its transport delay, exactly; circles are the fundamental of the "
                    "simulated response to steady sines.")
 
@@ -95,22 +105,23 @@ def nichols(analysis: Analysis) -> Drawing:
     for x, y, text in (*tops, (-88.0, 36.0, "0 dB"), (-40.0, 8.0, "-3 dB")):
         horizontal, vertical = ("center", "bottom") if x == -180.0 else ("left", "baseline")
         axes.text(x, y, text, fontsize=6.5, color=plots.GRAY, ha=horizontal, va=vertical)
+    at = analysis.actuator.reference_name
     entries: dict[str, Look] = {}
     # The current loop is in continuous time.
     for name, label, color in (("velocity", "velocity loop", plots.GREEN), ("position", "position loop", plots.PURPLE),
-                               ("reference", "at the drive's reference", plots.BLUE)):
+                               ("reference", f"at {at}", plots.BLUE)):
         if name in analysis.linear.loops:
             entries[label] = {"color": color}
             _nichols_line(axes, analysis.linear.loops[name], analysis.linear.margins[name], entries[label])
     if analysis.thesis:
-        entries["thesis's model, at the drive's reference"] = _THESIS
+        entries[f"thesis's model, at {at}"] = _THESIS
         _nichols_line(axes, analysis.thesis.loops["reference"], analysis.thesis.margins["reference"], _THESIS)
     axes.plot(-180, 0, "+", color=plots.INK, markersize=9)
     axes.set(xlim=(-360, 0), ylim=(-30, 40), xticks=range(-360, 1, 45), xlabel="open-loop phase / deg",
              ylabel="open-loop gain / dB")
     _legend(figure, entries, columns=2)
     m = analysis.linear.margins["reference"]
-    return Drawing("Nichols chart", figure, f"At the drive's reference the gain may grow by {m.gain_db:.1f} dB "
+    return Drawing("Nichols chart", figure, f"At {at} the gain may grow by {m.gain_db:.1f} dB "
                    f"(square, at {m.phase_crossover:.0f} Hz), the phase lag by {degrees(m.phase):.0f} deg (circle, at "
                    f"{m.gain_crossover:.0f} Hz), which is {m.delay * 1e3:.2f} ms of delay. Dotted: gain of the closed "
                    "loop.")
@@ -187,9 +198,14 @@ def steps(analysis: Analysis) -> Drawing:
     row[0].set_ylabel("fin angle / step")
     _legend(figure, {**entries, "a limit is active": {"color": plots.GRAY, "alpha": 0.3, "linewidth": 7}}, columns=4)
     differences = ", ".join(f"{s.difference:.0f} % at {abs(s.size):g} deg" for s in analysis.steps)
+    causes = list(unseen(analysis.actuator.actuator).values())
+    small = f"Small steps differ by {_listed(causes)}, large ones" if causes else "Large steps differ"
     return Drawing("Steps, linear and simulated", figure, "Divided by their size. Largest difference of simulated and "
-                   f"linear: {differences}. Small steps differ by friction, its compensation and the encoder's counts, "
-                   "large ones by the limits.")
+                   f"linear: {differences}. {small} by the limits.")
+
+
+def _listed(words: list[str]) -> str:
+    return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
 
 
 def amplitudes(analysis: Analysis) -> Drawing:
@@ -220,10 +236,13 @@ def amplitudes(analysis: Analysis) -> Drawing:
     _legend(figure, {**entries, "linear": {"color": plots.GRAY, **_DASHED}}, columns=3)
     marks = ("Thin lines with marks: from which frequency on a limit acts at some instant of the period. " if limits
              else "")
+    lost = {"friction": "friction", "counts": "counts"}
+    causes = [word for key, word in lost.items() if key in unseen(analysis.actuator.actuator)]
+    small = f"Small amplitudes lose bandwidth to {_listed(causes)}, large ones" if causes else (
+        "Large amplitudes lose bandwidth")
     return Drawing("Bandwidth against amplitude", figure, "Describing function by steady sines of the simulated "
                    "actuator, about the operating point or as near to it as the range of commands allows. "
-                   f"{marks}Small amplitudes lose bandwidth to friction and counts, large ones to the limits met "
-                   "first.")
+                   f"{marks}{small} to the limits met first.")
 
 
 def limit_shares(analysis: Analysis) -> Drawing:

@@ -49,7 +49,8 @@ class Outcome:
 
     ``curves`` go into the JSON file, ``series`` are for the pictures only. ``stopped`` says why the test
     could not be finished; it has no figures then. ``estimate`` says what makes its figures an estimate;
-    ``not_applicable``, by quantity, which outputs it needs the subject has not.
+    ``not_applicable``, by quantity, which outputs it needs the subject has not. ``beyond`` has the highest frequency
+    [Hz] of figures, as group.figure, that lie beyond it.
     """
 
     method: str
@@ -66,6 +67,7 @@ class Outcome:
     name: str = ""
     title: str = ""
     not_applicable: Mapping[str, str] = field(default_factory=dict)
+    beyond: Mapping[str, float] = field(default_factory=dict)
 
     def label(self, group: str) -> str:
         """Return a group's name for people."""
@@ -75,10 +77,15 @@ class Outcome:
         """Return the quantity of a name."""
         return next(q for q in self.quantities if q.key == key)
 
-    def headlines(self) -> list[tuple[str, Quantity, Value]]:
-        """Return group, quantity and value of the headline figures there are."""
+    def told(self, group: str, key: str) -> tuple[str, Value]:
+        """Return the sign before a figure, and the figure or what it lies beyond."""
+        bound = self.beyond.get(f"{group}.{key}")
+        return ("", self.figures[group][key]) if bound is None else ("> ", bound)
+
+    def headlines(self) -> list[tuple[str, Quantity, str, Value]]:
+        """Return group, quantity, sign and value of the headline figures there are."""
         paths = [path.split(".") for path in self.headline]
-        return [(group, self.quantity(key), self.figures[group][key]) for group, key in paths
+        return [(group, self.quantity(key), *self.told(group, key)) for group, key in paths
                 if key in self.figures.get(group, {})]
 
     def left_out(self) -> list[tuple[str, list[str]]]:

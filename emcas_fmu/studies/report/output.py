@@ -31,9 +31,9 @@ def summary(result: Result) -> Iterator[RenderableType]:
     figures.columns[2].justify = "right"
     for outcome in result.outcomes.values():
         first = outcome.title
-        for group, q, value in outcome.headlines():
+        for group, q, sign, value in outcome.headlines():
             label = f"{outcome.label(group)}: {q.label}" + (" (estimate)" if outcome.estimate else "")
-            figures.add_row(first, escape(label), writers.number(value), "" if q.unit == "1" else q.unit)
+            figures.add_row(first, escape(label), sign + writers.number(value), "" if q.unit == "1" else q.unit)
             first = ""
     yield figures
     for outcome in result.outcomes.values():

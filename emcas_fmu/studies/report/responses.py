@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import radians
+from math import isfinite, isnan, radians
 
 import numpy as np
 
@@ -55,6 +55,7 @@ def _step_group(size: float) -> str:
 def frequency(rig: Rig) -> Outcome:
     """Measure the response to logarithmic sweeps of the command, H1 estimate by Welch's method."""
     figures, curves, notes, labels = {}, {}, [], {"1deg": "1 deg", "3p5deg": "3.5 deg"}
+    beyond: dict[str, float] = {}
     for group, label in labels.items():
         run = rig.table2[f"chirp_{group}"]
         run.finished()
@@ -62,6 +63,9 @@ def frequency(rig: Rig) -> Outcome:
         if response.bandwidth <= response.frequency[0]:
             notes.append(f"At {label} the gain is below -3 dB from the lowest frequency on.")
         figures[group] = displayed(swept(response), _FREQUENCY)
+        if isfinite(response.beyond):
+            beyond |= {f"{group}.{key}": response.beyond for key in ("bandwidth_3db_hz", "bandwidth_90deg_hz")
+                       if isnan(figures[group][key])}
         curves[group] = {"frequency_hz": response.frequency, "gain_db": response.gain_db,
                          "phase_deg": np.degrees(response.phase), "coherence": response.coherence}
     low, high = SWEPT
@@ -69,10 +73,10 @@ def frequency(rig: Rig) -> Outcome:
         f"Fin angle over command. Logarithmic sine sweep of the command from {SWEEP[0]:g} to {SWEEP[1]:g} Hz in 12 s "
         f"about 0 deg, no load; H1 estimate by Welch's method, Hann segments of 1 s, evaluated from {low:g} to "
         f"{high:g} Hz. It is the fundamental: the describing function of the amplitude. A frequency that is not "
-        "reached within the sweep is a dash. Coherence is below 1 where the response is not linear, or changes within "
-        "a segment.", _FREQUENCY, figures,
+        "reached within the sweep lies beyond its end. Coherence is below 1 where the response is not linear, or "
+        "changes within a segment.", _FREQUENCY, figures,
         tuple(f"{group}.{key}" for group in labels for key in ("bandwidth_3db_hz", "bandwidth_90deg_hz")),
-        labels, curves, notes=tuple(notes))
+        labels, curves, notes=tuple(notes), beyond=beyond)
 
 
 def slews(rig: Rig) -> Outcome:

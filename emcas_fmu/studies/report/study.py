@@ -105,10 +105,11 @@ def judge(requirements: Sequence[FileRequirement], outcomes: Mapping[str, Outcom
         if isinstance(figures.get(r.figure), bool):
             raise EmcasError(f"{label}{r.figure} is true or false, and has no limit; choose a figure that is a number")
         if outcome and r.figure in figures:
-            measured = float(figures[r.figure])
+            bound = outcome.beyond.get(rest) if r.sense == ">=" else None
+            measured = float(figures[r.figure]) if bound is None else bound
             how = f"{outcome.title}, {outcome.label(group)}: {outcome.quantity(key).how}"
             judged.append(r.judged(measured, how if isfinite(measured) else
-                                   f"the response never reaches what is measured: {how}"))
+                                   f"the response never reaches what is measured: {how}", bound is not None))
         elif outcome and outcome.stopped:
             judged.append(r.judged(None, outcome.stopped))
         elif outcome and key in outcome.not_applicable:

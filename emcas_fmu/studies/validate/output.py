@@ -5,8 +5,9 @@ Angles are in deg, rates in deg/s, times in s, frequencies in Hz.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
+from math import isnan, nan
 from pathlib import Path
 from typing import Any
 
@@ -41,10 +42,17 @@ def _cases(result: Result) -> Table:
     for case in result.cases:
         error = case.errors.get("fin_angle")
         errors = [f"{1e3 * value:.3f}" for value in (error.maximum, error.rms)] if error else ["", ""]
-        figures = [f"{case.figures[key] * scale:#.3g}".rstrip(".") if key in case.figures else ""
-                   for key, scale in keys]
+        figures = [_figure(case.figures, key, scale) if key in case.figures else "" for key, scale in keys]
         table.add_row(case.name, *errors, *figures)
     return table
+
+
+def _figure(figures: Mapping[str, float], key: str, scale: float) -> str:
+    """Return a figure with three digits, the sweep's end of a bandwidth beyond it, a dash for one that is none."""
+    value, end = figures[key], figures["swept_to_hz"] if key.endswith("bandwidth_hz") else nan
+    if isnan(value):
+        return "–" if isnan(end) else f">{end:.3g}"
+    return f"{value * scale:#.3g}".rstrip(".")
 
 
 def summary(result: Result) -> Iterator[RenderableType]:
@@ -59,8 +67,8 @@ def summary(result: Result) -> Iterator[RenderableType]:
     unmeasured = [f"{j.name}: {j.note}" for j in result.criteria if j.measured is None and not j.skipped]
     for note in (*unmeasured, *result.notes):
         yield f"[yellow]note:[/] {escape(note)}"
-    yield (f"[green]all {len(result.judged)} criteria are met[/]" if result.passed
-           else f"[bold red]{len(result.failed)} of {len(result.judged)} criteria are not met[/]")
+    color = "green" if result.passed else "yellow" if result.unjudged else "bold red"
+    yield f"[{color}]{escape(result.verdict)}[/]"
 
 
 def as_dict(result: Result) -> dict[str, Any]:
@@ -74,9 +82,10 @@ def as_dict(result: Result) -> dict[str, Any]:
                "kind": about.kind, "model": about.model, "fin": about.fin}
     criteria = [{"group": group, **asdict(j), "margin": j.margin, "passed": j.passed}
                 for group, judged in (("trajectory", result.trajectory), ("table2", result.table2)) for j in judged]
-    return {"schema": SCHEMA, "passed": result.passed, "fmu": subject, "reference": result.reference,
-            "notes": result.notes, **{key: [asdict(item) for item in getattr(result, key)]
-                                      for key in ("cases", "comparisons", "findings")}, "criteria": criteria}
+    return {"schema": SCHEMA, "passed": None if result.unjudged else result.passed, "fmu": subject,
+            "reference": result.reference, "notes": result.notes,
+            **{key: [asdict(item) for item in getattr(result, key)] for key in ("cases", "comparisons", "findings")},
+            "criteria": criteria}
 
 
 def write_json(result: Result, path: Path) -> None:

@@ -165,7 +165,7 @@ def bode(result: Result, names: Sequence[str]) -> Drawing:
         look: dict[str, Any] = {"color": color, "linestyle": line}
         plots.bode(gain, phase, curve.frequency, curve.gain_db, np.degrees(curve.phase),
                    (curve.bandwidth, curve.phase_bandwidth), **look)
-        marks.append(f"{label}: -3 dB at {curve.bandwidth:.1f} Hz, -90 deg at {curve.phase_bandwidth:.1f} Hz")
+        marks.append(f"{label}: {curve.bandwidths}")
         entries.append((label, look))
     plots.bode_axes(gain, phase)
     for axes in (gain, phase):
@@ -263,8 +263,9 @@ def sag(result: Result) -> Drawing:
     _column_of_panels(result, grid[:, 0], result.series["sag"], panels, plots.ORANGE, 0.3, 0.699, 8)
     _legend(grid[0, 0], ("fin", {"color": plots.ORANGE}), _COMMAND_ENTRY, *_reference(result), _LIMIT_ENTRY,
             _SHADE_ENTRY)
+    brakes = ", below the back-EMF of the shipped motor at that speed, which then brakes" if result.of_thesis else ""
     return Drawing("Supply sag", figure, "A slew from +20 to -20 deg at 350 ms; from 400 to 470 ms the supply is down "
-                   "from 39 to 28 V, below the back-EMF of the shipped motor at that speed, which then brakes.")
+                   f"from 39 to 28 V{brakes}.")
 
 
 def linear(result: Result) -> Drawing:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...actuators import NONLINEAR, parts
+from ...actuators import NAMES, NONLINEAR, parts
 from ...bench import metrics, verdict
 from ...bench.excitation import Excitation, of_case, step_to, with_encoder
 from ...bench.subject import Columns, Identification, Run, Subject
@@ -86,6 +86,13 @@ class Result:
     notes: tuple[str, ...]
     series: Mapping[str, Series] = field(repr=False)
     linear_series: Mapping[float, tuple[Run, Any]] = field(repr=False)
+    origin: str = ""
+    """Where the actuator's equations come from; empty where it does not say."""
+
+    @property
+    def of_thesis(self) -> bool:
+        """Whether the actuator is one of those shipped that come from the thesis."""
+        return bool(self.origin) and parts(self.about.model)[0] in NAMES
 
     @property
     def criteria(self) -> tuple[Judged, ...]:
@@ -106,6 +113,24 @@ class Result:
     def passed(self) -> bool:
         """Whether something was judged and all of it passed."""
         return verdict.all_passed(self.criteria)
+
+    @property
+    def unjudged(self) -> bool:
+        """Whether what was asked for ran to its end and has no criterion."""
+        return not self.judged and bool(self.cases) and all(case.stopped is None for case in self.cases)
+
+    @property
+    def verdict(self) -> str:
+        """What came of it, in words."""
+        count, failed = len(self.judged), len(self.failed)
+        if not count:
+            short = [case.name for case in self.cases if case.stopped is not None]
+            ended = f" and {', '.join(short)} did not run to the end" if short else ""
+            return (f"nothing was judged{ended}: what was run has no reference of {self.about.model}, and no "
+                    "requirement of Table 2 by itself")
+        if failed:
+            return f"{failed} of {count} criteria {'is' if failed == 1 else 'are'} not met"
+        return f"all {count} criteria are met" if count > 1 else "the one criterion is met"
 
 
 def validate(subject: Subject, names: Sequence[str] | None = None, directory: Path | None = None,
@@ -158,7 +183,7 @@ def _result(subject: Subject, folder: Path, cases: Sequence[stored.Stored], seri
     notes += _notes(subject, [case for case in cases if series[case.name].exact], series)
     return Result(subject.identification, dict(subject.values), tuple(_differences(subject)),
                   str(folder) if trajectory else "", tuple(results), trajectory, tuple(verdict.judge_table2(runs)),
-                  comparisons, findings, tuple(notes), series, linear)
+                  comparisons, findings, tuple(notes), series, linear, subject.actuator.origin)
 
 
 def _linear_name(amplitude: float) -> str:
@@ -192,6 +217,7 @@ def _figures(kind: str, run: Run) -> dict[str, float]:
         response = metrics.sweep_response(run)
         swept = metrics.swept(response)
         return {"bandwidth_hz": swept["bandwidth_3db"], "phase_bandwidth_hz": swept["bandwidth_90deg"],
+                "swept_to_hz": response.beyond,
                 "lowest_coherence": float(np.min(response.coherence, initial=1.0))}
     if kind not in ("step", "cold", "sag", "load"):
         return {}
