@@ -20,9 +20,10 @@ from __future__ import annotations
 import keyword
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -129,6 +130,9 @@ def _complete(function: Callable[..., Any], given: Any, names: Iterable[str], op
     if unknown := [name for name in given if name not in known]:
         raise EmcasError(f"{_where(function)} gives {', '.join(map(str, unknown))}, which is not declared; there is "
                          f"{', '.join(sorted(known))}")
+    for name, value in given.items():
+        if value is None or isinstance(value, (str, Sequence, Mapping)) or (isinstance(value, float) and isnan(value)):
+            raise EmcasError(f"{_where(function)} gives {name} = {value!r}; a number is needed")
     return given
 
 
@@ -206,6 +210,9 @@ class Actuator:
         self._check_interface()
 
     def _check_interface(self) -> None:
+        if missing := [name for name in self.encoder if name not in {s.name for s in self.states}]:
+            raise EmcasError(f"actuator {self.name}: there is no state {missing[0]}; the sensors read fin_angle and "
+                             "fin_rate, or the states of angle and speed that encoder=(..., ...) names")
         count = Counter(v.name for v in (*self.inputs, *self.outputs, *self.parameters))
         if twice := [name for name, times in count.items() if times > 1]:
             raise EmcasError(f"actuator {self.name}: {twice[0]} is declared twice; inputs, outputs and parameters have "
