@@ -18,6 +18,7 @@ from .conftest import BENCH, recover
 FIRST = 916_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "count", "largest", "choice"), [
     ("friction", 7, {"friction.viscous.positive": 0.03, "friction.coulomb.positive[0]": 0.003,
                      "friction.cold_viscous_ratio": 0.03, "friction.cold_coulomb_ratio": 0.005},

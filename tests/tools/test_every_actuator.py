@@ -18,6 +18,8 @@ from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 TOGETHER = ("nonlinear+lugre+heat+homing+faults", "elastic+stribeck+efficiency+heat+homing+faults",
             "ristanovic+stribeck+efficiency+heat+homing+faults", "second-order+faults")
 ACTUATORS = (*NAMES, DIRECT_DRIVE, *TOGETHER)
+# One of each kind, and the largest set; the others take minutes together.
+ALWAYS = ("nonlinear", "second-order", DIRECT_DRIVE, TOGETHER[1])
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "tools" / "README.md"
 
 CAMPAIGN = """
@@ -87,7 +89,8 @@ def reasons(tool: str) -> list[str]:
 
 
 @pytest.mark.parametrize("tool", TOOLS)
-@pytest.mark.parametrize("model", ACTUATORS, ids=lambda model: Path(model).stem)
+@pytest.mark.parametrize("model", [pytest.param(model, marks=() if model in ALWAYS else pytest.mark.slow)
+                                   for model in ACTUATORS], ids=lambda model: Path(model).stem)
 def test_a_tool_serves_an_actuator_or_says_why_not(model: str, tool: str, tmp_path: Path,
                                                    monkeypatch: pytest.MonkeyPatch) -> None:
     """Exit code 1 is a verdict: the thesis's requirements are not those of an actuator of another kind."""
