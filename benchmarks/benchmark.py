@@ -111,10 +111,12 @@ def _equations(values: Any) -> Any:
         held = tracer.where(tracer.fabs(demand) > supply, 0.0, p.drive.ki * (i_ref - current))
         return speed, torque / m.inertia, di, held
 
-    def sample(angle: Any, speed: Any, integral: Any, counts: Any, command: Any) -> Any:
-        measured = sensors.measure(tracer, p, angle, speed, counts)
-        out = controllers.output(tracer, p, integral, measured, command)
-        return out.reference, controllers.update(tracer, p, integral, out), measured.counts
+    def sample(angle: Any, speed: Any, current: Any, counts: Any, command: Any, integral: Any, velocity_integral: Any,
+               target: Any, momentum: Any) -> Any:
+        measured = sensors.measure(tracer, p, p, angle, speed, counts)
+        loops = controllers.Loops(integral, velocity_integral, target, momentum)
+        out = controllers.sample(tracer, p, loops, measured, current, command)
+        return out.reference, measured.counts, *out.loops
 
     def fin(angle: Any) -> Any:
         return (kinematics.fin_angle(tracer, p, kinematics.lever_tangent(tracer, p, angle)),)
@@ -135,9 +137,9 @@ def _lsoda(values: Any) -> Callable[[], None]:
     fraction = delay - late * period
 
     def run() -> None:
-        state, integral, counts, line = [0.0] * 4, 0.0, 0.0, [0.0] * (late + 2)
+        state, counts, loops, line = [0.0] * 4, 0.0, [0.0] * 4, [0.0] * (late + 2)
         for _, command, load in signals[:-1].tolist():
-            reference, integral, counts = sample(state[0], state[1], integral, counts, command)
+            reference, counts, *loops = sample(*state[:3], counts, command, *loops)
             line = [*line[1:], reference]
             for active, begin, end in ((line[0], 0.0, fraction), (line[1], fraction, period)):
                 solution = solve_ivp(lambda _, y, u=active, f=load: right_hand_side(*y, u, f, 39.0), (begin, end),

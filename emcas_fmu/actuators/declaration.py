@@ -30,6 +30,7 @@ from typing import Any
 from ..errors import EmcasError, hint
 from ..namespace import Record, namespace
 from ..ops.base import Ops, Value
+from ..ops.floats import FLOATS
 from ..rules import Rule
 from ..steppers.smooth import Derivatives, smooth_step
 from ..variables import Terminal, Variable, parameter
@@ -181,6 +182,10 @@ class Actuator:
     # of the family have and this one does not.
     structure: Any = None
     equation_parameters: Callable[[Ops, Parameters], Parameters] = _unchanged
+    # Parameters of the plant where it differs from what the controllers know, and values of the parameters by which it
+    # does that make it nominal.
+    as_built: Callable[[Ops, Parameters], Parameters] = _unchanged
+    nominal: Mapping[str, float] = field(default_factory=dict)
     # Largest internal tick [s], and what makes it longer; time [s] from a sample to the drive.
     longest_tick: Callable[[Ops, Parameters], Value] = fin_port.max_tick
     tick_remedy: str = "raise solver.max_tick"
@@ -262,6 +267,10 @@ class Actuator:
     def namespace(self, values: Mapping[str, Any]) -> Parameters:
         """Return parameters by name as what the equations take."""
         return namespace(values, self.structure)
+
+    def plant(self, values: Mapping[str, Any]) -> Parameters:
+        """Return parameters by name as those of the plant as built."""
+        return self.as_built(FLOATS, self.equation_parameters(FLOATS, self.namespace(values)))
 
     # -- what is traced ----------------------------------------------------------
 

@@ -1,10 +1,24 @@
-"""Sampled controllers, section 4.2: PI position loop with anti-windup around a P velocity loop.
+"""Sampled controllers, section 4.2: PI position loop with anti-windup around a P or PI velocity loop.
 
-    e      = theta(clip(command)) - theta_measured
-    w_raw  = Kp_pos e + I        w_ref = clip(w_raw, +-w_max)
-    I+     = I + T_s (Ki_pos e + K_aw (w_ref - w_raw))
-    u      = clip(Kp_vel (w_ref - w_measured) + u_fc, +-u_max)
+    r      = theta(clip(command))       e = r - theta_measured
+    w_raw  = Kp_pos (b r - theta_measured) + I + v_ff (r - r_before)/T_s      w_ref = clip(w_raw, +-w_max)
+    u_raw  = Kp_vel (w_ref - w_measured) + V + u_fc - T_l/(K_t K_v)           u = clip(u_raw, +-u_max)
     u_fc   = g_fc C_m(fin_measured, sgn w_ref)/(K_t K_v) clip(w_ref/w_band, +-1)
+    I+     = I + T_s (Ki_pos e + K_aw (clip(w) - w) + K_d (u_drive - u_raw)/Kp_vel)    w = w_raw without v_ff's share
+    V+     = V + T_s (Ki_vel (w_ref - w_measured) + K_d (u_drive - u_raw))
+
+The setpoint weight b makes two degrees of freedom of the position loop (Astrom & Hagglund, "Advanced PID Control",
+section 3.4): the answer to a load does not depend on it. At rest I is Kp_pos (1 - b) theta_measured, with which it
+starts, and starts again when the drive is enabled. u_drive is what the drive can follow of u_raw: within the DAC's and
+the current's limit. What the controllers know of the mechanism and the motor are the nominal parameters.
+
+T_l is the load at the motor besides the friction that is fed forward, by an observer of the momentum (De Luca &
+Mattone, "Sensorless robot collision detection and hybrid force/motion control", ICRA 2005), of first order:
+
+    T_l    = L (J w_measured - m)               m+ = m + T_s (K_t i + T_l - K_t K_v u_fc)
+
+It takes the measured current, so that a controller's reference, as long as the model is right, shows in T_l not at
+all: the observer leaves the loop's margins alone.
 """
 
 from __future__ import annotations
@@ -12,18 +26,28 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ..ops.base import Ops, Value
-from ..physics import friction, kinematics
+from ..physics import drive, friction, kinematics, mechanics
 from .sensors import Measurement
 
 
+class Loops(NamedTuple):
+    """What the loops keep between samples: integrals of position [rad/s] and velocity [V], target r [rad], and the
+    observer's momentum m [N.m.s]."""
+
+    integral: Value
+    velocity_integral: Value
+    target: Value
+    momentum: Value
+
+
 class Output(NamedTuple):
-    """A sample's result: DAC value [V], speed references before and after the limit [rad/s], limits hit."""
+    """A sample's result: DAC value [V], speed reference before its limit [rad/s], whether a limit was met, and the
+    loops' states for the next."""
 
     reference: Value
     speed_raw: Value
-    speed_reference: Value
-    error: Value
     limited: Value
+    loops: Loops
 
 
 def clipped_command(ops: Ops, p: Any, command: Value) -> Value:
@@ -42,27 +66,62 @@ def friction_compensation(ops: Ops, p: Any, fin_measured: Value, speed_reference
         lambda: (friction.coulomb_reference(ops, polynomials.positive, fin_measured),),
         lambda: (friction.coulomb_reference(ops, polynomials.negative, fin_measured),),
     )
-    per_volt = p.motor.torque_constant * p.drive.current_gain
+    per_volt = _torque_per_volt(p)
     share = ops.clip(speed_reference / p.compensation.speed_band, -1.0, 1.0)
     return p.compensation.gain / per_volt * estimate * share
 
 
-def output(ops: Ops, p: Any, integral: Value, measured: Measurement, command: Value) -> Output:
-    """Return the controllers' outputs at a sample; `integral` I [rad/s], `command` [rad] before its limit."""
+def _torque_per_volt(p: Any) -> Value:
+    return p.motor.torque_constant * p.drive.current_gain
+
+
+def _inertia(ops: Ops, p: Any, fin: Value) -> Value:
+    """Return the nominal inertia [kg.m2] at the motor at a fin angle [rad]."""
+    ratio = kinematics.reduction_ratio(ops, p, ops.tan(fin + p.kinematics.initial_angle))
+    return mechanics.screw_inertia(p) + mechanics.fin_inertia(p) / (ratio * ratio)
+
+
+def at_rest(ops: Ops, p: Any, measured: Measurement) -> Loops:
+    """Return the loops' states that ask for no speed where the motor is measured, which is the target, without load."""
+    position = p.controller.position
+    (momentum,) = ops.branch(p.controller.load_observer > 0.0,
+                             lambda: (_inertia(ops, p, measured.fin_angle) * measured.motor_speed,), lambda: (0.0,))
+    return Loops(position.kp * (1.0 - position.setpoint_weight) * measured.motor_angle, 0.0, measured.motor_angle,
+                 momentum)
+
+
+def _observed(ops: Ops, p: Any, momentum: Value, measured: Measurement, current: Value, compensation: Value
+              ) -> tuple[Value, ...]:
+    """Return the reference [V] against the load at a measured motor current [A], and the momentum for the next."""
+    load = p.controller.load_observer * (_inertia(ops, p, measured.fin_angle) * measured.motor_speed - momentum)
+    per_volt = _torque_per_volt(p)
+    net = drive.torque(p, current) + load - per_volt * compensation
+    return -load / per_volt, momentum + p.controller.sample_time * net
+
+
+def sample(ops: Ops, p: Any, loops: Loops, measured: Measurement, current: Value, command: Value) -> Output:
+    """Return a sample of the controllers at a motor current [A]; `command` [rad] before its limit."""
+    position, velocity, limit, period = (p.controller.position, p.controller.velocity, p.controller.speed_limit,
+                                         p.controller.sample_time)
     target = kinematics.motor_angle(ops, p, clipped_command(ops, p, command))
     error = target - measured.motor_angle
-    position, limit = p.controller.position, p.controller.speed_limit
-    speed_raw = position.kp * error + integral
+    fed_back = position.kp * (error - (1.0 - position.setpoint_weight) * target) + loops.integral
+    speed_raw = fed_back + position.velocity_feedforward * (target - loops.target) / period
     speed_reference = ops.clip(speed_raw, -limit, limit)
     compensation = friction_compensation(ops, p, measured.fin_angle, speed_reference)
-    raw = p.controller.velocity.kp * (speed_reference - measured.motor_speed) + compensation
+    speed_error = speed_reference - measured.motor_speed
+    against_load, momentum = ops.branch(
+        p.controller.load_observer > 0.0,
+        lambda: _observed(ops, p, loops.momentum, measured, current, compensation), lambda: (0.0, loops.momentum))
+    raw = velocity.kp * speed_error + loops.velocity_integral + compensation + against_load
     u_max = p.drive.reference_limit
     limited = ops.either(ops.either(ops.fabs(command) > p.command.limit, ops.fabs(speed_raw) > limit),
                          ops.fabs(raw) > u_max)
-    return Output(ops.clip(raw, -u_max, u_max), speed_raw, speed_reference, error, limited)
-
-
-def update(ops: Ops, p: Any, integral: Value, out: Output) -> Value:
-    """Return the integral [rad/s] after a sample, back-calculated where the speed reference was clipped."""
-    antiwindup = p.controller.antiwindup * (out.speed_reference - out.speed_raw)
-    return integral + p.controller.sample_time * (p.controller.position.ki * out.error + antiwindup)
+    reference = ops.clip(raw, -u_max, u_max)
+    # 0 while the drive follows.
+    beyond = p.controller.drive_antiwindup * (drive.followed(ops, p, reference) - raw)
+    speed_beyond = beyond / ops.where(velocity.kp > 0.0, velocity.kp, 1.0)
+    unwinding = p.controller.antiwindup * (ops.clip(fed_back, -limit, limit) - fed_back) + speed_beyond
+    integral = loops.integral + period * (position.ki * error + unwinding)
+    velocity_integral = loops.velocity_integral + period * (velocity.ki * speed_error + beyond)
+    return Output(reference, speed_raw, limited, Loops(integral, velocity_integral, target, momentum))

@@ -36,7 +36,7 @@ def _shifted(value: Value, offset: Value | None, unit: Value) -> Value:
 
 
 def counts(ops: Ops, p: Any, motor_angle: Value, offset: Value | None = None) -> Value:
-    """Return whole counts at a motor angle [rad], of the encoder on the motor or on the fin."""
+    """Return whole counts at a motor angle [rad], of the encoder on the motor or on the fin, of the unit as built."""
     (angle,) = ops.branch(
         p.encoder.on_fin,
         lambda: (kinematics.fin_angle(ops, p, kinematics.lever_tangent(ops, p, motor_angle)),),
@@ -45,9 +45,12 @@ def counts(ops: Ops, p: Any, motor_angle: Value, offset: Value | None = None) ->
     return _shifted(ops.floor(angle / resolution(p)), offset, 1.0)
 
 
-def measure(ops: Ops, p: Any, motor_angle: Value, motor_speed: Value, previous_counts: Value,
+def measure(ops: Ops, p: Any, plant: Any, motor_angle: Value, motor_speed: Value, previous_counts: Value,
             offset: Value | None = None) -> Measurement:
-    """Return a sample of true angle [rad] and speed [rad/s]; `previous_counts` are those of the sample before."""
+    """Return a sample of true angle [rad] and speed [rad/s]; `previous_counts` are those of the sample before.
+
+    `p` are the parameters that the controllers know, `plant` those of the unit as built.
+    """
 
     def true_values() -> tuple[Value, ...]:
         seen = _shifted(motor_angle, offset, resolution(p))
@@ -56,7 +59,7 @@ def measure(ops: Ops, p: Any, motor_angle: Value, motor_speed: Value, previous_c
 
     def quantised() -> tuple[Value, ...]:
         q = resolution(p)
-        now = counts(ops, p, motor_angle, offset)
+        now = counts(ops, plant, motor_angle, offset)
         angle, rate = now * q, (now - previous_counts) * q / p.controller.sample_time
 
         def from_fin() -> tuple[Value, ...]:

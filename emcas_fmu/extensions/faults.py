@@ -193,7 +193,7 @@ def extend(actuator: Actuator) -> Actuator:
 
         def faulty() -> tuple[Value, ...]:
             jam = f.jam > 0.0
-            q = actuator.equation_parameters(ops, p)
+            q = actuator.as_built(ops, actuator.equation_parameters(ops, p))
             begun = standing(ops, q, actuator, x, jam)
             moved, used = actuator.step(ops, faulted(ops, q, actuator, f), begun, acting(ops, p, actuator, f, u), h)
             after = standing(ops, q, actuator, begun.replace(**moved), jam, begun)
@@ -214,7 +214,7 @@ def extend(actuator: Actuator) -> Actuator:
 
     def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
         f = held(u)
-        q = actuator.equation_parameters(ops, p)
+        q = actuator.as_built(ops, actuator.equation_parameters(ops, p))
         outputs = dict(actuator.output_values(ops, faulted(ops, q, actuator, f), x, acting(ops, p, actuator, f, u)))
         if geared:
             outputs |= off_shaft(ops, q, x, u, outputs)

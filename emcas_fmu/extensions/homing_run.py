@@ -20,6 +20,7 @@ from ..actuators.declaration import Actuator, Asked
 from ..control import sensors
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
+from ..physics import kinematics
 
 UNKNOWN, SEEKING, CROSSING, RETURNING, READY, FAILED = (float(i) for i in range(6))
 # Of the target's way within the time of a stall: less is none. Of that time: how long the target moves on without the
@@ -116,7 +117,8 @@ def sample(ops: Ops, p: Any, actuator: Actuator, x: Record, asked: Asked, edge: 
 
 def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, asked: Asked, seen: dict[str, Value], starts: Value,
             phase: Value, g: Progress) -> Sampled:
-    way, period, limit = _way(ops, p, actuator), p.controller.sample_time, p.homing.reference_limit
+    way = _way(ops, with_values(p, actuator.nominal), actuator)
+    period, limit = p.controller.sample_time, p.homing.reference_limit
     at = reading(ops, p, actuator, x, seen["counts"], g.offset)
     target, origin, mark = (ops.where(starts, at, x) for x in (g.target, g.origin, g.mark))
     stalled, elapsed = (ops.where(starts, 0.0, x) for x in (g.stalled, g.elapsed))
@@ -130,8 +132,13 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, asked: Asked, seen:
     frame = _whole(ops, p, target)
     forward = rate * way.motor
     asked = asked.replace(command=0.0, encoder_offset=g.offset - frame)
-    moved = actuator.sampled(ops, with_values(p, {"drive.reference_limit": limit}),
-                             x.replace(integral=x.integral + forward, counts=x.counts - frame), asked)
+    # A weight of 1: the frame moves, and the loop must not see where it stands.
+    pushing = with_values(p, {"drive.reference_limit": limit, "controller.position.setpoint_weight": 1.0,
+                              "controller.position.velocity_feedforward": 0.0})
+    position, angle = p.controller.position, kinematics.motor_angle(ops, p, seen["measured_fin_angle"])
+    weighed = position.kp * (1.0 - position.setpoint_weight) * angle
+    integral = ops.where(starts, x.integral - weighed, x.integral)
+    moved = actuator.sampled(ops, pushing, x.replace(integral=integral + forward, counts=x.counts - frame), asked)
 
     pressed = ops.fabs(moved["reference"]) >= limit * _EDGE
     window = _STILL * speed * p.homing.stall_time
@@ -161,8 +168,10 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, asked: Asked, seen:
     shift = ops.where(sets, ops.where(p.encoder.enabled, ops.floor(wrong + 0.5), wrong), 0.0)
     here = at + shift
     target, origin, mark = (ops.where(turns, here, x) for x in (target, origin, mark))
-    integral = ops.where(ops.either(turns, fails), 0.0, moved["integral"] - forward)
+    anew = ops.either(turns, fails)
     return Sampled(
-        {**moved, "reference": ops.where(fails, 0.0, moved["reference"]), "integral": integral,
+        {**moved, "reference": ops.where(fails, 0.0, moved["reference"]),
+         "integral": ops.where(anew, 0.0, moved["integral"] - forward),
+         "velocity_integral": ops.where(anew, 0.0, moved["velocity_integral"]),
          "counts": seen["counts"] + shift, "measured_fin_angle": seen["measured_fin_angle"]},
         after, Progress(g.offset + shift, target, origin, ops.where(turns, 0.0, stalled), mark, elapsed))

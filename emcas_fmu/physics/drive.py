@@ -23,6 +23,14 @@ def current_reference(ops: Ops, p: Any, reference: Value) -> Value:
     return ops.clip(current_reference_raw(p, reference), -limit, limit)
 
 
+def followed(ops: Ops, p: Any, reference: Value) -> Value:
+    """Return what of an analogue reference [V] asks for no more than the largest current."""
+    if p.structure.current == "pwm":
+        return reference
+    i_ref = current_reference(ops, p, reference)
+    return (i_ref - p.drive.current_offset) / p.drive.current_gain
+
+
 def voltage_demand(p: Any, i_ref: Value, current: Value, integral: Value) -> Value:
     """Return output [V] of the current controller before the supply limits it."""
     return p.drive.kp * (i_ref - current) + integral

@@ -5,7 +5,9 @@ the constant N = d/l:
 
     J_eq dw/dt = K_t i - B_eq w       J_eq = J_m + J_s + m_n l^2 + J_ft/N^2,   B_eq = b_m + b_f/N^2
     L di/dt = K_p (i_ref - i) + xi - R i - K_e w      dxi/dt = K_i (i_ref - i)      i_ref = K_v u(t - T_d)
-    u_k = K_vel (K_pos e + I - w),   I_k+1 = I_k + T_s K_i,pos e,   e = N command - theta
+    u_k = K_vel e_w + V_k - T_l/(K_t K_v)        e_w = K_pos (b r - theta) + I_k + v_ff (r - r_k-1)/T_s - w
+    I_k+1 = I_k + T_s K_i,pos (r - theta)        V_k+1 = V_k + T_s K_i,vel e_w        r = N command
+    T_l = L (J_eq w - m_k)                       m_k+1 = m_k + T_s (K_t i + T_l)
 
 Without limits, Coulomb friction and its compensation, current offset, encoder counts or loads.
 Controllers are sampled at T_s and the plant between the samples is solved exactly by matrix
@@ -29,12 +31,13 @@ class LinearModel:
     """Discrete state space of the closed loop at the controllers' sample times.
 
     ``sample_time`` [s]; the input is the fin command [rad], the output the fin angle [rad].
-    The state is motor angle, speed, current, xi, I and the DAC values on their way to the drive.
+    ``update``, ``drive`` and ``output`` are its matrices; ``written`` is how a DAC value acts on the next state.
+    The state is motor angle, speed, current, xi, I, V, r_k-1, m and the DAC values on their way to the drive.
     """
 
     def __init__(self, values: Mapping[str, Any]) -> None:
         self.sample_time = period = float(values["controller.sample_time"])
-        plant, ratio = _plant(values)
+        plant, ratio, inertia = _plant(values)
         whole, rest = divmod(float(values["drive.transport_delay"]), period)
         if period - rest < 1e-9 * period:  # a delay of whole periods, but for rounding
             whole, rest = whole + 1, 0.0
@@ -44,26 +47,41 @@ class LinearModel:
         free = (after @ before)[:4, :4]
         older = after[:4, :4] @ before[:4, 4]
         newer = after[:4, 4]
-        size = 5 + late + 1
-        # Positions: 5 is the value in the drive, 5 + late the last one written; the sample now follows it.
-        update = np.zeros((size, size))
+        size = 8 + late + 1
+        # Positions: 8 is the value in the drive, 8 + late the last one written; the sample now follows it.
+        update, drive = np.zeros((size, size)), np.zeros(size)
         update[:4, :4] = free
-        control = np.zeros(size)
-        position_gain, velocity_gain = values["controller.position.kp"], values["controller.velocity.kp"]
-        control[0], control[1], control[4] = -velocity_gain * position_gain, -velocity_gain, velocity_gain
-        demand = velocity_gain * position_gain * ratio
+        proportional, velocity_gain = values["controller.position.kp"], values["controller.velocity.kp"]
+        fed_forward = values["controller.position.velocity_feedforward"] / period
+        # Error of speed, from the state and from the target r.
+        error = np.zeros(size)
+        error[0], error[1], error[4], error[6] = -proportional, -1.0, 1.0, -fed_forward
+        error_of_target = proportional * values["controller.position.setpoint_weight"] + fed_forward
+        control = velocity_gain * error
+        control[5] += 1.0
+        load = np.zeros(size)  # what the observer estimates
+        load[1], load[7] = values["controller.load_observer"] * inertia, -values["controller.load_observer"]
+        control -= load / (values["motor.torque_constant"] * values["drive.current_gain"])
         line = np.zeros((late + 2, size))  # DAC values from the oldest to the one written now
-        line[:-1, 5:] = np.eye(late + 1)
+        line[:-1, 8:] = np.eye(late + 1)
         line[-1] = control
         update[:4] += np.outer(older, line[0]) + np.outer(newer, line[1])
         update[4, 4], update[4, 0] = 1.0, -period * values["controller.position.ki"]
-        update[5:] = line[1:]
-        drive = np.zeros(size)
-        drive[4] = period * values["controller.position.ki"] * ratio
-        drive[-1] = demand
-        if late == 0:  # the value written now already acts in this period
-            drive[:4] += newer * demand
-        self.update, self.drive = update, drive
+        update[5] = period * values["controller.velocity.ki"] * error
+        update[5, 5] += 1.0
+        if values["controller.load_observer"] > 0.0:
+            update[7] = period * load
+            update[7, 2], update[7, 7] = period * values["motor.torque_constant"], update[7, 7] + 1.0
+        update[8:] = line[1:]
+        drive[4] = period * values["controller.position.ki"]
+        drive[5] = period * values["controller.velocity.ki"] * error_of_target
+        drive[6] = 1.0
+        written = np.zeros(size)  # how the value written now acts
+        written[-1] = 1.0
+        if late == 0:  # already in this period
+            written[:4] = newer
+        drive = ratio * (drive + velocity_gain * error_of_target * written)
+        self.update, self.drive, self.written = update, drive, written
         self.output = np.zeros(size)
         self.output[0] = 1.0 / ratio
 
@@ -82,8 +100,8 @@ class LinearModel:
         return np.array([self.output @ np.linalg.solve(z * identity - self.update, self.drive) for z in shift])
 
 
-def _plant(values: Mapping[str, Any]) -> tuple[Array, float]:
-    """Return d/dt of (theta, w, i, xi, u in the drive), and N."""
+def _plant(values: Mapping[str, Any]) -> tuple[Array, float, float]:
+    """Return d/dt of (theta, w, i, xi, u in the drive), N and J_eq [kg.m2]."""
     lead = values["screw.lead"]
     ratio = values["kinematics.moment_arm"] / lead
     fin = values["inertia.fin"] + values["inertia.shaft"] + values["inertia.fork"]
@@ -100,4 +118,4 @@ def _plant(values: Mapping[str, Any]) -> tuple[Array, float]:
     a[2] = 0.0, -values["motor.back_emf_constant"], -values["motor.resistance"] - kp, 1.0, kp * gain
     a[2] /= values["motor.inductance"]
     a[3, 2], a[3, 4] = -ki, ki * gain
-    return a, ratio
+    return a, ratio, float(inertia)

@@ -87,6 +87,22 @@ class Plant:
         self.resistance, self.inductance = p["motor.resistance"], p["motor.inductance"]
         self.kp, self.ki = p["drive.kp"], p["drive.ki"]
 
+    def as_built(self) -> Plant:
+        """Return the plant that deviates from this nominal one."""
+        def off(name: str) -> float:
+            return 1.0 + self.parameters[f"deviation.{name}"]
+
+        changes = {"kinematics.initial_angle": self.assembly + self.parameters["deviation.kinematics.initial_angle"]}
+        for name in ("kinematics.moment_arm", "screw.lead", "motor.torque_constant"):
+            changes[name] = self.parameters[name] * off(name)
+        # One flux makes both constants.
+        changes["motor.back_emf_constant"] = self.emf_constant * off("motor.torque_constant")
+        for kind in ("coulomb", "viscous"):
+            for name, value in self.parameters.items():
+                if name.startswith((f"friction.{kind}.", f"friction.fin_{kind}")):
+                    changes[name] = value * off(f"friction.{kind}")
+        return Plant({**self.parameters, **changes})
+
     # Kinematics -------------------------------------------------------------------------------------------
 
     def motor_angle(self, delta: float) -> float:

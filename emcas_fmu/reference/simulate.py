@@ -33,15 +33,30 @@ DIGITS = 12  # decimals of a second to which instants are rounded so that coinci
 
 
 class Controllers:
-    """Encoder, position PI and velocity P with friction compensation (section 4.2)."""
+    """Encoder, position PI and velocity PI with friction compensation (section 4.2).
 
-    def __init__(self, plant: Plant, delta: float):
-        self.plant, self.p = plant, plant.parameters
+    `plant` is the unit as built, which the sensors see; what the controllers compute with is the `nominal` one.
+    """
+
+    def __init__(self, plant: Plant, nominal: Plant, delta: float):
+        self.plant, self.nominal, self.p = plant, nominal, nominal.parameters
         self.period = self.p["controller.sample_time"]
         self.count_size = 2.0 * math.pi / (self.p["encoder.pulses"] * self.p["encoder.multiplier"])
         self.on_fin = bool(self.p["encoder.on_fin"])
-        self.integral = 0.0  # rad/s
         self.counts = self._count(delta)
+        self._reset(*self._measure(delta, 0.0))
+
+    def _reset(self, fin: float, motor: float, speed: float) -> None:
+        """Put the loops at rest at measured angles [rad] of fin and motor, at a motor speed [rad/s] without load."""
+        weight = self.p["controller.position.setpoint_weight"]
+        self.integral = self.p["controller.position.kp"] * motor * (1.0 - weight)  # rad/s
+        self.velocity_integral = 0.0  # V
+        self.target = motor  # rad
+        self.momentum = self._inertia(fin) * speed  # N.m.s, of the load observer
+
+    def _inertia(self, fin: float) -> float:
+        """Return inertia at the motor [kg.m2] as the controllers know it."""
+        return self.nominal.motor_inertia + self.nominal.fin_inertia / self.nominal.ratio(fin) ** 2
 
     def _count(self, delta: float) -> int:
         angle = delta if self.on_fin else self.plant.motor_angle(delta)
@@ -51,30 +66,49 @@ class Controllers:
         """Return measured fin angle [rad], motor angle [rad] and motor speed [rad/s]."""
         previous, self.counts = self.counts, self._count(delta)
         if not self.p["encoder.enabled"]:
-            return delta, self.plant.motor_angle(delta), self.plant.ratio(delta) * omega
+            motor = self.plant.motor_angle(delta)
+            return self.nominal.fin_angle(motor), motor, self.plant.ratio(delta) * omega
         angle = self.counts * self.count_size
         speed = (self.counts - previous) * self.count_size / self.period
         if self.on_fin:
-            return angle, self.plant.motor_angle(angle), self.plant.ratio(angle) * speed
-        return self.plant.fin_angle(angle), angle, speed
+            return angle, self.nominal.motor_angle(angle), self.nominal.ratio(angle) * speed
+        return self.nominal.fin_angle(angle), angle, speed
 
-    def sample(self, delta: float, omega: float, command: float, enable: bool) -> float:
-        """Return one sample: the DAC value u_k [V] from the true state and the command [rad]."""
+    def sample(self, delta: float, omega: float, command: float, enable: bool, current: float = 0.0) -> float:
+        """Return one sample: the DAC value u_k [V] from the true state, the command [rad] and the motor current [A]."""
         p = self.p
         fin, motor, speed = self._measure(delta, omega)
         if not enable:
-            self.integral = 0.0
+            self._reset(fin, motor, speed)
             return 0.0
-        error = self.plant.motor_angle(clip(command, p["command.limit"])) - motor
-        raw = p["controller.position.kp"] * error + self.integral
-        reference = clip(raw, p["controller.speed_limit"])
-        self.integral += self.period * (p["controller.position.ki"] * error
-                                        + p["controller.antiwindup"] * (reference - raw))
-        friction = self.plant.motor_coulomb(fin, 1 if reference > 0.0 else -1)
+        target = self.nominal.motor_angle(clip(command, p["command.limit"]))
+        weighted = p["controller.position.setpoint_weight"] * target - motor
+        feedback = p["controller.position.kp"] * weighted + self.integral
+        moving = p["controller.position.velocity_feedforward"] * (target - self.target) / self.period
+        self.target = target
+        reference = clip(feedback + moving, p["controller.speed_limit"])
+        friction = self.nominal.motor_coulomb(fin, 1 if reference > 0.0 else -1)
         compensation = p["compensation.gain"] * friction * clip(reference / p["compensation.speed_band"], 1.0)
         compensation /= p["motor.torque_constant"] * p["drive.current_gain"]
-        u = p["controller.velocity.kp"] * (reference - speed) + compensation
-        return clip(u, p["drive.reference_limit"])
+        gain = p["controller.velocity.kp"]
+        u = gain * (reference - speed) + self.velocity_integral + compensation
+        torque_constant, bandwidth = p["motor.torque_constant"], p["controller.load_observer"]
+        if bandwidth:
+            load = bandwidth * (self._inertia(fin) * speed - self.momentum)
+            u -= load / (torque_constant * p["drive.current_gain"])
+            fed_forward = compensation * torque_constant * p["drive.current_gain"]
+            self.momentum += self.period * (torque_constant * current + load - fed_forward)
+        # What of it the drive can follow: the DAC and the current have limits.
+        limited = clip(u, p["drive.reference_limit"])
+        offset, slope = p["drive.current_offset"], p["drive.current_gain"]
+        possible = (clip(slope * limited + offset, p["drive.current_limit"]) - offset) / slope
+        unwinding = p["controller.drive_antiwindup"] * (possible - u)  # V/s
+        self.integral += self.period * (
+            p["controller.position.ki"] * (target - motor)
+            + p["controller.antiwindup"] * (clip(feedback, p["controller.speed_limit"]) - feedback)
+            + (unwinding / gain if gain else unwinding))
+        self.velocity_integral += self.period * (p["controller.velocity.ki"] * (reference - speed) + unwinding)
+        return limited
 
 
 def advance(plant: Plant, state: list[float], mode: Mode, around: Surroundings, start: float, end: float
@@ -115,8 +149,8 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
     if min(columns["supply_voltage"]) <= 0.0:
         raise ValueError("supply_voltage must be above 0: the modes of the drive are told apart by its limits")
 
-    plant = Plant(parameters)
-    p, end = plant.parameters, float(rows[-1])
+    nominal = Plant(parameters)
+    plant, p, end = nominal.as_built(), nominal.parameters, float(rows[-1])
     period, delay = p["controller.sample_time"], p["drive.transport_delay"]
     samples = _instants(np.arange(math.floor(end / period) + 1) * period)
     arrivals = _instants(np.arange(len(samples)) * period + delay)
@@ -127,7 +161,7 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
     instants = instants[instants <= end].tolist()
 
     state = [p["fin.start_angle"], 0.0, 0.0, 0.0]
-    controllers = Controllers(plant, state[0])
+    controllers = Controllers(plant, nominal, state[0])
     row = {name: column[0] for name, column in columns.items()}
     dac: list[float] = []
     active = 0.0  # V, the DAC value that has reached the drive
@@ -140,7 +174,7 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
         if following is None:
             break
         if t in sample_at:
-            dac.append(controllers.sample(state[0], state[1], row["fin_command"], bool(row["enable"])))
+            dac.append(controllers.sample(state[0], state[1], row["fin_command"], bool(row["enable"]), state[2]))
         if t in arrival_at:
             active = dac[arrival_at[t]]
         around = plant.surroundings(row, active)

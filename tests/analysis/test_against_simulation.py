@@ -102,8 +102,9 @@ def test_replayed_controllers_put_out_what_was_recorded(values: Values, on_fin: 
     command = np.column_stack([radians(size) * np.sin(2.0 * np.pi * 12.0 * time) for size in (0.5, 15.0)])
     runs = [simulate(p, float(time[-1]), p["controller.sample_time"], fin_command=np.ascontiguousarray(one))
             for one in command.T]
-    angle, speed = (np.column_stack([run[name] for run in runs]) for name in ("motor_angle", "motor_speed"))
-    reference, raw = sweep.replay(p, command, angle, speed)
+    motion = {name: np.column_stack([run[name] for run in runs]) for name in (
+        "motor_angle", "motor_speed", "motor_current")}
+    reference, raw = sweep.replay(p, command, motion)
     # The value recorded at a sample was written at the one before. One rounding, multiplied by the loop, is all.
     recorded = np.column_stack([run["drive_reference"] for run in runs])
     np.testing.assert_allclose(reference[:-1], recorded[1:], rtol=0, atol=1e-9)

@@ -196,7 +196,7 @@ def test_encoder_speed_is_the_difference_of_floored_counts(values: Values, on_fi
     given = {**values, "encoder.on_fin": on_fin, "controller.position.kp": 0.0, "controller.position.ki": 0.0}
     plant, count = Plant(given), 2 * math.pi / (2048 * 4)
     path = [0.0, -1e-4, 2e-3, 0.0105, 0.0104]
-    controllers = Controllers(plant, path[0])
+    controllers = Controllers(plant, plant, path[0])
     before = 0
     for delta in path:
         counts = math.floor((delta if on_fin else plant.motor_angle(delta)) / count)
@@ -223,7 +223,7 @@ def test_compensation_is_the_friction_voltage_within_the_speed_band(
     friction = given[f"friction.coulomb.{side}[0]"]  # the polynomial at delta = 0
     expected = friction / given["motor.torque_constant"] / given["drive.current_gain"] * band
     # Some ten roundings of 0.2 V.
-    u = Controllers(plant, 0.0).sample(0.0, 0.0, command, True)
+    u = Controllers(plant, plant, 0.0).sample(0.0, 0.0, command, True)
     assert u == pytest.approx(expected, abs=1e-14)
 
 

@@ -34,6 +34,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "motor_speed": (-300.0, 300.0), "motor_current": (-40.0, 40.0), "drive_integral": (-1.0, 1.0),
     "speed_reference": (-3.0, 3.0), "tangent": (-0.4, 0.6), "fin": (-0.4, 0.4),
     "fin_measured": (-0.4, 0.4), "direction": (-1.0, 1.0), "current": (-40.0, 40.0), "integral": (-1.0, 1.0),
+    "velocity_integral": (-3.0, 3.0), "target": (-25.0, 25.0), "momentum": (-0.1, 0.1),
     "reference": (-10.0, 10.0), "active": (-10.0, 10.0), "measured": (-0.4, 0.4), "limited": (-1.0, 1.0),
     "command": (-0.5, 0.5), "aero_torque": (-100.0, 100.0), "f_x": (-50.0, 50.0), "f_z": (-50.0, 50.0),
     "supply": (0.0, 45.0), "h": (1e-5, 3e-4), "a_x": (-50.0, 50.0), "a_y": (-50.0, 50.0), "a_z": (-50.0, 50.0),
@@ -53,10 +54,11 @@ def _public(module: ModuleType) -> list[Function]:
 
 
 # Functions whose arguments are plain values; the others are reached through these.
-STRUCTURED = {loads.specific_force, mechanics.breakaway, mechanics.damping, rigid.advance, controllers.output,
+STRUCTURED = {loads.specific_force, mechanics.breakaway, mechanics.damping, rigid.advance, controllers.sample,
               rigid.electrical_mode, rigid.current_course, rigid.integral_end, rigid.stop_time,
               rigid.switched, rigid.time_to, rigid.voltage_events, rigid.voltage_time, friction.bristles,
-              friction.falls, controllers.update, friction.coulomb_reference, friction.coulomb_polynomial}
+              friction.falls, sensors.measure,
+              controllers.at_rest, friction.coulomb_reference, friction.coulomb_polynomial}
 MODULES = (bus, kinematics, friction, loads, mechanics, drive, sensors, controllers, rigid)
 
 

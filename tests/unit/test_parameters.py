@@ -440,6 +440,7 @@ FACTORS: dict[str, dict[str, float]] = {
     "N.m": {"N.m": 1.0, "mN*m": 1e-3, "lbf*in": 4.4482216152605 * 0.0254, "kgf*cm": 0.0980665},
     "N.m.s/rad": {"N.m.s/rad": 1.0, "N*m/rpm": 30 / pi, "N*m/(deg/s)": 180 / pi},
     "N.m/A": {"N.m/A": 1.0, "ozf*in/A": 4.4482216152605 / 16 * 0.0254},
+    "V/rad": {"V/rad": 1.0, "mV/deg": 0.18 / pi},
     "V.s/rad": {"V.s/rad": 1.0, "V/krpm": 30 / pi / 1000, "mV*s/deg": 0.18 / pi},
     "Ohm": {"Ohm": 1.0, "mohm": 1e-3, "kΩ": 1e3},
     "H": {"H": 1.0, "mH": 1e-3, "uH": 1e-6},

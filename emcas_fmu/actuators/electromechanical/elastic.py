@@ -23,6 +23,7 @@ from ...variables import in_group, parameter
 from .. import capabilities, fin_port
 from ..declaration import Acting, Asked, State, Values
 from . import interface, nonlinear
+from .as_built import as_built
 
 STATES = (State("angle_at_encoder", "rad"), State("speed_at_encoder", "rad/s"), *interface.DRIVE,
           State("other_angle", "rad", "of the side away from the encoder"),
@@ -85,6 +86,8 @@ def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
 
 def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     """Return d/dt of the states: nut and fork are bonded where there is a gap, as a load presses them."""
+    p = as_built(ops, p)
+
     def as_one() -> tuple[Value, ...]:
         rates = nonlinear.derivatives(ops, p, Record(motor_angle=x.angle_at_encoder, motor_speed=x.speed_at_encoder,
                                                      **vars(x)), u)
@@ -107,15 +110,15 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
 
 def yielding(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
     """Return :func:`step` of a drive line that is not rigid."""
-    moved, used = elastic_stepper.advance(ops, p, sides(ops, p, x), u, h)
+    moved, used = elastic_stepper.advance(ops, as_built(ops, p), sides(ops, p, x), u, h)
     return _states(_swapped(ops, p, *moved)), used
 
 
 def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took."""
     def as_one() -> tuple[Value, ...]:
-        plant, used = rigid.advance(
-            ops, p, Plant(x.angle_at_encoder, x.speed_at_encoder, x.motor_current, x.drive_integral), u, h)
+        now = Plant(x.angle_at_encoder, x.speed_at_encoder, x.motor_current, x.drive_integral)
+        plant, used = rigid.advance(ops, as_built(ops, p), now, u, h)
         return *plant, plant.angle, plant.speed, used
 
     def as_two() -> tuple[Value, ...]:
@@ -128,6 +131,7 @@ def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Valu
 
 def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     """Return every output: the fin's of the fin, the others of the motor."""
+    p = as_built(ops, p)
     s = sides(ops, p, x)
     motor = nonlinear.output_values(ops, p, Record(motor_angle=s.angle, motor_speed=s.speed, **vars(x)), u)
     tangent = kinematics.lever_tangent(ops, p, s.fin_angle)

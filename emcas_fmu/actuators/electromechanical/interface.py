@@ -13,12 +13,16 @@ from ...rules import ANGLE, SLACK, Rule, in_degrees, when
 from ...variables import Terminal, Variable, integer_parameter, parameter, real_input, real_output, switch, tunable
 from .. import fin_port
 from ..declaration import State, Supply
+from .as_built import DEVIATIONS
 
 # -- states ------------------------------------------------------------------------
 
 MOTOR = (State("motor_angle", "rad"), State("motor_speed", "rad/s"))
 DRIVE = (State("motor_current", "A"), State("drive_integral", "V", "integral of the current controller, xi"))
 CONTROLLER = (State("integral", "rad/s", "integral of the position controller"),
+              State("velocity_integral", "V", "integral of the velocity controller"),
+              State("target", "rad", "motor angle asked for at the last sample"),
+              State("momentum", "N.m.s", "of the load observer"),
               State("counts", "1", "encoder counts at the last sample"))
 
 # -- inputs and outputs ------------------------------------------------------------
@@ -90,8 +94,17 @@ PARAMETERS: tuple[Variable, ...] = (
     fin_port.SAMPLE_TIME,
     tunable("controller.position.kp", "1/s", 0.0, 1e5, "proportional gain of the position loop"),
     tunable("controller.position.ki", "1/s2", 0.0, 1e6, "integral gain of the position loop (0: P control)"),
+    tunable("controller.position.setpoint_weight", "1", 0.0, 2.0,
+            "weight of the command in the proportional part of the position loop (1: the thesis's PI)"),
+    tunable("controller.position.velocity_feedforward", "1", 0.0, 10.0,
+            "share of the command's rate that is added to the speed reference (0: none)"),
     tunable("controller.velocity.kp", "V.s/rad", 0.0, 1e4, "proportional gain of the velocity loop"),
-    tunable("controller.antiwindup", "1/s", 0.0, 1e5, "back-calculation gain of the anti-windup"),
+    tunable("controller.velocity.ki", "V/rad", 0.0, 1e6, "integral gain of the velocity loop (0: P control)"),
+    tunable("controller.load_observer", "1/s", 0.0, 1e4, "bandwidth of the load observer (0: none)"),
+    tunable("controller.antiwindup", "1/s", 0.0, 1e5,
+            "back-calculation gain of the anti-windup where the speed reference is limited"),
+    tunable("controller.drive_antiwindup", "1/s", 0.0, 1e5,
+            "back-calculation gain of the anti-windup where DAC or drive current are limited (0: none)"),
     parameter("controller.speed_limit", "rad/s", 1e-3, 1e5, "largest motor speed reference"),
     *fin_port.TRAVEL,
     parameter("friction.viscous.positive", "N.m.s/rad", 0.0, 10.0, "viscous friction at the motor, positive motion"),
@@ -109,6 +122,7 @@ PARAMETERS: tuple[Variable, ...] = (
     integer_parameter("encoder.multiplier", 1, 4, "edge multiplier: 1, 2 or 4"),
     switch("encoder.on_fin", "true: the encoder sits on the fin shaft; false: on the motor"),
     *fin_port.MOUNTING,
+    *DEVIATIONS,
     fin_port.MAX_TICK,
 )
 
@@ -134,7 +148,8 @@ LARGEST_LEVER_ANGLE = radians(85.0)
 
 
 def _lever(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-    initial, stop = ops.fabs(p.kinematics.initial_angle), p.fin.stop_angle
+    initial = ops.fabs(p.kinematics.initial_angle + p.deviation.kinematics.initial_angle)
+    stop = p.fin.stop_angle
     return (when(ops, initial + stop >= LARGEST_LEVER_ANGLE * (1.0 - SLACK)), initial, in_degrees(initial),
             stop, in_degrees(stop), initial + stop, in_degrees(initial + stop))
 
@@ -164,6 +179,12 @@ def _inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, total <= 0.0), total
 
 
+def _observer(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    """Check that the observer's error shrinks without a change of sign: by 1 - L T_s a sample."""
+    fastest = 1.0 / p.controller.sample_time
+    return when(ops, p.controller.load_observer > fastest * (1.0 + SLACK)), p.controller.load_observer, fastest
+
+
 def inertias(p: Any, viscous: Value) -> tuple[Value, Value]:
     """Return inertias at the motor [kg.m2]: of nut and hinge, and of motor and screw, with the ratio d/l.
 
@@ -175,13 +196,15 @@ def inertias(p: Any, viscous: Value) -> tuple[Value, Value]:
 
 
 LEVER_RULE = Rule(
-    _lever, f"|kinematics.initial_angle| = {ANGLE} and fin.stop_angle = {ANGLE} add up to {ANGLE}; the sum "
+    _lever, f"|kinematics.initial_angle| = {ANGLE} as built and fin.stop_angle = {ANGLE} add up to {ANGLE}; the sum "
             f"must be below {LARGEST_LEVER_ANGLE:.6g} rad ({degrees(LARGEST_LEVER_ANGLE):.6g} deg)")
 FRICTION_RULES = (_friction("positive"), _friction("negative"))
+OBSERVER_RULE = Rule(
+    _observer, "controller.load_observer = %.6g 1/s must be at most 1/controller.sample_time = %.6g 1/s")
 ENCODER_RULE = Rule(_multiplier, "encoder.multiplier = %.6g must be 1, 2 or 4")
 INERTIA_RULE = Rule(_inertia, "inertia.motor + inertia.screw + inertia.fin + inertia.shaft + inertia.fork = %.6g kg.m2 "
                               "must be above 0")
-RULES = (LEVER_RULE, *FRICTION_RULES, ENCODER_RULE, INERTIA_RULE)
+RULES = (LEVER_RULE, *FRICTION_RULES, ENCODER_RULE, INERTIA_RULE, OBSERVER_RULE)
 
 # -- one actuator from another -----------------------------------------------------
 

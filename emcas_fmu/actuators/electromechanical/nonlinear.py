@@ -14,6 +14,7 @@ from ...steppers.rigid import Plant, advance
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, Values
 from . import interface
+from .as_built import NOMINAL, as_built
 
 # The drive's integral is taken at mid-tick; this keeps its oscillation resolved.
 _INTEGRAL_PHASE = 0.07
@@ -22,10 +23,12 @@ EQUATIONS = (kinematics, mechanics, friction, loads, drive, sensors, controllers
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
     """Return plant and controller at rest at a fin angle."""
-    angle = kinematics.motor_angle(ops, p, start.fin_angle)
-    counts = sensors.counts(ops, p, angle, start.encoder_offset)
-    measured = sensors.measure(ops, p, angle, 0.0, counts, start.encoder_offset)
-    return {"motor_angle": angle, "counts": counts, "measured_fin_angle": measured.fin_angle}
+    plant = as_built(ops, p)
+    angle = kinematics.motor_angle(ops, plant, start.fin_angle)
+    counts = sensors.counts(ops, plant, angle, start.encoder_offset)
+    measured = sensors.measure(ops, p, plant, angle, 0.0, counts, start.encoder_offset)
+    return {"motor_angle": angle, "counts": counts, "measured_fin_angle": measured.fin_angle,
+            **controllers.at_rest(ops, p, measured)._asdict()}
 
 
 def controlled(ops: Ops, p: Any, angle: Value, speed: Value, x: Record, asked: Asked) -> Values:
@@ -33,15 +36,17 @@ def controlled(ops: Ops, p: Any, angle: Value, speed: Value, x: Record, asked: A
 
     While the drive is disabled the controllers are held in reset.
     """
-    measured = sensors.measure(ops, p, angle, speed, x.counts, asked.encoder_offset)
+    measured = sensors.measure(ops, p, as_built(ops, p), angle, speed, x.counts, asked.encoder_offset)
+    loops = controllers.Loops(x.integral, x.velocity_integral, x.target, x.momentum)
 
     def running() -> tuple[Value, ...]:
-        out = controllers.output(ops, p, x.integral, measured, asked.command)
-        return out.reference, controllers.update(ops, p, x.integral, out), ops.where(out.limited, 1.0, 0.0)
+        out = controllers.sample(ops, p, loops, measured, x.motor_current, asked.command)
+        return out.reference, ops.where(out.limited, 1.0, 0.0), *out.loops
 
-    reference, integral, limited = ops.branch(asked.enable, running, lambda: (0.0, 0.0, 0.0))
-    return {"reference": reference, "integral": integral, "counts": measured.counts,
-            "measured_fin_angle": measured.fin_angle, "limited": limited}
+    reference, limited, *kept = ops.branch(
+        asked.enable, running, lambda: (0.0, 0.0, *controllers.at_rest(ops, p, measured)))
+    return {"reference": reference, "counts": measured.counts, "measured_fin_angle": measured.fin_angle,
+            "limited": limited, **controllers.Loops(*kept)._asdict()}
 
 
 def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
@@ -51,6 +56,7 @@ def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
 
 def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     """Return d/dt of the states, (2.17), (2.46), (2.47); viscous friction is the mean of both directions."""
+    p = as_built(ops, p)
     m = mechanics.coefficients(ops, p, x.motor_angle, u.aero_torque, u.f_x, u.f_z)
     speed, current = x.motor_speed, x.motor_current
     damping = friction.mean_viscous(ops, p) + p.friction.fin_viscous / (m.ratio * m.ratio)
@@ -63,13 +69,15 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
 
 def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took."""
-    plant, used = advance(ops, p, Plant(x.motor_angle, x.motor_speed, x.motor_current, x.drive_integral), u, h)
+    now = Plant(x.motor_angle, x.motor_speed, x.motor_current, x.drive_integral)
+    plant, used = advance(ops, as_built(ops, p), now, u, h)
     return {"motor_angle": plant.angle, "motor_speed": plant.speed, "motor_current": plant.current,
             "drive_integral": plant.integral}, used
 
 
 def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     """Return every output."""
+    p = as_built(ops, p)
     angle, speed = x.motor_angle, x.motor_speed
     tangent = kinematics.lever_tangent(ops, p, angle)
     fin = kinematics.fin_angle(ops, p, tangent)
@@ -145,6 +153,8 @@ ACTUATOR = Actuator(
         capabilities.CURRENT_LIMIT, capabilities.SUPPLY_VOLTAGE, capabilities.VOLTAGE_LIMIT,
         capabilities.REFERENCE_LIMIT, capabilities.POSITION_LOOP, capabilities.CASCADE, capabilities.ENCODER}),
     structure=Structure(),
+    as_built=as_built,
+    nominal=NOMINAL,
     initial=initial,
     sample=sample,
     derivatives=derivatives,

@@ -23,6 +23,7 @@ from ...variables import parameter, without
 from .. import capabilities, fin_port
 from ..declaration import Acting, Values
 from . import interface, nonlinear
+from .as_built import as_built
 from .interface import with_parameters
 
 PARAMETERS = (
@@ -37,7 +38,8 @@ def _uncompensated(_: Ops, p: Any) -> Any:
 
 
 def _loaded(ops: Ops, p: Any, angle: Value, u: Acting) -> Acting:
-    fin = kinematics.fin_angle(ops, p, kinematics.lever_tangent(ops, p, angle))
+    built = as_built(ops, p)
+    fin = kinematics.fin_angle(ops, built, kinematics.lever_tangent(ops, built, angle))
     return u.replace(aero_torque=u.aero_torque - p.load.torsion_bar * fin)
 
 

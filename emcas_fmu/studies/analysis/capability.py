@@ -56,7 +56,7 @@ def limit_torque(p: Any, speed: Any) -> Any:
 
 def envelope(values: Mapping[str, Any], model: str = NONLINEAR) -> Envelope:
     """Return the torque-speed envelope, over all speeds the supply reaches without load, both ways."""
-    p = get(model).namespace(values)
+    p = get(model).plant(values)
     free = p.drive.supply_voltage / p.motor.back_emf_constant
     speed = np.linspace(-free, free, 4 * _POINTS)
     highest = limit_torque(p, speed)
@@ -94,7 +94,7 @@ class Capability:
 
 def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
     """Return the capability over the range of commands."""
-    p = get(model).namespace(values)
+    p = get(model).plant(values)
     fin = np.linspace(-p.command.limit, p.command.limit, _POINTS)
     force = fin_port.specific_force(FLOATS, p, 0.0, 0.0, 0.0, 0.0, 0.0)
     m = mechanics.coefficients(ARRAYS, p, kinematics.motor_angle(ARRAYS, p, fin), 0.0, *force)

@@ -42,6 +42,7 @@ System = Any
 LOOPS = {"current": capabilities.CURRENT_LOOP, "velocity": capabilities.CASCADE, "position": capabilities.CASCADE,
          "reference": capabilities.POSITION_LOOP}
 """Loops by name, with what an actuator needs to have them."""
+_ONE_DEGREE = {"controller.position.setpoint_weight": 1.0, "controller.position.velocity_feedforward": 0.0}
 _LAID_ASIDE = ("homing", "faults")
 _OUTPUTS = ("fin_angle", "motor_angle", "motor_current", "motor_voltage")
 _PORTS = (("command", "aero_torque"), ("fin_angle", "reference"))
@@ -195,7 +196,7 @@ class LinearActuator:
 
     def _resting(self, *solved: float) -> OperatingPoint:
         """Return the operating point. Raises EmcasError where a limit keeps the actuator from it."""
-        p, provides, (fin_angle, aero_torque) = self.p, self.actuator.provides, self._at
+        provides, (fin_angle, aero_torque) = self.actuator.provides, self._at
         reference, motor, current, voltage = (cleared(float(x), 1e-12) for x in solved)
         for capability, name, needed, unit in (
                 (capabilities.CURRENT_LIMIT, "drive.current_limit", current, "A"),
@@ -206,15 +207,16 @@ class LinearActuator:
                                  f"{unit}; give a smaller torque")
         ratio = nan
         if capabilities.SCREW_DRIVE in provides:
-            tangent = kinematics.lever_tangent(FLOATS, p, kinematics.motor_angle(FLOATS, p, fin_angle))
-            ratio = float(kinematics.reduction_ratio(FLOATS, p, tangent))
+            built = self.actuator.plant(self.values)
+            tangent = kinematics.lever_tangent(FLOATS, built, kinematics.motor_angle(FLOATS, built, fin_angle))
+            ratio = float(kinematics.reduction_ratio(FLOATS, built, tangent))
         return OperatingPoint(fin_angle, aero_torque, reference, motor, ratio, current, voltage)
 
     def _linear_controllers(self) -> System:
         """Return the sampled controllers from the plant's states and the command to the reference."""
         p, actuator = self.p, self.actuator
         names = [*(s.name for s in actuator.controller_states), *self._sampled]
-        count, fin_angle = len(names), self._at[0]
+        count = len(names)
         further = {identifier(v.name): self._started(v) for v in actuator.further_inputs}
 
         def function(*arguments: Value) -> list[Value]:
@@ -227,12 +229,17 @@ class LinearActuator:
         at = linearised(function, count + len(self._states) + 1)
         still = np.append(np.eye(count), np.zeros((1, count)), axis=0)
 
+        start = [self._start[name] for name in names]
+        # The command that the controllers take for the fin's angle: what they know of the plant may be wrong.
+        x = Record(**dict(zip((*names, *self._states), (*start, *map(float, self.rest)), strict=True)))
+        at_rest = Record(command=self._at[0], supply=self._supply, enable=True, encoder_offset=None, **further)
+        command = float(actuator.sampled(FINE, p, x, at_rest)["measured_fin_angle"])
+
         def balance(state: Array) -> tuple[Array, Array]:
-            values, slopes = at([*state, *self.rest, fin_angle])
+            values, slopes = at([*state, *self.rest, command])
             return (values[:count + 1] - np.append(state, self.point.reference), slopes[:count + 1, :count] - still)
 
-        rest = _solve(balance, np.array([self._start[name] for name in names]))
-        _, slopes = at([*rest, *self.rest, fin_angle])
+        _, slopes = at([*_solve(balance, np.array(start)), *self.rest, command])
         a, b, c, d = slopes[:count, :count], slopes[:count, count:], slopes[count:, :count], slopes[count:, count:]
         return moving(a, b, c, d, self.period, [*map(_measured, self._states), "command"],
                       ["reference", "measured_angle", *self._sampled])
@@ -274,11 +281,14 @@ class LinearActuator:
         ``current`` is broken at the drive's voltage, in continuous time, the outer loops open; ``velocity`` at the
         measured speed, the position loop open; ``position`` at the measured angle, the velocity loop closed;
         ``reference`` at the drive's reference u, where the gain and the delay of the hardware act on all that is fed
-        back. Loops in cascade see command and measured angle by their difference: a command of the measured angle
-        opens the position loop, and with it open the velocity loop is all that passes the reference.
+        back. With one degree of freedom, which changes no loop, loops in cascade see command and measured angle by
+        their difference: a command of the measured angle opens the position loop, and with it open the velocity loop
+        is all that passes the reference.
         """
         if name == "current":
             return self._current_loop()
+        if any(self.values.get(parameter, value) != value for parameter, value in _ONE_DEGREE.items()):
+            return LinearActuator({**self.values, **_ONE_DEGREE}, *self._at, self.model).loop(name)
         blocks, opened = [self.controller, self.plant], [*self._links, ("measured_angle", "command")]
         if name == "position":
             return wire(blocks, opened, ["command"], ["measured_angle"])

@@ -80,7 +80,7 @@ def sweep(values: Mapping[str, Any], amplitude: float, frequency: Array, at: flo
     response = of_ratio(frequency, ratio)
     if not get(model).provides.issuperset(NEEDS):
         return Sweep(amplitude, response, np.empty((0, len(frequency))))
-    _, raw = replay(values, command, outputs["motor_angle"], outputs["motor_speed"], model)
+    _, raw = replay(values, command, outputs, model)
     p = get(model).namespace(values)
     u = outputs["drive_reference"]
     acting = np.stack([np.abs(raw) > p.controller.speed_limit,
@@ -91,21 +91,22 @@ def sweep(values: Mapping[str, Any], amplitude: float, frequency: Array, at: flo
     return Sweep(amplitude, response, np.mean(acting[:, steady], axis=1))
 
 
-def replay(values: Mapping[str, Any], command: Array, angle: Array, speed: Array, model: str = NONLINEAR
+def replay(values: Mapping[str, Any], command: Array, motion: Mapping[str, Array], model: str = NONLINEAR
            ) -> tuple[Array, Array]:
     """Return the controllers' reference [V] and unlimited speed reference [rad/s] along recorded motions.
 
-    All arguments and results have the shape (samples, runs): fin command [rad], motor angle [rad] and
-    speed [rad/s] at the samples, from rest.
+    All have the shape (samples, runs): fin command [rad], and of the motion motor angle [rad], speed [rad/s] and
+    current [A] at the samples, from rest.
     """
-    p = get(model).namespace(values)
-    counts = sensors.counts(ARRAYS, p, angle[0])
-    integral = np.zeros(command.shape[1])
+    angle, speed, current = (motion[name] for name in ("motor_angle", "motor_speed", "motor_current"))
+    p, plant = get(model).namespace(values), get(model).plant(values)
+    counts = sensors.counts(ARRAYS, plant, angle[0])
+    loops = controllers.at_rest(ARRAYS, p, sensors.measure(ARRAYS, p, plant, angle[0], 0.0, counts))
     reference, raw = np.empty_like(command), np.empty_like(command)
     for k in range(len(command)):
-        measured = sensors.measure(ARRAYS, p, angle[k], speed[k], counts)
-        out = controllers.output(ARRAYS, p, integral, measured, command[k])
-        integral, counts = controllers.update(ARRAYS, p, integral, out), measured.counts
+        measured = sensors.measure(ARRAYS, p, plant, angle[k], speed[k], counts)
+        out = controllers.sample(ARRAYS, p, loops, measured, current[k], command[k])
+        loops, counts = out.loops, measured.counts
         reference[k], raw[k] = out.reference, out.speed_raw
     return reference, raw
 

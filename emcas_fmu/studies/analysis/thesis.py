@@ -10,8 +10,6 @@ import numpy as np
 from ...reference.linear import LinearModel
 from .linear import System, moving
 
-_INTEGRAL = 4  # of the model's state: I
-
 
 def closed(values: Mapping[str, Any]) -> System:
     """Return the system from ``command`` [rad] to ``fin_angle`` [rad] at the sample times."""
@@ -20,16 +18,10 @@ def closed(values: Mapping[str, Any]) -> System:
 
 
 def reference_loop(values: Mapping[str, Any]) -> System:
-    """Return the loop broken at the drive's reference u.
-
-    The model is closed. The last row of its update writes u, and what the command adds to u
-    acts on the other states as u itself does; only the integral takes the command by another way.
-    """
+    """Return the loop broken at the drive's reference u, which the last row of the closed model's update writes."""
     model = LinearModel(values)
     law = model.update[-1]
-    acts = model.drive / model.drive[-1]
-    acts[_INTEGRAL] = 0.0
-    return -_system(model, model.update - np.outer(acts, law), acts, law, "dac", "reference")
+    return -_system(model, model.update - np.outer(model.written, law), model.written, law, "dac", "reference")
 
 
 def _system(model: LinearModel, a: Any, b: Any, c: Any, into: str, out: str) -> System:

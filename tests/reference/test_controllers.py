@@ -1,0 +1,147 @@
+"""The controllers' further freedoms and the unit as built: against the independent integration and closed forms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.reference.linear import LinearModel
+from emcas_fmu.reference.simulate import simulate as reference
+from emcas_fmu.simulation import simulate
+
+LOOPS = {
+    "controller.position.setpoint_weight": 0.92, "controller.position.velocity_feedforward": 0.4,
+    "controller.velocity.ki": 0.4, "controller.load_observer": 80.0, "controller.drive_antiwindup": 10.0,
+}
+AS_BUILT = {
+    "deviation.kinematics.moment_arm": 0.03, "deviation.kinematics.initial_angle": math.radians(1.5),
+    "deviation.screw.lead": -0.02, "deviation.motor.torque_constant": -0.06, "deviation.friction.coulomb": 0.5,
+    "deviation.friction.viscous": -0.4,
+}
+# A velocity integral beside a load observer hunts about the friction, and then follows nothing to a few digits.
+CASES: Mapping[str, Mapping[str, Any]] = {
+    "loops": {**LOOPS, "controller.load_observer": 0.0},
+    "observer": {**LOOPS, "controller.velocity.ki": 0.0},
+    "as built": AS_BUILT,
+    "observer as built": {**AS_BUILT, "controller.load_observer": 80.0, "drive.current_limit": 45.0}}
+
+
+def changed(changes: Mapping[str, Any], model: str = "nonlinear") -> Mapping[str, Any]:
+    return load_parameters(model=model).replace({"encoder.enabled": False, **changes}).values
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_independent_integration_agrees(case: str) -> None:
+    values = changed({**CASES[case], "fin.start_angle": math.radians(8.0)})
+    time = np.arange(1101) * 1e-3
+    command = np.radians(np.select([time < 0.05, time < 0.5], [8.0, 3.0], 8.0))
+    inputs = {"fin_command": command, "aero_torque": np.where((time > 0.3) & (time < 0.8), 100.0, -60.0),
+              "enable": np.where((time > 0.85) & (time < 0.95), 0.0, 1.0)}
+    ours = simulate(values, 1.1, 1e-3, **inputs)
+    theirs = reference(values, {"time": time, **inputs})
+    # What every case of the default tick is held to.
+    assert np.max(np.abs(np.degrees(ours["fin_angle"] - theirs["fin_angle"]))) < 0.002
+
+
+def test_linear_reference_has_the_same_controllers() -> None:
+    loops = {name: value for name, value in LOOPS.items() if name != "controller.drive_antiwindup"}
+    linear = load_parameters(model="linear").replace({**loops, "kinematics.initial_angle": 0.0}).values
+    command = np.radians(np.where(np.arange(301) > 10, 2.0, 0.0))
+    ours = simulate(linear, 0.3, 1e-3, model="linear", fin_command=command)["fin_angle"]
+    theirs = LinearModel({**load_parameters().values, **linear}).simulate(command)
+    # Ticks of 0.5 ms against exact exponentials: 4e-6 rad measured, a ten-thousandth of the step.
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=8e-6)
+    plain = LinearModel({**load_parameters().values, **linear, **dict.fromkeys(loops, 0.0)}).simulate(command)
+    assert np.max(np.abs(plain - theirs)) > 1e-3
+
+
+@pytest.mark.parametrize(("name", "deviation"), [
+    ("kinematics.moment_arm", 0.01), ("screw.lead", -0.01), ("kinematics.initial_angle", math.radians(1.0))])
+def test_error_at_20_deg_is_that_of_the_lever(name: str, deviation: float) -> None:
+    """The motor goes where the nominal lever has 20 deg; (2.1)-(2.5) with the lever as built say where the fin is."""
+    values = changed({f"deviation.{name}": deviation})
+    angle = simulate(values, 1.5, 1e-3, fin_command=math.radians(20.0))["fin_angle"][-1]
+    arm, lead, assembly = (values[n] for n in ("kinematics.moment_arm", "screw.lead", "kinematics.initial_angle"))
+    motor = arm / lead * (math.tan(math.radians(20.0) + assembly) - math.tan(assembly))
+    built = {"kinematics.moment_arm": arm, "screw.lead": lead, "kinematics.initial_angle": assembly}
+    built[name] = built[name] + deviation if name.endswith("angle") else built[name] * (1.0 + deviation)
+    at = built["kinematics.initial_angle"]
+    expected = math.atan(built["screw.lead"] * motor / built["kinematics.moment_arm"] + math.tan(at)) - at
+    # The integral action has brought the motor to where friction holds it: 8e-4 deg measured.
+    assert math.degrees(angle) == pytest.approx(math.degrees(expected), abs=2e-3)
+    if name == "kinematics.moment_arm":
+        assert math.radians(20.0) - angle == pytest.approx(math.radians(0.177), abs=math.radians(0.005))
+
+
+@pytest.mark.parametrize("weight", [0.0, 0.7, 1.3])
+@pytest.mark.parametrize("encoder", [False, True])
+def test_start_and_enabling_at_rest_move_nothing(weight: float, encoder: bool) -> None:
+    """A fin that stands where it is asked to stays there to the bit, whatever the weight."""
+    values = changed({"controller.position.setpoint_weight": weight, "encoder.enabled": encoder,
+                      "controller.load_observer": 100.0, "controller.position.velocity_feedforward": 0.5,
+                      "drive.current_offset": 0.0, "fin.start_angle": math.radians(-12.0)})
+    enable = np.ones(401)
+    enable[150:250] = 0.0
+    run = simulate(values, 0.4, 1e-3, fin_command=math.radians(-12.0), enable=enable)
+    # A count is half a milliradian at the motor, 0.0007 deg at the fin: what asks for less does not overcome friction.
+    assert np.ptp(run["fin_angle"]) == 0.0
+
+
+def test_setpoint_weight_changes_no_answer_to_a_load() -> None:
+    load = np.where(np.arange(401) > 50, 100.0, 0.0)
+    runs = [simulate(changed({"controller.position.setpoint_weight": weight}), 0.4, 1e-3, aero_torque=load)["fin_angle"]
+            for weight in (1.0, 0.9)]
+    # The command is 0, and so is its weighted part; what is left is rounding.
+    np.testing.assert_allclose(runs[0], runs[1], rtol=0, atol=1e-12)
+
+
+def test_load_observer_halves_the_deviation_and_keeps_the_rate() -> None:
+    time = np.arange(801) * 1e-3
+    on, off = ({"controller.load_observer": rate} for rate in (200.0, 0.0))
+
+    def deviation(changes: Mapping[str, float]) -> float:
+        run = simulate(changed(changes), 0.8, 1e-3, aero_torque=np.where(time > 0.3, 100.0, 0.0))
+        return float(np.degrees(np.max(np.abs(run["fin_angle"]))))
+
+    def rate(changes: Mapping[str, float]) -> float:
+        slewing = time > 0.4
+        run = simulate(changed(changes), 0.8, 1e-3, fin_command=np.radians(np.where(slewing, 20.0, -20.0)),
+                       aero_torque=np.where(slewing, -100.0, 0.0))
+        fin = np.degrees(run["fin_angle"][400:])
+        return float(20.0 / (1e-3 * (np.argmax(fin > 10.0) - np.argmax(fin > -10.0))))
+
+    assert deviation(on) < 0.6 * deviation(off)
+    assert rate(on) > 240.0 > rate(off)
+
+
+def test_anti_windup_sees_a_drive_at_its_limit() -> None:
+    """A load beyond the drive pushes the fin away; let go, it comes back without the integral of the time between."""
+    time = np.arange(2501) * 1e-3
+    load = np.where((time > 0.2) & (time < 1.7), -410.0, 0.0)
+
+    def overshoot(gain: float) -> float:
+        run = simulate(changed({"controller.drive_antiwindup": gain}), 2.5, 1e-3, aero_torque=load)
+        angle = np.degrees(run["fin_angle"])
+        assert angle[1699] < -5.0
+        return float(np.max(angle[1700:]))
+
+    assert overshoot(10.0) < 0.5 < 1.5 < overshoot(0.0)
+
+
+def test_feedforward_halves_the_lag_of_a_sine() -> None:
+    time = np.arange(1601) * 1e-3
+    command = np.radians(2.0 * np.sin(2.0 * np.pi * 5.0 * time))
+
+    def lag(share: float) -> float:
+        run = simulate(changed({"controller.position.velocity_feedforward": share}), 1.6, 1e-3, fin_command=command)
+        steady = slice(600, 1601)
+        turn = np.exp(-2j * np.pi * 5.0 * time[steady])
+        ratio = np.sum(run["fin_angle"][steady] * turn) / np.sum(command[steady] * turn)
+        return float(-np.degrees(np.angle(ratio)))
+
+    assert lag(0.46) < 0.7 * lag(0.0)
