@@ -382,7 +382,9 @@ def test_what_needs_an_output_the_actuator_lacks_is_not_applicable(tmp_path: Pat
     assert as_dict(found)["methods"]["mission"]["not_applicable"]["energy_drawn_j"].endswith("supply_power")
 
 
-@pytest.mark.parametrize("model", [*(name for name in NAMES if name != NONLINEAR), "elastic+stribeck+heat+faults"])
+@pytest.mark.parametrize("model", [
+    "elastic+stribeck+heat+faults", *(name if name == "second-order" else pytest.param(name, marks=pytest.mark.slow)
+               for name in NAMES if name != NONLINEAR)])
 def test_every_actuator(model: str, tmp_path: Path) -> None:
     found = emcas("--model", model, "-o", tmp_path / "report.html", "--json", tmp_path / "figures.json")
     assert found.exit_code in (0, 1), found.output

@@ -71,6 +71,7 @@ def repository(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 @needs_bash
 @pytest.mark.fmu
 def test_no_change_passes(repository: Path) -> None:
@@ -83,6 +84,7 @@ def test_no_change_passes(repository: Path) -> None:
     assert "no drift" in (repository / "summary.md").read_text()
 
 
+@pytest.mark.slow
 @needs_bash
 @pytest.mark.fmu
 def test_a_drift_fails_with_a_table(repository: Path, native: Path) -> None:

@@ -68,6 +68,7 @@ def test_failed_samples_are_results_unless_all_fail(write: Write, tmp_path: Path
     assert "the step has no height" in none.output
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_running(write: Write, tmp_path: Path, client: Any) -> None:
     file = write(SMALL)
     done = campaign(file, "--output", tmp_path / "there", "--scheduler", client.scheduler.address)

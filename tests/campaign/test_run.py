@@ -57,6 +57,7 @@ def test_a_worker_killed_mid_run(small: Study, store: Store, tmp_path: Path, cli
     assert same(store.table(), alone(small, tmp_path / "alone"))
 
 
+@pytest.mark.slow
 def test_a_sample_that_kills_its_workers(small: Study, store: Store, tmp_path: Path, client: Any) -> None:
     by_dask(client, small, store.missing(), store.write, chunk=3, work=deadly)
     found, expected = store.table().to_pylist(), alone(small, tmp_path / "alone").to_pylist()
@@ -127,6 +128,7 @@ def test_killed_and_resumed(write: Write, tmp_path: Path) -> None:
     assert same(Store(folder, study).table(), alone(study, tmp_path / "alone"))
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_what_is_done(write: Write, tmp_path: Path) -> None:
     # Of many samples: a machine busy with other work is late to look, and must not find the run done.
     file, folder = write(LONGER.replace("samples = 250", "samples = 20_000")), tmp_path / "out"

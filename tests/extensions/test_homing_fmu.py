@@ -93,6 +93,7 @@ print(json.dumps({"signal": {n: run[n].astype(float).tolist() for n in names}, "
 """
 
 
+@pytest.mark.slow
 @pytest.mark.fmu
 def test_four_fins_home_each_for_itself(tmp_path: Path) -> None:
     """On a stiff bus each is a single one."""

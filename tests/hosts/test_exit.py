@@ -24,6 +24,7 @@ print("done")
 """
 
 
+@pytest.mark.slow
 @pytest.mark.fmu
 def test_a_python_host_ends_without_touching_freed_memory(python: Path, linux: None) -> None:
     """The wrapper releases its state as the process ends, and its library's finalizer did so again."""

@@ -106,6 +106,7 @@ def test_play_lags_by_half_the_gap_each_way() -> None:
     assert np.all(np.abs(driven - angle) <= 0.1 + 1e-12)
 
 
+@pytest.mark.slow
 def test_shipped_files_are_those_of_the_provenance(tmp_path: Path) -> None:
     provenance = tomllib.loads((BENCH / bench.PROVENANCE).read_text(encoding="utf-8"))
     files = {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in BENCH.glob("*.csv")}

@@ -42,6 +42,7 @@ def test_errors_are_as_large_as_stated(kind: str, count: int, largest: Mapping[s
         assert np.median(found.relative[:, found.names.index(name)]) < limit, name
 
 
+@pytest.mark.slow
 def test_delay_is_found_to_a_fraction_of_a_sample(identified: Mapping[str, Identification]) -> None:
     # 50 us between samples; a twentieth of one is what the fit of 40 steps ought to give at least.
     assert identified["drive"]["drive.transport_delay"].sigma < 50e-6 / 20

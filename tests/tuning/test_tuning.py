@@ -426,7 +426,7 @@ def test_a_sag_is_a_share_of_the_supply() -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="sends a signal to a group of processes")
-@pytest.mark.parametrize("evaluations", [0, 5])
+@pytest.mark.parametrize("evaluations", [pytest.param(0, marks=pytest.mark.slow), 5])
 def test_ctrl_c_keeps_the_best_gains(small: Path, tmp_path: Path, evaluations: int) -> None:
     """In a terminal the signal reaches the workers too, and may come while they start."""
     made, figures, journal = (tmp_path / name for name in ("tuned.toml", "t.json", "journal.jsonl"))

@@ -22,7 +22,7 @@ from ...parameters import ParameterSet
 _MARGINS = ("gain_margin", "phase_margin", "delay_margin")
 _BANDWIDTHS = ("bandwidth_3db", "bandwidth_90deg")
 _MOVES = tuple(dict.fromkeys((*MOTION, *USAGE)))
-KINDS: Mapping[str, tuple[str, ...]] = {"step": _MOVES, "slew": _MOVES, "sine": _BANDWIDTHS, "linear": _MARGINS}
+KINDS: Mapping[str, tuple[str, ...]] = {"step": _MOVES, "slew": _MOVES, "load": USAGE, "sine": _BANDWIDTHS, "linear": _MARGINS}
 """The figures of each kind of test."""
 _LOWEST, _HIGHEST = 2.0, 60.0  # Hz, where a bandwidth is looked for
 _LOOP_LOWEST, _LOOP_POINTS = 0.5, 150  # Hz, and how many: enough for margins to 1e-6
@@ -34,7 +34,7 @@ _TRANSIENT = (2.0, 0.1)  # cycles, and at least s, before them
 class Test:
     """A test. ``amplitude`` [rad]; ``duration`` [s] after the step or slew; ``torque`` [N.m] along the motion
     (negative: against it), constant in a step, risen with the command in a slew from -amplitude to amplitude, which
-    comes after ``settle`` [s]."""
+    comes after ``settle`` [s]; of a load, which comes at once on a fin held at 0."""
 
     __test__ = False  # not one of pytest's
 
@@ -77,6 +77,9 @@ def response(test: Test, subject: ParameterSubject, changes: Mapping[str, Any], 
 @lru_cache(maxsize=64)
 def _motion(test: Test, sign: float) -> Excitation:
     level, torque = sign * test.amplitude, sign * test.torque
+    if test.kind == "load":
+        rest = step_to(0.0, test.duration)
+        return rest.holding({LOAD: np.where(rest.judged(rest.time), torque, 0.0)})
     if test.kind == "slew":
         slew = slew_to(level, test.duration, torque, settle=test.settle)
         return slew.holding({COMMAND: np.where(slew.judged(slew.time), level, -level)})  # from the first row on
@@ -85,6 +88,8 @@ def _motion(test: Test, sign: float) -> Excitation:
 
 def _moved(run: Run, figures: tuple[str, ...]) -> dict[str, float]:
     run.finished()
+    if not run.excitation.moves:
+        return usage(run)
     moved = motion(run, -1)
     if not set(figures) <= set(MOTION):
         moved = usage(run) | moved

@@ -57,6 +57,11 @@ class _Linear(Table):
     kind: str
 
 
+class _Load(_Linear):
+    torque: Annotated[float, In("N.m")]
+    duration: Annotated[float, In("s", TAIL, 100.0)] = 0.6
+
+
 class _Sine(_Linear):
     amplitude: Annotated[float, PlainValidator(_amplitude)]
 
@@ -70,7 +75,7 @@ class _Slew(_Move):
     settle: Annotated[float, In("s", STEP, 100.0)] = SETTLE
 
 
-_TESTS: Mapping[str, type[_Linear]] = {"step": _Move, "slew": _Slew, "sine": _Sine, "linear": _Linear}
+_TESTS: Mapping[str, type[_Linear]] = {"step": _Move, "slew": _Slew, "load": _Load, "sine": _Sine, "linear": _Linear}
 
 
 def _test(entry: Any, info: ValidationInfo) -> Test:
