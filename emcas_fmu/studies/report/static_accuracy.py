@@ -1,15 +1,23 @@
-"""Static accuracy on a grid of angles, each approached from both sides."""
+"""Static accuracy on a grid of angles, each approached from both sides: of the nominal unit, and with tolerances.
+
+The controllers know the nominal unit exactly, so that its errors are those of friction and encoder alone; what counts
+in a fleet is the unit as built. The tolerances are the cases of ``models/tuning.toml`` that change deviations alone.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import radians
+from typing import Any
 
 import numpy as np
 
 from ...bench.excitation import staircase
 from ...bench.metrics import HELD, bidirectional
 from ...bench.verdict import HOLD
-from .outcome import Outcome, Quantity
+from ...parameters import load_parameters
+from ..tuning.study import Case, shipped_study
+from .outcome import Array, Outcome, Quantity
 from .rig import Rig
 
 INTERVALS = 8  # of the range
@@ -38,26 +46,45 @@ def course(targets: int, cycles: int) -> list[tuple[int, int, int]]:
     return [(k, side, cycle) for cycle in range(cycles) for k, side in up + down]
 
 
-def measure(rig: Rig) -> Outcome:
-    """Measure the errors on the grid, `CYCLES` times up and down."""
-    targets = np.linspace(-rig.limit, rig.limit, INTERVALS + 1)
-    visits = course(len(targets), CYCLES)
+def tolerances() -> list[Case]:
+    """Return the cases of the shipped tuning study that change nothing but how the unit as built deviates."""
+    return [case for case in shipped_study(load_parameters()).cases
+            if case.values and all(name.startswith("deviation.") for name in case.values)]
+
+
+def _errors(rig: Rig, targets: Array, visits: list[tuple[int, int, int]], values: Mapping[str, Any]) -> Array:
+    """Return errors [deg] (side, target, cycle) of every hold, nan of an approach there is not."""
     # First to the lowest target, which no cycle has approached yet.
     levels = tuple(radians(targets[k]) for k in (0, *(k for k, _, _ in visits)))
     hold, last = round(HOLD / STEP), round(HELD / STEP)
-    angle = np.degrees(rig.run(staircase(levels, (HOLD,) * len(levels), step=STEP)).columns["fin_angle"])
+    grid = staircase(levels, (HOLD,) * len(levels), step=STEP).with_start_values(values)
+    angle = np.degrees(rig.run(grid).columns["fin_angle"])
     errors = np.full((2, len(targets), CYCLES), np.nan)
     for number, (k, side, cycle) in enumerate(visits, start=2):
         end = number * hold
         errors[side, k, cycle] = np.mean(angle[end - last + 1:end + 1]) - targets[k]
-    approaches = bidirectional(*errors)
-    figures = {"grid": {q.key: getattr(approaches, q.key.removesuffix("_deg")) for q in QUANTITIES}}
+    return errors
+
+
+def measure(rig: Rig) -> Outcome:
+    """Measure the errors on the grid, `CYCLES` times up and down."""
+    targets = np.linspace(-rig.limit, rig.limit, INTERVALS + 1)
+    visits = course(len(targets), CYCLES)
+    there = rig.subject.values.keys()
+    cases = {"grid": {}, **{case.name: case.values for case in tolerances() if case.values.keys() <= there}}
+    found = {name: _errors(rig, targets, visits, values) for name, values in cases.items()}
+    approaches = bidirectional(*found["grid"])
+    figures = {name: {q.key: getattr(bidirectional(*errors), q.key.removesuffix("_deg")) for q in QUANTITIES}
+               for name, errors in found.items()}
+    labels = {name: name.replace("_", " ") + " (estimates)" for name in cases}
     return Outcome(
         f"{len(targets)} angles evenly over ±{rig.limit:g} deg, {CYCLES} times up and down, no load. Each is held "
         f"for {HOLD:g} s; its angle is the mean of the last {HELD:g} s. The ends of the range can be approached "
-        "from one side only and are no part of the hysteresis.", QUANTITIES, figures,
-        tuple(f"grid.{key}" for key in ("largest_error_deg", "hysteresis_deg", "repeatability_deg")),
-        {"grid": f"{len(targets)} angles"},
+        "from one side only and are no part of the hysteresis. With tolerances the unit as built deviates from what "
+        "its controllers know, by the estimates of models/tuning.toml.", QUANTITIES, figures,
+        (*(f"grid.{key}" for key in ("largest_error_deg", "hysteresis_deg", "repeatability_deg")),
+         *(f"{name}.largest_error_deg" for name in cases if name != "grid")),
+        {**labels, "grid": f"{len(targets)} angles"},
         {"grid": {"command_deg": targets, "error_from_below_deg": approaches.means[0],
                   "error_from_above_deg": approaches.means[1], "reversal_deg": approaches.reversal}},
-        {"below": {"errors_deg": errors[0]}, "above": {"errors_deg": errors[1]}})
+        {"below": {"errors_deg": found["grid"][0]}, "above": {"errors_deg": found["grid"][1]}})
