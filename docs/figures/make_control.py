@@ -1,0 +1,93 @@
+"""Draw what margins cost and write the table of docs/model/control.md: `python docs/figures/make_control.py`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import degrees
+from pathlib import Path
+
+import numpy as np
+
+from emcas_fmu import plots
+from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.files import models_directory
+from emcas_fmu.parameters import ParameterSet, load_parameters
+from emcas_fmu.studies.tuning.measure import Test, measure
+
+PAGE = Path(__file__).resolve().parents[1] / "model" / "control.md"
+MODELS = models_directory()
+THESIS = {"controller.position.setpoint_weight": 1.0}
+SETS: Mapping[str, ParameterSet] = {
+    "shipped": load_parameters(),
+    "shipped, setpoint weight 1": load_parameters().replace(THESIS),
+    "`models/robust.toml`": load_parameters(MODELS / "robust.toml"),
+    "shipped with a load observer": load_parameters(MODELS / "sets" / "load-observer.toml"),
+    "robust with a load observer": load_parameters([MODELS / "robust.toml", MODELS / "sets" / "load-observer.toml"]),
+}
+GAINS = ("controller.position.kp", "controller.position.ki", "controller.velocity.kp")
+LINEAR = Test("linear")
+LOAD = Test("load", duration=1.0, torque=100.0)
+OPPOSED = Test("slew", np.radians(20.0), 1.0, -100.0)
+
+
+def step(size: float) -> Test:
+    return Test("step", float(np.radians(size)), 1.0)
+
+
+def figures(parameters: ParameterSet) -> dict[str, float]:
+    """Measure a set: margins [deg, dB], load step [deg], rate [deg/s], overshoots [%], settling [ms]."""
+    subject = ParameterSubject(parameters)
+
+    def of(test: Test, *names: str, sense: str = "maximum") -> list[float]:
+        return measure(test, subject, {}, names, (sense,) * len(names))
+
+    gain, phase = of(LINEAR, "gain_margin", "phase_margin")
+    moves = [of(step(size), "overshoot", "settling_time") for size in (1.0, 5.0, 10.0)]
+    return {
+        "phase margin / °": degrees(phase), "gain margin / dB": gain,
+        "100 N·m load step / °": degrees(of(LOAD, "peak_angle")[0]),
+        "rate against 100 N·m / °/s": degrees(of(OPPOSED, "sustained_rate", sense="minimum")[0]),
+        "largest overshoot of 1, 5, 10° / %": 100.0 * max(overshoot for overshoot, _ in moves),
+        **{f"settling of {size}° / ms": 1e3 * settling for size, (_, settling) in zip((1, 5, 10), moves, strict=True)},
+        "20° within 0.2° after / ms": 1e3 * of(step(20.0), "time_to_accuracy")[0],
+    }
+
+
+def between(share: float) -> ParameterSet:
+    """Return the shipped set with gains between those of the robust set (0) and its own (1)."""
+    low, high = SETS["`models/robust.toml`"].values, SETS["shipped"].values
+    return load_parameters().replace({name: low[name] ** (1.0 - share) * high[name] ** share for name in GAINS})
+
+
+def main() -> None:
+    measured = {name: figures(parameters) for name, parameters in SETS.items()}
+    header = ["", *next(iter(measured.values()))]
+    rows = [[name, *(f"{value:.3g}" for value in row.values())] for name, row in measured.items()]
+    lines = [header, ["---"] * len(header), *rows]
+    text = PAGE.read_text(encoding="utf-8")
+    begin, end = "<!-- begin margins -->", "<!-- end margins -->"
+    table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    before, after = text.split(begin)[0], text.split(end)[1]
+    PAGE.write_text(f"{before}{begin}\n{table}\n{end}{after}", encoding="utf-8")
+
+    with plots.style():
+        drawn, ((axes,),) = plots.figure(1, height=3.4, width=6.4)
+        for observer, color, label in ((0.0, plots.BLUE, "shipped loops"), (200.0, plots.VERMILLION, "with a load observer")):
+            points = []
+            for share in np.linspace(-0.4, 1.4, 10):
+                subject = ParameterSubject(between(float(share)).replace({"controller.load_observer": observer}))
+                phase, = measure(LINEAR, subject, {}, ("phase_margin",), ("minimum",))
+                angle, = measure(LOAD, subject, {}, ("peak_angle",), ("maximum",))
+                points.append((degrees(phase), degrees(angle)))
+            axes.plot(*np.array(points).T, color=color, label=label)
+        for name, marker in (("shipped", "o"), ("`models/robust.toml`", "s")):
+            row = measured[name]
+            axes.plot(row["phase margin / °"], row["100 N·m load step / °"], marker, color="#444444",
+                      label=name.strip("`"))
+        axes.set(xlabel="phase margin at the drive's reference / deg", ylabel="deviation under 100 N·m / deg")
+        axes.legend()
+    drawn.savefig(Path(__file__).parent / "control.png", dpi=150, facecolor="white", metadata={"Software": None})
+
+
+if __name__ == "__main__":
+    main()
