@@ -21,6 +21,7 @@ from .commands import (
     report,
     simulate,
     ssp,
+    thesis,
     tune,
     validate,
 )
@@ -40,6 +41,7 @@ app.command(epilog=reference.EPILOG)(reference.reference)
 app.command(epilog=report.EPILOG)(report.report)
 app.command(epilog=simulate.EPILOG)(simulate.simulate)
 app.add_typer(ssp.app, name="ssp")
+app.command(epilog=thesis.EPILOG)(thesis.thesis)
 app.command(epilog=tune.EPILOG)(tune.tune)
 app.command(epilog=validate.EPILOG)(validate.validate)
 

@@ -140,6 +140,14 @@ def _check_finite(table: Array, inputs: Sequence[Variable], step: float) -> None
         raise ValueError(f"input {inputs[column].name} is {table[row, column]} at {row * step:.6g} s")
 
 
+def stepped(values: Mapping[str, Any], model: str = NONLINEAR) -> Any:
+    """Return a core of an actuator to be stepped by hand: compiled if there is a C compiler. Raises ParameterError."""
+    if compiled.available(model):
+        return compiled.CompiledCore(values, model)  # checks for itself
+    require_sound(values, model)
+    return codegen.core(values, model)
+
+
 def _by_python(values: Mapping[str, Any], table: Array, step: float, model: str) -> Array:
     require_sound(values, model)
     core = codegen.core(values, model)

@@ -31,8 +31,8 @@ from ..namespace import with_values
 from ..ops.floats import FLOATS
 from ..parameters import ParameterSet, load_parameters, require_sound
 from ..reference.files import parameters_hash
-from ..runtime import codegen, compiled
-from ..simulation import Array, respond
+from ..runtime import codegen
+from ..simulation import Array, respond, stepped
 from ..variables import Variable
 from .excitation import LOAD, Excitation
 from .fmu import OpenedFmu, chosen_model, opened
@@ -246,11 +246,7 @@ def _sprung(values: Mapping[str, Any], model: str, table: Array, step: float, sp
     The spring's moment is that of the fin angle at the last row that is a multiple of `substeps`.
     """
     inputs, outputs = get(model).inputs, get(model).outputs
-    if compiled.available(model):
-        core: Any = compiled.CompiledCore(values, model)
-    else:  # the compiled one checks for itself
-        _check(values, model)
-        core = codegen.core(values, model)
+    core = stepped({v.name: values[v.name] for v in get(model).parameters}, model)
     load = [v.name for v in inputs].index(LOAD)
     angle = [v.name for v in outputs].index("fin_angle")
 

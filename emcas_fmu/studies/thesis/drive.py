@@ -1,0 +1,104 @@
+"""Sections 3.2.1 and 3.2.2: motor and current-mode drive."""
+
+from __future__ import annotations
+
+from math import pi
+
+import numpy as np
+
+from ... import plots
+from ...ops.arrays import ARRAYS
+from ...physics import drive as physics
+from ..analysis import envelope
+from ..identification.current_loop import response
+from .entry import Shown, Table
+from .listings import parameters
+from .pictures import DOTS, Line, Panel, panels
+from .runs import ESTIMATED, Runs
+
+SHORT = 10.0  # s, of the short-term torque
+# Table 4: what a number of the drive's own software is in V/A and V/(A.s).
+CONVERSION = {"drive.kp": 0.208, "drive.ki": 0.018}
+_GAINS = ("drive.current_gain", "drive.current_offset", "drive.transport_delay", "drive.kp", "drive.ki")
+_HELD = "set's values · command: analogue reference {} · rotor held"
+
+
+def torque_speed(runs: Runs) -> Shown:
+    """Show the motor's torque over speed, for any time and for a while (Figure 3.2)."""
+    found = envelope.envelope(runs.parameters_of("nonlinear+heat"), SHORT)
+    rows = tuple((label, curve.current, envelope.CAUSES[curve.bound_by], float(curve.torque[0]),
+                  curve.corner_speed * 30.0 / pi)
+                 for label, curve in zip(("for any time", f"for {SHORT:g} s"), found.curves.values(), strict=True))
+    return Shown(f"{runs.values['friction.temperature']:g} °C · from cold · supply as set", envelope.draw(found),
+                 "The largest torque in steady motion that heat, the drive's current and the supply allow.",
+                 Table(("", "current [A]", "limited by", "torque at standstill [N.m]", "voltage limits from [rpm]"),
+                       rows),
+                 "The curves' values are lost, and how long short-term is: 10 s is an estimate, and so is the heat.")
+
+
+def motor(runs: Runs) -> Shown:
+    """Show the motor's data, and what follows from them (Table 3)."""
+    shown = parameters("motor.", "inertia.motor", "drive.supply_voltage", "drive.current_limit")(runs)
+    p, speed = runs.parameters.nested(), runs.parameters.actuator.supply
+    assert shown.table is not None and speed is not None
+    free = runs.subject.inputs[speed.input.name].initial(runs.values) / p.motor.back_emf_constant
+    rows = (("stall torque", f"{physics.torque(p, p.drive.current_limit):.3g} N*m", "computed",
+             "At the drive's current limit."),
+            ("no-load speed", f"{free * 30.0 / pi:.0f} rpm", "computed", "At the supply, without friction."))
+    return Shown(shown.conditions, table=Table(shown.table.columns, (*shown.table.rows, *rows)), unknown=shown.unknown)
+
+
+def current_gain(runs: Runs) -> Shown:
+    """Show the motor current over the analogue reference, asked for and flowing (Figure 3.4)."""
+    volts, given = np.linspace(-4.0, 4.0, 17), [runs.values[name] for name in _GAINS]
+    asked = physics.current_reference_raw(runs.parameters.nested(), volts)
+
+    def after(step: float, rows: int) -> list[float]:
+        return [float(response(given, 0.0, np.array([0.0] + [v] * rows), None, step, runs.values)[-1]) for v in volts]
+
+    soon, late = after(1e-3, 50), after(10.0, 100)
+    rows = tuple((name, *map(float, np.polyfit(volts, column, 1)))
+                 for name, column in (("asked for", asked), ("after 50 ms", soon), ("after 1000 s", late)))
+    return Shown(_HELD.format("-4 to 4 V"), panels([Panel("motor current / A", [
+        Line(volts, asked, "asked for"), Line(volts, soon, "flowing after 50 ms", DOTS),
+        Line(volts, late, "after 1000 s", {**DOTS, "markerfacecolor": "none", "markersize": 6.0})])],
+        "analogue reference / V"),
+        "The thesis's line is 8.19 A/V and -0.015 A. The loop's integral decides how soon the current asked for flows.",
+        Table(("", "slope [A/V]", "offset [A]"), rows),
+        ESTIMATED + "how long each reference was held. The points measured are not published.")
+
+
+def current_loop(runs: Runs) -> Shown:
+    """Show a step of the current loop (Figure 3.6)."""
+    level, begin, step = 1.0, 5e-3, 2e-5
+    time = np.arange(round(0.03 / step)) * step
+    reference = np.where(time < begin, 0.0, level)
+    gain, offset, delay, kp, ki = (runs.values[name] for name in _GAINS)
+    sets = {"gains as set": (kp, ki),
+            "the same numbers in the drive's own units": (kp * CONVERSION["drive.kp"], ki * CONVERSION["drive.ki"])}
+    lines, rows = [], []
+    p = runs.parameters.nested()
+    demanded = ARRAYS.clip(physics.current_reference_raw(p, reference), -p.drive.current_limit, p.drive.current_limit)
+    for label, gains in sets.items():
+        current = response((gain, offset, delay, *gains), 0.0, reference, None, step, runs.values)
+        lines.append(Line(1e3 * time, current, label))
+        share = gains[0] / (gains[0] + p.motor.resistance)
+        rows.append((label, *gains, 1e3 * p.motor.inductance / (p.motor.resistance + gains[0]), 100.0 * share,
+                     (p.motor.resistance + gains[0]) / gains[1] if gains[1] else None))
+    return Shown(_HELD.format(f"step to {level:g} V at {1e3 * begin:g} ms"), panels([Panel("motor current / A", [
+        Line(1e3 * time, demanded, "asked for", plots.COMMAND), *lines])], "time / ms"),
+        f"The step arrives after the transport delay of {1e3 * delay:.3g} ms.",
+        Table(("", "kp [V/A]", "ki [V/(A.s)]", "time constant [ms]", "reached at once [%]", "rest closes in [s]"),
+              tuple(rows)),
+        ESTIMATED + "1 V is an estimate. Nor is it certain in which units the gains 5 and 0.1 are given: both readings "
+        "are drawn. The current measured is not published.")
+
+
+def conversion(runs: Runs) -> Shown:
+    """Show the conversion of the drive's gains (Table 4)."""
+    units = {e.variable.name: e.variable.unit for e in runs.parameters.entries}
+    rows = tuple((name, factor, float(runs.values[name]), units[name], float(runs.values[name]) / factor,
+                  float(runs.values[name]) * factor) for name, factor in CONVERSION.items())
+    return Shown("the thesis's coefficients, with the set's gains", table=Table(
+        ("gain", "coefficient", "as set", "unit", "in the drive's units", "SI, if the number set is in the drive's"),
+        rows))

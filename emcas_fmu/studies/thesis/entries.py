@@ -1,0 +1,179 @@
+"""The registry: the thesis's list of figures and its list of tables, in their order, a line for each entry.
+
+Titles are in words of this package.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any
+
+from ...errors import EmcasError, hint
+from ...physics.friction import COLD, WARM
+from . import drive, friction, kinematics, listings, loading, loops, others, performance
+from .entry import DRAWING, HARDWARE, NO_MODEL, PHOTOGRAPH, REASONS, SCREENSHOT, TEST_DATA, UNSEEN, Entry
+
+
+def _entry(kind: str, number: str, title: str, what: Callable[..., Any] | str, note: str = "") -> Entry:
+    """Return an entry; `what` shows it, or is the reason why it is not reproduced."""
+    if isinstance(what, str):
+        assert what in REASONS
+        return Entry(kind, number, title, reason=what, note=note)
+    return Entry(kind, number, title, what, note=note)
+
+
+_figure, _table = partial(_entry, "Figure"), partial(_entry, "Table")
+
+
+def _sweep(rpm: int, temperature: float) -> Callable[..., Any]:
+    return lambda runs: friction.sweep(runs, rpm, temperature)
+
+
+def _of(show: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:
+    return lambda runs: show(runs, *arguments)
+
+
+FIGURES = (
+    _figure("1.1", "Kinds of control actuation systems", DRAWING),
+    _figure("1.2", "A control section with its fins", DRAWING),
+    _figure("1.3", "An actuator with screw and lever", DRAWING, "The lever to scale: Figure 2.1."),
+    _figure("1.4", "Ristanović's model", others.beside("ristanovic", "Ristanović")),
+    _figure("1.5", "Özkan's model", others.beside("ozkan", "Özkan")),
+    _figure("1.6", "Habibi's model", others.beside("habibi", "Habibi")),
+    _figure("1.7", "An actuator with a clutch", NO_MODEL),
+    _figure("1.8", "An actuator with a worm gear", NO_MODEL),
+    _figure("1.9", "An electrohydrostatic system", NO_MODEL),
+    _figure("1.10", "An electrohydrostatic actuator", NO_MODEL),
+    _figure("1.11", "A hydraulic circuit with a valve", NO_MODEL),
+    _figure("1.12", "An electrohydraulic servo mechanism", NO_MODEL),
+    _figure("2.1", "The lever as it is mounted", kinematics.assembly),
+    _figure("2.2", "The lever in motion", kinematics.ratio),
+    _figure("2.3", "Forces on motor and screw", DRAWING, "Equations (2.8), (2.9): emcas_fmu/physics/mechanics.py."),
+    _figure("2.4", "Forces on screw and nut", DRAWING, "Equations (2.10) to (2.12): emcas_fmu/physics/mechanics.py."),
+    _figure("2.5", "Forces on fin and fork", DRAWING, "Equations (2.13), (2.14): emcas_fmu/physics/mechanics.py."),
+    _figure("2.6", "Axes of earth and missile", DRAWING, "Axes and signs: docs/use/hosts.md."),
+    _figure("2.7", "Block diagram of the nonlinear model", DRAWING, "One step of it in words: docs/develop/architecture.md."),
+    _figure("2.8", "Dimensions of motor shaft and screw", DRAWING, "In numbers: models/rod.toml; Table 1."),
+    _figure("3.1", "The actuator", DRAWING),
+    _figure("3.2", "Motor torque over speed", drive.torque_speed),
+    _figure("3.3", "The servo drive", PHOTOGRAPH),
+    _figure("3.4", "Motor current over the drive's reference", drive.current_gain),
+    _figure("3.5", "Block diagram of the current loop", DRAWING, "Its equations: emcas_fmu/physics/drive.py."),
+    _figure("3.6", "Step of the current loop", drive.current_loop),
+    _figure("3.7", "The real-time computer", PHOTOGRAPH),
+    _figure("3.8", "The encoder", PHOTOGRAPH, "What it reads: Figure 5.15."),
+    _figure("3.9", "Where the fin stands at zero", DRAWING, "In numbers: Table 7."),
+    _figure("3.10", "Where the fin shaft stands at zero", DRAWING, "In numbers: Table 8."),
+    _figure("3.11", "Where the fork stands at zero", DRAWING, "In numbers: Table 9."),
+    _figure("3.12", "Where screw and nut stand at zero", DRAWING, "In numbers: Table 10."),
+    _figure("3.13", "Friction measurement test setup", UNSEEN, "As it is simulated: Table 11."),
+    _figure("3.14", "Rig's motor at 50 rpm, 24 °C", _sweep(50, WARM)),
+    _figure("3.15", "Rig's motor at 500 rpm, 24 °C", _sweep(500, WARM)),
+    _figure("3.16", "Rig's motor at 1000 rpm, 24 °C", _sweep(1000, WARM)),
+    _figure("3.17", "Rig's motor at 1500 rpm, 24 °C", _sweep(1500, WARM)),
+    _figure("3.18", "Rig's motor at 2000 rpm, 24 °C", _sweep(2000, WARM)),
+    _figure("3.19", "Rig's motor at 50 rpm, -6 °C", _sweep(50, COLD)),
+    _figure("3.20", "Rig's motor at 500 rpm, -6 °C", _sweep(500, COLD)),
+    _figure("3.21", "Rig's motor at 1000 rpm, -6 °C", _sweep(1000, COLD)),
+    _figure("3.22", "Rig's motor at 1500 rpm, -6 °C", _sweep(1500, COLD)),
+    _figure("3.23", "Rig's motor at 2000 rpm, -6 °C", _sweep(2000, COLD)),
+    _figure("3.24", "Friction over motor speed, 24 °C", _of(friction.against_speed, WARM)),
+    _figure("3.25", "Friction over motor speed, -6 °C", _of(friction.against_speed, COLD)),
+    _figure("3.26", "Friction over motor speed at both temperatures", _of(friction.against_speed, WARM, COLD)),
+    _figure("3.27", "Viscous friction by a straight line", friction.viscous_fit),
+    _figure("3.28", "Rig's motor at 25 rpm with its position, 24 °C", _sweep(friction.SLOW, WARM)),
+    _figure("3.29", "Coulomb friction over the fin angle, 24 °C", _of(friction.against_angle, WARM)),
+    _figure("3.30", "Rig's motor at 25 rpm with its position, -6 °C", _sweep(friction.SLOW, COLD)),
+    _figure("3.31", "Coulomb friction over the fin angle, -6 °C", _of(friction.against_angle, COLD)),
+    _figure("3.32", "Coulomb friction over the fin angle at both temperatures", _of(friction.against_angle, WARM, COLD)),
+    _figure("3.33", "Polynomial of Coulomb friction, positive direction", _of(friction.curve_fit, 1)),
+    _figure("3.34", "Polynomial of Coulomb friction, negative direction", _of(friction.curve_fit, -1)),
+    _figure("3.35", "Polynomials of both directions", _of(friction.curve_fit, 1, -1)),
+    _figure("3.36", "Where the encoders sit to measure backlash", DRAWING),
+    _figure("3.37", "Fin angle by two encoders", kinematics.two_encoders),
+    _figure("3.38", "Backlash", kinematics.backlash),
+    _figure("3.39", "Design of the loading test setup", DRAWING, "As it is simulated: Figure 5.17, Table 16."),
+    _figure("3.40", "The actuator on the loading test setup", PHOTOGRAPH),
+    _figure("4.1", "The linear model", loops.linear_model),
+    _figure("4.2", "Anti-windup on and off", loops.antiwindup),
+    _figure("4.3", "Entering requirements for a response", SCREENSHOT, "What is asked here: Table 17."),
+    _figure("4.4", "A search for gains", loops.search),
+    _figure("5.1", "Block diagram of the nonlinear model, whole", DRAWING, "See Figure 2.7."),
+    _figure("5.2", "Block diagram of the controllers", DRAWING, "Their equations: emcas_fmu/control/controllers.py."),
+    _figure("5.3", "Block diagram of motor and drive", DRAWING, "Their equations: emcas_fmu/physics/drive.py."),
+    _figure("5.4", "Block diagram of the screw", DRAWING, "Its equations: emcas_fmu/physics/mechanics.py."),
+    _figure("5.5", "Block diagram of the nut", DRAWING, "Its equations: emcas_fmu/physics/mechanics.py."),
+    _figure("5.6", "Block diagram of the fin", DRAWING, "Its equations: emcas_fmu/physics/mechanics.py."),
+    _figure("5.7", "Block diagram of the kinematics", DRAWING, "Its curves: Figure 2.2."),
+    _figure("5.8", "Linear and nonlinear model, step of 1°", loops.linear_steps(1.0)),
+    _figure("5.9", "Linear and nonlinear model, steps of 10° and 20°", loops.linear_steps(10.0, 20.0)),
+    _figure("5.10", "The prototype under test", PHOTOGRAPH),
+    _figure("5.11", "Block diagram of the real-time test", DRAWING),
+    _figure("5.12", "Homing", loops.homing),
+    _figure("5.13", "Setup of the controller's modules", SCREENSHOT),
+    _figure("5.14", "Settings of the modules", SCREENSHOT),
+    _figure("5.15", "The encoder's reading", kinematics.encoder),
+    _figure("5.16", "Friction compensation on and off", loops.compensation),
+    _figure("5.17", "The torque loop of the loading test setup", loading.torque_loop),
+    _figure("5.18", "Steps without load", performance.steps),
+    _figure("5.19", "Step test, simulation less test", TEST_DATA),
+    _figure("5.20", "Fin rate of steps without load", performance.step_rate),
+    _figure("5.21", "Command of the modified square wave", performance.square_command),
+    _figure("5.22", "Response to the modified square wave", performance.square),
+    _figure("5.23", "Sine sweep", performance.sweep()),
+    _figure("5.24", "Sine sweep, closely", performance.sweep(6.5, 7.5)),
+    _figure("5.25", "Sine sweep, simulation less test", TEST_DATA),
+    _figure("5.26", "Frequency response", performance.bode),
+    _figure("5.27", "Fin angle and command of the loaded test", loading.commanded),
+    _figure("5.28", "Moment applied in the loaded test", loading.applied),
+    _figure("5.29", "Results of the loaded test", loading.results),
+    _figure("5.30", "Results of the loaded test, closely", loading.zoomed),
+)
+TABLES = (
+    _table("1", "Natural frequencies of the rod", kinematics.natural_frequencies),
+    _table("2", "Performance asked for", performance.required),
+    _table("3", "Motor", drive.motor),
+    _table("4", "Units of the drive's gains", drive.conversion),
+    _table("5", "Servo drive", listings.parameters("drive.", unknown="The table's numbers are kept in the text around it; "
+                                                   "in which units the gains are is not certain (Figure 3.6).")),
+    _table("6", "Modules of the real-time computer", HARDWARE),
+    _table("7", "Fin", listings.parameters("inertia.fin", "mass.fin", "center_of_mass.fin")),
+    _table("8", "Fin shaft", listings.parameters("inertia.shaft", "mass.shaft", "center_of_mass.shaft")),
+    _table("9", "Fork", listings.parameters("inertia.fork", "mass.fork", "center_of_mass.fork")),
+    _table("10", "Screw and nut", listings.parameters("screw.", "inertia.screw", "mass.nut")),
+    _table("11", "Parts of the friction measurement test setup", friction.setup_parts),
+    _table("12", "Motor of the friction measurement test setup", listings.rig("friction_motor")),
+    _table("13", "What temperature does to friction", friction.temperatures),
+    _table("14", "Friction at 24 °C", friction.summary),
+    _table("15", "Coefficients of the polynomials", friction.coefficients),
+    _table("16", "Loading test setup", listings.rig("loading")),
+    _table("17", "What is asked of the position controller", loops.requirements),
+    _table("18", "What is optimised", loops.tunables),
+    _table("19", "Gains found", loops.optimised),
+    _table("20", "Performance realised", performance.realised),
+)
+ENTRIES = (*FIGURES, *TABLES)
+
+
+def find(names: Iterable[str]) -> tuple[Entry, ...]:
+    """Return entries by name in the order of the lists: ``5.18``, ``Figure 5.18``, ``Table 4``; all if none is given.
+
+    Raises EmcasError for a name that is none.
+    """
+    known = {_key(entry.name): entry for entry in ENTRIES}
+    chosen = set()
+    for name in names:
+        key = _key(name) if name[:1].isalpha() else _key(f"Figure {name}")
+        if key not in known:
+            table = _key(f"Table {name}")
+            near = f"; did you mean Table {name}?" if table in known else hint(
+                name, [entry.name if name[:1].isalpha() else entry.number for entry in ENTRIES])
+            raise EmcasError(f"--only {name}: the thesis's lists have no such entry; figures go by their number (5.18), "
+                             f"tables by name (\"Table 4\"){near}")
+        chosen.add(key)
+    return tuple(entry for key, entry in known.items() if key in chosen or not chosen)
+
+
+def _key(name: str) -> str:
+    return name.lower().replace(" ", "")

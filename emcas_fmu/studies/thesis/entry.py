@@ -1,0 +1,82 @@
+"""What an entry of the thesis's lists is here: how it is reproduced, or why it is not; and what it then shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from matplotlib.figure import Figure
+
+if TYPE_CHECKING:
+    from .runs import Runs
+
+Cell = str | float | bool | None
+
+DRAWING = "drawing"
+PHOTOGRAPH = "photograph"
+UNSEEN = "drawing or photograph"
+"""Of a picture of things whose title does not tell which it is; the text that is kept has no pictures."""
+SCREENSHOT = "screen of a program"
+HARDWARE = "list of hardware"
+TEST_DATA = "test data, not published"
+NO_MODEL = "no model of this actuator here"
+REASONS = (DRAWING, PHOTOGRAPH, UNSEEN, SCREENSHOT, HARDWARE, TEST_DATA, NO_MODEL)
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of cells under columns, which end in their unit in brackets where they have one."""
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+
+    def as_dicts(self) -> list[dict[str, Cell]]:
+        """Return the rows as dictionaries by column."""
+        return [dict(zip(self.columns, row, strict=True)) for row in self.rows]
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What an entry shows: a figure with its caption, a table, or both.
+
+    `conditions` are temperature, command and load in a line; `unknown` is what the thesis's text does not say of its
+    test, with what is assumed instead.
+    """
+
+    conditions: str
+    figure: Figure | None = None
+    caption: str = ""
+    table: Table | None = None
+    unknown: str = ""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An entry: ``Figure`` or ``Table``, its number, a title in words of this package.
+
+    `show` makes what it shows; of one that is not reproduced `reason` is one of REASONS, and `note` says where its
+    content is to be found here, if anywhere.
+    """
+
+    kind: str
+    number: str
+    title: str
+    show: Callable[[Runs], Shown] | None = None
+    reason: str = ""
+    note: str = ""
+
+    @property
+    def name(self) -> str:
+        """``Figure 5.18`` or ``Table 4``."""
+        return f"{self.kind} {self.number}"
+
+    @property
+    def anchor(self) -> str:
+        """The name as the id of a heading."""
+        return self.name.lower().replace(" ", "-").replace(".", "-")
+
+    @property
+    def chapter(self) -> str:
+        """The chapter of a figure; empty for a table, which is numbered through."""
+        return self.number.partition(".")[0] if self.kind == "Figure" else ""

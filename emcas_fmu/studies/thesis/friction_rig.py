@@ -1,0 +1,110 @@
+"""The friction measurement test setup (section 3.3.1): a motor of its own turns the screw, the unit's drive is off.
+
+    (J_r + J) dw/dt = K_r i - C_r sgn w - b_r w - friction of the unit        i = clip(k_p e + k_i int e), e = n - w
+
+The rig's motor is on the screw's axis, so that its inertia J_r is one more rotor. What its current says is friction,
+once speed is constant and its own friction is taken off: that is how the thesis measures section 3.3. A sweep goes from
+one end of the range to the other and back; acceleration, dwell and range are estimates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import copysign, pi
+from typing import Any
+
+import numpy as np
+
+from ...actuators.electromechanical import nonlinear
+from ...ops.floats import FLOATS
+from ...physics import kinematics
+from ...simulation import Array
+from .rigs import Unit, rig_values
+
+RPM = 2.0 * pi / 60.0
+REACH = 0.95  # of command.limit, swept both ways
+_DWELL = 0.1  # s at rest before, between and after
+_STEADY = 0.5  # share of a sweep at constant speed, about its middle, that is averaged
+_SETTLES = 0.05  # s from the ramp's end for the speed loop to settle
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep up and one down: columns by time [s], SI.
+
+    `speed` [rad/s] is the one commanded, `temperature` [degC]; `steady` has for each direction, 1 and -1, which rows
+    are at constant speed.
+    """
+
+    speed: float
+    temperature: float
+    time: Array
+    current: Array
+    motor_speed: Array
+    motor_angle: Array
+    fin_angle: Array
+    commanded: Array
+    steady: Mapping[int, Any]
+
+    def friction(self, direction: int) -> Array:
+        """Return the unit's friction torque [N.m] in the rows at constant speed, as the rig's current tells it."""
+        rig, rows = rig_values("friction_motor"), self.steady[direction]
+        turning = np.abs(self.motor_speed[rows])
+        torque: Array = direction * rig.torque_constant * self.current[rows] - rig.coulomb - rig.viscous * turning
+        return torque
+
+    def mean_friction(self, direction: int) -> float:
+        """Return the mean of it over the middle half of the travel at constant speed [N.m]."""
+        torque = self.friction(direction)
+        edge = round(0.5 * (1.0 - _STEADY) * len(torque))
+        return float(np.mean(torque[edge:len(torque) - edge]))
+
+
+def sweep(values: Mapping[str, Any], rpm: float, temperature: float) -> Sweep:
+    """Return a sweep of the whole range up and down at a motor speed [rpm] and a temperature [degC]."""
+    rig = rig_values("friction_motor")
+    start = -REACH * values["command.limit"]
+    values = {**values, "friction.temperature": temperature, "fin.start_angle": start,
+              "inertia.motor": values["inertia.motor"] + rig.inertia}
+    p = nonlinear.ACTUATOR.namespace(values)
+    low, high = (float(kinematics.motor_angle(FLOATS, p, angle)) for angle in (start, -start))
+    commanded, constant = _profile(rpm * RPM, high - low, rig.acceleration, rig.sample_time)
+    unit = Unit(values, rig.sample_time)
+    speed_at, angle_at = unit.place("motor_speed"), unit.place("motor_angle")
+    currents, integral = [], 0.0
+    for wanted in commanded:
+        speed, angle = unit.now[speed_at], unit.now[angle_at]
+        error = wanted - speed
+        asked = rig.speed_kp * error + integral
+        current = min(max(asked, -rig.current_limit), rig.current_limit)
+        if current == asked:
+            integral += rig.speed_ki * rig.sample_time * error
+        currents.append(current)
+        torque = _net(rig, rig.torque_constant * current, speed)
+        ratio = kinematics.reduction_ratio(FLOATS, p, kinematics.lever_tangent(FLOATS, p, angle))
+        unit.run(aero_torque=float(torque * ratio), enable=False)
+    columns = unit.columns()
+    return Sweep(rpm * RPM, temperature, columns["time"][:-1], np.array(currents), columns["motor_speed"][:-1],
+                 columns["motor_angle"][:-1], columns["fin_angle"][:-1], commanded, constant)
+
+
+def _net(rig: Any, torque: float, speed: float) -> float:
+    """Return what the rig's motor gives the screw [N.m]: its torque less its own friction, which at rest holds it."""
+    if speed == 0.0:
+        return torque - copysign(min(abs(torque), rig.coulomb), torque)
+    return float(torque - copysign(rig.coulomb, speed) - rig.viscous * speed)
+
+
+def _profile(speed: float, travel: float, acceleration: float, step: float) -> tuple[Array, dict[int, Any]]:
+    """Return the speed commanded [rad/s] for a travel [rad] up and down, and the rows of constant speed by direction."""
+    ramp = min(speed / acceleration, (travel / acceleration) ** 0.5)
+    duration = travel / (acceleration * ramp) + ramp  # of a trapezium
+    time = np.arange(round((3.0 * _DWELL + 2.0 * duration) / step)) * step
+    commanded, constant = np.zeros(len(time)), {}
+    for direction, begin in ((1, _DWELL), (-1, 2.0 * _DWELL + duration)):
+        since = time - begin
+        commanded += direction * acceleration * np.clip(np.minimum(since, duration - since), 0.0, ramp)
+        settled = min(_SETTLES, 0.25 * (duration - 2.0 * ramp))
+        constant[direction] = (since > ramp + settled) & (since < duration - ramp - step)
+    return commanded, constant

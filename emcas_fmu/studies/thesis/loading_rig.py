@@ -1,0 +1,93 @@
+"""The loading test setup (section 3.5): a geared motor with a torque loop of its own turns the fin shaft.
+
+    J_l dw_l/dt = T_m - C_l sgn w_l - b_l w_l - T        T = k (a_l - fin angle) + d (w_l - fin rate)
+    T_m = N K_l i,  a current loop of first order,  i_ref = K (T_ref + k_p e + k_i int e)/(N K_l),  e = T_ref - T
+
+all at the fin. T is what its torque sensor reads and what loads the fin: while the fin follows its command, the rig's
+inertia and friction are carried along, and the loop makes up for them as far as it is fast enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import copysign
+from typing import Any
+
+import numpy as np
+
+from ...bench.excitation import COMMAND, LOAD, Excitation
+from ...simulation import Array
+from .rigs import Columns, Unit, rig_values
+
+_SUBSTEPS = 5  # of the torque loop's sample: the coupling's oscillation is 35 Hz
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A run under the rig: what was asked of both, the actuator's outputs by name at the samples of the torque loop,
+    and the moment [N.m] that the rig applied."""
+
+    excitation: Excitation
+    columns: Columns
+    applied: Array
+
+    @property
+    def asked(self) -> Array:
+        """The moment [N.m] asked of the rig."""
+        return self.excitation.columns[LOAD]
+
+
+def run(values: Mapping[str, Any], excitation: Excitation) -> Loaded:
+    """Return the response to an excitation whose hinge moment is what is asked of the rig; rows at its sample time."""
+    rig = rig_values("loading")
+    step = excitation.step / _SUBSTEPS
+    unit, load = Unit(values, step), _Load(rig, float(values["fin.start_angle"]), step)
+    angle_at, rate_at = unit.place("fin_angle"), unit.place("fin_rate")
+    command, asked = excitation.command.tolist(), excitation.columns[LOAD].tolist()
+    applied = [0.0]
+    for k in range(len(command) - 1):
+        load.sample(asked[k])
+        for _ in range(_SUBSTEPS):
+            moment = load.moment
+            now = unit.run(**{COMMAND: command[k], LOAD: moment})
+            load.advance(now[angle_at], now[rate_at])
+        applied.append(load.moment)
+    columns = {name: column[::_SUBSTEPS] for name, column in unit.columns().items()}
+    return Loaded(excitation, columns, np.array(applied))
+
+
+class _Load:
+    """The rig's state at the fin: angle [rad] and rate [rad/s] of its side, motor torque and moment applied [N.m]."""
+
+    def __init__(self, rig: Any, angle: float, step: float) -> None:
+        self.moment = 0.0
+        self._rig, self._step = rig, step
+        self._inertia = rig.inertia * rig.ratio**2
+        self._largest = rig.current_gain * rig.reference_limit * rig.torque_constant * rig.ratio
+        self._lag = float(np.exp(-step / rig.current_time_constant))
+        self._angle, self._rate, self._torque, self._asked, self._integral = angle, 0.0, 0.0, 0.0, 0.0
+
+    def sample(self, wanted: float) -> None:
+        """Take a sample of the torque loop: `wanted` [N.m] against the sensor's reading."""
+        rig, error = self._rig, wanted - self.moment
+        asked = wanted + rig.torque_kp * error + self._integral
+        self._asked = min(max(asked, -self._largest), self._largest)
+        if self._asked == asked:
+            self._integral += rig.torque_ki * rig.sample_time * error
+
+    def advance(self, fin: float, rate: float) -> None:
+        """Move on by a step (semi-implicit Euler) at the end of which the fin is at `fin` [rad] with `rate` [rad/s]."""
+        rig, step = self._rig, self._step
+        self._torque = self._asked + self._lag * (self._torque - self._asked)
+        driving = self._torque - self.moment - rig.viscous * self._rate
+        moved = self._rate + step * (driving - self._dry(driving)) / self._inertia
+        # Dry friction stops a motion, and does not reverse it.
+        self._rate = 0.0 if moved * self._rate < 0.0 and abs(driving) <= rig.coulomb else moved
+        self._angle += step * self._rate
+        self.moment = rig.stiffness * (self._angle - fin) + rig.damping * (self._rate - rate)
+
+    def _dry(self, driving: float) -> float:
+        if self._rate == 0.0:
+            return copysign(min(abs(driving), float(self._rig.coulomb)), driving)
+        return copysign(float(self._rig.coulomb), self._rate)

@@ -1,0 +1,194 @@
+"""Chapter 4 and sections 5.2 and 5.3: linear model, controllers and what they are tuned to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import degrees, radians
+
+import numpy as np
+
+from ... import plots
+from ...bench.excitation import COMMAND, Excitation, sine_from_rest, slew_to, step_to
+from ...bench.metrics import FIGURES, HELD, FrequencyResponse, displayed, motion, shown, usage
+from ...bench.subject import Run
+from ...bench.verdict import HOLD
+from ...extensions.status import STATUS
+from ...physics.friction import COLD, WARM
+from ...reference.cases import LOAD
+from ...reference.linear import LinearModel
+from ..tuning import pictures as tuning_pictures
+from ..tuning.evaluate import evaluate
+from ..tuning.optimise import tune
+from ..tuning.study import shipped_study
+from ..validate.claims import compare
+from .entry import Shown, Table
+from .pictures import DASHED, Line, Panel, angle, current, of_run, panels, rate
+from .runs import ESTIMATED, Runs
+
+_LINEAR_SPAN = 0.4  # s after a step of the linear comparison
+_TESTED = ("step", "slew", "sine")  # kinds of test that need no linear analysis
+_GENERATIONS = 2  # of the search that Figure 4.4 shows
+
+
+def linear_model(runs: Runs) -> Shown:
+    """Show the linear model's frequency response, and what P and PI leave under a load (Figure 4.1)."""
+    model, frequency = LinearModel(runs.values), np.geomspace(0.1, 100.0, 300)
+    ratio = model.frequency_response(frequency)
+    found = FrequencyResponse(frequency, np.abs(ratio), np.unwrap(np.angle(ratio)), np.ones(len(frequency)))
+    figure, ((gain,), (phase,)) = plots.figure(2, height=2.2, sharex=True)
+    plots.bode(gain, phase, frequency, found.gain_db, np.degrees(found.phase),
+               (found.bandwidth, found.phase_bandwidth), color=plots.BLUE)
+    plots.bode_axes(gain, phase)
+    plots.frequency_axis(phase, (0.1, 1, 10, 100))
+    held = {}
+    for name, gains in (("P", {"controller__position__ki": 0.0}), ("PI", {})):
+        columns = runs.run(step_to(0.0, HOLD, LOAD), **gains).columns
+        held[name] = degrees(float(np.mean(columns["fin_angle"][columns["time"] > columns["time"][-1] - HELD])))
+    rows = (("-3 dB [Hz]", found.bandwidth), ("-90 deg [Hz]", found.phase_bandwidth),
+            *((f"fin angle left by {LOAD:g} N.m after {HOLD:g} s, {name} position control [deg]", error)
+              for name, error in held.items()))
+    return Shown(runs.conditions("sines in the small; 0 for the errors left", f"none; {LOAD:g} N.m for the errors left"),
+                 figure, "Fin angle over command of the thesis's linear model with sampled controllers and transport "
+                 "delay; dots mark -3 dB and -90 deg.", Table(("", "value"), rows))
+
+
+def linear_steps(*sizes: float) -> object:
+    """Return what shows steps [deg] of the linear and of the nonlinear model (Figures 5.8, 5.9)."""
+    def show(runs: Runs) -> Shown:
+        model, lines, rows = LinearModel(runs.values), [], []
+        for color, size in zip(plots.COLORS, runs.levels(*sizes), strict=False):
+            run = runs.run(step_to(radians(size), _LINEAR_SPAN, step=model.sample_time))
+            linear = model.simulate(run.excitation.command)
+            compared = compare(size, run, linear)
+            lines += [angle(run.columns, f"nonlinear, {size:g}°", color=color),
+                      Line(run.columns["time"], np.degrees(linear), "linear", {**DASHED, "color": color})]
+            rows.append((f"{size:g}°", compared.largest_difference, 1e3 * compared.rise_time_linear,
+                         1e3 * compared.rise_time_fmu, 1e3 * compared.saturated_time))
+        listed = " and ".join(f"{size:g}°" for size in runs.levels(*sizes))
+        return Shown(runs.conditions(f"steps to {listed} at 0.05 s"),
+                     panels([Panel("fin angle / deg", lines)], "time / s", (0.03, 0.05 + _LINEAR_SPAN)),
+                     "In the small friction and the encoder's counts make the difference, in the large the limits.",
+                     Table(("step", "largest difference [%]", "rise, linear [ms]", "rise, nonlinear [ms]",
+                            "a limit active for [ms]"), tuple(rows)))
+
+    return show
+
+
+def _pair(runs: Runs, excitation: Excitation, switch: str, off: str) -> dict[str, Run]:
+    return {"as set": runs.run(excitation), off: runs.run(excitation, **{switch: 0.0})}
+
+
+def antiwindup(runs: Runs) -> Shown:
+    """Show a slew against the load with the anti-windup and without (Figure 4.2)."""
+    excitation = slew_to(runs.reach, 1.5, -LOAD)
+    found = _pair(runs, excitation, "controller__antiwindup", "antiwindup = 0")
+    rows = []
+    for name, run in found.items():
+        moved = displayed(motion(run, 1))
+        rows.append((name, moved["overshoot_percent"], moved["settling_time_s"], moved["time_to_accuracy_s"]))
+    as_set = found["as set"]
+    return Shown(runs.conditions(f"slew from {-degrees(runs.reach):g}° to {degrees(runs.reach):g}° at 1 s",
+                                 f"-{LOAD:g} N.m, against the slew"), panels([
+        Panel("fin angle / deg", [of_run(as_set), *(angle(run.columns, name) for name, run in found.items())]),
+        Panel("fin rate / deg/s", [rate(run.columns) for run in found.values()]),
+        Panel("reference / V", [Line(run.columns["time"], run.columns["drive_reference"]) for run in found.values()])],
+        "time / s", (0.95, 2.3)),
+        "While the speed reference is at its limit the position loop's integral would run on.",
+        Table(("controller.antiwindup", "overshoot [%]", "settling 2 % [s]", "within 0.2 deg after [s]"), tuple(rows)),
+        ESTIMATED + "the thesis shows the structure. Slew and load are chosen to keep the reference at its limit.")
+
+
+def compensation(runs: Runs) -> Shown:
+    """Show a slow sine with the friction compensation and without, at both temperatures (Figure 5.16)."""
+    excitation, lines, rows = sine_from_rest(radians(1.0), 0.5, 6.0), [], []
+    switched: list[Line] = []
+    for temperature in (WARM, COLD):
+        for name, gain in (("as set", {}), ("compensation.gain = 0", {"compensation__gain": 0.0})):
+            run = runs.run(excitation, friction__temperature=temperature, **gain)
+            figures = displayed(usage(run))
+            rows.append((f"{temperature:g} °C, {name}", figures["rms_tracking_error_deg"],
+                         figures["peak_tracking_error_deg"], figures["rms_current_a"]))
+            error = Line(run.columns["time"], np.degrees(run.columns["tracking_error"]), f"{temperature:g} °C, {name}")
+            (switched if gain else lines).append(error)
+    return Shown(f"{WARM:g} and {COLD:g} °C · command: sine of 1° at 0.5 Hz · load: none", panels([
+        Panel("command - angle / deg", lines), Panel("command - angle / deg", switched)], "time / s", (2.0, 6.0)),
+        "Above with the compensation, below without. Without it friction shows at every reversal; at -6 °C friction is "
+        "larger than what the controller feeds forward, if it does not know the temperature.",
+        Table(("", "rms error [deg]", "peak error [deg]", "rms current [A]"), tuple(rows)),
+        ESTIMATED + "the thesis shows the block. The sine is an estimate that makes friction show.")
+
+
+def homing(runs: Runs) -> Shown:
+    """Show a homing run on the hard stops (Figure 5.12)."""
+    subject, start, goal = runs.of("nonlinear+homing"), radians(-8.0), radians(5.0)
+    time = np.arange(8001) * 1e-3
+    excitation = Excitation("homing", {COMMAND: np.full(len(time), goal), "home": (time >= 0.25).astype(float)})
+    columns = subject.run(excitation, {"fin.start_angle": start}).finished()
+    names = {float(i): name for i, (name, _) in enumerate(STATUS.items, 1)}
+    status = columns["status"]
+    begins = [0, *(np.flatnonzero(np.diff(status)) + 1).tolist()]
+    rows = tuple((names[float(status[k])], float(columns["time"][k]), degrees(float(columns["fin_angle"][k])),
+                  degrees(float(columns["measured_fin_angle"][k]))) for k in begins)
+    return Shown(runs.conditions("5°, followed once homed; home from 0.25 s") + " · start: -8°, not known",
+                 panels([Panel("fin angle / deg", [
+                     angle(columns, "true"),
+                     Line(columns["time"], np.degrees(columns["measured_fin_angle"]), "believed", DASHED)]),
+                     Panel("current / A", [current(columns)]), Panel("status", [Line(columns["time"], status)])],
+                     "time / s", height=1.6),
+                 "One stop is sought, then the other; the zero is half way between them.",
+                 Table(("status", "from [s]", "true angle [deg]", "believed [deg]"), rows),
+                 "Of the thesis's steps only the title is kept: these are this package's (docs/model/homing.md).")
+
+
+def requirements(runs: Runs) -> Shown:
+    """Show what the position controller is to do, and what it does (Table 17)."""
+    study = shipped_study(runs.parameters)
+    asked = tuple(r for r in study.requirements if r.test.kind in _TESTED)
+    gains = {t.name: float(runs.values[t.name]) for t in study.tunables}
+    nominal = evaluate(replace(study, cases=study.cases[:1], requirements=asked), gains).by_requirement()
+    rows: list[tuple[str, str, str, float, float, str]] = []
+    for r in asked:
+        if r.name in nominal:
+            unit, factor = shown(r.unit)
+            title = f"{r.name.replace('_', ' ')}: {FIGURES[r.figure].title}"
+            rows.append((title, "at most" if r.sense == "maximum" else "at least", unit, r.limit * factor,
+                         nominal[r.name].measured * factor, r.source))
+    return Shown(runs.conditions("steps, slews and sines of models/tuning.toml", "as each names it"),
+                 table=Table(("requirement", "", "unit", "limit", "measured, nominal", "source"), tuple(rows)),
+                 unknown="The table's rise time, settling time and overshoot are lost: limits are estimates but those "
+                 "of Table 2. Margins are judged by emcas tune.")
+
+
+def tunables(runs: Runs) -> Shown:
+    """Show what is optimised, and within which bounds (Table 18)."""
+    study = shipped_study(runs.parameters)
+    units = {e.variable.name: e.variable.unit for e in runs.parameters.entries}
+    rows = tuple((t.name, units[t.name], t.lower, t.upper) for t in study.tunables)
+    return Shown("models/tuning.toml", table=Table(("parameter", "unit", "from", "to"), rows),
+                 unknown="The parameters are the thesis's; its bounds are lost: these are estimates.")
+
+
+def optimised(runs: Runs) -> Shown:
+    """Show the gains of the set (Table 19)."""
+    names = {t.name for t in shipped_study(runs.parameters).tunables}
+    rows = tuple((e.variable.name, e.text, e.source, e.note) for e in runs.parameters.entries
+                 if e.variable.name in names)
+    return Shown("the parameter set", table=Table(("parameter", "value", "source", "note"), rows),
+                 unknown="The thesis's gains are lost, and would be of another unit.")
+
+
+def search(runs: Runs) -> Shown:
+    """Show a short search for gains, on steps alone (Figure 4.4)."""
+    study = shipped_study(runs.parameters)
+    steps = [r for r in study.requirements if r.test.kind == "step"]
+    largest = max(r.test.amplitude for r in steps)
+    asked = tuple(r for r in steps if r.test.amplitude == largest)
+    found = tune(replace(study, cases=study.cases[:1], requirements=asked), generations=_GENERATIONS)
+    drawing = tuning_pictures.responses(found, [asked[0].test])
+    rows = tuple((name, found.before.gains[name], value) for name, value in found.best.gains.items())
+    return Shown(runs.conditions(f"step to {degrees(largest):g}°"), drawing.figure,
+                 f"A step with the set's gains (before) and with those of a short search over Table 18's bounds, "
+                 f"{len(found.evaluated)} simulations on this step alone. It shows the method; the gains shipped are "
+                 "found by emcas tune in all cases and tests.",
+                 Table(("parameter", "as set", "this search"), rows),
+                 ESTIMATED + "the step's size and the bounds of the response are lost.")

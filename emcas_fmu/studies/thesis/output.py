@@ -1,0 +1,93 @@
+"""The thesis figure by figure as one page, as JSON, and on the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from rich.console import RenderableType
+from rich.markup import escape
+from rich.table import Column
+from rich.table import Table as RichTable
+
+from ... import __version__
+from ...bench import writers
+from .entry import Cell, Table
+from .study import REPRODUCED, Outcome, Result
+
+SCHEMA = "emcas-thesis/1"
+"""Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
+_CHAPTERS = {"1": "Introduction", "2": "Dynamic modelling", "3": "Identification of the parameters",
+             "4": "Linear model and controllers", "5": "Simulation and tests"}
+
+
+def as_dict(result: Result) -> dict[str, Any]:
+    """Return every entry with its status and numbers."""
+    about = result.about
+    return {"schema": SCHEMA, "emcas": __version__, "parameters": about.file,
+            "parameters_sha256": about.parameters_sha256, "differences": about.differences, "counts": result.counts,
+            "entries": [_entry(outcome) for outcome in result.outcomes]}
+
+
+def _entry(outcome: Outcome) -> dict[str, Any]:
+    entry, shown = outcome.entry, outcome.shown
+    found: dict[str, Any] = {"entry": entry.name, "title": entry.title, "status": outcome.status, "note": entry.note}
+    if outcome.stopped:
+        found["stopped"] = outcome.stopped
+    if shown:
+        found |= {"conditions": shown.conditions, "unknown": shown.unknown, "picture": outcome.picture is not None,
+                  "caption": shown.caption, "rows": shown.table.as_dicts() if shown.table else []}
+    return found
+
+
+def write_json(result: Result, path: Path) -> None:
+    """Write every entry with its status and numbers."""
+    writers.write_json(as_dict(result), path)
+
+
+def numeric(table: Table) -> list[bool]:
+    """Return of each column whether it holds numbers."""
+    return [any(isinstance(row[i], float) for row in table.rows) for i in range(len(table.columns))]
+
+
+def cell(value: Cell) -> str:
+    """Return a cell for people."""
+    return value if isinstance(value, str) else writers.number(value)
+
+
+def write_page(result: Result, path: Path) -> None:
+    """Write the page; the same result gives the same bytes."""
+    figures = [o for o in result.outcomes if o.entry.kind == "Figure"]
+    groups = [(f"Chapter {number}: {title}", [o for o in figures if o.entry.chapter == number])
+              for number, title in _CHAPTERS.items()]
+    groups.append(("Tables", [o for o in result.outcomes if o.entry.kind == "Table"]))
+    writers.write_page(path, "studies/thesis/page.html.j2", r=result, about=result.about, numeric=numeric, cell=cell,
+                       groups=[(title, group) for title, group in groups if group], reproduced=REPRODUCED)
+
+
+def summary(result: Result, whole: bool) -> Iterator[RenderableType]:
+    """Give the counts of a `whole` run, or each entry with its numbers; then what was not finished."""
+    if whole:
+        table = RichTable(Column("entries of the thesis's lists"), Column("", justify="right"))
+        for status, count in result.counts.items():
+            table.add_row(status, str(count))
+        yield table
+    else:
+        for outcome in result.outcomes:
+            yield from _told(outcome)
+    for outcome in result.stopped:
+        yield f"[bold red]not finished:[/] {outcome.entry.name}: {escape(outcome.stopped)}"
+
+
+def _told(outcome: Outcome) -> Iterator[RenderableType]:
+    entry, shown = outcome.entry, outcome.shown
+    yield escape(f"{entry.name}  {entry.title}: {outcome.status}. {entry.note}".strip())
+    if shown:
+        yield escape(f"  {shown.conditions}")
+    if shown and shown.table:
+        table = RichTable(*(Column(escape(name), justify="right" if right else "left")
+                            for name, right in zip(shown.table.columns, numeric(shown.table), strict=True)))
+        for row in shown.table.rows:
+            table.add_row(*(escape(cell(value)) for value in row))
+        yield table

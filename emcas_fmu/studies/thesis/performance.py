@@ -1,0 +1,142 @@
+"""Section 5.4.1, unloaded tests: steps, modified square wave, sine sweep; and Tables 2 and 20."""
+
+from __future__ import annotations
+
+from math import degrees, isnan, radians
+
+import numpy as np
+
+from ... import plots
+from ...bench.excitation import step_to
+from ...bench.metrics import SWEPT, displayed, motion, sweep_response
+from ...bench.verdict import REQUIREMENTS, judge_table2
+from .entry import Shown, Table
+from .pictures import Line, Panel, angle, current, of_run, panels, rate
+from .runs import ESTIMATED, Runs
+
+_MOTION = {"rise_time_s": "rise 10-90 % [s]", "settling_time_s": "settling 2 % [s]",
+           "overshoot_percent": "overshoot [%]", "steady_error_deg": "error at the end [deg]",
+           "peak_rate_deg_per_s": "peak rate [deg/s]", "sustained_rate_deg_per_s": "mean rate [deg/s]"}
+_RATE = 220.0  # deg/s, Table 2
+_SWEEPS = {"chirp_1deg": "1°", "chirp_3p5deg": "3.5°"}
+_DRAWN = "chirp_3p5deg"
+
+
+def steps(runs: Runs) -> Shown:
+    """Show steps without load (Figure 5.18)."""
+    lines, rows = [], []
+    commands = []
+    sizes = runs.levels(1.0, 5.0, 10.0, 20.0)
+    for color, size in zip(plots.COLORS, reversed(sizes), strict=False):
+        for sign in (1.0, -1.0):
+            run = runs.run(step_to(radians(sign * size), 0.5))
+            commands.append(of_run(run)._replace(label="command" if not commands else ""))
+            lines.append(angle(run.columns, f"±{size:g}°" if sign > 0.0 else "", color=color))
+            moved = displayed(motion(run))
+            rows.append((f"{sign * size:+g}°", *(moved[key] for key in _MOTION)))
+    listed = ", ".join(f"±{size:g}" for size in sizes)
+    return Shown(runs.conditions(f"steps to {listed}° at 0.05 s"),
+                 panels([Panel("fin angle / deg", [*commands, *lines])], "time / s", (0.0, 0.4), 2.6),
+                 "Steps from rest at zero.", Table(("step", *_MOTION.values()), tuple(rows)),
+                 ESTIMATED + "the step's size is not given. Its measured curve is not published.")
+
+
+def step_rate(runs: Runs) -> Shown:
+    """Show the fin rate of the largest steps (Figure 5.20)."""
+    size, rows, lines = degrees(runs.reach), [], []
+    for sign in (1.0, -1.0):
+        run = runs.run(step_to(sign * runs.reach, 0.5))
+        lines.append(rate(run.columns, f"{sign * size:+g}°"))
+        moved = displayed(motion(run))
+        rows.append((f"{sign * size:+g}°", moved["peak_rate_deg_per_s"], moved["sustained_rate_deg_per_s"]))
+    return Shown(runs.conditions(f"steps to ±{size:g}° at 0.05 s"),
+                 panels([Panel("fin rate / deg/s", lines, (_RATE, -_RATE))], "time / s", (0.03, 0.3)),
+                 f"Dotted: the {_RATE:g} deg/s of Table 2, which the mean over the middle 60 % of the travel is held to.",
+                 Table(("step", "peak rate [deg/s]", "mean rate [deg/s]"), tuple(rows)))
+
+
+_SQUARE = (ESTIMATED + "levels, holds and the edges' rate (5 to 20°, 150 ms, 400 deg/s) are estimates.")
+
+
+def square_command(runs: Runs) -> Shown:
+    """Show the command of the modified square wave (Figure 5.21)."""
+    run = runs.case("square")
+    return Shown(runs.conditions("modified square wave"),
+                 panels([Panel("command / deg", [of_run(run)._replace(label="")])], "time / s"),
+                 "Levels of growing size on both sides, with edges of limited rate.", unknown=_SQUARE)
+
+
+def square(runs: Runs) -> Shown:
+    """Show the response to the modified square wave: angle, its distance to the command, rate (Figure 5.22)."""
+    run = runs.case("square")
+    columns = run.columns
+    error = np.degrees(columns["tracking_error"])
+    rows = (("largest distance to the command [deg]", float(np.max(np.abs(error)))),
+            ("its root mean square [deg]", float(np.sqrt(np.mean(error**2)))),
+            ("largest rate [deg/s]", degrees(float(np.max(np.abs(columns["fin_rate"]))))))
+    return Shown(runs.conditions("modified square wave"), panels([
+        Panel("fin angle / deg", [of_run(run), angle(columns, "fin")]),
+        Panel("command - angle / deg", [Line(columns["time"], error)]),
+        Panel("fin rate / deg/s", [rate(columns)])], "time / s"),
+        "The thesis draws the difference to its test, which is not published; here it is that to the command.",
+        Table(("", "value"), rows), _SQUARE)
+
+
+_SWEPT = (ESTIMATED + "amplitude (3.5°), frequencies (0.5 to 30 Hz, logarithmic) and duration (12 s) are estimates.")
+
+
+def sweep(*window: float) -> object:
+    """Return what shows the sine sweep over time, whole or within a window [s] (Figures 5.23, 5.24)."""
+    def show(runs: Runs) -> Shown:
+        run = runs.case(_DRAWN)
+        begin, end = window or (0.0, run.excitation.stop)
+        width = 1.0 if window else 0.4
+        lines = [of_run(run), angle(run.columns, "fin", linewidth=width)]
+        lines[0] = lines[0]._replace(look={**lines[0].look, "linewidth": width})
+        parts = [Panel("fin angle / deg", lines)]
+        if window:
+            parts.append(Panel("current / A", [current(run.columns)]))
+        return Shown(runs.conditions("sine sweep of 3.5°"), panels(parts, "time / s", (begin, end)),
+                     "The response falls behind as the frequency grows." if not window else
+                     "About 5 Hz; the lag is read against the command.", unknown=_SWEPT)
+
+    return show
+
+
+def bode(runs: Runs) -> Shown:
+    """Show gain and phase of the sine sweeps (Figure 5.26)."""
+    figure, ((gain,), (phase,)) = plots.figure(2, height=2.2, sharex=True)
+    rows = []
+    for color, (name, label) in zip(plots.COLORS, _SWEEPS.items(), strict=False):
+        found = sweep_response(runs.case(name))
+        plots.bode(gain, phase, found.frequency, found.gain_db, np.degrees(found.phase),
+                   (found.bandwidth, found.phase_bandwidth), color=color, label=label)
+        rows.append((label, *(f"beyond {found.beyond:.3g}" if isnan(at) else at
+                              for at in (found.bandwidth, found.phase_bandwidth))))
+    plots.bode_axes(gain, phase)
+    gain.axvline(10.0, **plots.LIMIT)
+    phase.axvline(10.0, **plots.LIMIT)
+    plots.legend_above(gain)
+    phase.set_xlim(SWEPT)
+    plots.frequency_axis(phase, (0.5, 1, 2, 5, 10, 20))
+    gain.minorticks_off()
+    return Shown(runs.conditions("sine sweeps of 1° and 3.5°, 0.5 to 30 Hz"), figure,
+                 "Fundamental of fin angle over command, by Welch's method; dots mark -3 dB and -90 deg, the dotted "
+                 "upright the 10 Hz of Table 2.", Table(("amplitude", "-3 dB [Hz]", "-90 deg [Hz]"), tuple(rows)), _SWEPT)
+
+
+def required(_: Runs) -> Shown:
+    """Show the performance asked for (Table 2)."""
+    rows = tuple((r.title, "at least" if r.sense == ">=" else "at most", r.limit, r.unit, r.how) for r in REQUIREMENTS)
+    return Shown("the thesis's limits", table=Table(("requirement", "", "limit", "unit", "how it is measured here"), rows),
+                 unknown="The thesis does not say how each is measured.")
+
+
+def realised(runs: Runs) -> Shown:
+    """Show the performance of the set (Table 20)."""
+    rows = tuple((j.title, f"{j.more}{j.sense}".strip(), j.limit, j.measured, j.margin, j.unit, j.passed)
+                 for j in judge_table2(runs.table2))
+    return Shown(runs.conditions("steps, slews and sine sweeps of Table 2", "none, and 100 N.m against the slew"),
+                 table=Table(("requirement", "", "limit", "measured", "margin", "unit", "met"), rows),
+                 caption="Of a simulated unit whose parameters are largely estimates: emcas validate has the details.",
+                 unknown="The values that the thesis realised are lost.")

@@ -1,0 +1,93 @@
+"""Panels of lines over a common axis: the one form that most entries are drawn in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import cycle
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ... import plots
+from ...bench.subject import Run
+from ...plots import COMMAND
+from .rigs import Columns
+
+Look = Mapping[str, Any]
+DASHED: Look = {"linestyle": (0, (5, 1.5))}
+DOTS: Look = {"linestyle": "none", "marker": "o", "markersize": 4.0}
+
+
+class Line(NamedTuple):
+    """A line by its points; the next colour unless `look` has one, named above the panel if it has a `label`."""
+
+    x: Any
+    y: Any
+    label: str = ""
+    look: Look = {}
+
+
+class Panel(NamedTuple):
+    """A panel: the label of its upright axis, its lines, and levels drawn across it."""
+
+    label: str
+    lines: Sequence[Line]
+    levels: Sequence[float] = ()
+
+
+def panels(parts: Sequence[Panel], x_label: str, x_range: tuple[float, float] | None = None, height: float = 2.0,
+           columns: int = 1, titles: Sequence[str] = ()) -> Figure:
+    """Draw panels below each other, or row by row in `columns`, over the same axis."""
+    figure, grid = plots.figure(-(-len(parts) // columns), columns, height=height if len(parts) > columns else
+                                1.35 * height, sharex=True)
+    for axes, panel in zip(grid.flat, parts, strict=False):
+        _draw(axes, panel)
+        if x_range:
+            axes.set_xlim(x_range)
+    for axes, title in zip(grid.flat, titles, strict=False):
+        axes.set_title(title, pad=16 if axes.get_legend() else None)
+    for axes in grid[-1]:
+        axes.set_xlabel(x_label)
+    return figure
+
+
+def _draw(axes: Axes, panel: Panel) -> None:
+    colors = cycle(plots.COLORS)
+    for level in panel.levels:
+        axes.axhline(level, **plots.LIMIT)
+    for line in panel.lines:
+        look = dict(line.look)
+        if "color" not in look:
+            look["color"] = next(colors)
+        axes.plot(line.x, line.y, label=line.label or "_", **look)
+    if any(line.label for line in panel.lines):
+        plots.legend_above(axes)
+    axes.set_ylabel(panel.label)
+    axes.margins(x=0.0)
+
+
+def command(time: Any, asked: Any) -> Line:
+    """Return a command [rad] over time [s] as a line in degrees that jumps."""
+    return Line(time, np.degrees(asked), "command", {**COMMAND, "drawstyle": "steps-post"})
+
+
+def of_run(run: Run) -> Line:
+    """Return the command of a run as a line."""
+    return command(run.excitation.time, run.excitation.command)
+
+
+def angle(columns: Columns, label: str = "", **look: Any) -> Line:
+    """Return the fin angle [deg] over time [s] as a line."""
+    return Line(columns["time"], np.degrees(columns["fin_angle"]), label, look)
+
+
+def rate(columns: Columns, label: str = "", **look: Any) -> Line:
+    """Return the fin rate [deg/s] over time [s] as a line."""
+    return Line(columns["time"], np.degrees(columns["fin_rate"]), label, look)
+
+
+def current(columns: Columns, label: str = "", **look: Any) -> Line:
+    """Return the motor current [A] over time [s] as a line."""
+    return Line(columns["time"], columns["motor_current"], label, look)

@@ -1,0 +1,103 @@
+"""The parameter set that the entries are made of, and the runs that several of them share, each made once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import cached_property, lru_cache
+from math import degrees, radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...actuators import NONLINEAR
+from ...bench.excitation import COMMAND, LEAD_IN, LOAD, LOAD_RISE, STEP, Excitation, reference_case
+from ...bench.subject import ParameterSubject, Run
+from ...bench.verdict import table2_excitations
+from ...parameters import ParameterSet, load_parameters
+from ...reference.cases import LOAD as RATED
+from ...reference.files import supply_start
+from . import friction_rig, loading_rig
+
+ESTIMATED = "The text that is kept does not say what the test did: "
+
+
+class Runs:
+    """Runs of the nonlinear actuator, and of others, with the parameters of `files` over the shipped ones."""
+
+    def __init__(self, files: Iterable[Path] = ()) -> None:
+        self.files = tuple(files)
+        self.parameters = load_parameters(self.files)
+        self.values = self.parameters.values
+        self.subject = self.of(NONLINEAR)
+        self.friction = lru_cache(maxsize=None)(self._friction)
+
+    def of(self, model: str) -> ParameterSubject:
+        """Return another actuator, or this one with extensions, with the parameters of the files."""
+        parameters = self.parameters if model == NONLINEAR else self.parameters_of(model)
+        return ParameterSubject(parameters, self.files)
+
+    def parameters_of(self, model: str) -> ParameterSet:
+        """Return the parameters of another actuator, or of this one with extensions."""
+        return load_parameters(self.files, model=model)
+
+    @property
+    def reach(self) -> float:
+        """The largest command of the entries [rad]: Table 2's 20 deg, or the set's limit if that is less."""
+        return min(radians(20.0), float(self.values["command.limit"]))
+
+    def levels(self, *sizes: float) -> list[float]:
+        """Return those sizes [deg] of a step that the set's limit of the command allows, and at least the limit."""
+        reach = round(degrees(self.reach), 9)
+        return [size for size in sizes if size <= reach] or [reach]
+
+    def conditions(self, command: str, load: str = "none", temperature: float | None = None) -> str:
+        """Return temperature [degC; the set's unless given], command and load in a line."""
+        ambient = self.values["friction.temperature"] if temperature is None else temperature
+        return f"{ambient:g} °C · command: {command} · load: {load}"
+
+    def run(self, excitation: Excitation, **changes: float) -> Run:
+        """Return a finished run with parameters that differ, ``__`` for the dot. Raises StoppedError."""
+        run = self.subject.run(excitation, {name.replace("__", "."): value for name, value in changes.items()})
+        run.finished()
+        return run
+
+    def case(self, name: str) -> Run:
+        """Return the run of a reference case with the encoder as it is set."""
+        return self.run(reference_case(name, exact=False, supply=supply_start(NONLINEAR, self.values)))
+
+    @cached_property
+    def table2(self) -> Mapping[str, Run]:
+        """The runs that Table 2 is judged by."""
+        return {name: self.subject.run(excitation) for name, excitation in table2_excitations().items()}
+
+    def _friction(self, rpm: float, temperature: float) -> friction_rig.Sweep:
+        return friction_rig.sweep(self.values, rpm, temperature)
+
+    @cached_property
+    def loaded(self) -> loading_rig.Loaded:
+        """The loaded test on the loading test setup."""
+        return loading_rig.run(self.values, loaded_test(self.reach))
+
+    @cached_property
+    def ideal(self) -> Run:
+        """The loaded test with the very moment that is asked of the setup."""
+        return self.run(loaded_test(self.reach))
+
+
+def loaded_test(reach: float) -> Excitation:
+    """Return the loaded test: to -`reach` [rad]; to +`reach` against RATED [N.m], and back to -`reach` with it."""
+    time = np.arange(round(3.0 / STEP) + 1) * STEP
+    command = np.select([time < LEAD_IN - STEP / 2, time < SLEWS[0] - STEP / 2, time < SLEWS[1] - STEP / 2],
+                        [0.0, -reach, reach], -reach)
+    rising = np.clip((time - SLEWS[0]) / LOAD_RISE, 0.0, 1.0)
+    return Excitation("loaded test", {COMMAND: command, LOAD: -RATED * rising}, SLEWS[0])
+
+
+SLEWS: tuple[float, float] = (1.0, 2.0)
+"""Instants [s] of the loaded test at which the command slews from end to end: against the load, and with it."""
+
+
+def change(values: Mapping[str, Any], **changes: float) -> dict[str, Any]:
+    """Return values with some that differ, ``__`` for the dot."""
+    return {**values, **{name.replace("__", "."): value for name, value in changes.items()}}

@@ -1,0 +1,78 @@
+"""The whole of it: every chosen entry shown, one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...bench.subject import Identification
+from ...errors import EmcasError
+from ...plots import Picture, style, svg
+from ...progress import Progress, silent
+from .entry import Entry, Shown
+from .runs import Runs
+
+REPRODUCED, NOT_FINISHED = "reproduced", "not finished"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """An entry with what it shows and its picture; `stopped` says why one could not be carried out."""
+
+    entry: Entry
+    shown: Shown | None = None
+    picture: Picture | None = None
+    stopped: str = ""
+
+    @property
+    def status(self) -> str:
+        """REPRODUCED, NOT_FINISHED, or the reason why it is not reproduced."""
+        return self.entry.reason or (NOT_FINISHED if self.stopped else REPRODUCED)
+
+
+@dataclass(frozen=True)
+class Result:
+    """The outcomes of the entries chosen, in the order of the lists, and the parameter set they are of."""
+
+    about: Identification
+    outcomes: tuple[Outcome, ...]
+
+    @property
+    def stopped(self) -> list[Outcome]:
+        """Those that could not be carried out."""
+        return [outcome for outcome in self.outcomes if outcome.stopped]
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many have each status, those reproduced first."""
+        each = [outcome.status for outcome in self.outcomes]
+        return {status: each.count(status) for status in dict.fromkeys(sorted(each, key=lambda s: s != REPRODUCED))}
+
+
+def carry_out(runs: Runs, entries: Sequence[Entry], progress: Progress = silent) -> Result:
+    """Show entries. `progress` is called with the entry's name, how many are done and how many there are.
+
+    An entry that these parameters do not allow is an outcome, with the reason; the others are shown all the same.
+    """
+    outcomes = []
+    with style(), np.errstate(divide="ignore", invalid="ignore"):  # a fin that does not move has no gain: nan
+        for done, entry in enumerate(entries):
+            progress(entry.name, done, len(entries))
+            outcomes.append(_outcome(runs, entry))
+    progress("done", len(entries), len(entries))
+    return Result(runs.subject.identification, tuple(outcomes))
+
+
+def _outcome(runs: Runs, entry: Entry) -> Outcome:
+    if entry.show is None:
+        return Outcome(entry)
+    try:
+        shown = entry.show(runs)
+    except (EmcasError, ArithmeticError, ValueError) as error:
+        return Outcome(entry, stopped=str(error) or type(error).__name__)
+    if shown.figure is None:
+        return Outcome(entry, shown)
+    words = f"{entry.name}, {entry.title}. {shown.conditions}. {shown.caption}"
+    return Outcome(entry, shown, Picture(entry.title, svg(shown.figure, words), shown.caption))
