@@ -25,6 +25,7 @@ FILES = {
     "simulate --input bad.csv -p bad.toml": ("-o", "--plot .svg", "--json"),
     "ssp --fmu bad.fmu": ("-o .ssp",),
     "ssp check bad.ssp": ("--json",),
+    "thesis -p bad.toml": ("-o", "--json"),
     "tune bad.toml -p bad.toml": ("-o", "--report", "--json", "--journal"),
     "validate bad.fmu": ("--json", "--junit", "--report"),
 }

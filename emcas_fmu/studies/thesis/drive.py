@@ -12,9 +12,9 @@ from ...physics import drive as physics
 from ..analysis import envelope
 from ..identification.current_loop import response
 from .entry import Shown, Table
-from .listings import parameters
+from .listings import COLUMNS, LOST, rows_of
 from .pictures import DOTS, Line, Panel, panels
-from .runs import ESTIMATED, Runs
+from .runs import Runs
 
 SHORT = 10.0  # s, of the short-term torque
 # Table 4: what a number of the drive's own software is in V/A and V/(A.s).
@@ -33,19 +33,18 @@ def torque_speed(runs: Runs) -> Shown:
                  "The largest torque in steady motion that heat, the drive's current and the supply allow.",
                  Table(("", "current [A]", "limited by", "torque at standstill [N.m]", "voltage limits from [rpm]"),
                        rows),
-                 "The curves' values are lost, and how long short-term is: 10 s is an estimate, and so is the heat.")
+                 "the curves' values, and how long short-term is; 10 s is an estimate, and so is the motor's heat.")
 
 
 def motor(runs: Runs) -> Shown:
     """Show the motor's data, and what follows from them (Table 3)."""
-    shown = parameters("motor.", "inertia.motor", "drive.supply_voltage", "drive.current_limit")(runs)
-    p, speed = runs.parameters.nested(), runs.parameters.actuator.supply
-    assert shown.table is not None and speed is not None
-    free = runs.subject.inputs[speed.input.name].initial(runs.values) / p.motor.back_emf_constant
-    rows = (("stall torque", f"{physics.torque(p, p.drive.current_limit):.3g} N*m", "computed",
+    rows = rows_of(runs, "motor.", "inertia.motor", "drive.supply_voltage", "drive.current_limit")
+    p = runs.parameters.nested()
+    free = p.drive.supply_voltage / p.motor.back_emf_constant
+    rows += [("stall torque", f"{physics.torque(p, p.drive.current_limit):.3g} N*m", "computed",
              "At the drive's current limit."),
-            ("no-load speed", f"{free * 30.0 / pi:.0f} rpm", "computed", "At the supply, without friction."))
-    return Shown(shown.conditions, table=Table(shown.table.columns, (*shown.table.rows, *rows)), unknown=shown.unknown)
+            ("no-load speed", f"{free * 30.0 / pi:.0f} rpm", "computed", "At the supply, without friction.")]
+    return Shown("the parameter set", table=Table(COLUMNS, rows), unknown=LOST)
 
 
 def current_gain(runs: Runs) -> Shown:
@@ -65,7 +64,7 @@ def current_gain(runs: Runs) -> Shown:
         "analogue reference / V"),
         "The thesis's line is 8.19 A/V and -0.015 A. The loop's integral decides how soon the current asked for flows.",
         Table(("", "slope [A/V]", "offset [A]"), rows),
-        ESTIMATED + "how long each reference was held. The points measured are not published.")
+        "how long each reference was held; the points measured are not published.")
 
 
 def current_loop(runs: Runs) -> Shown:
@@ -76,7 +75,8 @@ def current_loop(runs: Runs) -> Shown:
     gain, offset, delay, kp, ki = (runs.values[name] for name in _GAINS)
     sets = {"gains as set": (kp, ki),
             "the same numbers in the drive's own units": (kp * CONVERSION["drive.kp"], ki * CONVERSION["drive.ki"])}
-    lines, rows = [], []
+    lines: list[Line] = []
+    rows = []
     p = runs.parameters.nested()
     demanded = ARRAYS.clip(physics.current_reference_raw(p, reference), -p.drive.current_limit, p.drive.current_limit)
     for label, gains in sets.items():
@@ -89,9 +89,9 @@ def current_loop(runs: Runs) -> Shown:
         Line(1e3 * time, demanded, "asked for", plots.COMMAND), *lines])], "time / ms"),
         f"The step arrives after the transport delay of {1e3 * delay:.3g} ms.",
         Table(("", "kp [V/A]", "ki [V/(A.s)]", "time constant [ms]", "reached at once [%]", "rest closes in [s]"),
-              tuple(rows)),
-        ESTIMATED + "1 V is an estimate. Nor is it certain in which units the gains 5 and 0.1 are given: both readings "
-        "are drawn. The current measured is not published.")
+              rows),
+        "the step's size (1 V is an estimate), and in which units the gains 5 and 0.1 are given: both readings are "
+        "drawn. The current measured is not published.")
 
 
 def conversion(runs: Runs) -> Shown:

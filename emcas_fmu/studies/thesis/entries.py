@@ -12,10 +12,10 @@ from typing import Any
 from ...errors import EmcasError, hint
 from ...physics.friction import COLD, WARM
 from . import drive, friction, kinematics, listings, loading, loops, others, performance
-from .entry import DRAWING, HARDWARE, NO_MODEL, PHOTOGRAPH, REASONS, SCREENSHOT, TEST_DATA, UNSEEN, Entry
+from .entry import DRAWING, HARDWARE, NO_MODEL, PHOTOGRAPH, REASONS, SCREENSHOT, TEST_DATA, UNSEEN, Entry, Show, Shown
 
 
-def _entry(kind: str, number: str, title: str, what: Callable[..., Any] | str, note: str = "") -> Entry:
+def _entry(kind: str, number: str, title: str, what: Show | str, note: str = "") -> Entry:
     """Return an entry; `what` shows it, or is the reason why it is not reproduced."""
     if isinstance(what, str):
         assert what in REASONS
@@ -26,11 +26,11 @@ def _entry(kind: str, number: str, title: str, what: Callable[..., Any] | str, n
 _figure, _table = partial(_entry, "Figure"), partial(_entry, "Table")
 
 
-def _sweep(rpm: int, temperature: float) -> Callable[..., Any]:
+def _sweep(rpm: int, temperature: float) -> Show:
     return lambda runs: friction.sweep(runs, rpm, temperature)
 
 
-def _of(show: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:
+def _of(show: Callable[..., Shown], *arguments: Any) -> Show:
     return lambda runs: show(runs, *arguments)
 
 
@@ -53,7 +53,7 @@ FIGURES = (
     _figure("2.4", "Forces on screw and nut", DRAWING, "Equations (2.10) to (2.12): emcas_fmu/physics/mechanics.py."),
     _figure("2.5", "Forces on fin and fork", DRAWING, "Equations (2.13), (2.14): emcas_fmu/physics/mechanics.py."),
     _figure("2.6", "Axes of earth and missile", DRAWING, "Axes and signs: docs/use/hosts.md."),
-    _figure("2.7", "Block diagram of the nonlinear model", DRAWING, "One step of it in words: docs/develop/architecture.md."),
+    _figure("2.7", "Block diagram of the nonlinear model", DRAWING, "A step in words: docs/develop/architecture.md."),
     _figure("2.8", "Dimensions of motor shaft and screw", DRAWING, "In numbers: models/rod.toml; Table 1."),
     _figure("3.1", "The actuator", DRAWING),
     _figure("3.2", "Motor torque over speed", drive.torque_speed),
@@ -86,7 +86,7 @@ FIGURES = (
     _figure("3.29", "Coulomb friction over the fin angle, 24 °C", _of(friction.against_angle, WARM)),
     _figure("3.30", "Rig's motor at 25 rpm with its position, -6 °C", _sweep(friction.SLOW, COLD)),
     _figure("3.31", "Coulomb friction over the fin angle, -6 °C", _of(friction.against_angle, COLD)),
-    _figure("3.32", "Coulomb friction over the fin angle at both temperatures", _of(friction.against_angle, WARM, COLD)),
+    _figure("3.32", "Coulomb friction over the fin angle, both temperatures", _of(friction.against_angle, WARM, COLD)),
     _figure("3.33", "Polynomial of Coulomb friction, positive direction", _of(friction.curve_fit, 1)),
     _figure("3.34", "Polynomial of Coulomb friction, negative direction", _of(friction.curve_fit, -1)),
     _figure("3.35", "Polynomials of both directions", _of(friction.curve_fit, 1, -1)),
@@ -135,8 +135,7 @@ TABLES = (
     _table("2", "Performance asked for", performance.required),
     _table("3", "Motor", drive.motor),
     _table("4", "Units of the drive's gains", drive.conversion),
-    _table("5", "Servo drive", listings.parameters("drive.", unknown="The table's numbers are kept in the text around it; "
-                                                   "in which units the gains are is not certain (Figure 3.6).")),
+    _table("5", "Servo drive", listings.parameters("drive.", unknown="in which units the gains are (Figure 3.6).")),
     _table("6", "Modules of the real-time computer", HARDWARE),
     _table("7", "Fin", listings.parameters("inertia.fin", "mass.fin", "center_of_mass.fin")),
     _table("8", "Fin shaft", listings.parameters("inertia.shaft", "mass.shaft", "center_of_mass.shaft")),
@@ -169,8 +168,8 @@ def find(names: Iterable[str]) -> tuple[Entry, ...]:
             table = _key(f"Table {name}")
             near = f"; did you mean Table {name}?" if table in known else hint(
                 name, [entry.name if name[:1].isalpha() else entry.number for entry in ENTRIES])
-            raise EmcasError(f"--only {name}: the thesis's lists have no such entry; figures go by their number (5.18), "
-                             f"tables by name (\"Table 4\"){near}")
+            raise EmcasError(f"--only {name}: the thesis's lists have no such entry; figures go by number, as in 5.18, "
+                             f"tables as in \"Table 4\"{near}")
         chosen.add(key)
     return tuple(entry for key, entry in known.items() if key in chosen or not chosen)
 

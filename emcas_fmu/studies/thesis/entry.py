@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
 
 if TYPE_CHECKING:
     from .runs import Runs
-
-Cell = str | float | bool | None
 
 DRAWING = "drawing"
 PHOTOGRAPH = "photograph"
@@ -26,12 +24,12 @@ REASONS = (DRAWING, PHOTOGRAPH, UNSEEN, SCREENSHOT, HARDWARE, TEST_DATA, NO_MODE
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells under columns, which end in their unit in brackets where they have one."""
+    """Rows of cells (words, numbers, yes or no, nothing) under columns, which end in their unit in brackets."""
 
     columns: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    rows: Sequence[tuple[Any, ...]]
 
-    def as_dicts(self) -> list[dict[str, Cell]]:
+    def as_dicts(self) -> list[dict[str, Any]]:
         """Return the rows as dictionaries by column."""
         return [dict(zip(self.columns, row, strict=True)) for row in self.rows]
 
@@ -51,6 +49,10 @@ class Shown:
     unknown: str = ""
 
 
+Show = Callable[["Runs"], Shown]
+"""What makes an entry of runs."""
+
+
 @dataclass(frozen=True)
 class Entry:
     """An entry: ``Figure`` or ``Table``, its number, a title in words of this package.
@@ -62,7 +64,7 @@ class Entry:
     kind: str
     number: str
     title: str
-    show: Callable[[Runs], Shown] | None = None
+    show: Show | None = None
     reason: str = ""
     note: str = ""
 

@@ -16,14 +16,14 @@ from .entry import Shown, Table
 from .friction_rig import REACH, RPM, Sweep
 from .pictures import DASHED, DOTS, Line, Panel, panels
 from .rigs import rig_values
-from .runs import ESTIMATED, Runs
+from .runs import Runs
 
 SPEEDS = (50, 500, 1000, 1500, 2000)  # rpm, of the figures
 SLOW = 25  # rpm, for Coulomb friction
 DIRECTIONS = {1: "positive", -1: "negative"}
 _ORDER = 6  # of the thesis's polynomials
-_UNKNOWN = (ESTIMATED + "the rig's motor, its acceleration and the range swept are estimates, and no noise is put on "
-            "what its instruments read.")
+_UNKNOWN = ("the rig's motor, its acceleration and the range swept, which are estimates here, and the noise of its "
+            "instruments, of which there is none.")
 
 
 def _conditions(temperature: float | str, speed: str) -> str:
@@ -42,14 +42,14 @@ def _coulomb(runs: Runs, temperature: float, direction: int, fin: Any) -> Any:
 
 
 def sweep(runs: Runs, rpm: int, temperature: float) -> Shown:
-    """Show speed and current of the rig's motor (Figures 3.14 to 3.23); with the position for slow ones (3.28, 3.30)."""
+    """Show speed and current of the rig's motor (Figures 3.14 to 3.23), and the position of a slow one (3.28, 3.30)."""
     s = runs.friction(rpm, temperature)
     parts = [Panel("speed / rpm", [Line(s.time, s.commanded / RPM, "command", plots.COMMAND),
                                    Line(s.time, s.motor_speed / RPM, "rig's motor")]),
              Panel("current / A", [Line(s.time, s.current)])]
     if rpm == SLOW:
         parts.append(Panel("fin angle / deg", [Line(s.time, np.degrees(s.fin_angle))]))
-    rows = tuple((name, float(np.mean(s.current[s.steady[d]])), s.mean_friction(d)) for d, name in DIRECTIONS.items())
+    rows = tuple((name, s.mean_current(d), s.mean_friction(d)) for d, name in DIRECTIONS.items())
     return Shown(_conditions(temperature, f"{rpm} rpm"), panels(parts, "time / s", height=1.8),
                  "The current at constant speed is friction, the rig's own among it; the peaks are what the ramps "
                  "accelerate and, at the start, what breaks loose.",
@@ -78,7 +78,7 @@ def against_speed(runs: Runs, *temperatures: float) -> Shown:
     listed = " and ".join(f"{t:g}" for t in temperatures)
     return Shown(_conditions(listed, f"{SPEEDS[0]} to {SPEEDS[-1]} rpm"),
                  panels([Panel("friction torque / N.m", lines)], "motor speed / rpm"),
-                 "Means over the middle half of the travel at constant speed, the rig's own friction taken off.",
+                 "Means at constant speed about fin angle 0, over a fifth of the range, less the rig's own friction.",
                  Table(tuple(columns), rows), _UNKNOWN)
 
 
@@ -93,14 +93,17 @@ def viscous_fit(runs: Runs, temperature: float = WARM) -> Shown:
                      level))
     return Shown(_conditions(temperature, f"{SPEEDS[0]} to {SPEEDS[-1]} rpm"),
                  panels([Panel("friction torque / N.m", lines)], "motor speed / rpm"),
-                 "Least squares through the points of both directions.",
+                 "Least squares through the points of each direction. At constant motor speed the lever "
+                 "still accelerates the fin: a torque that grows with the square of the speed helps one direction, "
+                 "hinders the other and tilts the lines. The mean of their slopes is free of it.",
                  Table(("direction", "viscous coefficient, rig [N.m.s/rad]", "parameter [N.m.s/rad]",
-                        "friction at no speed, rig [N.m]"), tuple(rows)), _UNKNOWN)
+                        "friction at no speed, rig [N.m]"), rows), _UNKNOWN)
 
 
 def _line(speed: Array, torque: Array) -> tuple[float, float]:
     """Return slope [N.m.s/rad] and level [N.m] of friction over speed [rpm]."""
-    slope, level = np.polyfit(speed * RPM, torque, 1)
+    found = np.isfinite(torque)
+    slope, level = np.polyfit(speed[found] * RPM, torque[found], 1)
     return float(slope), float(level)
 
 
@@ -124,7 +127,7 @@ def against_angle(runs: Runs, *temperatures: float) -> Shown:
                  panels([Panel("Coulomb friction / N.m", lines)], "fin angle / deg"),
                  "At the motor axis; negative motion below. The viscous part, from the line through the faster sweeps, "
                  "is taken off.",
-                 Table(("", "least [N.m]", "mean [N.m]", "most [N.m]"), tuple(rows)), _UNKNOWN)
+                 Table(("", "least [N.m]", "mean [N.m]", "most [N.m]"), rows), _UNKNOWN)
 
 
 def polynomial(runs: Runs, direction: int, temperature: float = WARM) -> Array:
@@ -150,13 +153,13 @@ def curve_fit(runs: Runs, *directions: int) -> Shown:
                      1e3 * float(np.max(np.abs(fitted - _coulomb(runs, WARM, d, fin))))))
     return Shown(_conditions(WARM, f"{SLOW} rpm"), panels([Panel("Coulomb friction / N.m", lines)], "fin angle / deg"),
                  "The polynomials are what the friction compensation feeds forward; Table 15 has their coefficients.",
-                 Table(("direction", "largest distance to the rig [mN.m]", "to the parameters [mN.m]"), tuple(rows)),
+                 Table(("direction", "largest distance to the rig [mN.m]", "to the parameters [mN.m]"), rows),
                  _UNKNOWN)
 
 
 def temperatures(runs: Runs) -> Shown:
     """Show friction at both temperatures and their ratio (Table 13)."""
-    rows: list[tuple[str, float, float, float]] = []
+    rows = []
     for d, name in DIRECTIONS.items():
         (speed, warm), (_, cold) = _points(runs, WARM)[d], _points(runs, COLD)[d]
         slow = [runs.friction(SLOW, t).mean_friction(d) for t in (WARM, COLD)]
@@ -164,7 +167,7 @@ def temperatures(runs: Runs) -> Shown:
             rows.append((f"{name}, {rpm:.0f} rpm", float(one), float(other), float(other / one)))
     return Shown(_conditions(f"{WARM:g} and {COLD:g}", f"{SLOW} to {SPEEDS[-1]} rpm"),
                  table=Table(("direction, motor speed", f"{WARM:g} °C [N.m]", f"{COLD:g} °C [N.m]", "cold over warm"),
-                             tuple(rows)), unknown=_UNKNOWN)
+                             rows), unknown=_UNKNOWN)
 
 
 def summary(runs: Runs) -> Shown:
@@ -175,9 +178,8 @@ def summary(runs: Runs) -> Shown:
         rows += [(f"viscous, {name} [N.m.s/rad]", slope, float(physics.viscous(FLOATS, p, float(d)))),
                  (f"Coulomb, {name}, at no speed [N.m]", level, float(physics.coulomb(FLOATS, p, float(d), 0.0)))]
     return Shown(_conditions(WARM, f"{SPEEDS[0]} to {SPEEDS[-1]} rpm"),
-                 table=Table(("", "rig", "parameters"), tuple(rows)),
-                 caption="The rig's Coulomb friction is the mean over the middle of the travel, the parameters' that at "
-                         "fin angle 0.", unknown=_UNKNOWN)
+                 table=Table(("", "rig", "parameters"), rows),
+                 caption="Coulomb friction about fin angle 0: Figure 3.29 has it over the range.", unknown=_UNKNOWN)
 
 
 def coefficients(runs: Runs) -> Shown:
@@ -203,4 +205,4 @@ def setup_parts(_: Runs) -> Shown:
             ("unit under test", "the nonlinear actuator of this page, its drive off: no current, its friction as set"),
             ("reading", "current of the rig's motor; its own friction is taken off"))
     return Shown("the rig as it is simulated", table=Table(("part", "stands for it here"), rows),
-                 unknown="The thesis lists makes and models, which are lost.")
+                 unknown="the thesis's list of makes and models.")

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import copysign, pi
+from math import copysign, nan, pi
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from .rigs import Unit, rig_values
 RPM = 2.0 * pi / 60.0
 REACH = 0.95  # of command.limit, swept both ways
 _DWELL = 0.1  # s at rest before, between and after
-_STEADY = 0.5  # share of a sweep at constant speed, about its middle, that is averaged
+_ABOUT_ZERO = 0.2  # of command.limit: fin angles that means are taken over, the same at every speed
 _SETTLES = 0.05  # s from the ramp's end for the speed loop to settle
 
 
@@ -34,7 +34,7 @@ class Sweep:
     """A sweep up and one down: columns by time [s], SI.
 
     `speed` [rad/s] is the one commanded, `temperature` [degC]; `steady` has for each direction, 1 and -1, which rows
-    are at constant speed.
+    are at constant speed. Means are taken over fin angles within `about_zero` [rad].
     """
 
     speed: float
@@ -46,6 +46,7 @@ class Sweep:
     fin_angle: Array
     commanded: Array
     steady: Mapping[int, Any]
+    about_zero: float
 
     def friction(self, direction: int) -> Array:
         """Return the unit's friction torque [N.m] in the rows at constant speed, as the rig's current tells it."""
@@ -55,10 +56,16 @@ class Sweep:
         return torque
 
     def mean_friction(self, direction: int) -> float:
-        """Return the mean of it over the middle half of the travel at constant speed [N.m]."""
-        torque = self.friction(direction)
-        edge = round(0.5 * (1.0 - _STEADY) * len(torque))
-        return float(np.mean(torque[edge:len(torque) - edge]))
+        """Return the mean of it about fin angle 0 [N.m]; nan where the sweep is too short to be steady there."""
+        return self._mean(self.friction(direction), direction)
+
+    def mean_current(self, direction: int) -> float:
+        """Return the mean current there [A]."""
+        return self._mean(self.current[self.steady[direction]], direction)
+
+    def _mean(self, column: Array, direction: int) -> float:
+        inside = np.abs(self.fin_angle[self.steady[direction]]) < self.about_zero
+        return float(np.mean(column[inside])) if inside.any() else nan
 
 
 def sweep(values: Mapping[str, Any], rpm: float, temperature: float) -> Sweep:
@@ -86,7 +93,8 @@ def sweep(values: Mapping[str, Any], rpm: float, temperature: float) -> Sweep:
         unit.run(aero_torque=float(torque * ratio), enable=False)
     columns = unit.columns()
     return Sweep(rpm * RPM, temperature, columns["time"][:-1], np.array(currents), columns["motor_speed"][:-1],
-                 columns["motor_angle"][:-1], columns["fin_angle"][:-1], commanded, constant)
+                 columns["motor_angle"][:-1], columns["fin_angle"][:-1], commanded, constant,
+                 _ABOUT_ZERO * float(values["command.limit"]))
 
 
 def _net(rig: Any, torque: float, speed: float) -> float:
@@ -97,11 +105,11 @@ def _net(rig: Any, torque: float, speed: float) -> float:
 
 
 def _profile(speed: float, travel: float, acceleration: float, step: float) -> tuple[Array, dict[int, Any]]:
-    """Return the speed commanded [rad/s] for a travel [rad] up and down, and the rows of constant speed by direction."""
+    """Return the speed commanded [rad/s] for a travel [rad] up and down, and the rows of constant speed each way."""
     ramp = min(speed / acceleration, (travel / acceleration) ** 0.5)
     duration = travel / (acceleration * ramp) + ramp  # of a trapezium
     time = np.arange(round((3.0 * _DWELL + 2.0 * duration) / step)) * step
-    commanded, constant = np.zeros(len(time)), {}
+    commanded, constant = np.zeros(len(time)), dict[int, Any]()
     for direction, begin in ((1, _DWELL), (-1, 2.0 * _DWELL + duration)):
         since = time - begin
         commanded += direction * acceleration * np.clip(np.minimum(since, duration - since), 0.0, ramp)

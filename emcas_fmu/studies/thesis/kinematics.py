@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from ... import plots
-from ...bench.excitation import sine_from_rest, slew_to
+from ...bench.excitation import sine_from_rest, step_to
 from ...bench.metrics import motion
 from ...control import sensors
 from ...ops.arrays import ARRAYS
@@ -19,7 +19,7 @@ from ..identification import backlash as identification
 from .entry import Shown, Table
 from .pictures import Line, Panel, angle, of_run, panels
 from .rigs import Columns
-from .runs import ESTIMATED, Runs
+from .runs import Runs
 
 ASSEMBLY = (0.0, 2.5, 5.0, 7.5, 10.0)  # deg
 # A slow sine with friction at the fin, so that the flank changes with the direction, as in docs/model/elastic.md.
@@ -32,7 +32,7 @@ def assembly(runs: Runs) -> Shown:
     p, reach = runs.parameters.nested(), runs.reach
     rates = []
     for mounted in ASSEMBLY:
-        both = [motion(runs.run(slew_to(side * reach, 1.0), kinematics__initial_angle=radians(mounted)), 1)
+        both = [motion(runs.run(step_to(side * reach, 1.0), kinematics__initial_angle=radians(mounted)))
                 for side in (1.0, -1.0)]
         rates.append((mounted, *(degrees(each["sustained_rate"]) for each in both)))
     figure, ((lever, rate),) = plots.figure(1, 2, height=3.0)
@@ -44,20 +44,20 @@ def assembly(runs: Runs) -> Shown:
                        ha="center", fontsize=8)
     lever.axhline(-arm, **plots.LIMIT)
     lever.axvline(0.0, **plots.LIMIT)
-    lever.set(xlabel="along the screw / mm", ylabel="from the hinge / mm", title="lever, to scale", ylim=(-1.2 * arm, 5),
-              aspect="equal", xlim=(-0.75 * arm, 0.75 * arm))
+    lever.set(xlabel="along the screw / mm", ylabel="from the hinge / mm", title="lever, to scale", aspect="equal",
+              xlim=(-0.75 * arm, 0.75 * arm), ylim=(-1.2 * arm, 0.1 * arm))
     table = np.array(rates)
     for column, name in ((1, "positive"), (2, "negative")):
         rate.plot(table[:, 0], table[:, column], marker="o", markersize=4.0, label=f"{name} direction")
     rate.set(xlabel="assembly angle / deg", ylabel="mean rate / deg/s")
     plots.legend_above(rate)
     reach_deg = degrees(reach)
-    return Shown(runs.conditions(f"slews from ∓{reach_deg:g}° to ±{reach_deg:g}°"), figure,
-                 f"Left, the lever at fin angle 0 and at the ends of the range; the screw is dotted. The set's assembly "
+    return Shown(runs.conditions(f"steps from 0 to ±{reach_deg:g}°"), figure,
+                 "Left, the lever at fin angle 0 and at the ends of the range; the screw is dotted. The set's assembly "
                  f"angle is {degrees(p.kinematics.initial_angle):.3g}°. Right, the mean rate over the middle 60 % of a "
-                 "slew in either direction: the lever's angle makes them differ.",
+                 "step in either direction: mounted at an angle, the lever is slower to one side.",
                  Table(("assembly angle [deg]", "positive [deg/s]", "negative [deg/s]"), tuple(rates)),
-                 "The assembly angle's value is lost: that of the set is an estimate.")
+                 "the assembly angle's value; the set's is an estimate.")
 
 
 def ratio(runs: Runs) -> Shown:
@@ -83,8 +83,8 @@ def natural_frequencies(runs: Runs) -> Shown:
             ("in tension [Hz]", thesis.axial, here.axial), ("in torsion [Hz]", thesis.torsional, here.torsional),
             ("in tension, over the bandwidth", thesis.ratios[0], here.ratios[0]),
             ("in torsion, over the bandwidth", thesis.ratios[1], here.ratios[1]))
-    return Shown("rod of Table 1 (models/rod.toml)", table=Table(("", "with Table 1's inertia and mass", "with the set's"),
-                                                                 rows),
+    return Shown("rod of Table 1 (models/rod.toml)",
+                 table=Table(("", "with Table 1's inertia and mass", "with the set's"), rows),
                  caption="The thesis finds {:.0f} and {:.0f} times the bandwidth: that divides rad/s by Hz.".format(
                      *thesis.slipped))
 
@@ -113,7 +113,7 @@ def two_encoders(runs: Runs) -> Shown:
         Panel("difference / deg", [Line(time, direct - indirect)])], "time / s"),
         "The direct angle lags the motor's by half the gap, and by the give of the drive line, in either direction.",
         Table(("", "value"), (("difference, peak to peak [deg]", float(np.ptp((direct - indirect)[time > 1.0]))),)),
-        ESTIMATED + "motion and friction at the fin are estimates. Counts of the encoders are left out.")
+        "the motion and the load, which are estimates here. Counts of the encoders are left out.")
 
 
 def backlash(runs: Runs) -> Shown:
@@ -130,8 +130,7 @@ def backlash(runs: Runs) -> Shown:
     return Shown(_slow(runs), drawing.figure, drawing.caption,
                  Table(("", "value"), (("identified [deg]", gap.value), ("the gap itself, at fin angle 0 [deg]", play),
                                        ("accuracy asked for (Table 2) [deg]", 0.2))),
-                 "The thesis finds the backlash much smaller than the accuracy and leaves it out of its model; its value "
-                 "is lost.")
+                 "the value measured; it was much smaller than the accuracy, and the thesis's model leaves it out.")
 
 
 def encoder(runs: Runs) -> Shown:
@@ -149,4 +148,4 @@ def encoder(runs: Runs) -> Shown:
         Line(time, np.degrees(run.columns["measured_fin_angle"]), "as read", {"drawstyle": "steps-post"})])],
         "time / s", (0.0, 0.6)),
         "Whole counts of the encoder, taken through lever and screw to the fin.", Table(("", "value"), rows),
-        "The thesis shows the block that decodes the encoder; this is what such a block does.")
+        "any reading: the thesis shows the block that decodes the encoder.")

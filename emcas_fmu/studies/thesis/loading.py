@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from math import degrees
+from typing import Any
 
 import numpy as np
 
-from ...bench.excitation import COMMAND, LEAD_IN, LOAD, STEP, Excitation
-from ...bench.metrics import crossing, settling, sustained_rate
+from ...bench.excitation import COMMAND, LOAD, STEP, Excitation
+from ...bench.metrics import crossing, rms, settling, sustained_rate
+from ...plots import GRAY
+from ...reference.cases import LEAD_IN, LOAD_RISE
 from ...reference.cases import LOAD as RATED
 from . import loading_rig
 from .entry import Shown, Table
 from .pictures import Line, Panel, angle, command, current, panels, rate
 from .rigs import Columns
-from .runs import ESTIMATED, SLEWS, Runs
+from .runs import SLEWS, Runs
 
-_UNKNOWN = (ESTIMATED + "command and load over time are estimates, and so is every number of the setup (Table 16).")
+_UNKNOWN = "command and load over time, and every number of the setup (Table 16); all are estimates."
 _SPAN = 0.35  # s after a slew that is looked at closely
 
 
@@ -26,18 +29,19 @@ def _conditions(runs: Runs) -> str:
 
 
 def torque_loop(runs: Runs) -> Shown:
-    """Show a step of the setup's torque loop while the actuator holds its fin (Figure 5.17)."""
+    """Show how the setup's torque loop loads a fin that the actuator holds (Figure 5.17)."""
     time = np.arange(round(0.6 / STEP) + 1) * STEP
-    asked = np.where(time > LEAD_IN - STEP / 2, RATED, 0.0)
-    run = loading_rig.run(runs.values, Excitation("torque step", {COMMAND: 0.0 * time, LOAD: asked}, LEAD_IN))
+    asked = RATED * np.clip((time - LEAD_IN) / LOAD_RISE, 0.0, 1.0)
+    run = loading_rig.run(runs.values, Excitation("load comes on", {COMMAND: 0.0 * time, LOAD: asked}, LEAD_IN))
     share = run.applied / RATED
     after = time > LEAD_IN - STEP / 2
     rows = (("rise 10-90 % [ms]", 1e3 * (crossing(time, share, 0.9) - crossing(time, share, 0.1))),
             ("overshoot [%]", 100.0 * max(float(np.max(share)) - 1.0, 0.0)),
             ("settling 2 % [ms]", 1e3 * settling(time[after], np.abs(share - 1.0)[after], 0.02)),
             ("largest fin angle by it [deg]", degrees(float(np.max(np.abs(run.columns["fin_angle"]))))))
-    return Shown(runs.conditions("0", f"step to {RATED:g} N.m asked of the loading test setup"), panels([
-        Panel("moment / N.m", [Line(time, asked, "asked for", {"color": "#8a8f98", "drawstyle": "steps-post"}),
+    load = f"{RATED:g} N.m asked of the loading test setup within {1e3 * LOAD_RISE:g} ms"
+    return Shown(runs.conditions("0", load), panels([
+        Panel("moment / N.m", [Line(time, asked, "asked for", {"color": GRAY}),
                                Line(time, run.applied, "applied")]),
         Panel("fin angle / deg", [angle(run.columns)])], "time / s", (0.0, 0.4)),
         "The torque loop feeds the moment asked for forward and corrects it by its sensor.",
@@ -56,14 +60,15 @@ def applied(runs: Runs) -> Shown:
     """Show the moment that the setup applies (Figure 5.28)."""
     run = runs.loaded
     time, missed = run.columns["time"], run.applied - run.asked
-    rows = tuple((label, float(np.max(np.abs(missed[(time >= begin) & (time < begin + _SPAN)]))),
-                  float(np.abs(missed[(time >= begin) & (time < end - STEP)][-1])))
-                 for label, begin, end in (("against the load", *SLEWS), ("with the load", SLEWS[1], time[-1])))
+    rows = []
+    for label, begin in zip(("against the load", "with the load"), SLEWS, strict=True):
+        during = missed[(time >= begin) & (time < begin + _SPAN)]
+        rows.append((label, float(np.max(np.abs(during))), rms(during)))
     return Shown(_conditions(runs), panels([Panel("moment on the fin / N.m", [
-        Line(time, run.asked, "asked for", {"color": "#8a8f98"}), Line(time, run.applied, "applied")])], "time / s"),
+        Line(time, run.asked, "asked for", {"color": GRAY}), Line(time, run.applied, "applied")])], "time / s"),
         "The peaks are the setup's inertia and friction, which the moving fin carries along until the torque loop has "
         "made up for them: before 1 s with no moment asked for, too.",
-        Table(("slew", "largest distance [N.m]", "at its end [N.m]"), rows), _UNKNOWN)
+        Table(("slew", "largest distance [N.m]", "root mean square [N.m]"), rows), _UNKNOWN)
 
 
 def _rates(runs: Runs, columns: Columns) -> list[float]:
@@ -86,10 +91,9 @@ def zoomed(runs: Runs) -> Shown:
 
 def _results(runs: Runs, window: tuple[float, float], caption: str) -> Shown:
     run, both = runs.loaded, {"loading setup": runs.loaded.columns, "the very moment": runs.ideal.columns}
-    ideal = {"linestyle": (0, (4, 2)), "linewidth": 1.0}
-    looks = ({}, ideal)
-    rows = tuple((name, *_rates(runs, columns), float(np.max(np.abs(columns["motor_current"]))))
-                 for name, columns in both.items())
+    looks: tuple[dict[str, Any], ...] = ({}, {"linestyle": (0, (4, 2)), "linewidth": 1.0})
+    rows = [(name, *_rates(runs, columns), float(np.max(np.abs(columns["motor_current"]))))
+                                    for name, columns in both.items()]
     return Shown(_conditions(runs), panels([
         Panel("fin angle / deg", [command(run.excitation.time, run.excitation.command),
                                   *(angle(c, name, **look) for (name, c), look in zip(both.items(), looks))]),
@@ -97,5 +101,5 @@ def _results(runs: Runs, window: tuple[float, float], caption: str) -> Shown:
         Panel("current / A", [current(c, **look) for c, look in zip(both.values(), looks)])], "time / s", window),
         f"{caption} Dashed: the same with exactly the moment asked for. Dotted: the 200 deg/s that Table 2 asks for "
         f"against {RATED:g} N.m.",
-        Table(("load by", "mean rate against [deg/s]", "mean rate with it [deg/s]", "largest current [A]"), rows),
+        Table(("load by", "mean rate against it [deg/s]", "mean rate with it [deg/s]", "largest current [A]"), rows),
         _UNKNOWN)

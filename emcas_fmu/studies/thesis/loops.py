@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from math import degrees, radians
 
@@ -21,9 +22,10 @@ from ..tuning.evaluate import evaluate
 from ..tuning.optimise import tune
 from ..tuning.study import shipped_study
 from ..validate.claims import compare
-from .entry import Shown, Table
+from .entry import Show, Shown, Table
+from .listings import COLUMNS, rows_of
 from .pictures import DASHED, Line, Panel, angle, current, of_run, panels, rate
-from .runs import ESTIMATED, Runs
+from .runs import Runs
 
 _LINEAR_SPAN = 0.4  # s after a step of the linear comparison
 _TESTED = ("step", "slew", "sine")  # kinds of test that need no linear analysis
@@ -47,15 +49,18 @@ def linear_model(runs: Runs) -> Shown:
     rows = (("-3 dB [Hz]", found.bandwidth), ("-90 deg [Hz]", found.phase_bandwidth),
             *((f"fin angle left by {LOAD:g} N.m after {HOLD:g} s, {name} position control [deg]", error)
               for name, error in held.items()))
-    return Shown(runs.conditions("sines in the small; 0 for the errors left", f"none; {LOAD:g} N.m for the errors left"),
-                 figure, "Fin angle over command of the thesis's linear model with sampled controllers and transport "
-                 "delay; dots mark -3 dB and -90 deg.", Table(("", "value"), rows))
+    conditions = runs.conditions("small sines; 0 for the errors left", f"none; {LOAD:g} N.m for the errors left")
+    return Shown(conditions, figure,
+                 "Fin angle over command of the thesis's linear model, with sampled controllers and the drive's delay; "
+                 "dots mark -3 dB and -90 deg.", Table(("", "value"), rows))
 
 
-def linear_steps(*sizes: float) -> object:
+def linear_steps(*sizes: float) -> Show:
     """Return what shows steps [deg] of the linear and of the nonlinear model (Figures 5.8, 5.9)."""
     def show(runs: Runs) -> Shown:
-        model, lines, rows = LinearModel(runs.values), [], []
+        model = LinearModel(runs.values)
+        lines: list[Line] = []
+        rows = []
         for color, size in zip(plots.COLORS, runs.levels(*sizes), strict=False):
             run = runs.run(step_to(radians(size), _LINEAR_SPAN, step=model.sample_time))
             linear = model.simulate(run.excitation.command)
@@ -67,9 +72,9 @@ def linear_steps(*sizes: float) -> object:
         listed = " and ".join(f"{size:g}°" for size in runs.levels(*sizes))
         return Shown(runs.conditions(f"steps to {listed} at 0.05 s"),
                      panels([Panel("fin angle / deg", lines)], "time / s", (0.03, 0.05 + _LINEAR_SPAN)),
-                     "In the small friction and the encoder's counts make the difference, in the large the limits.",
+                     "Small steps differ by friction and the encoder's counts, large ones by the limits.",
                      Table(("step", "largest difference [%]", "rise, linear [ms]", "rise, nonlinear [ms]",
-                            "a limit active for [ms]"), tuple(rows)))
+                            "a limit active for [ms]"), rows))
 
     return show
 
@@ -85,7 +90,8 @@ def antiwindup(runs: Runs) -> Shown:
     rows = []
     for name, run in found.items():
         moved = displayed(motion(run, 1))
-        rows.append((name, moved["overshoot_percent"], moved["settling_time_s"], moved["time_to_accuracy_s"]))
+        rows.append((name, moved["overshoot_percent"], moved["settling_time_s"], moved["time_to_accuracy_s"],
+                     float(np.trapezoid(run.columns["at_stop"], run.columns["time"]))))
     as_set = found["as set"]
     return Shown(runs.conditions(f"slew from {-degrees(runs.reach):g}° to {degrees(runs.reach):g}° at 1 s",
                                  f"-{LOAD:g} N.m, against the slew"), panels([
@@ -93,17 +99,21 @@ def antiwindup(runs: Runs) -> Shown:
         Panel("fin rate / deg/s", [rate(run.columns) for run in found.values()]),
         Panel("reference / V", [Line(run.columns["time"], run.columns["drive_reference"]) for run in found.values()])],
         "time / s", (0.95, 2.3)),
-        "While the speed reference is at its limit the position loop's integral would run on.",
-        Table(("controller.antiwindup", "overshoot [%]", "settling 2 % [s]", "within 0.2 deg after [s]"), tuple(rows)),
-        ESTIMATED + "the thesis shows the structure. Slew and load are chosen to keep the reference at its limit.")
+        "While the speed reference is at its limit the position loop's integral runs on, unless it is held back.",
+        Table(("controller.antiwindup", "overshoot [%]", "settling 2 % [s]", "within 0.2 deg after [s]",
+               "at the stop [s]"), rows),
+        "any response: the thesis shows the structure. Slew and load here keep the speed reference at its limit.")
 
 
 def compensation(runs: Runs) -> Shown:
     """Show a slow sine with the friction compensation and without, at both temperatures (Figure 5.16)."""
-    excitation, lines, rows = sine_from_rest(radians(1.0), 0.5, 6.0), [], []
+    excitation = sine_from_rest(radians(1.0), 0.5, 6.0)
+    lines: list[Line] = []
     switched: list[Line] = []
+    rows = []
+    pairs: Mapping[str, dict[str, float]] = {"as set": {}, "compensation.gain = 0": {"compensation__gain": 0.0}}
     for temperature in (WARM, COLD):
-        for name, gain in (("as set", {}), ("compensation.gain = 0", {"compensation__gain": 0.0})):
+        for name, gain in pairs.items():
             run = runs.run(excitation, friction__temperature=temperature, **gain)
             figures = displayed(usage(run))
             rows.append((f"{temperature:g} °C, {name}", figures["rms_tracking_error_deg"],
@@ -112,10 +122,9 @@ def compensation(runs: Runs) -> Shown:
             (switched if gain else lines).append(error)
     return Shown(f"{WARM:g} and {COLD:g} °C · command: sine of 1° at 0.5 Hz · load: none", panels([
         Panel("command - angle / deg", lines), Panel("command - angle / deg", switched)], "time / s", (2.0, 6.0)),
-        "Above with the compensation, below without. Without it friction shows at every reversal; at -6 °C friction is "
-        "larger than what the controller feeds forward, if it does not know the temperature.",
-        Table(("", "rms error [deg]", "peak error [deg]", "rms current [A]"), tuple(rows)),
-        ESTIMATED + "the thesis shows the block. The sine is an estimate that makes friction show.")
+        "Above with the compensation, below without it: friction shows at every reversal, the more so at -6 °C.",
+        Table(("", "rms error [deg]", "peak error [deg]", "rms current [A]"), rows),
+        "any response: the thesis shows the block. The sine here is one that makes friction show.")
 
 
 def homing(runs: Runs) -> Shown:
@@ -129,15 +138,15 @@ def homing(runs: Runs) -> Shown:
     begins = [0, *(np.flatnonzero(np.diff(status)) + 1).tolist()]
     rows = tuple((names[float(status[k])], float(columns["time"][k]), degrees(float(columns["fin_angle"][k])),
                   degrees(float(columns["measured_fin_angle"][k]))) for k in begins)
-    return Shown(runs.conditions("5°, followed once homed; home from 0.25 s") + " · start: -8°, not known",
-                 panels([Panel("fin angle / deg", [
-                     angle(columns, "true"),
-                     Line(columns["time"], np.degrees(columns["measured_fin_angle"]), "believed", DASHED)]),
-                     Panel("current / A", [current(columns)]), Panel("status", [Line(columns["time"], status)])],
-                     "time / s", height=1.6),
+    figure = panels([
+        Panel("fin angle / deg", [angle(columns, "true"), Line(
+            columns["time"], np.degrees(columns["measured_fin_angle"]), "believed", DASHED)]),
+        Panel("current / A", [current(columns)]), Panel("", [Line(columns["time"], status)])], "time / s", height=1.6)
+    figure.axes[-1].set_yticks(sorted(set(status)), [names[float(each)] for each in sorted(set(status))])
+    return Shown(runs.conditions("5°, followed once homed; home from 0.25 s") + " · start: -8°, not known", figure,
                  "One stop is sought, then the other; the zero is half way between them.",
                  Table(("status", "from [s]", "true angle [deg]", "believed [deg]"), rows),
-                 "Of the thesis's steps only the title is kept: these are this package's (docs/model/homing.md).")
+                 "its steps, but for their title; these are this package's (docs/model/homing.md).")
 
 
 def requirements(runs: Runs) -> Shown:
@@ -146,7 +155,7 @@ def requirements(runs: Runs) -> Shown:
     asked = tuple(r for r in study.requirements if r.test.kind in _TESTED)
     gains = {t.name: float(runs.values[t.name]) for t in study.tunables}
     nominal = evaluate(replace(study, cases=study.cases[:1], requirements=asked), gains).by_requirement()
-    rows: list[tuple[str, str, str, float, float, str]] = []
+    rows = []
     for r in asked:
         if r.name in nominal:
             unit, factor = shown(r.unit)
@@ -154,9 +163,9 @@ def requirements(runs: Runs) -> Shown:
             rows.append((title, "at most" if r.sense == "maximum" else "at least", unit, r.limit * factor,
                          nominal[r.name].measured * factor, r.source))
     return Shown(runs.conditions("steps, slews and sines of models/tuning.toml", "as each names it"),
-                 table=Table(("requirement", "", "unit", "limit", "measured, nominal", "source"), tuple(rows)),
-                 unknown="The table's rise time, settling time and overshoot are lost: limits are estimates but those "
-                 "of Table 2. Margins are judged by emcas tune.")
+                 table=Table(("requirement", "", "unit", "limit", "measured, nominal", "source"), rows),
+                 unknown="the table's rise time, settling time and overshoot; but for Table 2's, limits are estimates. "
+                 "Stability margins are judged by emcas tune.")
 
 
 def tunables(runs: Runs) -> Shown:
@@ -165,30 +174,28 @@ def tunables(runs: Runs) -> Shown:
     units = {e.variable.name: e.variable.unit for e in runs.parameters.entries}
     rows = tuple((t.name, units[t.name], t.lower, t.upper) for t in study.tunables)
     return Shown("models/tuning.toml", table=Table(("parameter", "unit", "from", "to"), rows),
-                 unknown="The parameters are the thesis's; its bounds are lost: these are estimates.")
+                 unknown="the thesis's bounds; these are estimates. It optimises both loops and the anti-windup.")
 
 
 def optimised(runs: Runs) -> Shown:
     """Show the gains of the set (Table 19)."""
     names = {t.name for t in shipped_study(runs.parameters).tunables}
-    rows = tuple((e.variable.name, e.text, e.source, e.note) for e in runs.parameters.entries
-                 if e.variable.name in names)
-    return Shown("the parameter set", table=Table(("parameter", "value", "source", "note"), rows),
-                 unknown="The thesis's gains are lost, and would be of another unit.")
+    return Shown("the parameter set", table=Table(COLUMNS, rows_of(runs, *names)),
+                 unknown="the thesis's gains, which would be of another unit.")
 
 
 def search(runs: Runs) -> Shown:
     """Show a short search for gains, on steps alone (Figure 4.4)."""
     study = shipped_study(runs.parameters)
-    steps = [r for r in study.requirements if r.test.kind == "step"]
-    largest = max(r.test.amplitude for r in steps)
-    asked = tuple(r for r in steps if r.test.amplitude == largest)
+    asked = tuple(r for r in study.requirements if r.test.kind == "step")
     found = tune(replace(study, cases=study.cases[:1], requirements=asked), generations=_GENERATIONS)
-    drawing = tuning_pictures.responses(found, [asked[0].test])
+    tests = sorted({r.test for r in asked}, key=lambda test: test.amplitude)
+    listed = ", ".join(f"{degrees(test.amplitude):g}°" for test in tests)
+    drawing = tuning_pictures.responses(found, tests)
     rows = tuple((name, found.before.gains[name], value) for name, value in found.best.gains.items())
-    return Shown(runs.conditions(f"step to {degrees(largest):g}°"), drawing.figure,
-                 f"A step with the set's gains (before) and with those of a short search over Table 18's bounds, "
-                 f"{len(found.evaluated)} simulations on this step alone. It shows the method; the gains shipped are "
+    return Shown(runs.conditions(f"steps to {listed}"), drawing.figure,
+                 f"Steps with the set's gains (before) and with those of a short search over Table 18's bounds, "
+                 f"{len(found.evaluated)} evaluations of these steps alone. It shows the method; the gains shipped are "
                  "found by emcas tune in all cases and tests.",
                  Table(("parameter", "as set", "this search"), rows),
-                 ESTIMATED + "the step's size and the bounds of the response are lost.")
+                 "the step's size and the bounds of its response.")

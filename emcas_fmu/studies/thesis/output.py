@@ -13,7 +13,7 @@ from rich.table import Table as RichTable
 
 from ... import __version__
 from ...bench import writers
-from .entry import Cell, Table
+from .entry import Table
 from .study import REPRODUCED, Outcome, Result
 
 SCHEMA = "emcas-thesis/1"
@@ -51,7 +51,7 @@ def numeric(table: Table) -> list[bool]:
     return [any(isinstance(row[i], float) for row in table.rows) for i in range(len(table.columns))]
 
 
-def cell(value: Cell) -> str:
+def cell(value: Any) -> str:
     """Return a cell for people."""
     return value if isinstance(value, str) else writers.number(value)
 

@@ -8,11 +8,11 @@ import numpy as np
 
 from ... import plots
 from ...bench.excitation import step_to
-from ...bench.metrics import SWEPT, displayed, motion, sweep_response
+from ...bench.metrics import SWEPT, displayed, motion, rms, sweep_response
 from ...bench.verdict import REQUIREMENTS, judge_table2
-from .entry import Shown, Table
+from .entry import Show, Shown, Table
 from .pictures import Line, Panel, angle, current, of_run, panels, rate
-from .runs import ESTIMATED, Runs
+from .runs import Runs
 
 _MOTION = {"rise_time_s": "rise 10-90 % [s]", "settling_time_s": "settling 2 % [s]",
            "overshoot_percent": "overshoot [%]", "steady_error_deg": "error at the end [deg]",
@@ -20,12 +20,14 @@ _MOTION = {"rise_time_s": "rise 10-90 % [s]", "settling_time_s": "settling 2 % [
 _RATE = 220.0  # deg/s, Table 2
 _SWEEPS = {"chirp_1deg": "1°", "chirp_3p5deg": "3.5°"}
 _DRAWN = "chirp_3p5deg"
+_SENSES = {">=": "at least", "<=": "at most"}
 
 
 def steps(runs: Runs) -> Shown:
     """Show steps without load (Figure 5.18)."""
-    lines, rows = [], []
-    commands = []
+    lines: list[Line] = []
+    commands: list[Line] = []
+    rows = []
     sizes = runs.levels(1.0, 5.0, 10.0, 20.0)
     for color, size in zip(plots.COLORS, reversed(sizes), strict=False):
         for sign in (1.0, -1.0):
@@ -37,13 +39,14 @@ def steps(runs: Runs) -> Shown:
     listed = ", ".join(f"±{size:g}" for size in sizes)
     return Shown(runs.conditions(f"steps to {listed}° at 0.05 s"),
                  panels([Panel("fin angle / deg", [*commands, *lines])], "time / s", (0.0, 0.4), 2.6),
-                 "Steps from rest at zero.", Table(("step", *_MOTION.values()), tuple(rows)),
-                 ESTIMATED + "the step's size is not given. Its measured curve is not published.")
+                 "Steps from rest at zero.", Table(("step", *_MOTION.values()), rows),
+                 "the step's size; its measured curve is not published.")
 
 
 def step_rate(runs: Runs) -> Shown:
     """Show the fin rate of the largest steps (Figure 5.20)."""
-    size, rows, lines = degrees(runs.reach), [], []
+    size, lines = degrees(runs.reach), list[Line]()
+    rows = []
     for sign in (1.0, -1.0):
         run = runs.run(step_to(sign * runs.reach, 0.5))
         lines.append(rate(run.columns, f"{sign * size:+g}°"))
@@ -51,11 +54,11 @@ def step_rate(runs: Runs) -> Shown:
         rows.append((f"{sign * size:+g}°", moved["peak_rate_deg_per_s"], moved["sustained_rate_deg_per_s"]))
     return Shown(runs.conditions(f"steps to ±{size:g}° at 0.05 s"),
                  panels([Panel("fin rate / deg/s", lines, (_RATE, -_RATE))], "time / s", (0.03, 0.3)),
-                 f"Dotted: the {_RATE:g} deg/s of Table 2, which the mean over the middle 60 % of the travel is held to.",
-                 Table(("step", "peak rate [deg/s]", "mean rate [deg/s]"), tuple(rows)))
+                 f"Dotted: the {_RATE:g} deg/s that Table 2 asks of the mean rate.",
+                 Table(("step", "peak rate [deg/s]", "mean rate [deg/s]"), rows))
 
 
-_SQUARE = (ESTIMATED + "levels, holds and the edges' rate (5 to 20°, 150 ms, 400 deg/s) are estimates.")
+_SQUARE = "levels, holds and the edges' rate; 5 to 20°, 150 ms and 400 deg/s are estimates."
 
 
 def square_command(runs: Runs) -> Shown:
@@ -72,7 +75,7 @@ def square(runs: Runs) -> Shown:
     columns = run.columns
     error = np.degrees(columns["tracking_error"])
     rows = (("largest distance to the command [deg]", float(np.max(np.abs(error)))),
-            ("its root mean square [deg]", float(np.sqrt(np.mean(error**2)))),
+            ("its root mean square [deg]", rms(error)),
             ("largest rate [deg/s]", degrees(float(np.max(np.abs(columns["fin_rate"]))))))
     return Shown(runs.conditions("modified square wave"), panels([
         Panel("fin angle / deg", [of_run(run), angle(columns, "fin")]),
@@ -82,10 +85,10 @@ def square(runs: Runs) -> Shown:
         Table(("", "value"), rows), _SQUARE)
 
 
-_SWEPT = (ESTIMATED + "amplitude (3.5°), frequencies (0.5 to 30 Hz, logarithmic) and duration (12 s) are estimates.")
+_SWEPT = "amplitude, frequencies and duration; these, logarithmic from 0.5 to 30 Hz in 12 s, are estimates."
 
 
-def sweep(*window: float) -> object:
+def sweep(*window: float) -> Show:
     """Return what shows the sine sweep over time, whole or within a window [s] (Figures 5.23, 5.24)."""
     def show(runs: Runs) -> Shown:
         run = runs.case(_DRAWN)
@@ -122,21 +125,23 @@ def bode(runs: Runs) -> Shown:
     gain.minorticks_off()
     return Shown(runs.conditions("sine sweeps of 1° and 3.5°, 0.5 to 30 Hz"), figure,
                  "Fundamental of fin angle over command, by Welch's method; dots mark -3 dB and -90 deg, the dotted "
-                 "upright the 10 Hz of Table 2.", Table(("amplitude", "-3 dB [Hz]", "-90 deg [Hz]"), tuple(rows)), _SWEPT)
+                 "upright the 10 Hz of Table 2.",
+                 Table(("amplitude", "-3 dB [Hz]", "-90 deg [Hz]"), rows), _SWEPT)
 
 
 def required(_: Runs) -> Shown:
     """Show the performance asked for (Table 2)."""
-    rows = tuple((r.title, "at least" if r.sense == ">=" else "at most", r.limit, r.unit, r.how) for r in REQUIREMENTS)
-    return Shown("the thesis's limits", table=Table(("requirement", "", "limit", "unit", "how it is measured here"), rows),
-                 unknown="The thesis does not say how each is measured.")
+    rows = tuple((r.title, _SENSES[r.sense], r.limit, r.unit, r.how) for r in REQUIREMENTS)
+    return Shown("the thesis's limits",
+                 table=Table(("requirement", "", "limit", "unit", "how it is measured here"), rows),
+                 unknown="how the thesis measures each.")
 
 
 def realised(runs: Runs) -> Shown:
     """Show the performance of the set (Table 20)."""
-    rows = tuple((j.title, f"{j.more}{j.sense}".strip(), j.limit, j.measured, j.margin, j.unit, j.passed)
+    rows = tuple((j.title, _SENSES[j.sense], j.limit, j.measured, j.margin, j.unit, j.passed)
                  for j in judge_table2(runs.table2))
     return Shown(runs.conditions("steps, slews and sine sweeps of Table 2", "none, and 100 N.m against the slew"),
                  table=Table(("requirement", "", "limit", "measured", "margin", "unit", "met"), rows),
                  caption="Of a simulated unit whose parameters are largely estimates: emcas validate has the details.",
-                 unknown="The values that the thesis realised are lost.")
+                 unknown="the values that the thesis realised.")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import cycle
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ class Line(NamedTuple):
     x: Any
     y: Any
     label: str = ""
-    look: Look = {}
+    look: Look = MappingProxyType({})
 
 
 class Panel(NamedTuple):
@@ -37,23 +38,17 @@ class Panel(NamedTuple):
     levels: Sequence[float] = ()
 
 
-def panels(parts: Sequence[Panel], x_label: str, x_range: tuple[float, float] | None = None, height: float = 2.0,
-           columns: int = 1, titles: Sequence[str] = ()) -> Figure:
-    """Draw panels below each other, or row by row in `columns`, over the same axis."""
-    figure, grid = plots.figure(-(-len(parts) // columns), columns, height=height if len(parts) > columns else
-                                1.35 * height, sharex=True)
-    for axes, panel in zip(grid.flat, parts, strict=False):
-        _draw(axes, panel)
-        if x_range:
-            axes.set_xlim(x_range)
-    for axes, title in zip(grid.flat, titles, strict=False):
-        axes.set_title(title, pad=16 if axes.get_legend() else None)
-    for axes in grid[-1]:
-        axes.set_xlabel(x_label)
+def panels(parts: Sequence[Panel], x_label: str, x_range: tuple[float, float] | None = None,
+           height: float = 2.0) -> Figure:
+    """Draw panels below each other over the same axis; one by itself is higher than the `height` [inch] of several."""
+    figure, grid = plots.figure(len(parts), height=height if len(parts) > 1 else 1.35 * height, sharex=True)
+    for axes, panel in zip(grid[:, 0], parts, strict=True):
+        _draw(axes, panel, x_range)
+    grid[-1, 0].set_xlabel(x_label)
     return figure
 
 
-def _draw(axes: Axes, panel: Panel) -> None:
+def _draw(axes: Axes, panel: Panel, x_range: tuple[float, float] | None) -> None:
     colors = cycle(plots.COLORS)
     for level in panel.levels:
         axes.axhline(level, **plots.LIMIT)
@@ -61,7 +56,9 @@ def _draw(axes: Axes, panel: Panel) -> None:
         look = dict(line.look)
         if "color" not in look:
             look["color"] = next(colors)
-        axes.plot(line.x, line.y, label=line.label or "_", **look)
+        x, y = np.asarray(line.x), np.asarray(line.y)
+        shown = np.ones(len(x), bool) if x_range is None else (x >= x_range[0]) & (x <= x_range[1])
+        axes.plot(x[shown], y[shown], label=line.label or "_", **look)
     if any(line.label for line in panel.lines):
         plots.legend_above(axes)
     axes.set_ylabel(panel.label)

@@ -1,4 +1,4 @@
-"""What the two rigs share: their numbers in models/rigs.toml, and the actuator stepped under a moment that depends on it.
+"""What the two rigs share: their numbers in models/rigs.toml, and the actuator moved on step by step under them.
 
 Both rigs act on the product's own actuator through its hinge moment: a torque T on the screw is the moment R T about
 the hinge, by virtual work.
@@ -53,7 +53,7 @@ class Unit:
         self._row = [v.initial(values) for v in actuator.inputs]
         self._inputs = {v.name: i for i, v in enumerate(actuator.inputs)}
         self._names = tuple(v.name for v in actuator.outputs)
-        self._rows = [self._core.outputs(self._acting({}))]
+        self._rows: list[tuple[Any, ...]] = [self._core.outputs(self._acting({}))]
 
     def _acting(self, inputs: Mapping[str, float]) -> Any:
         for name, value in inputs.items():

@@ -6,20 +6,18 @@ from collections.abc import Iterable, Mapping
 from functools import cached_property, lru_cache
 from math import degrees, radians
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ...actuators import NONLINEAR
-from ...bench.excitation import COMMAND, LEAD_IN, LOAD, LOAD_RISE, STEP, Excitation, reference_case
+from ...bench.excitation import COMMAND, LOAD, STEP, Excitation, reference_case
 from ...bench.subject import ParameterSubject, Run
 from ...bench.verdict import table2_excitations
 from ...parameters import ParameterSet, load_parameters
+from ...reference.cases import LEAD_IN, LOAD_RISE
 from ...reference.cases import LOAD as RATED
 from ...reference.files import supply_start
 from . import friction_rig, loading_rig
-
-ESTIMATED = "The text that is kept does not say what the test did: "
 
 
 class Runs:
@@ -96,8 +94,3 @@ def loaded_test(reach: float) -> Excitation:
 
 SLEWS: tuple[float, float] = (1.0, 2.0)
 """Instants [s] of the loaded test at which the command slews from end to end: against the load, and with it."""
-
-
-def change(values: Mapping[str, Any], **changes: float) -> dict[str, Any]:
-    """Return values with some that differ, ``__`` for the dot."""
-    return {**values, **{name.replace("__", "."): value for name, value in changes.items()}}

@@ -71,7 +71,7 @@ def _outcome(runs: Runs, entry: Entry) -> Outcome:
     try:
         shown = entry.show(runs)
     except (EmcasError, ArithmeticError, ValueError) as error:
-        return Outcome(entry, stopped=str(error) or type(error).__name__)
+        return Outcome(entry, stopped=(str(error) or type(error).__name__).splitlines()[0])
     if shown.figure is None:
         return Outcome(entry, shown)
     words = f"{entry.name}, {entry.title}. {shown.conditions}. {shown.caption}"

@@ -1,0 +1,194 @@
+"""The registry has every entry of the thesis's two lists; the command, its files and its refusals."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from html import unescape
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from emcas_fmu.cli import app
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.studies.thesis.entries import ENTRIES, FIGURES, TABLES, find
+from emcas_fmu.studies.thesis.entry import NO_MODEL, REASONS, TEST_DATA, Entry, Shown
+from emcas_fmu.studies.thesis.runs import Runs
+from emcas_fmu.studies.thesis.study import NOT_FINISHED, carry_out
+
+# Both lists of the thesis as they are numbered: figures of each chapter, and tables throughout, without a gap.
+LISTED = [*(f"Figure {chapter}.{k}" for chapter, count in {1: 12, 2: 8, 3: 40, 4: 4, 5: 30}.items()
+            for k in range(1, count + 1)), *(f"Table {k}" for k in range(1, 21))]
+# One of each kind of picture and table, and what the text of the thesis gives numbers for; all together take a minute.
+SOME = ("1.4", "2.1", "3.6", "3.18", "3.23", "3.38", "4.2", "5.16", "5.19", "5.30", "Table 1", "Table 4", "Table 12",
+        "Table 17", "Table 20")
+
+
+def emcas(*arguments: str) -> Result:
+    return CliRunner().invoke(app, ["thesis", *arguments])
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Mapping[str, Any], str, str]:
+    """JSON by entry, page and output of a run of some entries."""
+    folder = tmp_path_factory.mktemp("thesis")
+    chosen = [word for name in SOME for word in ("--only", name)]
+    done = emcas(*chosen, "--output", str(folder / "t.html"), "--json", str(folder / "t.json"))
+    assert done.exit_code == 0, done.output
+    document = json.loads((folder / "t.json").read_text(encoding="utf-8"))
+    return ({entry["entry"]: entry for entry in document["entries"]}, (folder / "t.html").read_text(encoding="utf-8"),
+            done.output)
+
+
+def test_every_entry_of_both_lists_is_there_once_and_in_order() -> None:
+    assert [entry.name for entry in ENTRIES] == LISTED
+    assert [*FIGURES, *TABLES] == [*ENTRIES]
+
+
+def test_an_entry_is_shown_or_has_one_of_the_reasons() -> None:
+    for entry in ENTRIES:
+        assert (entry.show is None) == (entry.reason in REASONS), entry.name
+        assert entry.title
+    # The thesis's own test results are not in its text; the actuators it does not study have no model here.
+    assert {e.number for e in FIGURES if e.reason == TEST_DATA} == {"5.19", "5.25"}
+    assert {e.number for e in FIGURES if e.reason == NO_MODEL} == {f"1.{k}" for k in range(7, 13)}
+
+
+def test_notes_name_what_is_there() -> None:
+    root = Path(__file__).resolve().parents[2]
+    for entry in ENTRIES:
+        for path in re.findall(r"[\w/]+\.(?:py|md|toml)", entry.note):
+            assert (root / path).is_file(), f"{entry.name}: {path}"
+        for name in re.findall(r"(?:Figure|Table) [\d.]*\d", entry.note):
+            assert name in LISTED, f"{entry.name}: {name}"
+
+
+def test_entries_are_found_by_number_and_by_name() -> None:
+    assert [e.name for e in find(["Table 20", "5.18", "figure 1.4", "table4"])] == [
+        "Figure 1.4", "Figure 5.18", "Table 4", "Table 20"]
+    assert find([]) == ENTRIES
+
+
+@pytest.mark.parametrize(("name", "near"), [
+    ("4", "did you mean Table 4?"), ("5.81", "did you mean 5.8"), ("Figure 9.9", "did you mean Figure"),
+    ("Table 21", "did you mean Table 2"), ("", "figures go by number")])
+def test_a_name_that_is_none_is_refused_with_one_that_is(name: str, near: str, tmp_path: Path) -> None:
+    with pytest.raises(EmcasError, match=re.escape(near)):
+        find(["5.18", name])
+    done = emcas("--only", name, "-o", str(tmp_path / "t.html"))
+    assert done.exit_code == 2
+    assert not (tmp_path / "t.html").exists()
+
+
+def test_the_page_has_each_entry_with_its_conditions_and_what_is_not_known(
+        written: tuple[Mapping[str, Any], str, str]) -> None:
+    entries, page, output = written
+    assert {entry.name for entry in find(SOME)} == set(entries)
+    for name, entry in entries.items():
+        assert f"{name}</strong>" in page or f"<h3>{name}: " in page
+        if entry["status"] == "reproduced":
+            assert entry["conditions"] in unescape(page)
+            assert entry["rows"] or entry["picture"]
+    pictures = re.findall(r'<svg role="img" aria-label="([^"]*)"', page)
+    assert len(pictures) == sum(entry.get("picture", False) for entry in entries.values())
+    assert all(re.match(r"Figure [\d.]+, .{20}", words) for words in pictures)
+    assert "test data, not published" in page
+    assert "http" not in re.sub(r'xmlns(:\w+)?="[^"]*"|"-//[^"]*" *"[^"]*"', "", page)  # nothing is fetched
+    assert "Figure 5.30" in output
+
+
+def test_every_simulated_entry_says_what_is_an_estimate(written: tuple[Mapping[str, Any], str, str]) -> None:
+    entries, _, _ = written
+    for name in ("Figure 3.18", "Figure 5.30", "Table 12"):
+        assert "estimate" in entries[name]["unknown"]
+
+
+def test_numbers_that_the_text_of_the_thesis_gives(written: tuple[Mapping[str, Any], str, str]) -> None:
+    entries, _, _ = written
+    table1 = {row[""]: row["with Table 1's inertia and mass"] for row in entries["Table 1"]["rows"]}
+    # 423 and 1396 rad/s by (2.53) and (2.55) with the rod and the inertia of Table 1, to three digits.
+    assert table1["in tension [Hz]"] * 6.2832 == pytest.approx(423.0, rel=2e-3)
+    assert table1["in torsion [Hz]"] * 6.2832 == pytest.approx(1396.0, rel=2e-3)
+    assert [row["coefficient"] for row in entries["Table 4"]["rows"]] == [0.208, 0.018]
+    limits = [row["limit"] for row in entries["Table 20"]["rows"]]
+    assert {0.2, 220.0, 200.0, 10.0} <= set(limits)
+
+
+def test_both_readings_of_the_drives_gains(written: tuple[Mapping[str, Any], str, str]) -> None:
+    entries, _, _ = written
+    as_set, other = entries["Figure 3.6"]["rows"]
+    values = load_parameters().values
+    resistance, inductance = values["motor.resistance"], values["motor.inductance"]
+    # A proportional loop around a winding: kp/(kp + R) is reached at once, with the time constant L/(kp + R).
+    for row, kp in ((as_set, values["drive.kp"]), (other, 0.208 * values["drive.kp"])):
+        assert row["reached at once [%]"] == pytest.approx(100.0 * kp / (kp + resistance))
+        assert row["time constant [ms]"] == pytest.approx(1e3 * inductance / (kp + resistance))
+
+
+def test_what_is_switched_off_is_missed(written: tuple[Mapping[str, Any], str, str]) -> None:
+    entries, _, _ = written
+    with_it, without = entries["Figure 4.2"]["rows"]
+    assert without["overshoot [%]"] > with_it["overshoot [%]"] + 1.0
+    warm_on, warm_off, cold_on, cold_off = (row["rms error [deg]"] for row in entries["Figure 5.16"]["rows"])
+    assert warm_off > 1.2 * warm_on
+    assert cold_off > max(cold_on, warm_off)
+
+
+def test_the_lever_is_as_fast_both_ways_only_without_assembly_angle(
+        written: tuple[Mapping[str, Any], str, str]) -> None:
+    rows = {row["assembly angle [deg]"]: row for row in written[0]["Figure 2.1"]["rows"]}
+    apart = {angle: row["negative [deg/s]"] - row["positive [deg/s]"] for angle, row in rows.items()}
+    # Without an angle friction alone is left, by some hundredths of the viscous damping.
+    assert abs(apart[0.0]) < 0.1 * apart[10.0]
+    assert apart[10.0] > apart[5.0] > apart[2.5] > abs(apart[0.0])
+
+
+def test_backlash_is_found_again(written: tuple[Mapping[str, Any], str, str]) -> None:
+    values = {row[""]: row["value"] for row in written[0]["Figure 3.38"]["rows"]}
+    gap = values["the gap itself, at fin angle 0 [deg]"]
+    # 0.05 mm at an arm of 50 mm, mounted at 5 deg: 0.0573 cos^2 5 deg. Beside it the drive line gives a little.
+    assert gap == pytest.approx(0.0573 * 0.9924, rel=2e-3)
+    assert gap < values["identified [deg]"] < 1.1 * gap
+
+
+def test_the_same_set_gives_the_same_page(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        assert emcas("--only", "5.8", "--only", "3.4", "-o", str(tmp_path / f"{name}.html")).exit_code == 0
+    assert (tmp_path / "a.html").read_bytes() == (tmp_path / "b.html").read_bytes()
+
+
+def test_parameters_are_those_of_the_files(tmp_path: Path) -> None:
+    (tmp_path / "stiff.toml").write_text('[friction]\nviscous.positive = "2e-3 N*m*s/rad"\n', encoding="utf-8")
+    done = emcas("--only", "3.27", "-p", str(tmp_path / "stiff.toml"), "-o", str(tmp_path / "t.html"), "--json",
+                 str(tmp_path / "t.json"))
+    assert done.exit_code == 0, done.output
+    document = json.loads((tmp_path / "t.json").read_text(encoding="utf-8"))
+    assert document["differences"] == ["friction.viscous.positive"]
+    positive = document["entries"][0]["rows"][0]
+    assert positive["parameter [N.m.s/rad]"] == 2e-3
+    assert positive["viscous coefficient, rig [N.m.s/rad]"] == pytest.approx(2e-3, rel=0.01)  # the fin's inertia: 0.4 %
+
+
+def test_what_a_set_does_not_allow_is_told_and_the_rest_shown(tmp_path: Path) -> None:
+    # No command beyond 8 deg: the shipped requirements of 20 deg do not fit.
+    (tmp_path / "narrow.toml").write_text('[command]\nlimit = "8 deg"\n', encoding="utf-8")
+    done = emcas("--only", "Table 17", "--only", "5.20", "-p", str(tmp_path / "narrow.toml"), "-o",
+                 str(tmp_path / "t.html"), "--json", str(tmp_path / "t.json"))
+    assert done.exit_code == 1
+    assert "not finished: Table 17" in done.output
+    document = json.loads((tmp_path / "t.json").read_text(encoding="utf-8"))
+    assert {entry["entry"]: entry["status"] for entry in document["entries"]} == {
+        "Figure 5.20": "reproduced", "Table 17": NOT_FINISHED}
+    assert "command.limit" in (tmp_path / "t.html").read_text(encoding="utf-8")
+
+
+def test_a_fault_of_the_program_is_no_outcome() -> None:
+    def broken(_: Runs) -> Shown:
+        raise AssertionError
+
+    with pytest.raises(AssertionError):
+        carry_out(Runs(), [Entry("Figure", "5.18", "broken", broken)])
