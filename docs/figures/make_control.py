@@ -72,7 +72,8 @@ def main() -> None:
 
     with plots.style():
         drawn, ((axes,),) = plots.figure(1, height=3.4, width=6.4)
-        for observer, color, label in ((0.0, plots.BLUE, "shipped loops"), (200.0, plots.VERMILLION, "with a load observer")):
+        for observer, color, label in ((0.0, plots.BLUE, "shipped loops"),
+                                       (200.0, plots.VERMILLION, "with a load observer")):
             points = []
             for share in np.linspace(-0.4, 1.4, 10):
                 subject = ParameterSubject(between(float(share)).replace({"controller.load_observer": observer}))

@@ -11,7 +11,6 @@ import numpy as np
 from ... import plots
 from ...bench.excitation import COMMAND, Excitation, sine_from_rest, slew_to, step_to
 from ...bench.metrics import FIGURES, HELD, FrequencyResponse, displayed, motion, shown, usage
-from ...bench.subject import Run
 from ...bench.verdict import HOLD
 from ...extensions.status import STATUS
 from ...physics.friction import COLD, WARM
@@ -78,14 +77,11 @@ def linear_steps(*sizes: float) -> Show:
     return show
 
 
-def _pair(runs: Runs, excitation: Excitation, switch: str, off: str) -> dict[str, Run]:
-    return {"as set": runs.run(excitation), off: runs.run(excitation, **{switch: 0.0})}
-
-
 def antiwindup(runs: Runs) -> Shown:
     """Show a slew against the load with the anti-windup and without (Figure 4.2)."""
     excitation = slew_to(runs.reach, 1.5, -LOAD)
-    found = _pair(runs, excitation, "controller__antiwindup", "antiwindup = 0")
+    off = runs.run(excitation, controller__antiwindup=0.0, controller__drive_antiwindup=0.0)
+    found = {"as set": runs.run(excitation), "none": off}
     rows = []
     for name, run in found.items():
         moved = displayed(motion(run, 1))
@@ -99,7 +95,7 @@ def antiwindup(runs: Runs) -> Shown:
         Panel("reference / V", [Line(run.columns["time"], run.columns["drive_reference"]) for run in found.values()])],
         "time / s", (0.95, 2.3)),
         "While the speed reference is at its limit the position loop's integral runs on, unless it is held back.",
-        Table(("controller.antiwindup", "overshoot [%]", "settling 2 % [s]", "within 0.2 deg after [s]",
+        Table(("anti-windup", "overshoot [%]", "settling 2 % [s]", "within 0.2 deg after [s]",
                "at the stop [s]"), rows),
         "any response: the thesis shows the structure. Slew and load here keep the speed reference at its limit.")
 

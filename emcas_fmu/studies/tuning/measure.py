@@ -22,7 +22,8 @@ from ...parameters import ParameterSet
 _MARGINS = ("gain_margin", "phase_margin", "delay_margin")
 _BANDWIDTHS = ("bandwidth_3db", "bandwidth_90deg")
 _MOVES = tuple(dict.fromkeys((*MOTION, *USAGE)))
-KINDS: Mapping[str, tuple[str, ...]] = {"step": _MOVES, "slew": _MOVES, "load": USAGE, "sine": _BANDWIDTHS, "linear": _MARGINS}
+KINDS: Mapping[str, tuple[str, ...]] = {
+    "step": _MOVES, "slew": _MOVES, "load": USAGE, "sine": _BANDWIDTHS, "linear": _MARGINS}
 """The figures of each kind of test."""
 _LOWEST, _HIGHEST = 2.0, 60.0  # Hz, where a bandwidth is looked for
 _LOOP_LOWEST, _LOOP_POINTS = 0.5, 150  # Hz, and how many: enough for margins to 1e-6
