@@ -3,7 +3,6 @@
 import numpy as np
 from scipy.integrate import solve_ivp
 
-
 MOTION = [f"{kind}.{axis}" for kind in ("acceleration", "angular_rate", "angular_acceleration") for axis in "xyz"]
 ATTITUDE = ["attitude.roll", "attitude.pitch"]
 

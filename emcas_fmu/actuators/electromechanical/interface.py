@@ -52,6 +52,9 @@ OUTPUTS = (
 INPUT_DESCRIPTIONS = {
     "acceleration.x": "vehicle acceleration along body x (forward, along the screw), where mounting.station "
                       "counts from",
+    "angular_acceleration.x":
+        "vehicle angular acceleration about body x, d/dt of angular_rate.x; times inertia.motor + inertia.screw it "
+        "takes from the motor's torque, whose positive angle is right-handed about body x",
     "enable": "false opens the drive's bridge: the fin is driven by loads and friction only",
 }
 
