@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 from ..ops.base import Ops, Value
 from . import friction, kinematics, loads
+from .loads import fin_inertia as fin_inertia
 
 
 class Mechanics(NamedTuple):
@@ -60,7 +61,7 @@ def coefficients(ops: Ops, p: Any, motor_angle: Value, u: Any = loads.NONE) -> M
     """Return the equation's coefficients at a motor angle [rad] under the loads.LOADS that `u` has."""
     tangent = kinematics.lever_tangent(ops, p, motor_angle)
     ratio = kinematics.reduction_ratio(ops, p, tangent)
-    reflected = loads.fin_inertia(p) / (ratio * ratio)
+    reflected = fin_inertia(p) / (ratio * ratio)
     moment, rotor = external_moment(ops, p, tangent, u), rotor_torque(p, u)
     return Mechanics(
         inertia=screw_inertia(p) + reflected,

@@ -18,8 +18,7 @@ from typing import Any
 
 from ..namespace import with_values
 from ..ops.base import Ops, Value
-from .loads import fin_inertia
-from .mechanics import Mechanics
+from .mechanics import Mechanics, fin_inertia
 
 
 def lossy(p: Any) -> bool:

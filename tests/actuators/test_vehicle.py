@@ -26,7 +26,7 @@ WILD: dict[str, Array] = {
         6.0 * np.pi * TIME),
     "angular_rate.y": 3.0 * np.sin(20.0 * TIME), "angular_acceleration.y": 60.0 * np.cos(20.0 * TIME),
     "angular_rate.z": 4.0 * np.cos(15.0 * TIME), "angular_acceleration.z": -60.0 * np.sin(15.0 * TIME)}
-PLACE = {"mounting.azimuth": 0.8, "mounting.station": -2.5, "loads.gravity": True}
+PLACE: dict[str, Any] = {"mounting.azimuth": 0.8, "mounting.station": -2.5, "loads.gravity": True}
 TURNING = [name for name in WILD if name.startswith("angular")]
 
 
@@ -43,7 +43,7 @@ def set_of(model: str = "nonlinear", **changes: Any) -> dict[str, Any]:
 
 def test_nonlinear_against_its_independent_integration() -> None:
     """Within 0.002 deg; measured 0.0003 deg, where the rotation moves the fin by 0.17 deg. Both kernels to the bit."""
-    values = set_of(**PLACE)
+    values = set_of("nonlinear", **PLACE)
     runs = [simulate(values, 0.3, 1e-3, kernel, **dunder(WILD)) for kernel in ("compiled", "python")]
     assert all(np.array_equal(runs[0][name], runs[1][name]) for name in runs[0])
     expected = integrate(values, {"time": TIME, **WILD})["fin_angle"]
@@ -143,7 +143,7 @@ def test_a_jammed_rotor_turns_with_the_vehicle() -> None:
 
 def test_fins_of_a_unit_feel_it_each_by_its_azimuth() -> None:
     """Four fins of one vehicle are the four by themselves, to the bit; q' turns opposite ones opposite ways."""
-    sets = [set_of(**{"mounting.azimuth": radians(90.0 * k), "mounting.station": -2.0}) for k in range(4)]
+    sets = [set_of("nonlinear", **{"mounting.azimuth": radians(90.0 * k), "mounting.station": -2.0}) for k in range(4)]
     motion = {"angular_rate.x": 30.0, "angular_acceleration.y": 80.0}
     unit = simulate_fins(sets, 0.1, **dunder({**motion, "fin_command": 0.05}))
     for k, values in enumerate(sets, 1):
