@@ -169,7 +169,7 @@ def test_ramps_are_the_same_from_both_kernels(changes: list[Any], rates: tuple[f
 def test_a_ramp_is_what_small_held_steps_come_to() -> None:
     """A pressure from 0 at 20 MPa/s: against steps of 1 us, each at its middle."""
     core, slope = _cores()[1], 2e7
-    ramped = [core.run(5e-3 * k, acts(slope * 5e-3 * (k - 1)), (5e-3 * (k - 1), (0.0,) * 5 + (slope, 0.0)))[0]
+    ramped = [core.run(5e-3 * k, acts(slope * 5e-3 * (k - 1)), (5e-3 * (k - 1), sloping(0.0, 0.0, slope, 0.0)))[0]
               for k in range(1, 5)]
     fine = _cores()[1]
     for k in range(20_000):
