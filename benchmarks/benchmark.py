@@ -33,6 +33,7 @@ from emcas_fmu.control import controllers, sensors
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import drive, kinematics, mechanics
+from emcas_fmu.physics.loads import NONE
 from emcas_fmu.trace.python_source import python_source
 from emcas_fmu.trace.tracer import Tracer
 from tests.default_actuator import namespace
@@ -100,7 +101,7 @@ def _equations(values: Any) -> Any:
     p = namespace({name: tracer.parameter(name) for name in values})
 
     def right_hand_side(angle: Any, speed: Any, current: Any, xi: Any, reference: Any, load: Any, supply: Any) -> Any:
-        m = mechanics.coefficients(tracer, p, angle, load, 0.0, 0.0)
+        m = mechanics.coefficients(tracer, p, angle, NONE.replace(aero_torque=load))
         i_ref = drive.current_reference(tracer, p, reference)
         demand = drive.voltage_demand(p, i_ref, current, xi)
         voltage = tracer.clip(demand, -supply, supply)

@@ -14,7 +14,6 @@ from .fmi.interface import BUS_PARAMETERS, MIXING, FmuInterface, start_values
 from .parameters import ParameterError, check_parameters, require_sound
 from .rules import check_ranges
 from .runtime import codegen, compiled
-from .runtime.core import MOTION
 from .variables import Variable
 
 T = TypeVar("T")
@@ -72,7 +71,7 @@ def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 
 
     def arranged(row: Sequence[float]) -> Sequence[tuple[Any, ...]]:
         fins = [[row[i] for i in places] for places in unit.places]
-        return cores.acting(fins, cores.forces(*fins[0][MOTION]), [row[i] for i in mixing])
+        return cores.acting(fins, cores.carried(*fins[0][codegen.MOTION]), [row[i] for i in mixing])
 
     rows = _rows(cores, table, step, arranged)
     return {"time": np.arange(len(table)) * step, **{v.name: rows[:, i].copy() for i, v in enumerate(unit.outputs)}}

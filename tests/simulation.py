@@ -8,12 +8,14 @@ from typing import Any
 
 from emcas_fmu.actuators import get
 from emcas_fmu.namespace import Record, namespace
+from emcas_fmu.physics.loads import NONE
 from emcas_fmu.runtime import codegen
+from emcas_fmu.runtime.codegen import inputs_at_rest
 from emcas_fmu.runtime.core import Core
 from emcas_fmu.simulation import simulate
 from tests.default_actuator import OUTPUTS
 
-__all__ = ["NAMES", "acting", "nested", "new_core", "simulate"]
+__all__ = ["NAMES", "acting", "inputs_at_rest", "nested", "new_core", "simulate"]
 NAMES = [v.name for v in OUTPUTS]
 
 
@@ -24,8 +26,7 @@ def new_core(values: Mapping[str, Any]) -> Core:
 
 def acting(reference: float = 0.0, supply: float = 39.0, enabled: bool = True) -> Record:
     """What acts on an electromechanical plant through a step: a drive's reference [V], and no load."""
-    return Record(reference=reference, aero_torque=0.0, f_x=0.0, f_z=0.0, supply=supply, enabled=enabled,
-                  rated_current_limit=None)
+    return Record(reference=reference, **vars(NONE), supply=supply, enabled=enabled, rated_current_limit=None)
 
 
 def nested(values: Mapping[str, Any], model: str, **structure: Any) -> Any:

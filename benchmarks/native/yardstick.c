@@ -34,7 +34,7 @@ typedef struct {
     double line[LINE], reference, i_ref;       /* DAC values by age; the one in the drive, and its current */
     double in[VR_supply_voltage + 1];          /* real inputs */
     double tan_0, cold_coulomb, cold_viscous;  /* constants that need a library call */
-    double f_x, f_z, start;
+    double f_x, f_z, spin, coning, about_screw, about_hinge, start;
     long long tick;
     int phase, enable, limited, loaded;
     void (*release)(void *);
@@ -60,28 +60,41 @@ static double ratio(const Actuator *a) {
     return RATIO / (c * c);
 }
 
-/* Equations 2.27-2.45. */
+/* Equations 2.27-2.45, and the vehicle's rotation. */
 static void forces(Actuator *a) {
-    const double *in = a->in, g = P_loads_gravity ? 9.80665 : 0.0;
+    const double *in = a->in, g = P_loads_gravity ? 9.80665 : 0.0, at = P_mounting_station;
+    const double *w = in + VR_angular_rate_x, *turning = in + VR_angular_acceleration_x;
     double pitch = in[VR_attitude_pitch], roll = in[VR_attitude_roll];
-    double y = g * sin(roll) * cos(pitch) - in[VR_acceleration_y];
-    double z = g * cos(roll) * cos(pitch) - in[VR_acceleration_z];
-    a->f_x = -g * sin(pitch) - in[VR_acceleration_x];
+    double y = g * sin(roll) * cos(pitch) - in[VR_acceleration_y] - at * (turning[2] + w[0] * w[1]);
+    double z = g * cos(roll) * cos(pitch) - in[VR_acceleration_z] - at * (w[0] * w[2] - turning[1]);
+    double across = cos(P_mounting_azimuth) * w[2] - sin(P_mounting_azimuth) * w[1];
+    a->f_x = -g * sin(pitch) - in[VR_acceleration_x] + at * (w[1] * w[1] + w[2] * w[2]);
     a->f_z = cos(P_mounting_azimuth) * z - sin(P_mounting_azimuth) * y;
-    a->loaded = a->f_x != 0.0 || a->f_z != 0.0;
+    a->spin = w[0] * w[0] - across * across;
+    a->coning = w[0] * across;
+    a->about_screw = turning[0];
+    a->about_hinge = cos(P_mounting_azimuth) * turning[1] + sin(P_mounting_azimuth) * turning[2];
+    a->loaded = a->f_x != 0.0 || a->f_z != 0.0 || a->spin != 0.0 || a->coning != 0.0 || a->about_screw != 0.0
+             || a->about_hinge != 0.0;
 }
 
-static double body_moment(const Actuator *a, double r) {
+static double body_moment(const Actuator *a) {
     double x = P_mass_fin * P_center_of_mass_fin_x + P_mass_shaft * P_center_of_mass_shaft_x
              + P_mass_fork * P_center_of_mass_fork_x;
     double z = P_mass_fin * P_center_of_mass_fin_z + P_mass_shaft * P_center_of_mass_shaft_z
              + P_mass_fork * P_center_of_mass_fork_z;
     double c = cos(a->angle), s = sin(a->angle);
-    return (z * c - x * s) * a->f_x - (x * c + z * s) * a->f_z + P_screw_lead * r * P_mass_nut * a->f_x;
+    return (z * c - x * s) * a->f_x - (x * c + z * s) * a->f_z
+         + SWINGING * (a->spin * s * c + a->coning * (c * c - s * s) - a->about_hinge);
+}
+
+/* What nut and rotor add about the hinge. */
+static double screw_moment(const Actuator *a, double r) {
+    return r * (P_screw_lead * P_mass_nut * a->f_x - (P_inertia_motor + P_inertia_screw) * a->about_screw);
 }
 
 static double hinge_moment(const Actuator *a) {
-    return a->in[VR_aero_torque] + (a->loaded ? body_moment(a, ratio(a)) : 0.0);
+    return a->in[VR_aero_torque] + (a->loaded ? body_moment(a) : 0.0);
 }
 
 /* Section 4.2, the encoder on the motor's shaft. */
@@ -139,7 +152,7 @@ static void tick(Actuator *a) {
         flow(a, r * a->rate);
     double moment = r * P_motor_torque_constant * a->current + a->in[VR_aero_torque];
     if (a->loaded)
-        moment += body_moment(a, r);
+        moment += body_moment(a) + screw_moment(a, r);
     int positive = a->rate > 0.0 || (a->rate == 0.0 && moment > 0.0);
     double friction = r * a->cold_coulomb * coulomb(a->angle, positive) + P_friction_fin_coulomb;
     if (a->rate == 0.0 && fabs(moment) <= friction)
@@ -211,7 +224,7 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference r[], size_t n, 
         if (r[i] > VR_supply_voltage)
             return fmi2Error;
         a->in[r[i]] = value[i];
-        body |= r[i] >= VR_acceleration_x && r[i] <= VR_attitude_yaw;
+        body |= r[i] >= VR_acceleration_x && r[i] <= VR_angular_acceleration_z;
     }
     if (body)
         forces(a);

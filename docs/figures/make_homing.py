@@ -32,7 +32,7 @@ def _run(obstacle: Callable[[float, float], float], stop: float) -> dict[str, An
     for k in range(round(stop / 1e-3)):
         t = k * 1e-3
         home = any(0.0 <= t - rise < 0.5 for rise in HOME)
-        rows.append(core.run(t + 1e-3, (COMMAND, obstacle(t, angle), 0.0, 0.0, 39.0, True, home)))
+        rows.append(core.run(t + 1e-3, codegen.inputs_at_rest(COMMAND, obstacle(t, angle), 39.0, True, home)))
         angle = rows[-1][0]
     names = [v.name for v in get(MODEL).outputs]
     return {"time": np.arange(1, len(rows) + 1) * 1e-3, **dict(zip(names, np.array(rows, float).T, strict=True))}

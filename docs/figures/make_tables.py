@@ -92,8 +92,9 @@ class Loop:
         angle, found = 0.0, [0.0]
         for k in range(round(STOP / step)):
             begin, end = k * step, (k + 1) * step
-            acting = (self.command(begin), self.torque(angle), 0.0, 0.0, supply, True)
-            ramp = (begin, ((self.command(end) - acting[0]) / step, 0.0, 0.0, 0.0, 0.0)) if self.ramped else None
+            acting = codegen.inputs_at_rest(self.command(begin), self.torque(angle), supply)
+            rise = (self.command(end) - acting[0]) / step
+            ramp = (begin, codegen.inputs_at_rest(rise, 0.0, 0.0)[:-1]) if self.ramped else None
             angle = core.run(end, acting, ramp)[0]
             found.append(degrees(angle))
         return found

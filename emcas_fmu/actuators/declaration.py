@@ -31,6 +31,7 @@ from ..errors import EmcasError, hint
 from ..namespace import Record, namespace
 from ..ops.base import Ops, Value
 from ..ops.floats import FLOATS
+from ..physics.loads import LOADS
 from ..rules import Rule
 from ..steppers.smooth import Derivatives, smooth_step
 from ..variables import Terminal, Variable, parameter
@@ -42,9 +43,10 @@ Parameters = Any
 Acting = Record
 """What acts on the plant through a step. To `step` and `outputs`:
 
-``reference``, as it has arrived in the drive; ``aero_torque`` [N.m]; ``f_x`` and ``f_z`` [m/s2], the specific force in
-the fin's frame; ``supply``; ``enabled``; the actuator's further inputs; its sampled states;
-``rated_current_limit`` [A], the drive's without a fault, None where that is drive.current_limit.
+``reference``, as it has arrived in the drive; ``aero_torque`` [N.m]; what the vehicle's motion makes, ``f_x``,
+``f_z``, ``wx2_wz2``, ``wx_wz``, ``alpha_x``, ``alpha_y`` (:class:`emcas_fmu.physics.loads.Carried`); ``supply``;
+``enabled``; the actuator's further inputs; its sampled states; ``rated_current_limit`` [A], the drive's without a
+fault, None where that is drive.current_limit.
 To `outputs` besides: ``command`` [rad]; ``sampled_reference``, the last sample's; ``measured_fin_angle`` [rad];
 ``limited``, whether the last sample met a limit.
 """
@@ -283,13 +285,12 @@ class Actuator:
         """
         plant, kept, held = (tuple(s.name for s in states)
                              for states in (self.states, self.controller_states, self.sampled_states))
-        acting = ("aero_torque", "f_x", "f_z", "supply", "enable",
-                  *(identifier(v.name) for v in self.acting_inputs))
+        acting = (*LOADS, "supply", "enable", *(identifier(v.name) for v in self.acting_inputs))
         return (
             ("initial", (), self._initial),
             ("sample", (*plant, *kept, *held, "command", "supply", "enable",
                         *(identifier(v.name) for v in self.further_inputs)), self._sample),
-            ("forces", ("a_x", "a_y", "a_z", "roll", "pitch"), fin_port.specific_force),
+            ("carried", tuple(identifier(v.name) for v in fin_port.MOTION), fin_port.carried),
             ("step", (*plant, *held, "active", *acting, "h"), self._step),
             ("outputs", (*plant, "active", "reference", "measured", "limited", *held, "command", *acting),
              self._output_values),
@@ -346,7 +347,7 @@ class Actuator:
         return _complete(self.derivatives, self.derivatives(ops, p, x, u), (s.name for s in self.states))
 
     def _acting(self, held: Iterable[Value], active: Value, acting: Iterable[Value]) -> dict[str, Value]:
-        names = (*(s.name for s in self.sampled_states), "reference", "aero_torque", "f_x", "f_z", "supply", "enabled",
+        names = (*(s.name for s in self.sampled_states), "reference", *LOADS, "supply", "enabled",
                  *(identifier(v.name) for v in self.acting_inputs))
         return {**dict(zip(names, (*held, active, *acting), strict=True)), "rated_current_limit": None}
 

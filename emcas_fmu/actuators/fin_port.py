@@ -20,12 +20,18 @@ from ..variables import Terminal, Variable, boolean_input, boolean_output, param
 # -- inputs ------------------------------------------------------------------------
 
 MOTION = (
-    real_input("acceleration.x", "m/s2", "vehicle acceleration along body x (forward)", nominal=10.0),
-    real_input("acceleration.y", "m/s2", "vehicle acceleration along body y", nominal=10.0),
-    real_input("acceleration.z", "m/s2", "vehicle acceleration along body z (down)", nominal=10.0),
+    real_input("acceleration.x", "m/s2",
+               "vehicle acceleration along body x (forward), where mounting.station counts from", nominal=10.0),
+    real_input("acceleration.y", "m/s2", "vehicle acceleration along body y, at the same point", nominal=10.0),
+    real_input("acceleration.z", "m/s2", "vehicle acceleration along body z (down), at the same point", nominal=10.0),
     real_input("attitude.roll", "rad", "vehicle roll angle, for gravity"),
     real_input("attitude.pitch", "rad", "vehicle pitch angle, for gravity"),
     real_input("attitude.yaw", "rad", "vehicle yaw angle (gravity does not depend on it)"),
+    *(real_input(f"angular_rate.{axis}", "rad/s", f"vehicle angular rate about body {axis} ({name})")
+      for axis, name in (("x", "roll rate p"), ("y", "pitch rate q"), ("z", "yaw rate r"))),
+    *(real_input(f"angular_acceleration.{axis}", "rad/s2",
+                 f"vehicle angular acceleration about body {axis}, d/dt of angular_rate.{axis}", nominal=10.0)
+      for axis in "xyz"),
 )
 COMMAND = real_input("fin_command", "rad", "commanded fin angle; clipped to +-command.limit", nominal=0.1)
 AERO_TORQUE = real_input(
@@ -55,6 +61,8 @@ def described(descriptions: Mapping[str, str], outputs: tuple[Variable, ...] = O
 
 # -- parameters --------------------------------------------------------------------
 
+INERTIAS = tuple(parameter(f"inertia.{part}", "kg.m2", minimum, 1e3, f"{name} inertia about the hinge")
+                 for part, name, minimum in (("fin", "fin", 1e-9), ("shaft", "fin shaft", 0.0), ("fork", "fork", 0.0)))
 MASSES = tuple(parameter(f"mass.{part}", "kg", 0.0, 1e3, f"{name} mass")
                for part, name in (("fin", "fin"), ("shaft", "fin shaft"), ("fork", "fork")))
 CENTERS = tuple(
@@ -70,9 +78,11 @@ TRAVEL = (
 MOUNTING = (
     switch("loads.gravity", "true: gravity acts on the moving parts (wire the attitude inputs)"),
     parameter("mounting.azimuth", "rad", radians(-360), radians(360), "roll of the fin's frame about body x"),
+    parameter("mounting.station", "m", -100.0, 100.0,
+              "place of the hinge along body x, from the point whose acceleration is given"),
 )
 MAX_TICK = parameter("solver.max_tick", "s", 1e-7, 1e-3, "longest internal tick")
-PARAMETERS = (*MASSES, *CENTERS, SAMPLE_TIME, *TRAVEL, *MOUNTING, MAX_TICK)
+PARAMETERS = (*INERTIAS, *MASSES, *CENTERS, SAMPLE_TIME, *TRAVEL, *MOUNTING, MAX_TICK)
 
 TERMINALS = (
     Terminal("command", "what the flight computer sends and gets back",
@@ -100,10 +110,10 @@ def inputs(supply: Variable | None = None, further: tuple[Variable, ...] = ()) -
 # -- equations ---------------------------------------------------------------------
 
 
-def specific_force(ops: Ops, p: Any, a_x: Value, a_y: Value, a_z: Value, roll: Value, pitch: Value
-                   ) -> tuple[Value, Value]:
-    """Return the specific force [m/s2] in the fin's frame, x and z, from acceleration and attitude."""
-    return loads.specific_force(ops, p, (a_x, a_y, a_z), roll, pitch)
+def carried(ops: Ops, p: Any, *motion: Value) -> tuple[Value, ...]:
+    """Return what the vehicle's motion makes of the actuator, loads.Carried, from the inputs MOTION."""
+    a_x, a_y, a_z, roll, pitch, _, w_x, w_y, w_z, d_x, d_y, d_z = motion
+    return loads.carried(ops, p, (a_x, a_y, a_z), roll, pitch, (w_x, w_y, w_z), (d_x, d_y, d_z))
 
 
 def mixed_command(ops: Ops, p: Any, command: Value, roll: Value, pitch: Value, yaw: Value) -> Value:
@@ -122,9 +132,14 @@ def stop_edge(p: Any) -> Value:
     return p.fin.stop_angle * _AT
 
 
-def hinge_torque(ops: Ops, p: Any, fin_angle: Value, aero_torque: Value, f_x: Value, f_z: Value) -> Value:
-    """Return the external moment about the hinge [N.m] at a fin angle [rad]."""
-    return aero_torque + loads.hinge_moment_at(ops, p, fin_angle, f_x, f_z)
+def hinge_inertia(p: Any) -> Value:
+    """Return the inertia [kg.m2] of fin, shaft and fork about the hinge."""
+    return loads.fin_inertia(p)
+
+
+def hinge_torque(ops: Ops, p: Any, fin_angle: Value, u: Any) -> Value:
+    """Return the external moment about the hinge [N.m] at a fin angle [rad] under what acts, `u`."""
+    return u.aero_torque + loads.hinge_moment_at(ops, p, fin_angle, u)
 
 
 # -- rules -------------------------------------------------------------------------

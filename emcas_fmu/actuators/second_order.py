@@ -89,7 +89,7 @@ def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     return {
         "fin_angle": x.fin_angle,
         "fin_rate": x.fin_rate,
-        "hinge_torque": fin_port.hinge_torque(ops, p, x.fin_angle, u.aero_torque, u.f_x, u.f_z),
+        "hinge_torque": fin_port.hinge_torque(ops, p, x.fin_angle, u),
         "tracking_error": fin_port.clipped_command(ops, p, u.command) - x.fin_angle,
         "measured_fin_angle": u.measured_fin_angle,
         "saturated": ops.either(at_rate, u.limited > 0.0),
@@ -112,6 +112,7 @@ ACTUATOR = Actuator(
     parameters=PARAMETERS,
     descriptions={
         "enable": "false: the fin stands where it is, whatever the load",
+        "angular_acceleration.x": "vehicle angular acceleration about body x; nothing here depends on it",
         "aero_torque": "aerodynamic hinge moment on the fin; moves nothing, and counts in hinge_torque",
     },
     provides=frozenset({capabilities.COMMAND_REFERENCE}),

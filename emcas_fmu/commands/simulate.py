@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 _FIN = re.compile(r"fin\[(\d+)\]\.(.+)")
 EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.html"
                    "\n\n  emcas simulate --case chirp_3p5deg --plot chirp.png --output chirp.csv"
+                   "\n\n  emcas simulate --step 15 --set angular_rate.x='60 rad/s' --set mounting.station=-1.5"
                    "\n\n  emcas simulate --input flight.csv -p my_actuator.toml --json figures.json"
                    "\n\n  emcas simulate --step 10 --model elastic+faults --set fault.jam.begin='80 ms' "
                    "--set fault.jam.end='1 s' --plot jam.png"

@@ -30,15 +30,15 @@ LOSS = real_output("screw_loss", "W", "power that the loaded screw turns into he
 MOST_JAMMING = 0.9
 
 
-def _load_side(ops: Ops, p: Any, speed: Value, fin: Value, moment: Value, f_x: Value, direction: Value
+def _load_side(ops: Ops, p: Any, speed: Value, fin: Value, moment: Value, u: Acting, direction: Value
                ) -> tuple[Value, Value]:
     """Return J_l [kg.m2] and L_0 [N.m] of a rigid drive line at a speed of the motor [rad/s] and a fin angle [rad]."""
-    m = mechanics.coefficients(ops, p, kinematics.motor_angle(ops, p, fin), 0.0, 0.0, 0.0)
-    m = m._replace(load=moment / m.ratio + p.screw.lead * loads.nut_force(ops, p, f_x))
+    m = mechanics.coefficients(ops, p, kinematics.motor_angle(ops, p, fin))
+    m = m._replace(load=moment / m.ratio + p.screw.lead * loads.nut_force(ops, p, u))
     return screw.load_inertia(p, m.ratio), screw.load(p, m, speed, direction)
 
 
-def _line_load(ops: Ops, p: Any, x: Record, f_x: Value) -> tuple[Value, Value]:
+def _line_load(ops: Ops, p: Any, x: Record, u: Acting) -> tuple[Value, Value]:
     """Return the same with an elastic drive line behind screw and nut."""
     side = ops.where(p.encoder.on_fin, -1.0, 1.0)  # the fin's comes first where the encoder is there
     deflection = side * (x.angle_at_encoder - x.other_angle)
@@ -46,7 +46,7 @@ def _line_load(ops: Ops, p: Any, x: Record, f_x: Value) -> tuple[Value, Value]:
     c = drive_line.line(ops, p)
     pressed, flank = drive_line.pressed(ops, c, deflection, rate)
     torque = ops.where(pressed, drive_line.torque(c, deflection, rate, flank), 0.0)
-    return screw.nut_inertia(p), torque - p.screw.lead * loads.nut_force(ops, p, f_x)
+    return screw.nut_inertia(p), torque - p.screw.lead * loads.nut_force(ops, p, u)
 
 
 def loss(ops: Ops, p: Any, x: Record, u: Acting, shown: Mapping[str, Value]) -> Value:
@@ -55,12 +55,13 @@ def loss(ops: Ops, p: Any, x: Record, u: Acting, shown: Mapping[str, Value]) -> 
     direction = ops.where(speed > 0.0, 1.0, -1.0)
 
     def rigid() -> tuple[Value, Value]:
-        return _load_side(ops, p, speed, fin, shown["hinge_torque"], u.f_x, direction)
+        return _load_side(ops, p, speed, fin, shown["hinge_torque"], u, direction)
 
     def turning() -> tuple[Value, ...]:
         inertia, load = rigid() if not p.structure.drive_line else ops.branch(
-            drive_line.rigid(ops, p), rigid, lambda: _line_load(ops, p, x, u.f_x))
-        net = (shown["motor_torque"] - direction * friction.coulomb(ops, p, direction, fin, speed)
+            drive_line.rigid(ops, p), rigid, lambda: _line_load(ops, p, x, u))
+        net = (shown["motor_torque"] + mechanics.rotor_torque(p, u)
+               - direction * friction.coulomb(ops, p, direction, fin, speed)
                - friction.viscous(ops, p, direction) * speed)
         transmitted, e = screw.transmitted(ops, p, net, inertia, load, direction)
         return ((e - 1.0) * transmitted * speed,)

@@ -69,6 +69,7 @@ def acting(ops: Ops, p: Any, actuator: Actuator, f: Held, u: Acting) -> Acting:
     changes["enabled"] = ops.both(u.enabled, ops.negate(f.lost > 0.0))
     if capabilities.SCREW_DRIVE in actuator.provides:
         changes["aero_torque"] = ops.where(f.free > 0.0, 0.0, u.aero_torque)
+        changes["alpha_x"] = ops.where(f.jam > 0.0, 0.0, u.alpha_x)  # what jams the rotor turns it with the vehicle
     if capabilities.CURRENT_LIMIT in actuator.provides:
         changes["rated_current_limit"] = p.drive.current_limit
     return u.replace(**changes)

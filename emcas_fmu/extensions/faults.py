@@ -23,6 +23,7 @@ from ..actuators.declaration import Acting, Actuator, Asked, State, Values
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import free_fin, kinematics
+from ..physics.loads import NONE
 from ..rules import SLACK, Rule, when
 from ..variables import Variable, integer_output
 from . import fault_list, monitors
@@ -154,8 +155,8 @@ def extend(actuator: Actuator) -> Actuator:
             reference = ops.where(ops.both(on["hard_over"], asked.enable), p.fault.hard_over.share * full, reference)
 
         # An actuator that is not in closed loop follows no command.
-        here = Record(reference=0.0, aero_torque=0.0, f_x=0.0, f_z=0.0, supply=supply, enabled=asked.enable,
-                      rated_current_limit=None, **{v.name: 0.0 for v in actuator.acting_inputs},
+        here = Record(reference=0.0, **vars(NONE), supply=supply, enabled=asked.enable, rated_current_limit=None,
+                      **{v.name: 0.0 for v in actuator.acting_inputs},
                       **{s.name: given[s.name] for s in actuator.sampled_states})
         watching = ops.both(asked.enable, ops.equal(status(ops, p, x, here), OPERATIONAL))
         seen_by = monitors.Watched(
@@ -206,8 +207,7 @@ def extend(actuator: Actuator) -> Actuator:
             now = shown(ops, p, x, u)
             whole = ops.equal(x.fin_broken_off, 0.0)
             return 1.0, *free_fin.advance(ops, rubbing, ops.where(whole, now["fin_angle"], x.broken_fin_angle),
-                                          ops.where(whole, now["fin_rate"], x.broken_fin_rate),
-                                          u.aero_torque, u.f_x, u.f_z, used)
+                                          ops.where(whole, now["fin_rate"], x.broken_fin_rate), u, used)
 
         *moved, used = ops.branch(f.acting > 0.0, faulty, sound)
         return dict(zip((*names, *broken), moved, strict=True)), used
@@ -230,7 +230,7 @@ def extend(actuator: Actuator) -> Actuator:
         values = {
             "fin_angle": fin, "fin_rate": x.broken_fin_rate,
             "tracking_error": fin_port.clipped_command(ops, q, u.command) - fin,
-            "hinge_torque": free_fin.moment(ops, q, fin, u.aero_torque, u.f_x, u.f_z),
+            "hinge_torque": free_fin.moment(ops, q, fin, u),
             "at_stop": ops.fabs(fin) >= fin_port.stop_edge(q),
         }
         return {name: ops.where(broken, value, outputs[name]) for name, value in values.items()}

@@ -56,7 +56,7 @@ def extend(actuator: Actuator) -> Actuator:
 
     def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
         built = actuator.as_built(ops, p)
-        m = mechanics.coefficients(ops, built, x.motor_angle, u.aero_torque, u.f_x, u.f_z)
+        m = mechanics.coefficients(ops, built, x.motor_angle, u)
         rate, damping = friction.bristles(ops, built, m.fin, m.ratio, x.motor_speed)
         torque = p.lugre.stiffness * x.bristle_deflection + damping * (x.motor_speed - rate * x.bristle_deflection)
         return {**actuator.output_values(ops, p, x, u), "bristle_deflection": x.bristle_deflection,

@@ -79,7 +79,7 @@ def _sizes(unit: FmuInterface) -> str:
     numbers = {"UNIT_INPUTS": len(unit.inputs), "UNIT_OUTPUTS": len(unit.outputs),
                "UNIT_VARIABLES": len(unit.variables),
                "FIN_PARAMETER_BEGIN": len(unit.variables) - unit.fins * len(unit.actuator.parameters),
-               "MOTION_BEGIN": at["acceleration.x"], "MOTION_END": at["attitude.pitch"] + 1,
+               "MOTION_BEGIN": at["acceleration.x"],
                "MIXING_BEGIN": at.get(MIXING[0].name, 0),
                **{f"UNIT_{enumerator(v.name)}": at[v.name] for v in BUS_PARAMETERS if v.name in at}}
     enum = ",\n".join(f"    {name} = {number}" for name, number in numbers.items())

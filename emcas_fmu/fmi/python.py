@@ -49,7 +49,7 @@ def slave_attributes(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> 
                  for v in unit.variables)
     one = {"rows": rows, "start_values": starts, "unit_guid": guid,
            "rules": tuple((rule.message, rule.scanned) for rule in actuator.all_rules),
-           "sizes": codegen.sizes(actuator), "power": codegen.power_place(actuator)}
+           "sizes": tuple(codegen.sizes(actuator)), "power": codegen.power_place(actuator)}
     return one if unit.fins == 1 else {
         **one, "names": tuple(v.name for v in actuator.parameters), "places": unit.places}
 

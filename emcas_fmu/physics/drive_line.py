@@ -12,7 +12,7 @@ fork lie in series under one torque T at the motor (force T/l in the screw):
 with g = gap/l. A flank presses and never pulls. Without a gap the nut is preloaded and T = K s + D ds/dt. Without
 compliance and gap the line is rigid.
 
-    J_t dw/dt = K_t i - b_m w - C_m sgn w + l P_n - T
+    J_t dw/dt = K_t i + T_rotor - b_m w - C_m sgn w + l P_n - T
     (J_ft/R^2) du/dt = T + T_f/R - b_f u/R^2 - (C_f/R) sgn u + J_ft R'/R^4 u^2        w = dtheta_m/dt, u = dphi/dt
 
 The sum of both at w = u is the equation of :mod:`emcas_fmu.physics.mechanics`.
@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 from ..namespace import with_values
 from ..ops.base import Ops, Value
 from . import mechanics
+from .loads import NONE
 
 # A flank counts as met this close to it: both angles are rounded.
 MET = 1e-9  # rad at the motor, 1e-12 m: far above the rounding of its angle
@@ -96,6 +97,6 @@ def nut_lag(ops: Ops, c: Line, deflection: Value) -> Value:
     return c.structure * beyond
 
 
-def fin_side(ops: Ops, p: Any, angle: Value, aero_torque: Value, f_x: Value, f_z: Value) -> mechanics.Mechanics:
+def fin_side(ops: Ops, p: Any, angle: Value, u: Any = NONE) -> mechanics.Mechanics:
     """Return the coefficients at the motor of the fin side alone: those of an actuator without rotor and nut."""
-    return mechanics.coefficients(ops, with_values(p, _NO_ROTOR), angle, aero_torque, f_x, f_z)
+    return mechanics.coefficients(ops, with_values(p, _NO_ROTOR), angle, u)

@@ -2,25 +2,26 @@
 
     (J_fin + J_shaft) d2(delta)/dt2 = T_f - b_f d(delta)/dt - C_f sgn(d(delta)/dt)
 
-T_f as in (2.27)-(2.45) without the fork's mass. A load that friction holds moves nothing.
+T_f as in (2.27)-(2.45) without the fork. A load that friction holds moves nothing.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from ..namespace import with_values
+from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from . import mechanics
 
 _TINY = 1e-300
 
 
-def moment(ops: Ops, p: Any, angle: Value, aero_torque: Value, f_x: Value, f_z: Value) -> Value:
+def moment(ops: Ops, p: Any, angle: Value, u: Record) -> Value:
     """Return external moment [N.m] on the broken fin at its angle [rad]."""
     tangent = ops.tan(angle + p.kinematics.initial_angle)
     bar = p.load.torsion_bar * angle if p.structure.torsion_bar else 0.0
-    return mechanics.external_moment(ops, with_values(p, {"mass.fork": 0.0}), tangent, aero_torque - bar, f_x, f_z)
+    forkless = with_values(p, {"mass.fork": 0.0, "inertia.fork": 0.0})
+    return mechanics.external_moment(ops, forkless, tangent, u.replace(aero_torque=u.aero_torque - bar))
 
 
 def _pushed(ops: Ops, p: Any, torque: Value, rate: Value, h: Value) -> Value:
@@ -33,10 +34,9 @@ def _pushed(ops: Ops, p: Any, torque: Value, rate: Value, h: Value) -> Value:
     return ops.where(held, 0.0, net - p.friction.fin_viscous * rate) / inertia
 
 
-def advance(ops: Ops, p: Any, angle: Value, rate: Value, aero_torque: Value, f_x: Value, f_z: Value, h: Value
-            ) -> tuple[Value, Value]:
+def advance(ops: Ops, p: Any, angle: Value, rate: Value, u: Record, h: Value) -> tuple[Value, Value]:
     """Return angle [rad] and rate [rad/s] after `h` [s]; dry friction may bring it to rest, and a stop does."""
-    torque = moment(ops, p, angle + 0.5 * h * rate, aero_torque, f_x, f_z)
+    torque = moment(ops, p, angle + 0.5 * h * rate, u)
     first = _pushed(ops, p, torque, rate, h)
     turns = rate * (rate + h * first) < 0.0
     until = ops.where(turns, ops.clip(-rate / ops.where(ops.fabs(first) > _TINY, first, _TINY), 0.0, h), h)

@@ -1,53 +1,131 @@
-"""Gravity and acceleration loads, (2.27)-(2.45).
+"""Loads of a vehicle in motion: gravity and acceleration, (2.27)-(2.45), and rotation.
 
+Body axes x forward (along the screw), y along the hinge, z down. The vehicle's motion is given at a point of the body's
+x axis; the hinge is at r = (mounting.station, 0, 0) from it:
+
+    a_h = a + w' x r + w x (w x r)                             acceleration at the hinge
     g_b = g (-sin pitch, sin roll cos pitch, cos roll cos pitch)
-    f = R_x(azimuth) (g_b - a_b)                               specific force in the fin's frame
-    T_inertial = y . sum r_i x m_i f        P_n = m_nut f_x    r_i turned by fin_angle about +y
+    f = R_x(azimuth) (g_b - a_h)                               specific force in the fin's frame
+    W = R_x(azimuth) w        A = R_x(azimuth) w'              the vehicle's rotation in the fin's frame
 
-Body axes x forward (along the screw), y along the hinge, z down.
+A part of mass m at r from the hinge feels m (f - A x r - W x (W x r) - 2 W x v). The first term acts at the centres of
+mass, turned by the fin angle d. In the others what turns about the hinge is a plate through it: mass at s along its
+chord is at r = (s cos d, 0, -s sin d), and with J = sum m s^2, the inertia about the hinge,
+
+    -y . r x (W x (W x r)) = (W . r) (x W_z - z W_x) = s^2 ((W_x^2 - W_z^2) sin d cos d + W_x W_z cos 2d)
+    -y . r x (A x r)       = -s^2 A_y
+    -y . r x (W x v)       = 0                                 v = d' y x r is square to r and to y
+
+    T_inertial = y . sum r_i x m_i f + J ((W_x^2 - W_z^2) sin d cos d + W_x W_z cos 2d - A_y)
+    P_n = m_nut f_x
+
+A steady roll thus turns the fin away from zero. Products of inertia with the coordinate along the hinge are neglected,
+and so are the parts' thickness and, for the nut, its distance from the hinge. Rotor and screw turn about body x
+(:func:`emcas_fmu.physics.mechanics.rotor_torque`).
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
+from ..namespace import Record
 from ..ops.base import Ops, Value
 
 GRAVITY = 9.80665  # m/s2, standard gravity (CGPM 1901)
+Vector = tuple[Value, Value, Value]
 
 
-def specific_force(ops: Ops, p: Any, acceleration: tuple[Value, Value, Value],
-                   roll: Value, pitch: Value) -> tuple[Value, Value]:
-    """Return x and z components [m/s2] of g_b - a_b in the fin's frame, (2.27)-(2.33), (2.36).
+class Carried(NamedTuple):
+    """What the vehicle's motion makes of an actuator that it carries, in the fin's frame.
 
-    Body acceleration [m/s2], roll and pitch [rad]; yaw turns about the direction of
-    gravity. The fin's frame is the body's turned about x by mounting.azimuth.
+    ``f_x``, ``f_z`` [m/s2] specific force at the hinge; ``wx2_wz2`` = W_x^2 - W_z^2 and ``wx_wz`` = W_x W_z [rad2/s2];
+    ``alpha_x``, ``alpha_y`` [rad/s2] angular acceleration about the screw and about the hinge.
+    """
+
+    f_x: Value
+    f_z: Value
+    wx2_wz2: Value
+    wx_wz: Value
+    alpha_x: Value
+    alpha_y: Value
+
+
+LOADS = ("aero_torque", *Carried._fields)
+"""What acts on the plant from outside, by name; of each the plant feels its mean over a tick."""
+NONE = Record(**dict.fromkeys(LOADS, 0.0))
+
+
+def carried(ops: Ops, p: Any, acceleration: Vector, roll: Value, pitch: Value, rate: Vector, turning: Vector
+            ) -> Carried:
+    """Return what a vehicle's motion makes, (2.27)-(2.33), (2.36).
+
+    Body acceleration [m/s2], roll and pitch [rad], body rates [rad/s] and angular acceleration [rad/s2]; yaw turns
+    about the direction of gravity. The fin's frame is the body's turned about x by mounting.azimuth.
     """
     a_x, a_y, a_z = acceleration
+    w_x, w_y, w_z = rate
+    d_x, d_y, d_z = turning
+    station, azimuth = p.mounting.station, p.mounting.azimuth
     g = ops.where(p.loads.gravity, GRAVITY, 0.0)
-    f_x = -g * ops.sin(pitch) - a_x
-    f_y = g * ops.sin(roll) * ops.cos(pitch) - a_y
-    f_z = g * ops.cos(roll) * ops.cos(pitch) - a_z
-    azimuth = p.mounting.azimuth
-    return f_x, ops.cos(azimuth) * f_z - ops.sin(azimuth) * f_y
+    f_x = -g * ops.sin(pitch) - (a_x - station * (w_y * w_y + w_z * w_z))
+    f_y = g * ops.sin(roll) * ops.cos(pitch) - (a_y + station * (d_z + w_x * w_y))
+    f_z = g * ops.cos(roll) * ops.cos(pitch) - (a_z + station * (w_x * w_z - d_y))
+    cosine, sine = ops.cos(azimuth), ops.sin(azimuth)
+    across = cosine * w_z - sine * w_y
+    return Carried(f_x, cosine * f_z - sine * f_y, w_x * w_x - across * across, w_x * across, d_x,
+                   cosine * d_y + sine * d_z)
 
 
-def hinge_moment(ops: Ops, p: Any, tangent: Value, f_x: Value, f_z: Value) -> Value:
+def level(ops: Ops, p: Any, aero_torque: Value = 0.0) -> Record:
+    """Return the LOADS of a vehicle at rest and level under an aerodynamic moment [N.m]."""
+    still = 0.0, 0.0, 0.0
+    return Record(aero_torque=aero_torque, **carried(ops, p, still, 0.0, 0.0, still, still)._asdict())
+
+
+def fin_inertia(p: Any) -> Value:
+    """Return J_ft [kg.m2] about the hinge, (2.13)."""
+    return p.inertia.fork + p.inertia.shaft + p.inertia.fin
+
+
+def hinge_moment(ops: Ops, p: Any, tangent: Value, u: Any) -> Value:
     """Return moment [N.m] of gravity and inertia about the hinge at tan(phi), (2.34), (2.35), (2.40), (2.41).
 
-    A right-handed turn of the centres of mass about +y by the fin angle, and the y
-    component of r x m f.
+    `u` has what :class:`Carried` has.
     """
-    return ops.branch(ops.both(ops.equal(f_x, 0.0), ops.equal(f_z, 0.0)),  # most hosts leave both alone
-                      lambda: (0.0 * tangent,), lambda: (_moment(ops, p, tangent, f_x, f_z),))[0]
+    def moment() -> tuple[Value, ...]:
+        # fin_angle = phi - initial_angle; the turn by -initial_angle depends on parameters only.
+        sin_0, cos_0 = ops.sin(p.kinematics.initial_angle), ops.cos(p.kinematics.initial_angle)
+        s_x, s_z = _first_moments(p)
+        at_lever = cos_0 * s_x - sin_0 * s_z, sin_0 * s_x + cos_0 * s_z
+        cos_phi = 1.0 / ops.sqrt(1.0 + tangent * tangent)
+        sin_phi = tangent * cos_phi
+        return (_with_rotation(ops, p, _turned(at_lever, cos_phi, sin_phi, u), u,
+                               lambda: (cos_phi * cos_0 + sin_phi * sin_0, sin_phi * cos_0 - cos_phi * sin_0)),)
+
+    # Most hosts leave all of it alone.
+    return ops.branch(_still(ops, u, *_WEIGHING, *_ROTATING), lambda: (0.0 * tangent,), moment)[0]
 
 
-def hinge_moment_at(ops: Ops, p: Any, fin_angle: Value, f_x: Value, f_z: Value) -> Value:
+def hinge_moment_at(ops: Ops, p: Any, fin_angle: Value, u: Any) -> Value:
     """Return the same at a fin angle [rad], for actuators without a lever."""
     def moment() -> tuple[Value, ...]:
-        return (_turned(_first_moments(p), ops.cos(fin_angle), ops.sin(fin_angle), f_x, f_z),)
+        cosine, sine = ops.cos(fin_angle), ops.sin(fin_angle)
+        return (_with_rotation(ops, p, _turned(_first_moments(p), cosine, sine, u), u, lambda: (cosine, sine)),)
 
-    return ops.branch(ops.both(ops.equal(f_x, 0.0), ops.equal(f_z, 0.0)), lambda: (0.0 * fin_angle,), moment)[0]
+    return ops.branch(_still(ops, u, *_WEIGHING, *_ROTATING), lambda: (0.0 * fin_angle,), moment)[0]
+
+
+_WEIGHING = ("f_x", "f_z")
+_ROTATING = ("wx2_wz2", "wx_wz", "alpha_y")
+
+
+def _still(ops: Ops, u: Any, first: str, *names: str) -> Value:
+    """Return whether all of these are zero."""
+    still = ops.equal(getattr(u, first), 0.0)
+    for name in names:
+        still = ops.both(still, ops.equal(getattr(u, name), 0.0))
+    return still
 
 
 def _first_moments(p: Any) -> tuple[Value, Value]:
@@ -57,22 +135,24 @@ def _first_moments(p: Any) -> tuple[Value, Value]:
             mass.fin * centers.fin.z + mass.shaft * centers.shaft.z + mass.fork * centers.fork.z)
 
 
-def _moment(ops: Ops, p: Any, tangent: Value, f_x: Value, f_z: Value) -> Value:
-    s_x, s_z = _first_moments(p)
-    # fin_angle = phi - initial_angle; the turn by -initial_angle depends on parameters only.
-    sin_0, cos_0 = ops.sin(p.kinematics.initial_angle), ops.cos(p.kinematics.initial_angle)
-    at_lever = cos_0 * s_x - sin_0 * s_z, sin_0 * s_x + cos_0 * s_z
-    cos_phi = 1.0 / ops.sqrt(1.0 + tangent * tangent)
-    return _turned(at_lever, cos_phi, tangent * cos_phi, f_x, f_z)
-
-
-def _turned(moments: tuple[Value, Value], cosine: Value, sine: Value, f_x: Value, f_z: Value) -> Value:
+def _turned(moments: tuple[Value, Value], cosine: Value, sine: Value, u: Any) -> Value:
     """Return the y component of r x m f [N.m] of first moments [kg.m] turned about +y."""
     u_x, u_z = moments
     r_x, r_z = cosine * u_x + sine * u_z, cosine * u_z - sine * u_x
-    return r_z * f_x - r_x * f_z
+    return r_z * u.f_x - r_x * u.f_z
 
 
-def nut_force(ops: Ops, p: Any, f_x: Value) -> Value:
+def _with_rotation(ops: Ops, p: Any, moment: Value, u: Any,
+                   at: Callable[[], tuple[Value, Value]]) -> Value:
+    """Return a moment [N.m] with that of the rotation, where there is one; `at` gives cosine and sine of the angle."""
+    def rotating() -> tuple[Value, ...]:
+        cosine, sine = at()
+        swing = u.wx2_wz2 * (sine * cosine) + u.wx_wz * (cosine * cosine - sine * sine)
+        return (moment + fin_inertia(p) * (swing - u.alpha_y),)
+
+    return ops.branch(_still(ops, u, *_ROTATING), lambda: (moment,), rotating)[0]
+
+
+def nut_force(ops: Ops, p: Any, u: Any) -> Value:
     """Return axial body force P_n [N] on the nut along +x, (2.42)-(2.45)."""
-    return p.mass.nut * f_x
+    return p.mass.nut * u.f_x

@@ -9,7 +9,8 @@ divided by R becomes
 
     (J_t + J_ft/R^2) dw = T_m - b_m w - b_f w/R^2 + T_f/R + l P_n - T_C/R + J_ft R'/R^4 w^2
 
-whose coefficients hardly vary, R' = 2 R tan(phi).
+whose coefficients hardly vary, R' = 2 R tan(phi). The vehicle's angular acceleration A_x about the screw takes
+(J_motor + J_screw) A_x of the motor's torque: rotor and screw turn with the vehicle besides.
 """
 
 from __future__ import annotations
@@ -18,18 +19,20 @@ from typing import Any, NamedTuple
 
 from ..ops.base import Ops, Value
 from . import friction, kinematics, loads
+from .loads import fin_inertia as fin_inertia
 
 
 class Mechanics(NamedTuple):
     """Coefficients of the equation of motion at one position, all at the motor.
 
     ``inertia`` [kg.m2], ``load`` [N.m] (external, positive along positive motor
-    angle), ``centrifugal`` [N.m.s2/rad2] (coefficient of w^2), ``ratio`` R [-],
-    ``fin`` angle [rad].
+    angle), ``rotor`` [N.m] (the share of it that acts on the rotor itself),
+    ``centrifugal`` [N.m.s2/rad2] (coefficient of w^2), ``ratio`` R [-], ``fin`` angle [rad].
     """
 
     inertia: Value
     load: Value
+    rotor: Value
     centrifugal: Value
     ratio: Value
     fin: Value
@@ -40,25 +43,30 @@ def screw_inertia(p: Any) -> Value:
     return p.inertia.motor + p.inertia.screw + p.mass.nut * p.screw.lead * p.screw.lead
 
 
-def fin_inertia(p: Any) -> Value:
-    """Return J_ft [kg.m2] about the hinge, (2.13)."""
-    return p.inertia.fork + p.inertia.shaft + p.inertia.fin
+def rotor_torque(p: Any, u: Any) -> Value:
+    """Return torque [N.m] on rotor and screw of the vehicle's angular acceleration about the screw.
+
+    A positive motor angle is taken as a right-handed turn about body +x; of a motor that turns the other way the sign
+    is the other, too.
+    """
+    return -(p.inertia.motor + p.inertia.screw) * u.alpha_x
 
 
-def external_moment(ops: Ops, p: Any, tangent: Value, aero_torque: Value, f_x: Value, f_z: Value) -> Value:
+def external_moment(ops: Ops, p: Any, tangent: Value, u: Any) -> Value:
     """Return T_f [N.m], the total external moment about the hinge."""
-    return aero_torque + loads.hinge_moment(ops, p, tangent, f_x, f_z)
+    return u.aero_torque + loads.hinge_moment(ops, p, tangent, u)
 
 
-def coefficients(ops: Ops, p: Any, motor_angle: Value, aero_torque: Value, f_x: Value, f_z: Value) -> Mechanics:
-    """Return the equation's coefficients at a motor angle [rad] under loads [N.m, m/s2, m/s2]."""
+def coefficients(ops: Ops, p: Any, motor_angle: Value, u: Any = loads.NONE) -> Mechanics:
+    """Return the equation's coefficients at a motor angle [rad] under the loads.LOADS that `u` has."""
     tangent = kinematics.lever_tangent(ops, p, motor_angle)
     ratio = kinematics.reduction_ratio(ops, p, tangent)
     reflected = fin_inertia(p) / (ratio * ratio)
-    moment = external_moment(ops, p, tangent, aero_torque, f_x, f_z)
+    moment, rotor = external_moment(ops, p, tangent, u), rotor_torque(p, u)
     return Mechanics(
         inertia=screw_inertia(p) + reflected,
-        load=moment / ratio + p.screw.lead * loads.nut_force(ops, p, f_x),
+        load=moment / ratio + p.screw.lead * loads.nut_force(ops, p, u) + rotor,
+        rotor=rotor,
         centrifugal=0.0 if p.structure.constant_ratio else 2.0 * tangent * reflected / ratio,
         ratio=ratio,
         fin=kinematics.fin_angle(ops, p, tangent),

@@ -3,7 +3,7 @@
 Between the screw's torque and its axial force F stands the load told at the motor, L = F l (l lead per radian):
 all that is on the load side of the screw, positive where it resists positive motion. The rotor feels e L,
 
-    J_r dw/dt = T_m - C_m sgn w - b_m w - e L            J_r of motor and screw
+    J_r dw/dt = T_m - C_m sgn w - b_m w - e L            J_r of motor and screw; T_m with what moves the rotor itself
     L = J_l dw/dt + L_0        J_l = m_nut l^2 + J_ft/R^2        L_0 = C_f sgn w/R + b_f w/R^2 - T_f/R - l P_n - ...
     e = 1/forward where the motor drives the load, L sgn w > 0        e = backward where the load drives the motor
 
@@ -56,17 +56,23 @@ def load_inertia(p: Any, ratio: Value) -> Value:
     return nut_inertia(p) + fin_inertia(p) / (ratio * ratio)
 
 
+def behind(m: Mechanics) -> Value:
+    """Return the load [N.m] that acts on the rotor through the screw."""
+    return m.load - m.rotor
+
+
 def load(p: Any, m: Mechanics, speed: Value, direction: Value) -> Value:
     """Return L_0 [N.m] behind a rigid line at a motor speed [rad/s]."""
     hinge = direction * p.friction.fin_coulomb / m.ratio + p.friction.fin_viscous / (m.ratio * m.ratio) * speed
-    return hinge - m.load - m.centrifugal * speed * speed
+    return hinge - behind(m) - m.centrifugal * speed * speed
 
 
 def felt(p: Any, m: Mechanics, e: Value) -> tuple[Any, Mechanics]:
     """Return parameters and coefficients with `e` times what is on the load side."""
     hinge = {"friction.fin_coulomb": e * p.friction.fin_coulomb, "friction.fin_viscous": e * p.friction.fin_viscous}
     inertia = m.inertia + (e - 1.0) * load_inertia(p, m.ratio)
-    return with_values(p, hinge), m._replace(inertia=inertia, load=e * m.load, centrifugal=e * m.centrifugal)
+    load = e * behind(m) + m.rotor
+    return with_values(p, hinge), m._replace(inertia=inertia, load=load, centrifugal=e * m.centrifugal)
 
 
 def transmitted(ops: Ops, p: Any, net: Value, inertia: Value, at_rest: Value,

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 Value = float | int | bool
 Vector = Sequence[float]
+Triple = tuple[float, float, float]
 
 STANDARD_GRAVITY = 9.80665  # m/s2
 POLYNOMIAL_ANGLE = math.radians(20.0)  # rad, the angle that scales the Coulomb polynomials
@@ -40,7 +41,9 @@ class Surroundings(NamedTuple):
     current_reference: float  # A, after gain, offset and limit
     supply: float  # V, above 0
     aero_torque: float  # N.m, positive along +delta
-    force: tuple[float, float, float]  # m/s2, specific force g_b - a_b in the fin's own axes
+    force: Triple  # m/s2, specific force g_b - a_b at the hinge in the fin's own axes
+    turning: Triple  # rad/s, the vehicle's rate in the fin's own axes
+    faster: Triple  # rad/s2, its angular acceleration there
     enable: bool
 
 
@@ -61,6 +64,11 @@ class Guard:
 def clip(value: float, limit: float) -> float:
     """Return `value` limited to the range -limit to limit, in any unit."""
     return max(-limit, min(limit, value))
+
+
+def cross(a: Triple, b: Triple) -> Triple:
+    """Return the vector product of two vectors."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 class Plant:
@@ -137,8 +145,20 @@ class Plant:
         moment = around.aero_torque
         for mass, x, z in self.masses:  # y . (r x m f), r turned right-handed about +y by delta
             moment += mass * ((-x * s + z * c) * fx - (x * c + z * s) * fz)
+        # Euler's equation about the hinge for a plate of fin, shaft and fork with its masses along (c, 0, -s): what
+        # it takes to turn it with the vehicle is missing from the moment.
+        spin, angular = around.turning, self._angular_momentum(around.turning, c, s)
+        moment -= self._angular_momentum(around.faster, c, s)[1] + cross(spin, angular)[1]
+        # The rotor's share of turning with the vehicle, about its own axis, by the ratio at the hinge.
+        rotor = self.parameters["inertia.motor"] + self.parameters["inertia.screw"]
+        moment -= self.ratio(delta) * rotor * around.faster[0]
         # l R = d / cos^2 phi is the lever of the screw; P_n = m_n f_x (2.10 - 2.12).
         return moment + self.lead * self.ratio(delta) * self.parameters["mass.nut"] * fx
+
+    def _angular_momentum(self, w: Triple, c: float, s: float) -> Triple:
+        """Return I w [kg.m2/s] of the plate about the hinge; of I the products with y are left out."""
+        x, z = s * s * w[0] + s * c * w[2], c * c * w[2] + s * c * w[0]
+        return self.fin_inertia * x, self.fin_inertia * w[1], self.fin_inertia * z
 
     def resting_moment(self, state: Vector, around: Surroundings) -> float:
         """Return moment that friction has to hold when the fin rests [N.m]."""
@@ -149,16 +169,26 @@ class Plant:
         p = self.parameters
         gravity = STANDARD_GRAVITY if p["loads.gravity"] else 0.0
         roll, pitch = row["attitude.roll"], row["attitude.pitch"]  # a yaw turns about g itself
-        x = -gravity * math.sin(pitch) - row["acceleration.x"]
-        y = gravity * math.sin(roll) * math.cos(pitch) - row["acceleration.y"]
-        z = gravity * math.cos(roll) * math.cos(pitch) - row["acceleration.z"]
+        given, rate, faster = ((row[f"{kind}.x"], row[f"{kind}.y"], row[f"{kind}.z"])
+                               for kind in ("acceleration", "angular_rate", "angular_acceleration"))
+        place = (p["mounting.station"], 0.0, 0.0)
+        swung = [sum(parts) for parts in zip(given, cross(faster, place), cross(rate, cross(rate, place)), strict=True)]
+        x = -gravity * math.sin(pitch) - swung[0]
+        y = gravity * math.sin(roll) * math.cos(pitch) - swung[1]
+        z = gravity * math.cos(roll) * math.cos(pitch) - swung[2]
         c, s = math.cos(p["mounting.azimuth"]), math.sin(p["mounting.azimuth"])
+
+        def turned(v: Triple) -> Triple:
+            return v[0], c * v[1] + s * v[2], -s * v[1] + c * v[2]
+
         reference = p["drive.current_gain"] * drive_input + p["drive.current_offset"]
         return Surroundings(
             current_reference=clip(reference, p["drive.current_limit"]),
             supply=row["supply_voltage"],
             aero_torque=row["aero_torque"],
-            force=(x, c * y + s * z, -s * y + c * z),
+            force=turned((x, y, z)),
+            turning=turned(rate),
+            faster=turned(faster),
             enable=bool(row["enable"]),
         )
 

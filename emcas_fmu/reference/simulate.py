@@ -20,7 +20,8 @@ Array = NDArray[np.floating[Any]]
 
 # Interface inputs and their start values, SI; a parameter drive.supply_voltage replaces that of the supply.
 _AT_REST = ("fin_command", "aero_torque", "acceleration.x", "acceleration.y", "acceleration.z",
-            "attitude.roll", "attitude.pitch", "attitude.yaw")
+            "attitude.roll", "attitude.pitch", "attitude.yaw", "angular_rate.x", "angular_rate.y", "angular_rate.z",
+            "angular_acceleration.x", "angular_acceleration.y", "angular_acceleration.z")
 INPUTS = {**dict.fromkeys(_AT_REST, 0.0), "supply_voltage": 39.0, "enable": 1.0}
 OUTPUTS = ("fin_angle", "fin_rate", "motor_current", "motor_voltage", "drive_reference")
 RTOL = 1e-11

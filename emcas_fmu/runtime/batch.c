@@ -12,8 +12,8 @@
 typedef struct {
     double parameters[MODEL_PARAMETERS];
     double constants[KERNEL_CONSTANTS];
-    double motion[INPUT_ATTITUDE_PITCH + 1 - INPUT_ACCELERATION_X];
-    double force[2]; /* of this motion */
+    double motion[MODEL_MOTION];
+    double carried[CORE_CARRIED]; /* by this motion */
     core_state state;
 } actuator;
 
@@ -46,9 +46,9 @@ API int actuator_start(actuator *a, const double *parameters)
     return 1;
 }
 
-API void actuator_forces(const actuator *a, const double *motion, double *out)
+API void actuator_carried(const actuator *a, const double *motion, double *out)
 {
-    core_forces(a->parameters, a->constants, motion, out);
+    core_carried(a->parameters, a->constants, motion, out);
 }
 
 static void outputs(const actuator *a, const core_inputs *in, double *out)
@@ -57,7 +57,7 @@ static void outputs(const actuator *a, const core_inputs *in, double *out)
     core_outputs(a->parameters, a->constants, &a->state, core_line_length(&plan), in, out);
 }
 
-/* The core's inputs as an array: command, aero_torque, f_x, f_z, supply, enable, the actuator's further ones. */
+/* The core's inputs as an array: command, loads, supply, enable, the actuator's further ones. */
 static core_inputs listed(const double *in)
 {
     core_inputs inputs = {0};
@@ -85,9 +85,9 @@ static core_inputs row(actuator *a, const double *in)
 {
     if (memcmp(a->motion, in + INPUT_ACCELERATION_X, sizeof a->motion) != 0) {
         memcpy(a->motion, in + INPUT_ACCELERATION_X, sizeof a->motion);
-        actuator_forces(a, a->motion, a->force);
+        actuator_carried(a, a->motion, a->carried);
     }
-    return core_inputs_of(in, a->force);
+    return core_inputs_of(in, a->carried);
 }
 
 /* `count` actuators, each to `end` [s] with its own row of the interface's inputs and outputs.

@@ -6,9 +6,10 @@ import math
 from importlib.resources import files
 
 from .. import rules
-from ..actuators import NONLINEAR, get
+from ..actuators import NONLINEAR, fin_port, get
 from ..actuators.declaration import Actuator, identifier
 from ..actuators.fin_port import LONGEST_DELAY
+from ..physics.loads import LOADS
 from ..trace.c_source import c_source
 from . import codegen, core
 
@@ -47,7 +48,7 @@ def model_header(actuator: Actuator) -> str:
         # Behind others in a list of arguments, and there may be none.
         return "".join(f", {array}[{i}]" for i in range(first, first + count))
 
-    plant, kept, acting = codegen.sizes(actuator)
+    plant, kept, motion, loads, acting = codegen.sizes(actuator)
     held, further = len(actuator.sampled_states), actuator.further_inputs
     inputs = "".join(f"    INPUT_{enumerator(v.name)} = {i},\n" for i, v in enumerate(actuator.inputs))
     names = [v.name for v in actuator.inputs]
@@ -61,7 +62,8 @@ def model_header(actuator: Actuator) -> str:
         f"    CORE_MOST_TICKS = {core.MOST_TICKS},\n    MODEL_INPUTS = {len(names)},\n"
         f"    MODEL_OUTPUTS = {len(actuator.outputs)},\n    MODEL_PARAMETERS = {len(actuator.parameters)},\n"
         f"    CORE_PLANT = {plant},\n    CORE_CONTROLLER = {kept},\n"
-        f"    CORE_SAMPLED = {kept + 2 + held}\n}};\n\n"
+        f"    CORE_SAMPLED = {kept + 2 + held},\n    CORE_LOADS = {loads},\n    CORE_CARRIED = {loads - 1},\n"
+        f"    MODEL_MOTION = {motion}\n}};\n\n"
         "/* Inputs besides the fin port's, and how many of them, the first ones, act on the plant. */\n"
         f"#define CORE_FURTHER {len(further)}\n#define CORE_ACTING {acting}\n"
         "/* Place of the supply among the inputs, and of its power among the outputs; -1 where there is none. */\n"
@@ -71,6 +73,9 @@ def model_header(actuator: Actuator) -> str:
         "/* measured fin angle, whether a limit was met */\n"
         f"#define CORE_SHOWN_OF(state) {listed('(state)->sampled', 2, kept)[2:]}\n"
         f"/* {sampled} */\n#define CORE_HELD_OF(state) {listed('(state)->sampled', held, kept + 2)}\n"
+        f"/* {', '.join(v.name for v in fin_port.MOTION)} */\n"
+        f"#define MODEL_MOTION_OF(motion) {listed('(motion)', motion)[2:]}\n"
+        f"/* {', '.join(LOADS)} */\n#define CORE_LOADS_OF(inputs) {listed('(inputs)->loads', loads)}\n"
         f"#define CORE_FURTHER_OF(inputs) {listed('(inputs)->further', len(further))}\n"
         f"#define CORE_ACTING_OF(inputs) {listed('(inputs)->further', acting)}\n\n"
         f"enum {{\n{inputs.rstrip().rstrip(',')}\n}};\n")

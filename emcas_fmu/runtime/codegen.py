@@ -12,15 +12,18 @@ from ..actuators.external import refusal
 from ..errors import EmcasError
 from ..ops.base import Value
 from ..physics import bus
+from ..physics.loads import LOADS, Carried
 from ..trace.python_source import python_source
 from ..trace.tracer import Tracer
 from ..trace.usage import dependencies
 from . import schedule
-from .core import MOTION, Core, Inputs, inputs_of
+from .core import FIRST, Core, Inputs, Sizes, inputs_of
 from .multi_fin import MultiFin
 
 Make = Callable[[Mapping[str, Any]], tuple[Callable[..., tuple[Any, ...]], ...]]
 Traced = tuple[str, tuple[str, ...], Callable[..., tuple[Value, ...]]]
+
+MOTION = slice(FIRST, FIRST + len(fin_port.MOTION))  # of an actuator's inputs: the vehicle's motion
 
 
 def functions(actuator: Actuator, several: bool = False) -> tuple[Traced, ...]:
@@ -85,9 +88,8 @@ def direct_inputs(model: str) -> Mapping[str, tuple[str, ...]]:
         **({"supply": (actuator.supply.input.name,)} if actuator.supply else {}),
         **{identifier(v.name): (v.name,) for v in actuator.acting_inputs}}
     by_name = {function.name: function for function in tracer.functions}
-    motion = dict(zip(by_name["forces"].arguments, (v.name for v in fin_port.MOTION), strict=False))
-    for force, needed in zip(("f_x", "f_z"), dependencies(by_name["forces"]), strict=True):
-        arguments[force] = tuple(name for argument, name in motion.items() if argument in needed)
+    for made, needed in zip(Carried._fields, dependencies(by_name["carried"]), strict=True):
+        arguments[made] = tuple(v.name for v in fin_port.MOTION if identifier(v.name) in needed)
     order = {v.name: i for i, v in enumerate(actuator.inputs)}
     direct = {}
     for v, needed in zip(actuator.outputs, dependencies(by_name["outputs"]), strict=True):
@@ -108,7 +110,7 @@ def source(several: bool = False, model: str = NONLINEAR) -> str:
 
 def core(values: Mapping[str, Any], model: str = NONLINEAR) -> Core:
     """Return a core of an actuator, in Python, with these parameters."""
-    return Core(make(model=model)(values), *sizes(get(model)))
+    return Core(make(model=model)(values), sizes(get(model)))
 
 
 def multi_fin(sets: Sequence[Mapping[str, Any]], resistance: float, interval: float, model: str = NONLINEAR
@@ -123,7 +125,12 @@ def multi_fin(sets: Sequence[Mapping[str, Any]], resistance: float, interval: fl
 
 def core_inputs(core: Any, row: Sequence[Any], model: str = NONLINEAR) -> Inputs:
     """Return the inputs of a core, in Python or compiled, from a row of its actuator's inputs."""
-    return inputs_of(row, core.forces(*row[MOTION]), get(model).supply is not None)
+    return inputs_of(row, core.carried(*row[MOTION]), len(fin_port.MOTION), get(model).supply is not None)
+
+
+def inputs_at_rest(command: float, aero_torque: float, supply: float, enable: bool = True, *further: float) -> Inputs:
+    """Return a core's inputs [rad, N.m, V] with a vehicle that neither moves nor weighs."""
+    return (command, aero_torque, *(0.0 for _ in Carried._fields), supply, enable, *further)
 
 
 def power_place(actuator: Actuator) -> int | None:
@@ -131,9 +138,10 @@ def power_place(actuator: Actuator) -> int | None:
     return None if actuator.supply is None else [v.name for v in actuator.outputs].index(actuator.supply.power.name)
 
 
-def sizes(actuator: Actuator) -> tuple[int, int, int]:
-    """Return the numbers of states, of controller states and of further inputs that act on the plant."""
-    return len(actuator.states), len(actuator.controller_states), len(actuator.acting_inputs)
+def sizes(actuator: Actuator) -> Sizes:
+    """Return the sizes of an actuator's core."""
+    return Sizes(len(actuator.states), len(actuator.controller_states), len(fin_port.MOTION), len(LOADS),
+                 len(actuator.acting_inputs))
 
 
 @cache

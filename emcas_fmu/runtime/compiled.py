@@ -17,9 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..actuators import NONLINEAR, get
+from ..actuators.fin_port import MOTION
 from ..compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers, local_platform
 from ..files import cache_directory
 from ..parameters import ParameterError, check_parameters
+from ..physics.loads import LOADS, Carried
 from . import core
 from .c_sources import core_sources, handwritten
 
@@ -95,7 +97,7 @@ def _declare(loaded: ct.CDLL) -> ct.CDLL:
     loaded.actuators_run.restype = loaded.actuator_simulate.restype = ct.c_size_t
     for function in ("bind", "start"):
         getattr(loaded, f"actuator_{function}").argtypes = [ct.c_void_p, _DOUBLES]
-    for function in ("forces", "outputs"):
+    for function in ("carried", "outputs"):
         getattr(loaded, f"actuator_{function}").argtypes = [ct.c_void_p, _DOUBLES, _DOUBLES]
     loaded.actuator_run.argtypes = [ct.c_void_p, ct.c_double, _DOUBLES, _DOUBLES, _DOUBLES]
     loaded.actuators_run.argtypes = [ct.c_void_p, ct.c_size_t, ct.c_double, ct.c_void_p, ct.c_void_p, ct.c_void_p]
@@ -152,7 +154,7 @@ class CompiledCore:
         self._state = self._library.actuator_state(ct.byref(size))
         self._state_size = size.value
         chosen = get(model)
-        self._in = (ct.c_double * (6 + len(chosen.further_inputs)))()
+        self._in = (ct.c_double * (3 + len(LOADS) + len(chosen.further_inputs)))()
         self._out = (ct.c_double * len(chosen.outputs))()
         self._flags = {i for i, v in enumerate(chosen.outputs) if v.kind == "Boolean"}
         _take(self._library.actuator_start, self._at, values, model)
@@ -172,11 +174,13 @@ class CompiledCore:
         """Take parameter values, anew after a tunable one changed."""
         _take(self._library.actuator_bind, self._at, values, self._model)
 
-    def forces(self, a_x: float, a_y: float, a_z: float, roll: float, pitch: float) -> tuple[float, float]:
-        """Return the specific force in the fin's frame from acceleration (x, y, z), roll and pitch."""
-        out = (ct.c_double * 2)()
-        self._library.actuator_forces(self._at, (ct.c_double * 5)(a_x, a_y, a_z, roll, pitch), out)
-        return out[0], out[1]
+    def carried(self, *motion: float) -> tuple[float, ...]:
+        """Return what the vehicle's motion makes of the actuator, from the inputs of the motion."""
+        if len(motion) != len(MOTION):
+            raise TypeError(f"the motion has {len(MOTION)} inputs, not {len(motion)}")
+        out = (ct.c_double * len(Carried._fields))()
+        self._library.actuator_carried(self._at, (ct.c_double * len(MOTION))(*motion), out)
+        return tuple(out)
 
     def outputs(self, inputs: core.Inputs) -> tuple[Any, ...]:
         """Return the outputs in the interface's order."""

@@ -19,15 +19,15 @@ typedef struct {
     double x[CORE_PLANT];
 } core_plant;
 
-/* Command, loads (with a mean over a tick), what acts through limits, and the actuator's further inputs: arrays of
- * these have one more, unused, since there may be none. */
+/* Command, loads (aero_torque and what the vehicle's motion makes, with a mean over a tick), what acts through limits,
+ * and the actuator's further inputs: arrays of these have one more, unused, since there may be none. */
 typedef struct {
-    double command, aero_torque, f_x, f_z, supply, enable, further[CORE_FURTHER + 1];
+    double command, loads[CORE_LOADS], supply, enable, further[CORE_FURTHER + 1];
 } core_inputs;
 
 /* How the inputs change from those at `begin` [s]; enable and other Booleans do not. */
 typedef struct {
-    double begin, command, aero_torque, f_x, f_z, supply, further[CORE_ACTING + 1];
+    double begin, command, loads[CORE_LOADS], supply, further[CORE_ACTING + 1];
 } core_ramp;
 
 /* A tick in which a communication point fell: where in it the plant stands, how far it is
@@ -35,7 +35,7 @@ typedef struct {
 typedef struct {
     double origin, covered;
     core_inputs first;
-    double aero_torque, f_x, f_z;
+    double loads[CORE_LOADS];
 } core_part;
 
 /* Everything that changes while running. The line ends with the DAC's present value. */
@@ -97,17 +97,18 @@ static inline void core_start(const double *p, const double *c, core_state *s)
     for (size_t i = limited + 1; i < CORE_SAMPLED; ++i) s->sampled[i] = out[CORE_PLANT + i - 1];
 }
 
-/* Specific force in the fin's frame from acceleration (x, y, z), roll and pitch. */
-static inline void core_forces(const double *p, const double *c, const double *motion, double *out)
+/* What the vehicle's motion makes of the actuator, all loads but the first, from the inputs of the motion. */
+static inline void core_carried(const double *p, const double *c, const double *motion, double *out)
 {
-    kernel_forces(p, c, motion[0], motion[1], motion[2], motion[3], motion[4], out);
+    kernel_carried(p, c, MODEL_MOTION_OF(motion), out);
 }
 
-/* A core's inputs from an actuator's, in the interface's order, and the specific force. */
-static inline core_inputs core_inputs_of(const double *in, const double *force)
+/* A core's inputs from an actuator's, in the interface's order, and what its vehicle's motion makes. */
+static inline core_inputs core_inputs_of(const double *in, const double *carried)
 {
-    core_inputs inputs = {.command = in[INPUT_FIN_COMMAND], .aero_torque = in[INPUT_AERO_TORQUE], .f_x = force[0],
-                          .f_z = force[1], .enable = in[INPUT_ENABLE]};
+    core_inputs inputs = {.command = in[INPUT_FIN_COMMAND], .loads = {in[INPUT_AERO_TORQUE]},
+                          .enable = in[INPUT_ENABLE]};
+    memcpy(inputs.loads + 1, carried, CORE_CARRIED * sizeof *carried);
 #if MODEL_SUPPLY >= 0
     inputs.supply = in[MODEL_SUPPLY];
 #endif
@@ -119,8 +120,8 @@ static inline void core_outputs(const double *p, const double *c, const core_sta
                                 const core_inputs *in, double *out)
 {
     const core_plant *x = &s->tentative;
-    kernel_outputs(p, c, CORE_PLANT_OF(x), s->active, s->line[line - 1], CORE_SHOWN_OF(s) CORE_HELD_OF(s), in->command,
-                   in->aero_torque, in->f_x, in->f_z, in->supply, in->enable CORE_ACTING_OF(in), out);
+    kernel_outputs(p, c, CORE_PLANT_OF(x), s->active, s->line[line - 1], CORE_SHOWN_OF(s) CORE_HELD_OF(s), in->command
+                   CORE_LOADS_OF(in), in->supply, in->enable CORE_ACTING_OF(in), out);
 }
 
 /* The inputs at a time of a ramp; `ramp` may be null: held. */
@@ -130,9 +131,7 @@ static inline core_inputs core_at(const core_inputs *in, const core_ramp *ramp, 
     if (!ramp) return then;
     const double t = time - ramp->begin;
     then.command += ramp->command * t;
-    then.aero_torque += ramp->aero_torque * t;
-    then.f_x += ramp->f_x * t;
-    then.f_z += ramp->f_z * t;
+    for (int i = 0; i < CORE_LOADS; ++i) then.loads[i] += ramp->loads[i] * t;
     then.supply += ramp->supply * t;
     for (int i = 0; i < CORE_ACTING; ++i) then.further[i] += ramp->further[i] * t;
     return then;
@@ -145,8 +144,8 @@ static inline bool core_finish(const double *p, const double *c, const core_stat
     if (left <= 0.0) return true;
     for (int i = 0; i < CORE_MOST_EVENTS; ++i) {
         double out[CORE_PLANT + 1];
-        kernel_step(p, c, CORE_PLANT_OF(x) CORE_HELD_OF(s), s->active, in->aero_torque, in->f_x, in->f_z, in->supply,
-                    in->enable CORE_ACTING_OF(in), left, out);
+        kernel_step(p, c, CORE_PLANT_OF(x) CORE_HELD_OF(s), s->active CORE_LOADS_OF(in), in->supply, in->enable
+                    CORE_ACTING_OF(in), left, out);
         memcpy(x->x, out, sizeof x->x);
         if (out[CORE_PLANT] >= left) return true;
         left -= out[CORE_PLANT];
@@ -158,14 +157,12 @@ static inline void core_extend(core_state *s, double until, const core_inputs *i
 {
     core_part *part = &s->part;
     if (!s->partial) {
-        *part = (core_part){0.0, until, *in, 0.0, 0.0, 0.0};
+        *part = (core_part){0.0, until, *in, {0.0}};
         s->partial = 1;
         return;
     }
     const double gained = until - part->covered;
-    part->aero_torque += gained * (in->aero_torque - part->first.aero_torque);
-    part->f_x += gained * (in->f_x - part->first.f_x);
-    part->f_z += gained * (in->f_z - part->first.f_z);
+    for (int i = 0; i < CORE_LOADS; ++i) part->loads[i] += gained * (in->loads[i] - part->first.loads[i]);
     part->covered = until;
 }
 
@@ -173,11 +170,8 @@ static inline core_inputs core_mean(const core_part *part)
 {
     core_inputs mean = part->first;
     const double width = part->covered - part->origin;
-    if (width > 0.0) {
-        mean.aero_torque += part->aero_torque / width;
-        mean.f_x += part->f_x / width;
-        mean.f_z += part->f_z / width;
-    }
+    if (width <= 0.0) return mean;
+    for (int i = 0; i < CORE_LOADS; ++i) mean.loads[i] += part->loads[i] / width;
     return mean;
 }
 
@@ -192,7 +186,7 @@ static inline bool core_split(const double *p, const double *c, core_state *s, c
     const core_inputs mean = core_mean(part);
     const double covered = part->covered;
     const bool followed = core_finish(p, c, s, &s->plant, &mean, covered - part->origin);
-    s->part = (core_part){covered, covered, *in, 0.0, 0.0, 0.0};
+    s->part = (core_part){covered, covered, *in, {0.0}};
     return followed;
 }
 

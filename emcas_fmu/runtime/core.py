@@ -8,7 +8,7 @@ trajectory alone.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 # A tick has at most a handful of events; far more means the equations cannot be followed.
 MOST_EVENTS = 500
@@ -22,43 +22,53 @@ Ramp = tuple[float, tuple[float, ...]]
 # there and the integrals of the loads' differences from them.
 Part = tuple[float, float, Inputs, tuple[float, ...]]
 
-MOTION = slice(2, 7)  # of an actuator's inputs: acceleration, roll and pitch
-_LOADS = slice(1, 4)  # of the inputs: what has a mean over a tick
-_SWITCHED = slice(4, 6)  # supply and enable act through limits: where they change, the tick is split
-_NOTHING = (0.0, 0.0, 0.0)
-_RAMPED = 5  # of the inputs, before enable: what a ramp changes
+FIRST = 2  # of an actuator's inputs: command and aero_torque, before the vehicle's motion
 
 
-def inputs_of(row: Sequence[Any], force: Sequence[float], supplied: bool) -> Inputs:
-    """Return a core's inputs from an actuator's, in the interface's order, and the specific force [m/s2].
+class Sizes(NamedTuple):
+    """Numbers of what an actuator has.
 
-    The supply of an actuator that is not `supplied` is 0 V.
+    States that steps move and that samples keep to themselves, inputs of the vehicle's motion, loads (aero_torque and
+    what the motion makes) and further inputs that act on the plant.
+    """
+
+    plant: int
+    controller: int
+    motion: int
+    loads: int
+    acting: int
+
+
+def inputs_of(row: Sequence[Any], carried: Sequence[float], motion: int, supplied: bool) -> Inputs:
+    """Return a core's inputs from an actuator's, in the interface's order, and what its vehicle's motion makes.
+
+    `motion` is the number of inputs of the motion; the supply of an actuator that is not `supplied` is 0 V.
     """
     supply = () if supplied else (0.0,)
-    return (row[0], row[1], *force, *supply, *row[8:])
+    return (*row[:FIRST], *carried, *supply, *row[FIRST + motion:])
 
 
 class Core:
     """One actuator: its state and what moves it on.
 
-    `functions` are those of the kernel bound to the parameters; `plant` and `controller` the numbers of states that
-    steps move and that samples keep to themselves, `acting` that of the further inputs that act on the plant.
-    The inputs are ``command, aero_torque, f_x, f_z, supply, enable`` and the further ones.
+    `functions` are those of the kernel bound to the parameters, `sizes` the actuator's.
+    The inputs are the command, the loads, ``supply, enable`` and the further ones.
     """
 
-    __slots__ = ("_acting", "_active", "_controller", "_further", "_kernel_forces", "_kernel_initial", "_kernel_locate",
-                 "_kernel_outputs", "_kernel_sample", "_kernel_step", "_line", "_part", "_period", "_plant",
-                 "_position", "_sampled", "_states", "_tentative", "schedule")
+    __slots__ = ("_acting", "_active", "_controller", "_further", "_kernel_carried", "_kernel_initial",
+                 "_kernel_locate", "_kernel_outputs", "_kernel_sample", "_kernel_step", "_line", "_loads", "_part",
+                 "_period", "_plant", "_position", "_sampled", "_states", "_supply", "_tentative", "schedule")
 
-    def __init__(self, functions: Functions, plant: int, controller: int, acting: int) -> None:
-        self._states, self._controller = plant, controller
-        self._acting, self._further = slice(1, _RAMPED + 1 + acting), slice(_RAMPED + 1, _RAMPED + 1 + acting)
+    def __init__(self, functions: Functions, sizes: Sizes) -> None:
+        self._states, self._controller, _, loads, acting = sizes
+        self._loads, self._supply = slice(1, 1 + loads), 1 + loads  # the loads have a mean over a tick
+        self._acting, self._further = slice(1, 3 + loads + acting), slice(3 + loads, 3 + loads + acting)
         self.bind(functions)
         self.start()
 
     def bind(self, functions: Functions) -> None:
         """Take the kernel's functions, anew after a tunable parameter changed."""
-        (kernel_schedule, self._kernel_locate, self._kernel_initial, self._kernel_sample, self._kernel_forces,
+        (kernel_schedule, self._kernel_locate, self._kernel_initial, self._kernel_sample, self._kernel_carried,
          self._kernel_step, self._kernel_outputs) = functions
         period, before, after, *rest = kernel_schedule()
         self.schedule = (period, int(before), int(before) + int(after), *rest)
@@ -80,10 +90,10 @@ class Core:
         (self._period, self._position, self._plant, self._sampled, self._line, self._active, self._part,
          self._tentative) = state
 
-    def forces(self, *motion: float) -> tuple[float, float]:
-        """Return the specific force in the fin's frame from acceleration (x, y, z), roll and pitch."""
-        f_x, f_z = self._kernel_forces(*motion)
-        return f_x, f_z
+    def carried(self, *motion: float) -> tuple[float, ...]:
+        """Return what the vehicle's motion makes of the actuator, from the inputs of the motion."""
+        made: tuple[float, ...] = self._kernel_carried(*motion)
+        return made
 
     def start(self) -> None:
         """Put the actuator at rest at its start."""
@@ -154,8 +164,8 @@ class Core:
             part = self._split(part, acting)
             origin = part[0]
         if part is not None or not whole:
-            part = _extend(part, until, acting)
-            acting = _mean(part)
+            part = self._extend(part, until, acting)
+            acting = self._mean(part)
         if whole:
             self._plant, self._part = self._finish(acting, until - origin), None
         else:
@@ -170,9 +180,9 @@ class Core:
         return begun
 
     def _sample(self, inputs: Inputs) -> None:
-        count, (command, _, _, _, *rest) = self._controller, inputs
+        count = self._controller
         reference, *sampled = self._kernel_sample(*self._plant, *self._sampled[:count], *self._sampled[count + 2:],
-                                                  command, *rest)
+                                                  inputs[0], *inputs[self._supply:])
         self._sampled, self._line = tuple(sampled), (*self._line[1:], reference)
 
     def _at(self, inputs: Inputs, ramp: Ramp | None, time: float) -> Inputs:
@@ -180,17 +190,18 @@ class Core:
         if ramp is None:
             return inputs
         begin, rates = ramp
-        t = time - begin
-        changed = [x + rate * t for x, rate in zip((*inputs[:_RAMPED], *inputs[self._further]), rates, strict=True)]
-        return (*changed[:_RAMPED], inputs[_RAMPED], *changed[_RAMPED:], *inputs[self._further.stop:])
+        t, enable = time - begin, self._supply + 1
+        changed = [x + rate * t for x, rate in zip((*inputs[:enable], *inputs[self._further]), rates, strict=True)]
+        return (*changed[:enable], inputs[enable], *changed[enable:], *inputs[self._further.stop:])
 
     def _split(self, part: Part, inputs: Inputs) -> Part:
         """Return the part; where inputs change that act through limits, the plant moves on and another begins there."""
         origin, covered, first, _ = part
-        if first[_SWITCHED] == inputs[_SWITCHED] and first[self._further] == inputs[self._further]:
+        switched = slice(self._supply, self._further.stop)
+        if first[switched] == inputs[switched]:
             return part
-        self._plant = self._finish(_mean(part), covered - origin)
-        return covered, covered, inputs, _NOTHING
+        self._plant = self._finish(self._mean(part), covered - origin)
+        return covered, covered, inputs, self._nothing
 
     def _finish(self, inputs: Inputs, left: float) -> tuple[float, ...]:
         """Return the plant after what is left of a tick [s], from event to event."""
@@ -207,19 +218,21 @@ class Core:
             left -= used
         raise ArithmeticError(f"more than {MOST_EVENTS} events in {whole} s")
 
+    def _extend(self, part: Part | None, until: float, inputs: Inputs) -> Part:
+        if part is None:
+            return 0.0, until, inputs, self._nothing
+        origin, done, first, sums = part
+        gained = until - done
+        changes = zip(sums, inputs[self._loads], first[self._loads], strict=True)
+        return origin, until, first, tuple(s + gained * (x - b) for s, x, b in changes)
 
-def _extend(part: Part | None, until: float, inputs: Inputs) -> Part:
-    if part is None:
-        return 0.0, until, inputs, _NOTHING
-    origin, done, first, sums = part
-    gained = until - done
-    changes = zip(sums, inputs[_LOADS], first[_LOADS], strict=True)
-    return origin, until, first, tuple(s + gained * (x - b) for s, x, b in changes)
+    def _mean(self, part: Part) -> Inputs:
+        origin, covered, first, sums = part
+        if covered <= origin:
+            return first
+        loads = (b + s / (covered - origin) for b, s in zip(first[self._loads], sums, strict=True))
+        return (first[0], *loads, *first[self._supply:])
 
-
-def _mean(part: Part) -> Inputs:
-    origin, covered, first, sums = part
-    if covered <= origin:
-        return first
-    loads = (b + s / (covered - origin) for b, s in zip(first[_LOADS], sums, strict=True))
-    return (first[0], *loads, *first[4:])
+    @property
+    def _nothing(self) -> tuple[float, ...]:
+        return (0.0,) * (self._supply - 1)

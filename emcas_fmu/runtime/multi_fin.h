@@ -49,11 +49,11 @@ static void multi_fin_start(const multi_fin *m, multi_fin_state *s)
     s->instant = 1;
 }
 
-/* What acts on a fin, but for the sag, of its actuator's inputs and the mixing commands. The forces apart, linear. */
+/* What acts on a fin, but for the sag, of its actuator's inputs and the mixing commands. But for `carried`, linear. */
 static core_inputs multi_fin_acting(const multi_fin *m, size_t fin, const double *in, const double *mixing,
-                                    const double *force)
+                                    const double *carried)
 {
-    core_inputs acting = core_inputs_of(in, force);
+    core_inputs acting = core_inputs_of(in, carried);
 #if FINS > 1
     kernel_mixed_command(m->p[fin], m->c[fin], in[INPUT_FIN_COMMAND], mixing[0], mixing[1], mixing[2],
                          &acting.command);

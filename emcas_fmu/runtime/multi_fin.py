@@ -8,10 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from .core import MOST_TICKS, Core, Functions, Inputs, inputs_of
+from .core import MOST_TICKS, Core, Functions, Inputs, Sizes, inputs_of
 
 _CORE = 7  # of the functions, what a core takes; then mixing, then what the bus needs
-_SUPPLY = 4  # of a core's inputs
 
 Outputs = Sequence[tuple[Any, ...]]
 
@@ -24,13 +23,14 @@ class MultiFin:
     the supply's power among a fin's outputs, None of fins without a supply, which have no bus; `sizes` are a core's.
     """
 
-    __slots__ = ("_functions", "_instant", "_interval", "_power", "_resistance", "_sag", "cores")
+    __slots__ = ("_functions", "_instant", "_interval", "_motion", "_power", "_resistance", "_sag", "_supply", "cores")
 
     def __init__(self, functions: Sequence[Functions], resistance: float, interval: float, power: int | None,
-                 sizes: tuple[int, ...]) -> None:
-        self.cores = [Core(f[:_CORE], *sizes) for f in functions]
+                 sizes: Sizes) -> None:
+        self.cores = [Core(f[:_CORE], sizes) for f in functions]
         self._functions = list(functions)
         self._resistance, self._interval, self._power = resistance, interval, power
+        self._motion, self._supply = sizes.motion, 1 + sizes.loads  # of a core's inputs
         self._sag = 0.0
         self._instant = 1
 
@@ -56,21 +56,22 @@ class MultiFin:
         for core, one in zip(self.cores, states, strict=True):
             core.state = one
 
-    def forces(self, *motion: float) -> list[tuple[float, float]]:
-        """Return the specific force in each fin's frame from acceleration (x, y, z), roll and pitch."""
-        return [core.forces(*motion) for core in self.cores]
+    def carried(self, *motion: float) -> list[tuple[float, ...]]:
+        """Return what the vehicle's motion makes of each fin, from the inputs of the motion."""
+        return [core.carried(*motion) for core in self.cores]
 
-    def acting(self, rows: Sequence[Sequence[Any]], forces: Sequence[tuple[float, float]], mixing: Sequence[float]
+    def acting(self, rows: Sequence[Sequence[Any]], carried: Sequence[Sequence[float]], mixing: Sequence[float]
                ) -> tuple[Inputs, ...]:
-        """Return each fin's inputs from those of its actuator, the specific forces, and roll, pitch and yaw command."""
-        inputs = [inputs_of(row, force, self._power is not None) for row, force in zip(rows, forces, strict=True)]
+        """Return each fin's inputs from those of its actuator, what `carried` gave, and roll, pitch and yaw command."""
+        inputs = [inputs_of(row, made, self._motion, self._power is not None)
+                  for row, made in zip(rows, carried, strict=True)]
         return tuple((*f[_CORE](command, *mixing), *rest)
                      for f, (command, *rest) in zip(self._functions, inputs, strict=True))
 
     def outputs(self, inputs: Sequence[Inputs]) -> tuple[Any, ...]:
         """Return the outputs of the bus, then of the fins in the interface's order."""
         each = [core.outputs(self._supplied(i)) for core, i in zip(self.cores, inputs, strict=True)]
-        return self._put_out(inputs[0][_SUPPLY], each)
+        return self._put_out(inputs[0][self._supply], each)
 
     def run(self, end: float, inputs: Sequence[Inputs]) -> tuple[Any, ...]:
         """Move on to `end` [s] from the start with the inputs held, all or nothing; return the outputs there.
@@ -85,7 +86,7 @@ class MultiFin:
             raise
 
     def _run(self, end: float, inputs: Sequence[Inputs]) -> tuple[Any, ...]:
-        stiff, last, source = not self._resistance > 0.0, end + self.slack, inputs[0][_SUPPLY]
+        stiff, last, source = not self._resistance > 0.0, end + self.slack, inputs[0][self._supply]
         if not stiff and not end / self._interval - self._instant <= MOST_TICKS:
             raise ArithmeticError(f"a step to {end!r} s has more than {MOST_TICKS} instants of the bus")
         # A host's clock may stand a little before an instant it means to have reached.
@@ -105,7 +106,7 @@ class MultiFin:
         """Return a fin's inputs with the bus's voltage in place of the source's."""
         if self._power is None:
             return inputs
-        return (*inputs[:_SUPPLY], self._bus_voltage(inputs[_SUPPLY]), *inputs[_SUPPLY + 1:])
+        return (*inputs[:self._supply], self._bus_voltage(inputs[self._supply]), *inputs[self._supply + 1:])
 
     def _bus_voltage(self, source: float) -> float:
         (voltage,) = self._functions[0][_CORE + 1](source, self._sag)

@@ -125,10 +125,11 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
         return x if felt is None else felt * x
 
     def body_force() -> Value:
-        return p.screw.lead * loads.nut_force(ops, p, acting.f_x)
+        return p.screw.lead * loads.nut_force(ops, p, acting)
 
-    m = drive_line.fin_side(ops, p, s.fin_angle + 0.5 * h * s.fin_speed, acting.aero_torque, acting.f_x, acting.f_z)
+    m = drive_line.fin_side(ops, p, s.fin_angle + 0.5 * h * s.fin_speed, acting)
     e = _electric(ops, p, s, mode.drive, h)
+    driving = drive.torque(p, e.at_rest) + mechanics.rotor_torque(p, acting)
     k = ops.where(mode.pressed, 0.5 * h * c.stiffness + c.damping, 0.0)
     given = ops.where(mode.pressed, c.stiffness * (s.angle - s.fin_angle - mode.flank), 0.0)
     inertia = mechanics.screw_inertia(p)
@@ -138,7 +139,7 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
     # Linearised about the speed at the start, u^2 -> 2 u U - u^2 for the mean.
     swing = m.centrifugal * s.fin_speed
     alone_2 = fin + p.friction.fin_viscous / (m.ratio * m.ratio) - 2.0 * swing
-    r_1 = (rotor * s.speed + drive.torque(p, e.at_rest) + seen(body_force())) - seen(given)
+    r_1 = (rotor * s.speed + driving + seen(body_force())) - seen(given)
     r_2 = (fin - swing) * s.fin_speed + m.load + given
 
     low_stop, high_stop = stops(ops, p)
@@ -156,7 +157,7 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
         _, started = _beyond(ops, r_1 + k * fin_alone, up, down)
     else:
         standing = given - k * fin_alone - body_force()  # the load on the screw of a rotor at rest
-        _, started = _beyond(ops, ((drive.torque(p, e.at_rest) + body_force()) - given) + k * fin_alone,
+        _, started = _beyond(ops, ((driving + body_force()) - given) + k * fin_alone,
                              up + screw.hold(ops, p, standing, 1.0), down - screw.hold(ops, p, standing, -1.0))
     way = ops.where(rotor_rests, started, ops.where(s.speed > 0.0, 1.0, -1.0))
     stands = ops.equal(way, 0.0)

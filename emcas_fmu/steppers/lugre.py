@@ -59,7 +59,7 @@ def _bristles(ops: Ops, p: Any, m: mechanics.Mechanics, deflection: Value, at: V
 
 
 def _mechanics(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> mechanics.Mechanics:
-    return mechanics.coefficients(ops, p, s.angle + 0.5 * h * s.speed, u.aero_torque, u.f_x, u.f_z)
+    return mechanics.coefficients(ops, p, s.angle + 0.5 * h * s.speed, u)
 
 
 def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at: Value | None = None

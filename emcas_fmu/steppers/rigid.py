@@ -102,7 +102,7 @@ def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at:
 
     `felt` is the share of the load that a screw with losses leaves it to feel.
     """
-    m = mechanics.coefficients(ops, p, s.angle + 0.5 * h * s.speed, u.aero_torque, u.f_x, u.f_z)
+    m = mechanics.coefficients(ops, p, s.angle + 0.5 * h * s.speed, u)
     direction: Value = heading
     high: Value = 0.0
     low: Value = 0.0
@@ -137,7 +137,8 @@ def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at:
 def _held_by_screw(ops: Ops, p: Any, m: mechanics.Mechanics, high: Value, low: Value) -> tuple[Value, Value]:
     """Return the torques [N.m] that move a motor at rest, with the friction of a loaded screw."""
     hinge = p.friction.fin_coulomb / m.ratio
-    return high + screw.hold(ops, p, hinge - m.load, 1.0), low - screw.hold(ops, p, -hinge - m.load, -1.0)
+    return (high + screw.hold(ops, p, hinge - screw.behind(m), 1.0),
+            low - screw.hold(ops, p, -hinge - screw.behind(m), -1.0))
 
 
 def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: Drive, h: Value, heading: float, at: Value) -> Motion:

@@ -108,7 +108,7 @@ def spin_up_volts(values: Mapping[str, Any]) -> list[float]:
     p = nonlinear.ACTUATOR.namespace(values)
     low, high = _motor_end(values)
     level = max(float(friction.coulomb(FLOATS, p, side, 0.0)) for side in (1.0, -1.0))
-    inertia = float(mechanics.coefficients(FLOATS, p, 0.5 * (low + high), 0.0, 0.0, 0.0).inertia)
+    inertia = float(mechanics.coefficients(FLOATS, p, 0.5 * (low + high)).inertia)
     volts = []
     for share in SPIN_UPS:
         speed = sqrt((share - 1.0) * level / inertia * (high - low)) * _HALF_WAY

@@ -71,7 +71,7 @@ def fastest_sweep(values: Mapping[str, Any], travel: float) -> float:
 
 def _loops(values: Mapping[str, Any], sample_time: float) -> dict[str, float]:
     p = nonlinear.ACTUATOR.namespace(values)
-    inertia = float(mechanics.coefficients(FLOATS, p, kinematics.motor_angle(FLOATS, p, 0.0), 0.0, 0.0, 0.0).inertia)
+    inertia = float(mechanics.coefficients(FLOATS, p, kinematics.motor_angle(FLOATS, p, 0.0)).inertia)
     position = position_bandwidth(values, sample_time)
     return {"controller.position.kp": position,
             "controller.velocity.kp": 3.0 * position * inertia / (p.motor.torque_constant * p.drive.current_gain)}
@@ -108,7 +108,7 @@ def run(values: Mapping[str, Any], signal: Callable[[float], float], duration: f
         reference, *others = sample(*states, 0.0 if open_loop else asked, supply, enable)
         return float(quantised(asked if open_loop else reference, DAC_BITS, DAC_RANGE)), *others
 
-    core = Core((schedule, locate, initial, through_dac, *rest), *codegen.sizes(nonlinear.ACTUATOR))
+    core = Core((schedule, locate, initial, through_dac, *rest), codegen.sizes(nonlinear.ACTUATOR))
     p = nonlinear.ACTUATOR.namespace(chosen)
     supply = chosen["drive.supply_voltage"]
 
@@ -117,7 +117,7 @@ def run(values: Mapping[str, Any], signal: Callable[[float], float], duration: f
             return signal(time)
         return float(kinematics.fin_angle(FLOATS, p, kinematics.lever_tangent(FLOATS, p, signal(time))))
 
-    at_rest = (command(0.0), 0.0, 0.0, 0.0, supply, True)
+    at_rest = codegen.inputs_at_rest(command(0.0), 0.0, supply)
     rows = [core.outputs(at_rest)]
     current = _NAMES.index("motor_current")
     currents = [rows[0][current]]

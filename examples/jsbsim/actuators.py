@@ -6,7 +6,7 @@ system of another master.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import nan, radians
 from typing import Protocol
 
@@ -26,9 +26,13 @@ class Demand:
     hinge_moments: Array
     """[N.m], shape (4,)."""
     acceleration: Array
-    """Of the vehicle at the fins, body axes [m/s2], shape (3,)."""
+    """Of the vehicle's centre of gravity, body axes [m/s2], shape (3,)."""
     attitude: Array
     """Roll, pitch, yaw [rad], shape (3,)."""
+    body_rates: Array = field(default_factory=lambda: np.zeros(3))
+    """p, q, r [rad/s], shape (3,)."""
+    angular_acceleration: Array = field(default_factory=lambda: np.zeros(3))
+    """d/dt of the body rates [rad/s2], shape (3,)."""
     axes: Array | None = None
     """Roll, pitch, yaw deflections that mix to the commands, before their limit [rad], shape (3,); for actuators that
     mix by themselves."""

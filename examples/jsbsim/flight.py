@@ -2,9 +2,9 @@
 
 Coupling, in each communication step H from t to t + H:
   1. at multiples of 4 ms the autopilot reads the state at t and sets commands, held until its next sample;
-  2. the actuators do a step H with the commands, and with hinge moments, acceleration and attitude of time t held;
+  2. the actuators do a step H with the commands, and with hinge moments and the vehicle's motion of time t held;
   3. JSBSim does a step H and evaluates its forces with the fin angles of t + H.
-Hinge moment and acceleration that the fins feel are thus up to H old: an error of first order in H, beside JSBSim's own
+Hinge moment and motion that the fins feel are thus up to H old: an error of first order in H, beside JSBSim's own
 of second order. convergence.py measures both.
 """
 
@@ -117,8 +117,9 @@ def fly(actuators: Actuators, manoeuvre: Manoeuvre, step: float, launch: Launch 
             command = autopilot.update(state, wanted)
             if progress:
                 progress(time)
-        moved = actuators.step(time, step, Demand(command.fins, state.hinge_moments, state.acceleration,
-                                                  state.attitude, command.axes))
+        moved = actuators.step(time, step, Demand(
+            command.fins, state.hinge_moments, state.acceleration, state.attitude, state.body_rates,
+            state.angular_acceleration, command.axes))
         state = rocket.advance(moved.angles, manoeuvre.wind(time + step))
         table[row] = np.concatenate([
             state.attitude, wanted, state.body_rates, command.fins, moved.angles, moved.rates, state.hinge_moments,

@@ -17,17 +17,19 @@ from emcas_fmu.bench.fmu import opened
 from emcas_fmu.errors import EmcasError
 
 from .actuators import Demand, Response
-from .vehicle import AZIMUTHS, FINS, Array
+from .vehicle import AZIMUTHS, FINS, STATION, Array
 
-WIRED: Mapping[str, bool | float] = {"loads.gravity": True}
-"""Parameters of an FMU whose attitude and acceleration are wired: the parts in fin and screw weigh."""
+WIRED: Mapping[str, bool | float] = {"loads.gravity": True, "mounting.station": STATION}
+"""Parameters of an FMU whose vehicle motion is wired: the parts in fin and screw weigh, where the hinges are."""
 BUS_RESISTANCE = 0.02
 """Of battery and cables [Ohm]: an estimate."""
 # Where from, variable, its unit, and where its value is in `flattened` (of what a fin has of its own: of fin 1).
 OWN_INPUTS = (("autopilot", "fin_command", "rad", 0), ("rocket", "aero_torque", "N.m", 4))
 SHARED_INPUTS = (*(("rocket", f"acceleration.{n}", "m/s2", 8 + k) for k, n in enumerate("xyz")),
-                 *(("rocket", f"attitude.{n}", "rad", 11 + k) for k, n in enumerate(("roll", "pitch", "yaw"))))
-_MIXING = tuple(("autopilot", f"{n}_command", "rad", 14 + k) for k, n in enumerate(("roll", "pitch", "yaw")))
+                 *(("rocket", f"attitude.{n}", "rad", 11 + k) for k, n in enumerate(("roll", "pitch", "yaw"))),
+                 *(("rocket", f"angular_rate.{n}", "rad/s", 14 + k) for k, n in enumerate("xyz")),
+                 *(("rocket", f"angular_acceleration.{n}", "rad/s2", 17 + k) for k, n in enumerate("xyz")))
+_MIXING = tuple(("autopilot", f"{n}_command", "rad", 20 + k) for k, n in enumerate(("roll", "pitch", "yaw")))
 SUPPLY = "supply_voltage"
 OUTPUTS = (("fin_angle", "rad"), ("fin_rate", "rad/s"), ("supply_power", "W"))
 FLAG = "saturated"
@@ -38,9 +40,10 @@ _NONLINEAR = re.compile(r"EMCAS\d*")  # modelName, whatever the number of fins
 
 
 def flattened(demand: Demand) -> Array:
-    """Commands, hinge moments, acceleration, attitude and, where there are, axes; shape (14,) or (17,)."""
+    """Commands, hinge moments, the vehicle's motion and, where there are, axes; shape (20,) or (23,)."""
     axes = () if demand.axes is None else demand.axes
-    return np.concatenate([demand.commands, demand.hinge_moments, demand.acceleration, demand.attitude, axes])
+    return np.concatenate([demand.commands, demand.hinge_moments, demand.acceleration, demand.attitude,
+                           demand.body_rates, demand.angular_acceleration, axes])
 
 
 def require_supply(path: Path, voltage: float) -> float:

@@ -18,7 +18,7 @@ from examples.ssp_hosts import hosts
 
 from .actuators import Demand, Response
 from .fmu import FLAG, OUTPUTS, OWN_INPUTS, SHARED_INPUTS, SUPPLY, flattened, require_supply
-from .vehicle import AZIMUTHS, FINS, Array
+from .vehicle import AZIMUTHS, FINS, STATION, Array
 
 MASTERS = {"fmpy": "fmpy", "libcosim": "libcosimpy", "ecos": "ecospy"}
 """Names here, and those of the Python packages."""
@@ -30,9 +30,13 @@ _FLAGS = tuple(f"fin[{k}].{FLAG}" for k in FINS)
 
 
 def write_archive(path: Path, fmu: Path) -> Path:
-    """EMCAS.ssp of four times the single actuator `fmu`, with a variant whose parts weigh. Raises EmcasError."""
+    """EMCAS.ssp of four times the single actuator `fmu`, with a variant whose parts weigh in their place.
+
+    Raises EmcasError.
+    """
     changes = path.with_suffix(".toml")
-    changes.write_text("[every_fin.loads]\ngravity = true\n", encoding="utf-8")
+    changes.write_text(f"[every_fin.loads]\ngravity = true\n[every_fin.mounting]\nstation = '{STATION} m'\n",
+                       encoding="utf-8")
     return write_ssp(path, fmu, fins=len(AZIMUTHS), layout="cross", variant_files={VARIANT: changes}).path
 
 

@@ -48,7 +48,7 @@ class SecondOrder:
     def step(self, time: float, step: float, demand: Demand) -> Response:
         """The power is mechanical, against the hinge moments, which do not move the fins."""
         loads = zip(demand.commands.tolist(), demand.hinge_moments.tolist(), strict=True)
-        rows = np.array([core.run(time + step, (command, moment, 0.0, 0.0, 0.0, True))
+        rows = np.array([core.run(time + step, codegen.inputs_at_rest(command, moment, 0.0))
                          for core, (command, moment) in zip(self._cores, loads, strict=True)], dtype=float)
         rates = rows[:, _RATE]
         return Response(rows[:, _ANGLE], rates, -float(rates @ demand.hinge_moments), rows[:, _SATURATED] > 0.5)

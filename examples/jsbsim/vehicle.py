@@ -22,6 +22,9 @@ AZIMUTHS = np.radians([45.0, 135.0, 225.0, 315.0])
 """Of the fins about body x [rad], shape (4,): from y (right) towards z (down), as in the aircraft file and the FMU's
 `mounting.azimuth`; fin 1 is right and below."""
 
+STATION = -1.72
+"""Of the fins' hinges along body x, from the centre of gravity [m]."""
+
 FOOT = 0.3048  # m, exact
 POUND_FORCE = 4.4482216152605  # N, exact
 _AIRCRAFT = "finned_rocket"
@@ -51,8 +54,10 @@ class State:
     """Roll, pitch, yaw [rad]."""
     body_rates: Array
     """[rad/s]."""
+    angular_acceleration: Array
+    """d/dt of the body rates [rad/s2]."""
     acceleration: Array
-    """Of the fins' station on the axis, gravity included [m/s2]."""
+    """Of the centre of gravity, gravity included [m/s2]."""
     hinge_moments: Array
     """[N.m], positive along positive fin angle; shape (4,)."""
     dynamic_pressure: float
@@ -117,6 +122,7 @@ class Rocket:
         return State(
             attitude=np.array([roll, pitch, yaw]),
             body_rates=np.array([fdm[f"velocities/{n}-rad_sec"] for n in "pqr"]),
+            angular_acceleration=np.array([fdm[f"accelerations/{n}dot-rad_sec2"] for n in "pqr"]),
             acceleration=felt + gravity * down,
             hinge_moments=np.array([fdm[f"aero/hinge{k}-lbsft"] for k in FINS]) * (POUND_FORCE * FOOT),
             dynamic_pressure=fdm["aero/qbar-psf"] * POUND_FORCE / FOOT**2, mach=fdm["velocities/mach"],

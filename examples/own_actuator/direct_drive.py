@@ -2,7 +2,8 @@
 
     J d2(delta)/dt2 = K_t i - k delta - b d(delta)/dt + T        L di/dt = v - R i - K_e d(delta)/dt
 
-T is the hinge moment of aerodynamics, gravity and acceleration. A PI controller with damping asks for the voltage v:
+J is that of rotor, fin, shaft and fork, and T the hinge moment of aerodynamics and of the vehicle's motion: gravity,
+acceleration, rotation. A PI controller with damping asks for the voltage v:
 
     u = k_p (b_c delta_c - delta) + I - k_d d(delta)/dt          dI/dt = k_i (delta_c - delta)
 
@@ -17,9 +18,9 @@ from emcas_fmu.variables import parameter, real_input, real_output, tunable
 
 PARAMETERS = (
     *fin_port.PARAMETERS,
-    parameter("hinge.inertia", "kg.m2", 1e-6, 1e3, "inertia of rotor, shaft and fin about the hinge, J"),
     parameter("hinge.damping", "N.m.s/rad", 0.0, 1e3, "viscous friction about the hinge, b"),
     parameter("spring.stiffness", "N.m/rad", 0.0, 1e5, "stiffness of the centring spring, k"),
+    parameter("motor.inertia", "kg.m2", 0.0, 1e3, "inertia of the rotor about the hinge"),
     parameter("motor.torque_constant", "N.m/A", 1e-6, 1e3, "torque constant, K_t"),
     parameter("motor.back_emf_constant", "V.s/rad", 0.0, 1e3, "back-EMF constant, K_e"),
     parameter("motor.resistance", "Ohm", 1e-6, 1e4, "winding resistance, R"),
@@ -57,11 +58,12 @@ def voltage(ops, u):
 
 def derivatives(ops, p, x, u):
     """Return d/dt of every state. A disabled amplifier shorts the winding, which brakes the fin."""
-    load = fin_port.hinge_torque(ops, p, x.fin_angle, u.aero_torque, u.f_x, u.f_z)
+    load = fin_port.hinge_torque(ops, p, x.fin_angle, u) - p.motor.inertia * u.alpha_y  # the rotor turns, too
     torque = (p.motor.torque_constant * x.current + load - p.spring.stiffness * x.fin_angle
               - p.hinge.damping * x.fin_rate)
     rise = voltage(ops, u) - p.motor.resistance * x.current - p.motor.back_emf_constant * x.fin_rate
-    return {"fin_angle": x.fin_rate, "fin_rate": torque / p.hinge.inertia, "current": rise / p.motor.inductance}
+    inertia = p.motor.inertia + fin_port.hinge_inertia(p)
+    return {"fin_angle": x.fin_rate, "fin_rate": torque / inertia, "current": rise / p.motor.inductance}
 
 
 def output_values(ops, p, x, u):
@@ -69,7 +71,7 @@ def output_values(ops, p, x, u):
     return {
         "fin_angle": x.fin_angle,
         "fin_rate": x.fin_rate,
-        "hinge_torque": fin_port.hinge_torque(ops, p, x.fin_angle, u.aero_torque, u.f_x, u.f_z),
+        "hinge_torque": fin_port.hinge_torque(ops, p, x.fin_angle, u),
         "tracking_error": fin_port.clipped_command(ops, p, u.command) - x.fin_angle,
         "measured_fin_angle": u.measured_fin_angle,
         "saturated": u.limited > 0.0,

@@ -47,7 +47,7 @@ def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Valu
 def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     return {
         "fin_angle": x.fin_angle, "fin_rate": x.fin_rate,
-        "hinge_torque": fin_port.hinge_torque(ops, p, x.fin_angle, u.aero_torque, u.f_x, u.f_z),
+        "hinge_torque": fin_port.hinge_torque(ops, p, x.fin_angle, u),
         "tracking_error": fin_port.clipped_command(ops, p, u.command) - x.fin_angle,
         "measured_fin_angle": u.measured_fin_angle, "saturated": u.limited > 0.0,
         "at_stop": ops.fabs(x.fin_angle) >= fin_port.stop_edge(p),

@@ -32,7 +32,7 @@ def _energy(p: Any, s: Pair) -> float:
     c = drive_line.line(FLOATS, p)
     deflection = s.angle - s.fin_angle
     pressed, flank = drive_line.pressed(FLOATS, c, deflection, s.speed - s.fin_speed)
-    fin = drive_line.fin_side(FLOATS, p, s.fin_angle, 0.0, 0.0, 0.0).inertia
+    fin = drive_line.fin_side(FLOATS, p, s.fin_angle).inertia
     kinetic = mechanics.screw_inertia(p) * s.speed**2 + fin * s.fin_speed**2
     return float(0.5 * (kinetic + (c.stiffness * (deflection - flank)**2 if pressed else 0.0)))
 
@@ -44,7 +44,7 @@ def test_bounce_is_its_closed_form(ratio: float) -> None:
     Its force ends at the phase tan(phi) = 2 zeta q/(2 zeta^2 - 1) of the motion, q^2 = 1 - zeta^2.
     """
     p = _bare({**RIGID, "drive_line.backlash": 1e-4})
-    fin = drive_line.fin_side(FLOATS, p, 0.0, 0.0, 0.0, 0.0).inertia
+    fin = drive_line.fin_side(FLOATS, p, 0.0).inertia
     mass = 1.0 / (1.0 / mechanics.screw_inertia(p) + 1.0 / fin) / p.screw.lead**2  # along the screw
     damping = 2.0 * ratio * sqrt(p.drive_line.contact_stiffness * mass)
     p = with_values(p, {"drive_line.contact_damping": damping})

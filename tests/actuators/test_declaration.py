@@ -29,6 +29,7 @@ from emcas_fmu.fmi.model_description import terminals_and_icons, to_bytes
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.physics.loads import NONE
 from emcas_fmu.runtime import codegen
 from emcas_fmu.runtime.compiled import CompiledCore
 from emcas_fmu.runtime.core import Core
@@ -53,7 +54,12 @@ WITH_EXTENSIONS = [
 def acts(pressure: float = RATED, drift: float = 0.0, boost: bool = False, command: float = 0.1,
          moment: float = 0.0) -> tuple[Any, ...]:
     """A core's inputs: the fin port's, then those that act on the plant, then the Boolean that samples see."""
-    return (command, moment, 0.0, 0.0, 0.0, True, pressure, drift, boost)
+    return codegen.inputs_at_rest(command, moment, 0.0, True, pressure, drift, boost)
+
+
+def sloping(command: float, moment: float, pressure: float, drift: float) -> tuple[Any, ...]:
+    """The rates of a ramp of these, in a core's order: all but enable and the Boolean."""
+    return (*codegen.inputs_at_rest(command, moment, 0.0)[:-1], pressure, drift)
 
 
 # -- a further input that acts on the plant -----------------------------------------
@@ -103,8 +109,8 @@ def test_a_tick_is_split_where_such_an_input_changes(name: str) -> None:
     assert found[0] == found[1]
 
     def moved(x: Record, given: Mapping[str, float], h: float) -> Record:
-        u = Record(reference=0.1, aero_torque=0.0, f_x=0.0, f_z=0.0, supply=0.0, enabled=True, gain=1.0,
-                   rated_current_limit=None, hydraulic_pressure=given["pressure"], drift=given["drift"])
+        u = Record(reference=0.1, **vars(NONE), supply=0.0, enabled=True, gain=1.0, rated_current_limit=None,
+                   hydraulic_pressure=given["pressure"], drift=given["drift"])
         values, used = actuator.step(FLOATS, p, x, u, h)
         assert used == h
         return Record(**values)
@@ -146,8 +152,8 @@ COMMON = settings(deadline=None, derandomize=True, max_examples=60,
 @COMMON
 @given(changes=_changes, rates=st.tuples(*(st.floats(-1.0, 1.0) for _ in range(4))))
 def test_ramps_are_the_same_from_both_kernels(changes: list[Any], rates: tuple[float, ...]) -> None:
-    scales = (3.0, 500.0, 0.0, 0.0, 0.0, 1e7, 2.0)  # command, moment, forces, supply, pressure, drift
-    slopes = tuple(s * r for s, r in zip(scales, (*rates[:2], 0.0, 0.0, 0.0, *rates[2:]), strict=True))
+    scales = (3.0, 500.0, 1e7, 2.0)  # command, moment, pressure, drift
+    slopes = sloping(*(s * r for s, r in zip(scales, rates, strict=True)))
     rows = []
     for core in _cores():
         time, found = 0.0, []
@@ -163,7 +169,7 @@ def test_ramps_are_the_same_from_both_kernels(changes: list[Any], rates: tuple[f
 def test_a_ramp_is_what_small_held_steps_come_to() -> None:
     """A pressure from 0 at 20 MPa/s: against steps of 1 us, each at its middle."""
     core, slope = _cores()[1], 2e7
-    ramped = [core.run(5e-3 * k, acts(slope * 5e-3 * (k - 1)), (5e-3 * (k - 1), (0.0,) * 5 + (slope, 0.0)))[0]
+    ramped = [core.run(5e-3 * k, acts(slope * 5e-3 * (k - 1)), (5e-3 * (k - 1), sloping(0.0, 0.0, slope, 0.0)))[0]
               for k in range(1, 5)]
     fine = _cores()[1]
     for k in range(20_000):
@@ -279,11 +285,11 @@ def test_input_derivatives_of_a_further_input(unit: FmuInterface, library: Fmu) 
         pytest.skip("a single unit with such inputs")
     native, core = Instance(library), codegen.core(load_parameters(model=DRIVEN).values, DRIVEN)
     assert max(native.initialize(fin_command=0.1)) == OK
-    slopes, time = (1.0, 0.0, 0.0, 0.0, 0.0, 3e6, -0.4), 0.0
+    slopes, time = sloping(1.0, 0.0, 3e6, -0.4), 0.0
     for size in (2e-4, 1e-3, 1.7e-3, 5e-3, 3e-4):
         inputs = acts(RATED + 3e6 * time, -0.4 * time, command=0.1 + time)
-        for name, value, slope in (("fin_command", inputs[0], 1.0), ("hydraulic.pressure", inputs[6], 3e6),
-                                   ("drift", inputs[7], -0.4)):
+        for name, value, slope in (("fin_command", inputs[0], 1.0), ("hydraulic.pressure", inputs[-3], 3e6),
+                                   ("drift", inputs[-2], -0.4)):
             assert native.set(name, value) == OK
             assert native.differentiate(name, 1, slope) == OK
         assert native.step(time, size) == OK
@@ -341,7 +347,8 @@ def test_direct_inputs_of_the_default_unit() -> None:
         "motor_voltage": ("supply_voltage", "enable"),
         "motor_torque": ("enable",),
         "hinge_torque": ("aero_torque", "acceleration.x", "acceleration.y", "acceleration.z", "attitude.roll",
-                         "attitude.pitch"),
+                         "attitude.pitch", "angular_rate.x", "angular_rate.y", "angular_rate.z",
+                         "angular_acceleration.y", "angular_acceleration.z"),
         "supply_power": ("supply_voltage", "enable"),
         "tracking_error": ("fin_command",),
         "saturated": ("supply_voltage", "enable"),

@@ -58,7 +58,7 @@ def test_free_mode_of_rotor_and_fin(springs: str) -> None:
     found = (len(times) - 1) / ((times[-1] - times[0]) * 2e-5)
     square = p.screw.lead**2
     compliance = sum(c for c in (p.drive_line.torsional_compliance, p.drive_line.axial_compliance / square))
-    fin = drive_line.fin_side(FLOATS, p, 0.0, 0.0, 0.0, 0.0).inertia
+    fin = drive_line.fin_side(FLOATS, p, 0.0).inertia
     expected = sqrt((1.0 / mechanics.screw_inertia(p) + 1.0 / fin) / compliance) / (2.0 * pi)
     # The fin's share of the inertia varies with the lever's angle, by less than 0.5 % on this way.
     assert found == pytest.approx(expected, rel=6e-3)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from emcas_fmu.physics.loads import NONE
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis import frequency, sweep
 from emcas_fmu.studies.analysis.capability import steady_rate
@@ -133,6 +134,7 @@ def test_rate_capability_is_the_rate_of_a_long_slew(values: Values) -> None:
     p = {**values, **LOOP, "drive.supply_voltage": 20.0, "encoder.enabled": False, "fin.start_angle": radians(-20.0)}
     run = simulate(p, 0.4, fin_command=radians(20.0), aero_torque=-50.0)
     k = int(np.argmax(run["fin_angle"] > radians(5.0)))
-    expected = steady_rate(namespace(p), float(run["fin_angle"][k]), 1.0, -50.0, p["controller.speed_limit"])
+    expected = steady_rate(namespace(p), float(run["fin_angle"][k]), 1.0,
+                           NONE.replace(aero_torque=-50.0), p["controller.speed_limit"])
     # The ratio changes along the way, so that the motor still accelerates or slows: 2 % of the rate.
     assert run["fin_rate"][k] == pytest.approx(expected, rel=0.02)

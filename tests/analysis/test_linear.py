@@ -17,6 +17,7 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.physics.loads import NONE
 from emcas_fmu.reference.cases import LOAD
 from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.simulation import simulate
@@ -37,7 +38,7 @@ def test_jacobian_is_that_of_finite_differences(values: Values) -> None:
 
     def changes(x: Any) -> Any:
         *states, reference, torque = map(float, x)
-        u = Record(reference=reference, aero_torque=torque, f_x=0.0, f_z=9.80665)
+        u = Record(reference=reference, **vars(NONE.replace(aero_torque=torque, f_z=9.80665)))
         rates = nonlinear.derivatives(FLOATS, namespace(p), Record(**dict(zip(names, states, strict=True))), u)
         return np.array([rates[name] for name in names])
 

@@ -159,6 +159,30 @@ def test_same_flight_twice(four: Path) -> None:
         assert np.array_equal(column[:300], shorter[name])
 
 
+def test_rotation_and_station_are_wired(four: Path) -> None:
+    """A roll turns every fin outwards, and its acceleration their rotors the other way; q' pulls at the hinges' place.
+
+    Behind the centre of gravity q' moves the hinges down, which lifts fins heavy behind their hinge: against cos
+    azimuth, as the turn about the hinge itself does. 20 ms after a step the fins are on their way.
+    """
+    def moved(**changes: tuple[float, float, float]) -> Array:
+        actuators = Fmu(four, parameters={**NO_ENCODER, "loads.gravity": False})
+        demand = Demand(np.full(4, 0.1), np.zeros(4), np.zeros(3), np.zeros(3),
+                        **{name: np.array(value) for name, value in changes.items()})
+        try:
+            return [actuators.step(k * 1e-3, 1e-3, demand) for k in range(20)][-1].angles
+        finally:
+            actuators.close()
+
+    still = moved()
+    assert np.all(moved(body_rates=(60.0, 0.0, 0.0)) > still + 1e-5)
+    rolled = moved(angular_acceleration=(500.0, 0.0, 0.0)) - still
+    assert np.all(rolled < -1e-5)
+    np.testing.assert_allclose(rolled, rolled[0], rtol=1e-9)
+    pitched = moved(angular_acceleration=(0.0, 50.0, 0.0)) - still
+    assert np.sign(pitched).tolist() == (-np.sign(np.cos(AZIMUTHS))).tolist()
+
+
 def test_azimuth_and_gravity_are_wired(four: Path) -> None:
     """A level vehicle: fins are heavy behind the hinge, so weight turns right ones to positive, left ones to negative.
 

@@ -66,7 +66,7 @@ def test_agreement() -> None:
 @pytest.mark.parametrize(("old", "new", "message"), [
     ('name="fin[2].fin_angle"', 'name="fin[2].angle"', "fin[2].fin_angle -> rocket: the system has no output fin[2].f"),
     ('name="fin[4].aero_torque"', 'name="fin[4].load"', "rocket -> fin[4].aero_torque: the system has no input fin[4]"),
-    ('unit="rad/s"', 'unit="deg/s"', "fin[1].fin_rate -> rocket: fin[1].fin_rate is in deg/s, not rad/s"),
+    ('unit="rad/s"', 'unit="deg/s"', "rocket -> angular_rate.x: angular_rate.x is in deg/s, not rad/s"),
 ])
 def test_wiring_errors_name_the_connection(old: str, new: str, message: str, ssp: Path, doctored: Doctor) -> None:
     with pytest.raises(EmcasError, match=re.escape(f"connection {message}")):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from math import cos, degrees, pi, radians, sin, sqrt
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 
 from examples.jsbsim import vehicle
 from examples.jsbsim.autopilot import MIXER, Autopilot, Gains, attitude_error
-from examples.jsbsim.vehicle import AZIMUTHS, FINS, FOOT, POUND_FORCE, Array, Launch, Rocket
+from examples.jsbsim.vehicle import AZIMUTHS, FINS, FOOT, POUND_FORCE, STATION, Array, Launch, Rocket, State
 
 STEP = 1e-4  # s: so short that the launch condition still holds at its end
 MOMENTS = ("moments/l-total-lbsft", "moments/m-total-lbsft", "moments/n-total-lbsft")
@@ -130,6 +131,35 @@ def test_trim_and_energy() -> None:
     assert kinetic == pytest.approx(work, rel=2e-3)
     assert drag < 0.0
     assert kinetic + 9.80 * (state.altitude - first.altitude) == pytest.approx(drag, rel=3e-3)
+
+
+def test_station_and_derivatives_are_jsbsim_s(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What acceleration of the centre of gravity, rates and derivatives make at the hinges is what JSBSim has there.
+
+    JSBSim takes accelerations of the step before. 1e-4 m/s2: it adds the earth's turn to the rates.
+    """
+    def flight() -> list[State]:
+        rocket = Rocket(1e-3)
+        return [rocket.advance(np.radians([5, -3, 6, -2]) * np.sin(0.05 * k), STILL) for k in range(300)]
+
+    of_centre = flight()
+    shutil.copytree(Path(vehicle.__file__).parent / "aircraft", tmp_path / "aircraft")
+    path = tmp_path / "aircraft/finned_rocket/finned_rocket.xml"
+    text = path.read_text(encoding="utf-8")
+    assert '"EYEPOINT" unit="M"> <x> 2.05' in text
+    path.write_text(text.replace('"EYEPOINT" unit="M"> <x> 2.05', '"EYEPOINT" unit="M"> <x> 3.77'), encoding="utf-8")
+    monkeypatch.setattr(vehicle, "__file__", str(tmp_path / "vehicle.py"))
+    at_hinges, place = flight(), np.array([STATION, 0.0, 0.0])
+    largest = 0.0
+    for before, now, there in zip(of_centre, of_centre[1:], at_hinges[1:]):
+        turned = (np.cross(before.angular_acceleration, place)
+                  + np.cross(now.body_rates, np.cross(now.body_rates, place)))
+        np.testing.assert_allclose(now.acceleration + turned, there.acceleration, atol=1e-4)
+        # The rates' mean slope over a step, to what the slope itself changes in it.
+        slope = (now.body_rates - before.body_rates) / 1e-3
+        assert np.abs(slope - now.angular_acceleration).max() < 15.0
+        largest = max(largest, float(np.abs(now.angular_acceleration).max()))
+    assert largest > 100.0
 
 
 def test_tables_follow_from_the_geometry() -> None:

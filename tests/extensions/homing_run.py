@@ -63,7 +63,7 @@ def blocked(torque: Callable[[float, float], float], stop: float, home: Callable
     rows = []
     angle = 0.0
     for k in range(round(stop / 1e-3)):
-        inputs = (0.2, torque(k * 1e-3, angle), 0.0, 0.0, 39.0, True, home(k * 1e-3))
+        inputs = codegen.inputs_at_rest(0.2, torque(k * 1e-3, angle), 39.0, True, home(k * 1e-3))
         rows.append(core.run((k + 1) * 1e-3, inputs))
         angle = rows[-1][0]
     return {"time": np.arange(1, len(rows) + 1) * 1e-3, **dict(zip(NAMES, np.array(rows, dtype=float).T, strict=True))}

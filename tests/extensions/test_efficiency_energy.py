@@ -101,7 +101,7 @@ def test_elastic_screw_creates_no_energy(forward: float, backward: float, gap: f
                 "drive_line.contact_damping": 0.0, "fin.stop_angle": radians(70.0)}, ELASTIC)
     p = nested(v, ELASTIC, constant_ratio=True)
     c = drive_line.line(FLOATS, p)
-    fin = drive_line.fin_side(FLOATS, p, 0.0, 0.0, 0.0, 0.0).inertia
+    fin = drive_line.fin_side(FLOATS, p, 0.0).inertia
 
     def energy(s: Pair) -> float:
         deflection = s.angle - s.fin_angle

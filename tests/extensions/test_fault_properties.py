@@ -69,7 +69,7 @@ def test_both_kernels_and_kept_states(model: str) -> None:
     values = parameters.replace(parameters.having(changes)).values
     slow, fast = codegen.core(values, name), CompiledCore(values, name)
     for k in range(1, 161):
-        inputs = (wave(k * 1e-3), gust(k * 1e-3), 0.0, 0.0, 39.0, True)
+        inputs = codegen.inputs_at_rest(wave(k * 1e-3), gust(k * 1e-3), 39.0)
         one, other = slow.run(k * 1e-3 + 3e-4, inputs), fast.run(k * 1e-3 + 3e-4, inputs)
         assert one == other
         if k % 20 == 0:

@@ -69,7 +69,7 @@ def test_small_oscillations_have_the_frequency_of_bristles_and_inertia() -> None
     overrides = {**PLAIN, "lugre.damping": 0.0, "solver.max_tick": 1e-4}
     run = _pushed(overrides, 0.5, lambda t: 0.05 if t < 1e-3 else 0.0)
     p = nested(_values(overrides), MODEL)
-    inertia = mechanics.coefficients(FLOATS, p, 0.0, 0.0, 0.0, 0.0).inertia
+    inertia = mechanics.coefficients(FLOATS, p, 0.0).inertia
     angle = run["motor_angle"][20:] - run["motor_angle"][20:].mean()
     up = np.flatnonzero((angle[:-1] < 0.0) & (angle[1:] >= 0.0))
     times = (up - angle[up] / (angle[up + 1] - angle[up])) * 1e-3
@@ -215,7 +215,7 @@ def test_bristles_make_no_energy(stiffness: float, damping: float, ratio: float,
     values = dict(_values({**PLAIN, "lugre.damping": damping, "lugre.static_ratio": ratio,
                            "lugre.stribeck_speed": width, **{f"friction.coulomb.{way}[0]": level for way in WAYS}}))
     p = with_values(nested(values, MODEL, constant_ratio=True), {"lugre.stiffness": stiffness})
-    inertia = mechanics.coefficients(FLOATS, p, 0.0, 0.0, 0.0, 0.0).inertia
+    inertia = mechanics.coefficients(FLOATS, p, 0.0).inertia
     s, z = Plant(0.0, speed, 0.0, 0.0), stretch * ratio * max(level, 1e-3) / stiffness
     before = 0.5 * inertia * speed**2 + 0.5 * stiffness * z**2
     for _ in range(100):
@@ -233,7 +233,7 @@ def test_steady_sliding_does_not_ring() -> None:
     for _ in range(200):
         s, z, _ = advance(FLOATS, p, s, z, _OFF, 1e-4)
         speeds.append(s.speed)
-    inertia = mechanics.coefficients(FLOATS, p, 0.0, 0.0, 0.0, 0.0).inertia
+    inertia = mechanics.coefficients(FLOATS, p, 0.0).inertia
     # The mean speed's share of the rate predicted: 1e-4 off where a tick takes 0.07 of 100 rad/s.
     assert -np.diff(speeds) == pytest.approx(LEVEL / inertia * 1e-4, rel=5e-3)
 
@@ -271,7 +271,7 @@ def _at_the_stop(press: float, reference: float, h: float) -> tuple[float, float
     """Time [s] that a step at the upper stop takes, of `h` under a press [N.m] at most, and the press at its end."""
     p = nested(_values(), MODEL)
     torque = 0.3
-    load = mechanics.coefficients(FLOATS, p, stops(FLOATS, p)[1], 0.0, 0.0, 0.0).load
+    load = mechanics.coefficients(FLOATS, p, stops(FLOATS, p)[1]).load
     deflection = (torque + load - press) / p.lugre.stiffness
     s = Plant(stops(FLOATS, p)[1], 0.0, torque / p.motor.torque_constant, 0.0)
     b = acting(reference, supply=900.0)

@@ -14,6 +14,7 @@ from emcas_fmu.actuators import EXTENSIONS, NAMES, get
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.extensions.fault_list import FAULTS
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime.codegen import inputs_at_rest
 from emcas_fmu.runtime.compiled import CompiledCore
 from emcas_fmu.simulation import simulate
 
@@ -87,7 +88,7 @@ def test_steps_of_the_host_do_not_matter(model: str) -> None:
     known = {"homing.required": False} if "homing" in model else {}
     parameters = load_parameters(model=model)
     values = parameters.replace(parameters.having({**windows, **known})).values
-    inputs = (0.1, -30.0, 0.0, 0.0, 39.0, True, *(False,) * len(get(model).further_inputs))
+    inputs = inputs_at_rest(0.1, -30.0, 39.0, True, *(False,) * len(get(model).further_inputs))
     found = []
     for size in (10e-3, 1e-3, 0.37e-3):
         core, time, rows = CompiledCore(values, model), 0.0, []

@@ -12,7 +12,7 @@ import pytest
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.reference.simulate import simulate as reference_of
 
-from ..simulation import NAMES, new_core, simulate
+from ..simulation import NAMES, inputs_at_rest, new_core, simulate
 
 # The ticks divide both parts of the sample period (0.7 and 0.3 ms) evenly.
 TICKS = [1e-4 / 2**n for n in range(4)]
@@ -69,7 +69,7 @@ def test_shipped_tick_is_accurate_enough(values: Mapping[str, Any]) -> None:
 
 @pytest.mark.parametrize("grid", ["coarse", "fine", "ragged"])
 def test_the_host_grid_leaves_the_trajectory_alone(values: Mapping[str, Any], grid: str) -> None:
-    inputs = (radians(12.0), -30.0, 0.0, 0.0, 39.0, True)
+    inputs = inputs_at_rest(radians(12.0), -30.0, 39.0)
     step = {"coarse": 10e-3, "fine": 1e-3, "ragged": 0.37e-3}[grid]
     reference = new_core(values)
     other = new_core(values)
@@ -87,7 +87,7 @@ def test_the_host_grid_leaves_the_trajectory_alone(values: Mapping[str, Any], gr
 
 
 def test_results_inside_a_tick_lie_on_the_trajectory(values: Mapping[str, Any]) -> None:
-    inputs = (radians(10.0), 0.0, 0.0, 0.0, 39.0, True)
+    inputs = inputs_at_rest(radians(10.0), 0.0, 39.0)
     fine = new_core({**values, "encoder.enabled": False, "solver.max_tick": 1e-5})
     coarse = new_core({**values, "encoder.enabled": False})
     worst = 0.0
@@ -114,7 +114,7 @@ def test_delay_is_exact_whatever_the_tick(values: Mapping[str, Any]) -> None:
     for delay in (0.0, 0.41e-3, 1e-3, 3.7e-3, 7.25e-3):
         case = {**quiet, "drive.transport_delay": delay}
         core = new_core(case)
-        inputs = (radians(10.0), 0.0, 0.0, 0.0, 39.0, True)
+        inputs = inputs_at_rest(radians(10.0), 0.0, 39.0)
         core.run(delay + 1e-9, inputs)
         assert core.outputs(inputs)[current] == 0.0
         core.run(delay + 0.05e-3, inputs)

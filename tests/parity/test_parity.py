@@ -13,6 +13,7 @@ from fmpy import simulate_fmu
 from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
 
+from emcas_fmu.actuators import fin_port
 from emcas_fmu.files import models_directory
 from emcas_fmu.fmi.fmi2.slave import Slave
 from emcas_fmu.fmi.model_description import SINGLE
@@ -79,7 +80,9 @@ _segments = st.lists(st.fixed_dictionaries({
         "fin_command": _UNIFORM.map(lambda x: 0.5 * x), "aero_torque": _UNIFORM.map(lambda x: 250.0 * x),
         "supply_voltage": st.floats(0.0, 45.0), "enable": st.sampled_from([True, True, True, False])},
         optional={"acceleration.x": _UNIFORM.map(lambda x: 80.0 * x), "attitude.pitch": _UNIFORM,
-                  "acceleration.z": _UNIFORM.map(lambda x: 80.0 * x), "attitude.roll": _UNIFORM}),
+                  "acceleration.z": _UNIFORM.map(lambda x: 80.0 * x), "attitude.roll": _UNIFORM,
+                  "angular_rate.x": _UNIFORM.map(lambda x: 60.0 * x), "angular_rate.z": _UNIFORM,
+                  "angular_acceleration.x": _UNIFORM.map(lambda x: 500.0 * x), "angular_acceleration.y": _UNIFORM}),
     "size": st.sampled_from([1e-4, 3.7e-4, 1e-3, 2.5e-3, 7e-3]), "steps": st.integers(1, 12),
     "restore": st.booleans(), "kp": st.sampled_from([None, None, 30.0, 90.0])}), min_size=1, max_size=8)
 
@@ -133,14 +136,14 @@ def _set(slave: Slave, name: str, value: Any) -> None:
 
 @settings(deadline=None, derandomize=True, max_examples=100,
           suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(rates=st.tuples(*(st.floats(-1.0, 1.0) for _ in range(5))), sizes=st.lists(
+@given(rates=st.tuples(*(st.floats(-1.0, 1.0) for _ in range(7))), sizes=st.lists(
     st.sampled_from([2e-4, 1e-3, 1.7e-3, 5e-3]), min_size=1, max_size=15))
 def test_ramps(library: Fmu, values: Mapping[str, Any], rates: tuple[float, ...], sizes: list[float]) -> None:
     """Input derivatives: the native unit against the Python core, which takes them where the wrapper does not."""
     native, core = Instance(library), new_core(values)
     native.initialize()
     scales = {"fin_command": 3.0, "aero_torque": 500.0, "acceleration.x": 2e3, "acceleration.z": 2e3,
-              "supply_voltage": 30.0}
+              "supply_voltage": 30.0, "angular_rate.x": 300.0, "angular_acceleration.x": 5e3}
     slopes = {name: scale * rate for (name, scale), rate in zip(scales.items(), rates, strict=True)}
     time = 0.0
     for size in sizes:
@@ -149,13 +152,12 @@ def test_ramps(library: Fmu, values: Mapping[str, Any], rates: tuple[float, ...]
             native.set(name, value)
             native.differentiate(name, 1, slopes[name])
         assert native.step(time, size) == OK
-        x, y, z = now["acceleration.x"], 0.0, now["acceleration.z"]
         begin, end = time, time + size
-        there = (x + slopes["acceleration.x"] * (end - begin), y, z + slopes["acceleration.z"] * (end - begin))
-        force, later = core.forces(x, y, z, 0.0, 0.0), core.forces(*there, 0.0, 0.0)
-        f_x, f_z = ((b - a) / (end - begin) for a, b in zip(force, later, strict=True))
-        outputs = core.run(end, (now["fin_command"], now["aero_torque"], *force, now["supply_voltage"], True),
-                           (begin, (slopes["fin_command"], slopes["aero_torque"], f_x, f_z, slopes["supply_voltage"])))
+        there = {name: value + slopes[name] * (end - begin) for name, value in now.items()}
+        made, later = (core.carried(*(at.get(v.name, 0.0) for v in fin_port.MOTION)) for at in (now, there))
+        rise = ((b - a) / (end - begin) for a, b in zip(made, later, strict=True))
+        outputs = core.run(end, (now["fin_command"], now["aero_torque"], *made, now["supply_voltage"], True),
+                           (begin, (slopes["fin_command"], slopes["aero_torque"], *rise, slopes["supply_voltage"])))
         assert native.get("fin_angle") == outputs[0]
         assert native.get("motor_current") == outputs[4]
         time = end

@@ -17,7 +17,7 @@ from emcas_fmu.physics import kinematics, mechanics
 from emcas_fmu.rules import check_ranges
 from tests.default_actuator import ACTUATOR, PARAMETERS, namespace
 
-from ..simulation import NAMES, new_core, simulate
+from ..simulation import NAMES, inputs_at_rest, new_core, simulate
 
 COMMON = settings(deadline=None, derandomize=True, max_examples=60,
                   suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -64,11 +64,11 @@ def test_friction_never_creates_energy(values: Mapping[str, Any], speed: float, 
     def energy() -> float:
         angle, w, *_ = core.state[2]
         w = float(w)
-        return 0.5 * float(mechanics.coefficients(FLOATS, p, angle, 0.0, 0.0, 0.0).inertia) * w * w
+        return 0.5 * float(mechanics.coefficients(FLOATS, p, angle).inertia) * w * w
 
     before = first = energy()
     for k in range(1, 60):
-        core.run(k * 1e-3, (0.0, 0.0, 0.0, 0.0, 39.0, False))
+        core.run(k * 1e-3, inputs_at_rest(0.0, 0.0, 39.0, False))
         now = energy()
         # The inertia's variation with angle is integrated to second order: 1e-6 of the first energy a step.
         assert now <= before + 1e-6 * first
@@ -84,7 +84,7 @@ def test_odd_symmetry(values: Mapping[str, Any], profile: list[tuple[float, floa
         core = new_core(case)
         rows = []
         for k, (command, load, enable, supply) in enumerate(profile):
-            inputs = (sign * command, sign * load, 0.0, 0.0, supply, enable)
+            inputs = inputs_at_rest(sign * command, sign * load, supply, enable)
             core.run((k + 1) * 5e-3, inputs)
             rows.append(core.outputs(inputs)[:6])
         return np.array(rows)
@@ -98,7 +98,7 @@ def test_limits_hold(values: Mapping[str, Any], profile: list[tuple[float, float
     core = new_core(values)
     time = 0.0
     for command, load, enable, supply in profile:
-        inputs = (command, load, 0.0, 0.0, supply, enable)
+        inputs = inputs_at_rest(command, load, supply, enable)
         for _ in range(5):
             time += step
             core.run(time, inputs)
@@ -130,7 +130,7 @@ def test_never_non_finite(values: Mapping[str, Any], changes: dict[str, float],
     size = min(case["solver.max_tick"], case["controller.sample_time"]) * 4.0
     core = new_core(case)
     for k, (command, load, enable, supply) in enumerate(profile):
-        inputs = (command, load, 0.0, 0.0, supply, enable)
+        inputs = inputs_at_rest(command, load, supply, enable)
         core.run((k + 1) * size, inputs)
         assert all(isfinite(x) for x in core.outputs(inputs))
 

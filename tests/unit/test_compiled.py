@@ -21,9 +21,10 @@ from emcas_fmu.runtime.compiled import Batch, CompiledCore
 from emcas_fmu.simulation import KERNELS, simulate
 from tests.default_actuator import INPUTS, OUTPUTS
 
-from ..simulation import new_core
+from ..simulation import inputs_at_rest, new_core
 
-COMMAND = (0.2, -20.0, 0.0, 0.0, 39.0, True)
+COMMAND = inputs_at_rest(0.2, -20.0, 39.0)
+MOTION = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0)
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
@@ -41,10 +42,10 @@ def test_every_reference_case_to_the_bit(values: Mapping[str, Any], case: Any) -
 
 def test_the_contract_of_the_core(values: Mapping[str, Any]) -> None:
     fast, slow = CompiledCore(values), new_core(values)
-    assert fast.forces(1.0, 2.0, 3.0, 0.1, 0.2) == slow.forces(1.0, 2.0, 3.0, 0.1, 0.2)
+    assert fast.carried(*MOTION) == slow.carried(*MOTION)
     assert fast.outputs(COMMAND) == slow.outputs(COMMAND)
     assert fast.run(0.0123, COMMAND) == slow.run(0.0123, COMMAND)
-    ramp = (0.0123, (1.0, -100.0, 10.0, 5.0, -30.0))
+    ramp = (0.0123, (1.0, -100.0, 10.0, 5.0, 30.0, 20.0, 200.0, 100.0, -30.0))
     assert fast.run(0.0456, COMMAND, ramp) == slow.run(0.0456, COMMAND, ramp)
     state = fast.state
     straight = fast.run(0.06, COMMAND)
@@ -73,7 +74,7 @@ def test_what_cannot_be_followed_changes_nothing(values: Mapping[str, Any]) -> N
     core = CompiledCore(values)
     core.run(0.01, COMMAND)
     before = core.state
-    for end, inputs, said in ((0.02, (0.2, 1e300, 0.0, 0.0, 39.0, True), "finite|events"), (1e9, COMMAND, "ticks")):
+    for end, inputs, said in ((0.02, inputs_at_rest(0.2, 1e300, 39.0), "finite|events"), (1e9, COMMAND, "ticks")):
         with pytest.raises(ArithmeticError, match=said):
             core.run(end, inputs)
         assert core.state == before
@@ -164,8 +165,8 @@ def test_tables_have_a_shape(values: Mapping[str, Any]) -> None:
         with pytest.raises(ValueError, match="shape"):
             compiled.run_table(values, 1e-3, np.zeros(shape))
     assert compiled.run_table(values, 1e-3, np.zeros((0, len(INPUTS)))).shape == (0, len(OUTPUTS))
-    with pytest.raises(TypeError):
-        CompiledCore(values).forces(1.0)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match="12 inputs, not 1"):
+        CompiledCore(values).carried(1.0)
     with pytest.raises(TypeError, match="mapping"):
         CompiledCore([1.0])  # type: ignore[arg-type]
 

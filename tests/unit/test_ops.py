@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from emcas_fmu.control import controllers, sensors
+from emcas_fmu.namespace import Record
 from emcas_fmu.ops.arrays import ARRAYS
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.ops.symbols import SYMBOLS
@@ -37,7 +38,11 @@ RANGES: dict[str, tuple[float, float]] = {
     "velocity_integral": (-3.0, 3.0), "target": (-25.0, 25.0), "momentum": (-0.1, 0.1),
     "reference": (-10.0, 10.0), "active": (-10.0, 10.0), "measured": (-0.4, 0.4), "limited": (-1.0, 1.0),
     "command": (-0.5, 0.5), "aero_torque": (-100.0, 100.0), "f_x": (-50.0, 50.0), "f_z": (-50.0, 50.0),
-    "supply": (0.0, 45.0), "h": (1e-5, 3e-4), "a_x": (-50.0, 50.0), "a_y": (-50.0, 50.0), "a_z": (-50.0, 50.0),
+    "wx2_wz2": (-500.0, 4000.0), "wx_wz": (-200.0, 200.0), "alpha_x": (-500.0, 500.0), "alpha_y": (-50.0, 50.0),
+    **{f"{name}_{axis}": (-limit, limit) for axis in "xyz"
+       for name, limit in (("acceleration", 50.0), ("angular_rate", 60.0), ("angular_acceleration", 500.0))},
+    **{f"attitude_{name}": (-1.5, 1.5) for name in ("roll", "pitch", "yaw")},
+    "supply": (0.0, 45.0), "h": (1e-5, 3e-4),
     "roll": (-3.0, 3.0), "pitch": (-1.5, 1.5), "counts": (-1e4, 1e4), "previous_counts": (-1e4, 1e4),
     "i_ref": (-60.0, 60.0), "cold_ratio": (1.0, 2.0), "time": (0.0, 2.0),
     "yaw": (-3.0, 3.0), "source": (0.0, 45.0), "sag": (-5.0, 50.0), "power": (-1e3, 9e3), "at": (-5.0, 45.0),
@@ -54,7 +59,7 @@ def _public(module: ModuleType) -> list[Function]:
 
 
 # Functions whose arguments are plain values; the others are reached through these.
-STRUCTURED = {loads.specific_force, mechanics.breakaway, mechanics.damping, rigid.advance, controllers.sample,
+STRUCTURED = {loads.carried, loads.level, mechanics.breakaway, mechanics.damping, rigid.advance, controllers.sample,
               rigid.electrical_mode, rigid.current_course, rigid.integral_end, rigid.stop_time,
               rigid.switched, rigid.time_to, rigid.voltage_events, rigid.voltage_time, friction.bristles,
               friction.falls, sensors.measure,
@@ -66,9 +71,24 @@ def _arguments(function: Function) -> list[str]:
     return [name for name in inspect.signature(function).parameters if name not in ("ops", "p")]
 
 
+def _plain(function: Function) -> tuple[list[str], Function]:
+    """Return a function of plain values and their names: the loads that it takes as one come last, each by itself."""
+    names = _arguments(function)
+    if "u" not in names:
+        return names, function
+    *names, last = names
+    assert last == "u"
+
+    def of_values(ops: Any, p: Any, *values: Any) -> Any:
+        u = Record(**dict(zip(loads.LOADS, values[len(names):], strict=True)))
+        return tuple(_call(function, ops, p, [*values[:len(names)], u]))
+
+    return [*names, *loads.LOADS], of_values
+
+
 # What is called, with the names of its arguments: functions by themselves, and those that the program is made of.
 PLAIN = {
-    **{f"{f.__module__.rsplit('.', 1)[1]}.{f.__name__}": (_arguments(f), f)
+    **{f"{f.__module__.rsplit('.', 1)[1]}.{f.__name__}": _plain(f)
        for module in MODULES for f in _public(module) if f not in STRUCTURED},
     **{f"codegen.{name}": (list(names), function) for name, names, function in codegen.functions(ACTUATOR)}}
 # What no parameter of the default actuator is and a function reads.

@@ -96,10 +96,10 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     def as_two() -> tuple[Value, ...]:
         s = sides(ops, p, x)
         torque = drive_line.torque(drive_line.line(ops, p), s.angle - s.fin_angle, s.speed - s.fin_speed, 0.0)
-        driving = drive.torque(p, drive.flowing(p, u.reference, s.current))
-        rotor = (driving + p.screw.lead * loads.nut_force(ops, p, u.f_x) - torque
+        driving = drive.torque(p, drive.flowing(p, u.reference, s.current)) + mechanics.rotor_torque(p, u)
+        rotor = (driving + p.screw.lead * loads.nut_force(ops, p, u) - torque
                  - friction.mean_viscous(ops, p) * s.speed)
-        m = drive_line.fin_side(ops, p, s.fin_angle, u.aero_torque, u.f_x, u.f_z)
+        m = drive_line.fin_side(ops, p, s.fin_angle, u)
         fin = (torque + m.load - p.friction.fin_viscous / (m.ratio * m.ratio) * s.fin_speed
                + m.centrifugal * s.fin_speed * s.fin_speed)
         rates = drive.rates(p, u.reference, s.speed, s.current, s.integral)
@@ -142,7 +142,7 @@ def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
         "fin_angle": fin,
         "fin_rate": s.fin_speed / kinematics.reduction_ratio(ops, p, tangent),
         "nut_position": kinematics.nut_position(ops, p, s.angle - lag),
-        "hinge_torque": mechanics.external_moment(ops, p, tangent, u.aero_torque, u.f_x, u.f_z),
+        "hinge_torque": mechanics.external_moment(ops, p, tangent, u),
         "tracking_error": fin_port.clipped_command(ops, p, u.command) - fin,
         "at_stop": ops.fabs(fin) >= fin_port.stop_edge(p),
     }

@@ -50,7 +50,11 @@ OUTPUTS = (
     }, (fin_port.MEASURED_FIN_ANGLE, fin_port.SATURATED, fin_port.AT_STOP)),
 )
 INPUT_DESCRIPTIONS = {
-    "acceleration.x": "vehicle acceleration along body x (forward, along the screw)",
+    "acceleration.x": "vehicle acceleration along body x (forward, along the screw), where mounting.station "
+                      "counts from",
+    "angular_acceleration.x":
+        "vehicle angular acceleration about body x, d/dt of angular_rate.x; times inertia.motor + inertia.screw it "
+        "takes from the motor's torque, whose positive angle is right-handed about body x",
     "enable": "false opens the drive's bridge: the fin is driven by loads and friction only",
 }
 
@@ -74,9 +78,7 @@ PARAMETERS: tuple[Variable, ...] = (
     parameter("screw.lead", "m/rad", 1e-6, 1e-1, "screw lead per radian"),
     parameter("inertia.motor", "kg.m2", 1e-9, 10.0, "rotor inertia"),
     parameter("inertia.screw", "kg.m2", 0.0, 10.0, "screw inertia about its axis"),
-    parameter("inertia.fin", "kg.m2", 1e-9, 1e3, "fin inertia about the hinge"),
-    parameter("inertia.shaft", "kg.m2", 0.0, 1e3, "fin shaft inertia about the hinge"),
-    parameter("inertia.fork", "kg.m2", 0.0, 1e3, "fork inertia about the hinge"),
+    *fin_port.INERTIAS,
     parameter("mass.nut", "kg", 0.0, 1e3, "nut mass"),
     *fin_port.MASSES,
     *fin_port.CENTERS,

@@ -57,7 +57,7 @@ def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
 def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     """Return d/dt of the states, (2.17), (2.46), (2.47); viscous friction is the mean of both directions."""
     p = as_built(ops, p)
-    m = mechanics.coefficients(ops, p, x.motor_angle, u.aero_torque, u.f_x, u.f_z)
+    m = mechanics.coefficients(ops, p, x.motor_angle, u)
     speed, current = x.motor_speed, x.motor_current
     damping = friction.mean_viscous(ops, p) + p.friction.fin_viscous / (m.ratio * m.ratio)
     driving = drive.torque(p, drive.flowing(p, u.reference, current))
@@ -93,7 +93,7 @@ def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
         "motor_torque": drive.torque(p, flowing),
         "drive_reference": u.sampled_reference,
         "nut_position": kinematics.nut_position(ops, p, angle),
-        "hinge_torque": mechanics.external_moment(ops, p, tangent, u.aero_torque, u.f_x, u.f_z),
+        "hinge_torque": mechanics.external_moment(ops, p, tangent, u),
         "supply_power": voltage * flowing,
         "tracking_error": fin_port.clipped_command(ops, p, u.command) - fin,
         "measured_fin_angle": u.measured_fin_angle,

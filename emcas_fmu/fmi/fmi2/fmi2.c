@@ -32,7 +32,7 @@ static void set_one(instance *m, size_t vr, double value)
     m->s.values[vr] = value;
     m->s.fresh = 0;
     if (vr >= PARAMETER_BEGIN) m->unprepared = 1;
-    if (vr - MOTION_BEGIN < MOTION_END - MOTION_BEGIN) m->unforced = 1; /* unsigned: none below */
+    if (vr - MOTION_BEGIN < MODEL_MOTION) m->moved = 1; /* unsigned: none below */
 }
 
 static bool array_missing(const instance *m, size_t n, const void *vr, const void *value, const char *function)
@@ -170,33 +170,30 @@ static core_result run(instance *m, double end, const core_inputs *in, const cor
     return multi_fin_run(&m->fins, &m->s.fins, m->s.now, end, in, ramp, m->s.values + OUTPUT_BEGIN);
 }
 
-/* A step in which the inputs change: loads by the specific forces at its ends. The inputs then stand
+/* A step in which the inputs change: of the vehicle's motion by what it makes at its ends. The inputs then stand
  * at the end of their ramps, and are held there until they are set or given derivatives again. */
 static core_result ramped_step(instance *m, double begin, double end)
 {
-    double final[UNIT_INPUTS], force[FINS][2];
+    double final[UNIT_INPUTS], carried[FINS][CORE_CARRIED];
     const double size = end - begin;
     core_inputs in[FINS];
     core_ramp ramp[FINS];
     for (size_t i = 0; i < UNIT_INPUTS; ++i) final[i] = m->s.values[i] + m->s.rates[i] * size;
     if (!(size > 0.0) || !core_all_finite(final, UNIT_INPUTS)) return CORE_NOT_FINITE;
-    forces(m, final, force);
+    carry(m, final, carried);
     acting_now(m, in);
     for (size_t fin = 0; fin < FINS; ++fin) {
-        const double none[2] = {0.0, 0.0};
-        const core_inputs rates = acting(m, fin, m->s.rates, none); /* linear in all but the forces */
-        ramp[fin] = (core_ramp){.begin = begin,
-                                .command = rates.command,
-                                .aero_torque = rates.aero_torque,
-                                .f_x = (force[fin][0] - m->force[fin][0]) / size,
-                                .f_z = (force[fin][1] - m->force[fin][1]) / size,
-                                .supply = rates.supply};
+        double slopes[CORE_CARRIED];
+        for (size_t i = 0; i < CORE_CARRIED; ++i) slopes[i] = (carried[fin][i] - m->carried[fin][i]) / size;
+        const core_inputs rates = acting(m, fin, m->s.rates, slopes); /* linear in all but these */
+        ramp[fin] = (core_ramp){.begin = begin, .command = rates.command, .supply = rates.supply};
+        memcpy(ramp[fin].loads, rates.loads, sizeof ramp[fin].loads);
         memcpy(ramp[fin].further, rates.further, sizeof ramp[fin].further);
     }
     const core_result result = run(m, end, in, ramp);
     if (result == CORE_DONE) {
         memcpy(m->s.values, final, sizeof final);
-        memcpy(m->force, force, sizeof force);
+        memcpy(m->carried, carried, sizeof carried);
         memset(m->s.rates, 0, sizeof m->s.rates);
         m->s.rated = 0;
     }
@@ -226,7 +223,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real size, fmi2Boolean
                       m->s.start + m->s.now, begin - m->s.now);
     double end = begin + size;
     if (end < m->s.now) end = m->s.now; /* a host's clock may run back within the slack, the trajectory does not */
-    if (m->unforced) find_forces(m);
+    if (m->moved) carry_now(m);
     const core_result result = m->s.rated && end > begin ? ramped_step(m, begin, end) : held_step(m, end);
     if (result != CORE_DONE) return refused_step(m, result, time, size);
     m->s.fresh = 1;
@@ -300,7 +297,7 @@ static void as_instantiated(instance *m)
     memset(&m->s, 0, sizeof m->s);
     memcpy(m->s.values, START, sizeof START);
     m->s.phase = INSTANTIATED;
-    m->unprepared = m->unforced = 1;
+    m->unprepared = m->moved = 1;
 }
 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,

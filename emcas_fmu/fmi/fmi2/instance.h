@@ -44,9 +44,9 @@ typedef struct {
     fmi2String name;
     uint32_t logged;    /* a bit for each category */
     int32_t unprepared; /* fins are not bound to the parameters */
-    int32_t unforced;   /* forces are not those of the inputs */
+    int32_t moved;      /* what the vehicle's motion makes is not that of the inputs */
     multi_fin fins;
-    double force[FINS][2]; /* specific, in each fin's frame */
+    double carried[FINS][CORE_CARRIED]; /* what the vehicle's motion makes of each fin */
     model_state s;
 } instance;
 
@@ -182,13 +182,13 @@ static void prepare(instance *m)
 #endif
     multi_fin_bind(&m->fins, parameters(m, 0), resistance, interval);
     m->unprepared = 0;
-    m->unforced = 1; /* they depend on parameters too */
+    m->moved = 1; /* it depends on parameters too */
 }
 
 /* -- inputs and outputs ------------------------------------------------------- */
 
 /* What acts on a fin by the unit's inputs `values`. */
-static core_inputs acting(const instance *m, size_t fin, const double *values, const double *force)
+static core_inputs acting(const instance *m, size_t fin, const double *values, const double *carried)
 {
 #if FINS == 1
     const double *in = values; /* a single fin's inputs are the unit's */
@@ -196,23 +196,24 @@ static core_inputs acting(const instance *m, size_t fin, const double *values, c
     double in[MODEL_INPUTS];
     for (size_t i = 0; i < MODEL_INPUTS; ++i) in[i] = values[PLACE[fin][i]];
 #endif
-    return multi_fin_acting(&m->fins, fin, in, values + MIXING_BEGIN, force);
+    return multi_fin_acting(&m->fins, fin, in, values + MIXING_BEGIN, carried);
 }
 
 static void acting_now(const instance *m, core_inputs *in)
 {
-    for (size_t fin = 0; fin < FINS; ++fin) in[fin] = acting(m, fin, m->s.values, m->force[fin]);
+    for (size_t fin = 0; fin < FINS; ++fin) in[fin] = acting(m, fin, m->s.values, m->carried[fin]);
 }
 
-static void forces(const instance *m, const double *values, double (*out)[2])
+static void carry(const instance *m, const double *values, double (*out)[CORE_CARRIED])
 {
-    for (size_t fin = 0; fin < FINS; ++fin) core_forces(m->fins.p[fin], m->fins.c[fin], values + MOTION_BEGIN, out[fin]);
+    for (size_t fin = 0; fin < FINS; ++fin)
+        core_carried(m->fins.p[fin], m->fins.c[fin], values + MOTION_BEGIN, out[fin]);
 }
 
-static void find_forces(instance *m)
+static void carry_now(instance *m)
 {
-    forces(m, m->s.values, m->force);
-    m->unforced = 0;
+    carry(m, m->s.values, m->carried);
+    m->moved = 0;
 }
 
 /* Bring the outputs up to now. Inputs that the next step will refuse change no output. */
@@ -229,7 +230,7 @@ static void refresh(instance *m)
     }
     if (before || m->unprepared) prepare(m);
     if (before) multi_fin_start(&m->fins, &m->s.fins);
-    find_forces(m);
+    carry_now(m);
     acting_now(m, now);
     multi_fin_outputs(&m->fins, &m->s.fins, now, m->s.values + OUTPUT_BEGIN);
 }

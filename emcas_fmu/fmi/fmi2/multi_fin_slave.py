@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import isfinite, nan
+from math import isfinite
 from typing import Any, ClassVar
 
 from ...runtime.core import Functions
@@ -24,7 +24,7 @@ class MultiFinSlave(Slave):
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         cls._mixing = [cls._index[name] for name in ("roll_command", "pitch_command", "yaw_command")]
-        cls._unknown_force = [(nan, nan)] * len(cls.places)
+        cls._unknown = [cls._unknown] * len(cls.places)
 
     def _fins(self, values: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
         count, fins = len(self.names), len(self.places)
@@ -37,12 +37,12 @@ class MultiFinSlave(Slave):
 
     def _made(self, values: Mapping[str, Any]) -> Any:
         return MultiFin(self._functions(values), values.get("bus.source_resistance", 0.0),
-                        values.get("bus.update_time", 1.0), self.power, self.sizes)
+                        values.get("bus.update_time", 1.0), self.power, self._core_sizes)
 
     def _acting(self, core: Any) -> tuple[Any, ...]:
         values = self._values
         rows = [[values[i] for i in places] for places in self.places]
-        return core.acting(rows, self._force, [values[i] for i in self._mixing])  # type: ignore[no-any-return]
+        return core.acting(rows, self._carried, [values[i] for i in self._mixing])  # type: ignore[no-any-return]
 
     @staticmethod
     def _finite(inputs: tuple[Any, ...]) -> bool:

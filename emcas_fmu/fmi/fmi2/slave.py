@@ -26,7 +26,7 @@ from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
 from ...rules import check_ranges, check_rules
-from ...runtime.core import Core, Functions, inputs_of
+from ...runtime.core import Core, Functions, Sizes, inputs_of
 
 
 class CorruptState(str):
@@ -48,7 +48,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     rows: ClassVar[tuple[tuple[str, str, str, str, float, float], ...]]
     start_values: ClassVar[tuple[Any, ...]]
     unit_guid: ClassVar[str]
-    sizes: ClassVar[tuple[int, ...]]  # of a core
+    sizes: ClassVar[tuple[int, ...]]  # of a core, in the order of Sizes
     power: ClassVar[int | None]  # place of the supply's power among a fin's outputs, None without a supply
     # Derived from the rows once per class.
     _kinds: ClassVar[dict[str, frozenset[int]]]
@@ -56,9 +56,10 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     _outputs: ClassVar[range]
     _parameters: ClassVar[range]
     _index: ClassVar[dict[str, int]]
-    _motion_slice: ClassVar[slice]  # acceleration, roll and pitch stand together
+    _motion_slice: ClassVar[slice]  # the vehicle's motion stands together
     _output_slice: ClassVar[slice]
-    _unknown_force: ClassVar[Any] = (nan, nan)
+    _core_sizes: ClassVar[Sizes]
+    _unknown: ClassVar[Any]  # in place of what a motion makes
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -73,7 +74,10 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         cls._parameters = range(counts[0] + counts[1], len(rows))
         cls._output_slice = slice(cls._outputs.start, cls._outputs.stop)
         cls._index = {row[0]: i for i, row in enumerate(rows)}
-        cls._motion_slice = slice(cls._index["acceleration.x"], cls._index["attitude.pitch"] + 1)
+        cls._core_sizes = Sizes(*cls.sizes)
+        motion = cls._index["acceleration.x"]
+        cls._motion_slice = slice(motion, motion + cls._core_sizes.motion)
+        cls._unknown = (nan,) * (cls._core_sizes.loads - 1)
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
@@ -91,7 +95,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._held: tuple[Any, ...] | None = None  # the core's inputs, until a variable is set
         self._ready = False  # nothing stands against a step
         self._slack = 0.0
-        self._force: Any = None  # specific force of this motion
+        self._carried: Any = None  # what this motion makes
 
     # -- FMI life cycle --------------------------------------------------------
 
@@ -186,7 +190,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         motion = self._values[self._motion_slice]
         if motion != self._motion:
             # Not finite: let the caller's check find it, trigonometry would raise.
-            self._force = core.forces(*motion) if isfinite(sum(motion)) else self._unknown_force
+            self._carried = core.carried(*motion) if isfinite(sum(motion)) else self._unknown
             self._motion = motion
         return self._acting(core)
 
@@ -215,10 +219,11 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         return type(self).make(values)
 
     def _made(self, values: Mapping[str, Any]) -> Any:
-        return Core(self._functions(values), *self.sizes)
+        return Core(self._functions(values), self._core_sizes)
 
     def _acting(self, core: Any) -> tuple[Any, ...]:
-        return inputs_of(self._values[:self._outputs.start], self._force, self.power is not None)
+        return inputs_of(self._values[:self._outputs.start], self._carried, self._core_sizes.motion,
+                         self.power is not None)
 
     @staticmethod
     def _finite(inputs: tuple[Any, ...]) -> bool:

@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from ...actuators import NONLINEAR, capabilities, fin_port, get
+from ...actuators import NONLINEAR, capabilities, get
 from ...bench.excitation import reference_case
 from ...bench.subject import Columns, ParameterSubject
 from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
 from ...parameters import ParameterSet
-from ...physics import drive, kinematics, mechanics
+from ...physics import drive, kinematics, loads, mechanics
 from ...reference.cases import CASES, LOAD
 from ...reference.files import supply_start
 from ...simulation import Array
@@ -96,8 +96,8 @@ def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
     """Return the capability over the range of commands."""
     p = get(model).plant(values)
     fin = np.linspace(-p.command.limit, p.command.limit, _POINTS)
-    force = fin_port.specific_force(FLOATS, p, 0.0, 0.0, 0.0, 0.0, 0.0)
-    m = mechanics.coefficients(ARRAYS, p, kinematics.motor_angle(ARRAYS, p, fin), 0.0, *force)
+    level = loads.level(FLOATS, p)
+    m = mechanics.coefficients(ARRAYS, p, kinematics.motor_angle(ARRAYS, p, fin), level)
     stall, held = np.empty((2, len(fin))), np.empty((2, len(fin)))
     for row, side in enumerate((1.0, -1.0)):
         driving = limit_torque(p, 0.0) + side * m.load
@@ -105,18 +105,18 @@ def capability(values: Mapping[str, Any], model: str = NONLINEAR) -> Capability:
         # What holds is overcome the other way.
         held[row] = m.ratio * (driving + mechanics.breakaway(ARRAYS, p, m, -side))
     free = p.drive.supply_voltage / p.motor.back_emf_constant
-    rates = [np.stack([steady_rate(p, fin, side, -side * load, limit, force) for side in (1.0, -1.0)])
+    rates = [np.stack([steady_rate(p, fin, side, level.replace(aero_torque=-side * load), limit)
+                       for side in (1.0, -1.0)])
              for limit in (p.controller.speed_limit, free) for load in (0.0, LOAD)]
     return Capability(fin, m.ratio, stall, held, *rates)
 
 
-def steady_rate(p: Any, fin: Any, side: float, aero_torque: float, limit: float,
-                force: tuple[Any, ...] = (0.0, 0.0)) -> Any:
-    """Return the largest steady fin rate [rad/s] along `side` (1, -1) at fin angles [rad] under a moment [N.m].
+def steady_rate(p: Any, fin: Any, side: float, acting: Any, limit: float) -> Any:
+    """Return the largest steady fin rate [rad/s] along `side` (1, -1) at fin angles [rad] under loads.LOADS.
 
     0 where it is stalled; `limit` [rad/s] is the motor speed not to be passed.
     """
-    m = mechanics.coefficients(ARRAYS, p, kinematics.motor_angle(ARRAYS, p, fin), aero_torque, *force)
+    m = mechanics.coefficients(ARRAYS, p, kinematics.motor_angle(ARRAYS, p, fin), acting)
     surplus = side * m.load - mechanics.breakaway(ARRAYS, p, m, side)
     damping = mechanics.damping(ARRAYS, p, m, side)
     stall, braking, peak = (drive.torque(p, current) for current in (

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm, matrix_balance, null_space
 
-from ...actuators import NONLINEAR, capabilities, fin_port, get, parts, require
+from ...actuators import NONLINEAR, capabilities, get, parts, require
 from ...actuators.declaration import identifier
 from ...errors import EmcasError
 from ...namespace import Record
@@ -33,7 +33,7 @@ from ...ops.base import Value
 from ...ops.floats import FLOATS
 from ...ops.symbols import SymbolOps, linearised
 from ...parameters import ParameterSet
-from ...physics import kinematics
+from ...physics import kinematics, loads
 from ...runtime.schedule import schedule
 
 Array = NDArray[Any]
@@ -131,9 +131,8 @@ class LinearActuator:
     def _acting(self, reference: Value, aero_torque: Value, sampled_states: Sequence[Value]) -> Record:
         """Return what acts on the plant; inputs that are not named are at their start values."""
         p, actuator, at = self.p, self.actuator, self._at[0]
-        f_x, f_z = fin_port.specific_force(FLOATS, p, 0.0, 0.0, 0.0, 0.0, 0.0)
         return Record(
-            reference=reference, aero_torque=aero_torque, f_x=f_x, f_z=f_z, supply=self._supply, enabled=True,
+            reference=reference, **vars(loads.level(FLOATS, p, aero_torque)), supply=self._supply, enabled=True,
             rated_current_limit=None, command=at, sampled_reference=reference, measured_fin_angle=at, limited=0.0,
             **{identifier(v.name): self._started(v) for v in actuator.acting_inputs},
             **dict(zip(self._sampled, sampled_states, strict=True)))

@@ -106,7 +106,7 @@ def modes(rod: Mapping[str, float], inertia: float, mass: float) -> Modes:
 def modes_at(rod: Mapping[str, float], values: Mapping[str, Any], fin_angle: float, model: str = NONLINEAR) -> Modes:
     """Return those with the parameter set's inertia at the motor, at a fin angle [rad]."""
     p = get(model).plant(values)
-    inertia = mechanics.coefficients(FLOATS, p, kinematics.motor_angle(FLOATS, p, fin_angle), 0.0, 0.0, 0.0).inertia
+    inertia = mechanics.coefficients(FLOATS, p, kinematics.motor_angle(FLOATS, p, fin_angle)).inertia
     return modes(rod, inertia, inertia / p.screw.lead**2)
 
 

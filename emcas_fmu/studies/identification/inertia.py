@@ -74,7 +74,7 @@ def _total(values: Mapping[str, Any]) -> float:
     """Return the inertia [kg.m2] at the motor at fin angle 0."""
     p = nonlinear.ACTUATOR.namespace(values)
     angle = float(kinematics.motor_angle(FLOATS, p, 0.0))
-    return float(mechanics.coefficients(FLOATS, p, angle, 0.0, 0.0, 0.0).inertia)
+    return float(mechanics.coefficients(FLOATS, p, angle).inertia)
 
 
 def _moving(record: Record, values: Mapping[str, Any]) -> list[motion.Averages]:

@@ -109,8 +109,7 @@ def namespace(values: Mapping[str, Any], temperature: Array | float) -> Any:
 
 def balance(p: Any, a: Averages) -> tuple[mechanics.Mechanics, Array]:
     """Return the mechanics at windows, and the torque [N.m] left for friction: what drives less what accelerates."""
-    f_x, f_z = loads.specific_force(ARRAYS, p, (0.0, 0.0, 0.0), 0.0, 0.0)
-    m = mechanics.coefficients(ARRAYS, p, a.angle, 0.0, f_x, f_z)
+    m = mechanics.coefficients(ARRAYS, p, a.angle, loads.level(ARRAYS, p))
     driving = drive.torque(p, a.current) + m.load + m.centrifugal * a.speed * a.speed
     return m, driving - m.inertia * a.acceleration
 
