@@ -51,7 +51,7 @@ def sources() -> str:
     rows = []
     for words, changes in (("default", {}), ("no chopper", {"chopper_voltage": 1e5}), ("no diode", {"one_way": False})):
         run = _run(MODEL, lambda t: radians(20.0) if sin(20.0 * t) > 0.0 else -radians(20.0), **changes)
-        rows.append([words, _link(run), f"{max(-run['supply_power'].min(), 0.0):.0f} W",
+        rows.append([words, _link(run), f"{max(0.0, -run['supply_power'].min()):.0f} W",
                      f"{np.trapezoid(run['brake_power'], run['time']):.1f} J"])
     return markdown(("", "link", "peak into the source", "energy into the brake"), rows)
 
