@@ -205,8 +205,8 @@ def test_two_way_the_source_takes_it() -> None:
 
 def test_energy_is_kept() -> None:
     """What the source gives is work, heat and charge; by trapezia of the outputs, through regeneration."""
-    values = values_of({"solver.max_tick": 2e-5})
-    run = simulate(values, 0.5, 2e-5, model=MODEL, fin_command=lambda t: 0.25 if sin(30.0 * t) > 0.0 else -0.25)
+    values = values_of({"solver.max_tick": 1e-5})
+    run = simulate(values, 0.3, 1e-5, model=MODEL, fin_command=lambda t: 0.25 if sin(30.0 * t) > 0.0 else -0.25)
     time, link = run["time"], run["link_voltage"]
 
     def energy(power: Any) -> float:
@@ -217,10 +217,10 @@ def test_energy_is_kept() -> None:
     assert all(loss.min() >= 0.0 for loss in losses)
     assert energy(run["brake_power"]) > 1.0
     assert energy(run["inverter_loss"]) > 2.0
-    used = energy(run["motor_voltage"] * run["motor_current"]) + sum(map(energy, losses)) + 8.0 * 0.5
+    used = energy(run["motor_voltage"] * run["motor_current"]) + sum(map(energy, losses)) + 8.0 * 0.3
     stored = 0.5 * 2.2e-3 * (link[-1]**2 - link[0]**2)
-    # Jumps of voltage within 20 us, 3e-4 of the energy.
-    assert used + stored == pytest.approx(energy(run["supply_power"]), rel=2e-3)
+    # The voltage jumps at each sample, within one interval: 1.2e-3, half that with half the interval.
+    assert used + stored == pytest.approx(energy(run["supply_power"]), rel=2.5e-3)
 
 
 # -- with the actuator ------------------------------------------------------------
