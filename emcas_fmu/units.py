@@ -59,6 +59,7 @@ watt = joule / second = W
 volt = watt / ampere = V
 ohm = volt / ampere = Ω = Ohm
 henry = ohm * second = H
+farad = ampere * second / volt = F
 weber = volt * second = Wb
 percent = 0.01 = _
 decibel = [level] = dB

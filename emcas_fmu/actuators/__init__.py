@@ -29,7 +29,7 @@ _MODULES = {
 }
 NAMES = tuple(_MODULES)
 # In the order in which one is laid over the other, the first next to the actuator.
-EXTENSIONS: tuple[str, ...] = ("stribeck", "lugre", "efficiency", "heat", "homing", "faults")
+EXTENSIONS: tuple[str, ...] = ("stribeck", "lugre", "efficiency", "heat", "homing", "supply", "faults")
 _SEPARATOR = "+"
 _NAME = re.compile(r"(.*\.py|[^+]*)((?:\+[^+]*)*)", re.DOTALL)
 

@@ -74,13 +74,13 @@ class State:
 class Supply:
     """The line that feeds the actuator: its input, and for several fins on one line what loads it.
 
-    `power` is the output of the power drawn [W]; `inverse_inductance(ops, p)` is 1/L [1/H] of what the line's
-    voltage drives, 0 of what it drives at once.
+    `power` is the output of the power drawn [W]; `inverse_inductance(ops, p, interval)` is 1/L [1/H] of what the
+    line's voltage drives within an interval [s] of the line, 0 of what it drives at once.
     """
 
     input: Variable
     power: Variable
-    inverse_inductance: Callable[[Ops, Parameters], Value] = lambda ops, p: 0.0
+    inverse_inductance: Callable[[Ops, Parameters, Value], Value] = lambda ops, p, interval: 0.0
 
     def __post_init__(self) -> None:
         if self.input.unit != "V":

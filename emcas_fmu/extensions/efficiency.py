@@ -38,12 +38,12 @@ def _load_side(ops: Ops, p: Any, speed: Value, fin: Value, moment: Value, u: Act
     return screw.load_inertia(p, m.ratio), screw.load(p, m, speed, direction)
 
 
-def _line_load(ops: Ops, p: Any, x: Record, u: Acting) -> tuple[Value, Value]:
+def _line_load(ops: Ops, p: Any, x: Record, fin: Value, u: Acting) -> tuple[Value, Value]:
     """Return the same with an elastic drive line behind screw and nut."""
     side = ops.where(p.encoder.on_fin, -1.0, 1.0)  # the fin's comes first where the encoder is there
     deflection = side * (x.angle_at_encoder - x.other_angle)
     rate = side * (x.speed_at_encoder - x.other_speed)
-    c = drive_line.line(ops, p)
+    c = drive_line.line(ops, p, kinematics.motor_angle(ops, p, fin))
     pressed, flank = drive_line.pressed(ops, c, deflection, rate)
     torque = ops.where(pressed, drive_line.torque(c, deflection, rate, flank), 0.0)
     return screw.nut_inertia(p), torque - p.screw.lead * loads.nut_force(ops, p, u)
@@ -59,7 +59,7 @@ def loss(ops: Ops, p: Any, x: Record, u: Acting, shown: Mapping[str, Value]) -> 
 
     def turning() -> tuple[Value, ...]:
         inertia, load = rigid() if not p.structure.drive_line else ops.branch(
-            drive_line.rigid(ops, p), rigid, lambda: _line_load(ops, p, x, u))
+            drive_line.rigid(ops, p), rigid, lambda: _line_load(ops, p, x, fin, u))
         net = (shown["motor_torque"] + mechanics.rotor_torque(p, u)
                - direction * friction.coulomb(ops, p, direction, fin, speed)
                - friction.viscous(ops, p, direction) * speed)

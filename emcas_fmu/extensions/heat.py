@@ -20,7 +20,7 @@ from ..actuators import capabilities
 from ..actuators.declaration import Acting, Actuator, State, Values
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
-from ..physics import heat
+from ..physics import course, heat
 from ..steppers.rigid import Plant, electrical_mode
 from ..variables import Variable, in_group, parameter, real_output
 from .declaration import Extension
@@ -105,7 +105,7 @@ def extend(actuator: Actuator) -> Actuator:
         else:
             plant = Plant(getattr(x, angle), getattr(x, speed), x.motor_current, x.drive_integral)
             tau = electrical_mode(ops, actuator.as_built(ops, actuator.equation_parameters(ops, q)), plant, u).tau
-            square = heat.mean_square(ops, current, moved["motor_current"], used / tau)
+            square = course.mean_square(ops, current, moved["motor_current"], used / tau)
         winding, case = heat.warmed(p, x.winding_temperature, x.case_temperature, q.motor.resistance * square, used)
         moved = {**moved, "winding_temperature": winding, "case_temperature": case}
         if limits:

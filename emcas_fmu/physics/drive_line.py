@@ -1,16 +1,19 @@
 """Elastic drive line with a gap: what acts between the rotor and the fin.
 
 The fin's angle is told at the motor: phi = theta(fin_angle) of (2.5), so that phi = motor angle where nothing
-yields. Twist of the shaft, stretch of the screw with nut and thrust bearing, and the give of the flanks of nut and
-fork lie in series under one torque T at the motor (force T/l in the screw):
+yields. Twist of the shaft, stretch of the screw with nut and thrust bearing, the give of the flanks of nut and fork,
+and that of fork, fin shaft and structure about the hinge lie in series under one torque T at the motor (force T/l in
+the screw, moment T R about the hinge):
 
-    s = theta_m - phi                                        deflection at the motor [rad]; l lead per radian
-    C_s = c_t + c_x/l^2        C = C_s + 1/(l^2 k_c)         compliances [rad/(N.m)], the contact's only with a gap
+    s = theta_m - phi                                        deflection at the motor [rad]
+    C_s = c_t + c_x/l^2        C_h = R^2 sum 1/k_j           compliances [rad/(N.m)] before and behind the flanks
+    C = C_s + 1/(l^2 k_c) + C_h                              the contact's only with a gap
     K = 1/C        D = sum D_i (C_i/C)^2                     each damping at its share of the rate of deflection
     f = K (s -+ g/2) + D ds/dt        T = f >= 0 on the flank s >= g/2, f <= 0 on s <= -g/2, else 0
 
-with g = gap/l. A flank presses and never pulls. Without a gap the nut is preloaded and T = K s + D ds/dt. Without
-compliance and gap the line is rigid.
+with g = gap/l, l lead per radian, and R the ratio at the fin's angle. A flank presses and never pulls. Without a gap
+the nut is preloaded and T = K s + D ds/dt. Without compliance and gap the line is rigid. The lever's ratio is taken for
+one while it gives: at an angle phi_l of the lever T is off by tan(phi_l) of the deflection about the hinge.
 
     J_t dw/dt = K_t i + T_rotor - b_m w - C_m sgn w + l P_n - T
     (J_ft/R^2) du/dt = T + T_f/R - b_f u/R^2 - (C_f/R) sgn u + J_ft R'/R^4 u^2        w = dtheta_m/dt, u = dphi/dt
@@ -24,7 +27,7 @@ from typing import Any, NamedTuple
 
 from ..namespace import with_values
 from ..ops.base import Ops, Value
-from . import mechanics
+from . import kinematics, mechanics
 from .loads import NONE
 
 # A flank counts as met this close to it: both angles are rounded.
@@ -48,23 +51,37 @@ def structure_compliance(p: Any) -> Value:
     return line.torsional_compliance + line.axial_compliance / (lead * lead)
 
 
+def hinge_compliance(ops: Ops, p: Any) -> Value:
+    """Return the compliance [rad/(N.m)] about the hinge of fork, fin shaft and structure; a stiffness of 0 is rigid."""
+    line, total = p.drive_line, 0.0
+    for stiffness in (line.fork_stiffness, line.shaft_stiffness, line.structure_stiffness):
+        yields = stiffness > 0.0
+        total = total + ops.where(yields, 1.0 / ops.where(yields, stiffness, 1.0), 0.0)
+    return total
+
+
 def rigid(ops: Ops, p: Any) -> Value:
     """Return whether nothing in the line yields or is loose."""
-    return ops.both(ops.equal(structure_compliance(p), 0.0), ops.equal(p.drive_line.backlash, 0.0))
+    stiff = ops.both(ops.equal(structure_compliance(p), 0.0), ops.equal(hinge_compliance(ops, p), 0.0))
+    return ops.both(stiff, ops.equal(p.drive_line.backlash, 0.0))
 
 
-def line(ops: Ops, p: Any) -> Line:
-    """Return the drive line of a parameter set; that of a rigid one must not be used."""
+def line(ops: Ops, p: Any, angle: Value) -> Line:
+    """Return the drive line at a fin's angle told at the motor [rad]; that of a rigid one must not be used."""
     parts, square = p.drive_line, p.screw.lead * p.screw.lead
     structure = structure_compliance(p)
     loose = parts.backlash > 0.0
     contact = ops.where(loose, 1.0 / (parts.contact_stiffness * square), 0.0)
-    total = structure + contact
+    square_ratio = kinematics.reduction_ratio(ops, p, kinematics.lever_tangent(ops, p, angle))
+    square_ratio = square_ratio * square_ratio
+    hinge = hinge_compliance(ops, p) * square_ratio
+    total = structure + contact + hinge
     stiffness = 1.0 / ops.where(total > 0.0, total, 1.0)
     torsional, axial = parts.torsional_compliance * stiffness, parts.axial_compliance / square * stiffness
-    contact_share = contact * stiffness
+    contact_share, hinge_share = contact * stiffness, hinge * stiffness
     damping = (parts.torsional_damping * torsional * torsional + parts.axial_damping * square * axial * axial
-               + parts.contact_damping * square * contact_share * contact_share)
+               + parts.contact_damping * square * contact_share * contact_share
+               + parts.hinge_damping / square_ratio * hinge_share * hinge_share)
     return Line(stiffness, damping, 0.5 * parts.backlash / p.screw.lead, structure * stiffness, loose)
 
 

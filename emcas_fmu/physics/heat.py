@@ -25,9 +25,6 @@ from ..ops.base import Ops, Value
 FOLDING = 0.9  # F, the share of the I2t budget from which the limit folds back
 # Lines fitted about T_0 are not followed below this share of what they have there.
 LEAST = 0.1
-# Below this ratio of step and time constant the weights of a current's course are taken from their series: the
-# closed forms lose digits there. At it the series are off by 6e-7 and less.
-_SHORT = 0.01
 
 
 def _linear(ops: Ops, p: Any, coefficient: Value, temperature: Value) -> Value:
@@ -72,23 +69,6 @@ def warmed(p: Any, winding: Value, case: Value, loss: Value, h: Value) -> tuple[
     rise = (first * below + second * between) / determinant
     follows = (second * (own + between) + first * between) / determinant
     return winding + 2.0 * rise, case + 2.0 * follows
-
-
-def mean_square(ops: Ops, start: Value, end: Value, ratio: Value) -> Value:
-    """Return mean of i^2 [A^2] over a step in which i goes from `start` to `end` on an exponential.
-
-    `ratio` is that of the step to the exponential's time constant, above 0.
-    """
-    def exact() -> tuple[Value, ...]:
-        decay = ops.exp(-ratio)
-        gone = 1.0 - decay
-        kept = gone / ratio
-        return (1.0 - kept) / gone, (1.0 - 2.0 * kept + 0.5 * kept * (1.0 + decay)) / (gone * gone)
-
-    # Means of the share of the way that is done, and of its square.
-    first, second = ops.branch(ratio > _SHORT, exact, lambda: (0.5 + ratio / 12.0, 1.0 / 3.0 + ratio / 12.0))
-    way = end - start
-    return start * start + way * (2.0 * start * first + way * second)
 
 
 def _squares(ops: Ops, p: Any, peak: Value) -> tuple[Value, Value]:

@@ -47,7 +47,8 @@ def functions(actuator: Actuator, several: bool = False) -> tuple[Traced, ...]:
         ("bus_sag", ("resistance", "sag", "drawn", "interval", "inverse_inductance"),
          lambda ops, p, resistance, sag, drawn, interval, inverse: (
              bus.next_sag(ops, resistance, sag, drawn, interval * inverse),)),
-        ("inverse_inductance", (), lambda ops, p: (supply.inverse_inductance(ops, p),)))
+        ("inverse_inductance", ("interval",),
+         lambda ops, p, interval: (supply.inverse_inductance(ops, p, interval),)))
 
 
 def _trace(model: str, functions: Iterable[Traced]) -> Tracer:

@@ -149,7 +149,7 @@ static double next_sag(const multi_fin *m, double sag, double drawn)
     double inductances = 0.0, next;
     for (size_t fin = 0; fin < FINS; ++fin) {
         double inverse;
-        kernel_inverse_inductance(m->p[fin], m->c[fin], &inverse);
+        kernel_inverse_inductance(m->p[fin], m->c[fin], m->interval, &inverse);
         inductances += inverse;
     }
     kernel_bus_sag(m->p[0], m->c[0], m->resistance, sag, drawn, m->interval, inductances, &next);

@@ -124,7 +124,7 @@ class MultiFin:
     def _next_sag(self, drawn: float) -> float:
         inductances = 0.0
         for f in self._functions:
-            (inverse,) = f[-1]()
+            (inverse,) = f[-1](self._interval)
             inductances += inverse
         (sag,) = self._functions[0][_CORE + 3](self._resistance, self._sag, drawn, self._interval, inductances)
         return sag  # type: ignore[no-any-return]

@@ -240,7 +240,7 @@ def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, h: Valu
 def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, Value]:
     """Return the state after `h` [s] or at the first event before, and the time that took [s]."""
     s = switched(ops, s, acting.enabled)
-    c = drive_line.line(ops, p)
+    c = drive_line.line(ops, p, s.fin_angle + 0.5 * h * s.fin_speed)
     mode = _mode(ops, p, c, s, acting, h)
     whole = _advanced(ops, p, c, s, acting, mode, h)
     before, after = _margins(ops, p, c, s, s, mode), _margins(ops, p, c, s, whole, mode)

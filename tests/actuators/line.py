@@ -17,6 +17,9 @@ DRY = {f"friction.coulomb.{way}[{n}]": 0.0 for way in ("positive", "negative") f
 SMOOTH = {**DRY, "friction.viscous.positive": 0.0, "friction.viscous.negative": 0.0}
 RIGID = {"drive_line.axial_compliance": 0.0, "drive_line.torsional_compliance": 0.0, "drive_line.backlash": 0.0}
 
+# In series 10 kN.m/rad about the hinge.
+HINGE = {"drive_line.fork_stiffness": 4e4, "drive_line.shaft_stiffness": 2e4, "drive_line.structure_stiffness": 4e4}
+
 
 def values_of(overrides: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
     """Its default values with others over them."""

@@ -29,7 +29,7 @@ _OFF = acting(enabled=False)
 
 
 def _energy(p: Any, s: Pair) -> float:
-    c = drive_line.line(FLOATS, p)
+    c = drive_line.line(FLOATS, p, s.fin_angle)
     deflection = s.angle - s.fin_angle
     pressed, flank = drive_line.pressed(FLOATS, c, deflection, s.speed - s.fin_speed)
     fin = drive_line.fin_side(FLOATS, p, s.fin_angle).inertia
@@ -114,7 +114,7 @@ def test_free_play_by_a_small_torque_is_the_gap() -> None:
         p = nested(values, MODEL)
         play = np.ptp((run["motor_angle"] - at_motor(values, run["fin_angle"]))[[499, 999]])
         ratio = p.kinematics.moment_arm / p.screw.lead / cos(p.kinematics.initial_angle)**2
-        give = 4.0 / ratio / drive_line.line(FLOATS, p).stiffness
+        give = 4.0 / ratio / drive_line.line(FLOATS, p, 0.0).stiffness
         # The ratio is not constant over the gap: a part in 300 of the give, itself 1 % to 10 % of the gap.
         assert play * p.screw.lead == pytest.approx(gap + give * p.screw.lead, rel=1e-3)
         assert run["motor_angle"][999] - run["motor_angle"][499] < 0.01 * play  # friction held it but for the impact

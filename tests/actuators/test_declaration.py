@@ -45,8 +45,8 @@ from ..fmu.host import OK, Fmu, Instance
 DRIVEN = str(Path(__file__).with_name("driven.py"))
 RATED = 2e5  # Pa
 WITH_EXTENSIONS = [
-    *NAMES, "nonlinear+stribeck+efficiency+heat+homing+faults", "nonlinear+lugre+heat+homing+faults",
-    "elastic+stribeck+efficiency+heat+homing+faults", "ristanovic+stribeck+efficiency+heat+homing+faults",
+    *NAMES, "nonlinear+stribeck+efficiency+heat+homing+faults", "nonlinear+lugre+heat+homing+supply+faults",
+    "elastic+stribeck+efficiency+heat+homing+faults", "ristanovic+stribeck+efficiency+heat+homing+supply+faults",
     "linear+heat+faults", "habibi+stribeck+heat+homing+faults", "ozkan+stribeck+heat+homing+faults",
     "second-order+faults"]
 

@@ -20,7 +20,7 @@ from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis.modes import load_rod, thesis_modes
 from tests.simulation import nested
 
-from .line import DRY, MODEL, RIGID, SMOOTH, at_motor, run_of, values_of
+from .line import DRY, HINGE, MODEL, RIGID, SMOOTH, at_motor, run_of, values_of
 
 # -- modes ------------------------------------------------------------------------
 
@@ -103,11 +103,14 @@ def _independent(v: Mapping[str, Any], stop: float, command: float, torque: floa
              (v["drive_line.torsional_compliance"] * lead**2, v["drive_line.torsional_damping"] / lead**2)]
     if gap:
         parts.append((1.0 / v["drive_line.contact_stiffness"], v["drive_line.contact_damping"]))
-    compliance = sum(c for c, _ in parts)
-    damping = sum(d * (c / compliance)**2 for c, d in parts)
+    stiffnesses = [v[f"drive_line.{name}_stiffness"] for name in ("fork", "shaft", "structure")]
+    about_hinge = sum(1.0 / k for k in stiffnesses if k)
     polynomial = {way: [v[f"friction.coulomb.{way}[{n}]"] for n in range(7)] for way in ("positive", "negative")}
 
-    def force(stretch: float, rate: float) -> float:
+    def force(stretch: float, rate: float, lever: float) -> float:
+        every = [*parts, (lever**2 * about_hinge, v["drive_line.hinge_damping"] / lever**2)]
+        compliance = sum(c for c, _ in every)
+        damping = sum(d * (c / compliance)**2 for c, d in every)
         if not gap:
             return float(stretch / compliance + damping * rate)
         side = 1.0 if stretch > 0.0 else -1.0
@@ -117,7 +120,7 @@ def _independent(v: Mapping[str, Any], stop: float, command: float, torque: floa
     def slope(_: float, y: Any, i_ref: float) -> list[float]:
         theta, w, i, xi, fin, rate = y
         lever = arm / cos(fin + start)**2
-        f = force(lead * theta - arm * (tan(fin + start) - tan(start)), lead * w - lever * rate)
+        f = force(lead * theta - arm * (tan(fin + start) - tan(start)), lead * w - lever * rate, lever)
         way = "positive" if w > 0.0 else "negative"
         dry = sum(c * (fin / radians(20.0))**n for n, c in enumerate(polynomial[way])) * tanh(w / 1e-3)
         demand = v["drive.kp"] * (i_ref - i) + xi
@@ -143,9 +146,11 @@ def _independent(v: Mapping[str, Any], stop: float, command: float, torque: floa
 _IDEAL = {"encoder.enabled": False, "compensation.gain": 0.0, "drive.transport_delay": 3e-3}
 
 
-@pytest.mark.parametrize(("gap", "command", "torque"), [(5e-5, 0.05, -30.0), (0.0, 0.05, -30.0), (3e-4, 0.3, 10.0)])
-def test_default_tick_is_within_two_thousandths_of_a_degree(gap: float, command: float, torque: float) -> None:
-    values = values_of({**_IDEAL, "drive_line.backlash": gap})
+@pytest.mark.parametrize(("gap", "command", "torque", "hinge"), [
+    (5e-5, 0.05, -30.0, {}), (0.0, 0.05, -30.0, {}), (3e-4, 0.3, 10.0, {}), (5e-5, 0.3, 10.0, HINGE)])
+def test_default_tick_is_within_two_thousandths_of_a_degree(gap: float, command: float, torque: float,
+                                                            hinge: Mapping[str, float]) -> None:
+    values = values_of({**_IDEAL, **hinge, "drive_line.backlash": gap})
     found = simulate(values, 0.15, model=MODEL, fin_command=command, aero_torque=torque)["fin_angle"]
     assert np.degrees(np.abs(found - _independent(values, 0.15, command, torque)).max()) < 0.002
 
@@ -169,14 +174,15 @@ _levels = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-300.0, 300.0), st.
 @settings(deadline=None, derandomize=True, max_examples=150)
 @given(levels=_levels, axial=st.sampled_from([0.0, 1e-12, 1e-8, 1e-5]),
        torsional=st.sampled_from([0.0, 1e-8, 1e-3, 1.0]), gap=st.sampled_from([0.0, 1e-6, 5e-5, 1e-3]),
-       damping=st.sampled_from([0.0, 1e4, 1e7]),
+       damping=st.sampled_from([0.0, 1e4, 1e7]), hinge=st.sampled_from([0.0, 1.0, 1e4, 1e9]),
        dry=st.sampled_from([0.0, 5.0]), on_fin=st.booleans(), tick=st.sampled_from([2e-5, 5e-5, 1e-3]))
-def test_anything_goes(levels: list[Any], axial: float, torsional: float, gap: float, damping: float, dry: float,
-                       on_fin: bool, tick: float) -> None:
+def test_anything_goes(levels: list[Any], axial: float, torsional: float, gap: float, damping: float, hinge: float,
+                       dry: float, on_fin: bool, tick: float) -> None:
     """Finite and within the stops, whatever is asked of it."""
     commands, torques, enables = (np.repeat(column, 20) for column in zip(*levels, strict=True))
     run = run_of({"drive_line.axial_compliance": axial, "drive_line.torsional_compliance": torsional,
                 "drive_line.backlash": gap, "drive_line.contact_damping": damping, "friction.fin_coulomb": dry,
+                "drive_line.shaft_stiffness": hinge, "drive_line.hinge_damping": 10.0 * hinge**0.5,
                 "encoder.on_fin": on_fin, "solver.max_tick": tick}, (len(commands) - 1) * 1e-3, fin_command=commands,
                aero_torque=torques, enable=enables)
     assert all(np.isfinite(column).all() for column in run.values())
@@ -193,7 +199,8 @@ def test_friction_at_the_fin_holds_it_exactly() -> None:
 @pytest.mark.parametrize(("name", "value"), [
     ("drive_line.axial_compliance", -1e-9), ("drive_line.torsional_compliance", -1.0), ("drive_line.backlash", -1e-6),
     ("drive_line.backlash", 0.02), ("drive_line.contact_stiffness", 0.0), ("drive_line.contact_damping", -1.0),
-    ("drive_line.axial_damping", float("nan")), ("drive_line.backlash", "0.1 deg")])
+    ("drive_line.axial_damping", float("nan")), ("drive_line.backlash", "0.1 deg"),
+    ("drive_line.shaft_stiffness", -1.0), ("drive_line.fork_stiffness", "1 N/m")])
 def test_bad_values_are_refused(name: str, value: object) -> None:
     with pytest.raises(ParameterError, match=name):
         values_of({name: value})

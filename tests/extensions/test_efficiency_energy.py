@@ -100,7 +100,7 @@ def test_elastic_screw_creates_no_energy(forward: float, backward: float, gap: f
                 "drive_line.axial_damping": 0.0, "drive_line.torsional_damping": 0.0,
                 "drive_line.contact_damping": 0.0, "fin.stop_angle": radians(70.0)}, ELASTIC)
     p = nested(v, ELASTIC, constant_ratio=True)
-    c = drive_line.line(FLOATS, p)
+    c = drive_line.line(FLOATS, p, 0.0)
     fin = drive_line.fin_side(FLOATS, p, 0.0).inertia
 
     def energy(s: Pair) -> float:

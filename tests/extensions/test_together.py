@@ -18,7 +18,7 @@ from emcas_fmu.runtime.codegen import inputs_at_rest
 from emcas_fmu.runtime.compiled import CompiledCore
 from emcas_fmu.simulation import simulate
 
-# Values with which an option does nothing; LuGre's bristles have none.
+# Values with which an option does nothing; LuGre's bristles and a DC link have none.
 NEUTRAL: Mapping[str, Mapping[str, Any]] = {
     "stribeck": {"stribeck.static_ratio": 1.0},
     "efficiency": {"efficiency.forward": 1.0, "efficiency.backward": 1.0},
@@ -70,8 +70,8 @@ def test_an_option_among_neutral_ones_is_itself(model: str, alone: str) -> None:
 
 
 @pytest.mark.parametrize("model", [
-    "nonlinear+lugre+heat+homing+faults", "elastic+stribeck+efficiency+heat+homing+faults",
-    "ristanovic+stribeck+efficiency+heat+homing+faults"])
+    "nonlinear+lugre+heat+homing+supply+faults", "elastic+stribeck+efficiency+heat+homing+supply+faults",
+    "ristanovic+stribeck+efficiency+heat+homing+supply+faults"])
 def test_both_kernels_with_all_of_them(model: str) -> None:
     changes = {"homing.required": False, "fault.friction_rise.begin": 0.05, "fault.friction_rise.end": 0.15,
                "fault.encoder_bias.begin": 0.2, "fault.encoder_bias.end": 1.0, "heat.winding_start_rise": 60.0}
@@ -79,8 +79,8 @@ def test_both_kernels_with_all_of_them(model: str) -> None:
     assert all(np.array_equal(one[name], other[name]) for name in one)
 
 
-@pytest.mark.parametrize("model", ["nonlinear+lugre+heat+homing+faults",
-                                   "elastic+stribeck+efficiency+heat+homing+faults", "second-order+faults"])
+@pytest.mark.parametrize("model", ["nonlinear+lugre+heat+homing+supply+faults",
+                                   "elastic+stribeck+efficiency+heat+homing+supply+faults", "second-order+faults"])
 def test_steps_of_the_host_do_not_matter(model: str) -> None:
     """Inputs held, every fault in turn: at common times steps of 10, 1 and 0.37 ms give the same, to the bit."""
     windows = {f"fault.{fault.name}.{edge}": 0.05 + 0.03 * i + late for i, fault in enumerate(FAULTS)
@@ -134,4 +134,4 @@ def test_homing_after_missed_counts() -> None:
 
 
 def test_every_option_is_here() -> None:
-    assert set(EXTENSIONS) == {*NEUTRAL, "lugre"}
+    assert set(EXTENSIONS) == {*NEUTRAL, "lugre", "supply"}

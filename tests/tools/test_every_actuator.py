@@ -15,8 +15,8 @@ from emcas_fmu.parameters import load_parameters
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 
 # The option sets of tests/extensions/test_together.py.
-TOGETHER = ("nonlinear+lugre+heat+homing+faults", "elastic+stribeck+efficiency+heat+homing+faults",
-            "ristanovic+stribeck+efficiency+heat+homing+faults", "second-order+faults")
+TOGETHER = ("nonlinear+lugre+heat+homing+supply+faults", "elastic+stribeck+efficiency+heat+homing+supply+faults",
+            "ristanovic+stribeck+efficiency+heat+homing+supply+faults", "second-order+faults")
 ACTUATORS = (*NAMES, DIRECT_DRIVE, *TOGETHER)
 # One of each kind; the others take minutes together.
 ALWAYS = ("nonlinear", "second-order", DIRECT_DRIVE)

@@ -46,6 +46,15 @@ TORSIONAL = in_group(
               "rigid)"),
     parameter("torsional_damping", "N.m.s/rad", 0.0, 10.0, "structural damping of motor shaft and screw in torsion"),
 )
+HINGE = in_group(
+    "drive_line",
+    parameter("fork_stiffness", "N.m/rad", 0.0, 1e9, "stiffness of the fork about the hinge (0: rigid)"),
+    parameter("shaft_stiffness", "N.m/rad", 0.0, 1e9, "stiffness of the fin shaft in torsion (0: rigid)"),
+    parameter("structure_stiffness", "N.m/rad", 0.0, 1e9, "stiffness about the hinge of what bears shaft and screw (0: "
+              "rigid)"),
+    parameter("hinge_damping", "N.m.s/rad", 0.0, 1e6, "structural damping of fork, shaft and structure about "
+              "the hinge"),
+)
 GAP = in_group(
     "drive_line",
     parameter("backlash", "m", 0.0, 0.01, "whole gap between nut and fork along the screw (0: preloaded, no contact)"),
@@ -95,7 +104,8 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
 
     def as_two() -> tuple[Value, ...]:
         s = sides(ops, p, x)
-        torque = drive_line.torque(drive_line.line(ops, p), s.angle - s.fin_angle, s.speed - s.fin_speed, 0.0)
+        line = drive_line.line(ops, p, s.fin_angle)
+        torque = drive_line.torque(line, s.angle - s.fin_angle, s.speed - s.fin_speed, 0.0)
         driving = drive.torque(p, drive.flowing(p, u.reference, s.current)) + mechanics.rotor_torque(p, u)
         rotor = (driving + p.screw.lead * loads.nut_force(ops, p, u) - torque
                  - friction.mean_viscous(ops, p) * s.speed)
@@ -136,7 +146,7 @@ def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     motor = nonlinear.output_values(ops, p, Record(motor_angle=s.angle, motor_speed=s.speed, **vars(x)), u)
     tangent = kinematics.lever_tangent(ops, p, s.fin_angle)
     fin = kinematics.fin_angle(ops, p, tangent)
-    lag = drive_line.nut_lag(ops, drive_line.line(ops, p), s.angle - s.fin_angle)
+    lag = drive_line.nut_lag(ops, drive_line.line(ops, p, s.fin_angle), s.angle - s.fin_angle)
     return {
         **motor,
         "fin_angle": fin,
@@ -155,7 +165,7 @@ ACTUATOR = replace(
     states=STATES,
     encoder=("angle_at_encoder", "speed_at_encoder"),
     outputs=fin_port.described(DESCRIPTIONS, interface.OUTPUTS),
-    parameters=interface.PARAMETERS + AXIAL + TORSIONAL + GAP,
+    parameters=interface.PARAMETERS + AXIAL + TORSIONAL + GAP + HINGE,
     provides=nonlinear.ACTUATOR.provides - {capabilities.RIGID_DRIVE_LINE} | {
         capabilities.DRIVE_LINE, capabilities.BACKLASH},
     structure=Structure(drive_line=True),

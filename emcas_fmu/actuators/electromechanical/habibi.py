@@ -20,7 +20,8 @@ from . import elastic, interface
 from .interface import with_parameters
 
 _RIGID = {f"drive_line.{name}": 0.0 for name in (
-    "axial_compliance", "axial_damping", "torsional_compliance", "torsional_damping")}
+    "axial_compliance", "axial_damping", "torsional_compliance", "torsional_damping", "fork_stiffness",
+    "shaft_stiffness", "structure_stiffness", "hinge_damping")}
 
 
 def at_motor(p: Any) -> Any:

@@ -129,7 +129,7 @@ PARAMETERS: tuple[Variable, ...] = (
 )
 
 
-def _inverse_inductance(ops: Ops, p: Any) -> Value:
+def _inverse_inductance(ops: Ops, p: Any, _: Value) -> Value:
     return 1.0 / p.motor.inductance
 
 

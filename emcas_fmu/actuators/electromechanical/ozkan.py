@@ -24,8 +24,9 @@ from .interface import with_parameters
 # rad/(N.m). Under an ideal current loop a rigid shaft has no step of its own: it gives by 6e-6 deg at the fin
 # under the motor's full torque.
 _STIFFEST = 1e-6
-_GAPLESS = {**{f"drive_line.{name}": 0.0 for name in ("axial_compliance", "axial_damping", "backlash",
-                                                      "contact_damping")}, "drive_line.contact_stiffness": 1.0}
+_GAPLESS = {**{f"drive_line.{name}": 0.0 for name in (
+    "axial_compliance", "axial_damping", "backlash", "contact_damping", "fork_stiffness", "shaft_stiffness",
+    "structure_stiffness", "hinge_damping")}, "drive_line.contact_stiffness": 1.0}
 
 
 def _gapless(_: Ops, p: Any) -> Any:

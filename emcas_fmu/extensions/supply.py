@@ -1,0 +1,174 @@
+"""Supply: a source with resistance, a DC link with brake chopper, losses of the inverter, and an under-voltage trip.
+
+The equations are :mod:`emcas_fmu.physics.supply`'s. The drive's voltage limit is the link's voltage: through a step
+that of its middle, which the power at its start leads to. What the link then gives is the mean power of the step, of
+voltage and current that follow the same exponential. Of second order in the tick; the trip is seen at the end of a
+tick. While it is tripped the bridge is open and the controllers are reset, as if enable were false.
+
+The link starts at the source's voltage.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from typing import Any
+
+from ..actuators import capabilities, fin_port
+from ..actuators.declaration import Acting, Actuator, Asked, State, Values
+from ..namespace import Record
+from ..ops.base import Ops, Value
+from ..physics import course, drive, supply
+from ..rules import Rule, when
+from ..steppers.rigid import Plant, electrical_mode
+from ..variables import boolean_output, in_group, parameter, real_output, switch
+from .declaration import Extension
+from .status import DISABLED, OPERATIONAL, STATUS
+
+STATES = (State("link_voltage", "V", "voltage of the DC link; below 0 before it has taken the source's"),
+          State("supply_tripped", "1", "1 where the under-voltage trip holds the bridge open"))
+_UNCHARGED = -1.0  # V
+# Of winding and link as an oscillating circuit, which a motor at its voltage limit makes of them.
+_PHASE = 0.25
+
+PARAMETERS = in_group(
+    "supply",
+    parameter("source_resistance", "Ohm", 1e-6, 1e3, "resistance of source and line up to the DC link"),
+    switch("one_way", "true: a diode lets nothing back into the source; false: it takes what is regenerated"),
+    parameter("capacitance", "F", 1e-6, 10.0, "capacitance of the DC link"),
+    parameter("chopper_voltage", "V", 1.0, 1e5, "link voltage above which the brake chopper conducts (out of reach: "
+              "none)"),
+    parameter("chopper_resistance", "Ohm", 1e-3, 1e6, "brake resistor: the chopper draws (v - chopper_voltage) over "
+              "it"),
+    parameter("trip_voltage", "V", 1.0, 1e3, "link voltage below which the bridge opens"),
+    parameter("recovery_voltage", "V", 1.0, 1e3, "link voltage above which it works again"),
+    parameter("quiescent_power", "W", 0.0, 1e4, "power of the electronics; below trip_voltage in proportion to v^2"),
+    parameter("device_voltage", "V", 0.0, 100.0, "loss of the inverter per current: fixed drop and switching"),
+    parameter("device_resistance", "Ohm", 0.0, 100.0, "loss of the inverter per square of the current: on-state "
+              "resistance"),
+)
+SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn from the source, that of its resistance "
+                           "included; negative while it takes any back", 100.0)
+OUTPUTS = (
+    real_output("link_voltage", "V", "voltage of the DC link, which limits the motor's", 10.0),
+    real_output("brake_power", "W", "power that the brake chopper turns into heat", 100.0),
+    real_output("inverter_loss", "W", "power that the inverter turns into heat", 10.0),
+    boolean_output("supply_tripped", "the link's voltage is too low: the bridge is open until it has recovered"),
+)
+
+
+def _link(ops: Ops, x: Record, source: Value) -> Value:
+    """Return the link's voltage [V], that of the source where it starts."""
+    return ops.where(x.link_voltage < 0.0, ops.maximum(source, 0.0), x.link_voltage)
+
+
+def _inverse_inductance(ops: Ops, p: Any, interval: Value) -> Value:
+    """Return what the line's voltage drives through R_s in an interval [s], with C as load, as an inductance would."""
+    resistance = p.supply.source_resistance
+    return ops.exp(-interval / (resistance * p.supply.capacitance)) / (resistance * interval)
+
+
+def extend(actuator: Actuator) -> Actuator:
+    """Return `actuator` behind such a supply."""
+    has_status = STATUS in actuator.outputs
+    angle, speed = actuator.encoder
+
+    def behind(ops: Ops, p: Any, x: Record, u: Acting) -> tuple[Value, Acting]:
+        """Return the link's voltage [V], and what acts on the actuator behind it."""
+        link = _link(ops, x, u.supply)
+        tripped = supply.tripped(ops, p, link, x.supply_tripped)
+        return link, u.replace(supply=link, enabled=ops.both(u.enabled, ops.negate(tripped)))
+
+    def electrical(ops: Ops, p: Any, x: Record, u: Acting) -> tuple[Value, Value]:
+        """Return motor voltage [V] and current [A]; nothing of a sample is in them."""
+        sampled = dict.fromkeys(("command", "sampled_reference", "measured_fin_angle", "limited"), 0.0)
+        shown = actuator.output_values(ops, p, x, Record(**{**vars(u), **sampled}))
+        return shown["motor_voltage"], shown["motor_current"]
+
+    def initial(ops: Ops, p: Any, start: Record) -> Values:
+        return {**actuator.initial(ops, p, start), "link_voltage": _UNCHARGED}
+
+    def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+        link = _link(ops, x, asked.supply)
+        tripped = supply.tripped(ops, p, link, x.supply_tripped)
+        return actuator.sample(ops, p, x, asked.replace(
+            supply=link, enable=ops.both(asked.enable, ops.negate(tripped))))
+
+    def ahead(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Value:
+        """Return the mean power [W] of motor and inverter over the next `h` [s] at a constant back-EMF and integral."""
+        voltage, current = electrical(ops, p, x, u)
+        built, mode = mode_of(ops, p, x, u)
+        final = (mode.source - drive.back_emf(built, getattr(x, speed))) / mode.loop
+        reached = final + (current - final) * ops.exp(-h / mode.tau)
+        change = ops.where(u.enabled, reached - current, 0.0)
+        falls = (mode.loop - built.motor.resistance) * change  # with the current, where the loop is closed
+        return _mean_power(ops, p, (voltage, current), (voltage - falls, current + change), h / mode.tau)
+
+    def mode_of(ops: Ops, p: Any, x: Record, u: Acting) -> tuple[Any, Any]:
+        """Return the parameters of the plant, and the electrical mode it is in."""
+        built = actuator.as_built(ops, actuator.equation_parameters(ops, p))
+        plant = Plant(getattr(x, angle), getattr(x, speed), x.motor_current, x.drive_integral)
+        return built, electrical_mode(ops, built, plant, u)
+
+    def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+        link, acting = behind(ops, p, x, u)
+        load = supply.load_current(ops, p, link, ahead(ops, p, x, acting, 0.5 * h))
+        middle = supply.moved(ops, p, link, u.supply, load, 0.5 * h)
+        acting = acting.replace(supply=middle)
+        moved, used = actuator.step(ops, p, x, acting, h)
+
+        start, end = electrical(ops, p, x, acting), electrical(ops, p, x.replace(**moved), acting)
+        _, mode = mode_of(ops, p, x, acting)
+        power = _mean_power(ops, p, start, end, used / mode.tau)
+        link = supply.moved(ops, p, link, u.supply, supply.load_current(ops, p, middle, power), used)
+        tripped = supply.tripped(ops, p, link, x.supply_tripped)
+        return {**moved, "link_voltage": link, "supply_tripped": ops.where(tripped, 1.0, 0.0)}, used
+
+    def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+        link, acting = behind(ops, p, x, u)
+        shown = actuator.output_values(ops, p, x, acting)
+        well = shown[STATUS.name] if has_status else OPERATIONAL
+        return {**shown, "supply_power": u.supply * supply.source_current(ops, p, link, u.supply),
+                "link_voltage": link, "brake_power": supply.brake_power(ops, p, link),
+                "inverter_loss": supply.inverter_loss(ops, p, shown["motor_current"]),
+                "supply_tripped": supply.tripped(ops, p, link, x.supply_tripped),
+                STATUS.name: ops.where(acting.enabled, well, DISABLED)}
+
+    def longest_tick(ops: Ops, p: Any) -> Value:
+        resolved = _PHASE * ops.sqrt(p.motor.inductance * p.supply.capacitance)
+        return ops.minimum(actuator.longest_tick(ops, p), resolved)
+
+    line = actuator.supply
+    assert line is not None  # it limits the voltage
+    return replace(
+        actuator, states=(*actuator.states, *STATES), initial=initial, sample=sample, step=step,
+        output_values=output_values, longest_tick=longest_tick,
+        tick_remedy=f"{actuator.tick_remedy}, or raise supply.capacitance",
+        supply=replace(line, power=SUPPLY_POWER, inverse_inductance=_inverse_inductance),
+        outputs=fin_port.described({SUPPLY_POWER.name: SUPPLY_POWER.description}, actuator.outputs),
+        descriptions={**actuator.descriptions, line.input.name: "voltage of the source that feeds the DC link"})
+
+
+def _mean_power(ops: Ops, p: Any, start: tuple[Value, Value], end: tuple[Value, Value], ratio: Value) -> Value:
+    """Return the mean power [W] of motor and inverter over a step, from motor voltage [V] and current [A] at its ends.
+
+    Both follow an exponential; `ratio` is that of the step to its time constant.
+    """
+    (_, first), (_, last) = start, end
+    magnitude, _ = course.shares(ops, ratio)
+    magnitude = ops.fabs(first) + (ops.fabs(last) - ops.fabs(first)) * magnitude
+    return (course.mean_product(ops, start, end, ratio) + p.supply.device_voltage * magnitude
+            + p.supply.device_resistance * course.mean_square(ops, first, last, ratio))
+
+
+def _hysteresis(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    trip, recovery = p.supply.trip_voltage, p.supply.recovery_voltage
+    return when(ops, recovery < trip), recovery, trip
+
+
+RULES = (Rule(_hysteresis, "supply.recovery_voltage = %.6g V must not be below supply.trip_voltage = %.6g V"),)
+EXTENSION = Extension(
+    "supply", "source, DC link and brake chopper, inverter losses and under-voltage trip", extend,
+    needs=(capabilities.MOTOR_CURRENT, capabilities.VOLTAGE_LIMIT, capabilities.SCREW_DRIVE),
+    parameters=lambda actuator: PARAMETERS, outputs=(STATUS, *OUTPUTS), rules=lambda actuator: RULES,
+    module=sys.modules[__name__])

@@ -1,0 +1,39 @@
+"""Means over a step of what follows an exponential in it, as current and voltage of a winding do."""
+
+from __future__ import annotations
+
+from ..ops.base import Ops, Value
+
+# Below this ratio of step and time constant the weights of a course are taken from their series: the closed forms lose
+# digits there. At it the series are off by 6e-7 and less.
+_SHORT = 0.01
+
+
+def shares(ops: Ops, ratio: Value) -> tuple[Value, Value]:
+    """Return the means [1] of the share of the way from start to end that is done, and of its square.
+
+    `ratio` is that of the step to the exponential's time constant, above 0.
+    """
+    def exact() -> tuple[Value, ...]:
+        decay = ops.exp(-ratio)
+        gone = 1.0 - decay
+        kept = gone / ratio
+        return (1.0 - kept) / gone, (1.0 - 2.0 * kept + 0.5 * kept * (1.0 + decay)) / (gone * gone)
+
+    first, second = ops.branch(ratio > _SHORT, exact, lambda: (0.5 + ratio / 12.0, 1.0 / 3.0 + ratio / 12.0))
+    return first, second
+
+
+def mean_square(ops: Ops, start: Value, end: Value, ratio: Value) -> Value:
+    """Return the mean of i^2 [A^2] over a step in which i goes from `start` to `end` [A]; `ratio` as in :func:`shares`.
+    """
+    first, second = shares(ops, ratio)
+    way = end - start
+    return start * start + way * (2.0 * start * first + way * second)
+
+
+def mean_product(ops: Ops, start: tuple[Value, Value], end: tuple[Value, Value], ratio: Value) -> Value:
+    """Return the mean of the product of two values that both go from `start` to `end` on the same exponential."""
+    first, second = shares(ops, ratio)
+    (a, b), way_a, way_b = start, end[0] - start[0], end[1] - start[1]
+    return a * b + (a * way_b + b * way_a) * first + way_a * way_b * second

@@ -1,0 +1,97 @@
+"""Supply of a drive: source, DC link with brake chopper, inverter and electronics.
+
+    C dv/dt = i_s - i_b - i_q - P/v                                   v voltage of the link, which limits the motor's
+    i_s = (V_s - v)/R_s, one way not below 0                          current from the source
+    i_b = max(v - V_b, 0)/R_b                                         current of the brake chopper
+    P = v_m i + U_d |i| + R_d i^2                                     power of motor and inverter
+    i_q = P_q/v, below the trip voltage P_q v/V_t^2                   current of the electronics
+
+U_d |i| is what conducts with a fixed drop and what switching loses, R_d i^2 what conducts as a resistance. The bridge
+opens where v falls below V_t, and works again above the recovery voltage. The losses load the link and are not taken
+off the motor's voltage; an open bridge does not rectify the back-EMF.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..ops.base import Ops, Value
+
+_FAR = 1e30  # V, the way to an edge that is not ahead
+_TINY = 1e-300
+
+
+def tripped(ops: Ops, p: Any, link: Value, before: Value) -> Value:
+    """Return whether the bridge is open at a link voltage [V]; `before` is above 0 where it was."""
+    low = link < p.supply.trip_voltage
+    return ops.either(low, ops.both(before > 0.0, link <= p.supply.recovery_voltage))
+
+
+def inverter_loss(ops: Ops, p: Any, current: Value) -> Value:
+    """Return the power [W] that the inverter loses at a motor current [A]."""
+    return p.supply.device_voltage * ops.fabs(current) + p.supply.device_resistance * current * current
+
+
+def source_current(ops: Ops, p: Any, link: Value, source: Value) -> Value:
+    """Return the current [A] from a source of a voltage [V] into the link."""
+    current = (source - link) / p.supply.source_resistance
+    return ops.where(p.supply.one_way, ops.maximum(current, 0.0), current)
+
+
+def brake_power(ops: Ops, p: Any, link: Value) -> Value:
+    """Return the power [W] that the chopper turns into heat."""
+    return ops.maximum(link - p.supply.chopper_voltage, 0.0) / p.supply.chopper_resistance * link
+
+
+def load_current(ops: Ops, p: Any, link: Value, power: Value) -> Value:
+    """Return the current [A] that motor and inverter of a `power` [W] and the electronics draw from the link.
+
+    Below the trip voltage the motor draws none; where a step gets there with some left, it is taken at that voltage.
+    """
+    trip = p.supply.trip_voltage
+    return (power + p.supply.quiescent_power * ops.minimum(link / trip, 1.0)) / ops.maximum(link, trip)
+
+
+def _to_edge(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value) -> tuple[Value, Value]:
+    """Return the link's voltage [V] after `h` [s], or where the diode or the chopper switches before; and what is left.
+
+    dv/dt = slope exp(-rate t) in between, and its sign stays: nothing but the voltage itself changes it.
+    """
+    one_way, chopper = p.supply.one_way, p.supply.chopper_voltage
+    flowing = source_current(ops, p, link, source) - load
+    slope = (flowing - ops.maximum(link - chopper, 0.0) / p.supply.chopper_resistance) / p.supply.capacitance
+    up = slope > 0.0
+    side = ops.where(up, 1.0, -1.0)
+    # What conducts on the way: at an edge that lies behind.
+    fed = ops.either(ops.negate(one_way), ops.either(link < source, ops.both(ops.equal(link, source), ops.negate(up))))
+    braked = ops.either(link > chopper, ops.both(ops.equal(link, chopper), up))
+    rate = (ops.where(fed, 1.0 / p.supply.source_resistance, 0.0)
+            + ops.where(braked, 1.0 / p.supply.chopper_resistance, 0.0)) / p.supply.capacitance
+    divisor = ops.where(rate > 0.0, rate, 1.0)
+    speed = ops.fabs(slope)
+    way = speed * ops.where(rate > 0.0, (1.0 - ops.exp(-rate * h)) / divisor, h)
+
+    to_source, to_chopper = side * (source - link), side * (chopper - link)
+    to_source = ops.where(ops.both(one_way, to_source > 0.0), to_source, _FAR)
+    to_chopper = ops.where(to_chopper > 0.0, to_chopper, _FAR)
+    edge, ahead = ops.where(to_source <= to_chopper, source, chopper), ops.minimum(to_source, to_chopper)
+    meets = way > ahead
+
+    def on_the_way() -> tuple[Value, ...]:
+        rest = ops.maximum(1.0 - rate * ahead / speed, _TINY)
+        time = ops.where(rate > 0.0, -ops.log(rest) / divisor, ahead / speed)
+        return edge, ops.maximum(h - time, 0.0)
+
+    end, left = ops.branch(meets, on_the_way, lambda: (link + side * way, 0.0))
+    return end, left
+
+
+def moved(ops: Ops, p: Any, link: Value, source: Value, load: Value, h: Value, edges: int = 2) -> Value:
+    """Return the link's voltage [V] after `h` [s] under a current [A] of its loads and a source of a voltage [V].
+
+    Exact while both stay, however stiff: it passes an edge where diode or chopper switches once each at most.
+    """
+    end, left = _to_edge(ops, p, link, source, load, h)
+    if edges:
+        (end,) = ops.branch(left > 0.0, lambda: (moved(ops, p, end, source, load, left, edges - 1),), lambda: (end,))
+    return ops.maximum(end, 0.0)

@@ -1,0 +1,345 @@
+"""Supply: against closed forms, an independent integration, energy, and the models without it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import log, radians, sin, sqrt
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from fmpy import simulate_fmu
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad, solve_ivp
+
+from emcas_fmu.actuators import get
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.package import build
+from emcas_fmu.ops.floats import FLOATS
+from emcas_fmu.parameters import ParameterError, load_parameters
+from emcas_fmu.physics import course, supply
+from emcas_fmu.runtime import compiled
+from emcas_fmu.simulation import simulate, simulate_fins
+
+from .supply_reference import driven
+
+MODEL = "nonlinear+supply"
+BASE = load_parameters(model=MODEL)
+MODELS = ("nonlinear", "elastic", "habibi", "ristanovic")
+NO_CHOPPER = {"supply.chopper_voltage": 1e5}
+LOSSLESS = {"supply.quiescent_power": 0.0, "supply.device_voltage": 0.0, "supply.device_resistance": 0.0}
+OPEN_LOOP = {"controller.position.kp": 0.0, "controller.position.ki": 0.0, "controller.velocity.kp": 0.0,
+             "compensation.gain": 0.0, "drive.ki": 0.0, "encoder.enabled": False}
+# Ten times the gain, so that a held motor draws its reference within 0.5 %.
+HELD = {**OPEN_LOOP, "friction.coulomb.positive[0]": 10.0, "friction.coulomb.negative[0]": 10.0, "drive.kp": 50.0}
+DRY = {f"friction.coulomb.{way}[{n}]": 0.0 for way in ("positive", "negative") for n in range(7)}
+
+
+def values_of(overrides: Mapping[str, Any] | None = None, model: str = MODEL) -> Mapping[str, Any]:
+    """Values of a model with the supply, some replaced."""
+    return load_parameters(model=model).replace(overrides or {}).values
+
+
+def run_of(overrides: Mapping[str, Any], stop: float, step: float = 1e-3, **inputs: Any) -> dict[str, Any]:
+    return simulate(values_of(overrides), stop, step, model=MODEL, **inputs)
+
+
+# -- the link alone ---------------------------------------------------------------
+
+_ohms = st.floats(-3.0, 1.0).map(lambda x: 10.0**x)
+
+
+@settings(deadline=None, derandomize=True, max_examples=150)
+@given(begin=st.floats(1.0, 80.0), source=st.floats(0.0, 80.0), chopper=st.floats(1.0, 80.0),
+       load=st.floats(-200.0, 200.0), feeding=_ohms, braking=_ohms, one_way=st.booleans(),
+       span=st.floats(-5.0, -2.0).map(lambda x: 10.0**x))
+def test_the_link_moves_as_its_equation_says(begin: float, source: float, chopper: float, load: float, feeding: float,
+                                             braking: float, one_way: bool, span: float) -> None:
+    """Through every order of diode and chopper, against Radau; below zero there is nothing."""
+    p = SimpleNamespace(supply=SimpleNamespace(
+        source_resistance=feeding, one_way=one_way, capacitance=2e-3, chopper_voltage=chopper,
+        chopper_resistance=braking))
+
+    def slope(_: float, y: Any) -> list[float]:
+        fed = (source - y[0]) / feeding
+        return [((max(fed, 0.0) if one_way else fed) - max(y[0] - chopper, 0.0) / braking - load) / 2e-3]
+
+    exact = solve_ivp(slope, (0.0, span), [begin], "Radau", rtol=1e-9, atol=1e-9).y[0, -1]
+    # Radau's own error at a kink, 3e-6 at most.
+    assert supply.moved(FLOATS, p, begin, source, load, span) == pytest.approx(max(exact, 0.0), abs=2e-5)
+
+
+@pytest.mark.parametrize("ratio", [1e-3, 9.9e-3, 1.01e-2, 0.3, 6.0])
+def test_mean_product_of_two_exponentials(ratio: float) -> None:
+    """By quadrature; the series, up to 0.01, is off by 1e-6."""
+    def at(s: float, start: float, end: float) -> float:
+        return start + (end - start) * float(np.expm1(-ratio * s) / np.expm1(-ratio))
+
+    exact = quad(lambda s: at(s, 39.0, -3.0) * at(s, 5.0, 20.0), 0.0, 1.0, epsabs=1e-12)[0]
+    assert course.mean_product(FLOATS, (39.0, 5.0), (-3.0, 20.0), ratio) == pytest.approx(exact, rel=1e-5)
+    assert course.mean_product(FLOATS, (5.0, 7.0), (5.0, 7.0), ratio) == 35.0
+
+
+def test_a_link_without_source_feeds_the_electronics() -> None:
+    """C v^2/2 falls by P t down to the trip; from there a resistance V_t^2/P discharges it."""
+    power, capacity, trip, gone = 100.0, 2.2e-3, 18.0, 5e-3
+    run = run_of({**NO_CHOPPER, "supply.quiescent_power": power}, 0.06, 1e-4, enable=False,
+                 supply_voltage=lambda t: 39.0 if t < gone else 0.0)
+    begin = run["link_voltage"][50]
+    assert begin == pytest.approx(0.5 * (39.0 + sqrt(39.0**2 - 4.0 * 0.05 * power)), rel=1e-9)
+    trips = gone + 0.5 * capacity * (begin**2 - trip**2) / power
+    assert 0.015 < trips < 0.03
+    time = run["time"]
+    held = (time >= gone) & (time <= trips)
+    exact = np.sqrt(begin**2 - 2.0 * power * (time[held] - gone) / capacity)
+    # Of second order in a tick of 0.27 ms: 1.5e-3 V by then.
+    assert run["link_voltage"][held] == pytest.approx(exact, abs=3e-3)
+    # Seen at the end of a tick, of 0.29 ms at most, and as a communication point.
+    assert trips <= time[np.argmax(run["supply_tripped"])] < trips + 4e-4
+    late = time > trips + 1e-3
+    first = int(np.argmax(late))
+    decay = np.exp(-(time[late] - time[first]) * power / (capacity * trip**2))
+    assert run["link_voltage"][late] == pytest.approx(run["link_voltage"][first] * decay, rel=2e-3)  # 9e-4
+
+
+def test_recovery_of_a_charging_link() -> None:
+    """R C, from nothing: v = V (1 - exp(-t/RC)); the bridge works from the recovery voltage on."""
+    run = run_of({**LOSSLESS, **HELD, "supply.source_resistance": 1.0, "supply.capacitance": 0.02,
+                  "drive.current_offset": 0.0}, 0.05, 1e-4, supply_voltage=lambda t: 0.0 if t < 1e-3 else 39.0)
+    recovers = 1e-3 - 0.02 * log(1.0 - 20.0 / 39.0)
+    assert run["link_voltage"][150] == pytest.approx(39.0 * -np.expm1(-0.014 / 0.02), rel=1e-9)
+    assert run["supply_tripped"][0]  # it starts with the source's voltage, which is none
+    back = run["time"][np.argmin(run["supply_tripped"])]
+    # A tick late at most, up to 0.7 ms here, and read every 0.1 ms.
+    assert recovers <= back < recovers + 8e-4
+
+
+# -- held at a current ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("current", [20.0, -35.0])
+def test_a_held_motor_draws_its_copper_losses_and_the_inverters(current: float) -> None:
+    run = run_of({**HELD, "drive.current_offset": current}, 0.05)
+    i = abs(run["motor_current"][-1])
+    assert i == pytest.approx(abs(current), rel=6e-3)
+    loss = 0.3 * i + 8e-3 * i**2
+    power = 0.25 * i**2 + loss + 8.0
+    link = 0.5 * (39.0 + sqrt(39.0**2 - 4.0 * 0.05 * power))
+    assert run["inverter_loss"][-1] == pytest.approx(loss, rel=1e-12)
+    assert run["link_voltage"][-1] == pytest.approx(link, rel=1e-9)
+    assert run["supply_power"][-1] == pytest.approx(39.0 * (39.0 - link) / 0.05, rel=1e-9)
+    assert run["brake_power"][-1] == 0.0
+
+
+def test_four_fins_share_a_line() -> None:
+    """As one whose source has four times the line's resistance besides."""
+    values = values_of({**HELD, "drive.current_offset": 20.0})
+    run = simulate_fins([values] * 4, 0.05, 1e-3, MODEL, {"bus.source_resistance": 0.01})
+    i = run["fin[1].motor_current"][-1]
+    power = 0.25 * i**2 + 0.3 * i + 8e-3 * i**2 + 8.0
+    link = 0.5 * (39.0 + sqrt(39.0**2 - 4.0 * (0.05 + 0.04) * power))
+    # The sag follows at instants 0.1 ms apart, which has died away.
+    assert run["fin[3].link_voltage"][-1] == pytest.approx(link, rel=1e-6)
+    assert run["bus_voltage"][-1] == pytest.approx(39.0 - 0.04 * power / link, rel=1e-6)
+    assert run["bus_current"][-1] == pytest.approx(4.0 * power / link, rel=1e-6)
+
+
+@pytest.mark.parametrize("interval", [1e-5, 1e-4, 1e-3])
+def test_a_line_with_links_does_not_ring(interval: float) -> None:
+    """Links follow a line at once, with R_s C = 40 us; what it does in between instants is damped all the same."""
+    values = values_of({"supply.source_resistance": 0.02, "supply.one_way": True})
+    run = simulate_fins([values] * 4, 0.1, 1e-3, MODEL, {"bus.source_resistance": 0.01, "bus.update_time": interval},
+                        fin_command=0.1)
+    settled = run["bus_voltage"][-20:]
+    assert np.ptp(settled) < 0.05
+    assert settled[-1] == pytest.approx(39.0, abs=0.05)  # 8 W each and what holds the fin
+    assert run["bus_voltage"].min() > 33.0
+
+
+# -- regeneration -----------------------------------------------------------------
+
+# A moment drives the fin against the motor's torque; after the first 40 ms, in which the motor reaches its limit.
+BACK = {**OPEN_LOOP, **DRY, "fin.start_angle": radians(-20.0), "drive.current_offset": 60.0,
+        "friction.temperature": 24.0}
+
+
+def _backdriven(t: float) -> float:
+    return -20.0 if t < 0.06 else -900.0
+
+
+def test_one_way_the_chopper_holds_the_link() -> None:
+    run = run_of({**BACK, "supply.chopper_resistance": 0.05}, 0.11, 1e-4, aero_torque=_backdriven)
+    power = (run["motor_voltage"] * run["motor_current"]).min()
+    assert power < -500.0
+    assert run["supply_power"].min() == 0.0
+    # All of it into the resistor: R_b P/V_b above its voltage.
+    assert 45.0 < run["link_voltage"].max() <= 45.0 - 0.05 * power / 45.0
+    assert run["brake_power"].max() > 400.0
+
+
+def test_without_chopper_the_capacitor_takes_what_comes_back() -> None:
+    """Told by the shaft: C v^2/2 grows by -K_t i w less the copper's losses and the inductance's change."""
+    run = run_of({**BACK, **NO_CHOPPER, **LOSSLESS, "supply.capacitance": 0.02, "solver.max_tick": 2e-5}, 0.11, 2e-5,
+                 aero_torque=_backdriven)
+    link, current, time = run["link_voltage"], run["motor_current"], run["time"]
+    back = (link > 39.0) & (time > 0.06)
+    at = np.flatnonzero(back)[:-1]
+    assert len(at) > 300
+    shaft = np.trapezoid((run["motor_torque"] * run["motor_speed"] + 0.25 * current**2)[at], time[at])
+    held = 0.5 * 0.6e-3 * (current[at[-1]]**2 - current[at[0]]**2)
+    stored = 0.5 * 0.02 * (link[at[-1]]**2 - link[at[0]]**2)
+    assert stored > 5.0
+    # Trapezia over 20 us.
+    assert stored == pytest.approx(-shaft - held, rel=1e-3)
+
+
+def test_two_way_the_source_takes_it() -> None:
+    run = run_of({**BACK, **NO_CHOPPER, "supply.one_way": False}, 0.11, 1e-4, aero_torque=_backdriven)
+    power = run["supply_power"].min()
+    assert power < -500.0
+    assert run["link_voltage"].max() == pytest.approx(39.0 - 0.05 * power / 39.0, rel=1e-9)
+
+
+def test_energy_is_kept() -> None:
+    """What the source gives is work, heat and charge; by trapezia of the outputs, through regeneration."""
+    values = values_of({"solver.max_tick": 1e-5})
+    run = simulate(values, 0.3, 1e-5, model=MODEL, fin_command=lambda t: 0.25 if sin(30.0 * t) > 0.0 else -0.25)
+    time, link = run["time"], run["link_voltage"]
+
+    def energy(power: Any) -> float:
+        return float(np.trapezoid(power, time))
+
+    line = np.maximum(39.0 - link, 0.0)**2 / 0.05
+    losses = [run["inverter_loss"], run["brake_power"], line]
+    assert all(loss.min() >= 0.0 for loss in losses)
+    assert energy(run["brake_power"]) > 1.0
+    assert energy(run["inverter_loss"]) > 2.0
+    used = energy(run["motor_voltage"] * run["motor_current"]) + sum(map(energy, losses)) + 8.0 * 0.3
+    stored = 0.5 * 2.2e-3 * (link[-1]**2 - link[0]**2)
+    # The voltage jumps at each sample, within one interval: 1.2e-3, half that with half the interval.
+    assert used + stored == pytest.approx(energy(run["supply_power"]), rel=2.5e-3)
+
+
+# -- with the actuator ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("changes", [
+    {}, {"supply.one_way": False, "supply.source_resistance": 0.15},
+    {"supply.capacitance": 5e-4, "supply.chopper_resistance": 0.5}])
+def test_against_an_independent_integration(changes: Mapping[str, Any]) -> None:
+    """Without a loop a jump of 60 A at rest leaves the plain actuator 0.006 deg off at a tick of 0.25 ms."""
+    values = values_of({**BACK, **changes, "solver.max_tick": 1e-4})
+    torques = [_backdriven(k * 1e-3) for k in range(95)]
+    found = simulate(values, 0.095, model=MODEL, aero_torque=[*torques, torques[-1]])
+    exact = driven(values, torques, 1e-3)
+    assert np.ptp(exact[:, 1]) > 15.0
+    assert np.degrees(np.abs(found["fin_angle"] - exact[:, 0]).max()) < 0.002
+    assert np.abs(found["link_voltage"] - exact[:, 1]).max() < 0.1  # V; 0.05 while the current jumps, then 0.004
+
+
+def test_second_order_in_the_tick() -> None:
+    errors = []
+    inputs: dict[str, Any] = {"fin_command": lambda t: 0.26 if sin(40.0 * t) > 0.0 else -0.26, "aero_torque": -50.0}
+    fine, *runs = (run_of({"encoder.enabled": False, "solver.max_tick": tick}, 0.2, **inputs)
+                   for tick in (5e-6, 2e-4, 1e-4, 5e-5))
+    errors = [np.abs(run["fin_angle"] - fine["fin_angle"]).max() for run in runs]
+    slope = np.polyfit(np.log([4.0, 2.0, 1.0]), np.log(errors), 1)[0]
+    assert slope == pytest.approx(2.0, abs=0.3), errors
+    assert np.degrees(errors[0]) < 0.002
+
+
+def test_a_trip_opens_the_bridge_and_resets_the_controllers() -> None:
+    """From 0.1 to 0.15 s the source is too weak, and 500 W empty the link; then the fin goes on to its command."""
+    run = run_of({"supply.quiescent_power": 500.0}, 0.6, fin_command=0.2, aero_torque=-40.0,
+                 supply_voltage=lambda t: 15.0 if 0.1 <= t < 0.15 else 39.0)
+    tripped = run["supply_tripped"] > 0.5
+    assert tripped.any()
+    assert not tripped[run["time"] < 0.1].any()
+    assert not tripped[run["time"] > 0.153].any()
+    assert np.abs(run["motor_current"][tripped]).max() == 0.0
+    assert np.abs(run["drive_reference"][tripped][2:]).max() == 0.0
+    assert (run["status"] == np.where(tripped, 1.0, 4.0)).all()
+    assert run["fin_angle"][-1] == pytest.approx(0.2, abs=radians(0.2))
+
+
+def test_hysteresis_keeps_it_open() -> None:
+    """Between the two voltages it stays as it is."""
+    def source(t: float) -> float:
+        return 39.0 if t < 0.02 else 19.0 if t < 0.04 else 15.0 if t < 0.06 else 19.5 if t < 0.08 else 21.0
+
+    run = run_of({**HELD, "drive.current_offset": 0.0, "supply.quiescent_power": 200.0,
+                  "supply.source_resistance": 1e-3}, 0.1, supply_voltage=source)
+    at = {t: bool(run["supply_tripped"][round(1e3 * t)]) for t in (0.019, 0.039, 0.059, 0.079, 0.099)}
+    assert at == {0.019: False, 0.039: False, 0.059: True, 0.079: True, 0.099: False}
+
+
+def test_a_good_supply_is_nearly_none() -> None:
+    stiff = {**LOSSLESS, **NO_CHOPPER, "supply.one_way": False, "supply.source_resistance": 1e-6}
+    inputs: dict[str, Any] = {"fin_command": 0.3, "aero_torque": -60.0}
+    run = run_of(stiff, 0.3, **inputs)
+    plain = simulate(load_parameters().replace({"solver.max_tick": 2.5e-4}).values, 0.3, **inputs)
+    # 60 uV, and a tick that is not quite the same; a count of the encoder is 7e-4 deg.
+    assert np.degrees(np.abs(run["fin_angle"] - plain["fin_angle"]).max()) < 2e-3
+    assert run["supply_power"] == pytest.approx(plain["supply_power"], abs=0.1 * np.abs(plain["supply_power"]).max())
+
+
+@pytest.mark.skipif(not compiled.available(MODEL), reason="no C compiler")
+@pytest.mark.parametrize("model", MODELS)
+def test_kernels_agree(model: str) -> None:
+    values = values_of({"supply.source_resistance": 0.2, "supply.capacitance": 1e-3}, f"{model}+supply")
+    inputs: dict[str, Any] = {
+        "fin_command": lambda t: 0.3 if sin(40.0 * t) > 0.0 else -0.3, "aero_torque": -40.0,
+        "enable": lambda t: not 0.1 < t < 0.11, "supply_voltage": lambda t: 10.0 if 0.12 < t < 0.14 else 39.0}
+    runs = [simulate(values, 0.2, 3.7e-4, kernel, f"{model}+supply", **inputs) for kernel in ("python", "compiled")]
+    assert 0 < np.count_nonzero(runs[0]["supply_tripped"]) < len(runs[0]["time"])
+    assert runs[0]["brake_power"].max() > 0.0
+    for name, expected in runs[0].items():
+        assert np.array_equal(runs[1][name], expected), name
+
+
+@pytest.mark.parametrize(("model", "missing"), [
+    ("linear", "a supply that limits the motor voltage"), ("ozkan", "a supply that limits the motor voltage"),
+    ("second-order", "a motor current")])
+def test_who_cannot_have_it(model: str, missing: str) -> None:
+    with pytest.raises(EmcasError, match=f"supply needs {missing}"):
+        get(f"{model}+supply")
+
+
+@pytest.mark.parametrize(("name", "value"), [
+    ("supply.capacitance", 0.0), ("supply.source_resistance", -0.1), ("supply.chopper_resistance", 0.0),
+    ("supply.device_voltage", -0.1), ("supply.quiescent_power", float("nan")), ("supply.capacitance", "2 mH")])
+def test_bad_values_are_refused(name: str, value: object) -> None:
+    with pytest.raises(ParameterError, match=name):
+        BASE.replace({name: value})
+
+
+def test_recovery_below_the_trip_is_refused() -> None:
+    with pytest.raises(ParameterError, match=r"supply\.recovery_voltage = 17 V must not be below"):
+        BASE.replace({"supply.recovery_voltage": 17.0})
+
+
+def test_units_of_files() -> None:
+    given = BASE.replace({"supply.capacitance": "2200 uF", "supply.source_resistance": "50 mohm"}).values
+    assert given["supply.capacitance"] == 2.2e-3
+    assert given["supply.source_resistance"] == 0.05
+
+
+@pytest.mark.fmu
+def test_two_fins_in_a_native_fmu(tmp_path: Path) -> None:
+    """On a soft line, as in Python: the same bits. The default set, 1 ms apart."""
+    path = build(BASE, tmp_path / "native.fmu", "native", cc="gcc", fins=2).path
+    time = np.arange(101) * 1e-3
+    command = np.where(np.sin(60.0 * time) >= 0.0, 0.2, -0.2)
+    names = [f"fin[{k}].{name}" for k in (1, 2) for name in ("fin_angle", "link_voltage", "brake_power")]
+    found = simulate_fmu(
+        str(path), stop_time=0.1, step_size=1e-3, output_interval=1e-3, output=["bus_voltage", *names],
+        input=np.array(list(zip(time, command, strict=True)), dtype=[("time", float), ("fin[2].fin_command", float)]),
+        start_values={"bus.source_resistance": 0.02})
+    expected = simulate_fins([BASE.values] * 2, 0.1, 1e-3, MODEL, {"bus.source_resistance": 0.02},
+                             **{"fin[2].fin_command": command})
+    assert expected["fin[2].brake_power"].max() > 0.0
+    for name in ("bus_voltage", *names):
+        assert np.array_equal(found[name], expected[name]), name
