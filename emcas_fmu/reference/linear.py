@@ -24,6 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from .plant import over_temperature
+
 Array = NDArray[np.floating[Any]]
 
 
@@ -108,8 +110,7 @@ def _plant(values: Mapping[str, Any]) -> tuple[Array, float, float]:
     inertia = values["inertia.motor"] + values["inertia.screw"] + values["mass.nut"] * lead**2 + fin / ratio**2
     # One viscous coefficient stands for both directions.
     motor_viscous = 0.5 * (values["friction.viscous.positive"] + values["friction.viscous.negative"])
-    coldness = min(max((24.0 - values["friction.temperature"]) / 30.0, 0.0), 1.0)
-    motor_viscous *= 1.0 + (values["friction.cold_viscous_ratio"] - 1.0) * coldness
+    motor_viscous *= over_temperature(values, "viscous")
     viscous = motor_viscous + values["friction.fin_viscous"] / ratio**2
     kp, ki, gain = values["drive.kp"], values["drive.ki"], values["drive.current_gain"]
     a = np.zeros((5, 5))

@@ -95,7 +95,7 @@ def rules_header(model: str) -> str:
     for i, (rule, function) in enumerate(zip(actuator.all_rules, tracer.functions, strict=True)):
         if len(function.results) - 1 > _MOST_NUMBERS:
             raise ValueError(f"instance.h prints {_MOST_NUMBERS} numbers of a rule, not those of {rule.message!r}")
-        rows.append(f"    {{rules_check_{i}, {int(rule.scanned)}, {c_text(rule.message)}}}")
+        rows.append(f"    {{rules_check_{i}, {int(rule.scanned)}, {int(rule.warning)}, {c_text(rule.message)}}}")
     limits = ",\n".join(f"    {{{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in actuator.parameters)
     return header(
         "rules", "What parameters must fulfil",
@@ -103,7 +103,7 @@ def rules_header(model: str) -> str:
         f"}} LIMIT[] = {{\n{limits}\n}};\n\n{c_source(tracer, 'rules')}\n"
         f"enum {{ RULE_NUMBERS = {_MOST_NUMBERS}, RULE_SCAN = {rules.SCAN}, RULES = {len(rows)} }};\n\n"
         "typedef struct {\n    void (*check)(const double *restrict, const double *restrict, double, "
-        "double *restrict);\n    int scanned;\n    const char *message;\n} rule;\n\n"
+        "double *restrict);\n    int scanned, warning;\n    const char *message;\n} rule;\n\n"
         "static const rule RULE[RULES] = {\n" + ",\n".join(rows) + "\n};\n")
 
 

@@ -227,17 +227,17 @@ def test_compensation_is_the_friction_voltage_within_the_speed_band(
     assert u == pytest.approx(expected, abs=1e-14)
 
 
-@pytest.mark.parametrize(
-    ("celsius", "cold"), [(60.0, 0.0), (24.0, 0.0), (9.0, 0.5), (-6.0, 1.0), (-40.0, 1.0)]
-)
-def test_friction_grows_linearly_between_24_and_minus_6_degrees(
-    values: Values, celsius: float, cold: float
+@pytest.mark.parametrize(("celsius", "coulomb", "viscous"), [
+    (24.0, 1.0, 1.0), (9.0, 1.125, 1.3), (-6.0, 1.25, 1.6), (-23.0, 1.425, 2.15), (-60.0, 1.6, 2.7),
+    (37.0, 0.95, 0.835), (90.0, 0.85, 0.48)])
+def test_friction_is_linear_between_the_points_of_its_table(
+    values: Values, celsius: float, coulomb: float, viscous: float
 ) -> None:
     warm, now = Plant(values), Plant({**values, "friction.temperature": celsius})
     for side in (1, -1):
-        # Ratios 1.25 and 1.6 of the model; rounding of numbers near 1.
-        assert now.coulomb(0.2, side) / warm.coulomb(0.2, side) == pytest.approx(1 + 0.25 * cold, abs=1e-14)
-        assert now.viscous[side] / warm.viscous[side] == pytest.approx(1 + 0.6 * cold, abs=1e-14)
+        # The ratios of models/emcas.toml; rounding of numbers near 1.
+        assert now.coulomb(0.2, side) / warm.coulomb(0.2, side) == pytest.approx(coulomb, abs=1e-14)
+        assert now.viscous[side] / warm.viscous[side] == pytest.approx(viscous, abs=1e-14)
 
 
 # The closed loop ------------------------------------------------------------------------------------------
