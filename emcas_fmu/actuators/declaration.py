@@ -27,6 +27,7 @@ from math import isnan
 from pathlib import Path
 from typing import Any
 
+from ..control import command as bus
 from ..errors import EmcasError, hint
 from ..namespace import Record, namespace
 from ..ops.base import Ops, Value
@@ -87,6 +88,9 @@ class Supply:
         if (self.power.name, self.power.unit) != ("supply_power", "W"):
             raise EmcasError(f"supply {self.input.name}: its power is called {self.power.name} [{self.power.unit}]; "
                              "every actuator's is supply_power [W]")
+
+
+_BUS = tuple(map(State, bus.STATES))
 
 
 def _at_start_angle(ops: Ops, p: Parameters, start: Record) -> Values:
@@ -205,6 +209,8 @@ class Actuator:
                 raise EmcasError(f"actuator {self.name}: has neither step nor derivatives; smooth equations need only "
                                  "derivatives")
             object.__setattr__(self, "step", smooth_step(self._every_rate, [s.name for s in self.states]))
+        own = (s for s in self.controller_states if s not in _BUS)  # one made of another has them already
+        object.__setattr__(self, "controller_states", (*own, *_BUS))
         # Those that act on the plant first: the core takes them so.
         object.__setattr__(self, "further_inputs", tuple(sorted(self.further_inputs, key=lambda v: v.kind != "Real")))
         arguments = [a for _, names, _ in self.functions for a in names]
@@ -304,7 +310,7 @@ class Actuator:
         at = Record(fin_angle=p.fin.start_angle if fin_angle is None else fin_angle, encoder_offset=encoder_offset)
         names = self._state_names
         given = _complete(self.initial, self.initial(ops, p, at), ("measured_fin_angle",), names)
-        return {**dict.fromkeys(names, 0.0), **given}
+        return {**dict.fromkeys(names, 0.0), **bus.start(ops, p, at.fin_angle), **given}
 
     @cached_property
     def _state_names(self) -> tuple[str, ...]:
@@ -322,13 +328,18 @@ class Actuator:
         command, supply, enable, *further = arguments[len(names):]
         asked = Record(command=command, supply=supply, enable=enable, encoder_offset=None,
                        **{identifier(v.name): value for v, value in zip(self.further_inputs, further, strict=True)})
-        given = self.sampled(ops, p, x, asked)
+        given = self.commanded(ops, p, x, asked)
         kept, held = (tuple(s.name for s in states) for states in (self.controller_states, self.sampled_states))
         return tuple(given[name] for name in ("reference", *kept, "measured_fin_angle", "limited", *held))
 
+    def commanded(self, ops: Ops, p: Parameters, x: Record, asked: Asked) -> dict[str, Value]:
+        """Return :meth:`sampled` with the command taken from the bus (:mod:`emcas_fmu.control.command`)."""
+        command, *after = bus.taken(ops, p, asked.command, *(getattr(x, name) for name in bus.STATES))
+        return {**self.sampled(ops, p, x, asked.replace(command=command)), **dict(zip(bus.STATES, after, strict=True))}
+
     def sampled(self, ops: Ops, p: Parameters, x: Record, asked: Asked) -> dict[str, Value]:
         """Return all that a sample gives: ``reference``, ``measured_fin_angle``, ``limited``, controller states and
-        sampled states."""
+        sampled states; the command is that which the controllers have."""
         names = tuple(s.name for s in (*self.controller_states, *self.sampled_states))
         given = _complete(self.sample, self.sample(ops, p, x, asked), ("reference",),
                           ("measured_fin_angle", "limited", *names))

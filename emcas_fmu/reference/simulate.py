@@ -32,6 +32,28 @@ MAX_STEP = 1e-4  # s
 DIGITS = 12  # decimals of a second to which instants are rounded so that coinciding ones are one
 
 
+class Bus:
+    """Commands from the host to the controllers: taken at every so many samples, rounded, and late."""
+
+    def __init__(self, p: Mapping[str, float]):
+        samples = [p[f"command.{name}"] / p["controller.sample_time"] for name in ("latency", "update_time")]
+        self.late, self.every = (math.floor(x + 0.5) for x in samples)
+        self.resolution = p["command.resolution"]
+        self.taken = [p["fin.start_angle"]] * self.late  # rad, the last one at the present sample
+        self.count = 0
+
+    def arrived(self, command: float) -> float:
+        """Return the command [rad] that the controllers have at the next sample, as the host sends `command` [rad]."""
+        if self.count % max(self.every, 1) == 0:
+            if self.resolution:
+                command = self.resolution * math.floor(command / self.resolution + 0.5)
+            self.taken.append(command)
+        else:
+            self.taken.append(self.taken[-1])
+        self.count += 1
+        return self.taken[-1 - self.late]
+
+
 class Controllers:
     """Encoder, position PI and velocity PI with friction compensation (section 4.2).
 
@@ -161,7 +183,7 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
     instants = instants[instants <= end].tolist()
 
     state = [p["fin.start_angle"], 0.0, 0.0, 0.0]
-    controllers = Controllers(plant, nominal, state[0])
+    controllers, bus = Controllers(plant, nominal, state[0]), Bus(p)
     row = {name: column[0] for name, column in columns.items()}
     dac: list[float] = []
     active = 0.0  # V, the DAC value that has reached the drive
@@ -174,7 +196,8 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
         if following is None:
             break
         if t in sample_at:
-            dac.append(controllers.sample(state[0], state[1], row["fin_command"], bool(row["enable"]), state[2]))
+            command = bus.arrived(row["fin_command"])
+            dac.append(controllers.sample(state[0], state[1], command, bool(row["enable"]), state[2]))
         if t in arrival_at:
             active = dac[arrival_at[t]]
         around = plant.surroundings(row, active)

@@ -9,6 +9,7 @@ from .. import rules
 from ..actuators import NONLINEAR, get
 from ..actuators.declaration import Actuator, identifier
 from ..actuators.fin_port import LONGEST_DELAY
+from ..control import command as bus
 from ..trace.c_source import c_source
 from . import codegen, core
 
@@ -57,7 +58,7 @@ def model_header(actuator: Actuator) -> str:
         actuator.states, actuator.controller_states, actuator.sampled_states))
     return header(
         "model", "Sizes, limits and the order of the inputs", "enum {\n"
-        f"    CORE_LINE = {LONGEST_DELAY + 2},\n    CORE_MOST_EVENTS = {core.MOST_EVENTS},\n"
+        f"    CORE_LINE = {LONGEST_DELAY + 2 + bus.LONGEST},\n    CORE_MOST_EVENTS = {core.MOST_EVENTS},\n"
         f"    CORE_MOST_TICKS = {core.MOST_TICKS},\n    MODEL_INPUTS = {len(names)},\n"
         f"    MODEL_OUTPUTS = {len(actuator.outputs)},\n    MODEL_PARAMETERS = {len(actuator.parameters)},\n"
         f"    CORE_PLANT = {plant},\n    CORE_CONTROLLER = {kept},\n"

@@ -133,6 +133,7 @@ PARAMETERS: tuple[Variable, ...] = (
     switch("encoder.on_fin", "true: the encoder sits on the fin shaft; false: on the motor"),
     *fin_port.MOUNTING,
     *DEVIATIONS,
+    *fin_port.BUS,
     fin_port.MAX_TICK,
 )
 
