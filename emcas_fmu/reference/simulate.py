@@ -65,7 +65,7 @@ class Controllers:
         self.period = self.p["controller.sample_time"]
         self.count_size = 2.0 * math.pi / (self.p["encoder.pulses"] * self.p["encoder.multiplier"])
         self.on_fin = bool(self.p["encoder.on_fin"])
-        self.counts = self._count(delta)
+        self.turns = self._turns(delta)
         self._reset(*self._measure(delta, 0.0))
 
     def _reset(self, fin: float, motor: float, speed: float) -> None:
@@ -80,20 +80,21 @@ class Controllers:
         """Return inertia at the motor [kg.m2] as the controllers know it."""
         return self.nominal.motor_inertia + self.nominal.fin_inertia / self.nominal.ratio(fin) ** 2
 
-    def _count(self, delta: float) -> int:
-        angle = delta if self.on_fin else self.plant.motor_angle(delta)
-        return math.floor(angle / self.count_size)
+    def _turns(self, delta: float) -> int:
+        """Return counts of the motor's encoder at fin angle `delta` [rad]."""
+        return math.floor(self.plant.motor_angle(delta) / self.count_size)
 
     def _measure(self, delta: float, omega: float) -> tuple[float, float, float]:
         """Return measured fin angle [rad], motor angle [rad] and motor speed [rad/s]."""
-        previous, self.counts = self.counts, self._count(delta)
+        previous, self.turns = self.turns, self._turns(delta)
         if not self.p["encoder.enabled"]:
             motor = self.plant.motor_angle(delta)
             return self.nominal.fin_angle(motor), motor, self.plant.ratio(delta) * omega
-        angle = self.counts * self.count_size
-        speed = (self.counts - previous) * self.count_size / self.period
+        speed = (self.turns - previous) * self.count_size / self.period
         if self.on_fin:
-            return angle, self.nominal.motor_angle(angle), self.nominal.ratio(angle) * speed
+            angle = math.floor(delta / self.count_size) * self.count_size
+            return angle, self.nominal.motor_angle(angle), speed
+        angle = self.turns * self.count_size
         return self.nominal.fin_angle(angle), angle, speed
 
     def sample(self, delta: float, omega: float, command: float, enable: bool, current: float = 0.0) -> float:

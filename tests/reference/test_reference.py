@@ -192,17 +192,17 @@ def test_moment_of_gravity_and_acceleration_is_the_slope_of_a_potential(values: 
 
 @pytest.mark.parametrize("on_fin", [False, True])
 def test_encoder_speed_is_the_difference_of_floored_counts(values: Values, on_fin: bool) -> None:
-    # Without position gain the reference speed is 0, and u = -Kp_vel * measured speed.
+    # Without position gain the reference speed is 0, and u = -Kp_vel * measured speed, that of the motor's encoder.
     given = {**values, "encoder.on_fin": on_fin, "controller.position.kp": 0.0, "controller.position.ki": 0.0}
     plant, count = Plant(given), 2 * math.pi / (2048 * 4)
     path = [0.0, -1e-4, 2e-3, 0.0105, 0.0104]
     controllers = Controllers(plant, plant, path[0])
     before = 0
     for delta in path:
-        counts = math.floor((delta if on_fin else plant.motor_angle(delta)) / count)
+        counts = math.floor(plant.motor_angle(delta) / count)
         speed = (counts - before) * count / given["controller.sample_time"]
         before = counts
-        expected = -given["controller.velocity.kp"] * speed * (plant.ratio(counts * count) if on_fin else 1.0)
+        expected = -given["controller.velocity.kp"] * speed
         # The true rate, here absurd, must not matter.  Rounding of 10 V.
         u = controllers.sample(delta, 1e3, 0.0, True)
         assert u == pytest.approx(max(-10.0, min(10.0, expected)), abs=1e-12)

@@ -24,7 +24,8 @@ CONTROLLER = (State("integral", "rad/s", "integral of the position controller"),
               State("velocity_integral", "V", "integral of the velocity controller"),
               State("target", "rad", "motor angle asked for at the last sample"),
               State("momentum", "N.m.s", "of the load observer"),
-              State("counts", "1", "encoder counts at the last sample"))
+              State("counts", "1", "counts of the encoder of position at the last sample"),
+              State("motor_counts", "1", "counts of the motor's encoder at the last sample"))
 
 # -- inputs and outputs ------------------------------------------------------------
 
@@ -130,7 +131,8 @@ PARAMETERS: tuple[Variable, ...] = (
     switch("encoder.enabled", "false feeds true angle and speed to the controllers"),
     integer_parameter("encoder.pulses", 1, 1_000_000, "pulses per revolution"),
     integer_parameter("encoder.multiplier", 1, 4, "edge multiplier: 1, 2 or 4"),
-    switch("encoder.on_fin", "true: the encoder sits on the fin shaft; false: on the motor"),
+    switch("encoder.on_fin", "true: the position comes from an encoder on the fin shaft; false: from the motor's, "
+           "as the speed always does"),
     *fin_port.MOUNTING,
     *DEVIATIONS,
     *fin_port.BUS,

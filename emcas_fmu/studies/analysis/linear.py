@@ -222,12 +222,13 @@ class LinearActuator:
         p, actuator = self.p, self.actuator
         names = [*(s.name for s in actuator.controller_states), *self._sampled]
         count = len(names)
-        further = {identifier(v.name): self._started(v) for v in actuator.further_inputs}
+        held = {"supply": self._supply, "enable": True, "encoder_offset": None,
+                **{identifier(v.name): self._started(v) for v in actuator.further_inputs}}
 
         def function(*arguments: Value) -> list[Value]:
             *values, command = arguments
-            inputs = Record(command=command, supply=self._supply, enable=True, encoder_offset=None, **further)
             state = Record(**dict(zip((*names, *self._states), values, strict=True)))
+            inputs = Record(command=command, position=actuator.position(FINE, p, state), **held)
             after = actuator.commanded(FINE, p, state, inputs)
             return [after[name] for name in (*names, "reference", "measured_fin_angle", *self._sampled)]
 
@@ -237,7 +238,7 @@ class LinearActuator:
         start = [self._start[name] for name in names]
         # The command that the controllers take for the fin's angle: what they know of the plant may be wrong.
         x = Record(**dict(zip((*names, *self._states), (*start, *map(float, self.rest)), strict=True)))
-        at_rest = Record(command=self._at[0], supply=self._supply, enable=True, encoder_offset=None, **further)
+        at_rest = Record(command=self._at[0], position=actuator.position(FINE, p, x), **held)
         command = float(actuator.sampled(FINE, p, x, at_rest)["measured_fin_angle"])
 
         def balance(state: Array) -> tuple[Array, Array]:
