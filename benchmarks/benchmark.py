@@ -114,10 +114,10 @@ def _equations(values: Any) -> Any:
 
     def sample(angle: Any, speed: Any, current: Any, counts: Any, command: Any, integral: Any, velocity_integral: Any,
                target: Any, momentum: Any) -> Any:
-        measured = sensors.measure(tracer, p, p, angle, speed, counts)
+        measured = sensors.measure(tracer, p, p, angle, angle, speed, counts)
         loops = controllers.Loops(integral, velocity_integral, target, momentum)
         out = controllers.sample(tracer, p, loops, measured, current, command)
-        return out.reference, measured.counts, *out.loops
+        return out.reference, measured.motor_counts, *out.loops
 
     def fin(angle: Any) -> Any:
         return (kinematics.fin_angle(tracer, p, kinematics.lever_tangent(tracer, p, angle)),)

@@ -117,9 +117,10 @@ class ParameterSet:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is allowed and most likely a mistake, one line each."""
+        """What is allowed and worth a look, one line each."""
         entries = {e.variable.name: e for e in self.entries}
         warnings = [_apart(entries[name], entries[other]) for name, other in self.actuator.equal_parameters]
+        warnings += check_combinations(self.values, self.actuator, warnings=True)
         if self.unused:
             warnings.append(f"the {self.actuator.name} actuator has no {', '.join(self.unused)}: not used")
         return tuple(filter(None, warnings))
@@ -197,10 +198,13 @@ def require_sound(values: Mapping[str, Any], model: str = NONLINEAR) -> None:
         raise ParameterError(problems)
 
 
-def check_combinations(values: Mapping[str, Any], actuator: Actuator) -> list[str]:
-    """Return a message for each rule of the actuator that its values, within their ranges, break."""
+def check_combinations(values: Mapping[str, Any], actuator: Actuator, warnings: bool = False) -> list[str]:
+    """Return a message for each rule of the actuator that its values, within their ranges, break.
+
+    Of the rules that refuse, or of those that only warn (`warnings`).
+    """
     p = actuator.namespace(values)
-    return check_rules((partial(rule.check, FLOATS, p), rule.message, rule.scanned) for rule in actuator.all_rules)
+    return check_rules(((partial(rule.check, FLOATS, p), *rule[1:]) for rule in actuator.all_rules), warnings)
 
 
 def are_defaults(parameters: ParameterSet) -> bool:

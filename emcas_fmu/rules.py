@@ -24,16 +24,18 @@ class Rule(NamedTuple):
     """A combination of parameters that must not be.
 
     `check(ops, p, share)` gives how far the rule is broken (broken above zero) and the numbers of the `message`.
-    A `scanned` one is asked for every share of the travel from -1 to 1, and the worst place is reported.
+    A `scanned` one is asked for every share of the travel from -1 to 1, and the worst place is reported. A `warning`
+    is of what may be, and is worth saying.
     """
 
     check: Callable[[Any, Any, Any], tuple[Any, ...]]
     message: str
     scanned: bool = False
+    warning: bool = False
 
 
-Check = tuple[Callable[[float], tuple[Any, ...]], str, bool]
-"""A rule bound to parameters: its check of a share of the travel, its message, whether it is scanned."""
+Check = tuple[Callable[[float], tuple[Any, ...]], str, bool, bool]
+"""A rule bound to parameters: its check of a share of the travel, message, whether it is scanned and a warning."""
 
 
 def in_degrees(angle: Any) -> Any:
@@ -63,10 +65,12 @@ def check_ranges(values: Mapping[str, float], table: Iterable[tuple[str, float, 
     return problems
 
 
-def check_rules(checks: Iterable[Check]) -> list[str]:
-    """Return a message for each rule that is broken, with the numbers of the worst place."""
+def check_rules(checks: Iterable[Check], warnings: bool = False) -> list[str]:
+    """Return a message for each rule that is broken, with the numbers of the worst place: refusals or `warnings`."""
     problems = []
-    for check, message, scanned in checks:
+    for check, message, scanned, warning in checks:
+        if warning != warnings:
+            continue
         worst, numbers = -inf, ()  # type: float, tuple[float, ...]
         for share in (i / SCAN for i in range(-SCAN, SCAN + 1)) if scanned else (0.0,):
             broken, *rest = check(share)

@@ -21,7 +21,6 @@
 #define ARRIVAL (7 * PERIOD / 10) /* ticks into a period when the sample of 3 periods before gets to the drive: 3.7 ms */
 #define LINE 5 /* samples: in the drive before and after the arrival, and on their way */
 #define SPAN (20.0 * 3.14159265358979323846 / 180.0)
-#define COLD fmin(fmax((24.0 - P_friction_temperature) / 30.0, 0.0), 1.0)
 
 static const double RATIO = P_kinematics_moment_arm / P_screw_lead;
 static const double TURNING = P_inertia_motor + P_inertia_screw + P_mass_nut * P_screw_lead * P_screw_lead;
@@ -33,7 +32,7 @@ typedef struct {
     double integral, counts, measured;         /* of the controllers */
     double line[LINE], reference, i_ref;       /* DAC values by age; the one in the drive, and its current */
     double in[VR_supply_voltage + 1];          /* real inputs */
-    double tan_0, cold_coulomb, cold_viscous;  /* constants that need a library call */
+    double tan_0, of_coulomb, of_viscous;      /* constants: a library call, friction over that at 24 degC */
     double f_x, f_z, spin, coning, about_screw, about_hinge, start;
     long long tick;
     int phase, enable, limited, loaded;
@@ -97,6 +96,11 @@ static double hinge_moment(const Actuator *a) {
     return a->in[VR_aero_torque] + (a->loaded ? body_moment(a) : 0.0);
 }
 
+/* The integral that asks for no speed at a measured motor angle. */
+static double resting(double motor) {
+    return P_controller_position_kp * (1.0 - P_controller_position_setpoint_weight) * motor;
+}
+
 /* Section 4.2, the encoder on the motor's shaft. */
 static double sample(Actuator *a) {
     double motor = motor_angle(a, a->angle), speed;
@@ -111,20 +115,23 @@ static double sample(Actuator *a) {
         a->measured = a->angle;
     }
     if (!a->enable) {
-        a->integral = 0.0;
+        a->integral = resting(motor);
         a->limited = 0;
         return 0.0;
     }
     double command = clip(a->in[VR_fin_command], P_command_limit);
-    double error = motor_angle(a, command) - motor;
-    double raw = P_controller_position_kp * error + a->integral;
+    double target = motor_angle(a, command);
+    double raw = P_controller_position_kp * (P_controller_position_setpoint_weight * target - motor) + a->integral;
     double wanted = clip(raw, P_controller_speed_limit);
-    a->integral += P_controller_sample_time
-                 * (P_controller_position_ki * error + P_controller_antiwindup * (wanted - raw));
     double feed = P_compensation_gain / (P_motor_torque_constant * P_drive_current_gain)
                 * coulomb(a->measured, wanted > 0.0) * clip(wanted / P_compensation_speed_band, 1.0);
     double u = P_controller_velocity_kp * (wanted - speed) + feed;
     double held = clip(u, P_drive_reference_limit);
+    double current = clip(P_drive_current_gain * held + P_drive_current_offset, P_drive_current_limit);
+    double beyond = (current - P_drive_current_offset) / P_drive_current_gain - u;
+    a->integral += P_controller_sample_time
+                 * (P_controller_position_ki * (target - motor) + P_controller_antiwindup * (wanted - raw)
+                    + P_controller_drive_antiwindup / P_controller_velocity_kp * beyond);
     a->limited = command != a->in[VR_fin_command] || wanted != raw || held != u;
     return held;
 }
@@ -154,10 +161,10 @@ static void tick(Actuator *a) {
     if (a->loaded)
         moment += body_moment(a) + screw_moment(a, r);
     int positive = a->rate > 0.0 || (a->rate == 0.0 && moment > 0.0);
-    double friction = r * a->cold_coulomb * coulomb(a->angle, positive) + P_friction_fin_coulomb;
+    double friction = r * a->of_coulomb * coulomb(a->angle, positive) + P_friction_fin_coulomb;
     if (a->rate == 0.0 && fabs(moment) <= friction)
         return;
-    double viscous = a->cold_viscous * (positive ? P_friction_viscous_positive : P_friction_viscous_negative);
+    double viscous = a->of_viscous * (positive ? P_friction_viscous_positive : P_friction_viscous_negative);
     moment += (positive ? -friction : friction) - (r * r * viscous + P_friction_fin_viscous) * a->rate
             - TURNING * r * (2.0 * r * t) * a->rate * a->rate;
     double rate = a->rate + H * moment / (SWINGING + TURNING * r * r);
@@ -176,18 +183,28 @@ static void arrive(Actuator *a, double reference) {
     a->i_ref = clip(P_drive_current_gain * reference + P_drive_current_offset, P_drive_current_limit);
 }
 
+static double at_temperature(const double *ratio) {
+    static const double at[] = P_friction_table_temperature;
+    const int last = (int)(sizeof at / sizeof *at) - 1;
+    int i = 0;
+    while (i < last && P_friction_temperature > at[i + 1]) ++i;
+    if (i == last || P_friction_temperature <= at[0]) return ratio[i];
+    return ratio[i] + (ratio[i + 1] - ratio[i]) * (P_friction_temperature - at[i]) / (at[i + 1] - at[i]);
+}
+
 static void initialise(Actuator *a) {
     void (*release)(void *) = a->release;
     memset(a, 0, sizeof *a);
     a->release = release;
     a->tan_0 = tan(P_kinematics_initial_angle);
-    a->cold_coulomb = 1.0 + (P_friction_cold_coulomb_ratio - 1.0) * COLD;
-    a->cold_viscous = 1.0 + (P_friction_cold_viscous_ratio - 1.0) * COLD;
+    a->of_coulomb = at_temperature((const double[])P_friction_table_coulomb);
+    a->of_viscous = at_temperature((const double[])P_friction_table_viscous);
     a->in[VR_supply_voltage] = P_drive_supply_voltage;
     a->enable = 1;
     a->angle = P_fin_start_angle;
     a->counts = floor(motor_angle(a, a->angle) / COUNT);
     a->measured = atan(a->counts * COUNT / RATIO + a->tan_0) - P_kinematics_initial_angle;
+    a->integral = resting(a->counts * COUNT);
     arrive(a, 0.0);
 }
 

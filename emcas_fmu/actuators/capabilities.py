@@ -10,7 +10,6 @@ CURRENT_LIMIT = "a limit of the motor current"
 VOLTAGE_LIMIT = "a supply that limits the motor voltage"
 COULOMB_FRICTION = "Coulomb friction at the motor"
 RIGID_DRIVE_LINE = "a rigid drive line"
-DRIVE_LINE = "an elastic drive line"
 BACKLASH = "backlash"
 SCREW_LOAD = "a load on the screw"
 REFERENCE_LIMIT = "a drive whose reference has a limit"
@@ -28,7 +27,6 @@ NEEDED_VARIABLES: Mapping[str, tuple[str, ...]] = {
     VOLTAGE_LIMIT: ("supply_voltage", "motor_voltage"),
     COULOMB_FRICTION: ("friction.coulomb.positive[0]", "friction.coulomb.negative[0]"),
     RIGID_DRIVE_LINE: (),
-    DRIVE_LINE: ("encoder.on_fin",),
     BACKLASH: ("drive_line.backlash",),
     SCREW_LOAD: ("screw.lead",),
     REFERENCE_LIMIT: ("drive.reference_limit",),

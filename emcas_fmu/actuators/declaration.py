@@ -27,6 +27,7 @@ from math import isnan
 from pathlib import Path
 from typing import Any
 
+from ..control import command as bus
 from ..errors import EmcasError, hint
 from ..namespace import Record, namespace
 from ..ops.base import Ops, Value
@@ -52,7 +53,8 @@ To `outputs` besides: ``command`` [rad]; ``sampled_reference``, the last sample'
 """
 Asked = Record
 """What a sample is asked for: ``command`` [rad], ``supply``, ``enable``, the further inputs, and ``encoder_offset``
-[counts], None of an encoder whose zero is the fin's."""
+[counts], None of an encoder whose zero is the fin's, and ``position`` [rad], the state of angle that the encoder of
+position reads."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,9 @@ class Supply:
         if (self.power.name, self.power.unit) != ("supply_power", "W"):
             raise EmcasError(f"supply {self.input.name}: its power is called {self.power.name} [{self.power.unit}]; "
                              "every actuator's is supply_power [W]")
+
+
+_BUS = tuple(map(State, bus.STATES))
 
 
 def _at_start_angle(ops: Ops, p: Parameters, start: Record) -> Values:
@@ -156,8 +161,10 @@ class Actuator:
     states: tuple[State, ...] = ()
     controller_states: tuple[State, ...] = ()
     sampled_states: tuple[State, ...] = ()
-    # Those, of angle and speed, that the sensors read.
+    # Those, of angle and speed, that the sensors read; and those of the fin, referred to the motor, where it turns by
+    # itself behind an elastic drive line: an encoder on the fin (encoder.on_fin) reads its angle.
     encoder: tuple[str, str] = ("fin_angle", "fin_rate")
+    fin_side: tuple[str, str] | None = None
 
     # Variables. Outputs and parameters are complete, the port's among them, in the interface's order.
     outputs: tuple[Variable, ...] = ()
@@ -207,6 +214,8 @@ class Actuator:
                 raise EmcasError(f"actuator {self.name}: has neither step nor derivatives; smooth equations need only "
                                  "derivatives")
             object.__setattr__(self, "step", smooth_step(self._every_rate, [s.name for s in self.states]))
+        own = (s for s in self.controller_states if s not in _BUS)  # one made of another has them already
+        object.__setattr__(self, "controller_states", (*own, *_BUS))
         # Those that act on the plant first: the core takes them so.
         object.__setattr__(self, "further_inputs", tuple(sorted(self.further_inputs, key=lambda v: v.kind != "Real")))
         arguments = [a for _, names, _ in self.functions for a in names]
@@ -217,7 +226,8 @@ class Actuator:
         self._check_interface()
 
     def _check_interface(self) -> None:
-        if missing := [name for name in self.encoder if name not in {s.name for s in self.states}]:
+        sensed = (*self.encoder, *(self.fin_side or ()))
+        if missing := [name for name in sensed if name not in {s.name for s in self.states}]:
             raise EmcasError(f"actuator {self.name}: there is no state {missing[0]}; the sensors read fin_angle and "
                              "fin_rate, or the states of angle and speed that encoder=(..., ...) names")
         count = Counter(v.name for v in (*self.inputs, *self.outputs, *self.parameters))
@@ -305,7 +315,7 @@ class Actuator:
         at = Record(fin_angle=p.fin.start_angle if fin_angle is None else fin_angle, encoder_offset=encoder_offset)
         names = self._state_names
         given = _complete(self.initial, self.initial(ops, p, at), ("measured_fin_angle",), names)
-        return {**dict.fromkeys(names, 0.0), **given}
+        return {**dict.fromkeys(names, 0.0), **bus.start(ops, p, at.fin_angle), **given}
 
     @cached_property
     def _state_names(self) -> tuple[str, ...]:
@@ -322,19 +332,30 @@ class Actuator:
         x = Record(**dict(zip(names, arguments, strict=False)))
         command, supply, enable, *further = arguments[len(names):]
         asked = Record(command=command, supply=supply, enable=enable, encoder_offset=None,
+                       position=self.position(ops, p, x),
                        **{identifier(v.name): value for v, value in zip(self.further_inputs, further, strict=True)})
-        given = self.sampled(ops, p, x, asked)
+        given = self.commanded(ops, p, x, asked)
         kept, held = (tuple(s.name for s in states) for states in (self.controller_states, self.sampled_states))
         return tuple(given[name] for name in ("reference", *kept, "measured_fin_angle", "limited", *held))
 
+    def position(self, ops: Ops, p: Parameters, x: Record) -> Value:
+        """Return the state of angle [rad] that the encoder of position reads."""
+        angle = getattr(x, self.encoder[0])
+        return angle if self.fin_side is None else ops.where(p.encoder.on_fin, getattr(x, self.fin_side[0]), angle)
+
+    def commanded(self, ops: Ops, p: Parameters, x: Record, asked: Asked) -> dict[str, Value]:
+        """Return :meth:`sampled` with the command taken from the bus (:mod:`emcas_fmu.control.command`)."""
+        command, *after = bus.taken(ops, p, asked.command, *(getattr(x, name) for name in bus.STATES))
+        return {**self.sampled(ops, p, x, asked.replace(command=command)), **dict(zip(bus.STATES, after, strict=True))}
+
     def sampled(self, ops: Ops, p: Parameters, x: Record, asked: Asked) -> dict[str, Value]:
         """Return all that a sample gives: ``reference``, ``measured_fin_angle``, ``limited``, controller states and
-        sampled states."""
+        sampled states; the command is that which the controllers have."""
         names = tuple(s.name for s in (*self.controller_states, *self.sampled_states))
         given = _complete(self.sample, self.sample(ops, p, x, asked), ("reference",),
                           ("measured_fin_angle", "limited", *names))
         before = {name: getattr(x, name) for name in names}
-        return {"measured_fin_angle": getattr(x, self.encoder[0]), "limited": 0.0, **before, **given}
+        return {"measured_fin_angle": asked.position, "limited": 0.0, **before, **given}
 
     def rates(self, ops: Ops, p: Parameters, x: Record, u: Acting) -> dict[str, Value]:
         """Return d/dt of every state of an actuator that has derivatives."""

@@ -11,6 +11,7 @@ from dataclasses import replace
 from math import radians
 from typing import Any
 
+from ..control import command as bus
 from ..control.controllers import clipped_command as clipped_command
 from ..ops.base import Ops, Value
 from ..physics import loads
@@ -75,6 +76,14 @@ TRAVEL = (
     parameter("fin.stop_angle", "rad", radians(0.1), radians(80), "mechanical stop, both sides, inelastic"),
     parameter("fin.start_angle", "rad", radians(-80), radians(80), "fin angle at the start, at rest"),
 )
+BUS = (
+    parameter("command.latency", "s", 0.0, 2.0, "delay of the command on its way to the controllers, in whole sample "
+              f"times (rounded), at most {bus.LONGEST} of them"),
+    parameter("command.resolution", "rad", 0.0, radians(10), "step of the command, which is rounded to a multiple of "
+              "it (0: none)"),
+    parameter("command.update_time", "s", 0.0, 10.0, "interval at which a command is taken from the bus, in whole "
+              "sample times (rounded; 0: at every sample)"),
+)
 MOUNTING = (
     switch("loads.gravity", "true: gravity acts on the moving parts (wire the attitude inputs)"),
     parameter("mounting.azimuth", "rad", radians(-360), radians(360), "roll of the fin's frame about body x"),
@@ -82,7 +91,7 @@ MOUNTING = (
               "place of the hinge along body x, from the point whose acceleration is given"),
 )
 MAX_TICK = parameter("solver.max_tick", "s", 1e-7, 1e-3, "longest internal tick")
-PARAMETERS = (*INERTIAS, *MASSES, *CENTERS, SAMPLE_TIME, *TRAVEL, *MOUNTING, MAX_TICK)
+PARAMETERS = (*INERTIAS, *MASSES, *CENTERS, SAMPLE_TIME, *TRAVEL, *MOUNTING, *BUS, MAX_TICK)
 
 TERMINALS = (
     Terminal("command", "what the flight computer sends and gets back",
@@ -155,9 +164,15 @@ def _start(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, ops.fabs(start) > stop * (1.0 + SLACK)), start, in_degrees(start), stop, in_degrees(stop)
 
 
+def _latency(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    latency, period = p.command.latency, p.controller.sample_time
+    return when(ops, latency > bus.LONGEST * period * (1.0 + SLACK)), latency, period
+
+
 RULES = (
     Rule(_travel, f"fin.stop_angle = {ANGLE} must be at least command.limit = {ANGLE}"),
     Rule(_start, f"fin.start_angle = {ANGLE} must lie within +-fin.stop_angle = {ANGLE}"),
+    Rule(_latency, f"command.latency = %.6g s must be at most {bus.LONGEST} times controller.sample_time = %.6g s"),
 )
 
 

@@ -24,6 +24,7 @@ from .common import (
     progress_bar,
     require_extra,
     stepper,
+    warn,
 )
 
 EPILOG = ("Examples:\n\n  emcas analyse\n\n  emcas analyse --at 15 --report analysis.html "
@@ -53,6 +54,7 @@ def analyse(
             if not isfinite(value):
                 raise EmcasError(f"{name} {value}: give a finite number")
         chosen = load_parameters(parameters, model=model)
+        warn(chosen.warnings)
         require_extra("analysis", "emcas analyse needs", "control", "casadi")
         from ..studies.analysis import output
         from ..studies.analysis.analyse import analyse as run

@@ -12,7 +12,7 @@ from rich.table import Table
 from ..bench.writers import write_json
 from ..errors import EmcasError
 from ..parameters import load_parameters
-from .common import ModelOption, ParametersOption, check_outputs, failures, out, print_written
+from .common import ModelOption, ParametersOption, check_outputs, failures, out, print_written, warn
 
 if TYPE_CHECKING:
     from ..studies.analysis.envelope import Envelope
@@ -49,7 +49,9 @@ def envelope(
         from ..studies.analysis import envelope as study
 
         check_ending(plot)
-        computed = study.envelope(load_parameters(parameters, model=model), seconds, preload)
+        chosen = load_parameters(parameters, model=model)
+        warn(chosen.warnings)
+        computed = study.envelope(chosen, seconds, preload)
         if output:
             _write_csv(computed, output)
         if plot:

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from ..errors import EmcasError
+from ..parameters import check_combinations
 from . import common
 
 EPILOG = ("Examples:\n\n  emcas report\n\n  emcas report EMCAS.fmu --output report.html --date 2026-03-31"
@@ -50,6 +51,7 @@ def report(
         printed = _date(date) if date else ""
         specified = load_requirements(requirements) if requirements else []
         with common.progress_bar() as progress, open_subject(article, model, fin, parameters) as subject:
+            common.warn(check_combinations(subject.values, subject.actuator, warnings=True))
             profile = csv_file(mission, model=subject.model) if mission else None
             result = carry_out(subject, load=load or LOAD, profile=profile, requirements=specified,
                                progress=common.stepper(progress, "test"))

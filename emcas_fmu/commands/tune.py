@@ -53,6 +53,7 @@ def tune(
     with common.failures():
         common.check_outputs(output, report, as_json, journal, inputs=(study, *(parameters or ())))
         base = load_parameters(parameters, model=model)
+        common.warn(base.warnings)
         chosen = load_study(study, base) if study else shipped_study(base)
         names = [r.name for r in chosen.requirements]
         if pareto is not None and (len(pareto) != 2 or not set(pareto) <= set(names)):

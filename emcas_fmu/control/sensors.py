@@ -3,8 +3,9 @@
     n_k = floor(angle/q)    measured angle = n_k q    measured speed = (n_k - n_k-1) q/T_s
     q = 2 pi/(pulses multiplier)
 
-An incremental encoder knows no zero of its own: `offset` are counts added to those from the true zero, None where
-its zero is the true one.
+Speed is always that of the motor's encoder. The position is too, or with ``encoder.on_fin`` it is that of an encoder
+on the fin shaft, of as many pulses. An incremental encoder knows no zero of its own: `offset` are counts added to those
+of the position from the true zero, None where its zero is the true one.
 """
 
 from __future__ import annotations
@@ -17,12 +18,17 @@ from ..physics import kinematics
 
 
 class Measurement(NamedTuple):
-    """What the controllers see: motor angle [rad] and speed [rad/s], fin angle [rad], encoder counts [-]."""
+    """What the controllers see: motor angle [rad] and speed [rad/s], fin angle [rad].
+
+    And counts [-] of the encoder of position, with its offset, and of the motor's; 0 and those before where the
+    encoders are off.
+    """
 
     motor_angle: Value
     motor_speed: Value
     fin_angle: Value
     counts: Value
+    motor_counts: Value
 
 
 def resolution(p: Any) -> Value:
@@ -35,41 +41,39 @@ def _shifted(value: Value, offset: Value | None, unit: Value) -> Value:
     return value if offset is None else value + offset * unit
 
 
-def counts(ops: Ops, p: Any, motor_angle: Value, offset: Value | None = None) -> Value:
-    """Return whole counts at a motor angle [rad], of the encoder on the motor or on the fin, of the unit as built."""
-    (angle,) = ops.branch(
-        p.encoder.on_fin,
-        lambda: (kinematics.fin_angle(ops, p, kinematics.lever_tangent(ops, p, motor_angle)),),
-        lambda: (motor_angle,),
-    )
-    return _shifted(ops.floor(angle / resolution(p)), offset, 1.0)
+def motor_counts(ops: Ops, p: Any, motor_angle: Value) -> Value:
+    """Return whole counts of the motor's encoder at a motor angle [rad]."""
+    return ops.floor(motor_angle / resolution(p))
 
 
-def measure(ops: Ops, p: Any, plant: Any, motor_angle: Value, motor_speed: Value, previous_counts: Value,
+def measure(ops: Ops, p: Any, plant: Any, position: Value, motor_angle: Value, motor_speed: Value, before: Value,
             offset: Value | None = None) -> Measurement:
-    """Return a sample of true angle [rad] and speed [rad/s]; `previous_counts` are those of the sample before.
+    """Return a sample of true angles [rad] and speed [rad/s].
 
-    `p` are the parameters that the controllers know, `plant` those of the unit as built.
+    `position` is the motor angle at which the encoder of position stands: the motor's or, referred to it, the fin's.
+    `before` are the motor's counts at the sample before. `p` are the parameters that the controllers know, `plant`
+    those of the unit as built.
     """
 
     def true_values() -> tuple[Value, ...]:
-        seen = _shifted(motor_angle, offset, resolution(p))
+        seen = _shifted(position, offset, resolution(p))
         fin = kinematics.fin_angle(ops, p, kinematics.lever_tangent(ops, p, seen))
-        return seen, motor_speed, fin, previous_counts
+        return seen, motor_speed, fin, 0.0, before
 
     def quantised() -> tuple[Value, ...]:
-        q = resolution(p)
-        now = counts(ops, plant, motor_angle, offset)
-        angle, rate = now * q, (now - previous_counts) * q / p.controller.sample_time
+        q, turned = resolution(p), motor_counts(ops, p, motor_angle)
+        speed = (turned - before) * q / p.controller.sample_time
 
         def from_fin() -> tuple[Value, ...]:
-            ratio = kinematics.reduction_ratio(ops, p, ops.tan(angle + p.kinematics.initial_angle))
-            return kinematics.motor_angle(ops, p, angle), ratio * rate, angle, now
+            angle = kinematics.fin_angle(ops, plant, kinematics.lever_tangent(ops, plant, position))
+            now = _shifted(ops.floor(angle / q), offset, 1.0)
+            return kinematics.motor_angle(ops, p, now * q), now * q, now
 
         def from_motor() -> tuple[Value, ...]:
-            fin = kinematics.fin_angle(ops, p, kinematics.lever_tangent(ops, p, angle))
-            return angle, rate, fin, now
+            now = _shifted(motor_counts(ops, p, position), offset, 1.0)
+            return now * q, kinematics.fin_angle(ops, p, kinematics.lever_tangent(ops, p, now * q)), now
 
-        return ops.branch(p.encoder.on_fin, from_fin, from_motor)
+        angle, fin, now = ops.branch(p.encoder.on_fin, from_fin, from_motor)
+        return angle, speed, fin, now, turned
 
     return Measurement(*ops.branch(p.encoder.enabled, quantised, true_values))

@@ -40,10 +40,8 @@ def _load_side(ops: Ops, p: Any, speed: Value, fin: Value, moment: Value, u: Act
 
 def _line_load(ops: Ops, p: Any, x: Record, fin: Value, u: Acting) -> tuple[Value, Value]:
     """Return the same with an elastic drive line behind screw and nut."""
-    side = ops.where(p.encoder.on_fin, -1.0, 1.0)  # the fin's comes first where the encoder is there
-    deflection = side * (x.angle_at_encoder - x.other_angle)
-    rate = side * (x.speed_at_encoder - x.other_speed)
-    c = drive_line.line(ops, p, kinematics.motor_angle(ops, p, fin))
+    deflection, rate = x.motor_angle - x.fin_side_angle, x.motor_speed - x.fin_side_speed
+    c = drive_line.line(ops, p, x.fin_side_angle)
     pressed, flank = drive_line.pressed(ops, c, deflection, rate)
     torque = ops.where(pressed, drive_line.torque(c, deflection, rate, flank), 0.0)
     return screw.nut_inertia(p), torque - p.screw.lead * loads.nut_force(ops, p, u)

@@ -75,18 +75,10 @@ def acting(ops: Ops, p: Any, actuator: Actuator, f: Held, u: Acting) -> Acting:
     return u.replace(**changes)
 
 
-def standing(ops: Ops, p: Any, actuator: Actuator, x: Record, jam: Value, then: Record | None = None) -> Record:
+def standing(ops: Ops, actuator: Actuator, x: Record, jam: Value, then: Record | None = None) -> Record:
     """Return the states with a rotor that stands where it is, or where it was `then`, if it is jammed."""
-    sides = [actuator.encoder]
-    elastic = capabilities.DRIVE_LINE in actuator.provides
-    if elastic:
-        sides.append(("other_angle", "other_speed"))
-    changes = {}
-    for i, (angle, speed) in enumerate(sides):
-        # With an elastic drive line the rotor is on one side and the fin on the other.
-        on_fin = p.encoder.on_fin if elastic else False
-        stands = ops.both(jam, on_fin if i else ops.negate(on_fin)) if elastic else jam
-        if then is not None:
-            changes[angle] = ops.where(stands, getattr(then, angle), getattr(x, angle))
-        changes[speed] = ops.where(stands, 0.0, getattr(x, speed))
+    angle, speed = actuator.encoder  # of an actuator with a motor, its
+    changes = {speed: ops.where(jam, 0.0, getattr(x, speed))}
+    if then is not None:
+        changes[angle] = ops.where(jam, getattr(then, angle), getattr(x, angle))
     return x.replace(**changes)

@@ -79,8 +79,11 @@ def extend(actuator: Actuator) -> Actuator:
     angle_name, rate_name = actuator.encoder
     counters, flags = (tuple(f"{monitor.name}_{kind}" for monitor in watched) for kind in ("counter", "flag"))
 
+    def built(ops: Ops, p: Any) -> Any:
+        return actuator.as_built(ops, actuator.equation_parameters(ops, p))
+
     def encoder(ops: Ops, p: Any, angle: Value) -> Value:
-        """Return what the encoder turns with, motor or fin, at the angle the actuator's encoder reads [rad]."""
+        """Return what the encoder of position turns with, motor or fin, at the state of angle that it reads [rad]."""
         return ops.where(p.encoder.on_fin, _fin(ops, p, angle), angle) if geared else angle
 
     def read(ops: Ops, p: Any, counted: Value, bias: Value) -> Value:
@@ -94,8 +97,8 @@ def extend(actuator: Actuator) -> Actuator:
     def initial(ops: Ops, p: Any, start: Record) -> Values:
         begun = actuator.start(ops, p, start.fin_angle, start.encoder_offset)
         measured = begun["measured_fin_angle"]
-        q = actuator.equation_parameters(ops, p)
-        kept = _Kept(0.0, encoder(ops, q, begun[angle_name]), 0.0, p.fin.start_angle, measured, measured)
+        turned = encoder(ops, built(ops, p), actuator.position(ops, p, Record(**begun)))
+        kept = _Kept(0.0, turned, 0.0, p.fin.start_angle, measured, measured)
         return {**begun, **dict(zip(_KEPT, kept, strict=True)), **dict.fromkeys(_WAITING, p.fin.start_angle),
                 **dict(zip(_HELD, SOUND, strict=True))}
 
@@ -108,8 +111,9 @@ def extend(actuator: Actuator) -> Actuator:
         line = [getattr(x, name) for name in _WAITING]
         on = fault_list.active(ops, p, faults, k.samples * p.controller.sample_time)
 
-        angle, speed = encoder(ops, q, getattr(x, angle_name)), getattr(x, rate_name)
-        off = ops.both(x.fin_broken_off > 0.0, q.encoder.on_fin) if geared else False
+        plant = built(ops, p)
+        angle, speed = encoder(ops, plant, asked.position), getattr(x, rate_name)
+        off = ops.both(x.fin_broken_off > 0.0, plant.encoder.on_fin) if geared else False
         if geared:
             angle = ops.where(off, x.broken_fin_angle, angle)
         moved = angle - k.angle
@@ -120,7 +124,12 @@ def extend(actuator: Actuator) -> Actuator:
         wrong = ops.either(ops.either(on["encoder_bias"], ops.negate(ops.equal(offset, 0.0))), off)
         bias = ops.where(on["encoder_bias"], p.fault.encoder_bias.angle, 0.0)
         # Where nothing is wrong the angle goes through as it is, to the bit.
-        (seen,) = ops.branch(wrong, lambda: (read(ops, q, angle + offset, bias),), lambda: (getattr(x, angle_name),))
+        (seen,) = ops.branch(wrong, lambda: (read(ops, plant, angle + offset, bias),), lambda: (asked.position,))
+        # The motor's encoder counts the speed: one on the fin takes no part in that.
+        turned = {angle_name: seen, rate_name: counting * speed}
+        if geared:
+            turned = {name: ops.where(plant.encoder.on_fin, getattr(x, name), counted)
+                      for name, counted in turned.items()}
 
         late = ops.floor(p.fault.command_delay.time / p.controller.sample_time + 0.5)
         arriving = ops.where(on["command_delay"], _picked(ops, late, (asked.command, *line)), asked.command)
@@ -147,8 +156,8 @@ def extend(actuator: Actuator) -> Actuator:
         on["free_fin"], on["backlash_growth"] = now.free > 0.0, now.gap > 0.0  # for good
 
         supply = now.supply * asked.supply
-        given = actuator.sampled(ops, p, x.replace(**{angle_name: seen, rate_name: counting * speed}),
-                                 asked.replace(command=command, supply=supply))
+        given = actuator.sampled(ops, p, x.replace(**turned),
+                                 asked.replace(command=command, supply=supply, position=seen))
         reference = given["reference"]
         if any(fault.name == "hard_over" for fault in faults):
             full = p.drive.reference_limit if has(capabilities.REFERENCE_LIMIT) else p.fin.stop_angle
@@ -194,10 +203,10 @@ def extend(actuator: Actuator) -> Actuator:
 
         def faulty() -> tuple[Value, ...]:
             jam = f.jam > 0.0
-            q = actuator.as_built(ops, actuator.equation_parameters(ops, p))
-            begun = standing(ops, q, actuator, x, jam)
+            q = built(ops, p)
+            begun = standing(ops, actuator, x, jam)
             moved, used = actuator.step(ops, faulted(ops, q, actuator, f), begun, acting(ops, p, actuator, f, u), h)
-            after = standing(ops, q, actuator, begun.replace(**moved), jam, begun)
+            after = standing(ops, actuator, begun.replace(**moved), jam, begun)
             free = ops.branch(f.free > 0.0, lambda: floating(q, used), lambda: (0.0, 0.0, 0.0)) if geared else ()
             return *(getattr(after, name) for name in names), *free, used
 
@@ -214,7 +223,7 @@ def extend(actuator: Actuator) -> Actuator:
 
     def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
         f = held(u)
-        q = actuator.as_built(ops, actuator.equation_parameters(ops, p))
+        q = built(ops, p)
         outputs = dict(actuator.output_values(ops, faulted(ops, q, actuator, f), x, acting(ops, p, actuator, f, u)))
         if geared:
             outputs |= off_shaft(ops, q, x, u, outputs)

@@ -57,7 +57,7 @@ def extend(actuator: Actuator) -> Actuator:
 
     def initial(ops: Ops, p: Any, start: Record) -> Values:
         x = Record(**actuator.start(ops, p, start.fin_angle))
-        offset = ops.where(p.homing.required, -run.reading(ops, p, actuator, x, x.counts), 0.0)
+        offset = ops.where(p.homing.required, -run.reading(ops, p, actuator.position(ops, p, x), x.counts), 0.0)
         begun = actuator.start(ops, p, start.fin_angle, offset)
         phase = ops.where(p.homing.required, run.UNKNOWN, run.READY)
         return {**begun, "homing_offset": offset, "homing_phase": phase}

@@ -71,9 +71,11 @@ def driven(ops: Ops, phase: Value) -> Value:
     return ops.both(phase >= SEEKING, phase <= READY)
 
 
-def reading(ops: Ops, p: Any, actuator: Actuator, x: Record, counts: Value, offset: Value = 0.0) -> Value:
-    """Return the encoder's reading [counts]; `offset` is that of true angles, whole counts have theirs in them."""
-    angle = getattr(x, actuator.encoder[0])
+def reading(ops: Ops, p: Any, angle: Value, counts: Value, offset: Value = 0.0) -> Value:
+    """Return the reading [counts] of the encoder of position at the state of angle [rad] that it reads.
+
+    `offset` is that of true angles, whole counts have theirs in them.
+    """
     return ops.where(p.encoder.enabled, counts, angle / sensors.resolution(p) + offset)
 
 
@@ -85,7 +87,7 @@ def _way(ops: Ops, p: Any, actuator: Actuator) -> _Way:
     """Return what the actuator's encoder reads from stop to stop, whatever its kinematics."""
     stop = p.fin.stop_angle
     high, low = (Record(**actuator.start(ops, p, angle)) for angle in (stop, -stop))
-    top, bottom = (reading(ops, p, actuator, x, x.counts) for x in (high, low))
+    top, bottom = (reading(ops, p, actuator.position(ops, p, x), x.counts) for x in (high, low))
     span = top - bottom
     angle = actuator.encoder[0]
     return _Way(span, 0.5 * (top + bottom), ops.where(p.homing.positive_first, top, bottom), span / (2.0 * stop),
@@ -119,7 +121,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, asked: Asked, seen:
             phase: Value, g: Progress) -> Sampled:
     way = _way(ops, with_values(p, actuator.nominal), actuator)
     period, limit = p.controller.sample_time, p.homing.reference_limit
-    at = reading(ops, p, actuator, x, seen["counts"], g.offset)
+    at = reading(ops, p, asked.position, seen["counts"], g.offset)
     target, origin, mark = (ops.where(starts, at, x) for x in (g.target, g.origin, g.mark))
     stalled, elapsed = (ops.where(starts, 0.0, x) for x in (g.stalled, g.elapsed))
     seeks, crosses, returns = (ops.equal(phase, x) for x in (SEEKING, CROSSING, RETURNING))
@@ -138,7 +140,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, asked: Asked, seen:
     position, angle = p.controller.position, kinematics.motor_angle(ops, p, seen["measured_fin_angle"])
     weighed = position.kp * (1.0 - position.setpoint_weight) * angle
     integral = ops.where(starts, x.integral - weighed, x.integral)
-    moved = actuator.sampled(ops, pushing, x.replace(integral=integral + forward, counts=x.counts - frame), asked)
+    moved = actuator.sampled(ops, pushing, x.replace(integral=integral + forward), asked)
 
     pressed = ops.fabs(moved["reference"]) >= limit * _EDGE
     window = _STILL * speed * p.homing.stall_time
@@ -173,5 +175,5 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, asked: Asked, seen:
         {**moved, "reference": ops.where(fails, 0.0, moved["reference"]),
          "integral": ops.where(anew, 0.0, moved["integral"] - forward),
          "velocity_integral": ops.where(anew, 0.0, moved["velocity_integral"]),
-         "counts": seen["counts"] + shift, "measured_fin_angle": seen["measured_fin_angle"]},
+         "measured_fin_angle": seen["measured_fin_angle"]},
         after, Progress(g.offset + shift, target, origin, ops.where(turns, 0.0, stalled), mark, elapsed))

@@ -48,7 +48,7 @@ def slave_attributes(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> 
     rows = tuple((v.name, "Integer" if v.items else v.kind, v.causality, v.variability, v.minimum, v.maximum)
                  for v in unit.variables)
     one = {"rows": rows, "start_values": starts, "unit_guid": guid,
-           "rules": tuple((rule.message, rule.scanned) for rule in actuator.all_rules),
+           "rules": tuple(rule[1:] for rule in actuator.all_rules),
            "sizes": tuple(codegen.sizes(actuator)), "power": codegen.power_place(actuator)}
     return one if unit.fins == 1 else {
         **one, "names": tuple(v.name for v in actuator.parameters), "places": unit.places}

@@ -1,12 +1,12 @@
 """Viscous and Coulomb friction at the motor: direction, position, temperature.
 
     C_m = k_C(T) max(sum_n c_n (fin_angle/20 deg)^n, 0)        b_m = k_b(T) b
-    k(T) = 1 + (cold ratio - 1) clip((24 degC - T)/30 K, 0, 1)
 
 with coefficients c_n and b of the direction of motion. At rest friction is whatever
 holds the motor there, up to C_m: it sticks exactly. Section 3.3 measures both at 24
-and -6 degC and fits sixth-order polynomials of the fin angle per direction. Between
-the temperatures the ratio is linear, outside them it is held.
+and -6 degC and fits sixth-order polynomials of the fin angle per direction. The ratios
+k_C and k_b to the friction at 24 degC are tables over temperature, ``friction.table.*``:
+linear between their points, held beyond the first and the last.
 
 With :mod:`emcas_fmu.extensions.stribeck` C_m falls with the speed w:
 
@@ -17,19 +17,23 @@ The bristle of :mod:`emcas_fmu.extensions.lugre` is solved in :mod:`emcas_fmu.st
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import radians
 from typing import Any
 
 from ..ops.base import Ops, Value
 
-WARM, COLD = 24.0, -6.0  # degC, the temperatures of the measurements
 _LEAST = 1e-12  # N.m, bristles of less are none: they slip at once
 POLYNOMIAL_SPAN = radians(20.0)  # the polynomials' variable is fin_angle / POLYNOMIAL_SPAN
 
 
-def _temperature_factor(ops: Ops, p: Any, cold_ratio: Value) -> Value:
-    coldness = ops.clip((WARM - p.friction.temperature) / (WARM - COLD), 0.0, 1.0)
-    return 1.0 + (cold_ratio - 1.0) * coldness
+def _temperature_factor(ops: Ops, p: Any, ratios: Sequence[Value]) -> Value:
+    """Return the ratio at friction.temperature; at a point of the table it is the point's to the bit."""
+    points, now = p.friction.table.temperature, p.friction.temperature
+    factor = ratios[0]
+    for low, high, at_low, at_high in zip(points, points[1:], ratios, ratios[1:], strict=False):
+        factor = ops.where(now >= low, at_low + (at_high - at_low) * ((now - low) / (high - low)), factor)
+    return ops.where(now >= points[-1], ratios[-1], factor)
 
 
 def coulomb_polynomial(coefficients: Any, fin: Value) -> Value:
@@ -62,7 +66,7 @@ def coulomb(ops: Ops, p: Any, direction: Value, fin: Value, speed: Value = 0.0) 
 
     At a speed against the direction it is that at rest.
     """
-    factor = _temperature_factor(ops, p, p.friction.cold_coulomb_ratio)
+    factor = _temperature_factor(ops, p, p.friction.table.coulomb)
     polynomials = p.friction.coulomb
     (value,) = ops.branch(
         direction > 0.0,
@@ -90,7 +94,7 @@ def bristles(ops: Ops, p: Any, fin: Value, ratio: Value, speed: Value) -> tuple[
 
 def viscous(ops: Ops, p: Any, direction: Value) -> Value:
     """Return viscous coefficient b_m [N.m.s/rad] at the motor for motion along the sign of `direction`."""
-    factor = _temperature_factor(ops, p, p.friction.cold_viscous_ratio)
+    factor = _temperature_factor(ops, p, p.friction.table.viscous)
     return ops.where(direction > 0.0, p.friction.viscous.positive * factor, p.friction.viscous.negative * factor)
 
 

@@ -24,11 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from .plant import over_temperature
+
 Array = NDArray[np.floating[Any]]
 
 
 class LinearModel:
-    """Discrete state space of the closed loop at the controllers' sample times.
+    """Discrete state space of the closed loop at the controllers' sample times, behind the command's latency.
 
     ``sample_time`` [s]; the input is the fin command [rad], the output the fin angle [rad].
     ``update``, ``drive`` and ``output`` are its matrices; ``written`` is how a DAC value acts on the next state.
@@ -82,13 +84,14 @@ class LinearModel:
             written[:4] = newer
         drive = ratio * (drive + velocity_gain * error_of_target * written)
         self.update, self.drive, self.written = update, drive, written
+        self.latency = round(float(values["command.latency"]) / period)  # samples
         self.output = np.zeros(size)
         self.output[0] = 1.0 / ratio
 
     def simulate(self, command: Array) -> Array:
         """Return fin angle [rad] at each sample, from rest, before that sample's command [rad] acts."""
         state, angles = np.zeros(len(self.drive)), np.empty(len(command))
-        for k, value in enumerate(command):
+        for k, value in enumerate(np.append(np.zeros(self.latency), command)[:len(command)]):
             angles[k] = self.output @ state
             state = self.update @ state + self.drive * value
         return angles
@@ -97,7 +100,8 @@ class LinearModel:
         """Return fin angle over command [1] at frequencies [Hz] below half the sample rate."""
         identity = np.eye(len(self.drive))
         shift = np.exp(2j * np.pi * np.asarray(frequency) * self.sample_time)
-        return np.array([self.output @ np.linalg.solve(z * identity - self.update, self.drive) for z in shift])
+        return np.array([self.output @ np.linalg.solve(z * identity - self.update, self.drive) / z**self.latency
+                         for z in shift])
 
 
 def _plant(values: Mapping[str, Any]) -> tuple[Array, float, float]:
@@ -108,8 +112,7 @@ def _plant(values: Mapping[str, Any]) -> tuple[Array, float, float]:
     inertia = values["inertia.motor"] + values["inertia.screw"] + values["mass.nut"] * lead**2 + fin / ratio**2
     # One viscous coefficient stands for both directions.
     motor_viscous = 0.5 * (values["friction.viscous.positive"] + values["friction.viscous.negative"])
-    coldness = min(max((24.0 - values["friction.temperature"]) / 30.0, 0.0), 1.0)
-    motor_viscous *= 1.0 + (values["friction.cold_viscous_ratio"] - 1.0) * coldness
+    motor_viscous *= over_temperature(values, "viscous")
     viscous = motor_viscous + values["friction.fin_viscous"] / ratio**2
     kp, ki, gain = values["drive.kp"], values["drive.ki"], values["drive.current_gain"]
     a = np.zeros((5, 5))

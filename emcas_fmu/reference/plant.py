@@ -12,6 +12,8 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 Value = float | int | bool
 Vector = Sequence[float]
 Triple = tuple[float, float, float]
@@ -71,6 +73,15 @@ def cross(a: Triple, b: Triple) -> Triple:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
+def over_temperature(p: Mapping[str, Value], kind: str) -> float:
+    """Return friction of a kind, viscous or coulomb, at friction.temperature over that at 24 degC.
+
+    Linear between the points of the table, held outside.
+    """
+    at, ratio = ([p[f"friction.table.{column}[{i}]"] for i in range(5)] for column in ("temperature", kind))
+    return float(np.interp(p["friction.temperature"], at, ratio))
+
+
 class Plant:
     """Mechanics, motor and current-mode drive of one actuator."""
 
@@ -85,10 +96,8 @@ class Plant:
         self.masses = [(p[f"mass.{part}"], p[f"center_of_mass.{part}.x"], p[f"center_of_mass.{part}.z"])
                        for part in ("fin", "shaft", "fork")]
         self.fin_viscous, self.fin_coulomb = p["friction.fin_viscous"], p["friction.fin_coulomb"]
-        # Measured at 24 and -6 degC: linear between the two, held outside.
-        cold = min(max((24.0 - p["friction.temperature"]) / 30.0, 0.0), 1.0)
-        warm_to_now = 1.0 + (p["friction.cold_viscous_ratio"] - 1.0) * cold
-        self.coulomb_factor = 1.0 + (p["friction.cold_coulomb_ratio"] - 1.0) * cold
+        warm_to_now = over_temperature(p, "viscous")
+        self.coulomb_factor = over_temperature(p, "coulomb")
         self.viscous = {s: p[f"friction.viscous.{n}"] * warm_to_now for s, n in _SIGNS.items()}
         self.polynomial = {s: [p[f"friction.coulomb.{n}[{order}]"] for order in range(7)] for s, n in _SIGNS.items()}
         self.torque_constant, self.emf_constant = p["motor.torque_constant"], p["motor.back_emf_constant"]

@@ -33,6 +33,28 @@ MAX_STEP = 1e-4  # s
 DIGITS = 12  # decimals of a second to which instants are rounded so that coinciding ones are one
 
 
+class Bus:
+    """Commands from the host to the controllers: taken at every so many samples, rounded, and late."""
+
+    def __init__(self, p: Mapping[str, float]):
+        samples = [p[f"command.{name}"] / p["controller.sample_time"] for name in ("latency", "update_time")]
+        self.late, self.every = (math.floor(x + 0.5) for x in samples)
+        self.resolution = p["command.resolution"]
+        self.taken = [p["fin.start_angle"]] * self.late  # rad, the last one at the present sample
+        self.count = 0
+
+    def arrived(self, command: float) -> float:
+        """Return the command [rad] that the controllers have at the next sample, as the host sends `command` [rad]."""
+        if self.count % max(self.every, 1) == 0:
+            if self.resolution:
+                command = self.resolution * math.floor(command / self.resolution + 0.5)
+            self.taken.append(command)
+        else:
+            self.taken.append(self.taken[-1])
+        self.count += 1
+        return self.taken[-1 - self.late]
+
+
 class Controllers:
     """Encoder, position PI and velocity PI with friction compensation (section 4.2).
 
@@ -44,7 +66,7 @@ class Controllers:
         self.period = self.p["controller.sample_time"]
         self.count_size = 2.0 * math.pi / (self.p["encoder.pulses"] * self.p["encoder.multiplier"])
         self.on_fin = bool(self.p["encoder.on_fin"])
-        self.counts = self._count(delta)
+        self.turns = self._turns(delta)
         self._reset(*self._measure(delta, 0.0))
 
     def _reset(self, fin: float, motor: float, speed: float) -> None:
@@ -59,20 +81,21 @@ class Controllers:
         """Return inertia at the motor [kg.m2] as the controllers know it."""
         return self.nominal.motor_inertia + self.nominal.fin_inertia / self.nominal.ratio(fin) ** 2
 
-    def _count(self, delta: float) -> int:
-        angle = delta if self.on_fin else self.plant.motor_angle(delta)
-        return math.floor(angle / self.count_size)
+    def _turns(self, delta: float) -> int:
+        """Return counts of the motor's encoder at fin angle `delta` [rad]."""
+        return math.floor(self.plant.motor_angle(delta) / self.count_size)
 
     def _measure(self, delta: float, omega: float) -> tuple[float, float, float]:
         """Return measured fin angle [rad], motor angle [rad] and motor speed [rad/s]."""
-        previous, self.counts = self.counts, self._count(delta)
+        previous, self.turns = self.turns, self._turns(delta)
         if not self.p["encoder.enabled"]:
             motor = self.plant.motor_angle(delta)
             return self.nominal.fin_angle(motor), motor, self.plant.ratio(delta) * omega
-        angle = self.counts * self.count_size
-        speed = (self.counts - previous) * self.count_size / self.period
+        speed = (self.turns - previous) * self.count_size / self.period
         if self.on_fin:
-            return angle, self.nominal.motor_angle(angle), self.nominal.ratio(angle) * speed
+            angle = math.floor(delta / self.count_size) * self.count_size
+            return angle, self.nominal.motor_angle(angle), speed
+        angle = self.turns * self.count_size
         return self.nominal.fin_angle(angle), angle, speed
 
     def sample(self, delta: float, omega: float, command: float, enable: bool, current: float = 0.0) -> float:
@@ -162,7 +185,7 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
     instants = instants[instants <= end].tolist()
 
     state = [p["fin.start_angle"], 0.0, 0.0, 0.0]
-    controllers = Controllers(plant, nominal, state[0])
+    controllers, bus = Controllers(plant, nominal, state[0]), Bus(p)
     row = {name: column[0] for name, column in columns.items()}
     dac: list[float] = []
     active = 0.0  # V, the DAC value that has reached the drive
@@ -175,7 +198,8 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
         if following is None:
             break
         if t in sample_at:
-            dac.append(controllers.sample(state[0], state[1], row["fin_command"], bool(row["enable"]), state[2]))
+            command = bus.arrived(row["fin_command"])
+            dac.append(controllers.sample(state[0], state[1], command, bool(row["enable"]), state[2]))
         if t in arrival_at:
             active = dac[arrival_at[t]]
         around = plant.surroundings(row, active)

@@ -54,7 +54,7 @@ API void actuator_carried(const actuator *a, const double *motion, double *out)
 static void outputs(const actuator *a, const core_inputs *in, double *out)
 {
     const core_schedule plan = core_scheduled(a->parameters, a->constants);
-    core_outputs(a->parameters, a->constants, &a->state, core_line_length(&plan), in, out);
+    core_outputs(a->parameters, a->constants, &a->state, &plan, in, out);
 }
 
 /* The core's inputs as an array: command, loads, supply, enable, the actuator's further ones. */

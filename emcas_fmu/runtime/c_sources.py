@@ -9,6 +9,7 @@ from .. import rules
 from ..actuators import NONLINEAR, fin_port, get
 from ..actuators.declaration import Actuator, identifier
 from ..actuators.fin_port import LONGEST_DELAY
+from ..control import command as bus
 from ..physics.loads import LOADS
 from ..trace.c_source import c_source
 from . import codegen, core
@@ -58,7 +59,7 @@ def model_header(actuator: Actuator) -> str:
         actuator.states, actuator.controller_states, actuator.sampled_states))
     return header(
         "model", "Sizes, limits and the order of the inputs", "enum {\n"
-        f"    CORE_LINE = {LONGEST_DELAY + 2},\n    CORE_MOST_EVENTS = {core.MOST_EVENTS},\n"
+        f"    CORE_LINE = {LONGEST_DELAY + 2 + bus.LONGEST},\n    CORE_MOST_EVENTS = {core.MOST_EVENTS},\n"
         f"    CORE_MOST_TICKS = {core.MOST_TICKS},\n    MODEL_INPUTS = {len(names)},\n"
         f"    MODEL_OUTPUTS = {len(actuator.outputs)},\n    MODEL_PARAMETERS = {len(actuator.parameters)},\n"
         f"    CORE_PLANT = {plant},\n    CORE_CONTROLLER = {kept},\n"
@@ -100,7 +101,7 @@ def rules_header(model: str) -> str:
     for i, (rule, function) in enumerate(zip(actuator.all_rules, tracer.functions, strict=True)):
         if len(function.results) - 1 > _MOST_NUMBERS:
             raise ValueError(f"instance.h prints {_MOST_NUMBERS} numbers of a rule, not those of {rule.message!r}")
-        rows.append(f"    {{rules_check_{i}, {int(rule.scanned)}, {c_text(rule.message)}}}")
+        rows.append(f"    {{rules_check_{i}, {int(rule.scanned)}, {int(rule.warning)}, {c_text(rule.message)}}}")
     limits = ",\n".join(f"    {{{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in actuator.parameters)
     return header(
         "rules", "What parameters must fulfil",
@@ -108,7 +109,7 @@ def rules_header(model: str) -> str:
         f"}} LIMIT[] = {{\n{limits}\n}};\n\n{c_source(tracer, 'rules')}\n"
         f"enum {{ RULE_NUMBERS = {_MOST_NUMBERS}, RULE_SCAN = {rules.SCAN}, RULES = {len(rows)} }};\n\n"
         "typedef struct {\n    void (*check)(const double *restrict, const double *restrict, double, "
-        "double *restrict);\n    int scanned;\n    const char *message;\n} rule;\n\n"
+        "double *restrict);\n    int scanned, warning;\n    const char *message;\n} rule;\n\n"
         "static const rule RULE[RULES] = {\n" + ",\n".join(rows) + "\n};\n")
 
 

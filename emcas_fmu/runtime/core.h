@@ -1,4 +1,4 @@
-/* Delay line and stepping of one actuator: core.py in C, function by function.
+/* Delay lines and stepping of one actuator: core.py in C, function by function.
  *
  * kernel.h holds the equations and model.h the limits, both generated. The state
  * stands at a tick; a communication point inside one is served by a tentative step
@@ -38,7 +38,8 @@ typedef struct {
     double loads[CORE_LOADS];
 } core_part;
 
-/* Everything that changes while running. The line ends with the DAC's present value. */
+/* Everything that changes while running. The line ends with the DAC's present value and, behind it, the commands on
+ * their way, the oldest first. */
 typedef struct {
     int64_t period;
     int32_t position;
@@ -54,7 +55,7 @@ typedef enum { CORE_DONE, CORE_NOT_FINITE, CORE_TOO_MANY_EVENTS, CORE_TOO_MANY_T
 
 /* The schedule's numbers, in the order of schedule.py's Schedule. */
 typedef struct {
-    double period, before, after, arrival, h_before, h_after, samples, slack;
+    double period, before, after, arrival, h_before, h_after, samples, late_commands, slack;
 } core_schedule;
 
 /* By its bits: comparing a NaN would raise a floating-point exception. */
@@ -74,14 +75,20 @@ static inline bool core_all_finite(const double *x, size_t count)
 
 static inline core_schedule core_scheduled(const double *p, const double *c)
 {
-    double out[8];
+    double out[9];
     kernel_schedule(p, c, out);
-    return (core_schedule){out[0], out[1], out[2], out[3], out[4], out[5], out[6], out[7]};
+    return (core_schedule){out[0], out[1], out[2], out[3], out[4], out[5], out[6], out[7], out[8]};
+}
+
+/* DAC values in the line. */
+static inline size_t core_values(const core_schedule *plan)
+{
+    return (size_t)plan->samples + 2;
 }
 
 static inline size_t core_line_length(const core_schedule *plan)
 {
-    return (size_t)plan->samples + 2;
+    return core_values(plan) + (size_t)plan->late_commands;
 }
 
 /* The state at rest at the start. */
@@ -116,12 +123,12 @@ static inline core_inputs core_inputs_of(const double *in, const double *carried
     return inputs;
 }
 
-static inline void core_outputs(const double *p, const double *c, const core_state *s, size_t line,
+static inline void core_outputs(const double *p, const double *c, const core_state *s, const core_schedule *plan,
                                 const core_inputs *in, double *out)
 {
     const core_plant *x = &s->tentative;
-    kernel_outputs(p, c, CORE_PLANT_OF(x), s->active, s->line[line - 1], CORE_SHOWN_OF(s) CORE_HELD_OF(s), in->command
-                   CORE_LOADS_OF(in), in->supply, in->enable CORE_ACTING_OF(in), out);
+    kernel_outputs(p, c, CORE_PLANT_OF(x), s->active, s->line[core_values(plan) - 1], CORE_SHOWN_OF(s) CORE_HELD_OF(s),
+                   in->command CORE_LOADS_OF(in), in->supply, in->enable CORE_ACTING_OF(in), out);
 }
 
 /* The inputs at a time of a ramp; `ramp` may be null: held. */
@@ -190,11 +197,19 @@ static inline bool core_split(const double *p, const double *c, core_state *s, c
     return followed;
 }
 
-static inline void core_sample(const double *p, const double *c, core_state *s, size_t line, const core_inputs *in)
+static inline void core_sample(const double *p, const double *c, core_state *s, const core_schedule *plan,
+                               const core_inputs *in)
 {
-    double out[1 + CORE_SAMPLED];
+    double out[1 + CORE_SAMPLED], command = in->command;
     const core_plant *x = &s->plant;
-    kernel_sample(p, c, CORE_PLANT_OF(x) CORE_CONTROLLER_OF(s) CORE_HELD_OF(s), in->command, in->supply,
+    const size_t line = core_values(plan), late = (size_t)plan->late_commands;
+    if (late) {
+        double *commands = s->line + line;
+        command = commands[0];
+        memmove(commands, commands + 1, (late - 1) * sizeof *commands);
+        commands[late - 1] = in->command;
+    }
+    kernel_sample(p, c, CORE_PLANT_OF(x) CORE_CONTROLLER_OF(s) CORE_HELD_OF(s), command, in->supply,
                   in->enable CORE_FURTHER_OF(in), out);
     memmove(s->line, s->line + 1, (line - 1) * sizeof *s->line);
     s->line[line - 1] = out[0];
@@ -211,14 +226,14 @@ static inline double core_begun(const core_state *s, const core_schedule *plan)
 
 /* Up to `until` [s] in a tick. A whole one leaves no part behind. */
 static inline bool core_tick(const double *p, const double *c, core_state *s, const core_schedule *plan,
-                             size_t line, const core_inputs *in, const core_ramp *ramp, double until, bool whole)
+                             const core_inputs *in, const core_ramp *ramp, double until, bool whole)
 {
     const double begun = ramp ? core_begun(s, plan) : 0.0;
     core_inputs acting = *in;
     if (ramp) acting = core_at(in, ramp, begun + 0.5 * (s->partial ? until + s->part.covered : until));
     if (s->position == 0 && !s->partial) {
         const core_inputs sampled = core_at(in, ramp, begun);
-        core_sample(p, c, s, line, &sampled);
+        core_sample(p, c, s, plan, &sampled);
     }
     s->active = s->line[s->position < (int32_t)plan->before ? 0 : 1];
     double origin = 0.0;
@@ -263,17 +278,17 @@ static inline core_result core_run(const double *p, const double *c, core_state 
     memcpy(&s, state, offsetof(core_state, line) + line * sizeof *s.line);
     while (s.period < period || s.position < position) {
         const double h = s.position < (int32_t)plan.before ? plan.h_before : plan.h_after;
-        if (!core_tick(p, c, &s, &plan, line, in, ramp, h, true)) return CORE_TOO_MANY_EVENTS;
+        if (!core_tick(p, c, &s, &plan, in, ramp, h, true)) return CORE_TOO_MANY_EVENTS;
         if (++s.position == ticks) {
             s.position = 0;
             ++s.period;
         }
     }
     s.tentative = s.plant;
-    if (rest > 0.0 && !core_tick(p, c, &s, &plan, line, in, ramp, rest, false)) return CORE_TOO_MANY_EVENTS;
+    if (rest > 0.0 && !core_tick(p, c, &s, &plan, in, ramp, rest, false)) return CORE_TOO_MANY_EVENTS;
     const core_inputs final = core_at(in, ramp, end);
     double outputs[MODEL_OUTPUTS];
-    core_outputs(p, c, &s, line, &final, outputs);
+    core_outputs(p, c, &s, &plan, &final, outputs);
     if (!core_all_finite(s.sampled, CORE_SAMPLED) || !core_all_finite(s.tentative.x, CORE_PLANT)
         || !core_all_finite(outputs, MODEL_OUTPUTS))
         return CORE_NOT_FINITE;

@@ -1,4 +1,4 @@
-"""Delay line and stepping of one actuator. Standard library only: it is embedded in the FMU.
+"""Delay lines and stepping of one actuator. Standard library only: it is embedded in the FMU.
 
 core.h is the same in C, function by function. The state stands at a tick (:mod:`emcas_fmu.runtime.schedule`). A
 communication point inside one is served by a tentative step from there, so that the host's step sizes leave the
@@ -55,7 +55,7 @@ class Core:
     The inputs are the command, the loads, ``supply, enable`` and the further ones.
     """
 
-    __slots__ = ("_acting", "_active", "_controller", "_further", "_kernel_carried", "_kernel_initial",
+    __slots__ = ("_acting", "_active", "_commands", "_controller", "_further", "_kernel_carried", "_kernel_initial",
                  "_kernel_locate", "_kernel_outputs", "_kernel_sample", "_kernel_step", "_line", "_loads", "_part",
                  "_period", "_plant", "_position", "_sampled", "_states", "_supply", "_tentative", "schedule")
 
@@ -82,13 +82,13 @@ class Core:
     @property
     def state(self) -> tuple[Any, ...]:
         """Everything that changes while running, as nested tuples of numbers; it may be kept and put back."""
-        return (self._period, self._position, self._plant, self._sampled, self._line, self._active, self._part,
-                self._tentative)
+        return (self._period, self._position, self._plant, self._sampled, self._line, self._commands, self._active,
+                self._part, self._tentative)
 
     @state.setter
     def state(self, state: tuple[Any, ...]) -> None:
-        (self._period, self._position, self._plant, self._sampled, self._line, self._active, self._part,
-         self._tentative) = state
+        (self._period, self._position, self._plant, self._sampled, self._line, self._commands, self._active,
+         self._part, self._tentative) = state
 
     def carried(self, *motion: float) -> tuple[float, ...]:
         """Return what the vehicle's motion makes of the actuator, from the inputs of the motion."""
@@ -101,8 +101,9 @@ class Core:
         plant, rest = initial[:self._states], initial[self._states:]
         limited = self._controller + 1  # none is met yet: not among what it starts with
         # Length of the delay line: the sample in the drive before and after the arrival, and those on their way.
-        line = (0.0,) * (int(self.schedule[-2]) + 2)
-        self.state = (0, 0, plant, (*rest[:limited], 0.0, *rest[limited:]), line, 0.0, None, plant)
+        line = (0.0,) * (int(self.schedule[-3]) + 2)
+        commands = (0.0,) * int(self.schedule[-2])
+        self.state = (0, 0, plant, (*rest[:limited], 0.0, *rest[limited:]), line, commands, 0.0, None, plant)
 
     def outputs(self, inputs: Inputs) -> tuple[Any, ...]:
         """Return the outputs in the interface's order."""
@@ -124,7 +125,7 @@ class Core:
             raise
 
     def _run(self, end: float, inputs: Inputs, ramp: Ramp | None) -> tuple[Any, ...]:
-        _, before, ticks, _, h_before, h_after, _, _ = self.schedule
+        _, before, ticks, _, h_before, h_after, *_ = self.schedule
         periods, at, rest = self._kernel_locate(end)
         if not (periods - self._period) * ticks <= MOST_TICKS:
             raise ArithmeticError(f"{(periods - self._period) * ticks:g} ticks in one step are more than {MOST_TICKS}")
@@ -173,16 +174,18 @@ class Core:
 
     def _begun(self) -> float:
         """Return when the tick that the state stands at begins [s]."""
-        length, before, _, arrival, h_before, h_after, _, _ = self.schedule
+        length, before, _, arrival, h_before, h_after, *_ = self.schedule
         position = self._position
         within = position * h_before if position < before else arrival + (position - before) * h_after
         begun: float = self._period * length + within
         return begun
 
     def _sample(self, inputs: Inputs) -> None:
-        count = self._controller
+        count, command = self._controller, inputs[0]
+        if self._commands:
+            command, self._commands = self._commands[0], (*self._commands[1:], command)
         reference, *sampled = self._kernel_sample(*self._plant, *self._sampled[:count], *self._sampled[count + 2:],
-                                                  inputs[0], *inputs[self._supply:])
+                                                  command, *inputs[self._supply:])
         self._sampled, self._line = tuple(sampled), (*self._line[1:], reference)
 
     def _at(self, inputs: Inputs, ramp: Ramp | None, time: float) -> Inputs:

@@ -93,7 +93,7 @@ static void multi_fin_outputs(const multi_fin *m, const multi_fin_state *s, cons
         const core_schedule plan = core_scheduled(m->p[fin], m->c[fin]);
         core_inputs acting = in[fin];
         acting.supply = bus_voltage(m, acting.supply, s->sag);
-        core_outputs(m->p[fin], m->c[fin], &s->core[fin], core_line_length(&plan), &acting,
+        core_outputs(m->p[fin], m->c[fin], &s->core[fin], &plan, &acting,
                      out + BUS_OUTPUTS + fin * MODEL_OUTPUTS);
     }
     bus(m, in->supply, s->sag, out);

@@ -28,7 +28,7 @@ static inline bool rules_hold(const double *p)
         if (!core_finite(p[i]) || p[i] < LIMIT[i].minimum || p[i] > LIMIT[i].maximum) return false;
     rules_prepare(p, constants);
     for (size_t i = 0; i < RULES; ++i)
-        if (rules_broken(&RULE[i], p, constants, numbers)) return false;
+        if (!RULE[i].warning && rules_broken(&RULE[i], p, constants, numbers)) return false;
     return true;
 }
 

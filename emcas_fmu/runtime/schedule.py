@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ..actuators.declaration import Actuator
+from ..control import command as bus
 from ..ops.base import Ops, Value
 
 # Communication points this close to a tick, as a share of the sample time, lie on it: hosts
@@ -24,7 +25,8 @@ class Schedule(NamedTuple):
     """A sample period: ``before`` ticks of length ``h_before`` [s], then ``after`` of ``h_after``.
 
     A sample reaches the drive ``delay_samples`` periods after its own, ``arrival`` [s]
-    into the period: between the two parts. ``slack`` [s] is the tolerance of communication points.
+    into the period: between the two parts. A command reaches the controllers ``late_commands`` periods after its own
+    sample. ``slack`` [s] is the tolerance of communication points.
     """
 
     sample_time: Value
@@ -34,6 +36,7 @@ class Schedule(NamedTuple):
     h_before: Value
     h_after: Value
     delay_samples: Value
+    late_commands: Value
     slack: Value
 
 
@@ -54,7 +57,8 @@ def schedule(ops: Ops, p: Any, actuator: Actuator) -> Schedule:
     cut = before > 0.0
     h_before = ops.where(cut, fraction * period / ops.where(cut, before, 1.0), h_after)
     slack = ops.minimum(TOLERANCE * period, 0.25 * ops.minimum(h_before, h_after))
-    return Schedule(period, before, after, fraction * period, h_before, h_after, delay_samples, slack)
+    return Schedule(period, before, after, fraction * period, h_before, h_after, delay_samples,
+                    bus.late(ops, p), slack)
 
 
 def locate(ops: Ops, p: Any, actuator: Actuator, time: Value) -> tuple[Value, ...]:

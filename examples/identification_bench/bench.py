@@ -26,7 +26,7 @@ from . import rig
 from .rig import Log, quantised, run
 
 SPEEDS_RPM = (25, 50, 500, 1000, 1500, 2000)  # those of the thesis, the slowest for Coulomb friction
-TEMPERATURES = (friction.WARM, friction.COLD)
+TEMPERATURES = (24.0, -6.0)  # degC, those of the thesis
 SPIN_UPS = (2.0, 3.1, 4.9)  # times the reference that overcomes Coulomb friction at fin angle 0, as trying would tell
 INTERVALS = (1e-5, 2e-5, 5e-5)  # s, of the fast logger
 BACKLASH = radians(0.06)
@@ -214,7 +214,7 @@ def write_bench(directory: Path, parameters: ParameterSet, seed: int) -> list[Pa
 TRUTHS = ("drive.current_gain", "drive.current_offset", "drive.transport_delay", "drive.kp", "drive.ki",
           "inertia.motor", "friction.viscous.positive", "friction.viscous.negative",
           *(f"friction.coulomb.{d}[{n}]" for d in ("positive", "negative") for n in range(7)),
-          "friction.cold_viscous_ratio", "friction.cold_coulomb_ratio")
+          "friction.table.viscous[1]", "friction.table.coulomb[1]")
 
 
 def _provenance(parameters: ParameterSet, seed: int, paths: Sequence[Path]) -> str:

@@ -24,7 +24,9 @@ class Screw:
         self.arm, self.lead, self.start = v["kinematics.moment_arm"], v["screw.lead"], v["kinematics.initial_angle"]
         self.rotor, self.nut = v["inertia.motor"] + v["inertia.screw"], v["mass.nut"]
         self.fin = v["inertia.fin"] + v["inertia.shaft"] + v["inertia.fork"]
-        self.cold = {name: 1.0 + (v[f"friction.cold_{name}_ratio"] - 1.0) * (24.0 - v["friction.temperature"]) / 30.0
+        table = {name: [v[f"friction.table.{name}[{i}]"] for i in range(5)]
+                 for name in ("temperature", "coulomb", "viscous")}
+        self.cold = {name: float(np.interp(v["friction.temperature"], table["temperature"], table[name]))
                      for name in ("coulomb", "viscous")}
         self.y = np.zeros(6 if line else 4)
         self.i_ref = 0.0

@@ -306,7 +306,7 @@ def test_anything_goes(levels: list[Any], stiffness: float, damping: float, rati
     """Finite and within the stops, whatever is asked of it."""
     commands, torques, enables = (np.repeat(column, 20) for column in zip(*levels, strict=True))
     run = simulate(_values({"lugre.stiffness": stiffness, "lugre.damping": damping, "lugre.static_ratio": ratio,
-                            "friction.fin_coulomb": dry, "friction.cold_coulomb_ratio": cold,
+                            "friction.fin_coulomb": dry, "friction.table.coulomb[1]": cold,
                             "friction.temperature": -6.0, "solver.max_tick": tick}),
                    (len(commands) - 1) * 1e-3, model=MODEL, fin_command=commands, aero_torque=torques, enable=enables)
     assert all(np.isfinite(column).all() for column in run.values())

@@ -67,7 +67,7 @@ def test_breakaway_is_the_static_ratio_and_sliding_is_coulomb() -> None:
                   for w in speeds]
         assert shares == pytest.approx([1.5, 1.0 + 0.5 * np.exp(-0.25), 1.0 + 0.5 * np.exp(-1.0), 1.0], rel=1e-12)
         frozen = nested(_values({"stribeck.static_ratio": 1.5, "friction.temperature": -6.0,
-                                 "friction.cold_coulomb_ratio": 1.25}), MODEL)
+                                 "friction.table.coulomb[1]": 1.25}), MODEL)
         assert friction.coulomb(FLOATS, frozen, way, 0.1, 0.0) == pytest.approx(
             1.25 * friction.coulomb(FLOATS, p, way, 0.1, 0.0), rel=1e-12)
         # Against the direction, as a prediction beyond a reversal may be.

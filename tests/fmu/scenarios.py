@@ -15,7 +15,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from host import DISCARD, ERROR, OK, Fmu, Instance  # type: ignore[import-not-found]
+from host import DISCARD, ERROR, OK, WARNING, Fmu, Instance  # type: ignore[import-not-found]
 
 COMMAND = {"fin_command": 0.2, "aero_torque": -20.0}
 BEGUN = 0.02
@@ -207,6 +207,18 @@ def reset(fmu: Fmu) -> Any:
     fresh.initialize()
     fresh.run(0.0, 0.1, 1e-3, **COMMAND)
     return {"same": instance.outputs() == fresh.outputs(), "cold differs": first != fresh.outputs()}
+
+
+def warned(fmu: Fmu) -> Any:
+    """What is logged where friction was not tested: at the start, set while running, and with another value still."""
+    instance = Instance(fmu)
+    statuses = instance.initialize(friction__temperature=-40.0)
+    said = [instance.messages(WARNING)]
+    for time, temperature in enumerate((-6.0, 60.0, 70.0)):
+        instance.log.clear()
+        statuses += [instance.set("friction.temperature", temperature), instance.step(1e-3 * time, 1e-3)]
+        said.append(instance.messages(WARNING))
+    return {"statuses": statuses, "said": said}
 
 
 def slicing(fmu: Fmu) -> Any:

@@ -108,6 +108,15 @@ def test_bad_parameters_are_refused_by_name(scenario: Any, backend: str) -> None
     assert "controller.position.kp" in found["tunable"][2]
 
 
+def test_warnings_are_logged_once_and_leave_the_status_alone(scenario: Any) -> None:
+    found = scenario("warned")
+    assert set(found["statuses"]) == {OK}
+    cold, inside, warm, warmer = found["said"]
+    assert "friction.temperature = -40 degC is outside friction.identified_from = -6" in cold
+    assert "friction.temperature = 60 degC" in warm
+    assert (inside, warmer) == ("", "")
+
+
 def test_state_continues_bit_for_bit(scenario: Any) -> None:
     assert scenario("state") == {
         "restored": True, "transplanted": True, "fresh": True, "inside tick": True, "moved": True}

@@ -102,7 +102,7 @@ def test_friction_at_one_temperature() -> None:
     warm = [f for f in shipped("friction") if "minus" not in f.name]
     done = emcas("identify", "friction", *warm, "--keep-cold-ratios")
     assert done.exit_code == 0, done.stderr
-    assert "friction.cold_viscous_ratio" not in done.stdout
+    assert "friction.table.viscous[1]" not in done.stdout
     assert "cold ratios are those of the base" in done.stdout
 
 

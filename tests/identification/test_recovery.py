@@ -21,7 +21,7 @@ FIRST = 916_000
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "count", "largest", "choice"), [
     ("friction", 7, {"friction.viscous.positive": 0.03, "friction.coulomb.positive[0]": 0.003,
-                     "friction.cold_viscous_ratio": 0.03, "friction.cold_coulomb_ratio": 0.005},
+                     "friction.table.viscous[1]": 0.03, "friction.table.coulomb[1]": 0.005},
      {"speeds": (50, 500, 2000)}),
     ("drive", 7, {"drive.current_gain": 0.002, "drive.transport_delay": 0.003, "drive.kp": 0.05, "drive.ki": 0.1}, {}),
     ("inertia", 12, {"inertia.motor": 0.01}, {}),

@@ -31,8 +31,8 @@ def draw_truth(parameters: ParameterSet, rng: np.random.Generator) -> ParameterS
         for n in range(7):
             name = f"friction.coulomb.{direction}[{n}]"
             change[name] = float(v[name]) * scale + (rng.normal(0.0, 0.006) if n else 0.0)
-    change["friction.cold_viscous_ratio"] = float(rng.uniform(1.2, 2.0))
-    change["friction.cold_coulomb_ratio"] = float(rng.uniform(1.1, 1.5))
+    change["friction.table.viscous[1]"] = float(rng.uniform(1.2, 2.0))
+    change["friction.table.coulomb[1]"] = float(rng.uniform(1.1, 1.5))
     change["kinematics.initial_angle"] = float(radians(rng.uniform(-8.0, 8.0)))
     return parameters.replace(change)
 

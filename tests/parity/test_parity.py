@@ -69,6 +69,7 @@ _SPANS = {"controller.position.kp": (10.0, 200.0), "controller.position.ki": (0.
           "controller.sample_time": (4e-4, 4e-3), "solver.max_tick": (5e-5, 1e-3), "drive.ki": (0.0, 200.0),
           "motor.inductance": (1e-4, 3e-3), "friction.fin_coulomb": (0.0, 20.0), "friction.fin_viscous": (0.0, 5.0),
           "mass.fin": (0.0, 5.0), "center_of_mass.fin.x": (-0.2, 0.2), "mounting.azimuth": (-3.0, 3.0),
+          "command.latency": (0.0, 8e-3), "command.resolution": (0.0, 0.02), "command.update_time": (0.0, 0.01),
           "fin.start_angle": (-0.4, 0.4), "kinematics.initial_angle": (-0.3, 0.3), "inertia.fin": (0.01, 0.5)}
 _parameters = st.dictionaries(st.sampled_from(sorted(_SPANS)), st.floats(0.0, 1.0), max_size=5).map(
     lambda shares: {name: _SPANS[name][0] + share * (_SPANS[name][1] - _SPANS[name][0])
@@ -168,7 +169,8 @@ def test_rules_for_parameters_say_the_same(library: Fmu, slave_class: type[Slave
     """Every rule and every limit: the same message from both, each made of one text."""
     bad: list[dict[str, Any]] = [
         {"fin.stop_angle": 0.1}, {"fin.start_angle": 0.5}, {"kinematics.initial_angle": 1.04, "fin.stop_angle": 0.6},
-        {"drive.transport_delay": 0.1}, {"encoder.multiplier": 3},
+        {"drive.transport_delay": 0.1}, {"encoder.multiplier": 3}, {"command.latency": 0.021},
+        {"friction.table.temperature[2]": 60.0},
         {"friction.coulomb.positive[0]": -1e-3}, {"friction.coulomb.negative[1]": 5.0},
         {"drive.ki": 1e6, "motor.inductance": 1e-7, "controller.sample_time": 0.1},
         {"motor.resistance": float("nan")}]

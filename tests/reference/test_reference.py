@@ -192,17 +192,17 @@ def test_moment_of_gravity_and_acceleration_is_the_slope_of_a_potential(values: 
 
 @pytest.mark.parametrize("on_fin", [False, True])
 def test_encoder_speed_is_the_difference_of_floored_counts(values: Values, on_fin: bool) -> None:
-    # Without position gain the reference speed is 0, and u = -Kp_vel * measured speed.
+    # Without position gain the reference speed is 0, and u = -Kp_vel * measured speed, that of the motor's encoder.
     given = {**values, "encoder.on_fin": on_fin, "controller.position.kp": 0.0, "controller.position.ki": 0.0}
     plant, count = Plant(given), 2 * math.pi / (2048 * 4)
     path = [0.0, -1e-4, 2e-3, 0.0105, 0.0104]
     controllers = Controllers(plant, plant, path[0])
     before = 0
     for delta in path:
-        counts = math.floor((delta if on_fin else plant.motor_angle(delta)) / count)
+        counts = math.floor(plant.motor_angle(delta) / count)
         speed = (counts - before) * count / given["controller.sample_time"]
         before = counts
-        expected = -given["controller.velocity.kp"] * speed * (plant.ratio(counts * count) if on_fin else 1.0)
+        expected = -given["controller.velocity.kp"] * speed
         # The true rate, here absurd, must not matter.  Rounding of 10 V.
         u = controllers.sample(delta, 1e3, 0.0, True)
         assert u == pytest.approx(max(-10.0, min(10.0, expected)), abs=1e-12)
@@ -227,17 +227,17 @@ def test_compensation_is_the_friction_voltage_within_the_speed_band(
     assert u == pytest.approx(expected, abs=1e-14)
 
 
-@pytest.mark.parametrize(
-    ("celsius", "cold"), [(60.0, 0.0), (24.0, 0.0), (9.0, 0.5), (-6.0, 1.0), (-40.0, 1.0)]
-)
-def test_friction_grows_linearly_between_24_and_minus_6_degrees(
-    values: Values, celsius: float, cold: float
+@pytest.mark.parametrize(("celsius", "coulomb", "viscous"), [
+    (24.0, 1.0, 1.0), (9.0, 1.125, 1.3), (-6.0, 1.25, 1.6), (-23.0, 1.425, 2.15), (-60.0, 1.6, 2.7),
+    (37.0, 0.95, 0.835), (90.0, 0.85, 0.48)])
+def test_friction_is_linear_between_the_points_of_its_table(
+    values: Values, celsius: float, coulomb: float, viscous: float
 ) -> None:
     warm, now = Plant(values), Plant({**values, "friction.temperature": celsius})
     for side in (1, -1):
-        # Ratios 1.25 and 1.6 of the model; rounding of numbers near 1.
-        assert now.coulomb(0.2, side) / warm.coulomb(0.2, side) == pytest.approx(1 + 0.25 * cold, abs=1e-14)
-        assert now.viscous[side] / warm.viscous[side] == pytest.approx(1 + 0.6 * cold, abs=1e-14)
+        # The ratios of models/emcas.toml; rounding of numbers near 1.
+        assert now.coulomb(0.2, side) / warm.coulomb(0.2, side) == pytest.approx(coulomb, abs=1e-14)
+        assert now.viscous[side] / warm.viscous[side] == pytest.approx(viscous, abs=1e-14)
 
 
 # The closed loop ------------------------------------------------------------------------------------------

@@ -12,10 +12,9 @@ import pytest
 
 from emcas_fmu.bench.excitation import COMMAND, LOAD, Excitation
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.physics.friction import COLD, WARM
 from emcas_fmu.studies.thesis import friction, friction_rig, loading_rig
 from emcas_fmu.studies.thesis.rigs import rig_entries, rig_values
-from emcas_fmu.studies.thesis.runs import SLEWS, Runs
+from emcas_fmu.studies.thesis.runs import COLD, SLEWS, WARM, Runs
 
 
 def coulomb(values: Mapping[str, Any], direction: str, fin: Any) -> Any:
@@ -31,8 +30,10 @@ def runs() -> Runs:
 @pytest.mark.parametrize("direction", [1, -1])
 def test_slow_sweeps_read_coulomb_friction_at_both_temperatures(direction: int) -> None:
     values, name = runs().values, friction.DIRECTIONS[direction]
-    for temperature, viscous, dry in ((WARM, 1.0, 1.0), (COLD, values["friction.cold_viscous_ratio"],
-                                                         values["friction.cold_coulomb_ratio"])):
+    # The second point of the table is that of the cold measurement.
+    assert values["friction.table.temperature[1]"] == COLD
+    for temperature, viscous, dry in ((WARM, 1.0, 1.0), (COLD, values["friction.table.viscous[1]"],
+                                                         values["friction.table.coulomb[1]"])):
         sweep = runs().friction(25, temperature)
         fin = sweep.fin_angle[sweep.steady[direction]]
         expected = (dry * coulomb(values, name, fin)

@@ -68,6 +68,16 @@ def test_warnings_leave_standard_output_alone(tmp_path: Path) -> None:
     assert "warning" not in emcas("parameters").stderr
 
 
+def test_commands_warn_where_friction_was_not_tested(tmp_path: Path) -> None:
+    cold = tmp_path / "cold.toml"
+    cold.write_text('friction.temperature = "-40 degC"\n', encoding="utf-8")
+    for command in (("parameters",), ("simulate", "--step", "5"), ("build", "-o", str(tmp_path / "cold.fmu"))):
+        said = emcas(*command, "-p", str(cold)).stderr
+        assert "warning: friction.temperature = -40 degC is outside" in said, command
+    cold.write_text('friction.temperature = "-6 degC"\n', encoding="utf-8")
+    assert "warning" not in emcas("parameters", "-p", str(cold)).stderr
+
+
 def test_build_and_its_refusals(tmp_path: Path) -> None:
     target = tmp_path / "EMCAS.fmu"
     done = emcas("build", "--output", str(target))

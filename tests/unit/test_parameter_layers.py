@@ -90,7 +90,7 @@ def test_what_is_written_is_the_same_set(files: tuple[Path, Path]) -> None:
     """Values, units, sources and notes; arrays whole only where all of an array is changed alike."""
     low, high = files
     whole = low.with_name("whole.toml")
-    whole.write_text("[friction]\ncold_viscous_ratio = 1.5\n"
+    whole.write_text('[friction]\n"table.viscous[0]" = 1.5\n'
                      'coulomb.negative = { value = [1, 0, 0, 0, 0, 0, 0], unit = "mN*m", source = "bench" }\n',
                      encoding="utf-8")
     chosen = load_parameters((low, high, whole))

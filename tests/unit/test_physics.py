@@ -141,14 +141,21 @@ def test_gravity_signs(values: Mapping[str, Any]) -> None:
     assert loads.nut_force(FLOATS, p, thrust) == pytest.approx(-50.0 * values["mass.nut"])
 
 
-@pytest.mark.parametrize(("temperature", "share"), [(24.0, 0.0), (-6.0, 1.0), (9.0, 0.5), (60.0, 0.0), (-40.0, 1.0)])
-def test_friction_follows_temperature(values: Mapping[str, Any], temperature: float, share: float) -> None:
-    warm, p = namespace(values), namespace({**values, "friction.temperature": temperature})
+@pytest.mark.parametrize(("temperature", "coulomb", "viscous"), [
+    (24.0, 1.0, 1.0), (-6.0, 1.25, 1.6), (9.0, 1.125, 1.3), (-40.0, 1.6, 2.7), (-23.0, 1.425, 2.15), (-90.0, 1.6, 2.7),
+    (37.0, 0.95, 0.835), (71.0, 0.85, 0.48), (150.0, 0.85, 0.48)])
+def test_friction_follows_temperature(values: Mapping[str, Any], temperature: float, coulomb: float,
+                                      viscous: float) -> None:
+    """At the points of the table, half way between them, and held beyond; at 24 degC to the bit."""
+    plain = namespace({**values, **{f"friction.table.{kind}[{i}]": 1.0 for kind in ("coulomb", "viscous")
+                                    for i in range(5)}})
+    p = namespace({**values, "friction.temperature": temperature})
+    rounding = 0.0 if temperature == 24.0 else 1e-12
     for direction in (1.0, -1.0):
-        ratio = friction.coulomb(FLOATS, p, direction, 0.1) / friction.coulomb(FLOATS, warm, direction, 0.1)
-        assert ratio == pytest.approx(1 + 0.25 * share)
-        ratio = friction.viscous(FLOATS, p, direction) / friction.viscous(FLOATS, warm, direction)
-        assert ratio == pytest.approx(1 + 0.6 * share)
+        reference = friction.coulomb(FLOATS, plain, direction, 0.1)
+        assert friction.coulomb(FLOATS, p, direction, 0.1) == pytest.approx(coulomb * reference, rel=rounding, abs=0.0)
+        reference = friction.viscous(FLOATS, plain, direction)
+        assert friction.viscous(FLOATS, p, direction) == pytest.approx(viscous * reference, rel=rounding, abs=0.0)
 
 
 def test_current_rises_as_an_rl_circuit(values: Mapping[str, Any]) -> None:

@@ -1,8 +1,7 @@
 """The nonlinear actuator with an elastic drive line and a gap between nut and fork.
 
-The rotor and the fin have an angle each (:mod:`emcas_fmu.physics.drive_line`), the fin's referred to the motor. The
-first states are those of the encoder's side: the rotor, or with ``encoder.on_fin`` the fin. Without compliance and gap
-it is the nonlinear actuator, step for step.
+The rotor and the fin have an angle each (:mod:`emcas_fmu.physics.drive_line`), the fin's referred to the motor. Without
+compliance and gap it is the nonlinear actuator, step for step.
 """
 
 from __future__ import annotations
@@ -21,13 +20,14 @@ from ...steppers.elastic import Pair
 from ...steppers.rigid import Plant
 from ...variables import in_group, parameter
 from .. import capabilities, fin_port
-from ..declaration import Acting, Asked, State, Values
+from ..declaration import Acting, State, Values
 from . import interface, nonlinear
 from .as_built import as_built
 
-STATES = (State("angle_at_encoder", "rad"), State("speed_at_encoder", "rad/s"), *interface.DRIVE,
-          State("other_angle", "rad", "of the side away from the encoder"),
-          State("other_speed", "rad/s", "of the side away from the encoder"))
+FIN_SIDE = ("fin_side_angle", "fin_side_speed")
+STATES = (*interface.MOTOR, *interface.DRIVE,
+          State(FIN_SIDE[0], "rad", "of the fin, referred to the motor"),
+          State(FIN_SIDE[1], "rad/s", "of the fin, referred to the motor"))
 DESCRIPTIONS = {
     "motor_angle": "angle of the rotor (indirect fin angle, by lever and screw)",
     "nut_position": "nut displacement from the assembly position, before the gap",
@@ -63,18 +63,9 @@ GAP = in_group(
 )
 
 
-def sides(ops: Ops, p: Any, x: Record) -> Pair:
-    """Return rotor and fin from the side the encoder sees and the other."""
-    return _swapped(ops, p, x.angle_at_encoder, x.speed_at_encoder, x.motor_current, x.drive_integral, x.other_angle,
-                    x.other_speed)
-
-
-def _swapped(ops: Ops, p: Any, angle: Value, speed: Value, current: Value, integral: Value, other_angle: Value,
-             other_speed: Value) -> Pair:
-    """Return both sides in their order where the encoder is on the motor, else the other way round."""
-    at_fin = p.encoder.on_fin
-    return Pair(ops.where(at_fin, other_angle, angle), ops.where(at_fin, other_speed, speed), current, integral,
-                ops.where(at_fin, angle, other_angle), ops.where(at_fin, speed, other_speed))
+def sides(x: Record) -> Pair:
+    """Return rotor and fin."""
+    return Pair(x.motor_angle, x.motor_speed, x.motor_current, x.drive_integral, x.fin_side_angle, x.fin_side_speed)
 
 
 def _states(values: Pair) -> Values:
@@ -83,14 +74,8 @@ def _states(values: Pair) -> Values:
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
     """Return plant and controller at rest at a fin angle, the nut amid its gap."""
-    begun = dict(nonlinear.initial(ops, p, start))
-    angle = begun.pop("motor_angle")
-    return {**begun, "angle_at_encoder": angle, "other_angle": angle}
-
-
-def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
-    """Return a sample of the controllers."""
-    return nonlinear.controlled(ops, p, x.angle_at_encoder, x.speed_at_encoder, x, asked)
+    begun = nonlinear.initial(ops, p, start)
+    return {**begun, FIN_SIDE[0]: begun["motor_angle"]}
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
@@ -98,12 +83,11 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     p = as_built(ops, p)
 
     def as_one() -> tuple[Value, ...]:
-        rates = nonlinear.derivatives(ops, p, Record(motor_angle=x.angle_at_encoder, motor_speed=x.speed_at_encoder,
-                                                     **vars(x)), u)
+        rates = nonlinear.derivatives(ops, p, x, u)
         return *rates.values(), rates["motor_angle"], rates["motor_speed"]
 
     def as_two() -> tuple[Value, ...]:
-        s = sides(ops, p, x)
+        s = sides(x)
         line = drive_line.line(ops, p, s.fin_angle)
         torque = drive_line.torque(line, s.angle - s.fin_angle, s.speed - s.fin_speed, 0.0)
         driving = drive.torque(p, drive.flowing(p, u.reference, s.current)) + mechanics.rotor_torque(p, u)
@@ -113,21 +97,21 @@ def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
         fin = (torque + m.load - p.friction.fin_viscous / (m.ratio * m.ratio) * s.fin_speed
                + m.centrifugal * s.fin_speed * s.fin_speed)
         rates = drive.rates(p, u.reference, s.speed, s.current, s.integral)
-        return _swapped(ops, p, s.speed, rotor / mechanics.screw_inertia(p), *rates, s.fin_speed, fin / m.inertia)
+        return s.speed, rotor / mechanics.screw_inertia(p), *rates, s.fin_speed, fin / m.inertia
 
     return _states(Pair(*ops.branch(drive_line.rigid(ops, p), as_one, as_two)))
 
 
 def yielding(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
     """Return :func:`step` of a drive line that is not rigid."""
-    moved, used = elastic_stepper.advance(ops, as_built(ops, p), sides(ops, p, x), u, h)
-    return _states(_swapped(ops, p, *moved)), used
+    moved, used = elastic_stepper.advance(ops, as_built(ops, p), sides(x), u, h)
+    return _states(moved), used
 
 
 def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took."""
     def as_one() -> tuple[Value, ...]:
-        now = Plant(x.angle_at_encoder, x.speed_at_encoder, x.motor_current, x.drive_integral)
+        now = Plant(x.motor_angle, x.motor_speed, x.motor_current, x.drive_integral)
         plant, used = rigid.advance(ops, as_built(ops, p), now, u, h)
         return *plant, plant.angle, plant.speed, used
 
@@ -142,8 +126,8 @@ def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Valu
 def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     """Return every output: the fin's of the fin, the others of the motor."""
     p = as_built(ops, p)
-    s = sides(ops, p, x)
-    motor = nonlinear.output_values(ops, p, Record(motor_angle=s.angle, motor_speed=s.speed, **vars(x)), u)
+    s = sides(x)
+    motor = nonlinear.output_values(ops, p, x, u)
     tangent = kinematics.lever_tangent(ops, p, s.fin_angle)
     fin = kinematics.fin_angle(ops, p, tangent)
     lag = drive_line.nut_lag(ops, drive_line.line(ops, p, s.fin_angle), s.angle - s.fin_angle)
@@ -163,14 +147,12 @@ ACTUATOR = replace(
     name="elastic",
     title="nonlinear electromechanical actuator with elastic drive line and backlash",
     states=STATES,
-    encoder=("angle_at_encoder", "speed_at_encoder"),
+    fin_side=FIN_SIDE,
     outputs=fin_port.described(DESCRIPTIONS, interface.OUTPUTS),
     parameters=interface.PARAMETERS + AXIAL + TORSIONAL + GAP + HINGE,
-    provides=nonlinear.ACTUATOR.provides - {capabilities.RIGID_DRIVE_LINE} | {
-        capabilities.DRIVE_LINE, capabilities.BACKLASH},
+    provides=nonlinear.ACTUATOR.provides - {capabilities.RIGID_DRIVE_LINE} | {capabilities.BACKLASH},
     structure=Structure(drive_line=True),
     initial=initial,
-    sample=sample,
     derivatives=derivatives,
     step=step,
     output_values=output_values,

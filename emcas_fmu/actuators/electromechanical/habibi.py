@@ -16,7 +16,7 @@ from ...namespace import with_values
 from ...ops.base import Ops
 from ...physics.structure import Structure
 from .. import capabilities
-from . import elastic, interface
+from . import elastic, interface, nonlinear
 from .interface import with_parameters
 
 _RIGID = {f"drive_line.{name}": 0.0 for name in (
@@ -46,7 +46,7 @@ ACTUATOR = replace(
     provides=elastic.ACTUATOR.provides - {capabilities.SCREW_LOAD},
     structure=Structure(constant_ratio=True, drive_line=True),
     initial=with_parameters(elastic.initial, _habibi),
-    sample=with_parameters(elastic.sample, _habibi),
+    sample=with_parameters(nonlinear.sample, _habibi),
     derivatives=with_parameters(elastic.derivatives, _habibi),
     step=with_parameters(elastic.step, _habibi),
     output_values=with_parameters(elastic.output_values, _habibi),

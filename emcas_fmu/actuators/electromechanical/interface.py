@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
+from itertools import pairwise
 from math import degrees, radians
 from typing import Any
 
@@ -23,7 +24,8 @@ CONTROLLER = (State("integral", "rad/s", "integral of the position controller"),
               State("velocity_integral", "V", "integral of the velocity controller"),
               State("target", "rad", "motor angle asked for at the last sample"),
               State("momentum", "N.m.s", "of the load observer"),
-              State("counts", "1", "encoder counts at the last sample"))
+              State("counts", "1", "counts of the encoder of position at the last sample"),
+              State("motor_counts", "1", "counts of the motor's encoder at the last sample"))
 
 # -- inputs and outputs ------------------------------------------------------------
 
@@ -71,6 +73,14 @@ _COULOMB = tuple(
               f"Coulomb friction at the motor for {direction} motion: coefficient of (fin_angle/20 deg)^{power}")
     for direction in ("positive", "negative") for power in range(7)
 )
+TABLE_POINTS = 5
+_TABLE = tuple(
+    parameter(f"friction.table.{quantity}[{i}]", unit, minimum, maximum, f"{description}, point {i + 1}")
+    for quantity, unit, minimum, maximum, description in (
+        ("temperature", "degC", -100.0, 200.0, "temperature of the table of friction, rising"),
+        ("viscous", "1", 0.0, 100.0, "viscous friction there over that at 24 degC"),
+        ("coulomb", "1", 0.0, 100.0, "Coulomb friction there over that at 24 degC"))
+    for i in range(TABLE_POINTS))
 PARAMETERS: tuple[Variable, ...] = (
     parameter("kinematics.moment_arm", "m", 1e-3, 1.0, "distance of the hinge from the screw axis, d"),
     parameter("kinematics.initial_angle", "rad", radians(-60), radians(60),
@@ -112,9 +122,10 @@ PARAMETERS: tuple[Variable, ...] = (
     parameter("friction.viscous.positive", "N.m.s/rad", 0.0, 10.0, "viscous friction at the motor, positive motion"),
     parameter("friction.viscous.negative", "N.m.s/rad", 0.0, 10.0, "viscous friction at the motor, negative motion"),
     *_COULOMB,
-    parameter("friction.cold_viscous_ratio", "1", 0.0, 100.0, "viscous friction at -6 degC over that at 24 degC"),
-    parameter("friction.cold_coulomb_ratio", "1", 0.0, 100.0, "Coulomb friction at -6 degC over that at 24 degC"),
-    tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature; held outside -6..24 degC"),
+    *_TABLE,
+    parameter("friction.identified_from", "degC", -100.0, 200.0, "coldest temperature at which friction was tested"),
+    parameter("friction.identified_to", "degC", -100.0, 200.0, "warmest temperature at which friction was tested"),
+    tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature"),
     parameter("friction.fin_viscous", "N.m.s/rad", 0.0, 1e4, "viscous friction about the hinge"),
     parameter("friction.fin_coulomb", "N.m", 0.0, 1e4, "Coulomb friction about the hinge"),
     tunable("compensation.gain", "1", 0.0, 10.0, "share of the Coulomb friction fed forward (0: none)"),
@@ -122,9 +133,11 @@ PARAMETERS: tuple[Variable, ...] = (
     switch("encoder.enabled", "false feeds true angle and speed to the controllers"),
     integer_parameter("encoder.pulses", 1, 1_000_000, "pulses per revolution"),
     integer_parameter("encoder.multiplier", 1, 4, "edge multiplier: 1, 2 or 4"),
-    switch("encoder.on_fin", "true: the encoder sits on the fin shaft; false: on the motor"),
+    switch("encoder.on_fin", "true: the position comes from an encoder on the fin shaft; false: from the motor's, "
+           "as the speed always does"),
     *fin_port.MOUNTING,
     *DEVIATIONS,
+    *fin_port.BUS,
     fin_port.MAX_TICK,
 )
 
@@ -187,6 +200,19 @@ def _observer(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, p.controller.load_observer > fastest * (1.0 + SLACK)), p.controller.load_observer, fastest
 
 
+def _rising(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    points = p.friction.table.temperature
+    falls: Value = False
+    for low, high in pairwise(points):
+        falls = ops.either(falls, low >= high)
+    return when(ops, falls), *points
+
+
+def _identified(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    low, now, high = p.friction.identified_from, p.friction.temperature, p.friction.identified_to
+    return when(ops, ops.either(now < low, now > high)), now, low, high
+
+
 def inertias(p: Any, viscous: Value) -> tuple[Value, Value]:
     """Return inertias at the motor [kg.m2]: of nut and hinge, and of motor and screw, with the ratio d/l.
 
@@ -206,7 +232,14 @@ OBSERVER_RULE = Rule(
 ENCODER_RULE = Rule(_multiplier, "encoder.multiplier = %.6g must be 1, 2 or 4")
 INERTIA_RULE = Rule(_inertia, "inertia.motor + inertia.screw + inertia.fin + inertia.shaft + inertia.fork = %.6g kg.m2 "
                               "must be above 0")
-RULES = (LEVER_RULE, *FRICTION_RULES, ENCODER_RULE, INERTIA_RULE, OBSERVER_RULE)
+TEMPERATURE_RULES = (
+    Rule(_rising, f"friction.table.temperature = [{', '.join(['%.6g'] * TABLE_POINTS)}] degC must rise from point to "
+                  "point"),
+    Rule(_identified, "friction.temperature = %.6g degC is outside friction.identified_from = %.6g to "
+                      "friction.identified_to = %.6g degC, where friction was tested: friction.table is an estimate "
+                      "there", warning=True),
+)
+RULES = (LEVER_RULE, *FRICTION_RULES, ENCODER_RULE, INERTIA_RULE, OBSERVER_RULE, *TEMPERATURE_RULES)
 
 # -- one actuator from another -----------------------------------------------------
 

@@ -23,7 +23,7 @@ from .interface import with_parameters
 
 _CONSTANTS = {
     "friction.coulomb.positive": (0.0,) * 7, "friction.coulomb.negative": (0.0,) * 7, "friction.fin_coulomb": 0.0,
-    "friction.cold_coulomb_ratio": 1.0, "compensation.gain": 0.0, "compensation.speed_band": 1.0,
+    "friction.table.coulomb": (1.0,) * interface.TABLE_POINTS, "compensation.gain": 0.0, "compensation.speed_band": 1.0,
     "encoder.enabled": False, "encoder.on_fin": False, "encoder.pulses": 1, "encoder.multiplier": 1,
     "deviation.friction.coulomb": 0.0, "drive.current_offset": 0.0, "drive.current_limit": inf,
     "drive.reference_limit": inf,
@@ -53,9 +53,10 @@ ACTUATOR = replace(
     parameters=without(
         interface.PARAMETERS, "drive.current_limit", "drive.current_offset", "drive.reference_limit",
         "controller.speed_limit", "controller.antiwindup", "controller.drive_antiwindup", "friction.coulomb.",
-        "friction.cold_coulomb_ratio", "friction.fin_coulomb", "deviation.friction.coulomb", "compensation.",
+        "friction.table.coulomb", "friction.fin_coulomb", "deviation.friction.coulomb", "compensation.",
         "encoder."),
-    rules=(interface.LEVER_RULE, interface.INERTIA_RULE, interface.OBSERVER_RULE),
+    rules=(interface.LEVER_RULE, interface.INERTIA_RULE, interface.OBSERVER_RULE,
+           *interface.TEMPERATURE_RULES),
     descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; limits nothing here"},
     provides=frozenset({capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE,
                         capabilities.SCREW_DRIVE, capabilities.POSITION_LOOP, capabilities.CASCADE,

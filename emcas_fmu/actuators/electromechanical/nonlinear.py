@@ -25,18 +25,16 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
     """Return plant and controller at rest at a fin angle."""
     plant = as_built(ops, p)
     angle = kinematics.motor_angle(ops, plant, start.fin_angle)
-    counts = sensors.counts(ops, plant, angle, start.encoder_offset)
-    measured = sensors.measure(ops, p, plant, angle, 0.0, counts, start.encoder_offset)
-    return {"motor_angle": angle, "counts": counts, "measured_fin_angle": measured.fin_angle,
-            **controllers.at_rest(ops, p, measured)._asdict()}
+    turned = sensors.motor_counts(ops, p, angle)
+    measured = sensors.measure(ops, p, plant, angle, angle, 0.0, turned, start.encoder_offset)
+    return {"motor_angle": angle, "counts": measured.counts, "motor_counts": turned,
+            "measured_fin_angle": measured.fin_angle, **controllers.at_rest(ops, p, measured)._asdict()}
 
 
-def controlled(ops: Ops, p: Any, angle: Value, speed: Value, x: Record, asked: Asked) -> Values:
-    """Return a sample of the controllers, which sense a motor angle [rad] and speed [rad/s].
-
-    While the drive is disabled the controllers are held in reset.
-    """
-    measured = sensors.measure(ops, p, as_built(ops, p), angle, speed, x.counts, asked.encoder_offset)
+def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+    """Return a sample of the controllers. While the drive is disabled they are held in reset."""
+    measured = sensors.measure(ops, p, as_built(ops, p), asked.position, x.motor_angle, x.motor_speed, x.motor_counts,
+                               asked.encoder_offset)
     loops = controllers.Loops(x.integral, x.velocity_integral, x.target, x.momentum)
 
     def running() -> tuple[Value, ...]:
@@ -45,13 +43,8 @@ def controlled(ops: Ops, p: Any, angle: Value, speed: Value, x: Record, asked: A
 
     reference, limited, *kept = ops.branch(
         asked.enable, running, lambda: (0.0, 0.0, *controllers.at_rest(ops, p, measured)))
-    return {"reference": reference, "counts": measured.counts, "measured_fin_angle": measured.fin_angle,
-            "limited": limited, **controllers.Loops(*kept)._asdict()}
-
-
-def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
-    """Return a sample of the controllers."""
-    return controlled(ops, p, x.motor_angle, x.motor_speed, x, asked)
+    return {"reference": reference, "counts": measured.counts, "motor_counts": measured.motor_counts,
+            "measured_fin_angle": measured.fin_angle, "limited": limited, **controllers.Loops(*kept)._asdict()}
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:

@@ -17,7 +17,7 @@ from ...physics.structure import Structure
 from ...variables import without
 from .. import capabilities, fin_port
 from ..declaration import Supply
-from . import elastic, interface
+from . import elastic, interface, nonlinear
 from .habibi import at_motor
 from .interface import with_parameters
 
@@ -49,7 +49,7 @@ ACTUATOR = replace(
     descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; limits nothing here"},
     structure=Structure(constant_ratio=True, current="ideal", drive_line=True),
     initial=with_parameters(elastic.initial, _ozkan),
-    sample=with_parameters(elastic.sample, _ozkan),
+    sample=with_parameters(nonlinear.sample, _ozkan),
     derivatives=with_parameters(elastic.derivatives, _gapless),
     step=with_parameters(elastic.yielding, _ozkan),
     output_values=with_parameters(elastic.output_values, _ozkan),

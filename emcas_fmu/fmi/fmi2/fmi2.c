@@ -215,7 +215,10 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real size, fmi2Boolean
     if (!core_finite(time) || !core_finite(size) || !(size > 0.0))
         return report(m, fmi2Error, "communication step %.17g s at %.17g s is not positive and finite", size, time);
     if (!core_all_finite(m->s.values, UNIT_INPUTS)) return bad_inputs(m, time);
-    if (m->unprepared) prepare(m);
+    if (m->unprepared) {
+        prepare(m);
+        warn(m);
+    }
     const double begin = time - m->s.start;
     /* A clock that began late counts in coarser units than the slack. */
     if (!(fabs(begin - m->s.now) <= m->fins.slack + 4.0 * DBL_EPSILON * fabs(time)))
@@ -298,6 +301,7 @@ static void as_instantiated(instance *m)
     memcpy(m->s.values, START, sizeof START);
     m->s.phase = INSTANTIATED;
     m->unprepared = m->moved = 1;
+    memset(m->warned, 0, sizeof m->warned);
 }
 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
@@ -378,6 +382,7 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component c)
     if (!allowed(m, INITIALIZING, "fmi2ExitInitializationMode")) return fmi2Error;
     if (!sound(m)) return fmi2Error; /* parameters may be corrected and the call repeated */
     prepare(m);
+    warn(m);
     multi_fin_start(&m->fins, &m->s.fins);
     m->s.phase = RUNNING;
     m->s.fresh = 0;

@@ -47,6 +47,7 @@ typedef struct {
     int32_t moved;      /* what the vehicle's motion makes is not that of the inputs */
     multi_fin fins;
     double carried[FINS][CORE_CARRIED]; /* what the vehicle's motion makes of each fin */
+    bool warned[FINS][RULES]; /* which warnings the log has */
     model_state s;
 } instance;
 
@@ -135,12 +136,12 @@ static bool out_of_range(const instance *m, size_t vr, double value)
 }
 
 /* A rule's message: a format of no more than RULE_NUMBERS numbers, the rest is not looked at. */
-static void report_rule(const instance *m, size_t fin, const char *message, const double *n)
+static void report_rule(const instance *m, fmi2Status status, size_t fin, const char *message, const double *n)
 {
     char format[MESSAGE] = "";
     if (FINS > 1) snprintf(format, sizeof format, "fin[%u]: ", (unsigned)fin + 1);
     strncat(format, message, sizeof format - strlen(format) - 1);
-    report(m, fmi2Error, format, n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11]);
+    report(m, status, format, n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11]);
 }
 
 /* Whether the parameters are sets to compute with. */
@@ -167,10 +168,25 @@ static bool sound(const instance *m)
     for (size_t fin = 0; fin < FINS; ++fin) {
         rules_prepare(parameters(m, fin), constants);
         for (size_t i = 0; i < RULES; ++i)
-            if (rules_broken(&RULE[i], parameters(m, fin), constants, numbers))
-                report_rule(m, fin, RULE[i].message, numbers + 1);
+            if (!RULE[i].warning && rules_broken(&RULE[i], parameters(m, fin), constants, numbers))
+                report_rule(m, fmi2Error, fin, RULE[i].message, numbers + 1);
     }
     return false;
+}
+
+/* Log the warnings about the parameters, each once until it no longer holds; the status of the call stays fmi2OK. */
+static void warn(instance *m)
+{
+    double constants[RULES_CONSTANTS], numbers[RULE_NUMBERS + 1];
+    for (size_t fin = 0; fin < FINS; ++fin) {
+        rules_prepare(parameters(m, fin), constants);
+        for (size_t i = 0; i < RULES; ++i) {
+            if (!RULE[i].warning) continue;
+            const bool broken = rules_broken(&RULE[i], parameters(m, fin), constants, numbers);
+            if (broken && !m->warned[fin][i]) report_rule(m, fmi2Warning, fin, RULE[i].message, numbers + 1);
+            m->warned[fin][i] = broken;
+        }
+    }
 }
 
 static void prepare(instance *m)

@@ -42,7 +42,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     make: ClassVar[Callable[[Mapping[str, Any]], Functions]]  # the kernel's functions
     make_checks: ClassVar[Callable[[Mapping[str, Any]], tuple[Callable[[float], tuple[Any, ...]], ...]]]
-    rules: ClassVar[tuple[tuple[str, bool], ...]]  # message of each check, whether it is scanned
+    rules: ClassVar[tuple[tuple[str, bool, bool], ...]]  # message of each check, whether scanned and a warning
     # Of each variable, by value reference, name, kind, causality, variability, minimum and maximum: inputs first, then
     # outputs, then parameters; and the start values of all of them.
     rows: ClassVar[tuple[tuple[str, str, str, str, float, float], ...]]
@@ -89,6 +89,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._phase = "instantiated"
         self._misuse = ""
         self._refusal = ""
+        self._warned: set[tuple[str, str]] = set()  # warnings that the log has
         self._changed = True  # parameters since the kernel was bound
         self._current = False  # outputs in _values are those of now
         self._motion: list[float] = []
@@ -130,6 +131,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             print(f"{self.instance_name}: initialization refused: {self._refusal}", file=sys.stderr)
             return
         self._bind()
+        self._warn()
 
     def do_step(self, current_time: float, step_size: float) -> bool:
         before, now = None, self._now
@@ -170,6 +172,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             if problems:
                 raise _RefusedError("; ".join(problems))
             self._bind()
+            self._warn()
         self._ready = True
         begin = current_time - self._start
         if not 0.0 < step_size < inf:
@@ -237,6 +240,17 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         """Return a message for each rule that a fin's parameters break."""
         return [prefix + problem for prefix, one in self._fins(values).items() for problem in check_rules(
             (check, *rule) for check, rule in zip(type(self).make_checks(one), self.rules, strict=True))]
+
+    def _warn(self) -> None:
+        """Log the warnings about the parameters, each once until it no longer holds."""
+        found = {(prefix, rule[0]): message
+                 for prefix, one in self._fins(self._parameter_values()).items()
+                 for check, rule in zip(type(self).make_checks(one), self.rules, strict=True)
+                 for message in check_rules([(check, *rule)], warnings=True)}
+        for (prefix, rule), message in found.items():
+            if (prefix, rule) not in self._warned:
+                self._log(prefix + message, Fmi2Status.warning)
+        self._warned = set(found)
 
     def _parameter_values(self) -> dict[str, Any]:
         return {self.rows[i][0]: self._values[i] for i in self._parameters}

@@ -6,8 +6,9 @@ by matrix exponentials, cut where the delayed reference reaches the drive, and t
 states: sampling and transport delay are exact, without a rational approximation (Astroem & Wittenmark,
 "Computer-Controlled Systems", 3rd ed., section 2.6).
 
-What is linearised: no limits, no dry friction and no compensation of it, no gaps, no quantisation; the encoder's speed
-from the difference of two samples stays, where the encoder is on. Of extensions, heat gives the motor its temperatures
+What is linearised: no limits, no dry friction and no compensation of it, no gaps, no quantisation of the encoder or the
+command, which is taken at every sample; its latency stays, and so does the encoder's speed from the difference of two
+samples, where the encoder is on. Of extensions, heat gives the motor its temperatures
 at the start; faults and homing are laid aside, and friction's and the screw's have nothing that is smooth at rest.
 """
 
@@ -27,6 +28,7 @@ from scipy.linalg import expm, matrix_balance, null_space
 
 from ...actuators import NONLINEAR, capabilities, get, parts, require
 from ...actuators.declaration import identifier
+from ...control import command as bus
 from ...errors import EmcasError
 from ...namespace import Record
 from ...ops.base import Value
@@ -46,6 +48,8 @@ _ONE_DEGREE = {"controller.position.setpoint_weight": 1.0, "controller.position.
 _LAID_ASIDE = ("homing", "faults")
 _OUTPUTS = ("fin_angle", "motor_angle", "motor_current", "motor_voltage")
 _PORTS = (("command", "aero_torque"), ("fin_angle", "reference"))
+# The controllers' command is the one on the bus; its latency is a block of its own, in no loop.
+_AT_ONCE = {"command.latency": 0.0, "command.resolution": 0.0, "command.update_time": 0.0}
 _ITERATIONS = 30
 _REST = 1e-6  # of what the reference does to the states: more is no rest
 # Of 1, a sample: poles are off by 1e-14 at most, and a mode that decays more slowly takes 1e10 samples, months.
@@ -115,7 +119,8 @@ class LinearActuator:
         if not abs(fin_angle) <= limit * (1.0 + 1e-9):
             raise EmcasError(f"operating point {degrees(fin_angle):g} deg: no command reaches it; give an angle within "
                              f"±{degrees(limit):g} deg (command.limit)")
-        self.values = {**values, "compensation.gain": 0.0}
+        self._late = int(bus.late(FLOATS, actuator.namespace(values)))
+        self.values = {**values, "compensation.gain": 0.0, **_AT_ONCE}
         self.p = p = actuator.namespace(self.values)
         self.period = float(p.controller.sample_time)
         self.loops = tuple(name for name, need in LOOPS.items() if need in actuator.provides)
@@ -216,13 +221,14 @@ class LinearActuator:
         p, actuator = self.p, self.actuator
         names = [*(s.name for s in actuator.controller_states), *self._sampled]
         count = len(names)
-        further = {identifier(v.name): self._started(v) for v in actuator.further_inputs}
+        held = {"supply": self._supply, "enable": True, "encoder_offset": None,
+                **{identifier(v.name): self._started(v) for v in actuator.further_inputs}}
 
         def function(*arguments: Value) -> list[Value]:
             *values, command = arguments
-            inputs = Record(command=command, supply=self._supply, enable=True, encoder_offset=None, **further)
             state = Record(**dict(zip((*names, *self._states), values, strict=True)))
-            after = actuator.sampled(FINE, p, state, inputs)
+            inputs = Record(command=command, position=actuator.position(FINE, p, state), **held)
+            after = actuator.commanded(FINE, p, state, inputs)
             return [after[name] for name in (*names, "reference", "measured_fin_angle", *self._sampled)]
 
         at = linearised(function, count + len(self._states) + 1)
@@ -231,7 +237,7 @@ class LinearActuator:
         start = [self._start[name] for name in names]
         # The command that the controllers take for the fin's angle: what they know of the plant may be wrong.
         x = Record(**dict(zip((*names, *self._states), (*start, *map(float, self.rest)), strict=True)))
-        at_rest = Record(command=self._at[0], supply=self._supply, enable=True, encoder_offset=None, **further)
+        at_rest = Record(command=self._at[0], position=actuator.position(FINE, p, x), **held)
         command = float(actuator.sampled(FINE, p, x, at_rest)["measured_fin_angle"])
 
         def balance(state: Array) -> tuple[Array, Array]:
@@ -249,7 +255,11 @@ class LinearActuator:
 
     @cached_property
     def _shown(self) -> tuple[System, Array]:
-        return shown(wire([self.controller, self.plant], self._links, *_PORTS))
+        blocks, links, (inputs, outputs) = [self.controller, self.plant], self._links, _PORTS
+        if self._late:
+            blocks, links = [_waiting(self._late, self.period), *blocks], [("arrived", "command"), *links]
+            inputs = ("sent", "aero_torque")
+        return shown(wire(blocks, links, inputs, outputs))
 
     @property
     def closed(self) -> System:
@@ -280,9 +290,9 @@ class LinearActuator:
         ``current`` is broken at the drive's voltage, in continuous time, the outer loops open; ``velocity`` at the
         measured speed, the position loop open; ``position`` at the measured angle, the velocity loop closed;
         ``reference`` at the drive's reference u, where the gain and the delay of the hardware act on all that is fed
-        back. With one degree of freedom, which changes no loop, loops in cascade see command and measured angle by
-        their difference: a command of the measured angle opens the position loop, and with it open the velocity loop
-        is all that passes the reference.
+        back. The command's latency is in none of them. With one degree of freedom, which changes no loop, loops in
+        cascade see command and measured angle by their difference: a command of the measured angle opens the position
+        loop, and with it open the velocity loop is all that passes the reference.
         """
         if name == "current":
             return self._current_loop()
@@ -329,6 +339,12 @@ class LinearActuator:
         late = ct.ss(ct.tf(*ct.pade(delay, order)), inputs=["sent"], outputs=["received"])
         links = [("reference", "sent"), ("received", "reference"), *self._links[1:]]
         return shown(wire([law, late, self.continuous], links, *_PORTS))[0][:1, :]
+
+
+def _waiting(samples: int, period: float) -> System:
+    """Return a delay of whole samples, from ``sent`` to ``arrived``."""
+    return ct.ss(np.eye(samples, k=-1), np.eye(samples, 1), np.eye(1, samples, k=samples - 1), 0.0, period,
+                 inputs=["sent"], outputs=["arrived"])
 
 
 def _measured(state: str) -> str:

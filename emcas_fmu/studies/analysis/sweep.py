@@ -100,13 +100,13 @@ def replay(values: Mapping[str, Any], command: Array, motion: Mapping[str, Array
     """
     angle, speed, current = (motion[name] for name in ("motor_angle", "motor_speed", "motor_current"))
     p, plant = get(model).namespace(values), get(model).plant(values)
-    counts = sensors.counts(ARRAYS, plant, angle[0])
-    loops = controllers.at_rest(ARRAYS, p, sensors.measure(ARRAYS, p, plant, angle[0], 0.0, counts))
+    turned = sensors.motor_counts(ARRAYS, p, angle[0])
+    loops = controllers.at_rest(ARRAYS, p, sensors.measure(ARRAYS, p, plant, angle[0], angle[0], 0.0, turned))
     reference, raw = np.empty_like(command), np.empty_like(command)
     for k in range(len(command)):
-        measured = sensors.measure(ARRAYS, p, plant, angle[k], speed[k], counts)
+        measured = sensors.measure(ARRAYS, p, plant, angle[k], angle[k], speed[k], turned)
         out = controllers.sample(ARRAYS, p, loops, measured, current[k], command[k])
-        loops, counts = out.loops, measured.counts
+        loops, turned = out.loops, measured.motor_counts
         reference[k], raw[k] = out.reference, out.speed_raw
     return reference, raw
 

@@ -28,7 +28,9 @@ from .result import Estimate, Identification, estimates, require_certain
 
 VISCOUS = ("friction.viscous.positive", "friction.viscous.negative")
 COULOMB = {d: tuple(f"friction.coulomb.{d}[{n}]" for n in range(7)) for d in ("positive", "negative")}
-RATIOS = ("friction.cold_viscous_ratio", "friction.cold_coulomb_ratio")
+# Of friction.table the cold point, at -6 degC by default; the next, 24 degC, is that of the polynomials.
+RATIOS = ("friction.table.viscous[1]", "friction.table.coulomb[1]")
+_SPAN = ("friction.table.temperature[1]", "friction.table.temperature[2]")
 NAMES = (*VISCOUS, *COULOMB["positive"], *COULOMB["negative"], *RATIOS)
 
 FEWEST_SPEEDS = 3  # per direction: a line through two points fits anything
@@ -98,7 +100,7 @@ def _sweeps(record: Record, values: Mapping[str, Any]) -> list[Sweep]:
     both = (look.speed.max() > 0.0) + (look.speed.min() < -0.3 * np.abs(look.speed).max())
     width = int(np.clip(moving / max(both, 1) / 20.0, 8, 64))
     a = motion.averages(record, width, width // 2)
-    m, torque = motion.balance(motion.namespace(values, friction.WARM), a)
+    m, torque = motion.balance(motion.namespace(values, motion.WARM), a)
     unaccelerated = np.abs(m.inertia * a.acceleration) < _ACCELERATING * np.abs(torque)
     sweeps = []
     slipping = 0
@@ -149,11 +151,12 @@ def _require(sweeps: Sequence[Sweep], base: ParameterSet, keep_ratios: bool) -> 
                               "over the whole range")
     if keep_ratios:
         return
-    inside = np.clip([s.temperature for s in sweeps], friction.COLD, friction.WARM)
+    cold, warm = (float(base.values[name]) for name in _SPAN)
+    inside = np.clip([s.temperature for s in sweeps], cold, warm)
     if np.ptp(inside) < FEWEST_KELVIN:
         raise RecordError(f"all sweeps are at about the same temperature ({_listed(sweeps, 'temperature')} degC): the "
-                          f"cold ratios need two, at least {FEWEST_KELVIN:g} K apart between {friction.COLD:g} and "
-                          f"{friction.WARM:g} degC; measure cold too, or keep the ratios of the parameter file with "
+                          f"cold ratios need two, at least {FEWEST_KELVIN:g} K apart between {cold:g} and "
+                          f"{warm:g} degC; measure cold too, or keep the ratios of the parameter file with "
                           "--keep-cold-ratios")
     for end in (inside.min(), inside.max()):
         near = [s.speed for s, t in zip(sweeps, inside, strict=True) if abs(t - end) < 0.5 * FEWEST_KELVIN]

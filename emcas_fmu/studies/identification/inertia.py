@@ -18,7 +18,7 @@ import numpy as np
 from ...actuators.electromechanical import nonlinear
 from ...ops.floats import FLOATS
 from ...parameters import ParameterSet
-from ...physics import friction, kinematics, mechanics
+from ...physics import kinematics, mechanics
 from ...plots import Drawing
 from . import motion, pictures
 from .estimation import Fit
@@ -134,12 +134,12 @@ def _fit(parts: Sequence[motion.Averages], groups: Sequence[Sequence[int]], base
     level = float(np.mean(_torques(parts, base.values)))
     fastest = max(float(np.abs(a.speed).max()) for a in parts)
     scale = np.array([start[0], *[1e-2 * level / (fastest / 10.0)] * 2, *[level] * 14])
-    return motion.fit_motion(base.values, _NAMES, parts, [friction.WARM] * len(parts), start, scale, groups)
+    return motion.fit_motion(base.values, _NAMES, parts, [motion.WARM] * len(parts), start, scale, groups)
 
 
 def _drawings(parts: Sequence[motion.Averages], records: Sequence[Record], fit: Fit,
               values: Mapping[str, Any]) -> Iterator[Drawing]:
-    p = motion.namespace({**values, **dict(zip(_NAMES, fit.values.tolist(), strict=True))}, friction.WARM)
+    p = motion.namespace({**values, **dict(zip(_NAMES, fit.values.tolist(), strict=True))}, motion.WARM)
     names = [record.name for record, members in zip(records, fit.groups, strict=True) for _ in members]
     series = []
     for name, a, residuals in zip(names, parts, fit.residuals, strict=True):

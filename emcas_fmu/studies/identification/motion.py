@@ -102,6 +102,9 @@ def averages(record: Record, width: int, hop: int) -> Averages:
                     mean(record["motor_current"][inner]), slowest)
 
 
+WARM = 24.0  # degC, at which friction is what friction.viscous and friction.coulomb say
+
+
 def namespace(values: Mapping[str, Any], temperature: Array | float) -> Any:
     """Return parameters as attributes, at a temperature [degC] or one for each window."""
     return nonlinear.ACTUATOR.namespace({**values, "friction.temperature": temperature})

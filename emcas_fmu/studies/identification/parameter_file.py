@@ -6,6 +6,7 @@ chained: each starts from the file the one before has written.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from math import floor, log10
 from pathlib import Path
@@ -20,16 +21,14 @@ _REMARK = "Reported, no parameter: "
 
 def write_identified(result: Identification, path: Path, base_files: Iterable[Path] = ()) -> None:
     """Write the base set with what was identified over it. Raises ParameterError where that makes no sound set."""
-    arrays: dict[str, dict[str, Estimate]] = {}
-    for e in result.estimates:
-        if e.parameter:
-            arrays.setdefault(_array(e.name), {})[e.name] = e
+    names = Counter(_array(e.variable.name) for e in result.base.entries)
+    found = [e for e in result.estimates if e.parameter]
     changes: dict[str, object] = {}
-    for name, estimates in arrays.items():
-        entries = [e for e in result.base.entries if _array(e.variable.name) == name]
-        values = [_rounded(estimates[e.variable.name]) if e.variable.name in estimates else float(e.value)
-                  for e in entries]
-        changes[name] = file_entry(values, entries[0].variable.unit, SOURCE, _note(result, list(estimates.values())))
+    for array in dict.fromkeys(_array(e.name) for e in found):
+        elements = [e for e in found if _array(e.name) == array]
+        whole = len(elements) == names[array]
+        for name, members in {array: elements}.items() if whole else {e.name: [e] for e in elements}.items():
+            changes[name] = file_entry([_rounded(e) for e in members], members[0].unit, SOURCE, _note(result, members))
     first = f"Identified by emcas {__version__} ({result.kind}); values, units, 1-sigma uncertainties in the notes."
     write_parameters(result.base.replace(changes), path, [first, *_remarks(result, base_files)])
 

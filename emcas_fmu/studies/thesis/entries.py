@@ -10,9 +10,9 @@ from functools import partial
 from typing import Any
 
 from ...errors import EmcasError, hint
-from ...physics.friction import COLD, WARM
 from . import drive, friction, kinematics, listings, loading, loops, others, performance
 from .entry import DRAWING, HARDWARE, NO_MODEL, PHOTOGRAPH, REASONS, SCREENSHOT, TEST_DATA, UNSEEN, Entry, Show, Shown
+from .runs import COLD, WARM
 
 
 def _entry(kind: str, number: str, title: str, what: Show | str, note: str = "") -> Entry:

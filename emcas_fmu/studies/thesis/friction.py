@@ -10,13 +10,13 @@ from ... import plots
 from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
 from ...physics import friction as physics
-from ...physics.friction import COLD, POLYNOMIAL_SPAN, WARM
+from ...physics.friction import POLYNOMIAL_SPAN
 from ...simulation import Array
 from .entry import Shown, Table
 from .friction_rig import REACH, RPM, Sweep
 from .pictures import DASHED, DOTS, Line, Panel, panels
 from .rigs import rig_values
-from .runs import Runs
+from .runs import COLD, WARM, Runs
 
 SPEEDS = (50, 500, 1000, 1500, 2000)  # rpm, of the figures
 SLOW = 25  # rpm, for Coulomb friction

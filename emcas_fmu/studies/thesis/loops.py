@@ -13,7 +13,6 @@ from ...bench.excitation import COMMAND, Excitation, sine_from_rest, slew_to, st
 from ...bench.metrics import FIGURES, HELD, FrequencyResponse, displayed, motion, shown, usage
 from ...bench.verdict import HOLD
 from ...extensions.status import STATUS
-from ...physics.friction import COLD, WARM
 from ...reference.cases import LOAD
 from ...reference.linear import LinearModel
 from ..tuning import pictures as tuning_pictures
@@ -24,7 +23,7 @@ from ..validate.claims import compare
 from .entry import Show, Shown, Table
 from .listings import COLUMNS, rows_of
 from .pictures import DASHED, Line, Panel, angle, current, of_run, panels, rate
-from .runs import Runs
+from .runs import COLD, WARM, Runs
 
 _LINEAR_SPAN = 0.4  # s after a step of the linear comparison
 _GENERATIONS = 2  # of the search that Figure 4.4 shows

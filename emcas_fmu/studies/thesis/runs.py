@@ -19,6 +19,8 @@ from ...reference.cases import LOAD as RATED
 from ...reference.files import supply_start
 from . import friction_rig, loading_rig
 
+WARM, COLD = 24.0, -6.0  # degC, at which the thesis measured friction
+
 
 class Runs:
     """Runs of the nonlinear actuator, and of others, with the parameters of `files` over the shipped ones."""
