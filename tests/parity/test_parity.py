@@ -73,8 +73,9 @@ _SPANS = {"controller.position.kp": (10.0, 200.0), "controller.position.ki": (0.
 _parameters = st.dictionaries(st.sampled_from(sorted(_SPANS)), st.floats(0.0, 1.0), max_size=5).map(
     lambda shares: {name: _SPANS[name][0] + share * (_SPANS[name][1] - _SPANS[name][0])
                     for name, share in shares.items()})
-_flags = st.fixed_dictionaries({}, optional={name: st.booleans() for name in (
-    "encoder.enabled", "encoder.on_fin", "loads.gravity")})
+_flags = st.fixed_dictionaries({}, optional={
+    **{name: st.booleans() for name in ("encoder.enabled", "encoder.on_fin", "loads.gravity")},
+    "motor.pole_pairs": st.integers(0, 8)})
 _segments = st.lists(st.fixed_dictionaries({
     "inputs": st.fixed_dictionaries({
         "fin_command": _UNIFORM.map(lambda x: 0.5 * x), "aero_torque": _UNIFORM.map(lambda x: 250.0 * x),
@@ -91,7 +92,7 @@ _segments = st.lists(st.fixed_dictionaries({
           suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(changes=_parameters, flags=_flags, segments=_segments)
 def test_any_host_any_parameters(library: Fmu, slave_class: type[Slave], changes: dict[str, float],
-                                 flags: dict[str, bool], segments: list[dict[str, Any]]) -> None:
+                                 flags: dict[str, int], segments: list[dict[str, Any]]) -> None:
     """Parameters, inputs, step sizes, restored states, tuning while running: the same answers, the same outputs."""
     native, python = Instance(library), slave_class(instance_name="fin")
     python.setup_experiment(0.0)

@@ -126,6 +126,8 @@ PARAMETERS: tuple[Variable, ...] = (
     *fin_port.MOUNTING,
     *DEVIATIONS,
     fin_port.MAX_TICK,
+    integer_parameter("motor.pole_pairs", 0, 1000, "pole pairs: the inductive voltage across the winding, pole pairs "
+                      "times speed, inductance and current, takes its part of the supply (0: none is taken)"),
 )
 
 

@@ -106,10 +106,10 @@ def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: Acting) -> tuple[Va
     """Return motor voltage [V] and current [A] at a motor speed [rad/s], and whether a limit is met (above 0)."""
     if p.structure.current == "ideal":
         return _ideal(ops, p, speed, u)
-    limit = ops.maximum(u.supply, 0.0)
+    supply = ops.maximum(u.supply, 0.0)
 
     def powered() -> tuple[Value, ...]:
-        voltage, clipped = drive.applied_voltage(ops, p, u.reference, x.motor_current, x.drive_integral, limit)
+        voltage, clipped = drive.applied_voltage(ops, p, u.reference, speed, x.motor_current, x.drive_integral, supply)
         return voltage, x.motor_current, ops.where(clipped, 1.0, 0.0)
 
     return ops.branch(u.enabled, powered, lambda: (drive.back_emf(p, speed), 0.0, 0.0))

@@ -27,7 +27,7 @@ from .as_built import as_built
 from .interface import with_parameters
 
 PARAMETERS = (
-    *without(interface.PARAMETERS, "drive.kp", "drive.ki", "drive.current_", "compensation."),
+    *without(interface.PARAMETERS, "drive.kp", "drive.ki", "drive.current_", "motor.pole_pairs", "compensation."),
     parameter("pwm.gain", "1", 1e-6, 1e4, "motor voltage per volt of reference, K_pwm"),
     parameter("load.torsion_bar", "N.m/rad", 0.0, 1e6, "stiffness of the torsion bar, k_bar"),
 )
