@@ -26,7 +26,7 @@ from ..fmu.host import OK, Fmu, Instance
 from ..simulation import new_core
 
 ANGLE = 1e-9  # rad, the contract; measured: no difference at all
-OUTPUT_NAMES = [v.name for v in OUTPUTS]
+REALS, BOOLEANS = ([v.name for v in OUTPUTS if v.kind == kind] for kind in ("Real", "Boolean"))
 INDEX = {v.name: i for i, v in enumerate(VARIABLES)}
 
 
@@ -53,7 +53,7 @@ def test_reference_cases(units: Mapping[str, Path], case: str) -> None:
     for name, column in stored.inputs.items():
         signals[name] = column
     runs = {backend: simulate_fmu(str(unit), stop_time=stop, output_interval=stored.step, input=signals,
-                                  start_values=dict(stored.start_values), output=OUTPUT_NAMES[:-2],
+                                  start_values=dict(stored.start_values), output=REALS,
                                   fmi_call_logger=None)
             for backend, unit in units.items()}
     for name in ("fin_angle", "measured_fin_angle"):
@@ -120,9 +120,9 @@ def test_any_host_any_parameters(library: Fmu, slave_class: type[Slave], changes
                     break
                 time += segment["size"]
             outputs = native.outputs()
-            assert list(outputs.values()) == [
-                *python.get_real([INDEX[v.name] for v in OUTPUTS if v.kind == "Real"]),
-                *python.get_boolean([INDEX[v.name] for v in OUTPUTS if v.kind == "Boolean"])]
+            assert [outputs[name] for name in (*REALS, *BOOLEANS)] == [
+                *python.get_real([INDEX[name] for name in REALS]),
+                *python.get_boolean([INDEX[name] for name in BOOLEANS])]
             if saved:
                 python._set_fmu_state(saved[0])
                 assert native.call("fmi2SetFMUstate", saved[1]) == OK

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics import drive, friction, kinematics, loads, mechanics
 from emcas_fmu.steppers.rigid import Plant, electrical_mode
@@ -228,3 +229,24 @@ def test_the_steady_current_and_the_knee_take_the_whole_supply(values: Mapping[s
     assert hypot(p.motor.resistance * current + p.motor.back_emf_constant * speed, across) == pytest.approx(39.0)
     assert drive.steady_current(FLOATS, p, 39.0, speed) == pytest.approx(current, abs=1e-9)
     assert drive.knee_speed(FLOATS, p, 0.9 * p.motor.resistance * 60.0, 60.0) == 0.0
+
+
+def test_the_current_error_is_what_the_reference_within_its_limit_lacks(values: Mapping[str, Any]) -> None:
+    """A motor held by a locked fin: steady, kp (i_ref - i) + xi = R i, and the supply's 39 V cap the rest."""
+    held = {**values, "friction.fin_coulomb": 1e4, "drive.ki": 0.0, "controller.position.ki": 0.0,
+            "compensation.gain": 0.0, "drive.current_offset": 0.0}
+    run = simulate(held, 0.2, fin_command=0.02, enable=lambda t: t < 0.15)
+    i_ref = held["drive.current_gain"] * run["drive_reference"][100]
+    assert 1.0 < i_ref < held["drive.current_limit"]
+    resistance, kp = held["motor.resistance"], held["drive.kp"]
+    assert run["current_error"][100] == pytest.approx(i_ref * resistance / (resistance + kp), rel=1e-9)
+    assert run["motor_current"][100] + run["current_error"][100] == pytest.approx(i_ref, rel=1e-12)
+    assert np.all(run["current_error"][152:] == 0.0)
+    # Beyond the limit the error is to the limit.
+    far = simulate(held, 0.1, fin_command=0.3)
+    assert far["motor_current"][-1] + far["current_error"][-1] == pytest.approx(held["drive.current_limit"], rel=1e-12)
+
+
+def test_an_actuator_without_a_current_loop_has_no_current_error() -> None:
+    having = [name for name in NAMES if "current_error" in {v.name for v in get(name).outputs}]
+    assert having == ["nonlinear", "linear", "elastic", "habibi"]

@@ -83,7 +83,7 @@ def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     fin = kinematics.fin_angle(ops, p, tangent)
     voltage, flowing, clipped = electrical(ops, p, speed, x, u)
     stop = fin_port.stop_edge(p)
-    return {
+    values = {
         "fin_angle": fin,
         "fin_rate": speed / kinematics.reduction_ratio(ops, p, tangent),
         "motor_angle": angle,
@@ -100,6 +100,10 @@ def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
         "saturated": ops.either(clipped > 0.0, u.limited > 0.0),
         "at_stop": ops.fabs(fin) >= stop,
     }
+    if p.structure.current == "loop":
+        error = drive.current_reference(ops, p, u.reference) - flowing
+        values["current_error"] = ops.where(u.enabled, error, 0.0)
+    return values
 
 
 def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: Acting) -> tuple[Value, ...]:
