@@ -68,7 +68,7 @@ def test_default_has_source_note_type_and_lies_within_limits(entry: parameters.E
     ("inertia.screw", 0.0000045, "derived"),
     ("motor.inductance", 0.0006, "estimate"),
     ("drive.supply_voltage", 39.0, "seed"),
-    ("drive.current_limit", 60.0, "seed"),
+    ("drive.current_limit", 60.0, "estimate"),
     ("drive.current_gain", 8.19, "seed"),
     ("drive.current_offset", -0.015, "seed"),
     ("drive.transport_delay", 0.0037, "seed"),
