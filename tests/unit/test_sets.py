@@ -45,7 +45,7 @@ def test_a_file_of_the_name_comes_first(tmp_path: Path, monkeypatch: pytest.Monk
 def test_a_name_that_is_none_is_told_the_nearest() -> None:
     with pytest.raises(ParameterError, match=r"drive-p: there is neither .* did you mean drive-pi\?; the sets are"):
         load_parameters("drive-p")
-    with pytest.raises(ParameterError, match="none.toml: cannot be read"):
+    with pytest.raises(ParameterError, match=r"none\.toml: cannot be read"):
         load_parameters("none.toml")
 
 
