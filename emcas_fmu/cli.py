@@ -13,6 +13,7 @@ from .commands import (
     baseline,
     build,
     campaign,
+    compare,
     envelope,
     fit,
     identify,
@@ -33,6 +34,7 @@ app.command(epilog=analyse.EPILOG)(analyse.analyse)
 app.add_typer(baseline.app, name="baseline")
 app.command(epilog=build.EPILOG)(build.build)
 app.command(epilog=campaign.EPILOG)(campaign.campaign)
+app.command(epilog=compare.EPILOG)(compare.compare)
 app.command(epilog=envelope.EPILOG)(envelope.envelope)
 app.command(epilog=fit.EPILOG)(fit.fit)
 app.add_typer(identify.app, name="identify")

@@ -29,6 +29,11 @@ def models_directory() -> Path:
                             f"looked in {folders[0]} and {folders[1]}")
 
 
+def named_sets() -> dict[str, Path]:
+    """Return the files of the parameter sets that are shipped beside the default one, by name."""
+    return {path.stem: path for path in sorted((models_directory() / "sets").glob("*.toml"))}
+
+
 @cache
 def cache_directory() -> Path:
     """Return a folder for what is compiled: the user's cache, or one of the user's own among the temporary ones.

@@ -19,7 +19,7 @@ from . import schema
 from .actuators import EXTENSIONS, NAMES, NONLINEAR, default_files, fin_port, full_name, get, get_extension, parts
 from .actuators.declaration import Actuator
 from .errors import EmcasError, hint
-from .files import models_directory
+from .files import models_directory, named_sets
 from .ops.floats import FLOATS
 from .rules import check_ranges, check_rules
 from .units import describe, quantity
@@ -145,19 +145,35 @@ class ParameterSet:
         return self.actuator.namespace(self.values)
 
 
+def parameter_file(given: Path | str, folder: Path = Path()) -> Path:
+    """Return the file that is meant: as seen from a folder, or, where there is none, a shipped set by its name.
+
+    Raises ParameterError for a bare name that is neither.
+    """
+    path, sets = folder / given, named_sets()
+    if path.is_file() or Path(given).name != str(given) or path.suffix:
+        return path
+    if str(given) not in sets:
+        raise ParameterError(f"{given}: there is neither such a file nor a parameter set of that name"
+                             f"{hint(given, sets)}; the sets are {', '.join(sets)}")
+    return sets[str(given)]
+
+
 def load_parameters(files: Path | str | Iterable[Path | str] | None = None, base: ParameterSet | None = None,
                     model: str = NONLINEAR) -> ParameterSet:
     """Return the default set of an actuator, or `base`, overridden by the user's `files`: one, or several in order.
 
-    Each file together with those before it must make a sound set. The defaults are those of ``models/emcas.toml`` that
-    the actuator has, with its parameter files over them, and those of its extensions. Of parameters that are equal in
-    SI units, such as torque and back-EMF constant, one follows where the user's file gives only the other.
+    A file may be given by the name of a shipped set, as `parameter_file` has it; together with those before it, it must
+    make a sound set. The defaults are those of ``models/emcas.toml`` that the actuator has, with its parameter files
+    over them, and those of its extensions. Of parameters that are equal in SI units, such as torque and back-EMF
+    constant, one follows where the user's file gives only the other.
 
     Raises ParameterError with all problems of a file, FileNotFoundError where the default set is missing.
     """
     chosen = base if base is not None else _defaults(full_name(model))
-    for path in [files] if isinstance(files, (str, Path)) else files or ():
-        chosen = _overridden(chosen, _document(Path(path)), str(path), Path(path).name)
+    for given in [files] if isinstance(files, (str, Path)) else files or ():
+        path = parameter_file(given)
+        chosen = _overridden(chosen, _document(path), str(path), path.name)
     return chosen
 
 

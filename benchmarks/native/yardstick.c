@@ -265,6 +265,7 @@ fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference r[], size_t n, 
         case VR_supply_power: value[i] = voltage(a) * a->current; break;
         case VR_tracking_error: value[i] = clip(a->in[VR_fin_command], P_command_limit) - a->angle; break;
         case VR_measured_fin_angle: value[i] = a->measured; break;
+        case VR_current_error: value[i] = a->enable ? a->i_ref - a->current : 0.0; break;
         default:
             if (r[i] > VR_supply_voltage)
                 return fmi2Error;

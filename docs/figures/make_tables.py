@@ -1,4 +1,4 @@
-"""Tables of docs/use/hosts.md, docs/tools/ci.md and docs/model/models.md: what is declared, and what is measured.
+"""Tables of hosts.md, ci.md, models.md and drive.md in docs: what is declared, and what is measured.
 
     python docs/figures/make_tables.py           # writes them between their markers
     python docs/figures/make_tables.py --check   # exit code 1 where one is stale
@@ -19,6 +19,7 @@ import numpy as np
 from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, capabilities, get, get_extension
 from emcas_fmu.bench.excitation import Excitation, reference_case
 from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.bench.writers import with_unit
 from emcas_fmu.extensions import fault_list, monitors
 from emcas_fmu.fmi.interface import BUS_PARAMETERS, MIXING, FmuInterface
 from emcas_fmu.parameters import load_parameters
@@ -28,6 +29,7 @@ from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.baseline.read import read
 from emcas_fmu.studies.baseline.study import TEMPLATE, compare, record
 from emcas_fmu.studies.baseline.table import HEADER, cells, selected, verdict
+from emcas_fmu.studies.compare import study as comparison
 from emcas_fmu.variables import Variable
 
 DOCS = Path(__file__).resolve().parents[1]
@@ -192,9 +194,23 @@ def models() -> str:
     return markdown(("reference case", *others), rows)
 
 
+def presets() -> str:
+    """Table 2 for the readings of the current loop's gains; bold where it is missed."""
+    found = comparison.compare(comparison.load_sets(comparison.DRIVES[1:], NONLINEAR))
+    rows = [[name.replace("drive.", "`drive.") + "`", "", *(f"{value:g}" for value in values)]
+            for name, values in found.differing.items()]
+    for row in found.rows:
+        first, figures = row[0], [with_unit(j.measured, j.unit) for j in row]
+        rows.append([first.title.replace("N.m", "N·m"),
+                     f"{'≥' if first.sense == '>=' else '≤'} {with_unit(first.limit, first.unit)}",
+                     *(figure if j.passed else f"**{figure}**" for j, figure in zip(row, figures, strict=True))])
+    return markdown(("", "required", *(f"`{column.name}`" for column in found.columns)), rows)
+
+
 TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {
     "use/hosts.md": {"single": single, "several": several, "steps": steps}, "tools/ci.md": {"drift": drift},
-    "model/models.md": {"provided": provided, "extensions": extensions, "models": models}}
+    "model/models.md": {"provided": provided, "extensions": extensions, "models": models},
+    "model/drive.md": {"presets": presets}}
 
 
 def renewed(text: str, tables: Mapping[str, Callable[[], str]]) -> str:

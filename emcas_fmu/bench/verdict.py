@@ -160,17 +160,20 @@ def holds() -> dict[str, Excitation]:
             "hold_loaded": step_to(radians(20.0), HOLD, -LOAD)}
 
 
-def table2_excitations() -> dict[str, Excitation]:
-    """Return every excitation Table 2 is judged by, by name, with the parameters as they are."""
-    names = sorted({name for requirement in REQUIREMENTS for name in requirement.needs})
+def table2_excitations(requirements: Sequence[Requirement] = REQUIREMENTS) -> dict[str, Excitation]:
+    """Return every excitation that requirements are judged by, by name, with the parameters as they are."""
+    names = sorted({name for requirement in requirements for name in requirement.needs})
     steps = holds()
     return {name: steps[name] if name in steps else reference_case(name, exact=False) for name in names}
 
 
-def judge_table2(runs: Runs) -> list[Judged]:
-    """Judge Table 2 by runs by name; a row is skipped where a run was not made, failed where one ended early."""
+def judge_table2(runs: Runs, requirements: Sequence[Requirement] = REQUIREMENTS) -> list[Judged]:
+    """Judge Table 2, or other `requirements`, by runs by name.
+
+    A row is skipped where a run was not made, failed where one ended early.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):  # a fin that does not move has no gain: nan, which fails
-        return [_table2(requirement, runs) for requirement in REQUIREMENTS]
+        return [_table2(requirement, runs) for requirement in requirements]
 
 
 def _table2(r: Requirement, runs: Runs) -> Judged:

@@ -42,8 +42,9 @@ SubjectModelOption = Annotated[str | None, model_option(
     "Which actuator a parameter file is of", " Unless given, nonlinear; an FMU tells it by its name, but for one of a "
                                                "file of yours.")]
 ParametersOption = Annotated[list[Path] | None, typer.Option(
-    "--parameters", "-p", help="Parameter file (TOML); overrides any subset of the defaults (may be given several "
-                               "times: a later file goes over those before it).", metavar="FILE")]
+    "--parameters", "-p", help="Parameter file (TOML), or the name of a shipped set (emcas parameters --sets); "
+                               "overrides any subset of the defaults (may be given several times: a later one goes "
+                               "over those before it).", metavar="FILE|SET")]
 FinOption = Annotated[int | None, typer.Option(help="Which fin of a unit of several; the first unless given.",
                                                metavar="N")]
 LayoutOption = Annotated[str, typer.Option(help="Where several fins are: one along body y, or half a space further.",

@@ -10,10 +10,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..actuators import NONLINEAR
+from ..files import named_sets
 from ..parameters import load_parameters
 from .common import ModelOption, ParametersOption, failures, out, warn
 
 EPILOG = ("Examples:\n\n  emcas parameters\n\n  emcas parameters -p my_actuator.toml --json"
+          "\n\n  emcas parameters --sets\n\n  emcas parameters -p drive-pi"
           "\n\n  emcas parameters --model elastic+faults")
 
 
@@ -21,8 +23,13 @@ def show_parameters(
     parameters: ParametersOption = None,
     model: ModelOption = NONLINEAR,
     as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,
+    sets: Annotated[bool, typer.Option("--sets", help="List the shipped sets that --parameters takes by "
+                                                      "name.")] = False,
 ) -> None:
     """Print the parameter set with units and sources, checked."""
+    if sets:
+        _show_sets(as_json)
+        return
     with failures():
         chosen = load_parameters(parameters, model=model)
     warn(chosen.warnings)
@@ -44,3 +51,17 @@ def show_parameters(
     out.print(table)
     if not notes:
         out.print("A wider terminal, or --json, shows what each value rests on.")
+
+
+def _show_sets(as_json: bool) -> None:
+    """Print each set's name with the first line of its file, a comment that says what it is."""
+    with failures():
+        described = {name: path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
+                     for name, path in named_sets().items()}
+    if as_json:
+        print(json.dumps([{"name": name, "description": text} for name, text in described.items()], indent=1))
+        return
+    table = Table("set", "what it is", title="Sets for --parameters", title_justify="left")
+    for name, text in described.items():
+        table.add_row(name, escape(text))
+    out.print(table)

@@ -97,18 +97,18 @@ def extend(actuator: Actuator) -> Actuator:
     def ahead(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Value:
         """Return the mean power [W] of motor and inverter over the next `h` [s] at a constant back-EMF and integral."""
         voltage, current = electrical(ops, p, x, u)
-        built, mode = mode_of(ops, p, x, u)
+        built, mode = mode_of(ops, p, x, u, h)
         final = (mode.source - drive.back_emf(built, getattr(x, speed))) / mode.loop
         reached = final + (current - final) * ops.exp(-h / mode.tau)
         change = ops.where(u.enabled, reached - current, 0.0)
         falls = (mode.loop - built.motor.resistance) * change  # with the current, where the loop is closed
         return _mean_power(ops, p, (voltage, current), (voltage - falls, current + change), h / mode.tau)
 
-    def mode_of(ops: Ops, p: Any, x: Record, u: Acting) -> tuple[Any, Any]:
-        """Return the parameters of the plant, and the electrical mode it is in."""
+    def mode_of(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Any, Any]:
+        """Return the parameters of the plant, and the electrical mode that a step of `h` [s] starts in."""
         built = actuator.as_built(ops, actuator.equation_parameters(ops, p))
         plant = Plant(getattr(x, angle), getattr(x, speed), x.motor_current, x.drive_integral)
-        return built, electrical_mode(ops, built, plant, u)
+        return built, electrical_mode(ops, built, plant, u, h, 0.0)
 
     def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
         link, acting = behind(ops, p, x, u)
@@ -118,7 +118,7 @@ def extend(actuator: Actuator) -> Actuator:
         moved, used = actuator.step(ops, p, x, acting, h)
 
         start, end = electrical(ops, p, x, acting), electrical(ops, p, x.replace(**moved), acting)
-        _, mode = mode_of(ops, p, x, acting)
+        _, mode = mode_of(ops, p, x, acting, h)
         power = _mean_power(ops, p, start, end, used / mode.tau)
         link = supply.moved(ops, p, link, u.supply, supply.load_current(ops, p, middle, power), used)
         tripped = supply.tripped(ops, p, link, x.supply_tripped)

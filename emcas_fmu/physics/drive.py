@@ -2,7 +2,11 @@
 
     L di/dt = v - R i - K_e w        T_m = K_t i
     i_ref = clip(K_v u + i_off, +-I_max)
-    v = clip(K_p (i_ref - i) + xi, +-V)        dxi/dt = K_i (i_ref - i), held while v is clipped
+    v = clip(K_p (i_ref - i) + xi, +-V_w)        dxi/dt = K_i (i_ref - i), held while v is clipped
+
+V_w is the supply V, or with n > 0 pole pairs what the inductive voltage across the winding leaves of it,
+
+    V_w^2 = max(V^2 - (n w L i)^2, 0)
 """
 
 from __future__ import annotations
@@ -36,15 +40,53 @@ def voltage_demand(p: Any, i_ref: Value, current: Value, integral: Value) -> Val
     return p.drive.kp * (i_ref - current) + integral
 
 
-def applied_voltage(ops: Ops, p: Any, reference: Value, current: Value, integral: Value, limit: Value
+def inductive_voltage(p: Any, speed: Value, current: Value) -> Value:
+    """Return the voltage [V] that the current in the winding's inductance makes across the back-EMF, n w L i."""
+    return p.motor.pole_pairs * speed * p.motor.inductance * current
+
+
+def voltage_limit(ops: Ops, p: Any, supply: Value, speed: Value, current: Value) -> Value:
+    """Return the largest voltage [V] in phase with the back-EMF, of a supply [V] at a speed [rad/s] and current [A]."""
+    def beside() -> tuple[Value, ...]:
+        across = inductive_voltage(p, speed, current)
+        return (ops.sqrt(ops.maximum(supply * supply - across * across, 0.0)),)
+
+    (limit,) = ops.branch(p.motor.pole_pairs > 0.0, beside, lambda: (supply,))
+    return limit
+
+
+def steady_current(ops: Ops, p: Any, supply: Value, speed: Value) -> Value:
+    """Return the largest steady current [A] at a motor speed [rad/s]: (R i + K_e w)^2 + (n w L i)^2 = V^2.
+
+    Where no current meets it, the one that comes closest.
+    """
+    resistance, emf = p.motor.resistance, back_emf(p, speed)
+    across = inductive_voltage(p, speed, 1.0)
+    impedance = resistance * resistance + across * across
+    root = ops.sqrt(ops.maximum(impedance * supply * supply - across * across * emf * emf, 0.0))
+    return (root - resistance * emf) / impedance
+
+
+def knee_speed(ops: Ops, p: Any, supply: Value, current: Value) -> Value:
+    """Return the motor speed [rad/s] at which a steady current [A] takes the whole supply [V]; 0 if it does at rest."""
+    drop = p.motor.resistance * current
+    across = inductive_voltage(p, 1.0, current)
+    emf = back_emf(p, 1.0)
+    left = supply * supply - drop * drop
+    root = ops.sqrt(ops.maximum(emf * emf * supply * supply + across * across * left, 0.0))
+    return ops.maximum(left, 0.0) / (drop * emf + root)
+
+
+def applied_voltage(ops: Ops, p: Any, reference: Value, speed: Value, current: Value, integral: Value, supply: Value
                     ) -> tuple[Value, Value]:
-    """Return the voltage [V] on the winding within +-`limit` [V], and whether it or the current reference is limited.
+    """Return the voltage [V] on the winding of a `supply` [V], and whether it or the current reference is limited.
 
     `reference` is the analogue one [V] in the drive. A PWM amplifier has no current reference.
     """
     if p.structure.current == "pwm":
         demand = pwm_voltage(p, reference)
-        return ops.clip(demand, -limit, limit), ops.fabs(demand) > limit
+        return ops.clip(demand, -supply, supply), ops.fabs(demand) > supply
+    limit = voltage_limit(ops, p, supply, speed, current)
     i_ref = current_reference(ops, p, reference)
     demand = voltage_demand(p, i_ref, current, integral)
     clipped = ops.either(ops.fabs(demand) > limit,

@@ -103,6 +103,7 @@ class Plant:
         self.torque_constant, self.emf_constant = p["motor.torque_constant"], p["motor.back_emf_constant"]
         self.resistance, self.inductance = p["motor.resistance"], p["motor.inductance"]
         self.kp, self.ki = p["drive.kp"], p["drive.ki"]
+        self.electrical_inductance = p["motor.pole_pairs"] * self.inductance  # V.s/(rad.A), over speed and current
 
     def as_built(self) -> Plant:
         """Return the plant that deviates from this nominal one."""
@@ -211,7 +212,23 @@ class Plant:
         """Return motor terminal voltage [V]; the back-EMF when the bridge is open."""
         if not around.enable:
             return self.emf_constant * self.ratio(state[0]) * state[1]
-        return clip(self.demand(state, around), around.supply)
+        return clip(self.demand(state, around), self.limit(state, around))
+
+    def limit(self, state: Vector, around: Surroundings) -> float:
+        """Return the largest voltage along the back-EMF [V]: the supply's, less n w L i across it as phasors add."""
+        across = self.electrical_inductance * self.ratio(state[0]) * state[1] * state[2]
+        return math.sqrt(max(around.supply**2 - across**2, 0.0))
+
+    def _limit_slope(self, state: Vector, slopes: Sequence[float], around: Surroundings) -> float:
+        """Return the limit's time derivative [V/s] for those of the state."""
+        delta, omega, current, _ = state
+        ratio, limit = self.ratio(delta), self.limit(state, around)
+        if limit == 0.0 or self.electrical_inductance == 0.0:
+            return 0.0
+        speed = ratio * omega
+        speed_slope = ratio * (slopes[1] + 2.0 * math.tan(delta + self.assembly) * omega**2)  # (2.7)
+        across_slope = speed_slope * current + speed * slopes[2]
+        return -self.electrical_inductance**2 * speed * current * across_slope / limit
 
     def _current_slope(self, state: Vector, voltage: float) -> float:
         speed = self.ratio(state[0]) * state[1]
@@ -221,18 +238,25 @@ class Plant:
 
     def slope(self, state: Vector, mode: Mode, around: Surroundings) -> tuple[float, float, float, float]:
         """Return time derivative of the state in `mode`: rad/s, rad/s2, A/s, V/s."""
-        delta, omega, current, _ = state
+        _, omega, current, _ = state
         motion, drive = mode
         current_slope = integral_slope = 0.0
         if drive == FREE:
             current_slope = self._current_slope(state, self.demand(state, around))
             integral_slope = self.ki * (around.current_reference - current)
         elif drive != OPEN:
-            current_slope = self._current_slope(state, math.copysign(around.supply, drive))
-            if abs(drive) == ON_LIMIT:  # xi keeps the demand exactly on the limit
-                integral_slope = self.kp * current_slope
+            current_slope = self._current_slope(state, math.copysign(self.limit(state, around), drive))
+        omega_slope = self._omega_slope(state, motion, around) if motion else 0.0
+        if abs(drive) == ON_LIMIT:  # xi keeps the demand exactly on the limit
+            moved = self._limit_slope(state, (omega, omega_slope, current_slope), around)
+            integral_slope = self.kp * current_slope + math.copysign(moved, drive)
         if motion == 0:
             return 0.0, 0.0, current_slope, integral_slope
+        return omega, omega_slope, current_slope, integral_slope
+
+    def _omega_slope(self, state: Vector, motion: int, around: Surroundings) -> float:
+        """Return the acceleration [rad/s2] of a fin that slides in the direction `motion`."""
+        delta, omega, current, _ = state
         tangent = math.tan(delta + self.assembly)
         ratio = self.arm / self.lead * (1.0 + tangent * tangent)
         ratio_slope = 2.0 * ratio * tangent  # R' (2.7)
@@ -244,7 +268,7 @@ class Plant:
             - motion * self.coulomb(delta, motion)
         )
         inertia = self.fin_inertia + self.motor_inertia * ratio * ratio  # M = J_ft + J_t R^2
-        return omega, moment / inertia, current_slope, integral_slope
+        return moment / inertia
 
     # Modes ------------------------------------------------------------------------------------------------
 
@@ -257,36 +281,39 @@ class Plant:
             return -1
         return 0
 
-    def drive_on_limit(self, state: Vector, around: Surroundings, side: int) -> int:
+    def drive_on_limit(self, state: Vector, motion: int, around: Surroundings, side: int) -> int:
         """Return drive mode that leaves the voltage limit of sign `side`, reached by the demand, consistently.
 
         Clipped, xi is held and the demand moves with the current alone; free, xi moves too.  When the one
         takes the demand back inside and the other outside, neither can last: the drive glides on the limit.
         """
-        if self._held_slope(state, around, side) >= 0.0:
+        if self._held_slope(state, motion, around, side) >= 0.0:
             return side
-        return FREE if self._free_slope(state, around, side) <= 0.0 else side * ON_LIMIT
+        return FREE if self._free_slope(state, motion, around, side) <= 0.0 else side * ON_LIMIT
 
-    def _held_slope(self, state: Vector, around: Surroundings, side: int) -> float:
-        """Return slope [V/s] of the demand towards `side` while the voltage is clipped there and xi is held."""
-        return -side * self.kp * self._current_slope(state, side * around.supply)
+    def _held_slope(self, state: Vector, motion: int, around: Surroundings, side: int) -> float:
+        """Return slope [V/s] of the demand out of the limit on `side` while the voltage is clipped and xi is held."""
+        slopes = self.slope(state, Mode(motion, side), around)
+        return -side * self.kp * slopes[2] - self._limit_slope(state, slopes, around)
 
-    def _free_slope(self, state: Vector, around: Surroundings, side: int) -> float:
+    def _free_slope(self, state: Vector, motion: int, around: Surroundings, side: int) -> float:
         """Return the same while xi moves."""
-        return self._held_slope(state, around, side) + side * self.ki * (around.current_reference - state[2])
+        return self._held_slope(state, motion, around, side) + side * self.ki * (around.current_reference - state[2])
 
     def admit(self, state: list[float], mode: Mode, around: Surroundings) -> Mode:
         """Return the mode after the surroundings have jumped; clears the current of an opened bridge in place."""
-        demand = self.demand(state, around)
+        demand, limit = self.demand(state, around), self.limit(state, around)
         side = 1 if demand >= 0.0 else -1
         if not around.enable:
             state[2] = state[3] = 0.0
+        motion = mode.motion or self.motion_at_rest(state, around)
+        if not around.enable:
             drive = OPEN
-        elif abs(abs(demand) - around.supply) <= EDGE:
-            drive = self.drive_on_limit(state, around, side)
+        elif abs(abs(demand) - limit) <= EDGE:
+            drive = self.drive_on_limit(state, motion, around, side)
         else:
-            drive = side if abs(demand) > around.supply else FREE
-        return Mode(mode.motion or self.motion_at_rest(state, around), drive)
+            drive = side if abs(demand) > limit else FREE
+        return Mode(motion, drive)
 
     def guards(self, mode: Mode, around: Surroundings) -> list[Guard]:
         """Return events that end `mode`; each successor turns the state at the event into the next mode."""
@@ -302,7 +329,8 @@ class Plant:
 
             def strike(state: list[float]) -> Mode:
                 state[0] = s * self.stop
-                return halt(state)
+                # The inductive voltage goes with the speed, all at once.
+                return self.admit(state, halt(state), around)
 
             return [Guard(lambda y: s * y[1], -1, halt), Guard(lambda y: s * y[0] - self.stop, 1, strike)]
 
@@ -322,18 +350,18 @@ class Plant:
             return []
 
         def reached(side: int) -> Callable[[list[float]], Mode]:
-            return lambda state: Mode(motion, self.drive_on_limit(state, around, side))
+            return lambda state: Mode(motion, self.drive_on_limit(state, motion, around, side))
 
         def excess(side: int) -> Callable[[Vector], float]:
-            return lambda state: side * self.demand(state, around) - around.supply
+            return lambda state: side * self.demand(state, around) - self.limit(state, around)
 
         if drive == FREE:
             return [Guard(excess(side), 1, reached(side)) for side in (1, -1)]
         side = 1 if drive > 0 else -1
         if abs(drive) != ON_LIMIT:
             return [Guard(excess(side), -1, reached(side))]
-        return [Guard(lambda state: self._held_slope(state, around, side), 1, lambda state: Mode(motion, side)),
-                Guard(lambda state: self._free_slope(state, around, side), -1, lambda state: Mode(motion, FREE))]
+        return [Guard(lambda y: self._held_slope(y, motion, around, side), 1, lambda _: Mode(motion, side)),
+                Guard(lambda y: self._free_slope(y, motion, around, side), -1, lambda _: Mode(motion, FREE))]
 
 
 _SIGNS = {1: "positive", -1: "negative"}

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import drive, drive_line, friction, loads, mechanics, screw
-from .rigid import PROGRESS, WALL, Plant, electrical_mode, stops, switched
+from .rigid import PROGRESS, WALL, Drive, Plant, electrical_mode, resolved, stops, switched
 
 # The least share of a step that is taken where a flank is left: in less, a slow motion may not get beyond the rounding
 # of its angle. Meanwhile the flank pulls, and takes energy.
@@ -73,12 +73,13 @@ def _electric(ops: Ops, p: Any, s: Pair, d: Any, h: Value) -> _Electric:
     return _Electric(*ops.branch(d.enabled, flowing, lambda: (0.0, 0.0, 0.0, 0.0)))
 
 
-def _electric_end(ops: Ops, p: Any, s: Pair, d: Any, e: _Electric, mean: Value, h: Value) -> tuple[Value, Value]:
+def _electric_end(ops: Ops, p: Any, s: Pair, d: Any, e: _Electric, speed: Value, h: Value) -> tuple[Value, Value]:
+    mean = e.at_rest - e.slope * speed
     if _ideal(p):
         return e.at_rest, 0.0
     final = (mean - e.kept * s.current) / (1.0 - e.kept)
     current = ops.where(d.enabled, final + (s.current - final) * e.decay, 0.0)
-    followed = d.side * d.limit - p.drive.kp * (d.i_ref - current)
+    followed = d.side * d.limit_at(ops, p, 2.0 * speed - s.speed, current) - p.drive.kp * (d.i_ref - current)
     moved = s.integral + h * d.integral_gain * (d.i_ref - mean)
     return current, ops.where(d.enabled, ops.where(d.stays > 0.0, followed, moved), 0.0)
 
@@ -178,7 +179,7 @@ def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode:
     u = ops.where(fin_held, 0.0, ((alone_1 + seen(k)) * n_2 + k * n_1) / determinant)
     w, u = ops.where(stands, 0.0, w), ops.where(stands, fin_alone, u)
 
-    current, integral = _electric_end(ops, p, s, mode.drive, e, e.at_rest - e.slope * w, h)
+    current, integral = _electric_end(ops, p, s, mode.drive, e, w, h)
     end = Pair(s.angle + h * w, 2.0 * w - s.speed, current, integral, s.fin_angle + h * u, 2.0 * u - s.fin_speed)
     if felt is None:
         return end, 0.0, way
@@ -209,7 +210,8 @@ def _reserve(ops: Ops, p: Any, s: Pair, d: Any) -> tuple[Value, Value]:
     if _ideal(p):
         return False, 1.0
     demand = drive.voltage_demand(p, d.i_ref, s.current, s.integral)
-    reserve = ops.where(ops.equal(d.side, 0.0), d.limit - ops.fabs(demand), demand * d.side - d.limit)
+    limit = d.limit_at(ops, p, s.speed, s.current)
+    reserve = ops.where(ops.equal(d.side, 0.0), limit - ops.fabs(demand), demand * d.side - limit)
     return ops.both(d.enabled, ops.equal(d.at_limit, 0.0)), reserve
 
 
@@ -226,7 +228,7 @@ def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, h: Valu
     """
     deflection = s.angle - s.fin_angle
     pressed, flank = drive_line.pressed(ops, c, deflection, s.speed - s.fin_speed)
-    electric = electrical_mode(ops, p, Plant(*s[:4]), acting)
+    electric = electrical_mode(ops, p, Plant(*s[:4]), acting, h, 0.0)
 
     def ahead() -> tuple[Value, ...]:
         free = _advanced(ops, p, c, s, acting, _Mode(False, 0.0, electric), h)
@@ -234,12 +236,20 @@ def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, h: Valu
 
     met = ops.both(c.loose, ops.both(pressed, ops.fabs(deflection - flank) <= drive_line.MET))
     (pressed,) = ops.branch(met, ahead, lambda: (pressed,))
-    return _Mode(pressed, flank, electric)
+    if p.structure.current == "ideal":
+        return _Mode(pressed, flank, electric)
+
+    def accelerated() -> tuple[Value, ...]:
+        speed = _advanced(ops, p, c, s, acting, _Mode(pressed, flank, electric), h).speed
+        return tuple(electrical_mode(ops, p, Plant(*s[:4]), acting, h, (speed - s.speed) / h))
+
+    return _Mode(pressed, flank, Drive(*ops.branch(p.motor.pole_pairs > 0.0, accelerated, lambda: tuple(electric))))
 
 
 def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, Value]:
     """Return the state after `h` [s] or at the first event before, and the time that took [s]."""
     s = switched(ops, s, acting.enabled)
+    h = resolved(ops, p, s, acting, h)
     c = drive_line.line(ops, p, s.fin_angle + 0.5 * h * s.fin_speed)
     mode = _mode(ops, p, c, s, acting, h)
     whole = _advanced(ops, p, c, s, acting, mode, h)

@@ -78,10 +78,10 @@ def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at
     inertia = m.inertia + 0.5 * h * damping - h * w * m.centrifugal
     torque = m.load - at_rest - damping * w + m.centrifugal * w * w
     motion = Motion(1.0, inertia, torque, 0.0, 0.0, m.load)
-    d = rigid.electrical_mode(ops, p, s, u)
+    d = rigid.electrical_mode(ops, p, s, u, h, rigid.acceleration(ops, p, s, motion))
     c = rigid.current_course(ops, p, s, motion, d, h)
     speed = w + h * (drive.torque(p, c.mean) + torque) / inertia
-    end = Plant(s.angle + h * c.speed, speed, c.end, rigid.integral_end(ops, p, s, d, c, h))
+    end = Plant(s.angle + h * c.speed, speed, c.end, rigid.integral_end(ops, p, s, d, c, speed, h))
     motion = motion._replace(direction=ops.where(end.angle > s.angle, 1.0, -1.0))
     return Step(end, motion, d, c), kept * deflection + gain * c.speed
 
@@ -123,9 +123,9 @@ def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value,
 
     def held(h: Value) -> Step:
         motion = Motion(0.0, 1.0, 0.0, 0.0, 0.0, m.load)
-        d = rigid.electrical_mode(ops, p, s, u)
+        d = rigid.electrical_mode(ops, p, s, u, h, 0.0)
         c = rigid.current_course(ops, p, s, motion, d, h)
-        return Step(Plant(s.angle, 0.0, c.end, rigid.integral_end(ops, p, s, d, c, h)), motion, d, c)
+        return Step(Plant(s.angle, 0.0, c.end, rigid.integral_end(ops, p, s, d, c, 0.0, h)), motion, d, c)
 
     def stays() -> tuple[Value, ...]:
         step = held(h)
@@ -148,6 +148,7 @@ def advance(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value) 
     """Return state and bristle deflection [rad] after `h` [s] or at the first event before, and the time that took [s].
     """
     s = rigid.switched(ops, s, u.enabled)
+    h = rigid.resolved(ops, p, s, u, h)
     low, high = rigid.stops(ops, p)
     side = ops.where(s.angle >= high, 1.0, ops.where(s.angle <= low, -1.0, 0.0))
     resting = ops.both(ops.equal(s.speed, 0.0), ops.negate(ops.equal(side, 0.0)))

@@ -26,6 +26,9 @@ _EDGE = 1.0 - 1e-9
 _BAND = 1e-6
 # The least share of a step that is taken, so that every call moves on.
 PROGRESS = 1e-6
+# Where the voltage is at a limit that falls with the current, which is a resistance, steps are at most this share of
+# the time constant that makes of the winding's inductance; and at least this share of the longest tick.
+_RESOLVED, _SHORTEST = 0.1, 0.03
 WALL = 1e30  # N.m, a mechanical stop seen as friction that nothing overcomes
 _TINY = 1e-300
 
@@ -58,11 +61,16 @@ class Drive(NamedTuple):
     tau: Value
     source: Value
     integral_gain: Value
-    limit: Value
+    limit: Value  # at the step's start
+    supply: Value
     i_ref: Value
     enabled: Value
     stays: Value  # 1 where the demand stays at the limit, its integral following
     at_limit: Value  # 1 where the step starts at the limit
+
+    def limit_at(self, ops: Ops, p: Any, speed: Value, current: Value) -> Value:
+        """Return the voltage's limit [V] at a motor speed [rad/s] and a current [A]."""
+        return drive.voltage_limit(ops, p, self.supply, speed, current)
 
 
 class Current(NamedTuple):
@@ -156,20 +164,22 @@ def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: Drive, h: Value, he
                             torque=ops.where(forward, driving.torque, driven.torque))
 
 
-def electrical_mode(ops: Ops, p: Any, s: Plant, u: Record) -> Drive:
-    """Return the electrical mode a step starts in.
+def electrical_mode(ops: Ops, p: Any, s: Plant, u: Record, h: Value, acceleration: Value) -> Drive:
+    """Return the electrical mode a step of `h` [s] starts in, with an acceleration [rad/s2].
 
     A demand at the limit may be driven out while it is free and back while it is
     clipped (its integral held): then it stays there, the integral following the
-    current (Filippov's sliding solution).
+    current (Filippov's sliding solution). A clipped voltage is the limit of mid-step,
+    as speed and current move from the start.
     """
     if p.structure.current == "pwm":
         return _pwm_mode(ops, p, u)
     i_ref = drive.current_reference(ops, p, u.reference)
     if p.structure.current == "ideal":  # the current is its reference at once, and no voltage matters
-        return Drive(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, i_ref, u.enabled, 0.0, 1.0)
+        return Drive(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, i_ref, u.enabled, 0.0, 1.0)
     demand = drive.voltage_demand(p, i_ref, s.current, s.integral)
-    limit = ops.maximum(u.supply, 0.0)
+    supply = ops.maximum(u.supply, 0.0)
+    limit = drive.voltage_limit(ops, p, supply, s.speed, s.current)
     inside = ops.fabs(demand) < limit * (1.0 - _BAND)
     resistance, inductance = p.motor.resistance, p.motor.inductance
 
@@ -181,18 +191,26 @@ def electrical_mode(ops: Ops, p: Any, s: Plant, u: Record) -> Drive:
         side = _sign(ops, demand)
         at_limit = ops.fabs(demand) <= limit * (1.0 + _BAND)
         rise = side * (side * limit - resistance * s.current - drive.back_emf(p, s.speed)) / inductance
-        drawn_out = side * p.drive.ki * (i_ref - s.current) > p.drive.kp * rise
-        stays = ops.both(at_limit, ops.both(rise > 0.0, drawn_out))
-        clipped = ops.either(ops.negate(at_limit), ops.either(rise <= 0.0, stays))
+
+        def moving() -> tuple[Value, ...]:
+            middle = drive.voltage_limit(ops, p, supply, s.speed + 0.5 * h * acceleration,
+                                         s.current + 0.5 * h * side * rise)
+            return middle, p.drive.kp * rise + (middle - limit) / (0.5 * h)
+
+        # Limit of mid-step, and how fast a clipped demand falls back behind the limit.
+        held, back = ops.branch(p.motor.pole_pairs > 0.0, moving, lambda: (limit, p.drive.kp * rise))
+        drawn_out = side * p.drive.ki * (i_ref - s.current) > back
+        stays = ops.both(at_limit, ops.both(back > 0.0, drawn_out))
+        clipped = ops.either(ops.negate(at_limit), ops.either(back <= 0.0, stays))
         clipped_side = ops.where(clipped, side, 0.0)
         loop = ops.where(clipped, resistance, resistance + p.drive.kp)
-        source = ops.where(clipped, side * limit, p.drive.kp * i_ref + s.integral)
+        source = ops.where(clipped, side * held, p.drive.kp * i_ref + s.integral)
         gain = ops.where(clipped, 0.0, p.drive.ki)
         return (clipped_side, loop, inductance / loop, source, gain, ops.where(stays, 1.0, 0.0),
                 ops.where(at_limit, 1.0, 0.0))
 
     side, loop, tau, source, gain, stays, at_limit = ops.branch(inside, free, beyond)
-    return Drive(side, loop, tau, source, gain, limit, i_ref, u.enabled, stays, at_limit)
+    return Drive(side, loop, tau, source, gain, limit, supply, i_ref, u.enabled, stays, at_limit)
 
 
 def _pwm_mode(ops: Ops, p: Any, u: Record) -> Drive:
@@ -200,7 +218,8 @@ def _pwm_mode(ops: Ops, p: Any, u: Record) -> Drive:
     limit = ops.maximum(u.supply, 0.0)
     source = ops.clip(drive.pwm_voltage(p, u.reference), -limit, limit)
     resistance = p.motor.resistance
-    return Drive(0.0, resistance, p.motor.inductance / resistance, source, 0.0, limit, 0.0, u.enabled, 0.0, 1.0)
+    return Drive(0.0, resistance, p.motor.inductance / resistance, source, 0.0, limit, limit, 0.0, u.enabled, 0.0,
+                 1.0)
 
 
 def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: Drive, h: Value) -> Current:
@@ -255,9 +274,10 @@ def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at: V
     if at is None:
         at = _step(ops, p, s, u, h, heading, s.speed).current.speed if friction.falls(p) else s.speed
     motion = _motion(ops, p, s, u, h, heading, at)
-    d = electrical_mode(ops, p, s, u)
+    d = electrical_mode(ops, p, s, u, h, acceleration(ops, p, s, motion))
     if screw.lossy(p):
         motion = _through_screw(ops, p, s, u, d, h, heading, at)
+        d = electrical_mode(ops, p, s, u, h, acceleration(ops, p, s, motion))
     c = current_course(ops, p, s, motion, d, h)
 
     def sliding() -> tuple[Value, ...]:
@@ -270,14 +290,20 @@ def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at: V
         return ops.where(starts, angle, s.angle), ops.where(starts, speed, 0.0)
 
     angle, speed = ops.branch(ops.equal(motion.direction, 0.0), lambda: (s.angle, 0.0), sliding)
-    return Step(Plant(angle, speed, c.end, integral_end(ops, p, s, d, c, h)), motion, d, c)
+    return Step(Plant(angle, speed, c.end, integral_end(ops, p, s, d, c, speed, h)), motion, d, c)
 
 
-def integral_end(ops: Ops, p: Any, s: Plant, d: Drive, c: Current, h: Value) -> Value:
-    """Return the drive's integral [V] at the end of a step."""
+def acceleration(ops: Ops, p: Any, s: Plant, motion: Motion) -> Value:
+    """Return the acceleration [rad/s2] a step starts with."""
+    return ops.where(ops.equal(motion.direction, 0.0), 0.0,
+                     (drive.torque(p, s.current) + motion.torque) / motion.inertia)
+
+
+def integral_end(ops: Ops, p: Any, s: Plant, d: Drive, c: Current, speed: Value, h: Value) -> Value:
+    """Return the drive's integral [V] at the end of a step that ends at a motor speed [rad/s]."""
     if p.structure.current == "pwm":
         return s.integral
-    followed = d.side * d.limit - p.drive.kp * (d.i_ref - c.end)
+    followed = d.side * d.limit_at(ops, p, speed, c.end) - p.drive.kp * (d.i_ref - c.end)
     moved = s.integral + h * d.integral_gain * (d.i_ref - c.mean)
     return ops.where(d.enabled, ops.where(d.stays > 0.0, followed, moved), 0.0)
 
@@ -305,11 +331,12 @@ def voltage_events(ops: Ops, p: Any, d: Drive, end: Plant) -> Crossing:
     if p.structure.current == "pwm":
         return Crossing(False, False)
     demand = drive.voltage_demand(p, d.i_ref, end.current, end.integral)
+    limit = d.limit_at(ops, p, end.speed, end.current)
     free = ops.equal(d.side, 0.0)
     # From the limit itself the mode of the start holds through the step.
     watched = ops.both(d.enabled, ops.equal(d.at_limit, 0.0))
-    entering = ops.both(watched, ops.both(free, ops.fabs(demand) > d.limit))
-    return Crossing(entering, ops.both(watched, ops.both(ops.negate(free), demand * d.side < d.limit)))
+    entering = ops.both(watched, ops.both(free, ops.fabs(demand) > limit))
+    return Crossing(entering, ops.both(watched, ops.both(ops.negate(free), demand * d.side < limit)))
 
 
 def _events(ops: Ops, p: Any, s: Plant, step: Step, heading: float) -> Events:
@@ -334,11 +361,22 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
     side = ops.where(crossing.entering, _sign(ops, after), d.side)
     # By the current's course, with the integral of the step's start; where the integral
     # rather than the current drives the demand, by the line between its ends.
-    boundary = d.i_ref - (side * d.limit - s.integral) / p.drive.kp
+    limit = d.limit_at(ops, p, step.end.speed, step.end.current)
+    boundary = d.i_ref - (side * limit - s.integral) / p.drive.kp
     on_course = (boundary - s.current) * (step.end.current - boundary) >= 0.0
-    change = ops.where(ops.equal(after, before), 1.0, after - before)
-    line = h * ops.clip((side * d.limit - before) / change, 0.0, 1.0)
-    time = ops.where(on_course, ops.minimum(time_to(ops, c, boundary), h), line)
+
+    def on_line(start: Value, end: Value) -> Value:
+        change = ops.where(ops.equal(end, start), 1.0, end - start)
+        return h * ops.clip((side * limit - start) / change, 0.0, 1.0)
+
+    time = ops.where(on_course, ops.minimum(time_to(ops, c, boundary), h), on_line(before, after))
+
+    def moving() -> tuple[Value, ...]:
+        # No later than the line between the reserves at start and end is zero: what is met too early is met again.
+        even = on_line(before + side * (limit - d.limit), after)
+        return (ops.where(on_course, ops.minimum(time, even), even),)
+
+    (time,) = ops.branch(p.motor.pole_pairs > 0.0, moving, lambda: (time,))
     return ops.where(ops.either(*crossing), time, h)
 
 
@@ -403,9 +441,28 @@ def switched(ops: Ops, s: Any, enabled: Value) -> Any:
     return s._replace(current=current, integral=integral)
 
 
+def resolved(ops: Ops, p: Any, s: Any, u: Record, h: Value) -> Value:
+    """Return `h` [s], or a shorter step that resolves a voltage limit which falls steeply with the current."""
+    if p.structure.current != "loop":
+        return h
+
+    def steep() -> tuple[Value, ...]:
+        limit = drive.voltage_limit(ops, p, ops.maximum(u.supply, 0.0), s.speed, s.current)
+        i_ref = drive.current_reference(ops, p, u.reference)
+        clipped = ops.fabs(drive.voltage_demand(p, i_ref, s.current, s.integral)) >= limit * (1.0 - _BAND)
+        across = drive.inductive_voltage(p, s.speed, 1.0)
+        falling = ops.maximum(across * across * ops.fabs(s.current), _TINY)  # -dV_w/di V_w
+        step = ops.maximum(_SHORTEST * p.solver.max_tick, _RESOLVED * p.motor.inductance * limit / falling)
+        return (ops.where(clipped, ops.minimum(h, step), h),)
+
+    (h,) = ops.branch(p.motor.pole_pairs > 0.0, steep, lambda: (h,))
+    return h
+
+
 def advance(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Plant, Value]:
     """Return the state after `h` [s] or at the first event before, and the time that took [s]."""
     s = switched(ops, s, u.enabled)
+    h = resolved(ops, p, s, u, h)
     *plant, used = ops.branch(
         s.speed > 0.0,
         lambda: _follow(ops, p, s, u, h, 1.0),

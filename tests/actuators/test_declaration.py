@@ -352,6 +352,7 @@ def test_direct_inputs_of_the_default_unit() -> None:
         "supply_power": ("supply_voltage", "enable"),
         "tracking_error": ("fin_command",),
         "saturated": ("supply_voltage", "enable"),
+        "current_error": ("enable",),
     }
 
 

@@ -129,9 +129,11 @@ def test_sweep_about_the_end_of_the_range_stays_inside(values: Values) -> None:
     assert made[0].response.gain[0] == pytest.approx(1.0, abs=0.05)  # half of it would be clipped
 
 
-def test_rate_capability_is_the_rate_of_a_long_slew(values: Values) -> None:
+@pytest.mark.parametrize("pairs", [0, 12])
+def test_rate_capability_is_the_rate_of_a_long_slew(values: Values, pairs: int) -> None:
     # A low supply, so that it and not the controllers sets the rate; the fin is watched where it passes 5 deg.
-    p = {**values, **LOOP, "drive.supply_voltage": 20.0, "encoder.enabled": False, "fin.start_angle": radians(-20.0)}
+    p = {**values, **LOOP, "drive.supply_voltage": 20.0, "encoder.enabled": False, "fin.start_angle": radians(-20.0),
+         "motor.pole_pairs": pairs}
     run = simulate(p, 0.4, fin_command=radians(20.0), aero_torque=-50.0)
     k = int(np.argmax(run["fin_angle"] > radians(5.0)))
     expected = steady_rate(namespace(p), float(run["fin_angle"][k]), 1.0,

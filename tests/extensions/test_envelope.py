@@ -73,6 +73,21 @@ def test_the_simulated_winding_gets_there_in_the_duration(preload: float) -> Non
     assert run["winding_temperature"][-1] == pytest.approx(130.0, abs=5e-3)
 
 
+@pytest.mark.parametrize(("pairs", "speed"), [(0, 218.18), (4, 154.67)])
+def test_the_knee_of_a_cold_motor_at_its_peak_current(pairs: int, speed: float) -> None:
+    """60 A, 0.25 ohm, 0.11 V.s/rad, 0.6 mH at 39 V: (15 + 0.11 w)^2 + (0.036 n w)^2 = 39^2, in V and rad/s."""
+    cold = _set({**NO_I2T, "motor.pole_pairs": pairs, "heat.resistance_coefficient": 0.0,
+                 "heat.torque_coefficient": 0.0})
+    found = envelope(cold, 0.1).short_term
+    assert found.bound_by == "peak"
+    assert found.corner_speed == pytest.approx(speed, abs=0.01)
+    e = envelope(cold, 0.1)
+    # Beyond the knee the torque is below the peak's, before it is the peak's.
+    assert np.all((e.short_term.torque < 0.11 * 60.0 * (1.0 - 1e-9)) == (e.speed > found.corner_speed))
+    # The limit drawn beside it is the voltage's alone: the same where that binds.
+    np.testing.assert_allclose(np.minimum(e.short_term.limits["voltage"], 6.6), e.short_term.torque, atol=1e-6)
+
+
 def _steady(square: float) -> tuple[float, float]:
     """Steady temperatures [degC] of winding and case under i^2 [A^2]: T = T_a + 0.6 R(T) i^2, solved by hand."""
     rise = 0.6 * 0.25 * square / (1.0 - 0.6 * 0.25 * 0.00387 * square)

@@ -26,7 +26,7 @@ from ..fmu.host import OK, Fmu, Instance
 from ..simulation import new_core
 
 ANGLE = 1e-9  # rad, the contract; measured: no difference at all
-OUTPUT_NAMES = [v.name for v in OUTPUTS]
+REALS, BOOLEANS = ([v.name for v in OUTPUTS if v.kind == kind] for kind in ("Real", "Boolean"))
 INDEX = {v.name: i for i, v in enumerate(VARIABLES)}
 
 
@@ -53,7 +53,7 @@ def test_reference_cases(units: Mapping[str, Path], case: str) -> None:
     for name, column in stored.inputs.items():
         signals[name] = column
     runs = {backend: simulate_fmu(str(unit), stop_time=stop, output_interval=stored.step, input=signals,
-                                  start_values=dict(stored.start_values), output=OUTPUT_NAMES[:-2],
+                                  start_values=dict(stored.start_values), output=REALS,
                                   fmi_call_logger=None)
             for backend, unit in units.items()}
     for name in ("fin_angle", "measured_fin_angle"):
@@ -74,8 +74,9 @@ _SPANS = {"controller.position.kp": (10.0, 200.0), "controller.position.ki": (0.
 _parameters = st.dictionaries(st.sampled_from(sorted(_SPANS)), st.floats(0.0, 1.0), max_size=5).map(
     lambda shares: {name: _SPANS[name][0] + share * (_SPANS[name][1] - _SPANS[name][0])
                     for name, share in shares.items()})
-_flags = st.fixed_dictionaries({}, optional={name: st.booleans() for name in (
-    "encoder.enabled", "encoder.on_fin", "loads.gravity")})
+_flags = st.fixed_dictionaries({}, optional={
+    **{name: st.booleans() for name in ("encoder.enabled", "encoder.on_fin", "loads.gravity")},
+    "motor.pole_pairs": st.integers(0, 8)})
 _segments = st.lists(st.fixed_dictionaries({
     "inputs": st.fixed_dictionaries({
         "fin_command": _UNIFORM.map(lambda x: 0.5 * x), "aero_torque": _UNIFORM.map(lambda x: 250.0 * x),
@@ -92,7 +93,7 @@ _segments = st.lists(st.fixed_dictionaries({
           suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(changes=_parameters, flags=_flags, segments=_segments)
 def test_any_host_any_parameters(library: Fmu, slave_class: type[Slave], changes: dict[str, float],
-                                 flags: dict[str, bool], segments: list[dict[str, Any]]) -> None:
+                                 flags: dict[str, int], segments: list[dict[str, Any]]) -> None:
     """Parameters, inputs, step sizes, restored states, tuning while running: the same answers, the same outputs."""
     native, python = Instance(library), slave_class(instance_name="fin")
     python.setup_experiment(0.0)
@@ -120,9 +121,9 @@ def test_any_host_any_parameters(library: Fmu, slave_class: type[Slave], changes
                     break
                 time += segment["size"]
             outputs = native.outputs()
-            assert list(outputs.values()) == [
-                *python.get_real([INDEX[v.name] for v in OUTPUTS if v.kind == "Real"]),
-                *python.get_boolean([INDEX[v.name] for v in OUTPUTS if v.kind == "Boolean"])]
+            assert [outputs[name] for name in (*REALS, *BOOLEANS)] == [
+                *python.get_real([INDEX[name] for name in REALS]),
+                *python.get_boolean([INDEX[name] for name in BOOLEANS])]
             if saved:
                 python._set_fmu_state(saved[0])
                 assert native.call("fmi2SetFMUstate", saved[1]) == OK

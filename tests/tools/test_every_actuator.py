@@ -72,6 +72,7 @@ TOOLS: dict[str, Callable[[Path, str], list[str]]] = {
     "simulate --fins": lambda folder, model: ["--fins", "2", "--step", "2", "--stop", "0.06"],
     "validate": lambda folder, model: ["--case", "step_plus1", "--report", str(folder / "v.html")],
     "report": lambda folder, model: ["-o", str(folder / "r.html"), "--json", str(folder / "r.json")],
+    "compare": lambda folder, model: ["default", "--report", str(folder / "c.html")],
     "baseline": lambda folder, model: ["record", empty(folder), "-o", str(folder / "baseline")],
     "tune": lambda folder, model: [written(folder, TUNING, model), "--generations", "1", "--workers", "1"],
     "analyse": lambda folder, model: ["--json", str(folder / "analysis.json")],

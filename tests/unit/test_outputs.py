@@ -17,6 +17,7 @@ FILES = {
     "build -p bad.toml": ("-o .fmu",),
     "campaign bad.toml": ("--json", "--report"),
     "campaign bad.toml --only 1": ("--json",),
+    "compare bad.toml": ("--json", "--report"),
     "envelope -p bad.toml": ("-o", "--plot .svg", "--json"),
     "fit -p bad.toml": ("-o", "--json"),
     **{f"identify {kind} bad.csv -p bad.toml": ("-o", "--report", "--json")

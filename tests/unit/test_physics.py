@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import cos, degrees, radians, sin, tan
+from math import cos, degrees, hypot, radians, sin, tan
 from typing import Any
 
 import numpy as np
 import pytest
 
+from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics import drive, friction, kinematics, loads, mechanics
 from emcas_fmu.steppers.rigid import Plant, electrical_mode
@@ -210,6 +211,49 @@ def test_the_demand_slides_along_its_limit_where_it_grows(values: Mapping[str, A
     p = namespace(case)
     plant = Plant(0.0, side * speed, side * current, side * (supply - 5.0 * (i_ref - current)))
     reference = (side * i_ref - p.drive.current_offset) / p.drive.current_gain
-    mode = electrical_mode(FLOATS, p, plant, acting(reference, supply=supply))
+    mode = electrical_mode(FLOATS, p, plant, acting(reference, supply=supply), 1e-4, 0.0)
     assert mode.at_limit == 1.0
     assert (mode.stays, mode.side) == (float(stays), side * stays)
+
+
+def test_the_inductive_voltage_leaves_the_rest_of_the_supply(values: Mapping[str, Any]) -> None:
+    """Phasors by hand: 4 pole pairs, 200 rad/s, 0.6 mH and 50 A make 24 V across; of 26 V they leave 10 V."""
+    p = namespace({**values, "motor.pole_pairs": 4, "motor.inductance": 6e-4})
+    assert drive.voltage_limit(FLOATS, p, 26.0, -200.0, 50.0) == pytest.approx(10.0, rel=1e-14)
+    assert drive.voltage_limit(FLOATS, p, 24.0 - 1e-9, 200.0, -50.0) == 0.0
+    none = namespace({**values, "motor.pole_pairs": 0})
+    assert drive.voltage_limit(FLOATS, none, 26.0, -200.0, 50.0) == 26.0
+
+
+@pytest.mark.parametrize("pairs", [0, 4, 9])
+@pytest.mark.parametrize("current", [0.0, 20.0, 60.0])
+def test_the_steady_current_and_the_knee_take_the_whole_supply(values: Mapping[str, Any], pairs: int, current: float
+                                                               ) -> None:
+    p = namespace({**values, "motor.pole_pairs": pairs})
+    speed = drive.knee_speed(FLOATS, p, 39.0, current)
+    across = pairs * speed * p.motor.inductance * current
+    # A root of rounded squares of some 1e3 V^2.
+    assert hypot(p.motor.resistance * current + p.motor.back_emf_constant * speed, across) == pytest.approx(39.0)
+    assert drive.steady_current(FLOATS, p, 39.0, speed) == pytest.approx(current, abs=1e-9)
+    assert drive.knee_speed(FLOATS, p, 0.9 * p.motor.resistance * 60.0, 60.0) == 0.0
+
+
+def test_the_current_error_is_what_the_reference_within_its_limit_lacks(values: Mapping[str, Any]) -> None:
+    """A motor held by a locked fin: steady, kp (i_ref - i) + xi = R i, and the supply's 39 V cap the rest."""
+    held = {**values, "friction.fin_coulomb": 1e4, "drive.ki": 0.0, "controller.position.ki": 0.0,
+            "compensation.gain": 0.0, "drive.current_offset": 0.0}
+    run = simulate(held, 0.2, fin_command=0.02, enable=lambda t: t < 0.15)
+    i_ref = held["drive.current_gain"] * run["drive_reference"][100]
+    assert 1.0 < i_ref < held["drive.current_limit"]
+    resistance, kp = held["motor.resistance"], held["drive.kp"]
+    assert run["current_error"][100] == pytest.approx(i_ref * resistance / (resistance + kp), rel=1e-9)
+    assert run["motor_current"][100] + run["current_error"][100] == pytest.approx(i_ref, rel=1e-12)
+    assert np.all(run["current_error"][152:] == 0.0)
+    # Beyond the limit the error is to the limit.
+    far = simulate(held, 0.1, fin_command=0.3)
+    assert far["motor_current"][-1] + far["current_error"][-1] == pytest.approx(held["drive.current_limit"], rel=1e-12)
+
+
+def test_an_actuator_without_a_current_loop_has_no_current_error() -> None:
+    having = [name for name in NAMES if "current_error" in {v.name for v in get(name).outputs}]
+    assert having == ["nonlinear", "linear", "elastic", "habibi"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import wraps
 from itertools import pairwise
 from math import degrees, radians
@@ -11,7 +12,17 @@ from typing import Any
 from ...ops.base import Ops, Value
 from ...physics.friction import coulomb_polynomial
 from ...rules import ANGLE, SLACK, Rule, in_degrees, when
-from ...variables import Terminal, Variable, integer_parameter, parameter, real_input, real_output, switch, tunable
+from ...variables import (
+    Terminal,
+    Variable,
+    integer_parameter,
+    parameter,
+    real_input,
+    real_output,
+    switch,
+    tunable,
+    without,
+)
 from .. import fin_port
 from ..declaration import State, Supply
 from .as_built import DEVIATIONS
@@ -50,6 +61,7 @@ OUTPUTS = (
         "measured_fin_angle": "fin angle the controller reads from its encoder at the last sample",
         "saturated": "any limit active: command, speed, DAC, current or voltage",
     }, (fin_port.MEASURED_FIN_ANGLE, fin_port.SATURATED, fin_port.AT_STOP)),
+    real_output("current_error", "A", "current reference within its limit minus motor current (0 while disabled)", 1.0),
 )
 INPUT_DESCRIPTIONS = {
     "acceleration.x": "vehicle acceleration along body x (forward, along the screw), where mounting.station "
@@ -60,11 +72,15 @@ INPUT_DESCRIPTIONS = {
     "enable": "false opens the drive's bridge: the fin is driven by loads and friction only",
 }
 
-TERMINALS = (
-    Terminal("motor", "motor and drive",
-             ("motor_angle", "motor_speed", "motor_current", "motor_voltage", "motor_torque", "drive_reference",
-              "nut_position")),
-)
+_MOTOR = Terminal("motor", "motor and drive",
+                  ("motor_angle", "motor_speed", "motor_current", "motor_voltage", "motor_torque", "drive_reference",
+                   "nut_position", "current_error"))
+TERMINALS = (_MOTOR,)
+
+# -- without a current loop --------------------------------------------------------
+
+LOOPLESS_OUTPUTS = without(OUTPUTS, "current_error")
+LOOPLESS_TERMINALS = (replace(_MOTOR, members=tuple(m for m in _MOTOR.members if m != "current_error")),)
 
 # -- parameters --------------------------------------------------------------------
 
@@ -139,6 +155,8 @@ PARAMETERS: tuple[Variable, ...] = (
     *DEVIATIONS,
     *fin_port.BUS,
     fin_port.MAX_TICK,
+    integer_parameter("motor.pole_pairs", 0, 1000, "pole pairs: the inductive voltage across the winding, pole pairs "
+                      "times speed, inductance and current, takes its part of the supply (0: none is taken)"),
 )
 
 

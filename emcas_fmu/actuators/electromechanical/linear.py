@@ -26,7 +26,7 @@ _CONSTANTS = {
     "friction.table.coulomb": (1.0,) * interface.TABLE_POINTS, "compensation.gain": 0.0, "compensation.speed_band": 1.0,
     "encoder.enabled": False, "encoder.on_fin": False, "encoder.pulses": 1, "encoder.multiplier": 1,
     "deviation.friction.coulomb": 0.0, "drive.current_offset": 0.0, "drive.current_limit": inf,
-    "drive.reference_limit": inf,
+    "drive.reference_limit": inf, "motor.pole_pairs": 0,
     "controller.speed_limit": inf, "controller.antiwindup": 0.0, "controller.drive_antiwindup": 0.0,
 }
 
@@ -54,9 +54,8 @@ ACTUATOR = replace(
         interface.PARAMETERS, "drive.current_limit", "drive.current_offset", "drive.reference_limit",
         "controller.speed_limit", "controller.antiwindup", "controller.drive_antiwindup", "friction.coulomb.",
         "friction.table.coulomb", "friction.fin_coulomb", "deviation.friction.coulomb", "compensation.",
-        "encoder."),
-    rules=(interface.LEVER_RULE, interface.INERTIA_RULE, interface.OBSERVER_RULE,
-           *interface.TEMPERATURE_RULES),
+        "encoder.", "motor.pole_pairs"),
+    rules=(interface.LEVER_RULE, interface.INERTIA_RULE, interface.OBSERVER_RULE, *interface.TEMPERATURE_RULES),
     descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; limits nothing here"},
     provides=frozenset({capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE,
                         capabilities.SCREW_DRIVE, capabilities.POSITION_LOOP, capabilities.CASCADE,

@@ -76,7 +76,7 @@ def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     fin = kinematics.fin_angle(ops, p, tangent)
     voltage, flowing, clipped = electrical(ops, p, speed, x, u)
     stop = fin_port.stop_edge(p)
-    return {
+    values = {
         "fin_angle": fin,
         "fin_rate": speed / kinematics.reduction_ratio(ops, p, tangent),
         "motor_angle": angle,
@@ -93,16 +93,20 @@ def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
         "saturated": ops.either(clipped > 0.0, u.limited > 0.0),
         "at_stop": ops.fabs(fin) >= stop,
     }
+    if p.structure.current == "loop":
+        error = drive.current_reference(ops, p, u.reference) - flowing
+        values["current_error"] = ops.where(u.enabled, error, 0.0)
+    return values
 
 
 def electrical(ops: Ops, p: Any, speed: Value, x: Record, u: Acting) -> tuple[Value, ...]:
     """Return motor voltage [V] and current [A] at a motor speed [rad/s], and whether a limit is met (above 0)."""
     if p.structure.current == "ideal":
         return _ideal(ops, p, speed, u)
-    limit = ops.maximum(u.supply, 0.0)
+    supply = ops.maximum(u.supply, 0.0)
 
     def powered() -> tuple[Value, ...]:
-        voltage, clipped = drive.applied_voltage(ops, p, u.reference, x.motor_current, x.drive_integral, limit)
+        voltage, clipped = drive.applied_voltage(ops, p, u.reference, speed, x.motor_current, x.drive_integral, supply)
         return voltage, x.motor_current, ops.where(clipped, 1.0, 0.0)
 
     return ops.branch(u.enabled, powered, lambda: (drive.back_emf(p, speed), 0.0, 0.0))

@@ -42,7 +42,10 @@ ACTUATOR = replace(
     elastic.ACTUATOR,
     name="ozkan",
     title="electromechanical actuator after Ozkan: ideal current loop, flexible motor shaft, constant ratio",
-    parameters=without(interface.PARAMETERS, "drive.kp", "drive.ki", "motor.inductance") + elastic.TORSIONAL,
+    parameters=without(interface.PARAMETERS, "drive.kp", "drive.ki", "motor.inductance", "motor.pole_pairs")
+    + elastic.TORSIONAL,
+    outputs=fin_port.described(elastic.DESCRIPTIONS, interface.LOOPLESS_OUTPUTS),
+    terminals=interface.LOOPLESS_TERMINALS,
     supply=Supply(interface.SUPPLY_VOLTAGE, interface.SUPPLY_POWER),
     provides=elastic.ACTUATOR.provides - {
         capabilities.SCREW_LOAD, capabilities.BACKLASH, capabilities.CURRENT_LOOP, capabilities.VOLTAGE_LIMIT},

@@ -27,7 +27,7 @@ from .as_built import as_built
 from .interface import with_parameters
 
 PARAMETERS = (
-    *without(interface.PARAMETERS, "drive.kp", "drive.ki", "drive.current_", "compensation."),
+    *without(interface.PARAMETERS, "drive.kp", "drive.ki", "drive.current_", "motor.pole_pairs", "compensation."),
     parameter("pwm.gain", "1", 1e-6, 1e4, "motor voltage per volt of reference, K_pwm"),
     parameter("load.torsion_bar", "N.m/rad", 0.0, 1e6, "stiffness of the torsion bar, k_bar"),
 )
@@ -67,7 +67,8 @@ ACTUATOR = replace(
         "hinge_torque": "total external moment about the hinge (aerodynamic + torsion bar + gravity + inertial)",
         "motor_current": "motor current, which no loop controls",
         "saturated": "any limit active: command, speed, DAC or voltage",
-    }, interface.OUTPUTS),
+    }, interface.LOOPLESS_OUTPUTS),
+    terminals=interface.LOOPLESS_TERMINALS,
     parameters=PARAMETERS,
     provides=nonlinear.ACTUATOR.provides - {capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT},
     structure=Structure(constant_ratio=True, current="pwm", torsion_bar=True),

@@ -2,9 +2,9 @@
 
 In steady motion (di/dt = 0) voltage and current limits leave
 
-    T_m = K_t clip((+-V - K_e w)/R, +-I_max)
+    T_m = K_t clip(i, +-I_max)        (R i + K_e w)^2 + (n w L i)^2 = V^2
 
-and the balance of (2.17) without acceleration gives the fin's rate and the moment it moves.
+with n = motor.pole_pairs, and the balance of (2.17) without acceleration gives the fin's rate and the moment it moves.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from ...simulation import Array
 NEEDS = (capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.SCREW_LOAD,
          capabilities.COULOMB_FRICTION)
 _POINTS = 101
+_HALVINGS = 60  # of the speeds between which one lies: to rounding
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class Envelope:
 
 def limit_torque(p: Any, speed: Any) -> Any:
     """Return the largest motor torque [N.m] at motor speeds [rad/s], in steady motion."""
-    current = (p.drive.supply_voltage - drive.back_emf(p, speed)) / p.motor.resistance
+    current = drive.steady_current(ARRAYS, p, p.drive.supply_voltage, speed)
     return drive.torque(p, ARRAYS.clip(current, -p.drive.current_limit, p.drive.current_limit))
 
 
@@ -119,10 +120,9 @@ def steady_rate(p: Any, fin: Any, side: float, acting: Any, limit: float) -> Any
     m = mechanics.coefficients(ARRAYS, p, kinematics.motor_angle(ARRAYS, p, fin), acting)
     surplus = side * m.load - mechanics.breakaway(ARRAYS, p, m, side)
     damping = mechanics.damping(ARRAYS, p, m, side)
-    stall, braking, peak = (drive.torque(p, current) for current in (
-        p.drive.supply_voltage / p.motor.resistance, drive.back_emf(p, 1.0) / p.motor.resistance,
-        p.drive.current_limit))
-    with np.errstate(divide="ignore"):  # without damping a current reaches any speed
-        slowest, fastest = (surplus - peak) / damping, (surplus + peak) / damping
-    speed = np.clip((surplus + stall) / (damping + braking), slowest, fastest)
-    return np.clip(speed, 0.0, limit) / m.ratio
+    slowest, fastest = np.zeros_like(surplus), np.full_like(surplus, limit)
+    for _ in range(_HALVINGS):  # the torque that is left falls with speed
+        speed = 0.5 * (slowest + fastest)
+        left = limit_torque(p, speed) + surplus - damping * speed > 0.0
+        slowest, fastest = np.where(left, speed, slowest), np.where(left, fastest, speed)
+    return fastest / m.ratio

@@ -7,7 +7,7 @@ The largest torque in steady motion is that of a current no larger than the leas
   the least continuous one, so that the I2t load is empty then;
 - I2t: heat.continuous_current; short-term what the drive allows through the duration without folding back;
 - peak: drive.current_limit;
-- voltage: V = R i + K_e w at the supply.
+- voltage: V^2 = (R i + K_e w)^2 + (n w L i)^2 at the supply, with n = motor.pole_pairs.
 
 R, K_t and K_e are those of the temperatures that the current itself has made at the end, steady state or duration.
 With magnets that lose much by heat a smaller current may give the larger torque; then it is that one's. Losses other
@@ -30,6 +30,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from ...actuators import capabilities, parts, require
 from ...errors import EmcasError
+from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
 from ...parameters import ParameterSet
 from ...physics import drive, heat
@@ -196,7 +197,8 @@ def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures
 
     def excess(current: float, at: float) -> float:
         q = motor(current)
-        return float(q.motor.resistance * current + drive.back_emf(q, at) - supply)
+        drop = q.motor.resistance * current + drive.back_emf(q, at)
+        return float(drop - drive.voltage_limit(FLOATS, q, supply, at, current))
 
     # The torque is largest where the voltage leaves no more room, at the largest current, or at a peak of its own.
     tried = [float(i) for i in np.linspace(0.0, largest, _CURRENTS)]
@@ -215,11 +217,10 @@ def _curve(p: Any, speed: Array, allowed: tuple[float, ...], start: Temperatures
 
     hot, cold = motor(largest), heat.at_temperatures(FLOATS, p, *start)
     return Curve(currents, *heated(largest),
-                 max((supply - hot.motor.resistance * largest) / hot.motor.back_emf_constant, 0.0),
+                 float(drive.knee_speed(FLOATS, hot, supply, largest)),
                  np.array([largest_torque(float(at)) for at in speed]),
                  {**{cause: np.full(len(speed), torque_of(current)) for cause, current in currents.items()},
-                  "voltage": drive.torque(cold, np.maximum(supply - drive.back_emf(cold, speed), 0.0)
-                                          / cold.motor.resistance)})
+                  "voltage": drive.torque(cold, np.maximum(drive.steady_current(ARRAYS, cold, supply, speed), 0.0))})
 
 
 def draw(e: Envelope) -> Figure:

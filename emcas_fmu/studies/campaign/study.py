@@ -17,7 +17,7 @@ from ...bench.subject import open_subject
 from ...errors import EmcasError
 from ...fmi.interface import MOST_FINS, FmuInterface, start_values
 from ...fmi.package import interface_guid
-from ...parameters import ParameterSet, check_parameters, load_parameters
+from ...parameters import ParameterSet, check_parameters, load_parameters, parameter_file
 from ...schema import Table
 from .distributions import CampaignError
 from .plan import Factor, Plan, source_sha256
@@ -99,7 +99,7 @@ def _base(path: Path, entry: _Base, fmu: Path | None, fin: int | None,
     chosen = fin if fin is not None else entry.fin or 1
     kind = _model(path, entry, model)
     # Files are named as seen from the campaign's own, which can then be run from anywhere.
-    files = [path.parent / name for name in entry.parameters]
+    files = [parameter_file(name, path.parent) for name in entry.parameters]
     unit = fmu if fmu is not None else path.parent / entry.fmu if entry.fmu else None
     if unit is None:
         if fin is not None or entry.fin is not None:

@@ -1,0 +1,49 @@
+"""`emcas compare`: parameter sets side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..actuators import NONLINEAR
+from . import common
+
+EPILOG = ("Examples:\n\n  emcas compare"
+          "\n\n  emcas compare default my_actuator.toml --report compare.html"
+          "\n\n  emcas compare drive-si drive-pi -p my_actuator.toml --json compare.json")
+
+
+def compare(
+    sets: Annotated[list[str] | None, typer.Argument(
+        help="Names of shipped sets (emcas parameters --sets), parameter files (TOML), or default for the default set "
+             "itself; default and the three readings of the current loop unless given.", metavar="[SET|FILE]...",
+        show_default=False)] = None,
+    parameters: common.ParametersOption = None,
+    model: common.ModelOption = NONLINEAR,
+    as_json: common.JsonOption = None,
+    report: common.ReportOption = None,
+) -> None:
+    """Measure parameter sets by the requirements of the thesis's Table 2, a column each.
+
+    Exit code 0 whatever is met, for to compare is not to judge (that is emcas validate); 2: it cannot be carried out.
+    Files of --parameters lie below every set.
+    """
+    from ..studies.compare.output import summary, write_json, write_report
+    from ..studies.compare.study import DRIVES, load_sets
+    from ..studies.compare.study import compare as run
+
+    with common.failures():
+        files = [Path(name) for name in sets or ()]
+        common.check_outputs(as_json, report, inputs=(*files, *(parameters or ())))
+        chosen = load_sets(sets or DRIVES, model, parameters or ())
+        common.warn(dict.fromkeys(warning for each in chosen.values() for warning in each.warnings))
+        with common.progress_bar() as progress:
+            result = run(chosen, common.stepper(progress, "compare"))
+        for path, write in ((as_json, write_json), (report, write_report)):
+            if path:
+                write(result, path)
+    for part in summary(result):
+        common.out.print(part, highlight=False)
+    common.print_written(as_json, report)

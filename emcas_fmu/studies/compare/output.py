@@ -1,0 +1,94 @@
+"""Sets side by side on the terminal, as JSON, and as a page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import RenderableType
+from rich.markup import escape
+from rich.table import Column as Heading
+from rich.table import Table
+
+from ... import __version__
+from ...bench import writers
+from ...bench.verdict import Judged
+from ...plots import COMMAND, Drawing, figure, pictures
+from .study import Result
+
+SCHEMA = "emcas-compare/1"
+"""Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
+_SHOWN = {"step_plus20": "Step to 20 deg", "load_opposing": "Slew from -20 to 20 deg against 100 N.m"}
+_WINDOW = -0.02, 0.35  # s about the command
+
+
+def summary(result: Result) -> Iterator[RenderableType]:
+    """Give the figures as a table with a column for each set, what differs between the sets, and who meets all."""
+    table = Table(Heading("requirement", no_wrap=True), Heading("required", justify="right", no_wrap=True),
+                  *(Heading(escape(column.name), justify="right", overflow="fold") for column in result.columns),
+                  title="Table 2", title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    for row in result.rows:
+        first = row[0]
+        table.add_row(first.title, f"{first.sense} {first.limit:g} {first.unit}", *map(_cell, row))
+    yield table
+    for name, values in result.differing.items():
+        yield escape(f"{name}: {', '.join(writers.number(value) for value in values)}")
+    for column in result.columns:
+        missed = [j.name for j in column.judged if not j.passed and not j.skipped]
+        yield (f"{escape(column.name)}: [green]meets all[/]" if column.passed else
+               f"{escape(column.name)}: [bold red]misses {', '.join(missed) or 'everything: nothing was judged'}[/]")
+
+
+def _cell(j: Judged) -> str:
+    if j.skipped:
+        return "[dim]not run[/]"
+    return f"{j.more}{writers.number(j.measured)} {'[green]ok[/]' if j.passed else '[bold red]FAIL[/]'}"
+
+
+def as_dict(result: Result) -> dict[str, Any]:
+    """Return every set's figures and verdicts, and the parameters that differ."""
+    return {"schema": SCHEMA, "tool": f"emcas {__version__}", "model": result.columns[0].parameters.actuator.name,
+            "differing": {name: dict(zip((c.name for c in result.columns), values, strict=True))
+                          for name, values in result.differing.items()},
+            "sets": [{"name": column.name, "passed": column.passed,
+                      "requirements": [{**asdict(j), "margin": j.margin, "passed": j.passed} for j in column.judged]}
+                     for column in result.columns]}
+
+
+def write_json(result: Result, path: Path) -> None:
+    """Write every set's figures and verdicts."""
+    writers.write_json(as_dict(result), path)
+
+
+def write_report(result: Result, path: Path) -> None:
+    """Write the page; the same result gives the same bytes."""
+    units = {e.variable.name: e.variable.unit for e in result.columns[0].parameters.entries}
+    writers.write_page(path, "studies/compare/page.html.j2", result=result, units=units,
+                       model=result.columns[0].parameters.actuator.name, pictures=pictures(_drawings(result)))
+
+
+def _drawings(result: Result) -> Iterator[Drawing]:
+    """Draw the responses of every set to the large moves."""
+    drawn, grid = figure(2, 2, width=10.0, height=2.6, sharex=True)
+    for (angle, rate), (name, title) in zip(grid.T, _SHOWN.items(), strict=True):
+        for k, column in enumerate(result.columns):
+            if name not in column.runs or column.runs[name].stopped is not None:
+                continue
+            run = column.runs[name]
+            time = run.columns["time"] - run.excitation.moves[-1].start
+            shown = (time > _WINDOW[0]) & (time < _WINDOW[1])
+            if not k:
+                angle.step(time[shown] * 1e3, np.degrees(run.excitation.command)[shown], where="post", **COMMAND)
+            angle.plot(time[shown] * 1e3, np.degrees(run.columns["fin_angle"])[shown], color=f"C{k}",
+                       label=column.name)
+            rate.plot(time[shown] * 1e3, np.degrees(run.columns["fin_rate"])[shown], color=f"C{k}")
+        angle.set_title(title)
+        rate.set_xlabel("time / ms")
+    grid[0, 0].set_ylabel("fin angle / deg")
+    grid[1, 0].set_ylabel("fin rate / (deg/s)")
+    grid[0, 0].legend(loc="lower right")
+    yield Drawing("Large moves", drawn, "Every set's response to the command (dashed).")

@@ -1,0 +1,85 @@
+"""Parameter sets side by side: the readings of the current loop, and the command."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.bench.verdict import judge_table2
+from emcas_fmu.cli import app
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.studies.compare import study
+from emcas_fmu.studies.compare.study import DRIVES, Column, compare, load_sets
+from emcas_fmu.studies.report.rig import Rig
+
+
+@pytest.fixture(scope="module")
+def drives() -> dict[str, Column]:
+    return {column.name: column for column in compare(load_sets(DRIVES, "nonlinear")).columns}
+
+
+def _measured(column: Column) -> dict[str, float]:
+    return {j.name: j.measured for j in column.judged if j.measured is not None}
+
+
+def test_the_readings_of_the_gains_that_meet_table_2(drives: dict[str, Column]) -> None:
+    missed = {name: [j.name for j in column.judged if not j.passed] for name, column in drives.items()}
+    assert missed["drive-si"] == missed["drive-pi"] == []
+    assert "loaded_rate" in missed["drive-scaled"]
+    assert [name for name, column in drives.items() if column.passed] == ["default", "drive-si", "drive-pi"]
+
+
+def test_a_stiffer_current_loop_is_faster(drives: dict[str, Column]) -> None:
+    """The drop over R and back-EMF is a damping of the motor that K_p and K_i take away."""
+    for rate in ("unloaded_rate", "loaded_rate"):
+        found = [_measured(drives[name])[rate] for name in ("drive-scaled", "drive-si", "drive-pi")]
+        assert found == sorted(found)
+        assert found[2] - found[1] > 5.0  # deg/s
+
+
+def test_the_default_set_is_judged_as_the_report_does(drives: dict[str, Column]) -> None:
+    """The same runs and the same figures; the rate with the load is one more."""
+    judged = judge_table2(Rig(ParameterSubject(load_parameters())).table2)
+    assert list(drives["default"].judged[:-1]) == judged
+    assert _measured(drives["default"])["aided_rate"] > _measured(drives["default"])["loaded_rate"]
+
+
+def test_what_differs_between_the_sets(drives: dict[str, Column]) -> None:
+    assert study.Result(tuple(drives.values())).differing == {
+        "drive.kp": (5.0, 5.0, 1.04, 5.0), "drive.ki": (0.1, 0.1, 0.0018, 2083.0)}
+
+
+def test_files_lie_below_every_set(tmp_path: Path) -> None:
+    below = tmp_path / "mine.toml"
+    below.write_text("drive.kp = '4 V/A'\nmotor.resistance = '0.3 Ohm'\n", encoding="utf-8")
+    sets = load_sets(["default", "drive-pi"], "nonlinear", [below])
+    assert [(s.values["drive.kp"], s.values["motor.resistance"]) for s in sets.values()] == [(4.0, 0.3), (5.0, 0.3)]
+
+
+def test_sets_that_cannot_be_compared() -> None:
+    with pytest.raises(EmcasError, match="drive-pi: is given twice"):
+        load_sets(["drive-pi", "drive-pi"], "nonlinear")
+    refused = _emcas("default", "drive-pie")
+    assert refused.exit_code == 2
+    assert "did you mean drive-pi?" in refused.stderr
+
+
+def _emcas(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["compare", *map(str, arguments)])
+
+
+def test_the_command_shows_verdicts_and_does_not_judge(tmp_path: Path) -> None:
+    done = _emcas("default", "drive-scaled", "--json", tmp_path / "c.json", "--report", tmp_path / "c.html")
+    assert done.exit_code == 0, done.output + done.stderr
+    assert "FAIL" in done.stdout
+    found = json.loads((tmp_path / "c.json").read_text())
+    assert [(entry["name"], entry["passed"]) for entry in found["sets"]] == [("default", True), ("drive-scaled", False)]
+    assert found["differing"]["drive.kp"] == {"default": 5.0, "drive-scaled": 1.04}
+    page = (tmp_path / "c.html").read_text(encoding="utf-8")
+    assert page.count("✗ FAIL") == sum(not r["passed"] for entry in found["sets"] for r in entry["requirements"])
+    assert "<svg" in page

@@ -1,0 +1,69 @@
+"""Parameter sets by name: those shipped, and what a name that is none is told."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from emcas_fmu.bench.subject import open_subject
+from emcas_fmu.cli import app
+from emcas_fmu.files import named_sets
+from emcas_fmu.parameters import ParameterError, load_parameters
+
+SETS = named_sets()
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_every_shipped_set_is_sound_and_says_where_it_is_from(name: str) -> None:
+    changed = [e for e in load_parameters(name).entries if e.file == f"{name}.toml"]
+    assert changed
+    assert all(e.source and e.note for e in changed)
+    first, *_ = SETS[name].read_text(encoding="utf-8").splitlines()
+    assert first.startswith("# ")
+
+
+def test_a_set_by_name_goes_over_the_defaults_and_below_later_files(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.toml"
+    mine.write_text("drive.kp = '4 V/A'\n", encoding="utf-8")
+    values, own = load_parameters().values, load_parameters(["drive-pi", mine]).values
+    assert {name for name in values if values[name] != own[name]} == {"drive.kp", "drive.ki"}
+    # The zero at kp/ki cancels the winding's time constant L/R; the file has it to the whole V/(A s).
+    pi = load_parameters("drive-pi").values
+    assert pi["drive.ki"] == pytest.approx(
+        pi["drive.kp"] * values["motor.resistance"] / values["motor.inductance"], abs=0.5)
+
+
+def test_a_file_of_the_name_comes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("drive-pi").write_text("drive.ki = '7 V/(A*s)'\n", encoding="utf-8")
+    assert load_parameters("drive-pi").values["drive.ki"] == 7.0
+
+
+def test_a_name_that_is_none_is_told_the_nearest() -> None:
+    with pytest.raises(ParameterError, match=r"drive-p: there is neither .* did you mean drive-pi\?; the sets are"):
+        load_parameters("drive-p")
+    with pytest.raises(ParameterError, match=r"none\.toml: cannot be read"):
+        load_parameters("none.toml")
+
+
+def test_commands_take_a_name() -> None:
+    shown = CliRunner().invoke(app, ["parameters", "-p", "drive-scaled", "--json"])
+    assert next(e["value"] for e in json.loads(shown.stdout) if e["name"] == "drive.kp") == 1.04
+    refused = CliRunner().invoke(app, ["parameters", "-p", "drive-scale"])
+    assert refused.exit_code == 2
+    assert "did you mean drive-scaled?" in refused.stderr
+    with open_subject(None, None, None, [Path("drive-pi")]) as subject:
+        assert subject.identification.file == "drive-pi.toml"
+        assert set(subject.identification.differences) == {"drive.ki"}
+
+
+def test_the_sets_are_listed() -> None:
+    listed = json.loads(CliRunner().invoke(app, ["parameters", "--sets", "--json"]).stdout)
+    assert [entry["name"] for entry in listed] == list(SETS)
+    assert all(entry["description"] and not entry["description"].startswith("#") for entry in listed)
+    table = CliRunner().invoke(app, ["parameters", "--sets"])
+    assert table.exit_code == 0
+    assert all(name in table.stdout for name in SETS)
