@@ -32,7 +32,7 @@ def tune(
     as_json: common.JsonOption = None,
     seed: Annotated[int, typer.Option(help="Of the random search; the same seed gives the same gains.",
                                          min=0)] = 1,
-    generations: Annotated[int, typer.Option(help="Of the global search.", min=1)] = 20,
+    generations: Annotated[int, typer.Option(help="Of the global search.", min=1)] = 12,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given.",
                                                 min=1)] = None,
     journal: Annotated[Path | None, typer.Option(help="Keep every evaluation in this file, and go on from what is "

@@ -59,7 +59,7 @@ def rounded(gains: Mapping[str, float]) -> dict[str, float]:
     return {name: float(f"{value:.{_DIGITS}g}") for name, value in gains.items()}
 
 
-def tune(study: Study, seed: int = 1, generations: int = 20, workers: int = 1, journal: Journal | None = None,
+def tune(study: Study, seed: int = 1, generations: int = 12, workers: int = 1, journal: Journal | None = None,
          progress: Progress = silent) -> Result:
     """Return the gains with the largest smallest margin over requirements and cases.
 
