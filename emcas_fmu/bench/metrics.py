@@ -242,7 +242,7 @@ def usage(run: Run) -> dict[str, float]:
         power = at["supply_power"]
         drawn, returned = energies(at["time"], power)
         figures |= {"peak_power": float(np.max(power, initial=0.0)), "energy_drawn": drawn, "energy_returned": returned,
-                    "peak_returned_power": float(np.max(-power, initial=0.0))}
+                    "peak_returned_power": float(np.max(0.0 - power, initial=0.0))}
     return figures
 
 
