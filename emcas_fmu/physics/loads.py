@@ -93,39 +93,55 @@ def hinge_moment(ops: Ops, p: Any, tangent: Value, u: Any) -> Value:
 
     `u` has what :class:`Carried` has.
     """
-    def moment() -> tuple[Value, ...]:
-        # fin_angle = phi - initial_angle; the turn by -initial_angle depends on parameters only.
-        sin_0, cos_0 = ops.sin(p.kinematics.initial_angle), ops.cos(p.kinematics.initial_angle)
-        s_x, s_z = _first_moments(p)
-        at_lever = cos_0 * s_x - sin_0 * s_z, sin_0 * s_x + cos_0 * s_z
-        cos_phi = 1.0 / ops.sqrt(1.0 + tangent * tangent)
-        sin_phi = tangent * cos_phi
-        return (_with_rotation(ops, p, _turned(at_lever, cos_phi, sin_phi, u), u,
-                               lambda: (cos_phi * cos_0 + sin_phi * sin_0, sin_phi * cos_0 - cos_phi * sin_0)),)
+    # fin_angle = phi - initial_angle; the turn by -initial_angle depends on parameters only.
+    sin_0, cos_0 = ops.sin(p.kinematics.initial_angle), ops.cos(p.kinematics.initial_angle)
 
-    # Most hosts leave all of it alone.
-    return ops.branch(_still(ops, u, *_WEIGHING, *_ROTATING), lambda: (0.0 * tangent,), moment)[0]
+    def lever() -> tuple[Value, Value]:
+        cosine = 1.0 / ops.sqrt(1.0 + tangent * tangent)
+        return cosine, tangent * cosine
+
+    def weight() -> Value:
+        s_x, s_z = _first_moments(p)
+        return _turned((cos_0 * s_x - sin_0 * s_z, sin_0 * s_x + cos_0 * s_z), *lever(), u)
+
+    def angle() -> tuple[Value, Value]:
+        cosine, sine = lever()
+        return cosine * cos_0 + sine * sin_0, sine * cos_0 - cosine * sin_0
+
+    return _moment(ops, p, u, 0.0 * tangent, weight, angle)
 
 
 def hinge_moment_at(ops: Ops, p: Any, fin_angle: Value, u: Any) -> Value:
     """Return the same at a fin angle [rad], for actuators without a lever."""
-    def moment() -> tuple[Value, ...]:
-        cosine, sine = ops.cos(fin_angle), ops.sin(fin_angle)
-        return (_with_rotation(ops, p, _turned(_first_moments(p), cosine, sine, u), u, lambda: (cosine, sine)),)
+    def angle() -> tuple[Value, Value]:
+        return ops.cos(fin_angle), ops.sin(fin_angle)
 
-    return ops.branch(_still(ops, u, *_WEIGHING, *_ROTATING), lambda: (0.0 * fin_angle,), moment)[0]
-
-
-_WEIGHING = ("f_x", "f_z")
-_ROTATING = ("wx2_wz2", "wx_wz", "alpha_y")
+    return _moment(ops, p, u, 0.0 * fin_angle, lambda: _turned(_first_moments(p), *angle(), u), angle)
 
 
-def _still(ops: Ops, u: Any, first: str, *names: str) -> Value:
+def _moment(ops: Ops, p: Any, u: Any, nothing: Value, weight: Callable[[], Value],
+            angle: Callable[[], tuple[Value, Value]]) -> Value:
+    """Return the moment [N.m] of the masses, which `weight` gives, and of rotation; `angle` gives its cosine and sine.
+
+    Most hosts leave all of it alone: `nothing` is zero then.
+    """
+    def rotating() -> tuple[Value, ...]:
+        cosine, sine = angle()
+        swing = u.wx2_wz2 * (sine * cosine) + u.wx_wz * (cosine * cosine - sine * sine)
+        return (weight() + fin_inertia(p) * (swing - u.alpha_y),)
+
+    def steady() -> tuple[Value, ...]:
+        return ops.branch(_zero(ops, u.f_x, u.f_z), lambda: (nothing,), lambda: (weight(),))
+
+    return ops.branch(_zero(ops, u.wx2_wz2, u.wx_wz, u.alpha_y), steady, rotating)[0]
+
+
+def _zero(ops: Ops, first: Value, *others: Value) -> Value:
     """Return whether all of these are zero."""
-    still = ops.equal(getattr(u, first), 0.0)
-    for name in names:
-        still = ops.both(still, ops.equal(getattr(u, name), 0.0))
-    return still
+    zero = ops.equal(first, 0.0)
+    for other in others:
+        zero = ops.both(zero, ops.equal(other, 0.0))
+    return zero
 
 
 def _first_moments(p: Any) -> tuple[Value, Value]:
@@ -140,17 +156,6 @@ def _turned(moments: tuple[Value, Value], cosine: Value, sine: Value, u: Any) ->
     u_x, u_z = moments
     r_x, r_z = cosine * u_x + sine * u_z, cosine * u_z - sine * u_x
     return r_z * u.f_x - r_x * u.f_z
-
-
-def _with_rotation(ops: Ops, p: Any, moment: Value, u: Any,
-                   at: Callable[[], tuple[Value, Value]]) -> Value:
-    """Return a moment [N.m] with that of the rotation, where there is one; `at` gives cosine and sine of the angle."""
-    def rotating() -> tuple[Value, ...]:
-        cosine, sine = at()
-        swing = u.wx2_wz2 * (sine * cosine) + u.wx_wz * (cosine * cosine - sine * sine)
-        return (moment + fin_inertia(p) * (swing - u.alpha_y),)
-
-    return ops.branch(_still(ops, u, *_ROTATING), lambda: (moment,), rotating)[0]
 
 
 def nut_force(ops: Ops, p: Any, u: Any) -> Value:

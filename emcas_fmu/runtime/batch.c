@@ -81,13 +81,13 @@ API int actuator_run(actuator *a, double end, const double *in, const double *ra
 }
 
 /* A row of the interface's inputs as the core's. */
-static core_inputs row(actuator *a, const double *in)
+static void row(actuator *a, const double *in, core_inputs *out)
 {
     if (memcmp(a->motion, in + INPUT_ACCELERATION_X, sizeof a->motion) != 0) {
         memcpy(a->motion, in + INPUT_ACCELERATION_X, sizeof a->motion);
         actuator_carried(a, a->motion, a->carried);
     }
-    return core_inputs_of(in, a->carried);
+    core_inputs_of(in, a->carried, out);
 }
 
 /* `count` actuators, each to `end` [s] with its own row of the interface's inputs and outputs.
@@ -96,7 +96,8 @@ API size_t actuators_run(actuator *a, size_t count, double end, const double *in
 {
     size_t failed = 0;
     for (size_t i = 0; i < count; ++i) {
-        const core_inputs inputs = row(a + i, in + i * MODEL_INPUTS);
+        core_inputs inputs;
+        row(a + i, in + i * MODEL_INPUTS, &inputs);
         result[i] = core_run(a[i].parameters, a[i].constants, &a[i].state, end, &inputs, NULL, out + i * MODEL_OUTPUTS);
         failed += result[i] != CORE_DONE;
     }
@@ -108,14 +109,15 @@ API size_t actuators_run(actuator *a, size_t count, double end, const double *in
 API size_t actuator_simulate(actuator *a, size_t rows, double step, const double *in, double *out, int *result)
 {
     if (rows == 0) return 0;
-    core_inputs inputs = row(a, in);
+    core_inputs inputs;
+    row(a, in, &inputs);
     outputs(a, &inputs, out);
     for (size_t k = 1; k < rows; ++k) {
         /* The last row's inputs act nowhere: what is put out at a row is under those before it. */
         *result = core_run(a->parameters, a->constants, &a->state, (double)k * step, &inputs, NULL,
                            out + k * MODEL_OUTPUTS);
         if (*result != CORE_DONE) return k;
-        inputs = row(a, in + k * MODEL_INPUTS);
+        row(a, in + k * MODEL_INPUTS, &inputs);
     }
     return rows;
 }

@@ -66,11 +66,16 @@ static inline bool core_finite(double x)
     return (bits & UINT64_C(0x7ff0000000000000)) != UINT64_C(0x7ff0000000000000);
 }
 
+/* The same of many: an exponent of all ones and one more carry into the sign's place. */
 static inline bool core_all_finite(const double *x, size_t count)
 {
-    bool finite = true;
-    for (size_t i = 0; i < count; ++i) finite &= core_finite(x[i]);
-    return finite;
+    uint64_t carried = 0;
+    for (size_t i = 0; i < count; ++i) {
+        uint64_t bits;
+        memcpy(&bits, &x[i], sizeof bits);
+        carried |= (bits & UINT64_C(0x7ff0000000000000)) + UINT64_C(0x0010000000000000);
+    }
+    return !(carried >> 63);
 }
 
 static inline core_schedule core_scheduled(const double *p, const double *c)
@@ -111,16 +116,18 @@ static inline void core_carried(const double *p, const double *c, const double *
 }
 
 /* A core's inputs from an actuator's, in the interface's order, and what its vehicle's motion makes. */
-static inline core_inputs core_inputs_of(const double *in, const double *carried)
+static inline void core_inputs_of(const double *in, const double *carried, core_inputs *out)
 {
-    core_inputs inputs = {.command = in[INPUT_FIN_COMMAND], .loads = {in[INPUT_AERO_TORQUE]},
-                          .enable = in[INPUT_ENABLE]};
-    memcpy(inputs.loads + 1, carried, CORE_CARRIED * sizeof *carried);
+    out->command = in[INPUT_FIN_COMMAND];
+    out->loads[0] = in[INPUT_AERO_TORQUE];
+    for (int i = 0; i < CORE_CARRIED; ++i) out->loads[i + 1] = carried[i];
+    out->supply = 0.0;
 #if MODEL_SUPPLY >= 0
-    inputs.supply = in[MODEL_SUPPLY];
+    out->supply = in[MODEL_SUPPLY];
 #endif
-    memcpy(inputs.further, in + MODEL_INPUTS - CORE_FURTHER, CORE_FURTHER * sizeof *in);
-    return inputs;
+    out->enable = in[INPUT_ENABLE];
+    memcpy(out->further, in + MODEL_INPUTS - CORE_FURTHER, CORE_FURTHER * sizeof *in);
+    out->further[CORE_FURTHER] = 0.0;
 }
 
 static inline void core_outputs(const double *p, const double *c, const core_state *s, const core_schedule *plan,
@@ -131,16 +138,16 @@ static inline void core_outputs(const double *p, const double *c, const core_sta
                    in->command CORE_LOADS_OF(in), in->supply, in->enable CORE_ACTING_OF(in), out);
 }
 
-/* The inputs at a time of a ramp; `ramp` may be null: held. */
-static inline core_inputs core_at(const core_inputs *in, const core_ramp *ramp, double time)
+/* The inputs at a time of a ramp, put into `then`; `ramp` may be null: held, those that were given. */
+static inline const core_inputs *core_at(const core_inputs *in, const core_ramp *ramp, double time, core_inputs *then)
 {
-    core_inputs then = *in;
-    if (!ramp) return then;
+    if (!ramp) return in;
     const double t = time - ramp->begin;
-    then.command += ramp->command * t;
-    for (int i = 0; i < CORE_LOADS; ++i) then.loads[i] += ramp->loads[i] * t;
-    then.supply += ramp->supply * t;
-    for (int i = 0; i < CORE_ACTING; ++i) then.further[i] += ramp->further[i] * t;
+    *then = *in;
+    then->command += ramp->command * t;
+    for (int i = 0; i < CORE_LOADS; ++i) then->loads[i] += ramp->loads[i] * t;
+    then->supply += ramp->supply * t;
+    for (int i = 0; i < CORE_ACTING; ++i) then->further[i] += ramp->further[i] * t;
     return then;
 }
 
@@ -229,28 +236,26 @@ static inline bool core_tick(const double *p, const double *c, core_state *s, co
                              const core_inputs *in, const core_ramp *ramp, double until, bool whole)
 {
     const double begun = ramp ? core_begun(s, plan) : 0.0;
-    core_inputs acting = *in;
-    if (ramp) acting = core_at(in, ramp, begun + 0.5 * (s->partial ? until + s->part.covered : until));
-    if (s->position == 0 && !s->partial) {
-        const core_inputs sampled = core_at(in, ramp, begun);
-        core_sample(p, c, s, plan, &sampled);
-    }
+    core_inputs sampled, middle, mean;
+    const core_inputs *acting = core_at(in, ramp, begun + 0.5 * (s->partial ? until + s->part.covered : until), &middle);
+    if (s->position == 0 && !s->partial) core_sample(p, c, s, plan, core_at(in, ramp, begun, &sampled));
     s->active = s->line[s->position < (int32_t)plan->before ? 0 : 1];
     double origin = 0.0;
     if (s->partial) {
-        if (!core_split(p, c, s, &acting)) return false;
+        if (!core_split(p, c, s, acting)) return false;
         origin = s->part.origin;
     }
     if (s->partial || !whole) {
-        core_extend(s, until, &acting);
-        acting = core_mean(&s->part);
+        core_extend(s, until, acting);
+        mean = core_mean(&s->part);
+        acting = &mean;
     }
     if (whole) {
         s->partial = 0;
-        return core_finish(p, c, s, &s->plant, &acting, until - origin);
+        return core_finish(p, c, s, &s->plant, acting, until - origin);
     }
     s->tentative = s->plant;
-    return core_finish(p, c, s, &s->tentative, &acting, until - origin);
+    return core_finish(p, c, s, &s->tentative, acting, until - origin);
 }
 
 /* Move on to `end` [s] from the start with the inputs held, or changing as `ramp` says (null:
@@ -286,9 +291,9 @@ static inline core_result core_run(const double *p, const double *c, core_state 
     }
     s.tentative = s.plant;
     if (rest > 0.0 && !core_tick(p, c, &s, &plan, in, ramp, rest, false)) return CORE_TOO_MANY_EVENTS;
-    const core_inputs final = core_at(in, ramp, end);
+    core_inputs final;
     double outputs[MODEL_OUTPUTS];
-    core_outputs(p, c, &s, &plan, &final, outputs);
+    core_outputs(p, c, &s, &plan, core_at(in, ramp, end, &final), outputs);
     if (!core_all_finite(s.sampled, CORE_SAMPLED) || !core_all_finite(s.tentative.x, CORE_PLANT)
         || !core_all_finite(outputs, MODEL_OUTPUTS))
         return CORE_NOT_FINITE;

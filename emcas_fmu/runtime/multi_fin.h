@@ -50,17 +50,16 @@ static void multi_fin_start(const multi_fin *m, multi_fin_state *s)
 }
 
 /* What acts on a fin, but for the sag, of its actuator's inputs and the mixing commands. But for `carried`, linear. */
-static core_inputs multi_fin_acting(const multi_fin *m, size_t fin, const double *in, const double *mixing,
-                                    const double *carried)
+static void multi_fin_acting(const multi_fin *m, size_t fin, const double *in, const double *mixing,
+                             const double *carried, core_inputs *out)
 {
-    core_inputs acting = core_inputs_of(in, carried);
+    core_inputs_of(in, carried, out);
 #if FINS > 1
     kernel_mixed_command(m->p[fin], m->c[fin], in[INPUT_FIN_COMMAND], mixing[0], mixing[1], mixing[2],
-                         &acting.command);
+                         &out->command);
 #else
     (void)m, (void)fin, (void)mixing;
 #endif
-    return acting;
 }
 
 static double bus_voltage(const multi_fin *m, double source, double sag)

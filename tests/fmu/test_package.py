@@ -331,7 +331,7 @@ static double run(fmi2InstantiateTYPE *make, fmi2SetupExperimentTYPE *setup, fmi
                   fmi2GetRealTYPE *get) {
     const fmi2CallbackFunctions callbacks = {NULL, calloc, free, NULL, NULL};
     fmi2Component c = make("fin", fmi2CoSimulation, GUID, "", &callbacks, 0, 0);
-    const fmi2ValueReference command = 0, angle = 10;
+    const fmi2ValueReference command = 0, angle = ANGLE;
     const double wanted = 0.1;
     double found = 0.0;
     setup(c, 0, 0.0, 0.0, 0, 0.0), enter(c), leave(c), set(c, &command, 1, &wanted);
@@ -363,12 +363,13 @@ def test_two_units_linked_into_one_program(native: Path, tmp_path: Path) -> None
         archive.extractall(tmp_path)
     sources = tmp_path / "sources"
     (sources / "main.c").write_text(TWO_UNITS, encoding="utf-8")
-    guid = read_model_description(str(native)).guid
+    description = read_model_description(str(native))
+    angle = next(v.valueReference for v in description.modelVariables if v.name == "fin_angle")
     for prefix in ("A_", "B_"):
         subprocess.run(["cc", "-std=c11", "-c", f"-DFMI2_FUNCTION_PREFIX={prefix}", "fmi2.c", "-o", f"{prefix}.o"],
                        cwd=sources, check=True)
-    subprocess.run(["cc", "-std=c11", f'-DGUID="{guid}"', "main.c", "A_.o", "B_.o", "-o", "two", "-lm"], cwd=sources,
-                   check=True)
+    defined = [f'-DGUID="{description.guid}"', f"-DANGLE={angle}"]
+    subprocess.run(["cc", "-std=c11", *defined, "main.c", "A_.o", "B_.o", "-o", "two", "-lm"], cwd=sources, check=True)
     first, second = subprocess.run([sources / "two"], capture_output=True, text=True, check=True).stdout.split()
     assert first == second
     assert abs(float(first) - 0.1) < 0.01  # at its command, but for what is left of an overshoot

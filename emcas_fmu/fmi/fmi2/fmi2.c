@@ -185,7 +185,8 @@ static core_result ramped_step(instance *m, double begin, double end)
     for (size_t fin = 0; fin < FINS; ++fin) {
         double slopes[CORE_CARRIED];
         for (size_t i = 0; i < CORE_CARRIED; ++i) slopes[i] = (carried[fin][i] - m->carried[fin][i]) / size;
-        const core_inputs rates = acting(m, fin, m->s.rates, slopes); /* linear in all but these */
+        core_inputs rates;
+        acting(m, fin, m->s.rates, slopes, &rates); /* linear in all but these */
         ramp[fin] = (core_ramp){.begin = begin, .command = rates.command, .supply = rates.supply};
         memcpy(ramp[fin].loads, rates.loads, sizeof ramp[fin].loads);
         memcpy(ramp[fin].further, rates.further, sizeof ramp[fin].further);

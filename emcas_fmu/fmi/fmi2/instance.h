@@ -204,7 +204,7 @@ static void prepare(instance *m)
 /* -- inputs and outputs ------------------------------------------------------- */
 
 /* What acts on a fin by the unit's inputs `values`. */
-static core_inputs acting(const instance *m, size_t fin, const double *values, const double *carried)
+static void acting(const instance *m, size_t fin, const double *values, const double *carried, core_inputs *out)
 {
 #if FINS == 1
     const double *in = values; /* a single fin's inputs are the unit's */
@@ -212,12 +212,12 @@ static core_inputs acting(const instance *m, size_t fin, const double *values, c
     double in[MODEL_INPUTS];
     for (size_t i = 0; i < MODEL_INPUTS; ++i) in[i] = values[PLACE[fin][i]];
 #endif
-    return multi_fin_acting(&m->fins, fin, in, values + MIXING_BEGIN, carried);
+    multi_fin_acting(&m->fins, fin, in, values + MIXING_BEGIN, carried, out);
 }
 
 static void acting_now(const instance *m, core_inputs *in)
 {
-    for (size_t fin = 0; fin < FINS; ++fin) in[fin] = acting(m, fin, m->s.values, m->carried[fin]);
+    for (size_t fin = 0; fin < FINS; ++fin) acting(m, fin, m->s.values, m->carried[fin], &in[fin]);
 }
 
 static void carry(const instance *m, const double *values, double (*out)[CORE_CARRIED])
