@@ -24,6 +24,7 @@ SETS: Mapping[str, ParameterSet] = {
     "shipped with a load observer": load_parameters(MODELS / "sets" / "load-observer.toml"),
     "robust with a load observer": load_parameters([MODELS / "robust.toml", MODELS / "sets" / "load-observer.toml"]),
 }
+OBSERVER = SETS["shipped with a load observer"].values["controller.load_observer"]
 GAINS = ("controller.position.kp", "controller.position.ki", "controller.velocity.kp")
 LINEAR = Test("linear")
 LOAD = Test("load", duration=1.0, torque=100.0)
@@ -73,7 +74,7 @@ def main() -> None:
     with plots.style():
         drawn, ((axes,),) = plots.figure(1, height=3.4, width=6.4)
         for observer, color, label in ((0.0, plots.BLUE, "shipped loops"),
-                                       (200.0, plots.VERMILLION, "with a load observer")):
+                                       (OBSERVER, plots.VERMILLION, "with a load observer")):
             points = []
             for share in np.linspace(-0.4, 1.4, 10):
                 subject = ParameterSubject(between(float(share)).replace({"controller.load_observer": observer}))

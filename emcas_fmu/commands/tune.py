@@ -42,7 +42,7 @@ def tune(
 ) -> None:
     """Find controller gains that meet requirements in every case at once, limits, friction and delay included.
 
-    The shipped study takes about five minutes on two processors. Ctrl-C ends the search: the best gains it has found
+    The shipped study takes about ten minutes on two processors. Ctrl-C ends the search: the best gains it has found
     are shown and written, and the exit code is 130.
     """
     from ..studies.tuning.evaluate import Journal

@@ -143,7 +143,9 @@ def _independent(v: Mapping[str, Any], stop: float, command: float, torque: floa
     return np.array(found)
 
 
-_IDEAL = {"encoder.enabled": False, "compensation.gain": 0.0, "drive.transport_delay": 3e-3}
+# The independent integration has the thesis's controllers.
+_IDEAL = {"encoder.enabled": False, "compensation.gain": 0.0, "drive.transport_delay": 3e-3,
+          "controller.position.setpoint_weight": 1.0, "controller.drive_antiwindup": 0.0}
 
 
 @pytest.mark.parametrize(("gap", "command", "torque", "hinge"), [
