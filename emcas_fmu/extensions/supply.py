@@ -108,7 +108,7 @@ def extend(actuator: Actuator) -> Actuator:
         """Return the parameters of the plant, and the electrical mode that a step of `h` [s] starts in."""
         built = actuator.as_built(ops, actuator.equation_parameters(ops, p))
         plant = Plant(getattr(x, angle), getattr(x, speed), x.motor_current, x.drive_integral)
-        return built, electrical_mode(ops, built, plant, u, h, 0.0)
+        return built, electrical_mode(ops, built, plant, u, h)
 
     def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
         link, acting = behind(ops, p, x, u)

@@ -228,7 +228,7 @@ def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, h: Valu
     """
     deflection = s.angle - s.fin_angle
     pressed, flank = drive_line.pressed(ops, c, deflection, s.speed - s.fin_speed)
-    electric = electrical_mode(ops, p, Plant(*s[:4]), acting, h, 0.0)
+    electric = electrical_mode(ops, p, Plant(*s[:4]), acting, h)
 
     def ahead() -> tuple[Value, ...]:
         free = _advanced(ops, p, c, s, acting, _Mode(False, 0.0, electric), h)
@@ -241,7 +241,7 @@ def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, h: Valu
 
     def accelerated() -> tuple[Value, ...]:
         speed = _advanced(ops, p, c, s, acting, _Mode(pressed, flank, electric), h).speed
-        return tuple(electrical_mode(ops, p, Plant(*s[:4]), acting, h, (speed - s.speed) / h))
+        return tuple(electrical_mode(ops, p, Plant(*s[:4]), acting, h, lambda: (speed - s.speed) / h))
 
     return _Mode(pressed, flank, Drive(*ops.branch(p.motor.pole_pairs > 0.0, accelerated, lambda: tuple(electric))))
 

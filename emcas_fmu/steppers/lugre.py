@@ -78,7 +78,7 @@ def _step(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, at
     inertia = m.inertia + 0.5 * h * damping - h * w * m.centrifugal
     torque = m.load - at_rest - damping * w + m.centrifugal * w * w
     motion = Motion(1.0, inertia, torque, 0.0, 0.0, m.load)
-    d = rigid.electrical_mode(ops, p, s, u, h, rigid.acceleration(ops, p, s, motion))
+    d = rigid.electrical_mode(ops, p, s, u, h, lambda: rigid.acceleration(ops, p, s, motion))
     c = rigid.current_course(ops, p, s, motion, d, h)
     speed = w + h * (drive.torque(p, c.mean) + torque) / inertia
     end = Plant(s.angle + h * c.speed, speed, c.end, rigid.integral_end(ops, p, s, d, c, speed, h))
@@ -123,7 +123,7 @@ def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value,
 
     def held(h: Value) -> Step:
         motion = Motion(0.0, 1.0, 0.0, 0.0, 0.0, m.load)
-        d = rigid.electrical_mode(ops, p, s, u, h, 0.0)
+        d = rigid.electrical_mode(ops, p, s, u, h)
         c = rigid.current_course(ops, p, s, motion, d, h)
         return Step(Plant(s.angle, 0.0, c.end, rigid.integral_end(ops, p, s, d, c, 0.0, h)), motion, d, c)
 

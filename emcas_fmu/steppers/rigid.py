@@ -13,9 +13,10 @@ caller steps on through what is left of the tick.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from ..namespace import Record
+from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import drive, friction, kinematics, mechanics, screw
 
@@ -164,8 +165,9 @@ def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: Drive, h: Value, he
                             torque=ops.where(forward, driving.torque, driven.torque))
 
 
-def electrical_mode(ops: Ops, p: Any, s: Plant, u: Record, h: Value, acceleration: Value) -> Drive:
-    """Return the electrical mode a step of `h` [s] starts in, with an acceleration [rad/s2].
+def electrical_mode(ops: Ops, p: Any, s: Plant, u: Record, h: Value,
+                    accelerating: Callable[[], Value] = lambda: 0.0) -> Drive:
+    """Return the electrical mode a step of `h` [s] starts in; `accelerating` gives the acceleration [rad/s2].
 
     A demand at the limit may be driven out while it is free and back while it is
     clipped (its integral held): then it stays there, the integral following the
@@ -193,7 +195,7 @@ def electrical_mode(ops: Ops, p: Any, s: Plant, u: Record, h: Value, acceleratio
         rise = side * (side * limit - resistance * s.current - drive.back_emf(p, s.speed)) / inductance
 
         def moving() -> tuple[Value, ...]:
-            middle = drive.voltage_limit(ops, p, supply, s.speed + 0.5 * h * acceleration,
+            middle = drive.voltage_limit(ops, p, supply, s.speed + 0.5 * h * accelerating(),
                                          s.current + 0.5 * h * side * rise)
             return middle, p.drive.kp * rise + (middle - limit) / (0.5 * h)
 
@@ -274,10 +276,11 @@ def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at: V
     if at is None:
         at = _step(ops, p, s, u, h, heading, s.speed).current.speed if friction.falls(p) else s.speed
     motion = _motion(ops, p, s, u, h, heading, at)
-    d = electrical_mode(ops, p, s, u, h, acceleration(ops, p, s, motion))
+    d = electrical_mode(ops, p, s, u, h, lambda: acceleration(ops, p, s, motion))
     if screw.lossy(p):
-        motion = _through_screw(ops, p, s, u, d, h, heading, at)
-        d = electrical_mode(ops, p, s, u, h, acceleration(ops, p, s, motion))
+        through = _through_screw(ops, p, s, u, d, h, heading, at)
+        d = electrical_mode(ops, p, s, u, h, lambda: acceleration(ops, p, s, through))
+        motion = through
     c = current_course(ops, p, s, motion, d, h)
 
     def sliding() -> tuple[Value, ...]:
@@ -303,6 +306,7 @@ def integral_end(ops: Ops, p: Any, s: Plant, d: Drive, c: Current, speed: Value,
     """Return the drive's integral [V] at the end of a step that ends at a motor speed [rad/s]."""
     if p.structure.current == "pwm":
         return s.integral
+
     followed = d.side * d.limit_at(ops, p, speed, c.end) - p.drive.kp * (d.i_ref - c.end)
     moved = s.integral + h * d.integral_gain * (d.i_ref - c.mean)
     return ops.where(d.enabled, ops.where(d.stays > 0.0, followed, moved), 0.0)
@@ -462,11 +466,21 @@ def resolved(ops: Ops, p: Any, s: Any, u: Record, h: Value) -> Value:
 def advance(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Plant, Value]:
     """Return the state after `h` [s] or at the first event before, and the time that took [s]."""
     s = switched(ops, s, u.enabled)
-    h = resolved(ops, p, s, u, h)
-    *plant, used = ops.branch(
+    if p.structure.current != "loop":
+        *plant, used = _headed(ops, p, s, u, h)
+    else:  # two sets of code, so that the one for a limit that is the supply is as short as if there were no other
+        fixed = with_values(p, {"motor.pole_pairs": 0})
+        *plant, used = ops.branch(p.motor.pole_pairs > 0.0,
+                                  lambda: _headed(ops, p, s, u, resolved(ops, p, s, u, h)),
+                                  lambda: _headed(ops, fixed, s, u, h))
+    return Plant(*plant), used
+
+
+def _headed(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Value, ...]:
+    """Return the same by the way the motor turns."""
+    return ops.branch(
         s.speed > 0.0,
         lambda: _follow(ops, p, s, u, h, 1.0),
         lambda: ops.branch(s.speed < 0.0, lambda: _follow(ops, p, s, u, h, -1.0),
                            lambda: _follow(ops, p, s, u, h, 0.0)),
     )
-    return Plant(*plant), used

@@ -211,7 +211,7 @@ def test_the_demand_slides_along_its_limit_where_it_grows(values: Mapping[str, A
     p = namespace(case)
     plant = Plant(0.0, side * speed, side * current, side * (supply - 5.0 * (i_ref - current)))
     reference = (side * i_ref - p.drive.current_offset) / p.drive.current_gain
-    mode = electrical_mode(FLOATS, p, plant, acting(reference, supply=supply), 1e-4, 0.0)
+    mode = electrical_mode(FLOATS, p, plant, acting(reference, supply=supply), 1e-4)
     assert mode.at_limit == 1.0
     assert (mode.stays, mode.side) == (float(stays), side * stays)
 
