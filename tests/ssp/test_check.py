@@ -29,7 +29,7 @@ def test_what_is_written_passes(ssp: Path) -> None:
     report = check(ssp)
     assert report.findings == ()
     assert report.variants == ("nominal", "cold", "degraded")
-    assert report.connections == 3 * 4 * 31
+    assert report.connections == 3 * 4 * 32
 
 
 @pytest.mark.parametrize(("old", "new", "place", "expected"), [

@@ -130,7 +130,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             # A host with logging off would see nothing but discarded steps.
             print(f"{self.instance_name}: initialization refused: {self._refusal}", file=sys.stderr)
             return
-        self._bind()
+        self._bind(anew=True)
         self._warn()
 
     def do_step(self, current_time: float, step_size: float) -> bool:
@@ -171,7 +171,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             problems = self._parameter_problems()
             if problems:
                 raise _RefusedError("; ".join(problems))
-            self._bind()
+            self._bind(anew=False)
             self._warn()
         self._ready = True
         begin = current_time - self._start
@@ -197,10 +197,10 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             self._motion = motion
         return self._acting(core)
 
-    def _bind(self) -> Core:
-        """Let the core follow the parameters; before the first step it starts anew."""
+    def _bind(self, anew: bool) -> Core:
+        """Let the core follow the parameters; before the end of initialization it starts anew."""
         values = self._parameter_values()
-        if self._core is None or self._now == 0.0:
+        if self._core is None or anew:
             self._core = self._made(values)
         else:
             self._core.bind(self._functions(values))
@@ -281,7 +281,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         """Bring the outputs in `_values` up to now; NaN and false where there are none."""
         core = self._core
         if self._phase in ("instantiated", "initialization"):
-            core = None if self._parameter_problems() else self._bind()
+            core = None if self._parameter_problems() else self._bind(anew=True)
         if core is None or self._refusal:
             self._values[self._output_slice] = [nan if self.rows[i][1] == "Real" else 0 for i in self._outputs]
         elif self._finite(inputs := self._held or self._core_inputs(core)):
