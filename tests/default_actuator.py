@@ -10,3 +10,8 @@ VARIABLES = INPUTS + OUTPUTS + PARAMETERS
 FILE_ENTRIES = ACTUATOR.file_entries
 START_ENTRIES = FILE_ENTRIES[len(PARAMETERS):]
 namespace = ACTUATOR.namespace
+# The thesis's controllers, which independent integrations and closed forms in the tests have, with gains that do not
+# move with the shipped ones.
+THESIS_LOOPS = {"controller.position.setpoint_weight": 1.0, "controller.drive_antiwindup": 0.0,
+                "controller.position.kp": 57.3, "controller.position.ki": 268.0, "controller.velocity.kp": 0.0464,
+                "controller.antiwindup": 6.21}

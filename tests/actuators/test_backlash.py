@@ -15,6 +15,7 @@ from emcas_fmu.namespace import with_values
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics import drive_line, mechanics
 from emcas_fmu.steppers.elastic import Pair, advance
+from tests.default_actuator import THESIS_LOOPS
 from tests.simulation import acting, nested
 
 from .line import MODEL, RIGID, SMOOTH, at_motor, run_of, through_motor, values_of
@@ -125,12 +126,13 @@ def test_limit_cycle_with_gap_and_gain_only() -> None:
 
     An integral finds no rest in a gap, whatever the gain; a proportional loop does at a small one.
     """
-    gain = values_of()["controller.position.kp"]
+    gain = THESIS_LOOPS["controller.position.kp"]
 
     def width(gap: float, share: float, on_fin: bool = True, ki: float | None = None) -> float:
-        run = run_of({"drive_line.backlash": gap, "controller.position.kp": share * gain, "encoder.on_fin": on_fin,
+        run = run_of({**THESIS_LOOPS, "drive_line.backlash": gap, "controller.position.kp": share * gain,
+                      "encoder.on_fin": on_fin,
                       "encoder.enabled": False, "friction.fin_viscous": 5.0,
-                      "controller.position.ki": values_of()["controller.position.ki"] if ki is None else ki}, 20.0,
+                      "controller.position.ki": THESIS_LOOPS["controller.position.ki"] if ki is None else ki}, 20.0,
                      fin_command=lambda t: 0.02 if t > 0.05 else 0.0)
         return float(np.degrees(np.ptp(run["fin_angle"][17000:])))
 

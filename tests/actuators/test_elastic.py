@@ -18,6 +18,7 @@ from emcas_fmu.physics import drive_line, mechanics
 from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis.modes import load_rod, thesis_modes
+from tests.default_actuator import THESIS_LOOPS
 from tests.simulation import nested
 
 from .line import DRY, HINGE, MODEL, RIGID, SMOOTH, at_motor, run_of, values_of
@@ -145,7 +146,7 @@ def _independent(v: Mapping[str, Any], stop: float, command: float, torque: floa
 
 # The independent integration has the thesis's controllers.
 _IDEAL = {"encoder.enabled": False, "compensation.gain": 0.0, "drive.transport_delay": 3e-3,
-          "controller.position.setpoint_weight": 1.0, "controller.drive_antiwindup": 0.0}
+          **THESIS_LOOPS}
 
 
 @pytest.mark.parametrize(("gap", "command", "torque", "hinge"), [

@@ -16,6 +16,7 @@ from emcas_fmu.reference.cases import LEAD_IN
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.experiments import excitation
 from emcas_fmu.studies.campaign.study import Study, load_study
+from tests.default_actuator import FILE_ENTRIES
 
 from .conftest import GRID, ODD, SMALL, Write, replaced
 
@@ -59,15 +60,16 @@ def test_a_follower_keeps_its_ratio(small: Study) -> None:
 def test_any_parameter_may_vary(write: Write) -> None:
     """Nothing is hard-coded: every number and switch of the table can be a factor at its base value."""
     base = load_parameters().values
+    temperatures = {v.name for v in FILE_ENTRIES if v.unit == "degC"}
     levels = {name: str(value).lower() if isinstance(value, bool) else '"100 %"' for name, value in base.items()
-              if name != "friction.temperature"}
+              if name not in temperatures}
     entries = [f'[vary."{name}"]\nlevels = [{level}]' for name, level in levels.items()]
     text = '[campaign]\nmethod = "grid"\n[experiments.a]\nkind = "hold"\namplitude = "0 deg"\n' + "\n".join(entries)
     study = load_study(write(text))
-    assert len(study.plan.factors) == len(base) - 1
+    assert len(study.plan.factors) == len(base) - len(temperatures)
     assert study.samples == 1
     assert {f.name: f.value(float(f.distribution.at(0.5))) for f in study.plan.factors} == {
-        name: value for name, value in base.items() if name != "friction.temperature"}
+        name: value for name, value in base.items() if name not in temperatures}
 
 
 def test_inputs_of_an_experiment(write: Write) -> None:

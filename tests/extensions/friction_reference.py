@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-IDEAL = {"encoder.enabled": False, "compensation.gain": 0.0, "drive.transport_delay": 3e-3,
+from tests.default_actuator import THESIS_LOOPS
+
+IDEAL = {**THESIS_LOOPS, "encoder.enabled": False, "compensation.gain": 0.0, "drive.transport_delay": 3e-3,
          "drive.supply_voltage": 900.0}
 
 

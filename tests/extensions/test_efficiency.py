@@ -18,12 +18,13 @@ from emcas_fmu.ops.symbols import SYMBOLS
 from emcas_fmu.parameters import ParameterError
 from emcas_fmu.physics import screw
 from emcas_fmu.simulation import simulate
+from tests.default_actuator import THESIS_LOOPS
 from tests.simulation import nested
 
 from .screw_reference import motion
 from .screw_values import DRY, ELASTIC, MODEL, OPTION, coulomb, efficiencies, ratio, values
 
-_IDEAL = {"encoder.enabled": False, "compensation.gain": 0.0, "drive.transport_delay": 3e-3}
+_IDEAL = {**THESIS_LOOPS, "encoder.enabled": False, "compensation.gain": 0.0, "drive.transport_delay": 3e-3}
 
 
 # -- closed forms -----------------------------------------------------------------

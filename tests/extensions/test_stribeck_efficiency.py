@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from emcas_fmu.simulation import simulate
+from tests.default_actuator import THESIS_LOOPS
 
 from .screw_reference import motion
 from .screw_values import efficiencies, values
 
 OWN: Mapping[str, Any] = {
-    "encoder.enabled": False, "compensation.gain": 0.0, "drive.transport_delay": 3e-3, "stribeck.static_ratio": 2.0,
+    **THESIS_LOOPS, "encoder.enabled": False, "compensation.gain": 0.0, "drive.transport_delay": 3e-3,
+    "stribeck.static_ratio": 2.0,
     "stribeck.speed": 3.0, **efficiencies(0.7, 0.4), "friction.fin_coulomb": 3.0, "friction.fin_viscous": 2.0,
     "friction.temperature": -6.0}
 LINE = {"drive_line.backlash": 0.0, "drive_line.torsional_compliance": 0.0}

@@ -66,7 +66,7 @@ def test_no_type_has_the_name_of_a_variable(model: str, fins: int) -> None:
         types = {t.attrib["name"] for t in root.findall("TypeDefinitions/SimpleType")}
         assert types == {v[0].attrib["declaredType"] for v in root.findall("ModelVariables/ScalarVariable")
                          if "declaredType" in v[0].attrib}
-        assert bool(types) == bool({"homing", "faults"} & set(options))
+        assert bool(types) == bool({"homing", "supply", "faults"} & set(options))
         assert not types & {v.name for v in unit.variables}
 
 

@@ -20,9 +20,17 @@ from emcas_fmu.reference import simulate as engine
 from emcas_fmu.reference.cases import CASES, Case
 from emcas_fmu.reference.plant import Plant
 from emcas_fmu.reference.simulate import INPUTS, OUTPUTS, Controllers, simulate
+from tests.default_actuator import THESIS_LOOPS
 
 Array = NDArray[np.floating[Any]]
 Values = Mapping[str, Any]
+
+
+@pytest.fixture
+def values(values: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The shipped parameters with the thesis's controllers."""
+    return {**values, **THESIS_LOOPS}
+
 
 LOCKED = {"friction.fin_coulomb": 1e6}
 COULOMB = [f"friction.coulomb.{side}[{order}]" for side in ("positive", "negative") for order in range(7)]

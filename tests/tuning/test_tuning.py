@@ -129,7 +129,8 @@ def test_bandwidth_of_small_sines_is_that_of_the_swept_response() -> None:
 
 def test_the_fundamental_of_a_slow_sine_is_one() -> None:
     # Without integral action the loop is an integrator, of bandwidth kp = 60 1/s, and 0.5 Hz is 3 rad/s.
-    changes = {"encoder.enabled": False, "controller.position.kp": 60.0, "controller.position.ki": 0.0}
+    changes = {"encoder.enabled": False, "controller.position.kp": 60.0, "controller.position.ki": 0.0,
+               "controller.position.setpoint_weight": 1.0}
     gain = describing_function(SHIPPED, changes, radians(5), 0.5)
     assert abs(gain) == pytest.approx(1.0, abs=0.02)
     assert np.angle(gain) == pytest.approx(-np.pi / 60.0, rel=0.2)  # and friction, not quite cancelled

@@ -13,8 +13,16 @@ from scipy.integrate import solve_ivp
 
 from emcas_fmu.reference.linear import Array, LinearModel
 from emcas_fmu.simulation import simulate
+from tests.default_actuator import THESIS_LOOPS
 
 Values = Mapping[str, Any]
+
+
+@pytest.fixture
+def values(values: Values) -> Values:
+    return {**values, **THESIS_LOOPS}
+
+
 COMMAND = np.where(np.arange(301) >= 20, radians(1.0), 0.0)
 
 

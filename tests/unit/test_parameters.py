@@ -74,7 +74,7 @@ def test_default_has_source_note_type_and_lies_within_limits(entry: parameters.E
     ("drive.transport_delay", 0.0037, "seed"),
     ("drive.kp", 5.0, "seed"),
     ("drive.ki", 0.1, "seed"),
-    ("controller.position.ki", 268.0, "estimate"),
+    ("controller.position.ki", 225.0, "estimate"),
     ("command.limit", pi / 9, "seed"),
     ("fin.stop_angle", 25 * pi / 180, "estimate"),
     ("friction.viscous.negative", 0.00046, "estimate"),
@@ -559,7 +559,7 @@ def test_a_set_cannot_be_changed_and_can_be_pickled() -> None:
 def test_nested_values() -> None:
     p = DEFAULTS.nested()
     assert p.kinematics.moment_arm == 0.05
-    assert p.controller.position.kp == 57.3
+    assert p.controller.position.kp == 53.8
     assert p.friction.coulomb.positive == (0.205, 0.01, 0.028, -0.006, 0.012, 0.0, 0.004)
     assert p.friction.viscous.negative == 0.00046
     assert p.encoder.enabled is True

@@ -231,6 +231,12 @@ def _identified(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, ops.either(now < low, now > high)), now, low, high
 
 
+def _weight(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    position = p.controller.position
+    short = ops.both(ops.equal(position.ki, 0.0), ops.negate(ops.equal(position.setpoint_weight, 1.0)))
+    return when(ops, short), position.setpoint_weight, position.ki
+
+
 def inertias(p: Any, viscous: Value) -> tuple[Value, Value]:
     """Return inertias at the motor [kg.m2]: of nut and hinge, and of motor and screw, with the ratio d/l.
 
@@ -247,6 +253,9 @@ LEVER_RULE = Rule(
 FRICTION_RULES = (_friction("positive"), _friction("negative"))
 OBSERVER_RULE = Rule(
     _observer, "controller.load_observer = %.6g 1/s must be at most 1/controller.sample_time = %.6g 1/s")
+WEIGHT_RULE = Rule(
+    _weight, "controller.position.setpoint_weight = %.6g with controller.position.ki = %.6g 1/s2: without an integral "
+             "the fin stops short of its command; set the weight to 1", warning=True)
 ENCODER_RULE = Rule(_multiplier, "encoder.multiplier = %.6g must be 1, 2 or 4")
 INERTIA_RULE = Rule(_inertia, "inertia.motor + inertia.screw + inertia.fin + inertia.shaft + inertia.fork = %.6g kg.m2 "
                               "must be above 0")
@@ -257,7 +266,7 @@ TEMPERATURE_RULES = (
                       "friction.identified_to = %.6g degC, where friction was tested: friction.table is an estimate "
                       "there", warning=True),
 )
-RULES = (LEVER_RULE, *FRICTION_RULES, ENCODER_RULE, INERTIA_RULE, OBSERVER_RULE, *TEMPERATURE_RULES)
+RULES = (LEVER_RULE, *FRICTION_RULES, ENCODER_RULE, INERTIA_RULE, OBSERVER_RULE, WEIGHT_RULE, *TEMPERATURE_RULES)
 
 # -- one actuator from another -----------------------------------------------------
 

@@ -42,7 +42,9 @@ def final_values(values: Mapping[str, Any], fin_angle: float = 0.0, aero_torque:
         gains = {"P": 0.0, "PI": gain} if gain else {"P": 0.0}
     table = []
     for name, ki in gains.items():
-        changed = values if ki is None else {**values, "controller.position.ki": ki}
+        changed = dict(values) if ki is None else {**values, "controller.position.ki": ki}
+        if ki == 0.0:  # without an integral a weighted command is not reached
+            changed["controller.position.setpoint_weight"] = 1.0
         linear = LinearActuator(changed, fin_angle, aero_torque, model)
         command, load = linear.closed.dcgain()[0] if linear.stable else (nan, nan)
         largest = largest_pole(linear.closed)

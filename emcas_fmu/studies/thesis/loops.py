@@ -40,7 +40,8 @@ def linear_model(runs: Runs) -> Shown:
     plots.bode_axes(gain, phase)
     plots.frequency_axis(phase, (0.1, 1, 10, 100))
     held = {}
-    for name, gains in (("P", {"controller__position__ki": 0.0}), ("PI", {})):
+    plain = {"controller__position__ki": 0.0, "controller__position__setpoint_weight": 1.0}
+    for name, gains in (("P", plain), ("PI", {})):
         columns = runs.run(step_to(0.0, HOLD, LOAD), **gains).columns
         held[name] = degrees(float(np.mean(columns["fin_angle"][columns["time"] > columns["time"][-1] - HELD])))
     rows = (("-3 dB [Hz]", found.bandwidth), ("-90 deg [Hz]", found.phase_bandwidth),
