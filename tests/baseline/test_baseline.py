@@ -43,10 +43,10 @@ def test_what_matters_is_drift(shipped: Path, values: Mapping[str, Any], name: s
 
 
 def test_a_finer_tick_leaves_most_of_every_limit(shipped: Path) -> None:
-    """docs/tools/ci.md: 23 % of the nearest limit; a half leaves room for other machines and later versions."""
+    """docs/tools/ci.md: 47 % of the nearest limit, of a peak of the power; three quarters leave room for other machines and later versions."""
     subject = ParameterSubject(load_parameters().replace({"solver.max_tick": 3.5e-4}))
     shares = [row.share for row in compare(read(shipped / "baseline"), subject, shipped / "baseline").rows]
-    assert 0.0 < max(shares) < 0.5
+    assert 0.0 < max(shares) < 0.75
 
 
 @pytest.mark.fmu
@@ -136,7 +136,7 @@ def test_a_limit_of_the_user(short: Path) -> None:
 
 def test_a_limit_of_one_case_is_used(short: Path) -> None:
     """Tighter for a case than for all: what passed by the common limit drifts by its own."""
-    (short / "changed.toml").write_text('[controller]\nposition.kp = "57.35 1/s"\n')
+    (short / "changed.toml").write_text('[controller]\nposition.kp = "53.85 1/s"\n')
     check(short, article="changed.toml")
     edit(short / "baseline/baseline.toml", "[case.only.figures]",
          '[case.only.limits]\nsustained_rate = { absolute = "0 deg/s", relative = "0 %" }\n[case.only.figures]')

@@ -25,7 +25,7 @@ from .conftest import check, edit, emcas, record
     ('absolute = "0.5 ms"', 'absolute = 0.5', "limits.figures.rise_time.absolute = 0.5: has no unit"),
     ('relative = "1 %"', 'relative = "1 deg"', "limits.figures.rise_time.relative"),
     ("[case.only.figures]", "[case.only.figure]", "case.only: unknown key 'figure'; did you mean figures?"),
-    ("\nrise_time = \"1", "\nrise_tine = \"1", "case.only.figures.rise_tine"),
+    ("\nrise_time = \"", "\nrise_tine = \"", "case.only.figures.rise_tine"),
     ("\novershoot =", '\npeak_gain = "1 dB"\novershoot =', "case.only.figures.peak_gain = 1 dB: such a case has no"),
     ('"motor.resistance" =', '"motor.resistence" =', "did you mean motor.resistance?"),
     ('duration = "0.3 s"', 'duration = "0.3 s"\nstart = { "friction.temperature" = "-500 degC" }',

@@ -289,7 +289,8 @@ def test_a_good_supply_is_nearly_none() -> None:
 @pytest.mark.skipif(not compiled.available(MODEL), reason="no C compiler")
 @pytest.mark.parametrize("model", MODELS)
 def test_kernels_agree(model: str) -> None:
-    values = values_of({"supply.source_resistance": 0.2, "supply.capacitance": 1e-3}, f"{model}+supply")
+    values = values_of({"supply.source_resistance": 0.2, "supply.capacitance": 1e-3, "supply.trip_voltage": 22.0,
+                        "supply.recovery_voltage": 26.0}, f"{model}+supply")
     inputs: dict[str, Any] = {
         "fin_command": lambda t: 0.3 if sin(40.0 * t) > 0.0 else -0.3, "aero_torque": -40.0,
         "enable": lambda t: not 0.1 < t < 0.11, "supply_voltage": lambda t: 8.0 if 0.12 < t < 0.17 else 39.0}

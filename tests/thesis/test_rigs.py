@@ -102,8 +102,8 @@ def test_it_applies_no_more_than_its_motor_can() -> None:
     rig = rig_values("loading")
     largest = rig.current_gain * rig.reference_limit * rig.torque_constant * rig.ratio
     run = loading_rig.run(runs().values, held(0.6, 2.0 * largest))
-    # Less its dry friction, which may help to hold.
-    assert largest - rig.coulomb <= run.applied[-1] <= largest + rig.coulomb
+    # Less its dry friction, which may help to hold; a thousandth for the fin that still gives.
+    assert largest - rig.coulomb <= run.applied[-1] <= 1.001 * (largest + rig.coulomb)
 
 
 def test_a_load_that_follows_leaves_the_loaded_test_as_it_is_under_the_very_moment() -> None:
