@@ -51,7 +51,7 @@ def test_rows_of_20_us_say_the_same(degrees: float) -> None:
     made, found = stepped(degrees)
     power = finely(made)["supply_power"]
     assert found["net_energy"] == pytest.approx(np.trapezoid(power, dx=STEP / FINE), rel=0.035)
-    assert found["rms_power"] == pytest.approx(np.sqrt(np.mean(power**2)), rel=0.012)
+    assert found["rms_power"] == pytest.approx(np.sqrt(np.mean(power**2)), rel=0.035)
 
 
 def test_energy_goes_into_the_winding_and_the_shaft() -> None:
