@@ -26,7 +26,9 @@ from emcas_fmu.studies.identification.records import Array
 DAC_BITS, DAC_RANGE = 16, 10.0  # of the analogue output, +-V
 ADC_BITS, CURRENT_RANGE, REFERENCE_RANGE = 14, 100.0, 10.0  # of the logger's inputs, +-A and +-V
 CURRENT_NOISE, REFERENCE_NOISE = 0.06, 5e-4  # A and V, rms of a sample
-_RIG = {"controller.position.ki": 0.0, "controller.speed_limit": 400.0, "compensation.gain": 0.0,
+_RIG = {"controller.position.ki": 0.0, "controller.position.setpoint_weight": 1.0,
+        "controller.position.velocity_feedforward": 0.0, "controller.velocity.ki": 0.0,
+        "controller.load_observer": 0.0, "controller.speed_limit": 400.0, "compensation.gain": 0.0,
         "encoder.enabled": True, "encoder.on_fin": False}
 # The rig's loops, whatever the actuator's: set as one would on the bench, by what comes back oscillating. The
 # velocity loop crosses where the drive's delay and a sample take `_LAG` of phase, the position loop at a third.
