@@ -137,11 +137,11 @@ def _moment(ops: Ops, p: Any, u: Any, nothing: Value, weight: Callable[[], Value
 
 
 def _zero(ops: Ops, first: Value, *others: Value) -> Value:
-    """Return whether all of these are zero."""
-    zero = ops.equal(first, 0.0)
+    """Return whether all of these are zero, by one comparison, as every step asks it."""
+    total = ops.fabs(first)
     for other in others:
-        zero = ops.both(zero, ops.equal(other, 0.0))
-    return zero
+        total = total + ops.fabs(other)
+    return ops.equal(total, 0.0)
 
 
 def _first_moments(p: Any) -> tuple[Value, Value]:

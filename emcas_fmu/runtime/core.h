@@ -258,48 +258,56 @@ static inline bool core_tick(const double *p, const double *c, core_state *s, co
     return core_finish(p, c, s, &s->tentative, acting, until - origin);
 }
 
-/* Move on to `end` [s] from the start with the inputs held, or changing as `ramp` says (null:
- * held); all or nothing. The outputs there go to `out`. */
-static inline core_result core_run(const double *p, const double *c, core_state *state, double end,
-                                   const core_inputs *in, const core_ramp *ramp, double *out)
+/* Move on as core_run does, but leave a state that could not be followed as it is. */
+static inline core_result core_move(const double *p, const double *c, core_state *s, const core_schedule *plan,
+                                    double end, const core_inputs *in, const core_ramp *ramp, double *out)
 {
-    const core_schedule plan = core_scheduled(p, c);
-    const size_t line = core_line_length(&plan);
-    const int32_t ticks = (int32_t)(plan.before + plan.after);
+    const int32_t ticks = (int32_t)(plan->before + plan->after);
     double at[3];
     kernel_locate(p, c, end, at);
-    if (!((at[0] - (double)state->period) * ticks <= CORE_MOST_TICKS)) return CORE_TOO_MANY_TICKS;
+    if (!((at[0] - (double)s->period) * ticks <= CORE_MOST_TICKS)) return CORE_TOO_MANY_TICKS;
     int64_t period = (int64_t)at[0];
     int32_t position = (int32_t)at[1];
     double rest = at[2];
-    if (period < state->period || (period == state->period && position <= state->position)) { /* never back */
-        const double covered = state->partial ? state->part.covered : 0.0;
-        const bool behind = period < state->period || position < state->position;
-        period = state->period;
-        position = state->position;
+    if (period < s->period || (period == s->period && position <= s->position)) { /* never back */
+        const double covered = s->partial ? s->part.covered : 0.0;
+        const bool behind = period < s->period || position < s->position;
+        period = s->period;
+        position = s->position;
         if (behind || rest < covered) rest = covered;
     }
-    core_state s;
-    memcpy(&s, state, offsetof(core_state, line) + line * sizeof *s.line);
-    while (s.period < period || s.position < position) {
-        const double h = s.position < (int32_t)plan.before ? plan.h_before : plan.h_after;
-        if (!core_tick(p, c, &s, &plan, in, ramp, h, true)) return CORE_TOO_MANY_EVENTS;
-        if (++s.position == ticks) {
-            s.position = 0;
-            ++s.period;
+    while (s->period < period || s->position < position) {
+        const double h = s->position < (int32_t)plan->before ? plan->h_before : plan->h_after;
+        if (!core_tick(p, c, s, plan, in, ramp, h, true)) return CORE_TOO_MANY_EVENTS;
+        if (++s->position == ticks) {
+            s->position = 0;
+            ++s->period;
         }
     }
-    s.tentative = s.plant;
-    if (rest > 0.0 && !core_tick(p, c, &s, &plan, in, ramp, rest, false)) return CORE_TOO_MANY_EVENTS;
+    s->tentative = s->plant;
+    if (rest > 0.0 && !core_tick(p, c, s, plan, in, ramp, rest, false)) return CORE_TOO_MANY_EVENTS;
     core_inputs final;
     double outputs[MODEL_OUTPUTS];
-    core_outputs(p, c, &s, &plan, core_at(in, ramp, end, &final), outputs);
-    if (!core_all_finite(s.sampled, CORE_SAMPLED) || !core_all_finite(s.tentative.x, CORE_PLANT)
+    core_outputs(p, c, s, plan, core_at(in, ramp, end, &final), outputs);
+    if (!core_all_finite(s->sampled, CORE_SAMPLED) || !core_all_finite(s->tentative.x, CORE_PLANT)
         || !core_all_finite(outputs, MODEL_OUTPUTS))
         return CORE_NOT_FINITE;
     memcpy(out, outputs, sizeof outputs);
-    memcpy(state, &s, offsetof(core_state, line) + line * sizeof *s.line);
     return CORE_DONE;
+}
+
+/* Move on to `end` [s] from the start with the inputs held, or changing as `ramp` says (null:
+ * held); all or nothing. The outputs there go to `out`. */
+static inline core_result core_run(const double *p, const double *c, core_state *s, double end,
+                                   const core_inputs *in, const core_ramp *ramp, double *out)
+{
+    const core_schedule plan = core_scheduled(p, c);
+    const size_t used = offsetof(core_state, line) + core_line_length(&plan) * sizeof *s->line;
+    core_state before;
+    memcpy(&before, s, used);
+    const core_result result = core_move(p, c, s, &plan, end, in, ramp, out);
+    if (result != CORE_DONE) memcpy(s, &before, used);
+    return result;
 }
 
 #endif
