@@ -42,7 +42,7 @@ def shipped() -> Result:
         return carry_out(subject)
 
 
-@pytest.fixture(scope="module", params=["python", "native"])
+@pytest.fixture(scope="module", params=[pytest.param("python", marks=pytest.mark.slow), "native"])
 def by_fmu(units: Mapping[str, Path], request: pytest.FixtureRequest) -> Result:
     """The acceptance test of the shipped parameters, by an FMU of either back end."""
     with open_subject(units[request.param]) as subject:
@@ -383,8 +383,8 @@ def test_what_needs_an_output_the_actuator_lacks_is_not_applicable(tmp_path: Pat
 
 
 @pytest.mark.parametrize("model", [
-    "elastic+stribeck+heat+faults", *(name if name == "second-order" else pytest.param(name, marks=pytest.mark.slow)
-               for name in NAMES if name != NONLINEAR)])
+    "second-order", *(pytest.param(name, marks=pytest.mark.slow) for name in (*NAMES, "elastic+stribeck+heat+faults")
+                      if name not in (NONLINEAR, "second-order"))])
 def test_every_actuator(model: str, tmp_path: Path) -> None:
     found = emcas("--model", model, "-o", tmp_path / "report.html", "--json", tmp_path / "figures.json")
     assert found.exit_code in (0, 1), found.output

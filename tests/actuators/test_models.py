@@ -180,7 +180,8 @@ def test_registry_and_files() -> None:
 # -- FMUs -------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module", params=OTHERS)
+@pytest.fixture(scope="module", params=[
+    pytest.param(name, marks=() if name in ("second-order", "ristanovic") else pytest.mark.slow) for name in OTHERS])
 def model(request: pytest.FixtureRequest) -> str:
     chosen: str = request.param
     return chosen

@@ -277,6 +277,7 @@ def analysed(tmp_path_factory: pytest.TempPathFactory) -> Analysed:
     return run
 
 
+@pytest.mark.slow
 def test_the_command_on_an_elastic_line_with_heat(analysed: Analysed) -> None:
     found, page, said = analysed("--model", "elastic+heat", "--at", "2", "--torque", "-20")
     assert found["model"] == "elastic+heat"

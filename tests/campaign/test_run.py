@@ -105,6 +105,7 @@ def gone(group: int) -> None:
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 def test_killed_and_resumed(write: Write, tmp_path: Path) -> None:
     """SIGKILL while workers are at it; what was kept stays as it was, only the rest is run."""
     file, folder = write(LONGER), tmp_path / "out"

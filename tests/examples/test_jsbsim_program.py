@@ -60,6 +60,7 @@ def program(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
                           timeout=120, env={**os.environ, "TERMINAL_WIDTH": "200"})
 
 
+@pytest.mark.slow
 def test_program_needs_no_fmu(tmp_path: Path) -> None:
     """It builds the unit, and an archive for another master; writes page, figures and trajectories."""
     folder = tmp_path / "new" / "out"

@@ -50,7 +50,7 @@ def test_kernels_are_one(model: str) -> None:
         assert np.array_equal(python[name], c[name]), name
 
 
-@pytest.fixture(scope="module", params=MODELS)
+@pytest.fixture(scope="module", params=[MODELS[0], pytest.param(MODELS[1], marks=pytest.mark.slow)])
 def built(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path, Path]:
     """A model and its FMUs, Python and native."""
     if shutil.which("gcc") is None:

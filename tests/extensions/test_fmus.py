@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 MODELS = ["nonlinear+lugre+heat+homing+supply+faults", "elastic+stribeck+efficiency+heat+homing+faults"]
 
 
-@pytest.fixture(scope="module", params=MODELS)
+@pytest.fixture(scope="module", params=[MODELS[0], pytest.param(MODELS[1], marks=pytest.mark.slow)])
 def model(request: pytest.FixtureRequest) -> str:
     chosen: str = request.param
     return chosen

@@ -153,10 +153,10 @@ def test_shares_of_the_exponential(x: float) -> None:
 
 
 @pytest.mark.parametrize(("overrides", "stop", "torque", "step"), [
-    ({}, 0.1, -20.0, True),
     ({"friction.fin_coulomb": 5.0, "lugre.static_ratio": 1.5}, 0.1, 0.0, False),
     ({"lugre.stiffness": 200.0, "lugre.damping": 0.0}, 0.06, -20.0, True),
-    ({"lugre.static_ratio": 2.0, "lugre.stribeck_speed": 1e-3}, 0.1, -20.0, True)])
+    *(pytest.param(overrides, 0.1, -20.0, True, marks=pytest.mark.slow)
+      for overrides in ({}, {"lugre.static_ratio": 2.0, "lugre.stribeck_speed": 1e-3}))])
 def test_against_an_independent_integration_and_of_second_order(overrides: Mapping[str, Any], stop: float,
                                                                 torque: float, step: bool) -> None:
     """Radau at 1e-9 on equations in the fin's angle: a step of 0.5 deg through reversals, and a ramp of 0.3 deg/s."""

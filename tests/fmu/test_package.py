@@ -293,6 +293,7 @@ def test_native_contents(native: Path) -> None:
     assert "documentation/externalDependencies.txt" not in names
 
 
+@pytest.mark.slow
 def test_native_build_repeats(native: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same bytes from an empty compiler cache, elsewhere, in another time zone."""
     monkeypatch.setenv("TZ", "Asia/Tokyo")

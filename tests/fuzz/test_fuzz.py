@@ -13,7 +13,7 @@ from .fuzz import SANITIZERS, compiled
 pytestmark = [pytest.mark.fmu, pytest.mark.skipif(sys.platform != "linux", reason="sanitizers of a Linux compiler")]
 
 
-@pytest.mark.parametrize("fins", [1, 4])
+@pytest.mark.parametrize("fins", [1, pytest.param(4, marks=pytest.mark.slow)])
 def test_arbitrary_calls_values_and_states(tmp_path: Path, fins: int) -> None:
     program = compiled(["cc", "-DSTANDALONE"], SANITIZERS, tmp_path, fins)
     done = subprocess.run([program, "5", "20160101"], capture_output=True, text=True, check=False)
@@ -22,6 +22,7 @@ def test_arbitrary_calls_values_and_states(tmp_path: Path, fins: int) -> None:
     assert int(runs) > 1000 / fins
 
 
+@pytest.mark.slow
 def test_the_harness_finds_what_is_broken(tmp_path: Path) -> None:
     """With the state's checks taken out, damaged bytes must be noticed."""
     program = compiled(["cc", "-DSTANDALONE"], SANITIZERS, tmp_path)

@@ -198,6 +198,9 @@ def test_simulate_says_what_is_wrong(values: Mapping[str, Any]) -> None:
             simulate(values, 0.01, kernel=kernel, aero_torque=1e300)
 
 
+SMALL = "second-order"  # the kernel that is compiled soonest
+
+
 @pytest.fixture
 def uncached(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
     monkeypatch.setattr(compiled, "cache_directory", lambda: tmp_path)
@@ -218,13 +221,13 @@ def test_compiled_once_and_kept(uncached: Path) -> None:
 
 @pytest.mark.parametrize("damage", [b"", b"garbage", None])
 def test_a_damaged_library_is_made_anew(uncached: Path, damage: bytes | None) -> None:
-    assert compiled.available()
+    assert compiled.available(SMALL)
     (kept,) = uncached.glob("kernel_*")
     whole = kept.read_bytes()
     kept.unlink()
     kept.write_bytes(whole[:9000] if damage is None else damage)
     compiled._library.cache_clear()
-    assert compiled.available()
+    assert compiled.available(SMALL)
     (again,) = uncached.glob("kernel_*")
     assert again.read_bytes() == whole
 
