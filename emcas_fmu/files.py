@@ -44,10 +44,10 @@ def cache_directory() -> Path:
     try:
         return _writable(user_cache_path("emcas"))
     except OSError:
-        found = _writable(mine)
-        if hasattr(os, "getuid") and found.stat().st_uid != os.getuid():  # somebody else was here first
+        folder = _writable(mine)
+        if hasattr(os, "getuid") and folder.stat().st_uid != os.getuid():  # somebody else was here first
             raise
-        return found
+        return folder
 
 
 def write_zip(contents: Mapping[str, bytes], target: Path, order: Callable[[str], Any], executable: str = "") -> None:

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 
 from .errors import EmcasError
 
-# Okabe & Ito (2008), "Color universal design": told apart with every common colour blindness. Black and
+# Okabe & Ito (2008), "Color universal design": distinguishable with every common colour blindness. Black and
 # yellow are left out, they vanish on a dark or a light page.
 BLUE, VERMILLION, GREEN, SKY, ORANGE, PURPLE = "#0072b2", "#d55e00", "#009e73", "#56b4e9", "#e69f00", "#cc79a7"
 COLORS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)

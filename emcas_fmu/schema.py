@@ -90,13 +90,13 @@ def each(entries: Any, read: Callable[[str, Any], T]) -> dict[str, T]:
         entries = entries.items()
     elif not isinstance(entries, (tuple, Iterator)):  # which no TOML file has
         raise ValueError("expected a table")
-    found: dict[str, T] = {}
+    values: dict[str, T] = {}
     problems: list[tuple[Place, str, Any]] = []
     for name, written in entries:
         try:
-            if name in found:
+            if name in values:
                 raise ValueError("is given twice")
-            found[name] = read(name, written)
+            values[name] = read(name, written)
         except ValidationError as error:
             problems += [((name, *place), reason, given) for place, reason, given in
                          (_worded(problem, []) for problem in error.errors())]
@@ -104,7 +104,7 @@ def each(entries: Any, read: Callable[[str, Any], T]) -> dict[str, T]:
             problems.append(((name,), str(error), written))
     if problems:
         raise failure(problems)
-    return found
+    return values
 
 
 def kind_of(written: Any, kinds: Iterable[str], key: str = "kind") -> str:

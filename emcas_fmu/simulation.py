@@ -80,12 +80,12 @@ def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 
 def spread(inputs: Mapping[str, T], unit: FmuInterface) -> dict[str, T]:
     """Return inputs by the names of a unit: what is a single actuator's there is every fin's."""
     there_are, of_one = {v.name for v in unit.inputs}, {v.name for v in unit.actuator.inputs}
-    found: dict[str, T] = {}
+    by_name: dict[str, T] = {}
     for name, signal in inputs.items():
         known = name.replace("__", ".")
         several = known not in there_are and known in of_one
-        found |= {unit.name(known, fin): signal for fin in range(unit.fins)} if several else {known: signal}
-    return found
+        by_name |= {unit.name(known, fin): signal for fin in range(unit.fins)} if several else {known: signal}
+    return by_name
 
 
 def _table(there_are: Sequence[Variable], starts: Sequence[Any], stop: float, step: float,
@@ -139,12 +139,52 @@ def _check_finite(table: Array, inputs: Sequence[Variable], step: float) -> None
         raise ValueError(f"input {inputs[column].name} is {table[row, column]} at {row * step:.6g} s")
 
 
-def stepped(values: Mapping[str, Any], model: str = NONLINEAR) -> Any:
-    """Return a core of an actuator to be stepped by hand: compiled if there is a C compiler. Raises ParameterError."""
-    if compiled.available(model):
-        return compiled.CompiledCore(values, model)  # checks for itself
-    require_sound(values, model)
-    return codegen.core(values, model)
+class SteppedUnit:
+    """An actuator moved on by steps of `step` [s] under inputs that may depend on its outputs; compiled if it can be.
+
+    `inputs` are those at its start by name, the others at their start values. Raises ParameterError.
+    """
+
+    def __init__(self, values: Mapping[str, Any], step: float, model: str = NONLINEAR,
+                 inputs: Mapping[str, float] | None = None) -> None:
+        actuator = get(model)
+        self._core: Any
+        if compiled.available(model):
+            self._core = compiled.CompiledCore(values, model)  # checks for itself
+        else:
+            require_sound(values, model)
+            self._core = codegen.core(values, model)
+        self._model, self._step = model, step
+        self._row = [v.initial(values) for v in actuator.inputs]
+        self._inputs = {v.name: i for i, v in enumerate(actuator.inputs)}
+        self._names = tuple(v.name for v in actuator.outputs)
+        self._rows: list[tuple[Any, ...]] = [self._core.outputs(self._acting(inputs or {}))]
+
+    def _acting(self, inputs: Mapping[str, float]) -> Any:
+        for name, value in inputs.items():
+            self._row[self._inputs[name]] = value
+        return codegen.core_inputs(self._core, self._row, self._model)
+
+    def place(self, output: str) -> int:
+        """Return where an output stands in what `now` and `run` give."""
+        return self._names.index(output)
+
+    @property
+    def now(self) -> tuple[Any, ...]:
+        """The outputs at the present time."""
+        return self._rows[-1]
+
+    def run(self, **inputs: float) -> tuple[Any, ...]:
+        """Return the outputs a step later; inputs that are not given stay as they were."""
+        acting = self._acting(inputs)
+        self._rows.append(self._core.run(len(self._rows) * self._step, acting))
+        return self.now
+
+    def columns(self) -> dict[str, Array]:
+        """Return all outputs so far by name, with ``time`` [s]."""
+        table = np.array(self._rows, dtype=float)
+        return {"time": np.arange(len(table)) * self._step,
+                **{name: table[:, i] for i, name in enumerate(self._names)}}
 
 
 def _by_python(values: Mapping[str, Any], table: Array, step: float, model: str) -> Array:

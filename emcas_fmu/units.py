@@ -111,13 +111,13 @@ def convert(amount: Decimal, written: str, unit: str) -> float:
     Raises UnitError, saying what is wrong with `written`.
     """
     with localcontext(Context(prec=34)):
-        found, target = _parse(written), _parse(unit)
-        if found.dimensionality != target.dimensionality:
+        given, target = _parse(written), _parse(unit)
+        if given.dimensionality != target.dimensionality:
             raise UnitError(f"{f'the unit {written}' if written else 'a pure number'} does not measure this "
                             f"quantity; expected {describe(unit)}")
         try:
-            if found != target:
-                amount = _registry().Quantity(amount, found).to(target).magnitude
+            if given != target:
+                amount = _registry().Quantity(amount, given).to(target).magnitude
             return float(amount)
         except Exception as error:  # pint and decimal: offset units in a product, overflow
             raise UnitError(f"the unit {written} cannot be converted to {unit}: {error}") from error

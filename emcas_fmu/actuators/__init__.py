@@ -86,8 +86,8 @@ def get(name: str) -> Actuator:
 
 def get_extension(name: str) -> Extension:
     """Return the extension of a name."""
-    found: Extension = import_module(f"..extensions.{name}", __name__).EXTENSION
-    return found
+    extension: Extension = import_module(f"..extensions.{name}", __name__).EXTENSION
+    return extension
 
 
 @cache

@@ -214,8 +214,8 @@ class Actuator:
                 raise EmcasError(f"actuator {self.name}: has neither step nor derivatives; smooth equations need only "
                                  "derivatives")
             object.__setattr__(self, "step", smooth_step(self._every_rate, [s.name for s in self.states]))
-        own = (s for s in self.controller_states if s not in _BUS)  # one made of another has them already
-        object.__setattr__(self, "controller_states", (*own, *_BUS))
+        there = (s for s in self.controller_states if s not in _BUS)  # one made of another has them already
+        object.__setattr__(self, "controller_states", (*there, *_BUS))
         # Those that act on the plant first: the core takes them so.
         object.__setattr__(self, "further_inputs", tuple(sorted(self.further_inputs, key=lambda v: v.kind != "Real")))
         arguments = [a for _, names, _ in self.functions for a in names]
@@ -282,7 +282,11 @@ class Actuator:
 
     def plant(self, values: Mapping[str, Any]) -> Parameters:
         """Return parameters by name as those of the plant as built."""
-        return self.as_built(FLOATS, self.equation_parameters(FLOATS, self.namespace(values)))
+        return self.plant_parameters(FLOATS, self.namespace(values))
+
+    def plant_parameters(self, ops: Ops, p: Parameters) -> Parameters:
+        """Return the parameters with which the equations describe the plant as built."""
+        return self.as_built(ops, self.equation_parameters(ops, p))
 
     # -- what is traced ----------------------------------------------------------
 
@@ -366,6 +370,11 @@ class Actuator:
     def _every_rate(self, ops: Ops, p: Parameters, x: Record, u: Acting) -> Mapping[str, Value]:
         assert self.derivatives is not None
         return _complete(self.derivatives, self.derivatives(ops, p, x, u), (s.name for s in self.states))
+
+    def plant_outputs(self, ops: Ops, p: Parameters, x: Record, u: Acting) -> Values:
+        """Return every output, those of command and sample as if both were 0."""
+        unsampled = dict.fromkeys(("command", "sampled_reference", "measured_fin_angle", "limited"), 0.0)
+        return self.output_values(ops, p, x, Record(**{**vars(u), **unsampled}))
 
     def _acting(self, held: Iterable[Value], active: Value, acting: Iterable[Value]) -> dict[str, Value]:
         names = (*(s.name for s in self.sampled_states), "reference", *LOADS, "supply", "enabled",

@@ -1,7 +1,7 @@
 """The excitations of the bench: rows of inputs that are given to an actuator, each held until the next.
 
 Angles are in rad, moments in N.m, times in s, frequencies in Hz. Every motion begins after a rest (LEAD_IN; a slew
-after SETTLE at its starting end, unless told otherwise), and every load comes on within LOAD_RISE of the command, as in
+after SETTLE at its starting end), and every load comes on within LOAD_RISE of the command, as in
 the reference cases.
 """
 

@@ -31,8 +31,7 @@ from ..namespace import with_values
 from ..ops.floats import FLOATS
 from ..parameters import ParameterSet, load_parameters, parameter_file, require_sound
 from ..reference.files import parameters_hash
-from ..runtime import codegen
-from ..simulation import Array, respond, stepped
+from ..simulation import Array, SteppedUnit, respond
 from ..variables import Variable
 from .excitation import LOAD, Excitation
 from .fmu import OpenedFmu, chosen_model, opened
@@ -245,23 +244,15 @@ def _sprung(values: Mapping[str, Any], model: str, table: Array, step: float, sp
 
     The spring's moment is that of the fin angle at the last row that is a multiple of `substeps`.
     """
-    inputs, outputs = get(model).inputs, get(model).outputs
-    core = stepped({v.name: values[v.name] for v in get(model).parameters}, model)
-    load = [v.name for v in inputs].index(LOAD)
-    angle = [v.name for v in outputs].index("fin_angle")
-
-    def acting(k: int, at: float) -> tuple[Any, ...]:
-        row = table[k].tolist()
-        row[load] -= spring * at
-        return codegen.core_inputs(core, row, model)
-
-    rows = [core.outputs(acting(0, 0.0))]
-    for k in range(1, len(table)):
-        if (k - 1) % substeps == 0:
-            boundary = acting(k - 1, rows[-1][angle])
-        rows.append(core.run(k * step, boundary))
-    columns = np.array(rows, dtype=float).T
-    return {"time": np.arange(len(rows)) * step, **{v.name: columns[i] for i, v in enumerate(outputs)}}
+    names = [v.name for v in get(model).inputs]
+    rows = [dict(zip(names, row, strict=True)) for row in table.tolist()]
+    unit = SteppedUnit(values, step, model, rows[0])
+    angle = unit.place("fin_angle")
+    for k, row in enumerate(rows[:-1]):
+        if k % substeps == 0:
+            held = {**row, LOAD: row[LOAD] - spring * unit.now[angle]}
+        unit.run(**held)
+    return unit.columns()
 
 
 class _Recorder:

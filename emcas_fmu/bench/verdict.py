@@ -7,7 +7,7 @@ chosen here are in each requirement's `how`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import zip_longest
 from math import degrees, isfinite, isnan, radians
 from pathlib import Path
@@ -76,6 +76,10 @@ class Judged:
     def more(self) -> str:
         """The sign before a figure that is a lower bound."""
         return "> " if self.beyond else ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the requirement with its margin and verdict, for JSON."""
+        return {**asdict(self), "margin": self.margin, "margin_percent": self.margin_percent, "passed": self.passed}
 
     def junit_case(self, classname: str, time: float = 0.0) -> TestCase:
         """Return the requirement as a test case; `time` [s] is what its run took."""

@@ -95,10 +95,11 @@ def check(
     if report.findings:
         table = Table("", "where", "what is wrong, and what to do", show_lines=True)
         table.columns[1].overflow = "fold"  # names are to be found again, so none is cut short
-        for found in sorted(report.findings, key=lambda f: f.level):
-            colour = "red" if found.level == "error" else "yellow"
-            table.add_row(f"[{colour}]{found.level}[/]", f"{escape(found.place)}\n[dim]{escape(found.file)}[/]".strip(),
-                          f"{escape(found.message)}\n[dim]{escape(found.remedy)}[/]")
+        for finding in sorted(report.findings, key=lambda f: f.level):
+            colour = "red" if finding.level == "error" else "yellow"
+            place = f"{escape(finding.place)}\n[dim]{escape(finding.file)}[/]".strip()
+            table.add_row(f"[{colour}]{finding.level}[/]", place,
+                          f"{escape(finding.message)}\n[dim]{escape(finding.remedy)}[/]")
         out.print(table)
     verdict = f"[bold red]failed[/], {len(report.errors)} errors" if report.errors else "[bold green]passed[/]"
     out.print(f"{verdict}, {len(report.warnings)} warnings: {escape(str(ssp))}, variants "

@@ -66,35 +66,33 @@ def friction_compensation(ops: Ops, p: Any, fin_measured: Value, speed_reference
         lambda: (friction.coulomb_reference(ops, polynomials.positive, fin_measured),),
         lambda: (friction.coulomb_reference(ops, polynomials.negative, fin_measured),),
     )
-    per_volt = _torque_per_volt(p)
+    per_volt = drive.stall_torque(p, 1.0)
     share = ops.clip(speed_reference / p.compensation.speed_band, -1.0, 1.0)
     return p.compensation.gain / per_volt * estimate * share
 
 
-def _torque_per_volt(p: Any) -> Value:
-    return p.motor.torque_constant * p.drive.current_gain
+def _momentum(ops: Ops, p: Any, measured: Measurement) -> Value:
+    """Return the measured momentum J w [N.m.s] at the motor."""
+    return mechanics.coefficients(ops, p, measured.motor_angle).inertia * measured.motor_speed
 
 
-def _inertia(ops: Ops, p: Any, fin: Value) -> Value:
-    """Return the nominal inertia [kg.m2] at the motor at a fin angle [rad]."""
-    ratio = kinematics.reduction_ratio(ops, p, ops.tan(fin + p.kinematics.initial_angle))
-    return mechanics.screw_inertia(p) + mechanics.fin_inertia(p) / (ratio * ratio)
+def resting_integral(p: Any, target: Value) -> Value:
+    """Return the position loop's integral [rad/s] that asks for no speed at a target [rad] that is reached."""
+    position = p.controller.position
+    return position.kp * (1.0 - position.setpoint_weight) * target
 
 
 def at_rest(ops: Ops, p: Any, measured: Measurement) -> Loops:
     """Return the loops' states that ask for no speed where the motor is measured, which is the target, without load."""
-    position = p.controller.position
-    (momentum,) = ops.branch(p.controller.load_observer > 0.0,
-                             lambda: (_inertia(ops, p, measured.fin_angle) * measured.motor_speed,), lambda: (0.0,))
-    return Loops(position.kp * (1.0 - position.setpoint_weight) * measured.motor_angle, 0.0, measured.motor_angle,
-                 momentum)
+    (momentum,) = ops.branch(p.controller.load_observer > 0.0, lambda: (_momentum(ops, p, measured),), lambda: (0.0,))
+    return Loops(resting_integral(p, measured.motor_angle), 0.0, measured.motor_angle, momentum)
 
 
 def _observed(ops: Ops, p: Any, momentum: Value, measured: Measurement, current: Value, compensation: Value
               ) -> tuple[Value, ...]:
     """Return the reference [V] against the load at a measured motor current [A], and the momentum for the next."""
-    load = p.controller.load_observer * (_inertia(ops, p, measured.fin_angle) * measured.motor_speed - momentum)
-    per_volt = _torque_per_volt(p)
+    load = p.controller.load_observer * (_momentum(ops, p, measured) - momentum)
+    per_volt = drive.stall_torque(p, 1.0)
     net = drive.torque(p, current) + load - per_volt * compensation
     return -load / per_volt, momentum + p.controller.sample_time * net
 

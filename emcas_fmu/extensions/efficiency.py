@@ -71,7 +71,7 @@ def extend(actuator: Actuator) -> Actuator:
     """Return the actuator with such a screw: steps see its parameters."""
     def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
         outputs = actuator.output_values(ops, p, x, u)
-        return {**outputs, LOSS.name: loss(ops, actuator.as_built(ops, p), x, u, outputs)}
+        return {**outputs, LOSS.name: loss(ops, actuator.plant_parameters(ops, p), x, u, outputs)}
 
     return replace(actuator, output_values=output_values, structure=replace(actuator.structure, screw_losses=True))
 

@@ -79,9 +79,6 @@ def extend(actuator: Actuator) -> Actuator:
     angle_name, rate_name = actuator.encoder
     counters, flags = (tuple(f"{monitor.name}_{kind}" for monitor in watched) for kind in ("counter", "flag"))
 
-    def built(ops: Ops, p: Any) -> Any:
-        return actuator.as_built(ops, actuator.equation_parameters(ops, p))
-
     def encoder(ops: Ops, p: Any, angle: Value) -> Value:
         """Return what the encoder of position turns with, motor or fin, at the state of angle that it reads [rad]."""
         return ops.where(p.encoder.on_fin, _fin(ops, p, angle), angle) if geared else angle
@@ -97,7 +94,7 @@ def extend(actuator: Actuator) -> Actuator:
     def initial(ops: Ops, p: Any, start: Record) -> Values:
         begun = actuator.start(ops, p, start.fin_angle, start.encoder_offset)
         measured = begun["measured_fin_angle"]
-        turned = encoder(ops, built(ops, p), actuator.position(ops, p, Record(**begun)))
+        turned = encoder(ops, actuator.plant_parameters(ops, p), actuator.position(ops, p, Record(**begun)))
         kept = _Kept(0.0, turned, 0.0, p.fin.start_angle, measured, measured)
         return {**begun, **dict(zip(_KEPT, kept, strict=True)), **dict.fromkeys(_WAITING, p.fin.start_angle),
                 **dict(zip(_HELD, SOUND, strict=True))}
@@ -111,7 +108,7 @@ def extend(actuator: Actuator) -> Actuator:
         line = [getattr(x, name) for name in _WAITING]
         on = fault_list.active(ops, p, faults, k.samples * p.controller.sample_time)
 
-        plant = built(ops, p)
+        plant = actuator.plant_parameters(ops, p)
         angle, speed = encoder(ops, plant, asked.position), getattr(x, rate_name)
         off = ops.both(x.fin_broken_off > 0.0, plant.encoder.on_fin) if geared else False
         if geared:
@@ -185,12 +182,7 @@ def extend(actuator: Actuator) -> Actuator:
 
     def status(ops: Ops, p: Any, x: Record, u: Acting) -> Value:
         """Return what the actuator says of itself where it is sound; the bridge open by a fault is unknown to it."""
-        return shown(ops, p, x, u)[STATUS.name] if has_status else OPERATIONAL
-
-    def shown(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
-        """Return the sound actuator's outputs, as if nothing had been sampled yet."""
-        nothing = dict.fromkeys(("command", "sampled_reference", "measured_fin_angle", "limited"), 0.0)
-        return actuator.output_values(ops, p, x, Record(**{**vars(u), **nothing}))
+        return actuator.plant_outputs(ops, p, x, u)[STATUS.name] if has_status else OPERATIONAL
 
     def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
         f = held(u)
@@ -203,7 +195,7 @@ def extend(actuator: Actuator) -> Actuator:
 
         def faulty() -> tuple[Value, ...]:
             jam = f.jam > 0.0
-            q = built(ops, p)
+            q = actuator.plant_parameters(ops, p)
             begun = standing(ops, actuator, x, jam)
             moved, used = actuator.step(ops, faulted(ops, q, actuator, f), begun, acting(ops, p, actuator, f, u), h)
             after = standing(ops, actuator, begun.replace(**moved), jam, begun)
@@ -213,7 +205,7 @@ def extend(actuator: Actuator) -> Actuator:
         def floating(q: Any, used: Value) -> tuple[Value, ...]:
             rubbing = with_values(q, {"friction.fin_viscous": f.friction * q.friction.fin_viscous,
                                       "friction.fin_coulomb": f.friction * q.friction.fin_coulomb})
-            now = shown(ops, p, x, u)
+            now = actuator.plant_outputs(ops, p, x, u)
             whole = ops.equal(x.fin_broken_off, 0.0)
             return 1.0, *free_fin.advance(ops, rubbing, ops.where(whole, now["fin_angle"], x.broken_fin_angle),
                                           ops.where(whole, now["fin_rate"], x.broken_fin_rate), u, used)
@@ -223,7 +215,7 @@ def extend(actuator: Actuator) -> Actuator:
 
     def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
         f = held(u)
-        q = built(ops, p)
+        q = actuator.plant_parameters(ops, p)
         outputs = dict(actuator.output_values(ops, faulted(ops, q, actuator, f), x, acting(ops, p, actuator, f, u)))
         if geared:
             outputs |= off_shaft(ops, q, x, u, outputs)

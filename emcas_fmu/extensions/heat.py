@@ -104,7 +104,7 @@ def extend(actuator: Actuator) -> Actuator:
             square = moved["motor_current"] * moved["motor_current"]
         else:
             plant = Plant(getattr(x, angle), getattr(x, speed), x.motor_current, x.drive_integral)
-            built = actuator.as_built(ops, actuator.equation_parameters(ops, q))
+            built = actuator.plant_parameters(ops, q)
             tau = electrical_mode(ops, built, plant, u, h).tau
             square = course.mean_square(ops, current, moved["motor_current"], used / tau)
         winding, case = heat.warmed(p, x.winding_temperature, x.case_temperature, q.motor.resistance * square, used)

@@ -17,7 +17,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ..actuators.declaration import Actuator, Asked
-from ..control import sensors
+from ..control import controllers, sensors
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import kinematics
@@ -137,8 +137,7 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, asked: Asked, seen:
     # A weight of 1: the frame moves, and the loop must not see where it stands.
     pushing = with_values(p, {"drive.reference_limit": limit, "controller.position.setpoint_weight": 1.0,
                               "controller.position.velocity_feedforward": 0.0})
-    position, angle = p.controller.position, kinematics.motor_angle(ops, p, seen["measured_fin_angle"])
-    weighed = position.kp * (1.0 - position.setpoint_weight) * angle
+    weighed = controllers.resting_integral(p, kinematics.motor_angle(ops, p, seen["measured_fin_angle"]))
     integral = ops.where(starts, x.integral - weighed, x.integral)
     moved = actuator.sampled(ops, pushing, x.replace(integral=integral + forward), asked)
 

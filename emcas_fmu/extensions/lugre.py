@@ -50,12 +50,12 @@ def extend(actuator: Actuator) -> Actuator:
     """Return `actuator` on bristles, one more state."""
     def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
         plant = Plant(x.motor_angle, x.motor_speed, x.motor_current, x.drive_integral)
-        moved, deflection, used = advance(ops, actuator.as_built(ops, p), plant, x.bristle_deflection, u, h)
+        moved, deflection, used = advance(ops, actuator.plant_parameters(ops, p), plant, x.bristle_deflection, u, h)
         return {"motor_angle": moved.angle, "motor_speed": moved.speed, "motor_current": moved.current,
                 "drive_integral": moved.integral, "bristle_deflection": deflection}, used
 
     def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
-        built = actuator.as_built(ops, p)
+        built = actuator.plant_parameters(ops, p)
         m = mechanics.coefficients(ops, built, x.motor_angle, u)
         rate, damping = friction.bristles(ops, built, m.fin, m.ratio, x.motor_speed)
         torque = p.lugre.stiffness * x.bristle_deflection + damping * (x.motor_speed - rate * x.bristle_deflection)

@@ -57,9 +57,10 @@ OUTPUTS = (
 )
 
 
-def _link(ops: Ops, x: Record, source: Value) -> Value:
-    """Return the link's voltage [V], that of the source where it starts."""
-    return ops.where(x.link_voltage < 0.0, ops.maximum(source, 0.0), x.link_voltage)
+def _link(ops: Ops, p: Any, x: Record, source: Value, enable: Value) -> tuple[Value, Value]:
+    """Return the link's voltage [V], that of the source [V] where it starts, and whether the bridge works."""
+    link = ops.where(x.link_voltage < 0.0, ops.maximum(source, 0.0), x.link_voltage)
+    return link, ops.both(enable, ops.negate(supply.tripped(ops, p, link, x.supply_tripped)))
 
 
 def _inverse_inductance(ops: Ops, p: Any, interval: Value) -> Value:
@@ -73,26 +74,17 @@ def extend(actuator: Actuator) -> Actuator:
     has_status = STATUS in actuator.outputs
     angle, speed = actuator.encoder
 
-    def behind(ops: Ops, p: Any, x: Record, u: Acting) -> tuple[Value, Acting]:
-        """Return the link's voltage [V], and what acts on the actuator behind it."""
-        link = _link(ops, x, u.supply)
-        tripped = supply.tripped(ops, p, link, x.supply_tripped)
-        return link, u.replace(supply=link, enabled=ops.both(u.enabled, ops.negate(tripped)))
-
     def electrical(ops: Ops, p: Any, x: Record, u: Acting) -> tuple[Value, Value]:
-        """Return motor voltage [V] and current [A]; nothing of a sample is in them."""
-        sampled = dict.fromkeys(("command", "sampled_reference", "measured_fin_angle", "limited"), 0.0)
-        shown = actuator.output_values(ops, p, x, Record(**{**vars(u), **sampled}))
+        """Return motor voltage [V] and current [A]."""
+        shown = actuator.plant_outputs(ops, p, x, u)
         return shown["motor_voltage"], shown["motor_current"]
 
     def initial(ops: Ops, p: Any, start: Record) -> Values:
         return {**actuator.initial(ops, p, start), "link_voltage": _UNCHARGED}
 
     def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
-        link = _link(ops, x, asked.supply)
-        tripped = supply.tripped(ops, p, link, x.supply_tripped)
-        return actuator.sample(ops, p, x, asked.replace(
-            supply=link, enable=ops.both(asked.enable, ops.negate(tripped))))
+        link, enabled = _link(ops, p, x, asked.supply, asked.enable)
+        return actuator.sample(ops, p, x, asked.replace(supply=link, enable=enabled))
 
     def ahead(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Value:
         """Return the mean power [W] of motor and inverter over the next `h` [s] at a constant back-EMF and integral."""
@@ -106,12 +98,13 @@ def extend(actuator: Actuator) -> Actuator:
 
     def mode_of(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Any, Any]:
         """Return the parameters of the plant, and the electrical mode that a step of `h` [s] starts in."""
-        built = actuator.as_built(ops, actuator.equation_parameters(ops, p))
+        built = actuator.plant_parameters(ops, p)
         plant = Plant(getattr(x, angle), getattr(x, speed), x.motor_current, x.drive_integral)
         return built, electrical_mode(ops, built, plant, u, h)
 
     def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
-        link, acting = behind(ops, p, x, u)
+        link, enabled = _link(ops, p, x, u.supply, u.enabled)
+        acting = u.replace(supply=link, enabled=enabled)
         load = supply.load_current(ops, p, link, ahead(ops, p, x, acting, 0.5 * h))
         middle = supply.moved(ops, p, link, u.supply, load, 0.5 * h)
         acting = acting.replace(supply=middle)
@@ -125,14 +118,14 @@ def extend(actuator: Actuator) -> Actuator:
         return {**moved, "link_voltage": link, "supply_tripped": ops.where(tripped, 1.0, 0.0)}, used
 
     def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
-        link, acting = behind(ops, p, x, u)
-        shown = actuator.output_values(ops, p, x, acting)
+        link, enabled = _link(ops, p, x, u.supply, u.enabled)
+        shown = actuator.output_values(ops, p, x, u.replace(supply=link, enabled=enabled))
         well = shown[STATUS.name] if has_status else OPERATIONAL
         return {**shown, "supply_power": u.supply * supply.source_current(ops, p, link, u.supply),
                 "link_voltage": link, "brake_power": supply.brake_power(ops, p, link),
                 "inverter_loss": supply.inverter_loss(ops, p, shown["motor_current"]),
                 "supply_tripped": supply.tripped(ops, p, link, x.supply_tripped),
-                STATUS.name: ops.where(acting.enabled, well, DISABLED)}
+                STATUS.name: ops.where(enabled, well, DISABLED)}
 
     def longest_tick(ops: Ops, p: Any) -> Value:
         resolved = _PHASE * ops.sqrt(p.motor.inductance * p.supply.capacitance)

@@ -1,6 +1,6 @@
 """Elastic drive line with a gap: what acts between the rotor and the fin.
 
-The fin's angle is told at the motor: phi = theta(fin_angle) of (2.5), so that phi = motor angle where nothing
+The fin's angle is referred to the motor: phi = theta(fin_angle) of (2.5), so that phi = motor angle where nothing
 yields. Twist of the shaft, stretch of the screw with nut and thrust bearing, the give of the flanks of nut and fork,
 and that of fork, fin shaft and structure about the hinge lie in series under one torque T at the motor (force T/l in
 the screw, moment T R about the hinge):
@@ -67,7 +67,7 @@ def rigid(ops: Ops, p: Any) -> Value:
 
 
 def line(ops: Ops, p: Any, angle: Value) -> Line:
-    """Return the drive line at a fin's angle told at the motor [rad]; that of a rigid one must not be used."""
+    """Return the drive line at a fin's angle referred to the motor [rad]; that of a rigid one must not be used."""
     parts, square = p.drive_line, p.screw.lead * p.screw.lead
     structure = structure_compliance(p)
     loose = parts.backlash > 0.0

@@ -1,6 +1,6 @@
 """Efficiency of the screw: what of the load the rotor feels.
 
-Between the screw's torque and its axial force F stands the load told at the motor, L = F l (l lead per radian):
+Between the screw's torque and its axial force F stands the load referred to the motor, L = F l (l lead per radian):
 all that is on the load side of the screw, positive where it resists positive motion. The rotor feels e L,
 
     J_r dw/dt = T_m - C_m sgn w - b_m w - e L            J_r of motor and screw; T_m with what moves the rotor itself

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 
 from .plant import Mode, Plant, Surroundings, Value, clip
 
@@ -138,6 +137,8 @@ class Controllers:
 def advance(plant: Plant, state: list[float], mode: Mode, around: Surroundings, start: float, end: float
             ) -> tuple[list[float], Mode]:
     """Integrate from `start` to `end` [s] through every change of mode; return the state and mode at `end`."""
+    from scipy.integrate import solve_ivp  # would be a third of the start of every command
+
     time, events_without_progress = start, 0
     while time < end:
         guards = plant.guards(mode, around)
@@ -171,7 +172,7 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
     starts = INPUTS | {"supply_voltage": float(parameters.get("drive.supply_voltage", 39.0))}
     columns = {n: np.broadcast_to(inputs.get(n, start), rows.shape).tolist() for n, start in starts.items()}
     if min(columns["supply_voltage"]) <= 0.0:
-        raise ValueError("supply_voltage must be above 0: the modes of the drive are told apart by its limits")
+        raise ValueError("supply_voltage must be above 0: the modes of the drive are distinguished by its limits")
 
     nominal = Plant(parameters)
     plant, p, end = nominal.as_built(), nominal.parameters, float(rows[-1])

@@ -17,7 +17,7 @@ SSD, SSC, SSV = f"{_BASE}Description", f"{_BASE}Common", f"{_BASE}ParameterValue
 NAMESPACES = {"ssd": SSD, "ssc": SSC, "ssv": SSV, "osp": "http://opensimulationplatform.com/SSP/OSPAnnotations",
               "emcas": "urn:emcas-fmu:ssp"}  # the last of the annotation that records an FMU's GUID
 ANNOTATION = "emcas-fmu"  # its type
-DEFAULT = "SystemStructure.ssd"  # the structure a host opens if not told otherwise
+DEFAULT = "SystemStructure.ssd"  # the structure a host opens by default
 NOMINAL = "nominal"
 FMU = "application/x-fmu-sharedlibrary"  # the type of a component
 _FILES = {SSD: "SystemStructureDescription.xsd", SSV: "SystemStructureParameterValues.xsd"}

@@ -34,7 +34,7 @@ PARAMETERS = (
 
 
 def _uncompensated(_: Ops, p: Any) -> Any:
-    return with_values(p, {"compensation.gain": 0.0, "compensation.speed_band": 1.0, "drive.current_gain": 1.0})
+    return with_values(p, {"compensation.gain": 0.0, "compensation.speed_band": 1.0})
 
 
 def _loaded(ops: Ops, p: Any, angle: Value, u: Acting) -> Acting:

@@ -243,14 +243,14 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def _warn(self) -> None:
         """Log the warnings about the parameters, each once until it no longer holds."""
-        found = {(prefix, rule[0]): message
-                 for prefix, one in self._fins(self._parameter_values()).items()
-                 for check, rule in zip(type(self).make_checks(one), self.rules, strict=True)
-                 for message in check_rules([(check, *rule)], warnings=True)}
-        for (prefix, rule), message in found.items():
+        warnings = {(prefix, rule[0]): message
+                    for prefix, one in self._fins(self._parameter_values()).items()
+                    for check, rule in zip(type(self).make_checks(one), self.rules, strict=True)
+                    for message in check_rules([(check, *rule)], warnings=True)}
+        for (prefix, rule), message in warnings.items():
             if (prefix, rule) not in self._warned:
                 self._log(prefix + message, Fmi2Status.warning)
-        self._warned = set(found)
+        self._warned = set(warnings)
 
     def _parameter_values(self) -> dict[str, Any]:
         return {self.rows[i][0]: self._values[i] for i in self._parameters}

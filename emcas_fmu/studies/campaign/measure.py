@@ -91,7 +91,7 @@ def named(experiment: Experiment, model: str, measures: Mapping[str, float]) -> 
 def leaps(subject: Subject, changes: Mapping[str, Any], run: Run) -> Array:
     """Return when [s], from the command's instant, the drive gets a new reference: each sample, a delay later.
 
-    None where samples come too often to be told apart.
+    None where samples come too often to be distinguished.
     """
     begin, stop = run.excitation.begin, run.excitation.stop
     period = float(changes.get(_PERIOD, subject.values[_PERIOD]))

@@ -106,9 +106,9 @@ def _opened(fmu: str, fmu_sha256: str, fin: int, model: str, model_sha256: str) 
     return subject
 
 
-def _check_same(path: str, found: str, begun: str) -> None:
-    if found != begun:
-        raise CampaignError(f"{path}: is not the file the campaign began with (SHA-256 {found[:16]}, not "
+def _check_same(path: str, digest: str, begun: str) -> None:
+    if digest != begun:
+        raise CampaignError(f"{path}: is not the file the campaign began with (SHA-256 {digest[:16]}, not "
                             f"{begun[:16]}); every worker must see the same file")
 
 

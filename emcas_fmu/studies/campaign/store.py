@@ -29,7 +29,7 @@ from .study import Study
 SCHEMA = "emcas-campaign/1"
 MANIFEST, PARTS, LOCK, OWNER = "campaign.json", "samples", ".lock", ".owner"
 _TYPES = {"Real": pa.float64(), "Integer": pa.int64(), "Boolean": pa.bool_(), "Enumeration": pa.string()}
-_MOST_NAMED = 6  # changes told in a refusal
+_MOST_NAMED = 6  # changes named in a refusal
 
 
 def identity(study: Study) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from .sample import OK, columns
 from .study import Study
 
 PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
-WORST = 3  # samples told for each figure
+WORST = 3  # samples listed for each figure
 _CONFIDENCE = 0.95
 # Fewer say nothing of what figures depend on.
 _FEWEST = 10

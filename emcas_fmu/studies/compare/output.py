@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +54,7 @@ def as_dict(result: Result) -> dict[str, Any]:
             "differing": {name: dict(zip((c.name for c in result.columns), values, strict=True))
                           for name, values in result.differing.items()},
             "sets": [{"name": column.name, "passed": column.passed,
-                      "requirements": [{**asdict(j), "margin": j.margin, "passed": j.passed} for j in column.judged]}
+                      "requirements": [j.as_dict() for j in column.judged]}
                      for column in result.columns]}
 
 

@@ -195,7 +195,7 @@ def _require(runs: Sequence[_Run], delay: float, values: Mapping[str, Any]) -> N
     if longest < _LENGTH * slow:
         raise RecordError(
             f"the longest record lasts {longest:.3g} s, but by the base parameters the drive's integral takes "
-            f"(R + Kp)/Ki = {slow:.3g} s to act: gain and Ki cannot be told from it. Add a slow staircase of "
+            f"(R + Kp)/Ki = {slow:.3g} s to act: gain and Ki cannot be distinguished from it. Add a slow staircase of "
             f"{_LENGTH * slow:.3g} s or more, or give base parameters whose drive.ki is nearer the truth (0: no "
             "integral)")
 
@@ -238,7 +238,7 @@ def _require_answer(parameters: Sequence[Estimate], fit: Fit, runs: Sequence[_Ru
     if rise < 0.7 * step:
         raise RecordError(f"the sample rate is too low for the current loop: the current settles within "
                           f"{rise * 1e3:.2g} ms, between two samples {step * 1e3:.2g} ms apart, so that delay and Kp "
-                          f"cannot be told apart; log at {1.0 / rise:.3g} Hz or more")
+                          f"cannot be distinguished; log at {1.0 / rise:.3g} Hz or more")
     require_certain((gain, delay, kp), _WORST, "record more and larger steps, fast logged")
     if ki.value < 0.0 and ki.value < -2.0 * ki.sigma:
         raise RecordError(f"drive.ki is found as {ki.value:.3g} V/(A.s), below 0: the current creeps away from its "

@@ -48,7 +48,7 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     assert rotor.base is not None
     total = _total({**base.values, MOTOR: rotor.value})
     whole = Estimate(TOTAL, total, rotor.sigma, rotor.unit, _total(base.values), parameter=False)
-    require_certain([whole], _WORST, "spin up at levels of current further apart, so that it can be told from friction")
+    require_certain([whole], _WORST, "spin up at levels of current further apart, to separate it from friction")
     if rotor.value <= 0.0:
         raise RecordError(f"the total inertia at the motor is found as {total:.4g} kg.m2, but screw, nut and fin side "
                           f"of the base parameters alone make {total - rotor.value:.4g}: check inertia.fin, .fork, "

@@ -22,10 +22,10 @@ _REMARK = "Reported, no parameter: "
 def write_identified(result: Identification, path: Path, base_files: Iterable[Path] = ()) -> None:
     """Write the base set with what was identified over it. Raises ParameterError where that makes no sound set."""
     names = Counter(_array(e.variable.name) for e in result.base.entries)
-    found = [e for e in result.estimates if e.parameter]
+    identified = [e for e in result.estimates if e.parameter]
     changes: dict[str, object] = {}
-    for array in dict.fromkeys(_array(e.name) for e in found):
-        elements = [e for e in found if _array(e.name) == array]
+    for array in dict.fromkeys(_array(e.name) for e in identified):
+        elements = [e for e in identified if _array(e.name) == array]
         whole = len(elements) == names[array]
         for name, members in {array: elements}.items() if whole else {e.name: [e] for e in elements}.items():
             changes[name] = file_entry([_rounded(e) for e in members], members[0].unit, SOURCE, _note(result, members))

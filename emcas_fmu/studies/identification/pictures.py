@@ -42,7 +42,7 @@ def panels(parts: Sequence[tuple[str, Sequence[Series]]], x_label: str, y_label:
             x, y = _thinned(s.x, s.y)
             size, alpha = (3.0, 0.45) if len(x) > 60 else (6.0, 1.0)
             axes.plot(x, y, ".", color=color, markersize=size, alpha=alpha, linewidth=0)
-            # A lone series' model would not be told from its points.
+            # A lone series' model would not be distinguished from its points.
             axes.plot(*_thinned(s.model_x, s.model_y), color=COLORS[1] if len(series) == 1 else color, label=s.label)
             if s.band is not None:
                 axes.fill_between(s.model_x, s.model_y - s.band, s.model_y + s.band, color=color, alpha=0.3,

@@ -77,7 +77,7 @@ class Outcome:
         """Return the quantity of a name."""
         return next(q for q in self.quantities if q.key == key)
 
-    def told(self, group: str, key: str) -> tuple[str, Value]:
+    def described(self, group: str, key: str) -> tuple[str, Value]:
         """Return the sign before a figure, and the figure or what it lies beyond."""
         bound = self.beyond.get(f"{group}.{key}")
         return ("", self.figures[group][key]) if bound is None else ("> ", bound)
@@ -85,7 +85,7 @@ class Outcome:
     def headlines(self) -> list[tuple[str, Quantity, str, Value]]:
         """Return group, quantity, sign and value of the headline figures there are."""
         paths = [path.split(".") for path in self.headline]
-        return [(group, self.quantity(key), *self.told(group, key)) for group, key in paths
+        return [(group, self.quantity(key), *self.described(group, key)) for group, key in paths
                 if key in self.figures.get(group, {})]
 
     def left_out(self) -> list[tuple[str, list[str]]]:

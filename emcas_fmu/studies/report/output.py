@@ -54,9 +54,9 @@ def as_dict(result: Result, date: str = "") -> dict[str, Any]:
     outcomes = result.outcomes
     requirements = []
     for j in result.judged:
-        entry = asdict(j)
+        entry = j.as_dict()
         entry["how"] = entry.pop("note")
-        requirements.append({**entry, "margin": j.margin, "margin_percent": j.margin_percent, "passed": j.passed})
+        requirements.append(entry)
     return {
         "schema": SCHEMA, "passed": result.passed, "tool": f"emcas {__version__}", "date": date or None,
         "identification": asdict(result.about), "rated_load_n_m": result.load, "requirements": requirements,

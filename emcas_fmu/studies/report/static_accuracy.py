@@ -72,10 +72,10 @@ def measure(rig: Rig) -> Outcome:
     visits = course(len(targets), CYCLES)
     there = rig.subject.values.keys()
     cases = {"grid": {}, **{case.name: case.values for case in tolerances() if case.values.keys() <= there}}
-    found = {name: _errors(rig, targets, visits, values) for name, values in cases.items()}
-    approaches = bidirectional(*found["grid"])
-    figures = {name: {q.key: getattr(bidirectional(*errors), q.key.removesuffix("_deg")) for q in QUANTITIES}
-               for name, errors in found.items()}
+    errors = {name: _errors(rig, targets, visits, values) for name, values in cases.items()}
+    accuracy = {name: bidirectional(*sides) for name, sides in errors.items()}
+    figures = {name: {q.key: getattr(measured, q.key.removesuffix("_deg")) for q in QUANTITIES}
+               for name, measured in accuracy.items()}
     labels = {name: name.replace("_", " ") + " (estimates)" for name in cases}
     return Outcome(
         f"{len(targets)} angles evenly over ±{rig.limit:g} deg, {CYCLES} times up and down, no load. Each is held "
@@ -85,6 +85,6 @@ def measure(rig: Rig) -> Outcome:
         (*(f"grid.{key}" for key in ("largest_error_deg", "hysteresis_deg", "repeatability_deg")),
          *(f"{name}.largest_error_deg" for name in cases if name != "grid")),
         {**labels, "grid": f"{len(targets)} angles"},
-        {"grid": {"command_deg": targets, "error_from_below_deg": approaches.means[0],
-                  "error_from_above_deg": approaches.means[1], "reversal_deg": approaches.reversal}},
-        {"below": {"errors_deg": found["grid"][0]}, "above": {"errors_deg": found["grid"][1]}})
+        {"grid": {"command_deg": targets, "error_from_below_deg": accuracy["grid"].means[0],
+                  "error_from_above_deg": accuracy["grid"].means[1], "reversal_deg": accuracy["grid"].reversal}},
+        {"below": {"errors_deg": errors["grid"][0]}, "above": {"errors_deg": errors["grid"][1]}})

@@ -25,11 +25,11 @@ _HELD = "set's values · command: analogue reference {} · rotor held"
 
 def torque_speed(runs: Runs) -> Shown:
     """Show the motor's torque over speed, for any time and for a while (Figure 3.2)."""
-    found = envelope.envelope(runs.parameters_of("nonlinear+heat"), SHORT)
+    capability = envelope.envelope(runs.parameters_of("nonlinear+heat"), SHORT)
     rows = tuple((label, curve.current, envelope.CAUSES[curve.bound_by], float(curve.torque[0]),
                   curve.corner_speed * 30.0 / pi)
-                 for label, curve in zip(("for any time", f"for {SHORT:g} s"), found.curves.values(), strict=True))
-    return Shown(f"{runs.values['friction.temperature']:g} °C · from cold · supply as set", envelope.draw(found),
+                 for label, curve in zip(("for any time", f"for {SHORT:g} s"), capability.curves.values(), strict=True))
+    return Shown(f"{runs.values['friction.temperature']:g} °C · from cold · supply as set", envelope.draw(capability),
                  "The largest torque in steady motion that heat, the drive's current and the supply allow.",
                  Table(("", "current [A]", "limited by", "torque at standstill [N.m]", "voltage limits from [rpm]"),
                        rows),

@@ -67,14 +67,14 @@ def _points(runs: Runs, temperature: float) -> dict[int, tuple[Array, Array]]:
 def against_speed(runs: Runs, *temperatures: float) -> Shown:
     """Show friction over motor speed at one temperature (Figures 3.24, 3.25) or several (3.26)."""
     lines, columns = [], ["motor speed [rpm]"]
-    found: list[Array] = []
+    torques: list[Array] = []
     for color, temperature in zip(plots.COLORS, temperatures, strict=False):
         for d, (speed, torque) in _points(runs, temperature).items():
             columns.append(f"{DIRECTIONS[d]}, {temperature:g} °C [N.m]")
-            found.append(torque)
+            torques.append(torque)
             lines.append(Line(d * speed, d * torque, "" if d < 0 else f"{temperature:g} °C",
                               {"color": color, "marker": "o", "markersize": 4.0}))
-    rows = tuple((float(rpm), *(float(torque[i]) for torque in found)) for i, rpm in enumerate(SPEEDS))
+    rows = tuple((float(rpm), *(float(torque[i]) for torque in torques)) for i, rpm in enumerate(SPEEDS))
     listed = " and ".join(f"{t:g}" for t in temperatures)
     return Shown(_conditions(listed, f"{SPEEDS[0]} to {SPEEDS[-1]} rpm"),
                  panels([Panel("friction torque / N.m", lines)], "motor speed / rpm"),
@@ -102,8 +102,8 @@ def viscous_fit(runs: Runs, temperature: float = WARM) -> Shown:
 
 def _line(speed: Array, torque: Array) -> tuple[float, float]:
     """Return slope [N.m.s/rad] and level [N.m] of friction over speed [rpm]."""
-    found = np.isfinite(torque)
-    slope, level = np.polyfit(speed[found] * RPM, torque[found], 1)
+    measured = np.isfinite(torque)
+    slope, level = np.polyfit(speed[measured] * RPM, torque[measured], 1)
     return float(slope), float(level)
 
 

@@ -19,8 +19,8 @@ import numpy as np
 from ...actuators.electromechanical import nonlinear
 from ...ops.floats import FLOATS
 from ...physics import kinematics
-from ...simulation import Array
-from .rigs import Unit, rig_values
+from ...simulation import Array, SteppedUnit
+from .rigs import rig_values
 
 RPM = 2.0 * pi / 60.0
 REACH = 0.95  # of command.limit, swept both ways
@@ -77,7 +77,7 @@ def sweep(values: Mapping[str, Any], rpm: float, temperature: float) -> Sweep:
     p = nonlinear.ACTUATOR.namespace(values)
     low, high = (float(kinematics.motor_angle(FLOATS, p, angle)) for angle in (start, -start))
     commanded, constant = _profile(rpm * RPM, high - low, rig.acceleration, rig.sample_time)
-    unit = Unit(values, rig.sample_time)
+    unit = SteppedUnit(values, rig.sample_time)
     speed_at, angle_at = unit.place("motor_speed"), unit.place("motor_angle")
     currents, integral = [], 0.0
     for wanted in commanded:

@@ -123,9 +123,9 @@ def backlash(runs: Runs) -> Shown:
         record = Path(folder) / "backlash.csv"
         np.savetxt(record, np.column_stack([columns[name] for name in ("time", "motor_angle", "fin_angle")]),
                    delimiter=",", header="time [s],motor_angle [rad],fin_angle [rad]", comments="")
-        found = identification.identify([record], runs.parameters)
-        drawing = next(iter(found.drawings()))
-    gap, p = found[identification.GAP], runs.of("elastic").parameters.nested()
+        identified = identification.identify([record], runs.parameters)
+        drawing = next(iter(identified.drawings()))
+    gap, p = identified[identification.GAP], runs.of("elastic").parameters.nested()
     play = degrees(p.drive_line.backlash / p.kinematics.moment_arm * np.cos(p.kinematics.initial_angle) ** 2)
     return Shown(_slow(runs), drawing.figure, drawing.caption,
                  Table(("", "value"), (("identified [deg]", gap.value), ("the gap itself, at fin angle 0 [deg]", play),

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from ...bench.excitation import COMMAND, LOAD, Excitation
-from ...simulation import Array
-from .rigs import Columns, Unit, rig_values
+from ...simulation import Array, SteppedUnit
+from .rigs import Columns, rig_values
 
 _SUBSTEPS = 5  # of the torque loop's sample: the coupling's oscillation is 35 Hz
 
@@ -42,7 +42,7 @@ def run(values: Mapping[str, Any], excitation: Excitation) -> Loaded:
     """Return the response to an excitation whose hinge moment is what is asked of the rig; rows at its sample time."""
     rig = rig_values("loading")
     step = excitation.step / _SUBSTEPS
-    unit, load = Unit(values, step), _Load(rig, float(values["fin.start_angle"]), step)
+    unit, load = SteppedUnit(values, step), _Load(rig, float(values["fin.start_angle"]), step)
     angle_at, rate_at = unit.place("fin_angle"), unit.place("fin_rate")
     command, asked = excitation.command.tolist(), excitation.columns[LOAD].tolist()
     applied = [0.0]

@@ -33,10 +33,10 @@ def linear_model(runs: Runs) -> Shown:
     """Show the linear model's frequency response, and what P and PI leave under a load (Figure 4.1)."""
     model, frequency = LinearModel(runs.values), np.geomspace(0.1, 100.0, 300)
     ratio = model.frequency_response(frequency)
-    found = FrequencyResponse(frequency, np.abs(ratio), np.unwrap(np.angle(ratio)), np.ones(len(frequency)))
+    response = FrequencyResponse(frequency, np.abs(ratio), np.unwrap(np.angle(ratio)), np.ones(len(frequency)))
     figure, ((gain,), (phase,)) = plots.figure(2, height=2.2, sharex=True)
-    plots.bode(gain, phase, frequency, found.gain_db, np.degrees(found.phase),
-               (found.bandwidth, found.phase_bandwidth), color=plots.BLUE)
+    plots.bode(gain, phase, frequency, response.gain_db, np.degrees(response.phase),
+               (response.bandwidth, response.phase_bandwidth), color=plots.BLUE)
     plots.bode_axes(gain, phase)
     plots.frequency_axis(phase, (0.1, 1, 10, 100))
     held = {}
@@ -44,7 +44,7 @@ def linear_model(runs: Runs) -> Shown:
     for name, gains in (("P", plain), ("PI", {})):
         columns = runs.run(step_to(0.0, HOLD, LOAD), **gains).columns
         held[name] = degrees(float(np.mean(columns["fin_angle"][columns["time"] > columns["time"][-1] - HELD])))
-    rows = (("-3 dB [Hz]", found.bandwidth), ("-90 deg [Hz]", found.phase_bandwidth),
+    rows = (("-3 dB [Hz]", response.bandwidth), ("-90 deg [Hz]", response.phase_bandwidth),
             *((f"fin angle left by {LOAD:g} N.m after {HOLD:g} s, {name} position control [deg]", error)
               for name, error in held.items()))
     conditions = runs.conditions("small sines; 0 for the errors left", f"none; {LOAD:g} N.m for the errors left")
@@ -81,19 +81,19 @@ def antiwindup(runs: Runs) -> Shown:
     """Show a slew against the load with the anti-windup and without (Figure 4.2)."""
     excitation = slew_to(runs.reach, 1.5, -LOAD)
     off = runs.run(excitation, controller__antiwindup=0.0, controller__drive_antiwindup=0.0)
-    found = {"as set": runs.run(excitation), "none": off}
+    responses = {"as set": runs.run(excitation), "none": off}
     rows = []
-    for name, run in found.items():
+    for name, run in responses.items():
         moved = displayed(motion(run, 1))
         rows.append((name, moved["overshoot_percent"], moved["settling_time_s"], moved["time_to_accuracy_s"],
                      float(np.trapezoid(run.columns["at_stop"], run.columns["time"]))))
-    as_set = found["as set"]
+    as_set = responses["as set"]
     return Shown(runs.conditions(f"slew from {-degrees(runs.reach):g}° to {degrees(runs.reach):g}° at 1 s",
                                  f"-{LOAD:g} N.m, against the slew"), panels([
-        Panel("fin angle / deg", [of_run(as_set), *(angle(run.columns, name) for name, run in found.items())]),
-        Panel("fin rate / deg/s", [rate(run.columns) for run in found.values()]),
-        Panel("reference / V", [Line(run.columns["time"], run.columns["drive_reference"]) for run in found.values()])],
-        "time / s", (0.95, 2.3)),
+        Panel("fin angle / deg", [of_run(as_set), *(angle(run.columns, name) for name, run in responses.items())]),
+        Panel("fin rate / deg/s", [rate(run.columns) for run in responses.values()]),
+        Panel("reference / V", [Line(run.columns["time"], run.columns["drive_reference"])
+                                for run in responses.values()])], "time / s", (0.95, 2.3)),
         "While the speed reference is at its limit the position loop's integral runs on, unless it is held back.",
         Table(("anti-windup", "overshoot [%]", "settling 2 % [s]", "within 0.2 deg after [s]",
                "at the stop [s]"), rows),
@@ -183,14 +183,14 @@ def search(runs: Runs) -> Shown:
     """Show a short search for gains, on steps alone (Figure 4.4)."""
     study = shipped_study(runs.parameters)
     asked = tuple(r for r in study.requirements if r.test.kind == "step")
-    found = tune(replace(study, cases=study.cases[:1], requirements=asked), generations=_GENERATIONS)
+    tuned = tune(replace(study, cases=study.cases[:1], requirements=asked), generations=_GENERATIONS)
     tests = sorted({r.test for r in asked}, key=lambda test: test.amplitude)
     listed = ", ".join(f"{degrees(test.amplitude):g}°" for test in tests)
-    drawing = tuning_pictures.responses(found, tests)
-    rows = tuple((name, found.before.gains[name], value) for name, value in found.best.gains.items())
+    drawing = tuning_pictures.responses(tuned, tests)
+    rows = tuple((name, tuned.before.gains[name], value) for name, value in tuned.best.gains.items())
     return Shown(runs.conditions(f"steps to {listed}"), drawing.figure,
                  f"Steps with the set's gains (before) and with those of a short search over Table 18's bounds, "
-                 f"{len(found.evaluated)} evaluations of these steps alone. It shows the method; the gains shipped are "
+                 f"{len(tuned.evaluated)} evaluations of these steps alone. It shows the method; the gains shipped are "
                  "found by emcas tune in all cases and tests.",
                  Table(("parameter", "as set", "this search"), rows),
                  "the step's size and the bounds of its response.")

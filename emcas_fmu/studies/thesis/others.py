@@ -20,15 +20,16 @@ def beside(model: str, author: str) -> Show:
     def show(runs: Runs) -> Shown:
         (size,) = runs.levels(10.0)
         models = {author: model, "nonlinear actuator": NONLINEAR}
-        found = {name: runs.of(each).run(step_to(radians(size), 0.5)) for name, each in models.items()}
-        for run in found.values():
+        responses = {name: runs.of(each).run(step_to(radians(size), 0.5)) for name, each in models.items()}
+        for run in responses.values():
             run.finished()
-        own = found[author]
+        of_author = responses[author]
         rows = [(name, *(displayed(motion(run))[key] for key in _FIGURES))
-                                        for name, run in found.items()]
+                                        for name, run in responses.items()]
         return Shown(runs.conditions(f"step to {size:g}°"), panels([
-            Panel("fin angle / deg", [of_run(own), *(angle(run.columns, name) for name, run in found.items())]),
-            Panel("fin rate / deg/s", [rate(run.columns) for run in found.values()])], "time / s", (0.0, 0.35)),
+            Panel("fin angle / deg", [of_run(of_author),
+                                      *(angle(run.columns, name) for name, run in responses.items())]),
+            Panel("fin rate / deg/s", [rate(run.columns) for run in responses.values()])], "time / s", (0.0, 0.35)),
             f"The structure of {author}'s model with the motor, screw and fin of this unit, as far as it has them.",
             Table(("", *_FIGURES.values()), rows),
             "any number of it: the thesis shows a block diagram. docs/model/models.md says what each model leaves out.")

@@ -32,13 +32,13 @@ def as_dict(result: Result) -> dict[str, Any]:
 
 def _entry(outcome: Outcome) -> dict[str, Any]:
     entry, shown = outcome.entry, outcome.shown
-    found: dict[str, Any] = {"entry": entry.name, "title": entry.title, "status": outcome.status, "note": entry.note}
+    document: dict[str, Any] = {"entry": entry.name, "title": entry.title, "status": outcome.status, "note": entry.note}
     if outcome.stopped:
-        found["stopped"] = outcome.stopped
+        document["stopped"] = outcome.stopped
     if shown:
-        found |= {"conditions": shown.conditions, "unknown": shown.unknown, "picture": outcome.picture is not None,
-                  "caption": shown.caption, "rows": shown.table.as_dicts() if shown.table else []}
-    return found
+        document |= {"conditions": shown.conditions, "unknown": shown.unknown, "picture": outcome.picture is not None,
+                     "caption": shown.caption, "rows": shown.table.as_dicts() if shown.table else []}
+    return document
 
 
 def write_json(result: Result, path: Path) -> None:
@@ -75,12 +75,12 @@ def summary(result: Result, whole: bool) -> Iterator[RenderableType]:
         yield table
     else:
         for outcome in result.outcomes:
-            yield from _told(outcome)
+            yield from _printed(outcome)
     for outcome in result.stopped:
         yield f"[bold red]not finished:[/] {outcome.entry.name}: {escape(outcome.stopped)}"
 
 
-def _told(outcome: Outcome) -> Iterator[RenderableType]:
+def _printed(outcome: Outcome) -> Iterator[RenderableType]:
     entry, shown = outcome.entry, outcome.shown
     yield escape(f"{entry.name}  {entry.title}: {outcome.status}. {entry.note}".strip())
     if shown:

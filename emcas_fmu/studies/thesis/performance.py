@@ -111,11 +111,11 @@ def bode(runs: Runs) -> Shown:
     figure, ((gain,), (phase,)) = plots.figure(2, height=2.2, sharex=True)
     rows = []
     for color, (name, label) in zip(plots.COLORS, _SWEEPS.items(), strict=False):
-        found = sweep_response(runs.case(name))
-        plots.bode(gain, phase, found.frequency, found.gain_db, np.degrees(found.phase),
-                   (found.bandwidth, found.phase_bandwidth), color=color, label=label)
-        rows.append((label, *(f"beyond {found.beyond:.3g}" if isnan(at) else at
-                              for at in (found.bandwidth, found.phase_bandwidth))))
+        response = sweep_response(runs.case(name))
+        plots.bode(gain, phase, response.frequency, response.gain_db, np.degrees(response.phase),
+                   (response.bandwidth, response.phase_bandwidth), color=color, label=label)
+        rows.append((label, *(f"beyond {response.beyond:.3g}" if isnan(at) else at
+                              for at in (response.bandwidth, response.phase_bandwidth))))
     plots.bode_axes(gain, phase)
     gain.axvline(10.0, **plots.LIMIT)
     phase.axvline(10.0, **plots.LIMIT)

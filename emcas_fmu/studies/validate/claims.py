@@ -17,7 +17,7 @@ from ...reference.cases import LEAD_IN
 AMPLITUDES = (1.0, 2.0, 3.0, 10.0, 20.0)
 ALIKE_BELOW = 3.0  # deg
 # % of the step. Where nothing limits, quantisation, friction and the changing reduction ratio are left, a few
-# per cent; 5 % is where two curves of a report can be told apart.
+# per cent; 5 % is where two curves of a report can be distinguished.
 ALIKE = 5.0
 
 

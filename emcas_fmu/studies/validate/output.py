@@ -80,7 +80,7 @@ def as_dict(result: Result) -> dict[str, Any]:
                "fmpy": fmpy.__version__, "parameters": result.parameters,
                "differences": result.differences, "estimates": about.estimates,
                "kind": about.kind, "model": about.model, "fin": about.fin}
-    criteria = [{"group": group, **asdict(j), "margin": j.margin, "passed": j.passed}
+    criteria = [{"group": group, **j.as_dict()}
                 for group, judged in (("trajectory", result.trajectory), ("table2", result.table2)) for j in judged]
     return {"schema": SCHEMA, "passed": None if result.unjudged else result.passed, "fmu": subject,
             "reference": result.reference, "notes": result.notes,
