@@ -27,6 +27,11 @@ def late(ops: Ops, p: Any) -> Value:
     return _whole(ops, p, p.command.latency)
 
 
+def interval(ops: Ops, p: Any) -> Value:
+    """Return the time [s] from one command that is taken to the next."""
+    return p.controller.sample_time * ops.maximum(_whole(ops, p, p.command.update_time), 1.0)
+
+
 def start(ops: Ops, p: Any, fin_angle: Value) -> dict[str, Value]:
     """Return STATES at a start at a fin angle [rad], by name."""
     return dict(zip(STATES, (late(ops, p), fin_angle), strict=True))

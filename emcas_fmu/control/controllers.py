@@ -1,16 +1,20 @@
 """Sampled controllers, section 4.2: PI position loop with anti-windup around a P or PI velocity loop.
 
     r      = theta(clip(command))       e = r - theta_measured
-    w_raw  = Kp_pos (b r - theta_measured) + I + v_ff (r - r_before)/T_s      w_ref = clip(w_raw, +-w_max)
+    w_raw  = Kp_pos (b r - theta_measured) + I + v_ff (r - s)/T_c             w_ref = clip(w_raw, +-w_max)
     u_raw  = Kp_vel (w_ref - w_measured) + V + u_fc - T_l/(K_t K_v)           u = clip(u_raw, +-u_max)
     u_fc   = g_fc C_m(fin_measured, sgn w_ref)/(K_t K_v) clip(w_ref/w_band, +-1)
     I+     = I + T_s (Ki_pos e + K_aw (clip(w) - w) + K_d (u_drive - u_raw)/Kp_vel)    w = w_raw without v_ff's share
     V+     = V + T_s (Ki_vel (w_ref - w_measured) + K_d (u_drive - u_raw))
+    s+     = s + T_s/T_c (r - s)
 
 The setpoint weight b makes two degrees of freedom of the position loop (Astrom & Hagglund, "Advanced PID Control",
-section 3.4): the answer to a load does not depend on it. At rest I is Kp_pos (1 - b) theta_measured, with which it
-starts, and starts again when the drive is enabled. u_drive is what the drive can follow of u_raw: within the DAC's and
-the current's limit. What the controllers know of the mechanism and the motor are the nominal parameters.
+section 3.4): the answer to a load does not depend on it. The command's rate is that behind a lag s of its update time
+T_c, which is T_s where a command comes at every sample: between updates it decays, instead of a pulse and nothing. At
+rest I is Kp_pos (1 - b) theta_measured and s is r, with which they start, and start again when the drive is enabled.
+u_drive is what the drive can follow of u_raw: within the DAC's and the current's limit. An integral is unwound only
+where one brings it back: I where Ki_pos > 0, V where either gain is. What the controllers know of the mechanism and the
+motor are the nominal parameters.
 
 T_l is the load at the motor besides the friction that is fed forward, by an observer of the momentum (De Luca &
 Mattone, "Sensorless robot collision detection and hybrid force/motion control", ICRA 2005), of first order:
@@ -18,7 +22,7 @@ Mattone, "Sensorless robot collision detection and hybrid force/motion control",
     T_l    = L (J w_measured - m)               m+ = m + T_s (K_t i + T_l - K_t K_v u_fc)
 
 It takes the measured current, so that a controller's reference, as long as the model is right, shows in T_l not at
-all: the observer leaves the loop's margins alone.
+all: the observer leaves the loop's margins nearly alone.
 """
 
 from __future__ import annotations
@@ -27,12 +31,13 @@ from typing import Any, NamedTuple
 
 from ..ops.base import Ops, Value
 from ..physics import drive, friction, kinematics, mechanics
+from . import command as bus
 from .sensors import Measurement
 
 
 class Loops(NamedTuple):
-    """What the loops keep between samples: integrals of position [rad/s] and velocity [V], target r [rad], and the
-    observer's momentum m [N.m.s]."""
+    """What the loops keep between samples: integrals of position [rad/s] and velocity [V], lagged target s [rad], and
+    the observer's momentum m [N.m.s]."""
 
     integral: Value
     velocity_integral: Value
@@ -82,10 +87,15 @@ def resting_integral(p: Any, target: Value) -> Value:
     return position.kp * (1.0 - position.setpoint_weight) * target
 
 
-def at_rest(ops: Ops, p: Any, measured: Measurement) -> Loops:
-    """Return the loops' states that ask for no speed where the motor is measured, which is the target, without load."""
+def target_angle(ops: Ops, p: Any, command: Value) -> Value:
+    """Return the motor angle [rad] that a command [rad] asks for, within its limit."""
+    return kinematics.motor_angle(ops, p, clipped_command(ops, p, command))
+
+
+def at_rest(ops: Ops, p: Any, measured: Measurement, command: Value) -> Loops:
+    """Return the loops' states that ask for no speed where the motor is measured, without load, at a command [rad]."""
     (momentum,) = ops.branch(p.controller.load_observer > 0.0, lambda: (_momentum(ops, p, measured),), lambda: (0.0,))
-    return Loops(resting_integral(p, measured.motor_angle), 0.0, measured.motor_angle, momentum)
+    return Loops(resting_integral(p, measured.motor_angle), 0.0, target_angle(ops, p, command), momentum)
 
 
 def _observed(ops: Ops, p: Any, momentum: Value, measured: Measurement, current: Value, compensation: Value
@@ -101,10 +111,12 @@ def sample(ops: Ops, p: Any, loops: Loops, measured: Measurement, current: Value
     """Return a sample of the controllers at a motor current [A]; `command` [rad] before its limit."""
     position, velocity, limit, period = (p.controller.position, p.controller.velocity, p.controller.speed_limit,
                                          p.controller.sample_time)
-    target = kinematics.motor_angle(ops, p, clipped_command(ops, p, command))
+    target = target_angle(ops, p, command)
     error = target - measured.motor_angle
     fed_back = position.kp * (error - (1.0 - position.setpoint_weight) * target) + loops.integral
-    speed_raw = fed_back + position.velocity_feedforward * (target - loops.target) / period
+    between, ahead = bus.interval(ops, p), target - loops.target
+    speed_raw = fed_back + position.velocity_feedforward * ahead / between
+    lagged = ops.where(between > period, loops.target + period / between * ahead, target)
     speed_reference = ops.clip(speed_raw, -limit, limit)
     compensation = friction_compensation(ops, p, measured.fin_angle, speed_reference)
     speed_error = speed_reference - measured.motor_speed
@@ -120,6 +132,8 @@ def sample(ops: Ops, p: Any, loops: Loops, measured: Measurement, current: Value
     beyond = p.controller.drive_antiwindup * (drive.followed(ops, p, reference) - raw)
     speed_beyond = beyond / ops.where(velocity.kp > 0.0, velocity.kp, 1.0)
     unwinding = p.controller.antiwindup * (ops.clip(fed_back, -limit, limit) - fed_back) + speed_beyond
-    integral = loops.integral + period * (position.ki * error + unwinding)
-    velocity_integral = loops.velocity_integral + period * (velocity.ki * speed_error + beyond)
-    return Output(reference, speed_raw, limited, Loops(integral, velocity_integral, target, momentum))
+    integrates = position.ki > 0.0
+    integral = loops.integral + ops.where(integrates, period * (position.ki * error + unwinding), 0.0)
+    velocity_integral = loops.velocity_integral + ops.where(
+        ops.either(integrates, velocity.ki > 0.0), period * (velocity.ki * speed_error + beyond), 0.0)
+    return Output(reference, speed_raw, limited, Loops(integral, velocity_integral, lagged, momentum))

@@ -56,7 +56,13 @@ def measure(ops: Ops, p: Any, plant: Any, position: Value, motor_angle: Value, m
     """
 
     def true_values() -> tuple[Value, ...]:
-        seen = _shifted(position, offset, resolution(p))
+        turned = _shifted(position, offset, resolution(p))
+
+        def of_fin() -> tuple[Value, ...]:
+            angle = kinematics.fin_angle(ops, plant, kinematics.lever_tangent(ops, plant, turned))
+            return (kinematics.motor_angle(ops, p, angle),)
+
+        (seen,) = ops.branch(ops.both(p.encoder.on_fin, kinematics.deviates(ops, p, plant)), of_fin, lambda: (turned,))
         fin = kinematics.fin_angle(ops, p, kinematics.lever_tangent(ops, p, seen))
         return seen, motor_speed, fin, 0.0, before
 

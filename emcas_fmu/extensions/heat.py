@@ -17,7 +17,7 @@ from dataclasses import replace
 from typing import Any
 
 from ..actuators import capabilities
-from ..actuators.declaration import Acting, Actuator, State, Values
+from ..actuators.declaration import Acting, Actuator, Asked, State, Values
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import course, heat
@@ -96,6 +96,11 @@ def extend(actuator: Actuator) -> Actuator:
         return {**begun, "winding_temperature": ambient + p.heat.winding_start_rise,
                 "case_temperature": ambient + p.heat.case_start_rise}
 
+    def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+        """Return a sample of the controllers, whose anti-windup knows the limit in force."""
+        limit = heat.current_limit(ops, p, x.i2t_load)
+        return actuator.sample(ops, with_values(p, {"drive.current_limit": limit}), x, asked)
+
     def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
         current = ops.where(u.enabled, x.motor_current, 0.0)  # a disabled drive's bridge is open
         q = through(ops, p, x, u, current, h)
@@ -127,7 +132,8 @@ def extend(actuator: Actuator) -> Actuator:
     return replace(
         actuator, states=(*actuator.states, *STATES, *((I2T_LOAD,) if limits else ())),
         outputs=actuator.outputs + (OUTPUTS + I2T_OUTPUTS if limits else OUTPUTS), initial=initial,
-        derivatives=derivatives if actuator.derivatives else None, step=step, output_values=output_values)
+        sample=sample if limits else actuator.sample, derivatives=derivatives if actuator.derivatives else None,
+        step=step, output_values=output_values)
 
 
 def _parameters(actuator: Actuator) -> tuple[Variable, ...]:

@@ -41,6 +41,15 @@ def motor_angle(ops: Ops, p: Any, fin: Value) -> Value:
     return ratio * (ops.tan(fin + initial) - ops.tan(initial))
 
 
+def deviates(ops: Ops, p: Any, plant: Any) -> Value:
+    """Return whether lever or screw of a plant differ from the nominal ones."""
+    same: Value = True
+    for nominal, actual in ((p.kinematics.moment_arm, plant.kinematics.moment_arm), (p.screw.lead, plant.screw.lead),
+                            (p.kinematics.initial_angle, plant.kinematics.initial_angle)):
+        same = ops.both(same, ops.equal(nominal, actual))
+    return ops.negate(same)
+
+
 def reduction_ratio(ops: Ops, p: Any, tangent: Value) -> Value:
     """Return R = d(motor angle)/d(fin angle) [-], (2.6), with 1/cos^2 = 1 + tan^2."""
     if p.structure.constant_ratio:

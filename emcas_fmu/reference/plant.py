@@ -113,6 +113,8 @@ class Plant:
         changes = {"kinematics.initial_angle": self.assembly + self.parameters["deviation.kinematics.initial_angle"]}
         for name in ("kinematics.moment_arm", "screw.lead", "motor.torque_constant"):
             changes[name] = self.parameters[name] * off(name)
+        for name in ("mass.fin", "inertia.fin"):
+            changes[name] = self.parameters[name] * off("mass.fin")
         # One flux makes both constants.
         changes["motor.back_emf_constant"] = self.emf_constant * off("motor.torque_constant")
         for kind in ("coulomb", "viscous"):

@@ -66,15 +66,23 @@ class Controllers:
         self.count_size = 2.0 * math.pi / (self.p["encoder.pulses"] * self.p["encoder.multiplier"])
         self.on_fin = bool(self.p["encoder.on_fin"])
         self.turns = self._turns(delta)
-        self._reset(*self._measure(delta, 0.0))
+        self.update_samples = max(1, math.floor(self.p["command.update_time"] / self.period + 0.5))
+        self._reset(*self._measure(delta, 0.0), delta)
 
-    def _reset(self, fin: float, motor: float, speed: float) -> None:
-        """Put the loops at rest at measured angles [rad] of fin and motor, at a motor speed [rad/s] without load."""
+    def _reset(self, fin: float, motor: float, speed: float, command: float) -> None:
+        """Put the loops at rest at measured angles [rad] of fin and motor, at a motor speed [rad/s] without load.
+
+        The lagged target is that of the `command` [rad].
+        """
         weight = self.p["controller.position.setpoint_weight"]
         self.integral = self.p["controller.position.kp"] * motor * (1.0 - weight)  # rad/s
         self.velocity_integral = 0.0  # V
-        self.target = motor  # rad
+        self.target = self._target(command)  # rad, of the motor, lagged
         self.momentum = self._inertia(fin) * speed  # N.m.s, of the load observer
+
+    def _target(self, command: float) -> float:
+        """Return the motor angle [rad] that a command [rad] asks for."""
+        return self.nominal.motor_angle(clip(command, self.p["command.limit"]))
 
     def _inertia(self, fin: float) -> float:
         """Return inertia at the motor [kg.m2] as the controllers know it."""
@@ -88,7 +96,7 @@ class Controllers:
         """Return measured fin angle [rad], motor angle [rad] and motor speed [rad/s]."""
         previous, self.turns = self.turns, self._turns(delta)
         if not self.p["encoder.enabled"]:
-            motor = self.plant.motor_angle(delta)
+            motor = (self.nominal if self.on_fin else self.plant).motor_angle(delta)
             return self.nominal.fin_angle(motor), motor, self.plant.ratio(delta) * omega
         speed = (self.turns - previous) * self.count_size / self.period
         if self.on_fin:
@@ -102,13 +110,15 @@ class Controllers:
         p = self.p
         fin, motor, speed = self._measure(delta, omega)
         if not enable:
-            self._reset(fin, motor, speed)
+            self._reset(fin, motor, speed, command)
             return 0.0
-        target = self.nominal.motor_angle(clip(command, p["command.limit"]))
+        target = self._target(command)
         weighted = p["controller.position.setpoint_weight"] * target - motor
         feedback = p["controller.position.kp"] * weighted + self.integral
-        moving = p["controller.position.velocity_feedforward"] * (target - self.target) / self.period
-        self.target = target
+        # The command's rate, behind a lag of the time between its updates.
+        ahead = target - self.target
+        moving = p["controller.position.velocity_feedforward"] * ahead / (self.update_samples * self.period)
+        self.target += ahead / self.update_samples
         reference = clip(feedback + moving, p["controller.speed_limit"])
         friction = self.nominal.motor_coulomb(fin, 1 if reference > 0.0 else -1)
         compensation = p["compensation.gain"] * friction * clip(reference / p["compensation.speed_band"], 1.0)
@@ -126,11 +136,14 @@ class Controllers:
         offset, slope = p["drive.current_offset"], p["drive.current_gain"]
         possible = (clip(slope * limited + offset, p["drive.current_limit"]) - offset) / slope
         unwinding = p["controller.drive_antiwindup"] * (possible - u)  # V/s
-        self.integral += self.period * (
-            p["controller.position.ki"] * (target - motor)
-            + p["controller.antiwindup"] * (clip(feedback, p["controller.speed_limit"]) - feedback)
-            + (unwinding / gain if gain else unwinding))
-        self.velocity_integral += self.period * (p["controller.velocity.ki"] * (reference - speed) + unwinding)
+        integral_gain, velocity_integral_gain = p["controller.position.ki"], p["controller.velocity.ki"]
+        if integral_gain:  # without integral action there is nothing to unwind
+            self.integral += self.period * (
+                integral_gain * (target - motor)
+                + p["controller.antiwindup"] * (clip(feedback, p["controller.speed_limit"]) - feedback)
+                + (unwinding / gain if gain else unwinding))
+        if integral_gain or velocity_integral_gain:
+            self.velocity_integral += self.period * (velocity_integral_gain * (reference - speed) + unwinding)
         return limited
 
 

@@ -21,13 +21,16 @@ LOOPS = {
 AS_BUILT = {
     "deviation.kinematics.moment_arm": 0.03, "deviation.kinematics.initial_angle": math.radians(1.5),
     "deviation.screw.lead": -0.02, "deviation.motor.torque_constant": -0.06, "deviation.friction.coulomb": 0.5,
-    "deviation.friction.viscous": -0.4,
+    "deviation.friction.viscous": -0.4, "deviation.mass.fin": 0.3,
 }
+P_LOOPS = {"controller.position.ki": 0.0, "controller.position.setpoint_weight": 1.0}
 # A velocity integral beside a load observer hunts about the friction, and then follows nothing to a few digits.
 CASES: Mapping[str, Mapping[str, Any]] = {
     "loops": {**LOOPS, "controller.load_observer": 0.0},
     "observer": {**LOOPS, "controller.velocity.ki": 0.0},
-    "as built": AS_BUILT,
+    "P loops": {**P_LOOPS, "controller.drive_antiwindup": 10.0, "drive.current_limit": 30.0},
+    "feedforward of a slow bus": {"controller.position.velocity_feedforward": 0.4, "command.update_time": 5e-3},
+    "as built": AS_BUILT, "fin's angle as built": {**AS_BUILT, "encoder.on_fin": True},
     "observer as built": {**AS_BUILT, "controller.load_observer": 80.0, "drive.current_limit": 45.0}}
 
 
@@ -78,6 +81,12 @@ def test_error_at_20_deg_is_that_of_the_lever(name: str, deviation: float) -> No
         assert math.radians(20.0) - angle == pytest.approx(math.radians(0.177), abs=math.radians(0.005))
 
 
+def test_an_encoder_on_the_fin_sees_no_deviation_of_the_lever() -> None:
+    values = changed({"deviation.kinematics.moment_arm": 0.01, "encoder.on_fin": True})
+    angle = simulate(values, 1.5, 1e-3, fin_command=math.radians(20.0))["fin_angle"][-1]
+    assert math.degrees(angle) == pytest.approx(20.0, abs=2e-3)  # friction, as above; else 0.177 deg
+
+
 @pytest.mark.parametrize("weight", [0.0, 0.7, 1.3])
 @pytest.mark.parametrize("encoder", [False, True])
 def test_start_and_enabling_at_rest_move_nothing(weight: float, encoder: bool) -> None:
@@ -90,6 +99,39 @@ def test_start_and_enabling_at_rest_move_nothing(weight: float, encoder: bool) -
     run = simulate(values, 0.4, 1e-3, fin_command=math.radians(-12.0), enable=enable)
     # A count is half a milliradian at the motor, 0.0007 deg at the fin: what asks for less does not overcome friction.
     assert np.ptp(run["fin_angle"]) == 0.0
+
+
+@pytest.mark.parametrize("angle", [-11.7, 0.3, 7.9])
+@pytest.mark.parametrize("on_fin", [False, True])
+def test_feedforward_makes_no_current_at_start_and_enabling(angle: float, on_fin: bool) -> None:
+    """The rate of a command that stands still is 0, whatever the encoder's counts make of the angle."""
+    enable = np.ones(301)
+    enable[100:200] = 0.0
+    runs = [simulate(changed({"encoder.enabled": True, "encoder.on_fin": on_fin, "fin.start_angle": math.radians(angle),
+                              "controller.position.velocity_feedforward": share}), 0.3, 1e-3,
+                     fin_command=math.radians(angle), enable=enable) for share in (0.0, 1.0)]
+    assert np.array_equal(runs[0]["motor_current"], runs[1]["motor_current"])
+
+
+def test_p_loops_are_not_unwound() -> None:
+    """Where nothing integrates nothing must be left over from a limit that was met."""
+    command = np.radians(np.repeat([20.0, -20.0, 0.0], 500))
+    run = simulate(changed({**P_LOOPS, "controller.drive_antiwindup": 10.0}), 1.499, 1e-3, fin_command=command)
+    ends = np.degrees(run["fin_angle"][[499, 999, 1499]])
+    # Friction and drive offset hold a P loop by 0.02 deg off; 2.5 to 4.5 deg with integrals that moved.
+    np.testing.assert_allclose(ends, [20.0, -20.0, 0.0], rtol=0, atol=0.05)
+
+
+def test_load_observer_of_a_pwm_amplifier() -> None:
+    """Its reference is a voltage: the load is opposed by K_t/R for each volt of it."""
+    load = np.where(np.arange(801) > 500, -50.0, 0.0)
+
+    def deviation(bandwidth: float) -> float:
+        run = simulate(changed({"controller.load_observer": bandwidth}, "ristanovic"), 0.8, 1e-3, model="ristanovic",
+                       fin_command=math.radians(5.0), aero_torque=load)
+        return float(np.ptp(run["fin_angle"][490:]))
+
+    assert deviation(100.0) < 0.6 * deviation(0.0)
 
 
 def test_setpoint_weight_changes_no_answer_to_a_load() -> None:
@@ -120,17 +162,41 @@ def test_load_observer_halves_the_deviation_and_keeps_the_rate() -> None:
 
 
 def test_anti_windup_sees_a_drive_at_its_limit() -> None:
-    """A load beyond the drive pushes the fin away; let go, it comes back without the integral of the time between."""
+    """A load beyond the drive pushes the fin away; let go, it comes back with less of the integral of the time between.
+
+    One that is still held gives the same with and without: the loop's answer to a load that goes.
+    """
     time = np.arange(2501) * 1e-3
-    load = np.where((time > 0.2) & (time < 1.7), -410.0, 0.0)
 
-    def overshoot(gain: float) -> float:
-        run = simulate(changed({"controller.drive_antiwindup": gain}), 2.5, 1e-3, aero_torque=load)
-        angle = np.degrees(run["fin_angle"])
-        assert angle[1699] < -5.0
-        return float(np.max(angle[1700:]))
+    def response(load: float, gain: float | None = None) -> tuple[float, float]:
+        """How far the fin is pushed away and overshoots when let go [deg]; with the shipped gain by default."""
+        gains = {} if gain is None else {"controller.drive_antiwindup": gain}
+        run = simulate(changed({"encoder.enabled": True, **gains}), 2.5, 1e-3,
+                       aero_torque=np.where((time > 0.2) & (time < 1.7), load, 0.0))
+        angle = np.degrees(run["fin_angle"]) * np.sign(load)
+        return float(np.max(angle[:1700])), float(-np.min(angle[1700:]))
 
-    assert overshoot(10.0) < 0.5 < 1.5 < overshoot(0.0)
+    for load in (-400.0, 400.0):
+        (pushed, beyond), (pushed_without, beyond_without) = response(load), response(load, 0.0)
+        assert beyond < 0.5 * beyond_without
+        # A load that wins is held no worse than without: by a drive at its limit, whatever its controllers ask for.
+        assert pushed < pushed_without + 0.1
+    for load in (-380.0, 380.0):
+        # 0.15 deg of the answer is how the push before it ended.
+        assert response(load)[1] == pytest.approx(response(load, 0.0)[1], abs=0.15)
+
+
+def test_anti_windup_sees_the_limit_that_heat_leaves() -> None:
+    """After seconds at 250 N.m the I2t limit is 21 A, which holds half of it; let go, the fin does not overshoot."""
+    time = np.arange(9001) * 1e-3
+    values = load_parameters(model="nonlinear+heat").values
+    run = simulate(values, 9.0, 1e-3, model="nonlinear+heat",
+                   aero_torque=np.where((time > 0.5) & (time < 8.0), 250.0, 0.0))
+    angle = np.degrees(run["fin_angle"])
+    assert run["current_limit"][7999] < 22.0
+    assert angle[7999] > 20.0
+    # 0.41 deg with the limit of a cold drive, 2.4 deg without anti-windup.
+    assert np.min(angle[8000:]) > -0.1
 
 
 def test_feedforward_halves_the_lag_of_a_sine() -> None:
@@ -145,3 +211,18 @@ def test_feedforward_halves_the_lag_of_a_sine() -> None:
         return float(-np.degrees(np.angle(ratio)))
 
     assert lag(0.46) < 0.7 * lag(0.0)
+
+
+def test_feedforward_of_a_slow_bus_is_no_train_of_pulses() -> None:
+    time = np.arange(1601) * 1e-3
+    command = np.radians(5.0 * np.sin(2.0 * np.pi * 5.0 * time))
+
+    def lag(share: float) -> float:
+        values = changed({"controller.position.velocity_feedforward": share, "command.update_time": 0.01})
+        run = simulate(values, 1.6, 1e-3, fin_command=command)
+        steady = slice(600, 1600)
+        turn = np.exp(-2j * np.pi * 5.0 * time[steady])
+        return float(-np.degrees(np.angle(np.sum(run["fin_angle"][steady] * turn) / np.sum(command[steady] * turn))))
+
+    # A pulse at each update meets the speed limit and gives 0.4 of 46 deg; the lagged rate a third of it.
+    assert lag(0.5) < 0.75 * lag(0.0)

@@ -23,6 +23,7 @@ DEVIATIONS = in_group(
     parameter("screw.lead", "1", -0.5, 0.5, "screw lead as built over nominal, less 1"),
     parameter("motor.torque_constant", "1", -0.5, 0.5,
               "torque and back-EMF constant as built over nominal, less 1"),
+    parameter("mass.fin", "1", -0.9, 10.0, "mass and inertia of the fin as built over nominal, less 1"),
     parameter("friction.coulomb", "1", -1.0, 10.0, "Coulomb friction as built over nominal, less 1"),
     parameter("friction.viscous", "1", -1.0, 10.0, "viscous friction as built over nominal, less 1"),
 )
@@ -40,6 +41,8 @@ def as_built(_: Ops, p: Any) -> Any:
         "screw.lead": p.screw.lead * (1.0 + off.screw.lead),
         "motor.torque_constant": p.motor.torque_constant * flux,
         "motor.back_emf_constant": p.motor.back_emf_constant * flux,
+        "mass.fin": p.mass.fin * (1.0 + off.mass.fin),
+        "inertia.fin": p.inertia.fin * (1.0 + off.mass.fin),
         "friction.coulomb.positive": tuple(c * dry for c in coulomb.positive),
         "friction.coulomb.negative": tuple(c * dry for c in coulomb.negative),
         "friction.fin_coulomb": p.friction.fin_coulomb * dry,

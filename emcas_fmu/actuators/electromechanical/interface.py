@@ -33,7 +33,7 @@ MOTOR = (State("motor_angle", "rad"), State("motor_speed", "rad/s"))
 DRIVE = (State("motor_current", "A"), State("drive_integral", "V", "integral of the current controller, xi"))
 CONTROLLER = (State("integral", "rad/s", "integral of the position controller"),
               State("velocity_integral", "V", "integral of the velocity controller"),
-              State("target", "rad", "motor angle asked for at the last sample"),
+              State("target", "rad", "motor angle asked for, lagged by the update time of the command"),
               State("momentum", "N.m.s", "of the load observer"),
               State("counts", "1", "counts of the encoder of position at the last sample"),
               State("motor_counts", "1", "counts of the motor's encoder at the last sample"))
@@ -181,7 +181,8 @@ LARGEST_LEVER_ANGLE = radians(85.0)
 
 
 def _lever(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-    initial = ops.fabs(p.kinematics.initial_angle + p.deviation.kinematics.initial_angle)
+    nominal, off = p.kinematics.initial_angle, p.deviation.kinematics.initial_angle
+    initial = ops.maximum(ops.fabs(nominal), ops.fabs(nominal + off))
     stop = p.fin.stop_angle
     return (when(ops, initial + stop >= LARGEST_LEVER_ANGLE * (1.0 - SLACK)), initial, in_degrees(initial),
             stop, in_degrees(stop), initial + stop, in_degrees(initial + stop))
@@ -212,10 +213,13 @@ def _inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, total <= 0.0), total
 
 
-def _observer(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-    """Check that the observer's error shrinks without a change of sign: by 1 - L T_s a sample."""
-    fastest = 1.0 / p.controller.sample_time
-    return when(ops, p.controller.load_observer > fastest * (1.0 + SLACK)), p.controller.load_observer, fastest
+def _stable(name: str, share: float) -> Rule:
+    """Check that what a gain [1/s] takes off in a sample is no more than there is."""
+    def check(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+        gain, fastest = getattr(p.controller, name), share / p.controller.sample_time
+        return when(ops, gain > fastest * (1.0 + SLACK)), gain, fastest
+
+    return Rule(check, f"controller.{name} = %.6g 1/s must be at most {share:g}/controller.sample_time = %.6g 1/s")
 
 
 def _rising(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
@@ -248,11 +252,12 @@ def inertias(p: Any, viscous: Value) -> tuple[Value, Value]:
 
 
 LEVER_RULE = Rule(
-    _lever, f"|kinematics.initial_angle| = {ANGLE} as built and fin.stop_angle = {ANGLE} add up to {ANGLE}; the sum "
-            f"must be below {LARGEST_LEVER_ANGLE:.6g} rad ({degrees(LARGEST_LEVER_ANGLE):.6g} deg)")
+    _lever, f"|kinematics.initial_angle| = {ANGLE}, nominal or as built, and fin.stop_angle = {ANGLE} add up to "
+            f"{ANGLE}; the sum must be below {LARGEST_LEVER_ANGLE:.6g} rad ({degrees(LARGEST_LEVER_ANGLE):.6g} deg)")
 FRICTION_RULES = (_friction("positive"), _friction("negative"))
-OBSERVER_RULE = Rule(
-    _observer, "controller.load_observer = %.6g 1/s must be at most 1/controller.sample_time = %.6g 1/s")
+OBSERVER_RULE = _stable("load_observer", 1.0)
+# The drive's unwinds two integrals at once.
+ANTIWINDUP_RULES = (_stable("antiwindup", 1.0), _stable("drive_antiwindup", 0.5))
 WEIGHT_RULE = Rule(
     _weight, "controller.position.setpoint_weight = %.6g with controller.position.ki = %.6g 1/s2: without an integral "
              "the fin stops short of its command; set the weight to 1", warning=True)
@@ -266,7 +271,8 @@ TEMPERATURE_RULES = (
                       "friction.identified_to = %.6g degC, where friction was tested: friction.table is an estimate "
                       "there", warning=True),
 )
-RULES = (LEVER_RULE, *FRICTION_RULES, ENCODER_RULE, INERTIA_RULE, OBSERVER_RULE, WEIGHT_RULE, *TEMPERATURE_RULES)
+RULES = (LEVER_RULE, *FRICTION_RULES, ENCODER_RULE, INERTIA_RULE, OBSERVER_RULE, *ANTIWINDUP_RULES, WEIGHT_RULE,
+         *TEMPERATURE_RULES)
 
 # -- one actuator from another -----------------------------------------------------
 

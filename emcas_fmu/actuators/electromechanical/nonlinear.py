@@ -28,7 +28,8 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
     turned = sensors.motor_counts(ops, p, angle)
     measured = sensors.measure(ops, p, plant, angle, angle, 0.0, turned, start.encoder_offset)
     return {"motor_angle": angle, "counts": measured.counts, "motor_counts": turned,
-            "measured_fin_angle": measured.fin_angle, **controllers.at_rest(ops, p, measured)._asdict()}
+            "measured_fin_angle": measured.fin_angle,
+            **controllers.at_rest(ops, p, measured, start.fin_angle)._asdict()}
 
 
 def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
@@ -42,7 +43,7 @@ def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
         return out.reference, ops.where(out.limited, 1.0, 0.0), *out.loops
 
     reference, limited, *kept = ops.branch(
-        asked.enable, running, lambda: (0.0, 0.0, *controllers.at_rest(ops, p, measured)))
+        asked.enable, running, lambda: (0.0, 0.0, *controllers.at_rest(ops, p, measured, asked.command)))
     return {"reference": reference, "counts": measured.counts, "motor_counts": measured.motor_counts,
             "measured_fin_angle": measured.fin_angle, "limited": limited, **controllers.Loops(*kept)._asdict()}
 

@@ -101,7 +101,8 @@ def replay(values: Mapping[str, Any], command: Array, motion: Mapping[str, Array
     angle, speed, current = (motion[name] for name in ("motor_angle", "motor_speed", "motor_current"))
     p, plant = get(model).namespace(values), get(model).plant(values)
     turned = sensors.motor_counts(ARRAYS, p, angle[0])
-    loops = controllers.at_rest(ARRAYS, p, sensors.measure(ARRAYS, p, plant, angle[0], angle[0], 0.0, turned))
+    loops = controllers.at_rest(
+        ARRAYS, p, sensors.measure(ARRAYS, p, plant, angle[0], angle[0], 0.0, turned), p.fin.start_angle)
     reference, raw = np.empty_like(command), np.empty_like(command)
     for k in range(len(command)):
         measured = sensors.measure(ARRAYS, p, plant, angle[k], angle[k], speed[k], turned)
