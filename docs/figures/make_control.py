@@ -28,7 +28,7 @@ OBSERVER = SETS["shipped with a load observer"].values["controller.load_observer
 GAINS = ("controller.position.kp", "controller.position.ki", "controller.velocity.kp")
 LINEAR = Test("linear")
 LOAD = Test("load", duration=1.0, torque=100.0)
-OPPOSED = Test("slew", np.radians(20.0), 1.0, -100.0)
+OPPOSED, AIDED = (Test("slew", np.radians(20.0), 1.0, torque) for torque in (-100.0, 100.0))
 
 
 def step(size: float) -> Test:
@@ -36,7 +36,7 @@ def step(size: float) -> Test:
 
 
 def figures(parameters: ParameterSet) -> dict[str, float]:
-    """Measure a set: margins [deg, dB], load step [deg], rate [deg/s], overshoots [%], settling [ms]."""
+    """Measure a set: margins [deg, dB], load step [deg], rates [deg/s], bandwidths [Hz], overshoots [%], times [ms]."""
     subject = ParameterSubject(parameters)
 
     def of(test: Test, *names: str, sense: str = "maximum") -> list[float]:
@@ -48,6 +48,9 @@ def figures(parameters: ParameterSet) -> dict[str, float]:
         "phase margin / °": degrees(phase), "gain margin / dB": gain,
         "100 N·m load step / °": degrees(of(LOAD, "peak_angle")[0]),
         "rate against 100 N·m / °/s": degrees(of(OPPOSED, "sustained_rate", sense="minimum")[0]),
+        "and with it": degrees(of(AIDED, "sustained_rate", sense="minimum")[0]),
+        **{f"bandwidth at {size}° / Hz": of(Test("sine", float(np.radians(size))), "bandwidth_3db", sense="minimum")[0]
+           for size in (1.0, 3.5)},
         "largest overshoot of 1, 5, 10° / %": 100.0 * max(overshoot for overshoot, _ in moves),
         **{f"settling of {size}° / ms": 1e3 * settling for size, (_, settling) in zip((1, 5, 10), moves, strict=True)},
         "20° within 0.2° after / ms": 1e3 * of(step(20.0), "time_to_accuracy")[0],
