@@ -157,6 +157,7 @@ def test_page_is_whole_and_holds_everything(shipped: Result, tmp_path: Path) -> 
     assert "<th>date</th><td>2026-03-31</td>" in page(shipped, tmp_path, "2026-03-31")
 
 
+@pytest.mark.slow
 def test_command_writes_the_same_bytes_and_no_paths(tmp_path: Path) -> None:
     (tmp_path / "my_actuator.toml").write_text('[command]\nlimit = "15 deg"\n', encoding="utf-8")
     written = []

@@ -110,6 +110,7 @@ def test_power_of_one_without_delay_leaps_at_its_samples(direct: Path) -> None:
     assert row["step.power_rms"] == pytest.approx(np.sqrt(np.mean(power**2)), rel=0.012)
 
 
+@pytest.mark.slow
 def test_workers_import_a_users_file(direct: Path, tmp_path: Path, client: Any) -> None:
     study = load_study(direct)
     with Store(tmp_path / "there", study) as there, Store(tmp_path / "here", study) as here:
@@ -152,6 +153,7 @@ def test_an_fmu_of_a_users_actuator(direct: Path, tmp_path: Path) -> None:
     assert load_study(direct, unit, model=model).plan.actuator.name == "direct-drive"
 
 
+@pytest.mark.slow
 def test_one_without_motor_and_supply_leaves_their_figures_out(write: Write, tmp_path: Path) -> None:
     plan = load_study(write(SECOND_ORDER)).plan
     assert not {name.partition(".")[2] for name in sample.columns(plan)} & set(POWERED)

@@ -68,6 +68,7 @@ def test_a_sample_that_kills_its_workers(small: Study, store: Store, tmp_path: P
     assert found == expected
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_lost(small: Study, store: Store) -> None:
     with local_client(1) as other:
         def keep(rows: list[dict[str, Any]]) -> None:

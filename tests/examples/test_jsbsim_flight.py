@@ -88,6 +88,7 @@ def test_gentle_flight_needs_no_nonlinear_model(four: Path, model: ParameterSet)
     assert np.degrees(np.abs(fins(nonlinear, "fin{}_rad")).max()) > 2.0  # something was flown
 
 
+@pytest.mark.slow
 def test_aggressive_flight_does(four: Path, model: ParameterSet) -> None:
     """Limits are active, hinge moments of the order of the rated 100 N.m, and the attitudes differ by degrees.
 
@@ -108,6 +109,7 @@ def test_aggressive_flight_does(four: Path, model: ParameterSet) -> None:
     assert float(np.sum(nonlinear["power_w"]) * 1e-3) > max(work, 0.0) + 100.0
 
 
+@pytest.mark.slow
 def test_higher_gains_show_the_delay(four: Path, model: ParameterSet) -> None:
     """Fins without delay keep the attitude to a degree in the end, with it they lose it: either model, as it is."""
     prompt = Fmu(four, parameters={**WIRED, "drive.transport_delay": 0.0})

@@ -84,6 +84,7 @@ def test_program_needs_no_fmu(tmp_path: Path) -> None:
     assert (folder / "gentle_ssp-fmpy.csv").is_file()
 
 
+@pytest.mark.slow
 def test_program_takes_single_units(native: Path, tmp_path: Path) -> None:
     done = program("--fmu", native, "--manoeuvre", "gentle", "--no-convergence", "--step", "4", "-o", tmp_path,
                    "--format", "npz", "--bus-voltage", "36")

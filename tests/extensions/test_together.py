@@ -48,6 +48,10 @@ def run(model: str, overrides: Mapping[str, Any], kernel: str = "auto") -> Mappi
                     enable=lambda t: not 0.1 < t < 0.12, **supply)
 
 
+# Its kernel alone takes a compiler a quarter of a minute.
+LARGEST = pytest.param("elastic+stribeck+efficiency+heat+homing+supply+faults", marks=pytest.mark.slow)
+
+
 @pytest.mark.parametrize("model", NAMES)
 def test_neutral_options_change_nothing(model: str) -> None:
     """All at once, to the bit, in everything the plain model puts out."""
@@ -70,8 +74,7 @@ def test_an_option_among_neutral_ones_is_itself(model: str, alone: str) -> None:
 
 
 @pytest.mark.parametrize("model", [
-    "nonlinear+lugre+heat+homing+supply+faults", "elastic+stribeck+efficiency+heat+homing+supply+faults",
-    "ristanovic+stribeck+efficiency+heat+homing+supply+faults"])
+    "nonlinear+lugre+heat+homing+supply+faults", LARGEST, "ristanovic+stribeck+efficiency+heat+homing+supply+faults"])
 def test_both_kernels_with_all_of_them(model: str) -> None:
     changes = {"homing.required": False, "fault.friction_rise.begin": 0.05, "fault.friction_rise.end": 0.15,
                "fault.encoder_bias.begin": 0.2, "fault.encoder_bias.end": 1.0, "heat.winding_start_rise": 60.0}
@@ -79,8 +82,7 @@ def test_both_kernels_with_all_of_them(model: str) -> None:
     assert all(np.array_equal(one[name], other[name]) for name in one)
 
 
-@pytest.mark.parametrize("model", ["nonlinear+lugre+heat+homing+supply+faults",
-                                   "elastic+stribeck+efficiency+heat+homing+supply+faults", "second-order+faults"])
+@pytest.mark.parametrize("model", ["nonlinear+lugre+heat+homing+supply+faults", LARGEST, "second-order+faults"])
 def test_steps_of_the_host_do_not_matter(model: str) -> None:
     """Inputs held, every fault in turn: at common times steps of 10, 1 and 0.37 ms give the same, to the bit."""
     windows = {f"fault.{fault.name}.{edge}": 0.05 + 0.03 * i + late for i, fault in enumerate(FAULTS)

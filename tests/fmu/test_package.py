@@ -309,6 +309,7 @@ def read_platforms(unit: Path) -> set[str]:
         return {name.split("/")[1] for name in archive.namelist() if name.startswith("binaries/")}
 
 
+@pytest.mark.slow
 def test_a_system_compiler_builds_too(tmp_path: Path, native: Path) -> None:
     built = build(load_parameters(), tmp_path / "EMCAS.fmu", "native", cc="cc")
     assert list(built.platforms) == sorted(read_platforms(native))

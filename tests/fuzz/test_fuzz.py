@@ -13,7 +13,8 @@ from .fuzz import SANITIZERS, compiled
 pytestmark = [pytest.mark.fmu, pytest.mark.skipif(sys.platform != "linux", reason="sanitizers of a Linux compiler")]
 
 
-@pytest.mark.parametrize("fins", [1, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("fins", [1, 4])
 def test_arbitrary_calls_values_and_states(tmp_path: Path, fins: int) -> None:
     program = compiled(["cc", "-DSTANDALONE"], SANITIZERS, tmp_path, fins)
     done = subprocess.run([program, "5", "20160101"], capture_output=True, text=True, check=False)

@@ -30,6 +30,7 @@ def rebuilt(native: Path, tmp_path_factory: pytest.TempPathFactory, linux: None)
     return folder / "binaries" / "linux64" / "EMCAS.so"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoder", ["0", "1"])
 def test_fmpy_builds_the_same(rebuilt: Path, executable: Path, loading: Host, encoder: str) -> None:
     """The same C library's functions on the same doubles. 1e-12 is for last bits grown over 0.3 s, of constants one

@@ -39,6 +39,7 @@ def windows(native: Path, tmp_path_factory: pytest.TempPathFactory, linux: None)
         subprocess.run([server, "-k"], env=environment, check=False, timeout=60)
 
 
+@pytest.mark.slow
 def test_same_numbers_as_on_linux(windows: Host, loading: Host) -> None:
     """Without the encoder, whose counts could make a step of a last bit. The C libraries' functions differ by one unit
     in the last place of an angle (1e-16 rad); ratio and loop gains make at most some 1e3 V of a radian: 1e-12."""

@@ -186,6 +186,7 @@ def test_absent_host(ssp: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         hosts.open(ssp, "libcosimpy")
 
 
+@pytest.mark.slow
 def test_the_program_of_the_example(ssp: Path, tmp_path: Path) -> None:
     def call(*arguments: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run([sys.executable, ROOT / "examples/ssp_hosts/run.py", ssp, *arguments], cwd=tmp_path,

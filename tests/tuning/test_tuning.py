@@ -426,6 +426,7 @@ def test_a_sag_is_a_share_of_the_supply() -> None:
     assert sag(small) == pytest.approx(28.0 * 35.0 / 39.0, rel=1e-12)  # the digits of the percentage
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="sends a signal to a group of processes")
 @pytest.mark.parametrize("evaluations", [pytest.param(0, marks=pytest.mark.slow), 5])
 def test_ctrl_c_keeps_the_best_gains(small: Path, tmp_path: Path, evaluations: int) -> None:

@@ -110,6 +110,7 @@ def test_build_fmu_script(tmp_path: Path) -> None:
     assert (tmp_path / "My.fmu").is_file()
 
 
+@pytest.mark.slow
 def test_reference_regenerates_and_compares(tmp_path: Path) -> None:
     one = ("--case", "step_plus1", "--directory", str(tmp_path))
     assert emcas("reference", *one).exit_code == 0

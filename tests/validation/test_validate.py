@@ -44,7 +44,7 @@ def emcas(*arguments: object) -> Result:
     return CliRunner().invoke(app, ["validate", *map(str, arguments)])
 
 
-@pytest.fixture(scope="module", params=["python", "native"])
+@pytest.fixture(scope="module", params=[pytest.param("python", marks=pytest.mark.slow), "native"])
 def whole(units: Mapping[str, Path], request: pytest.FixtureRequest) -> Validation:
     """A whole validation of the shipped FMU, of either back end."""
     with open_subject(units[request.param]) as subject:
