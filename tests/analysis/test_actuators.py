@@ -110,6 +110,18 @@ def test_a_gap_is_linearised_as_closed_by_a_load(model: str) -> None:
     assert np.max(np.abs(closed / free - 1.0)) > 1e-4
 
 
+@pytest.mark.parametrize(("model", "at", "torque"), [("elastic", 0.0, 0.0), ("elastic", 9.0, -40.0),
+                                                     ("nonlinear", 9.0, -40.0)])
+def test_observer_and_velocity_integral_behind_the_encoder(model: str, at: float, torque: float) -> None:
+    """The rest of these controllers has an equation in which no state acts, and a residual of rounding."""
+    parameters = load_parameters(model=model)
+    values = {**parameters.values, **parameters.having(without_friction(
+        parameters.values, drive_line__backlash=0.0, controller__load_observer=250.0, controller__velocity__ki=0.4))}
+    linear = LinearActuator(values, radians(at), torque, model)
+    # 0.02 % are found with counts of 2e-6 deg at the fin: the ratio's curvature, the kernel's ticks.
+    assert compare({**values, "encoder.pulses": 1_000_000}, linear, 0.1, thesis=False).difference < 0.1
+
+
 def test_a_response_of_zero_has_no_phase() -> None:
     measured = sweep.sweep(load_parameters(model="elastic").values, radians(0.1), np.array([5.0, 60.0]),
                            model="elastic").response

@@ -354,10 +354,11 @@ def _measured(state: str) -> str:
 
 def _solve(equations: Callable[[Array], tuple[Array, Array]], guess: Array) -> Array:
     """Return what solves equations, given with their Jacobian, by Newton's method; least squares where they are not
-    independent."""
+    independent. One in which no unknown acts is left as it is: it may have a residual of rounding."""
     for _ in range(_ITERATIONS):
         values, slopes = equations(guess)
-        rows = np.max(np.abs(slopes), axis=1, initial=1e-300)
+        rows = np.max(np.abs(slopes), axis=1, initial=0.0)
+        rows[rows == 0.0] = 1.0
         change = np.linalg.lstsq(slopes / rows[:, None], -values / rows, rcond=None)[0]
         guess = guess + change
         if np.all(np.abs(change) <= 1e-13 * (1.0 + np.abs(guess))):
