@@ -27,7 +27,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import heat
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis import frequency, sweep
-from emcas_fmu.studies.analysis.analyse import analyse
+from emcas_fmu.studies.analysis.analyse import _left_out, analyse
 from emcas_fmu.studies.analysis.linear import LinearActuator, sound
 from emcas_fmu.studies.analysis.steps import compare
 from tests.own_actuator.example import changed
@@ -240,6 +240,13 @@ CHAMBERS = (('State("current", "A")', 'State("current", "A"), State("one", "Pa")
              '"other": -3e6 * x.current + 30.0 * (x.one - x.other) + 1e6 * x.fin_rate}'),
             ("p.motor.torque_constant * x.current + load", "p.motor.torque_constant * x.current + load "
              "+ 1e-7 * (x.one - x.other)"))
+
+
+def test_thesis_model_that_has_no_such_bus_is_left_out_and_told() -> None:
+    values = load_parameters().replace({"command.resolution": radians(0.1)}).values
+    assert _left_out("nonlinear", values) == {
+        "thesis_linear": "the thesis's linear model left out: command.resolution = 0.00174533 rad: the linear model "
+        "takes every command as it is; set it to 0"}
 
 
 def test_a_mode_that_nothing_shows_is_left_out_and_told(tmp_path: Path) -> None:

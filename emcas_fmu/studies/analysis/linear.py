@@ -257,7 +257,7 @@ class LinearActuator:
     def _shown(self) -> tuple[System, Array]:
         blocks, links, (inputs, outputs) = [self.controller, self.plant], self._links, _PORTS
         if self._late:
-            blocks, links = [_waiting(self._late, self.period), *blocks], [("arrived", "command"), *links]
+            blocks, links = [waiting(self._late, self.period), *blocks], [("arrived", "command"), *links]
             inputs = ("sent", "aero_torque")
         return shown(wire(blocks, links, inputs, outputs))
 
@@ -341,7 +341,7 @@ class LinearActuator:
         return shown(wire([law, late, self.continuous], links, *_PORTS))[0][:1, :]
 
 
-def _waiting(samples: int, period: float) -> System:
+def waiting(samples: int, period: float) -> System:
     """Return a delay of whole samples, from ``sent`` to ``arrived``."""
     return ct.ss(np.eye(samples, k=-1), np.eye(samples, 1), np.eye(1, samples, k=samples - 1), 0.0, period,
                  inputs=["sent"], outputs=["arrived"])
