@@ -9,7 +9,9 @@ the constant N = d/l:
     I_k+1 = I_k + T_s K_i,pos (r - theta)        V_k+1 = V_k + T_s K_i,vel e_w        r = N command
     T_l = L (J_eq w - m_k)                       m_k+1 = m_k + T_s (K_t i + T_l)
 
-Without limits, Coulomb friction and its compensation, current offset, encoder counts or loads.
+The plant's N, J_eq, B_eq, K_t and K_e are those of the unit as built, ``deviation.*`` off the nominal ones, which the
+controllers have. Without limits, Coulomb friction and its compensation, current offset, encoder counts or loads. The
+command is late, in whole samples, but is neither rounded nor held for longer than a sample.
 Controllers are sampled at T_s and the plant between the samples is solved exactly by matrix
 exponentials, so no integration error is mixed into a comparison. Nothing of the nonlinear
 model's code is used.
@@ -17,6 +19,7 @@ model's code is used.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -24,9 +27,26 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from ..errors import EmcasError
 from .plant import over_temperature
 
 Array = NDArray[np.floating[Any]]
+
+
+def obstacle(values: Mapping[str, Any]) -> str:
+    """Return why the linear model is none of these parameters, with the remedy; empty if it is one."""
+    held = _samples(values, "command.update_time") > 1
+    for name, unit, there in (("command.resolution", "rad", values["command.resolution"] > 0.0),
+                              ("command.update_time", "s", held)):
+        if there:
+            return f"{name} = {values[name]:g} {unit}: the linear model takes every command as it is; set it to 0"
+    return ""
+
+
+def _samples(values: Mapping[str, Any], name: str) -> int:
+    """Return a time of the bus in whole sample times, half of one upwards."""
+    samples: float = values[name] / values["controller.sample_time"]
+    return math.floor(samples + 0.5)
 
 
 class LinearModel:
@@ -35,11 +55,15 @@ class LinearModel:
     ``sample_time`` [s]; the input is the fin command [rad], the output the fin angle [rad].
     ``update``, ``drive`` and ``output`` are its matrices; ``written`` is how a DAC value acts on the next state.
     The state is motor angle, speed, current, xi, I, V, r_k-1, m and the DAC values on their way to the drive.
+    Raises EmcasError for parameters that it is no model of (`obstacle`).
     """
 
     def __init__(self, values: Mapping[str, Any]) -> None:
+        if why := obstacle(values):
+            raise EmcasError(why)
         self.sample_time = period = float(values["controller.sample_time"])
-        plant, ratio, inertia = _plant(values)
+        _, ratio, inertia = _plant(values)
+        plant, turned, _ = _plant(_as_built(values))
         whole, rest = divmod(float(values["drive.transport_delay"]), period)
         if period - rest < 1e-9 * period:  # a delay of whole periods, but for rounding
             whole, rest = whole + 1, 0.0
@@ -84,9 +108,9 @@ class LinearModel:
             written[:4] = newer
         drive = ratio * (drive + velocity_gain * error_of_target * written)
         self.update, self.drive, self.written = update, drive, written
-        self.latency = round(float(values["command.latency"]) / period)  # samples
+        self.latency = _samples(values, "command.latency")
         self.output = np.zeros(size)
-        self.output[0] = 1.0 / ratio
+        self.output[0] = 1.0 / turned
 
     def simulate(self, command: Array) -> Array:
         """Return fin angle [rad] at each sample, from rest, before that sample's command [rad] acts."""
@@ -102,6 +126,15 @@ class LinearModel:
         shift = np.exp(2j * np.pi * np.asarray(frequency) * self.sample_time)
         return np.array([self.output @ np.linalg.solve(z * identity - self.update, self.drive) / z**self.latency
                          for z in shift])
+
+
+def _as_built(values: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return parameters with those of the plant as they deviate; the assembly angle and dry friction are left out."""
+    of = {"kinematics.moment_arm": "kinematics.moment_arm", "screw.lead": "screw.lead",
+          "motor.torque_constant": "motor.torque_constant", "motor.back_emf_constant": "motor.torque_constant",
+          "friction.viscous.positive": "friction.viscous", "friction.viscous.negative": "friction.viscous",
+          "friction.fin_viscous": "friction.viscous"}
+    return {**values, **{name: values[name] * (1.0 + values[f"deviation.{off}"]) for name, off in of.items()}}
 
 
 def _plant(values: Mapping[str, Any]) -> tuple[Array, float, float]:

@@ -12,6 +12,7 @@ from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.reference.simulate import simulate as reference_of
 from emcas_fmu.simulation import simulate
+from emcas_fmu.studies.analysis import thesis
 from emcas_fmu.studies.analysis.linear import LinearActuator
 
 MODELS = ["nonlinear", "elastic+faults", "nonlinear+homing", "second-order", "tests/actuators/driven.py"]
@@ -80,10 +81,13 @@ def test_five_milliseconds_are_nine_degrees_at_five_hertz() -> None:
     assert late.load_to_angle(at) == pytest.approx(now.load_to_angle(at), rel=1e-9)
     for name in ("velocity", "position", "reference"):
         assert late.loop(name)(at) == now.loop(name)(at)
+    slow = {**values, "command.latency": 5e-3}  # the linear model is none of the others
     plain, behind = (LinearModel(v).frequency_response(np.array([5.0]))[0] for v in (values, slow))
     assert np.degrees(np.angle(plain / behind)) == pytest.approx(9.0, abs=1e-9)
     command = np.full(100, 0.01)
     np.testing.assert_array_equal(LinearModel(slow).simulate(command)[5:], LinearModel(values).simulate(command)[:-5])
+    ratio = thesis.closed(values)(at) / thesis.closed(slow)(at)
+    assert np.degrees(np.angle(ratio)) == pytest.approx(9.0, abs=1e-6)
 
 
 def test_against_the_independent_integration() -> None:

@@ -27,7 +27,7 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import heat
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis import frequency, sweep
-from emcas_fmu.studies.analysis.analyse import analyse
+from emcas_fmu.studies.analysis.analyse import _left_out, analyse
 from emcas_fmu.studies.analysis.linear import LinearActuator, sound
 from emcas_fmu.studies.analysis.steps import compare
 from tests.own_actuator.example import changed
@@ -108,6 +108,18 @@ def test_a_gap_is_linearised_as_closed_by_a_load(model: str) -> None:
     assert step.difference < 1.0
     free, closed = (response(v, model) for v in (values | {"drive_line.backlash": 0.0}, values))
     assert np.max(np.abs(closed / free - 1.0)) > 1e-4
+
+
+@pytest.mark.parametrize(("model", "at", "torque"), [("elastic", 0.0, 0.0), ("elastic", 9.0, -40.0),
+                                                     ("nonlinear", 9.0, -40.0)])
+def test_observer_and_velocity_integral_behind_the_encoder(model: str, at: float, torque: float) -> None:
+    """The rest of these controllers has an equation in which no state acts, and a residual of rounding."""
+    parameters = load_parameters(model=model)
+    values = {**parameters.values, **parameters.having(without_friction(
+        parameters.values, drive_line__backlash=0.0, controller__load_observer=250.0, controller__velocity__ki=0.4))}
+    linear = LinearActuator(values, radians(at), torque, model)
+    # 0.02 % are found with counts of 2e-6 deg at the fin: the ratio's curvature, the kernel's ticks.
+    assert compare({**values, "encoder.pulses": 1_000_000}, linear, 0.1, thesis=False).difference < 0.1
 
 
 def test_a_response_of_zero_has_no_phase() -> None:
@@ -228,6 +240,13 @@ CHAMBERS = (('State("current", "A")', 'State("current", "A"), State("one", "Pa")
              '"other": -3e6 * x.current + 30.0 * (x.one - x.other) + 1e6 * x.fin_rate}'),
             ("p.motor.torque_constant * x.current + load", "p.motor.torque_constant * x.current + load "
              "+ 1e-7 * (x.one - x.other)"))
+
+
+def test_thesis_model_that_has_no_such_bus_is_left_out_and_told() -> None:
+    values = load_parameters().replace({"command.resolution": radians(0.1)}).values
+    assert _left_out("nonlinear", values) == {
+        "thesis_linear": "the thesis's linear model left out: command.resolution = 0.00174533 rad: the linear model "
+        "takes every command as it is; set it to 0"}
 
 
 def test_a_mode_that_nothing_shows_is_left_out_and_told(tmp_path: Path) -> None:

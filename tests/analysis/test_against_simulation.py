@@ -96,9 +96,13 @@ def test_limits_slow_large_steps(values: Values) -> None:
     assert large.metrics_linear.rise_time == pytest.approx(small.metrics_linear.rise_time, rel=1e-9)
 
 
-@pytest.mark.parametrize("on_fin", [False, True])
-def test_replayed_controllers_put_out_what_was_recorded(values: Values, on_fin: bool) -> None:
-    p = {**values, **LOOP, "encoder.on_fin": on_fin}
+@pytest.mark.parametrize("changes", [
+    {}, {"encoder.on_fin": True}, {"command.latency": 10e-3}, {"command.update_time": 10e-3},
+    {"command.resolution": radians(1.0)},
+    {"command.latency": 2.5e-3, "command.update_time": 4e-3, "command.resolution": radians(0.2),
+     "fin.start_angle": radians(3.0)}], ids=lambda changes: "+".join(changes) or "plain")
+def test_replayed_controllers_put_out_what_was_recorded(values: Values, changes: Values) -> None:
+    p = {**values, **LOOP, **changes}
     time = np.arange(400) * p["controller.sample_time"]
     command = np.column_stack([radians(size) * np.sin(2.0 * np.pi * 12.0 * time) for size in (0.5, 15.0)])
     runs = [simulate(p, float(time[-1]), p["controller.sample_time"], fin_command=np.ascontiguousarray(one))

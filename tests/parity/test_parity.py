@@ -64,19 +64,29 @@ def test_reference_cases(units: Mapping[str, Path], case: str) -> None:
 _UNIFORM = st.floats(-1.0, 1.0)
 # Away from extremes, where a parameter set would make a trivial or an endless run.
 _SPANS = {"controller.position.kp": (10.0, 200.0), "controller.position.ki": (0.0, 500.0),
-          "controller.velocity.kp": (0.005, 0.2), "friction.temperature": (-20.0, 40.0),
+          "controller.position.setpoint_weight": (0.0, 1.5), "controller.position.velocity_feedforward": (0.0, 1.0),
+          "controller.velocity.kp": (0.005, 0.2), "controller.velocity.ki": (0.0, 2.0),
+          "controller.load_observer": (0.0, 250.0),  # of the longest sample time, too
+          "controller.drive_antiwindup": (0.0, 50.0), "deviation.kinematics.moment_arm": (-0.1, 0.1),
+          "deviation.kinematics.initial_angle": (-0.05, 0.05), "deviation.screw.lead": (-0.1, 0.1),
+          "deviation.motor.torque_constant": (-0.3, 0.3), "deviation.friction.coulomb": (-1.0, 3.0),
+          "deviation.friction.viscous": (-1.0, 5.0), "friction.temperature": (-20.0, 40.0),
           "compensation.gain": (0.0, 1.2), "drive.transport_delay": (0.0, 8e-3),
           "controller.sample_time": (4e-4, 4e-3), "solver.max_tick": (5e-5, 1e-3), "drive.ki": (0.0, 200.0),
           "motor.inductance": (1e-4, 3e-3), "friction.fin_coulomb": (0.0, 20.0), "friction.fin_viscous": (0.0, 5.0),
           "mass.fin": (0.0, 5.0), "center_of_mass.fin.x": (-0.2, 0.2), "mounting.azimuth": (-3.0, 3.0),
           "command.latency": (0.0, 8e-3), "command.resolution": (0.0, 0.02), "command.update_time": (0.0, 0.01),
           "fin.start_angle": (-0.4, 0.4), "kinematics.initial_angle": (-0.3, 0.3), "inertia.fin": (0.01, 0.5)}
-_parameters = st.dictionaries(st.sampled_from(sorted(_SPANS)), st.floats(0.0, 1.0), max_size=5).map(
+_parameters = st.dictionaries(st.sampled_from(sorted(_SPANS)), st.floats(0.0, 1.0), max_size=8).map(
     lambda shares: {name: _SPANS[name][0] + share * (_SPANS[name][1] - _SPANS[name][0])
                     for name, share in shares.items()})
 _flags = st.fixed_dictionaries({}, optional={
     **{name: st.booleans() for name in ("encoder.enabled", "encoder.on_fin", "loads.gravity")},
     "motor.pole_pairs": st.integers(0, 8)})
+# One of them is tuned while running, or none.
+_TUNED = [("controller.position.kp", 30.0), ("controller.position.kp", 90.0),
+          ("controller.position.setpoint_weight", 0.8), ("controller.position.setpoint_weight", 1.0),
+          ("controller.load_observer", 0.0), ("controller.load_observer", 120.0)]
 _segments = st.lists(st.fixed_dictionaries({
     "inputs": st.fixed_dictionaries({
         "fin_command": _UNIFORM.map(lambda x: 0.5 * x), "aero_torque": _UNIFORM.map(lambda x: 250.0 * x),
@@ -86,7 +96,7 @@ _segments = st.lists(st.fixed_dictionaries({
                   "angular_rate.x": _UNIFORM.map(lambda x: 60.0 * x), "angular_rate.z": _UNIFORM,
                   "angular_acceleration.x": _UNIFORM.map(lambda x: 500.0 * x), "angular_acceleration.y": _UNIFORM}),
     "size": st.sampled_from([1e-4, 3.7e-4, 1e-3, 2.5e-3, 7e-3]), "steps": st.integers(1, 12),
-    "restore": st.booleans(), "kp": st.sampled_from([None, None, 30.0, 90.0])}), min_size=1, max_size=8)
+    "restore": st.booleans(), "tuned": st.sampled_from([None, None, *_TUNED])}), min_size=1, max_size=8)
 
 
 @settings(deadline=None, derandomize=True, max_examples=400,
@@ -108,9 +118,10 @@ def test_any_host_any_parameters(library: Fmu, slave_class: type[Slave], changes
         for name, value in segment["inputs"].items():
             _set(python, name, value)
             assert native.set(name, value) == OK
-        if segment["kp"] is not None:
-            _set(python, "controller.position.kp", segment["kp"])
-            assert native.set("controller.position.kp", segment["kp"]) == OK
+        if segment["tuned"] is not None:
+            name, value = segment["tuned"]
+            _set(python, name, value)
+            assert native.set(name, value) == OK
         saved = (python._get_fmu_state(), native.save(), time) if segment["restore"] else None
         for _ in range(2 if saved else 1):
             for _ in range(segment["steps"]):

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pytest
 
+from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.reference.simulate import simulate as reference
@@ -61,6 +63,32 @@ def test_linear_reference_has_the_same_controllers() -> None:
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=8e-6)
     plain = LinearModel({**load_parameters().values, **linear, **dict.fromkeys(loops, 0.0)}).simulate(command)
     assert np.max(np.abs(plain - theirs)) > 1e-3
+
+
+@pytest.mark.parametrize("changes", [
+    {"deviation.kinematics.moment_arm": 0.03}, {"deviation.motor.torque_constant": -0.2},
+    {"deviation.screw.lead": -0.05, "deviation.friction.viscous": 4.0, "friction.fin_viscous": 5.0},
+    {**AS_BUILT, "deviation.friction.coulomb": 0.0, "controller.load_observer": 120.0},
+    *({"command.latency": late} for late in (0.5e-3, 2.5e-3, 4.5e-3, 3.4e-3))])
+def test_linear_reference_deviates_and_waits_as_the_product_does(changes: Mapping[str, float]) -> None:
+    parameters = load_parameters(model="linear")
+    linear = parameters.replace({"drive.transport_delay": 3.5e-3, **parameters.having(changes)}).values
+    command = np.radians(np.where(np.arange(301) > 10, 2.0, 0.0))
+    ours = simulate(linear, 0.3, 1e-3, model="linear", fin_command=command)["fin_angle"]
+    theirs = LinearModel(linear).simulate(command)
+    # Ticks of 0.5 ms against exact exponentials, as above. Without the changes it would be another response.
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=8e-6)
+    assert np.max(np.abs(theirs - LinearModel({**linear, **dict.fromkeys(changes, 0.0)}).simulate(command))) > 2e-4
+
+
+@pytest.mark.parametrize(("name", "value", "said"), [
+    ("command.resolution", 0.01, "command.resolution = 0.01 rad: the linear model takes every command as it is; set"),
+    ("command.update_time", 1.5e-3, "command.update_time = 0.0015 s: the linear model takes every command as it is")])
+def test_linear_reference_refuses_what_it_is_no_model_of(name: str, value: float, said: str) -> None:
+    values = load_parameters().values
+    with pytest.raises(EmcasError, match=re.escape(said)):
+        LinearModel({**values, name: value})
+    LinearModel({**values, "command.update_time": 1.4e-3})  # every sample, rounded
 
 
 @pytest.mark.parametrize(("name", "deviation"), [

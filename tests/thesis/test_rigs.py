@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 from math import degrees, radians
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 
 from emcas_fmu.bench.excitation import COMMAND, LOAD, Excitation
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.studies.thesis import friction, friction_rig, loading_rig
+from emcas_fmu.studies.thesis import friction, friction_rig, loading, loading_rig
 from emcas_fmu.studies.thesis.rigs import rig_entries, rig_values
 from emcas_fmu.studies.thesis.runs import COLD, SLEWS, WARM, Runs
 
@@ -42,6 +43,20 @@ def test_slow_sweeps_read_coulomb_friction_at_both_temperatures(direction: int) 
         # slope of the friction with its 10 ms. Largest distance measured: 0.07 mN.m.
         assert np.max(np.abs(sweep.friction(direction) - expected)) < 2e-4
         assert np.ptp(degrees(1.0) * fin) > 36.0
+
+
+@pytest.mark.parametrize("deviations", [
+    {"deviation.kinematics.moment_arm": 0.05},
+    {"deviation.screw.lead": -0.04, "deviation.kinematics.initial_angle": radians(3.0)}])
+def test_the_lever_as_built_changes_no_reading_at_the_screw(deviations: Mapping[str, float]) -> None:
+    """Friction is the screw's, and the rig is on it: whatever lever is behind."""
+    values = load_parameters().replace(deviations).values
+    sweep = friction_rig.sweep(values, 25, WARM)
+    fin = sweep.fin_angle[sweep.steady[1]]
+    expected = coulomb(values, "positive", fin) + values["friction.viscous.positive"] * 25.0 * 2.0 * np.pi / 60.0
+    # As above.
+    assert np.max(np.abs(sweep.friction(1) - expected)) < 2e-4
+    assert np.ptp(degrees(1.0) * fin) > 36.0
 
 
 def test_the_mean_slope_over_speed_is_the_mean_viscous_coefficient() -> None:
@@ -118,6 +133,22 @@ def test_a_load_that_follows_leaves_the_loaded_test_as_it_is_under_the_very_mome
     moving = (time > SLEWS[0]) & (time < SLEWS[0] + 0.1)
     missed = np.abs(loaded.applied - loaded.asked)
     assert np.max(missed[moving]) > 10.0 * np.max(missed[settled])
+
+
+@pytest.mark.parametrize(("section", "standing"), [
+    ('[fin]\nstart_angle = "5 deg"', 0.0), ('[drive]\ncurrent_offset = "4 A"', 0.044)])
+def test_what_a_load_moves_is_counted_from_where_the_fin_stood(tmp_path: Path, section: str, standing: float) -> None:
+    """Figure 5.17: wherever a run starts by the set, and beside 0 because friction holds it there."""
+    file = tmp_path / "set.toml"
+    file.write_text(section, encoding="utf-8")
+    shown = loading.torque_loop(Runs([file]))
+    assert shown.figure is not None
+    assert shown.table is not None
+    fin = np.asarray(shown.figure.axes[1].lines[0].get_ydata(), dtype=float)
+    assert fin[0] == 0.0
+    assert fin[49] == pytest.approx(standing, abs=1e-3)
+    assert shown.table.rows[-1][1] == pytest.approx(np.max(np.abs(fin - fin[49])), abs=1e-9)
+    assert 0.4 < shown.table.rows[-1][1] < 0.8
 
 
 def test_every_number_of_the_rigs_is_an_estimate_with_a_reason() -> None:

@@ -312,6 +312,13 @@ def test_case_an_actuator_has_no_input_for_is_left_out_and_said() -> None:
     assert found.cases[0].figures["rise_time_s"] > 0.0
 
 
+def test_linear_model_that_has_no_such_bus_is_left_out_and_said() -> None:
+    found = validate(ParameterSubject(load_parameters().replace({"command.update_time": 5e-3})))
+    assert not found.comparisons
+    assert not found.linear_series
+    assert found.notes[0].startswith("The comparison with the linear model is left out: command.update_time = 0.005 s")
+
+
 def test_outputs_an_actuator_lacks_are_left_out(tmp_path: Path) -> None:
     found = validate(Play(half=1e-6, there=FIN_PORT))
     assert list(found.cases[0].errors) == ["fin_angle", "fin_rate"]

@@ -14,6 +14,7 @@ from ...bench.subject import Columns
 from ...errors import EmcasError
 from ...parameters import ParameterSet
 from ...progress import Progress, silent
+from ...reference.linear import obstacle
 from . import capability, final_values, frequency, locus, steps, sweep, thesis
 from .linear import ROUNDING, Array, LinearActuator, System, cleared, decays, largest_pole, sound
 from .modes import Modes, load_rod, modes_at, thesis_modes
@@ -75,7 +76,7 @@ def analyse(parameters: ParameterSet, fin_angle: float = 0.0, aero_torque: float
     """
     parameters = sound(parameters)
     values, model = parameters.values, parameters.model
-    left_out = _left_out(model)
+    left_out = _left_out(model, values)
     progress("linear models", 0, _STEPS)
     beam = load_rod(rod)
     actuator = LinearActuator(values, fin_angle, aero_torque, model)
@@ -108,7 +109,7 @@ def analyse(parameters: ParameterSet, fin_angle: float = 0.0, aero_torque: float
                     compared)
 
 
-def _left_out(model: str) -> dict[str, str]:
+def _left_out(model: str, values: Mapping[str, Any]) -> dict[str, str]:
     actuator = get(model)
     reasons = {}
     for section, (title, needs) in SECTIONS.items():
@@ -118,6 +119,8 @@ def _left_out(model: str) -> dict[str, str]:
                            ("efficiency", "of a screw without losses")):
         if extension in parts(model)[1]:
             reasons.setdefault("capability", f"{SECTIONS['capability'][0]} left out: it is {why}")
+    if "thesis_linear" not in reasons and (why := obstacle(values)):
+        reasons["thesis_linear"] = f"{SECTIONS['thesis_linear'][0]} left out: {why}"
     return reasons
 
 

@@ -257,7 +257,7 @@ class LinearActuator:
     def _shown(self) -> tuple[System, Array]:
         blocks, links, (inputs, outputs) = [self.controller, self.plant], self._links, _PORTS
         if self._late:
-            blocks, links = [_waiting(self._late, self.period), *blocks], [("arrived", "command"), *links]
+            blocks, links = [waiting(self._late, self.period), *blocks], [("arrived", "command"), *links]
             inputs = ("sent", "aero_torque")
         return shown(wire(blocks, links, inputs, outputs))
 
@@ -341,7 +341,7 @@ class LinearActuator:
         return shown(wire([law, late, self.continuous], links, *_PORTS))[0][:1, :]
 
 
-def _waiting(samples: int, period: float) -> System:
+def waiting(samples: int, period: float) -> System:
     """Return a delay of whole samples, from ``sent`` to ``arrived``."""
     return ct.ss(np.eye(samples, k=-1), np.eye(samples, 1), np.eye(1, samples, k=samples - 1), 0.0, period,
                  inputs=["sent"], outputs=["arrived"])
@@ -354,10 +354,11 @@ def _measured(state: str) -> str:
 
 def _solve(equations: Callable[[Array], tuple[Array, Array]], guess: Array) -> Array:
     """Return what solves equations, given with their Jacobian, by Newton's method; least squares where they are not
-    independent."""
+    independent. One in which no unknown acts is left as it is: it may have a residual of rounding."""
     for _ in range(_ITERATIONS):
         values, slopes = equations(guess)
-        rows = np.max(np.abs(slopes), axis=1, initial=1e-300)
+        rows = np.max(np.abs(slopes), axis=1, initial=0.0)
+        rows[rows == 0.0] = 1.0
         change = np.linalg.lstsq(slopes / rows[:, None], -values / rows, rcond=None)[0]
         guess = guess + change
         if np.all(np.abs(change) <= 1e-13 * (1.0 + np.abs(guess))):

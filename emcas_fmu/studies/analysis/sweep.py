@@ -17,8 +17,10 @@ import numpy as np
 
 from ...actuators import NONLINEAR, capabilities, get
 from ...bench.metrics import CREPT, FrequencyResponse
+from ...control import command as bus
 from ...control import controllers, sensors
 from ...ops.arrays import ARRAYS
+from ...ops.floats import FLOATS
 from ...physics import drive
 from ...progress import Progress, silent
 from ...simulation import simulate
@@ -96,17 +98,22 @@ def replay(values: Mapping[str, Any], command: Array, motion: Mapping[str, Array
     """Return the controllers' reference [V] and unlimited speed reference [rad/s] along recorded motions.
 
     All have the shape (samples, runs): fin command [rad], and of the motion motor angle [rad], speed [rad/s] and
-    current [A] at the samples, from rest.
+    current [A] at the samples, from rest. The command passes the bus to the controllers, as in the core.
     """
     angle, speed, current = (motion[name] for name in ("motor_angle", "motor_speed", "motor_current"))
     p, plant = get(model).namespace(values), get(model).plant(values)
     turned = sensors.motor_counts(ARRAYS, p, angle[0])
     loops = controllers.at_rest(
         ARRAYS, p, sensors.measure(ARRAYS, p, plant, angle[0], angle[0], 0.0, turned), p.fin.start_angle)
+    line = int(bus.late(FLOATS, p))
+    arrived = np.concatenate([np.zeros((line, *command.shape[1:])), command])
+    begun = bus.start(ARRAYS, p, p.fin.start_angle)
+    wait, before = (begun[name] for name in bus.STATES)
     reference, raw = np.empty_like(command), np.empty_like(command)
     for k in range(len(command)):
+        asked, wait, before = bus.taken(ARRAYS, p, arrived[k], wait, before)
         measured = sensors.measure(ARRAYS, p, plant, angle[k], angle[k], speed[k], turned)
-        out = controllers.sample(ARRAYS, p, loops, measured, current[k], command[k])
+        out = controllers.sample(ARRAYS, p, loops, measured, current[k], asked)
         loops, turned = out.loops, measured.motor_counts
         reference[k], raw[k] = out.reference, out.speed_raw
     return reference, raw

@@ -8,13 +8,17 @@ from typing import Any
 import numpy as np
 
 from ...reference.linear import LinearModel
-from .linear import System, moving
+from .linear import System, moving, waiting, wire
 
 
 def closed(values: Mapping[str, Any]) -> System:
-    """Return the system from ``command`` [rad] to ``fin_angle`` [rad] at the sample times."""
+    """Return the system from the command [rad] on the bus to ``fin_angle`` [rad] at the sample times."""
     model = LinearModel(values)
-    return _system(model, model.update, model.drive, model.output, "command", "fin_angle")
+    loop = _system(model, model.update, model.drive, model.output, "command", "fin_angle")
+    if not model.latency:
+        return loop
+    bus = waiting(model.latency, model.sample_time)
+    return wire([bus, loop], [("arrived", "command")], ["sent"], ["fin_angle"])
 
 
 def reference_loop(values: Mapping[str, Any]) -> System:

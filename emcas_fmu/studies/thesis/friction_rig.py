@@ -74,7 +74,7 @@ def sweep(values: Mapping[str, Any], rpm: float, temperature: float) -> Sweep:
     start = -REACH * values["command.limit"]
     values = {**values, "friction.temperature": temperature, "fin.start_angle": start,
               "inertia.motor": values["inertia.motor"] + rig.inertia}
-    p = nonlinear.ACTUATOR.namespace(values)
+    p = nonlinear.ACTUATOR.plant(values)
     low, high = (float(kinematics.motor_angle(FLOATS, p, angle)) for angle in (start, -start))
     commanded, constant = _profile(rpm * RPM, high - low, rig.acceleration, rig.sample_time)
     unit = SteppedUnit(values, rig.sample_time)

@@ -19,7 +19,7 @@ from ...files import models_directory
 from ...parameters import load_parameters
 from ...progress import Progress, silent
 from ...reference import files, stored
-from ...reference.linear import LinearModel
+from ...reference.linear import LinearModel, obstacle
 from . import claims
 
 # A hundredth of the accuracy: differences to the reference must not show in any figure judged by Table 2.
@@ -149,6 +149,8 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
     notes = [f"{name} is left out: {why}" for name, why in obstacles.items()]
     cases = [case for case in cases if case.name not in obstacles]
     extra = {} if names else {**verdict.holds(), **_linear_steps(subject)}
+    if not names and parts(subject.model)[0] == NONLINEAR and (why := obstacle(subject.values)):
+        notes.append(f"The comparison with the linear model is left out: {why}")
     total, series = len(cases) + len(extra), dict[str, Series]()
     outputs = [name for name in RECORDED if name in subject.outputs]
     for case in cases:
@@ -191,8 +193,8 @@ def _linear_name(amplitude: float) -> str:
 
 
 def _linear_steps(subject: Subject) -> dict[str, Excitation]:
-    """Return steps to compare with the linear model, at its sample times; none of an actuator it is no model of."""
-    if parts(subject.model)[0] != NONLINEAR:
+    """Return steps to compare with the linear model, at its sample times; none of a subject it is no model of."""
+    if parts(subject.model)[0] != NONLINEAR or obstacle(subject.values):
         return {}
     period = LinearModel(subject.values).sample_time
     return {_linear_name(amplitude): step_to(radians(amplitude), _LINEAR_DURATION, step=period)
