@@ -65,8 +65,8 @@ def test_shipped_fmu_meets_table_2(whole: Validation) -> None:
     # Figures no limit would catch: twice the measured rate, a tenfold bandwidth would mean a broken measurement.
     assert 220.0 < judged["unloaded_rate"].measured < 300.0  # type: ignore[operator]
     assert judged["loaded_rate"].measured < judged["unloaded_rate"].measured  # type: ignore[operator]
-    # Without friction, counts and limits it is 14.93 Hz. Friction and counts take 4 % of it at 1 deg; at 3.5 deg they take
-    # less, and the limits act above the bandwidth only: +1 %, of the sweep.
+    # Without friction, counts and limits it is 14.93 Hz. Friction and counts take 4 % of it at 1 deg; at 3.5 deg they
+    # take less, and limits act from 14 Hz on only: +1 %, by the sweep.
     small, large = (judged[f"bandwidth_{size}deg"].measured for size in ("1", "3p5"))
     assert 0.95 * 14.93 < small < 14.93  # type: ignore[operator]
     assert small < large < 1.02 * 14.93  # type: ignore[operator]
