@@ -29,7 +29,7 @@ from ..actuators.declaration import Actuator
 from ..errors import EmcasError
 from ..namespace import with_values
 from ..ops.floats import FLOATS
-from ..parameters import ParameterSet, load_parameters, parameter_file, require_sound
+from ..parameters import ParameterSet, check_combinations, load_parameters, parameter_file, require_sound
 from ..reference.files import parameters_hash
 from ..simulation import Array, SteppedUnit, respond
 from ..variables import Variable
@@ -130,6 +130,11 @@ class Subject(ABC):
         """What is modelled."""
         return get(self.model)
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What its parameters are allowed to be and is worth a look, one line each."""
+        return tuple(check_combinations(self.values, self.actuator, warnings=True))
+
     @cached_property
     def inputs(self) -> Mapping[str, Variable]:
         """Its inputs by name."""
@@ -198,6 +203,10 @@ class ParameterSubject(Subject):
     @cached_property
     def values(self) -> Mapping[str, Any]:
         return self.parameters.values
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        return self.parameters.warnings
 
     @cached_property
     def identification(self) -> Identification:

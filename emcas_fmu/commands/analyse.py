@@ -13,18 +13,17 @@ from rich.table import Table
 from ..actuators import NONLINEAR
 from ..bench.writers import number
 from ..errors import EmcasError
-from ..parameters import load_parameters
 from .common import (
     ModelOption,
     ParametersOption,
     check_outputs,
     failures,
     out,
+    parameter_set,
     print_written,
     progress_bar,
     require_extra,
     stepper,
-    warn,
 )
 
 EPILOG = ("Examples:\n\n  emcas analyse\n\n  emcas analyse --at 15 --report analysis.html "
@@ -53,8 +52,7 @@ def analyse(
         for name, value in (("--at", at), ("--torque", torque)):
             if not isfinite(value):
                 raise EmcasError(f"{name} {value}: give a finite number")
-        chosen = load_parameters(parameters, model=model)
-        warn(chosen.warnings)
+        chosen = parameter_set(parameters, model)
         require_extra("analysis", "emcas analyse needs", "control", "casadi")
         from ..studies.analysis import output
         from ..studies.analysis.analyse import analyse as run

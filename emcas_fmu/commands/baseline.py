@@ -17,6 +17,7 @@ from .common import (
     SubjectModelOption,
     check_outputs,
     failures,
+    open_subject,
     out,
     parameter_arguments,
     progress_bar,
@@ -51,7 +52,6 @@ def record(
     fresh: Annotated[bool, typer.Option("--fresh", help="Begin with the shipped limits and cases.")] = False,
 ) -> None:
     """Approve the present response: write its figures and trajectories as text to commit."""
-    from ..bench.subject import open_subject
     from ..studies.baseline.model import FILE
     from ..studies.baseline.read import read
     from ..studies.baseline.study import TEMPLATE, first
@@ -99,7 +99,6 @@ def check(
                                                 metavar="FILE.html")] = None,
 ) -> None:
     """Compare the response with the approved one; exit code 1 if it drifts."""
-    from ..bench.subject import open_subject
     from ..bench.writers import write_json
     from ..studies.baseline.output import append_markdown, as_dict, write_junit
     from ..studies.baseline.read import read

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..errors import EmcasError
-from .common import INTERRUPTED, check_outputs, err, failures, model_option, out, progress_bar, require_extra
+from .common import INTERRUPTED, check_outputs, err, failures, model_option, out, progress_bar, require_extra, warn
 
 EPILOG = ("Examples:\n\n  emcas campaign models/campaign.toml --output results"
           "\n\n  emcas campaign models/campaign_faults.toml --model elastic+faults"
@@ -60,6 +60,7 @@ def campaign(
         check_outputs(*((page, figures) if only is None else (as_json,)), folders=(folder,) if only is None else (),
                       inputs=(file, fmu))
         study = load_study(file, fmu, fin, model)
+        warn(study.warnings)
         if only is not None:
             _one(study, only, as_json)
             return

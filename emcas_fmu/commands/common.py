@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -15,10 +15,13 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bars
 
-from ..actuators import EXTENSIONS, NAMES
+from ..actuators import EXTENSIONS, NAMES, NONLINEAR
 from ..errors import EmcasError
-from ..parameters import ParameterError
+from ..parameters import ParameterError, ParameterSet, load_parameters
 from ..progress import Progress
+
+if TYPE_CHECKING:
+    from ..bench.subject import Subject
 
 out = Console()
 err = Console(stderr=True)
@@ -68,9 +71,27 @@ def failures() -> Iterator[None]:
 
 
 def warn(warnings: Iterable[str]) -> None:
-    """Print warnings on standard error, so that what a program reads from standard output stays clean."""
-    for warning in warnings:
+    """Print warnings on standard error, each once, so that what a program reads from standard output stays clean."""
+    for warning in dict.fromkeys(warnings):
         err.print(f"[bold yellow]warning:[/] {escape(warning)}", highlight=False, soft_wrap=True)
+
+
+def parameter_set(files: Iterable[Path] | None, model: str = NONLINEAR) -> ParameterSet:
+    """Return what `load_parameters` does, and print its warnings. Raises ParameterError."""
+    chosen = load_parameters(files, model=model)
+    warn(chosen.warnings)
+    return chosen
+
+
+@contextmanager
+def open_subject(path: Path | None, model: str | None = None, fin: int | None = None,
+                 parameters: Sequence[Path] | None = None) -> Iterator[Subject]:
+    """Open the subject as `bench.subject` does, and print its warnings. Raises EmcasError or ParameterError."""
+    from ..bench import subject
+
+    with subject.open_subject(path, model, fin, parameters) as opened:
+        warn(opened.warnings)
+        yield opened
 
 
 def print_written(*paths: Path | None) -> None:

@@ -38,7 +38,7 @@ def compare(
         files = [Path(name) for name in sets or ()]
         common.check_outputs(as_json, report, inputs=(*files, *(parameters or ())))
         chosen = load_sets(sets or DRIVES, model, parameters or ())
-        common.warn(dict.fromkeys(warning for each in chosen.values() for warning in each.warnings))
+        common.warn(warning for each in chosen.values() for warning in each.warnings)
         with common.progress_bar() as progress:
             result = run(chosen, common.stepper(progress, "compare"))
         for path, write in ((as_json, write_json), (report, write_report)):

@@ -11,8 +11,7 @@ from rich.table import Table
 
 from ..bench.writers import write_json
 from ..errors import EmcasError
-from ..parameters import load_parameters
-from .common import ModelOption, ParametersOption, check_outputs, failures, out, print_written, warn
+from .common import ModelOption, ParametersOption, check_outputs, failures, out, parameter_set, print_written
 
 if TYPE_CHECKING:
     from ..studies.analysis.envelope import Envelope
@@ -49,8 +48,7 @@ def envelope(
         from ..studies.analysis import envelope as study
 
         check_ending(plot)
-        chosen = load_parameters(parameters, model=model)
-        warn(chosen.warnings)
+        chosen = parameter_set(parameters, model)
         computed = study.envelope(chosen, seconds, preload)
         if output:
             _write_csv(computed, output)

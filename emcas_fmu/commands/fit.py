@@ -12,8 +12,8 @@ from rich.table import Table
 from ..actuators import NONLINEAR, full_name
 from ..bench.writers import write_json
 from ..errors import EmcasError
-from ..parameters import ParameterError, ParameterSet, load_parameters
-from .common import ParametersOption, check_outputs, failures, out, parameter_arguments, print_written
+from ..parameters import ParameterError, ParameterSet
+from .common import ParametersOption, check_outputs, failures, out, parameter_arguments, parameter_set, print_written
 
 EPILOG = ("Examples:\n\n  emcas fit\n\n  emcas fit -p my_actuator.toml --output my_second_order.toml"
           "\n\n  python build_fmu.py --model second-order -p my_second_order.toml")
@@ -53,7 +53,7 @@ def _nonlinear(files: list[Path] | None, model: str) -> ParameterSet:
     if full_name(model) != NONLINEAR:
         raise EmcasError(f"--model {model}: {needs}; leave --model out")
     try:
-        return load_parameters(files)
+        return parameter_set(files)
     except ParameterError as error:
         places = [problem.partition(" = ")[0].rpartition(": ") for problem in error.problems
                   if ": unknown parameter" in problem]

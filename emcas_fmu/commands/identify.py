@@ -10,8 +10,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from ..parameters import load_parameters
-from .common import ParametersOption, check_outputs, failures, out
+from .common import ParametersOption, check_outputs, failures, out, parameter_set
 
 if TYPE_CHECKING:
     from ..studies.identification.result import Identification
@@ -62,7 +61,7 @@ def _identify(kind: str, files: list[Path], parameters: list[Path] | None, outpu
         check_outputs(report, as_json, inputs=(*files, *(parameters or ())))
         check_outputs(output, report, as_json, inputs=files)
         experiment = import_module(f"..studies.identification.{kind}", __package__)
-        result: Identification = experiment.identify(files, load_parameters(parameters), **choice)
+        result: Identification = experiment.identify(files, parameter_set(parameters), **choice)
         if output:
             write_identified(result, output, parameters or ())
         if report:

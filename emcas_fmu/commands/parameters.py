@@ -11,8 +11,7 @@ from rich.table import Table
 
 from ..actuators import NONLINEAR
 from ..files import named_sets
-from ..parameters import load_parameters
-from .common import ModelOption, ParametersOption, failures, out, warn
+from .common import ModelOption, ParametersOption, failures, out, parameter_set
 
 EPILOG = ("Examples:\n\n  emcas parameters\n\n  emcas parameters -p my_actuator.toml --json"
           "\n\n  emcas parameters --sets\n\n  emcas parameters -p drive-pi"
@@ -31,8 +30,7 @@ def show_parameters(
         _show_sets(as_json)
         return
     with failures():
-        chosen = load_parameters(parameters, model=model)
-    warn(chosen.warnings)
+        chosen = parameter_set(parameters, model)
     records = [{"name": e.variable.name, "value": e.value, "unit": e.variable.unit, "as_written": e.text,
                 "source": e.source, "note": e.note, "file": e.file} for e in chosen.entries]
     if as_json:

@@ -11,8 +11,7 @@ from rich.table import Table
 
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
-from ..parameters import load_parameters
-from .common import ModelOption, ParametersOption, check_outputs, failures, out, progress_bar, stepper
+from .common import ModelOption, ParametersOption, check_outputs, failures, out, parameter_set, progress_bar, stepper
 
 EPILOG = ("Examples:\n\n  emcas reference --check\n\n  emcas reference --case step_plus1 --directory ref"
           "\n\n  emcas reference --parameters my_actuator.toml --directory my_references"
@@ -40,7 +39,7 @@ def reference(
         folder = directory or models_directory() / "reference"
         if not check:
             check_outputs(folders=(folder,))
-        chosen = load_parameters(parameters, model=model)
+        chosen = parameter_set(parameters, model)
         with progress_bar() as progress:
             step = stepper(progress, "reference")
             if not check:

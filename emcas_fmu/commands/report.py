@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from ..errors import EmcasError
-from ..parameters import check_combinations
 from . import common
 
 EPILOG = ("Examples:\n\n  emcas report\n\n  emcas report EMCAS.fmu --output report.html --date 2026-03-31"
@@ -38,7 +37,6 @@ def report(
 ) -> None:
     """Carry out an actuator's acceptance test on an FMU or a parameter set, and write the report to sign."""
     from ..bench.excitation import csv_file
-    from ..bench.subject import open_subject
     from ..bench.verdict import load_requirements
     from ..reference.cases import LOAD
     from ..studies.report.output import summary, write_json, write_junit, write_report
@@ -50,8 +48,7 @@ def report(
             raise EmcasError(f"--load {load:g}: must be above 0, in N.m")
         printed = _date(date) if date else ""
         specified = load_requirements(requirements) if requirements else []
-        with common.progress_bar() as progress, open_subject(article, model, fin, parameters) as subject:
-            common.warn(check_combinations(subject.values, subject.actuator, warnings=True))
+        with common.progress_bar() as progress, common.open_subject(article, model, fin, parameters) as subject:
             profile = csv_file(mission, model=subject.model) if mission else None
             result = carry_out(subject, load=load or LOAD, profile=profile, requirements=specified,
                                progress=common.stepper(progress, "test"))

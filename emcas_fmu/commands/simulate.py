@@ -164,7 +164,7 @@ def simulate(
         sets = fin_sets(base, fins, layout, files) if fins > 1 else (base,)
         sets = tuple(each.replace({**changes[0], **changes[k]}) for k, each in enumerate(sets, 1))
         require_shared(sets, "--set")
-        common.warn(dict.fromkeys(warning for each in sets for warning in each.warnings))
+        common.warn(warning for each in sets for warning in each.warnings)
         if case:
             chosen = reference_case(case, supply=supply_start(model, sets[0].values))
         # What is of one fin goes over what is every fin's.

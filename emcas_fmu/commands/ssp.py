@@ -61,7 +61,7 @@ def write(
                             progress=stepper(progress, "compile"))
     out.print(f"written {escape(str(output))}  {output.stat().st_size / 1024:.0f} KiB  {fins} fins, FMU {written.guid}",
               highlight=False, soft_wrap=True)
-    warn(f"left out: {what}" for what in written.left_out)
+    warn((*(f"left out: {what}" for what in written.left_out), *written.warnings))
     files = ", ".join(f"{name} ({DEFAULT if name == NOMINAL else f'{name}.ssd'})" for name in written.variants)
     out.print(f"variants {files}; schema and wiring checked", highlight=False,
               soft_wrap=True)

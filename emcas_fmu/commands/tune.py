@@ -11,7 +11,6 @@ import typer
 
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
-from ..parameters import load_parameters
 from . import common
 
 EPILOG = ("Examples:\n\n  emcas tune --output tuned.toml --report tuning.html"
@@ -52,8 +51,7 @@ def tune(
 
     with common.failures():
         common.check_outputs(output, report, as_json, journal, inputs=(study, *(parameters or ())))
-        base = load_parameters(parameters, model=model)
-        common.warn(base.warnings)
+        base = common.parameter_set(parameters, model)
         chosen = load_study(study, base) if study else shipped_study(base)
         names = [r.name for r in chosen.requirements]
         if pareto is not None and (len(pareto) != 2 or not set(pareto) <= set(names)):

@@ -32,13 +32,12 @@ def validate(
     1: a criterion is not met, or nothing was judged and a case did not run to its end; 2: it cannot be carried out.
     In a gate leave --case out: Table 2 is then judged.
     """
-    from ..bench.subject import open_subject
     from ..studies.validate.output import summary, write_json, write_junit, write_report
     from ..studies.validate.study import validate as run
 
     with common.failures():
         common.check_outputs(as_json, junit, report, inputs=(article, directory))
-        with common.progress_bar() as progress, open_subject(article, model, fin) as subject:
+        with common.progress_bar() as progress, common.open_subject(article, model, fin) as subject:
             result = run(subject, case, directory, common.stepper(progress, "validate"))
         for part in summary(result):
             common.out.print(part, highlight=False)

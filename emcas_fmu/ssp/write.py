@@ -37,12 +37,14 @@ PREFIX = "wiring"
 
 @dataclass(frozen=True)
 class Written:
-    """An archive: its file, the FMU's GUID, the variants, those left out and why, and the report of its check."""
+    """An archive: its file, the FMU's GUID, the variants, those left out and why, the warnings of their parameter sets,
+    and the report of its check."""
 
     path: Path
     guid: str
     variants: tuple[str, ...]
     left_out: tuple[str, ...]
+    warnings: tuple[str, ...]
     report: Report
 
 
@@ -99,7 +101,8 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
         partial.replace(output)
     finally:
         partial.unlink(missing_ok=True)
-    return Written(output, interface.guid, tuple(v.name for v in variants), tuple(left_out), report)
+    warnings = tuple(dict.fromkeys(warning for v in variants for fin in v.fins for warning in fin.warnings))
+    return Written(output, interface.guid, tuple(v.name for v in variants), tuple(left_out), warnings, report)
 
 
 def _starts(interface: Interface, file: str, model: str) -> dict[str, Value]:

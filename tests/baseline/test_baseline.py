@@ -43,10 +43,10 @@ def test_what_matters_is_drift(shipped: Path, values: Mapping[str, Any], name: s
 
 
 def test_a_finer_tick_leaves_most_of_every_limit(shipped: Path) -> None:
-    """docs/tools/ci.md: 47 % of the nearest limit; three quarters leave room for other machines and later versions."""
+    """docs/tools/ci.md: 47 % of the nearest limit, of a power peak's; the kernel gives the same on every machine."""
     subject = ParameterSubject(load_parameters().replace({"solver.max_tick": 3.5e-4}))
     shares = [row.share for row in compare(read(shipped / "baseline"), subject, shipped / "baseline").rows]
-    assert 0.0 < max(shares) < 0.75
+    assert 0.0 < max(shares) < 0.5
 
 
 @pytest.mark.fmu

@@ -45,13 +45,17 @@ def finely(made: Excitation) -> dict[str, Any]:
     return {name: column[first:] for name, column in columns.items() if name != "time"}
 
 
-@pytest.mark.parametrize("degrees", [1.0, 5.0, 20.0])
-def test_rows_of_20_us_say_the_same(degrees: float) -> None:
-    """What remains is measured: 2.8 % at most, of the small step, whose power comes and goes."""
+@pytest.mark.parametrize(("degrees", "energy", "rms"), [
+    (1.0, 0.008, 0.033),  # -0.6 and -2.8 %: much of its power is in the spikes, of which rows 0.2 ms apart see a line
+    (5.0, 0.002, 0.006),  # -0.1 and -0.4 %
+    (20.0, 0.002, 0.004),  # -0.1 and -0.2 %
+])
+def test_rows_of_20_us_say_the_same(degrees: float, energy: float, rms: float) -> None:
+    """The numbers are those of docs/tools/campaigns.md; a fifth and more of each is left for other gains."""
     made, found = stepped(degrees)
     power = finely(made)["supply_power"]
-    assert found["net_energy"] == pytest.approx(np.trapezoid(power, dx=STEP / FINE), rel=0.035)
-    assert found["rms_power"] == pytest.approx(np.sqrt(np.mean(power**2)), rel=0.035)
+    assert found["net_energy"] == pytest.approx(np.trapezoid(power, dx=STEP / FINE), rel=energy)
+    assert found["rms_power"] == pytest.approx(np.sqrt(np.mean(power**2)), rel=rms)
 
 
 def test_energy_goes_into_the_winding_and_the_shaft() -> None:

@@ -18,7 +18,7 @@ from emcas_fmu.studies.campaign.experiments import excitation
 from emcas_fmu.studies.campaign.study import Study, load_study
 from tests.default_actuator import FILE_ENTRIES
 
-from .conftest import GRID, ODD, SMALL, Write, replaced
+from .conftest import GRID, ODD, SMALL, Write, campaign, replaced
 
 
 def test_the_example_is_sound(write: Write, tmp_path: Path) -> None:
@@ -49,6 +49,30 @@ def test_a_temperatures_deviation_is_a_difference(write: Write, written: str, ex
     factor = load_study(write(text)).plan.factors[1]
     # 273.15 and a number near it are subtracted: a few of their roundings of 3e-14.
     assert factor.distribution.numbers["sd"] == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize(("low", "high", "warned"), [
+    ("-6 degC", "24 degC", ()), ("-40 degC", "80 degC", ("-40",)), ("0 degC", "30 degC", ("30",)),
+    ("-60 degC", "-20 degC", ("-40",)),  # the median is said first
+])
+def test_a_temperature_where_friction_was_not_tested(write: Write, low: str, high: str,
+                                                     warned: tuple[str, ...]) -> None:
+    """One warning, of what may come in a sample; the base set's temperature, which varies, is in none."""
+    text = SMALL.replace('low = "-6 degC"\nhigh = "24 degC"', f'low = "{low}"\nhigh = "{high}"')
+    (write(SMALL).parent / "cold.toml").write_text('friction.temperature = "-50 degC"\n', encoding="utf-8")
+    study = load_study(write('[base]\nparameters = "cold.toml"\n' + text))
+    assert [said.partition(" is outside")[0] for said in study.warnings] == [
+        f"friction.temperature = {value} degC" for value in warned]
+
+
+def test_what_does_not_vary_is_warned_of_too(write: Write) -> None:
+    varied = '[vary."friction.temperature"]\ndistribution = "uniform"\nlow = "-6 degC"\nhigh = "24 degC"\n'
+    assert varied in SMALL
+    file = write('[base]\nparameters = "cold.toml"\n' + SMALL.replace(varied, ""))
+    (file.parent / "cold.toml").write_text('friction.temperature = "-50 degC"\n', encoding="utf-8")
+    done = campaign(file, "--only", 0)
+    assert done.exit_code == 0
+    assert done.stderr.count("warning: friction.temperature = -50 degC is outside") == 1
 
 
 def test_a_follower_keeps_its_ratio(small: Study) -> None:

@@ -10,6 +10,14 @@ import pytest
 from .conftest import Edit, emcas
 
 
+def test_parameters_where_friction_was_not_tested(native: Path, tmp_path: Path) -> None:
+    """Of four fins and two variants one warning; the variant cold goes back to where it was tested."""
+    cold = tmp_path / "cold.toml"
+    cold.write_text('friction.temperature = "-40 degC"\n', encoding="utf-8")
+    printed = emcas("--fmu", native, "-o", tmp_path / "cold.ssp", "-p", cold)
+    assert printed.count("warning: friction.temperature = -40 degC is outside") == 1
+
+
 def test_write_and_check(native: Path, tmp_path: Path) -> None:
     target, fin = tmp_path / "four.ssp", tmp_path / "second.toml"
     fin.write_text('[motor]\nresistance = "0.5 Ohm"\n')

@@ -69,11 +69,15 @@ def test_warnings_leave_standard_output_alone(tmp_path: Path) -> None:
 
 
 def test_commands_warn_where_friction_was_not_tested(tmp_path: Path) -> None:
-    cold = tmp_path / "cold.toml"
+    cold, fmu, made = tmp_path / "cold.toml", tmp_path / "cold.fmu", tmp_path / "made"
     cold.write_text('friction.temperature = "-40 degC"\n', encoding="utf-8")
-    for command in (("parameters",), ("simulate", "--step", "5"), ("build", "-o", str(tmp_path / "cold.fmu"))):
-        said = emcas(*command, "-p", str(cold)).stderr
-        assert "warning: friction.temperature = -40 degC is outside" in said, command
+    for command in (("parameters", "-p", cold), ("simulate", "--step", "5", "-p", cold),
+                    ("build", "-o", fmu, "-p", cold), ("validate", cold, "--case", "step_plus1"),
+                    ("validate", fmu, "--case", "step_plus1"),
+                    ("baseline", "record", cold, "-o", made), ("baseline", "check", "-p", cold, "-b", made),
+                    ("reference", "--case", "step_plus1", "--directory", made, "-p", cold)):
+        done = emcas(*map(str, command))
+        assert done.stderr.count("warning: friction.temperature = -40 degC is outside") == 1, command
     cold.write_text('friction.temperature = "-6 degC"\n', encoding="utf-8")
     assert "warning" not in emcas("parameters", "-p", str(cold)).stderr
 

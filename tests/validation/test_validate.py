@@ -65,7 +65,11 @@ def test_shipped_fmu_meets_table_2(whole: Validation) -> None:
     # Figures no limit would catch: twice the measured rate, a tenfold bandwidth would mean a broken measurement.
     assert 220.0 < judged["unloaded_rate"].measured < 300.0  # type: ignore[operator]
     assert judged["loaded_rate"].measured < judged["unloaded_rate"].measured  # type: ignore[operator]
-    assert judged["bandwidth_3p5deg"].measured < 24.1 > judged["bandwidth_1deg"].measured  # type: ignore[operator]
+    # Without friction, counts and limits it is 14.93 Hz. Friction and counts take 4 % of it at 1 deg; at 3.5 deg they
+    # take less, and limits act from 14 Hz on only: +1 %, by the sweep.
+    small, large = (judged[f"bandwidth_{size}deg"].measured for size in ("1", "3p5"))
+    assert 0.95 * 14.93 < small < 14.93  # type: ignore[operator]
+    assert small < large < 1.02 * 14.93  # type: ignore[operator]
 
 
 def test_linear_model_is_compared_not_assumed(whole: Validation) -> None:
@@ -73,8 +77,8 @@ def test_linear_model_is_compared_not_assumed(whole: Validation) -> None:
     assert list(by_amplitude) == [1.0, 2.0, 3.0, 10.0, 20.0]
     assert {f.name: f.holds for f in whole.findings if f.holds is not None} == {
         "linear_alike_below_3deg": True, "nonlinear_slower_above_3deg": True}
-    # 20 deg at the 234 deg/s measured take 69 ms from 10 to 90 %; without limits the rise takes 23 ms for any step.
-    assert by_amplitude[20.0].rise_time_fmu > 2.5 * by_amplitude[20.0].rise_time_linear
+    # 20 deg at the 234 deg/s measured take 68.6 ms from 10 to 90 %; without limits the rise takes 22.9 ms for any step.
+    assert by_amplitude[20.0].rise_time_fmu > 2.9 * by_amplitude[20.0].rise_time_linear
 
 
 def test_result_goes_through_json(whole: Validation, tmp_path: Path) -> None:

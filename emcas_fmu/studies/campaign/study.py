@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
+from itertools import islice
 from math import prod
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,9 +19,11 @@ from ...bench.subject import open_subject
 from ...errors import EmcasError
 from ...fmi.interface import MOST_FINS, FmuInterface, start_values
 from ...fmi.package import interface_guid
-from ...parameters import ParameterSet, check_parameters, load_parameters, parameter_file
+from ...ops.floats import FLOATS
+from ...parameters import ParameterSet, check_combinations, check_parameters, load_parameters, parameter_file
+from ...rules import check_rules
 from ...schema import Table
-from .distributions import CampaignError
+from .distributions import MOST_OUTSIDE, CampaignError
 from .plan import Factor, Plan, source_sha256
 from .schema import Entries, Reader
 
@@ -56,7 +60,10 @@ class _File(Table):
 
 @dataclass(frozen=True)
 class Study:
-    """A campaign file understood. `guid` is the FMU's that runs, or that these parameters would be built into."""
+    """A campaign file understood. `guid` is the FMU's that runs, or that these parameters would be built into.
+
+    `warnings` are of the parameters, with all that varies at its median and at either end, each rule's once.
+    """
 
     path: Path
     text: str
@@ -65,6 +72,7 @@ class Study:
     samples: int
     guid: str
     plan: Plan
+    warnings: tuple[str, ...] = ()
 
 
 def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, model: str | None = None) -> Study:
@@ -90,7 +98,22 @@ def load_study(path: Path, fmu: Path | None = None, fin: int | None = None, mode
     values, _ = plan.varied(float(f.distribution.at(0.5)) for f in plan.factors)
     if problems := check_parameters({v.name: values[v.name] for v in plan.actuator.parameters}, plan.model):
         raise CampaignError(f"{path}: with everything at its median: {'; '.join(problems)}")
-    return Study(path, text, document, file.campaign.method, samples, guid, plan)
+    warnings = tuple(_warnings(base, plan))
+    return Study(path, text, document, file.campaign.method, samples, guid, plan, warnings)
+
+
+def _warnings(base: ParameterSet, plan: Plan) -> Iterator[str]:
+    """Return the warnings of the parameters, of each rule the first: at the medians, or with one factor at an end."""
+    varied = check_combinations(base.values, base.actuator, warnings=True)
+    yield from (warning for warning in base.warnings if warning not in varied)
+    median = [float(f.distribution.at(0.5)) for f in plan.factors]
+    points = [median, *([*median[:k], end, *median[k + 1:]] for k, factor in enumerate(plan.factors)
+                        for end in factor.distribution.limits(MOST_OUTSIDE))]
+    sets = [values for values, _ in map(plan.varied, points) if not check_parameters(
+        {v.name: values[v.name] for v in plan.actuator.parameters}, plan.model)]  # others fail, and say why
+    for rule in plan.actuator.all_rules:
+        bound = ([(partial(rule.check, FLOATS, plan.actuator.namespace(values)), *rule[1:])] for values in sets)
+        yield from islice((warning for checks in bound for warning in check_rules(checks, warnings=True)), 1)
 
 
 def _base(path: Path, entry: _Base, fmu: Path | None, fin: int | None,

@@ -1,0 +1,79 @@
+"""The table of docs/tools/campaigns.md: how far a campaign's figures of power are from those of fine rows.
+
+    python docs/figures/make_campaigns.py           # writes it
+    python docs/figures/make_campaigns.py --check   # exit code 1 where it is stale
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from math import radians
+from typing import Any
+
+import numpy as np
+from make_tables import main, markdown
+
+from emcas_fmu.bench.excitation import STEP
+from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.reference.cases import LEAD_IN
+from emcas_fmu.studies.campaign import measure
+from emcas_fmu.studies.campaign.experiments import Experiment, excitation
+
+FINE = 50  # rows of 20 us
+ON_A_ROW = 3e-3  # s, a transport delay that puts the leaps of power on the rows
+FIGURES = {"energy": "net_energy", "power_rms": "rms_power", "power_peak": "peak_power"}
+EXPERIMENTS = {
+    **{f"step of {size} deg": (Experiment("a", "step", 0.6), {"amplitude": radians(size)}) for size in (1, 5, 20)},
+    "sine of 2 deg, 10 Hz": (Experiment("a", "sine", 0.6), {"amplitude": radians(2), "frequency": 10.0}),
+    "sweep of 1 deg, 0.5 to 30 Hz": (Experiment("a", "chirp", 12.0), {
+        "amplitude": radians(1), "low": 0.5, "high": 30.0})}
+
+
+def _plain(power: Any, step: float) -> dict[str, float]:
+    """Net energy, root mean square and peak of power in rows `step` [s] apart."""
+    return {"net_energy": float(np.trapezoid(power, dx=step)), "rms_power": float(np.sqrt(np.mean(power**2))),
+            "peak_power": float(power.max())}
+
+
+def differences(experiment: Experiment, given: Mapping[str, float], delay: float
+                ) -> tuple[dict[str, float], dict[str, float]]:
+    """A campaign's figures over those of rows of 20 us, less 1; and those of rows 1 ms apart."""
+    subject = ParameterSubject(load_parameters().replace({"drive.transport_delay": delay}))
+    numbers = {f"{experiment.prefix}.{name}": value for name, value in given.items()}
+    made = excitation(experiment, subject.values, numbers, subject.model)
+    run = subject.run(made, substeps=measure.POWER_ROWS, fine=[measure.POWER])
+    found = measure.measured(experiment, numbers, run, measure.leaps(subject, {}, run))
+    first = round(LEAD_IN / STEP) * FINE
+    power = subject.run(made, outputs=[measure.POWER], substeps=FINE, fine=[measure.POWER]).columns[measure.POWER][
+        first:]
+    fine, coarse = _plain(power, STEP / FINE), _plain(power[::FINE], STEP)
+    return ({name: found[name] / value - 1.0 for name, value in fine.items()},
+            {name: coarse[name] / value - 1.0 for name, value in fine.items()})
+
+
+def _cell(ours: float, coarse: float) -> str:
+    shown = f"{100 * ours:+.1f}" if abs(ours) < 0.095 else f"{100 * ours:+.0f}"
+    rows = f"{100 * coarse:+.0f}"
+    shown, rows = ("0" + text[2:] if float(text) == 0.0 else text.replace("-", "−") for text in (shown, rows))
+    return f"{shown} % ({rows})"
+
+
+def power() -> str:
+    """Differences of energy and power to rows of 20 us; in brackets those of rows 1 ms apart."""
+    shipped = float(load_parameters().values["drive.transport_delay"])
+    rows = []
+    for title, (experiment, given) in EXPERIMENTS.items():
+        ours, coarse = differences(experiment, given, shipped)
+        row = [_cell(ours[figure], coarse[figure]) for figure in FIGURES.values()]
+        ours, coarse = differences(experiment, given, ON_A_ROW)
+        rows.append([title, *row, *(_cell(ours[figure], coarse[figure]) for figure in ("net_energy", "rms_power"))])
+    names = [f"`{name}`" for name in FIGURES]
+    return markdown(("", *names, *(f"{name}, {ON_A_ROW * 1e3:g} ms" for name in names[:2])), rows)
+
+
+TABLES = {"tools/campaigns.md": {"power": power}}
+
+if __name__ == "__main__":
+    sys.exit(main("--check" in sys.argv[1:], TABLES, "make_campaigns.py"))
