@@ -133,7 +133,7 @@ def _as_built(values: Mapping[str, Any]) -> Mapping[str, Any]:
     of = {"kinematics.moment_arm": "kinematics.moment_arm", "screw.lead": "screw.lead",
           "motor.torque_constant": "motor.torque_constant", "motor.back_emf_constant": "motor.torque_constant",
           "friction.viscous.positive": "friction.viscous", "friction.viscous.negative": "friction.viscous",
-          "friction.fin_viscous": "friction.viscous"}
+          "friction.fin_viscous": "friction.viscous", "inertia.fin": "mass.fin"}
     return {**values, **{name: values[name] * (1.0 + values[f"deviation.{off}"]) for name, off in of.items()}}
 
 
