@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 
 from emcas_fmu import plots
+from emcas_fmu.bench.excitation import reference_case
+from emcas_fmu.bench.metrics import sustained_rate
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 
@@ -56,12 +58,24 @@ def _holding(screw: tuple[float, float]) -> str:
     return f"{max(least, 0.0):.1f} A"
 
 
+def _rate(screw: tuple[float, float]) -> str:
+    """Rate of the reference case's slew against 100 N.m, as `emcas validate` judges it by Table 2."""
+    chosen = reference_case("load_opposing")
+    forward, backward = screw
+    values = BASE.replace({"efficiency.forward": forward, "efficiency.backward": backward}).values
+    inputs: dict[str, Any] = {name: chosen.columns[name] for name in ("fin_command", "aero_torque")}
+    run = simulate(values, chosen.stop, chosen.step, model=MODEL, **inputs)
+    slew = chosen.moves[-1]
+    return f"{np.degrees(sustained_rate(run['time'], run['fin_angle'], slew.start, slew.level)):.0f}°/s"
+
+
 def strokes() -> str:
     """The table of docs/model/efficiency.md."""
     head = ["forward / backward", *(f"{way}: {what}" for way in ("against", "with") for what in (
-        "current", "bus power", "screw loss", "energy from the bus")), "holding current"]
-    rows = [[f"{screw[0]:g} / {screw[1]:g}", *_stroke(screw, -LOAD), *_stroke(screw, LOAD), _holding(screw)]
-            for screw in SCREWS]
+        "current", "bus power", "screw loss", "energy from the bus")), "holding current",
+            "rate of a slew against"]
+    rows = [[f"{screw[0]:g} / {screw[1]:g}", *_stroke(screw, -LOAD), *_stroke(screw, LOAD), _holding(screw),
+             _rate(screw)] for screw in SCREWS]
     return "\n".join(f"| {' | '.join(row)} |" for row in [head, ["---"] * len(head), *rows])
 
 

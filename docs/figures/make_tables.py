@@ -1,4 +1,4 @@
-"""Tables of hosts.md, ci.md, models.md and drive.md in docs: what is declared, and what is measured.
+"""Tables of hosts.md, fins.md, ci.md, models.md, elastic.md and drive.md in docs: what is declared, and what is measured.
 
     python docs/figures/make_tables.py           # writes them between their markers
     python docs/figures/make_tables.py --check   # exit code 1 where one is stale
@@ -25,11 +25,12 @@ from emcas_fmu.fmi.interface import BUS_PARAMETERS, MIXING, FmuInterface
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.runtime import codegen
-from emcas_fmu.simulation import simulate
+from emcas_fmu.simulation import simulate, simulate_fins
 from emcas_fmu.studies.baseline.read import read
 from emcas_fmu.studies.baseline.study import TEMPLATE, compare, record
 from emcas_fmu.studies.baseline.table import HEADER, cells, selected, verdict
 from emcas_fmu.studies.compare import study as comparison
+from emcas_fmu.studies.fitting import fit
 from emcas_fmu.variables import Variable
 
 DOCS = Path(__file__).resolve().parents[1]
@@ -125,6 +126,17 @@ def steps() -> str:
     return markdown(("communication step", *(loop.title for loop in LOOPS)), rows)
 
 
+def bus() -> str:
+    """Peak current and lowest voltage of a bus whose four fins step 17 deg together; rows of 0.1 ms, as the sag's."""
+    values, rows = load_parameters().values, []
+    for resistance in (0.0, 0.02, 0.05):
+        run = simulate_fins([values] * 4, 0.06, FINE, bus={"bus.source_resistance": resistance},
+                            fin_command=radians(17.0))
+        rows.append((f"{resistance * 1e3:g} mΩ", f"{run['bus_current'].max():.0f} A",
+                     f"{run['bus_voltage'].min():.1f} V"))
+    return markdown(("`bus.source_resistance`", "largest current", "lowest voltage"), rows)
+
+
 def drift() -> str:
     """What `emcas baseline check` shows first after a gain has changed by 1 %."""
     folder, gain = DOCS, "controller.position.kp"
@@ -194,6 +206,42 @@ def models() -> str:
     return markdown(("reference case", *others), rows)
 
 
+def _step(model: str, size: float, *, encoder: bool = True) -> np.ndarray:
+    """Fin angle [rad] in 0.4 s after an unloaded step of `size` [deg]."""
+    parameters = load_parameters(model=model)
+    values = {"encoder.enabled": False} if not encoder and "encoder.enabled" in parameters.values else {}
+    return simulate(parameters.replace(values).values, 0.4, model=model, fin_command=radians(size))["fin_angle"]
+
+
+def linear() -> str:
+    """How far the linear model is from the nonlinear one in unloaded steps, without encoder."""
+    sizes = (1.0, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0)
+    apart = (degrees(max(np.abs(_step("linear", sign * size) - _step(NONLINEAR, sign * size, encoder=False)).max()
+                         for sign in (1.0, -1.0))) for size in sizes)
+    return markdown(("step", *(f"{size:g}°" for size in sizes)), [("`linear`", *(f"{a:.2g}°" for a in apart))])
+
+
+def fitted() -> str:
+    """What `emcas fit` finds for the nonlinear model, and how far it is from that model's unloaded steps."""
+    found = fit(load_parameters())
+    v = found.figures()
+    values = v["parameters"]
+    head = (f"{values['second_order.natural_frequency']:.1f} rad/s, damping {values['second_order.damping']:.2f}, "
+            f"rate limit {degrees(values['second_order.rate_limit']):.0f}°/s, delay "
+            f"{1e3 * values['drive.transport_delay']:.1f} ms:")
+    rows = [(f"`second-order`, {what}", *(f"{each:.2g} %" for each in v[name]))
+            for what, name in (("largest", "largest_difference_percent"), ("rms", "rms_difference_percent"))]
+    return f"{head}\n\n" + markdown(("step", *(f"{size:g}°" for size in v["step_deg"])), rows)
+
+
+def structures() -> str:
+    """How far the models with an elastic line are from the nonlinear one in unloaded steps."""
+    sizes = (1.0, 5.0, 20.0)
+    rows = [[f"`{model}`", *(f"{degrees(np.abs(_step(model, size) - _step(NONLINEAR, size)).max()):.2g}°"
+                             for size in sizes)] for model in ("elastic", "habibi", "ozkan")]
+    return markdown(("", *(f"{size:g}°" for size in sizes)), rows)
+
+
 def presets() -> str:
     """Table 2 for the readings of the current loop's gains; bold where it is missed."""
     found = comparison.compare(comparison.load_sets(comparison.DRIVES[1:], NONLINEAR))
@@ -208,8 +256,10 @@ def presets() -> str:
 
 
 TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {
-    "use/hosts.md": {"single": single, "several": several, "steps": steps}, "tools/ci.md": {"drift": drift},
-    "model/models.md": {"provided": provided, "extensions": extensions, "models": models},
+    "use/hosts.md": {"single": single, "several": several, "steps": steps}, "use/fins.md": {"bus": bus},
+    "tools/ci.md": {"drift": drift},
+    "model/models.md": {"provided": provided, "extensions": extensions, "models": models, "linear": linear,
+                        "fitted": fitted}, "model/elastic.md": {"structures": structures},
     "model/drive.md": {"presets": presets}}
 
 
