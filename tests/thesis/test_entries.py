@@ -155,6 +155,14 @@ def test_backlash_is_found_again(written: tuple[Mapping[str, Any], str, str]) ->
     assert gap < values["identified [deg]"] < 1.1 * gap
 
 
+def test_only_some_entries_write_no_page_unless_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = emcas("--only", "3.2", "--json", "t.json")
+    assert done.exit_code == 0, done.output
+    assert "Figure 3.2" in done.output
+    assert [path.name for path in tmp_path.iterdir()] == ["t.json"]
+
+
 def test_the_same_set_gives_the_same_page(tmp_path: Path) -> None:
     for name in ("a", "b"):
         assert emcas("--only", "5.8", "--only", "3.4", "-o", str(tmp_path / f"{name}.html")).exit_code == 0
