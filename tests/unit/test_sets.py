@@ -128,3 +128,7 @@ def test_the_sets_are_listed() -> None:
     table = CliRunner().invoke(app, ["parameters", "--sets"])
     assert table.exit_code == 0
     assert all(name in table.stdout for name in SETS)
+    for others in (["-p", "drive-pi"], ["--model", "nonsense"]):
+        refused = CliRunner().invoke(app, ["parameters", "--sets", *others])
+        assert refused.exit_code == 2
+        assert "leave --parameters and --model out" in refused.stderr
