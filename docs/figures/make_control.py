@@ -10,19 +10,17 @@ import numpy as np
 
 from emcas_fmu import plots
 from emcas_fmu.bench.subject import ParameterSubject
-from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.studies.tuning.measure import Test, measure
 
 PAGE = Path(__file__).resolve().parents[1] / "model" / "control.md"
-MODELS = models_directory()
 THESIS = {"controller.position.setpoint_weight": 1.0}
 SETS: Mapping[str, ParameterSet] = {
     "shipped": load_parameters(),
     "shipped, setpoint weight 1": load_parameters().replace(THESIS),
-    "`models/robust.toml`": load_parameters(MODELS / "robust.toml"),
-    "shipped with a load observer": load_parameters(MODELS / "sets" / "load-observer.toml"),
-    "robust with a load observer": load_parameters([MODELS / "robust.toml", MODELS / "sets" / "load-observer.toml"]),
+    "robust": load_parameters("robust"),
+    "shipped with a load observer": load_parameters("load-observer"),
+    "robust with a load observer": load_parameters(["robust", "load-observer"]),
 }
 OBSERVER = SETS["shipped with a load observer"].values["controller.load_observer"]
 GAINS = ("controller.position.kp", "controller.position.ki", "controller.velocity.kp")
@@ -59,7 +57,7 @@ def figures(parameters: ParameterSet) -> dict[str, float]:
 
 def between(share: float) -> ParameterSet:
     """Return the shipped set with gains between those of the robust set (0) and its own (1)."""
-    low, high = SETS["`models/robust.toml`"].values, SETS["shipped"].values
+    low, high = SETS["robust"].values, SETS["shipped"].values
     return load_parameters().replace({name: low[name] ** (1.0 - share) * high[name] ** share for name in GAINS})
 
 
@@ -85,7 +83,7 @@ def main() -> None:
                 angle, = measure(LOAD, subject, {}, ("peak_angle",), ("maximum",))
                 points.append((degrees(phase), degrees(angle)))
             axes.plot(*np.array(points).T, color=color, label=label)
-        for name, marker in (("shipped", "o"), ("`models/robust.toml`", "s")):
+        for name, marker in (("shipped", "o"), ("robust", "s")):
             row = measured[name]
             axes.plot(row["phase margin / °"], row["100 N·m load step / °"], marker, color="#444444",
                       label=name.strip("`"))

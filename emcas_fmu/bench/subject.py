@@ -29,7 +29,7 @@ from ..actuators.declaration import Actuator
 from ..errors import EmcasError
 from ..namespace import with_values
 from ..ops.floats import FLOATS
-from ..parameters import ParameterSet, check_combinations, load_parameters, parameter_file, require_sound
+from ..parameters import ParameterSet, check_combinations, load_parameters, require_sound
 from ..reference.files import parameters_hash
 from ..simulation import Array, SteppedUnit, respond
 from ..variables import Variable
@@ -411,7 +411,7 @@ def open_subject(path: Path | None, model: str | None = None, fin: int | None = 
     if path is None or path.suffix.lower() == ".toml":
         if fin is not None:
             raise EmcasError(f"--fin {fin}: {path or 'a parameter set'} is one fin; leave --fin out")
-        files = [*([path] if path else []), *map(parameter_file, parameters or ())]
+        files = [*([path] if path else []), *(parameters or ())]
         yield ParameterSubject(load_parameters(files, model=model or NONLINEAR), files)
         return
     if path.suffix.lower() != ".fmu":

@@ -15,6 +15,7 @@ from .common import (
     ParametersOption,
     SubjectArgument,
     SubjectModelOption,
+    as_given,
     check_outputs,
     failures,
     open_subject,
@@ -75,9 +76,10 @@ def record(
 
 def _command(subject: Path | None, model: str | None, fin: int | None, parameters: list[Path] | None) -> str:
     """The command as a baseline has it, without folders: the same response gives the same bytes wherever it is kept."""
-    which = [*([subject.name] if subject else []), *([] if model is None else ["--model", Path(model).name])]
+    file, *files = [path and Path(Path(as_given(path)).name) for path in (subject, *(parameters or ()))]
+    which = [*([str(file)] if file else []), *([] if model is None else ["--model", Path(model).name])]
     return shlex.join(["emcas", "baseline", "record", *which, *(["--fin", str(fin)] if fin else []),
-                       *parameter_arguments(Path(file.name) for file in parameters or ())])
+                       *parameter_arguments(filter(None, files))])
 
 
 @app.command(epilog=_CHECK)
@@ -109,7 +111,7 @@ def check(
         check_outputs(as_json, junit, markdown, report, inputs=(subject, *(parameters or ()), baseline))
         with progress_bar() as progress, open_subject(subject, model, fin, parameters) as opened:
             result = compare(read(baseline, opened.model), opened, baseline, stepper(progress, "check"))
-        which = [*([str(subject)] if subject else []), *([] if model is None else ["--model", model])]
+        which = [*([as_given(subject)] if subject else []), *([] if model is None else ["--model", model])]
         advice = remedy(result, shlex.join([*which, *parameter_arguments(parameters)]), str(baseline))
         # A log has no width of its own, and a folded table is hard to read there.
         console = out if out.is_terminal else Console(width=_LOG_WIDTH)

@@ -17,7 +17,8 @@ from rich.progress import Progress as Bars
 
 from ..actuators import EXTENSIONS, NAMES, NONLINEAR
 from ..errors import EmcasError
-from ..parameters import ParameterError, ParameterSet, load_parameters
+from ..files import named_sets
+from ..parameters import ParameterError, ParameterSet, load_parameters, parameter_file
 from ..progress import Progress
 
 if TYPE_CHECKING:
@@ -30,6 +31,27 @@ INTERRUPTED = 130
 """Exit code of a run that was stopped by Ctrl-C."""
 
 
+@contextmanager
+def failures() -> Iterator[None]:
+    """Print expected failures as a message and exit with 2, never with a traceback."""
+    try:
+        yield
+    except (EmcasError, ParameterError, OSError) as error:
+        err.print(f"[bold red]error:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
+        raise typer.Exit(2) from error
+
+
+def _file(given: Path | None) -> Path | None:
+    """Return the file that an argument means, which may be a shipped set's name: commands get files."""
+    with failures():
+        return given and parameter_file(given)
+
+
+def _files(given: list[Path] | None) -> list[Path] | None:
+    with failures():
+        return given and [parameter_file(each) for each in given]
+
+
 def model_option(what: str, more: str = "") -> Any:
     """Return the option --model; `what` begins its help, `more` ends it."""
     return typer.Option("--model", metavar="NAME|FILE.py[+EXTENSION...]", help=(
@@ -39,15 +61,15 @@ def model_option(what: str, more: str = "") -> Any:
 
 ModelOption = Annotated[str, model_option("Which actuator")]
 SubjectArgument = Annotated[Path | None, typer.Argument(
-    help="FMU (.fmu) or parameter file (.toml); the shipped parameters unless given.", metavar="[FMU|TOML]",
-    show_default=False)]
+    help="FMU (.fmu), parameter file (.toml) or the name of a shipped set (emcas parameters --sets); the shipped "
+         "parameters unless given.", metavar="[FMU|TOML|SET]", show_default=False, callback=_file)]
 SubjectModelOption = Annotated[str | None, model_option(
     "Which actuator a parameter file is of", " Unless given, nonlinear; an FMU tells it by its name, but for one of a "
                                                "file of yours.")]
 ParametersOption = Annotated[list[Path] | None, typer.Option(
     "--parameters", "-p", help="Parameter file (TOML), or the name of a shipped set (emcas parameters --sets); "
                                "overrides any subset of the defaults (may be given several times: a later one goes "
-                               "over those before it).", metavar="FILE|SET")]
+                               "over those before it).", metavar="FILE|SET", callback=_files)]
 FinOption = Annotated[int | None, typer.Option(help="Which fin of a unit of several; the first unless given.",
                                                metavar="N")]
 LayoutOption = Annotated[str, typer.Option(help="Where several fins are: one along body y, or half a space further.",
@@ -58,16 +80,6 @@ JsonOption = Annotated[Path | None, typer.Option("--json", help="Write all figur
 JunitOption = Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.", metavar="FILE")]
 ReportOption = Annotated[Path | None, typer.Option(help="Write a page with pictures to this file.",
                                                    metavar="FILE.html")]
-
-
-@contextmanager
-def failures() -> Iterator[None]:
-    """Print expected failures as a message and exit with 2, never with a traceback."""
-    try:
-        yield
-    except (EmcasError, ParameterError, OSError) as error:
-        err.print(f"[bold red]error:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
-        raise typer.Exit(2) from error
 
 
 def warn(warnings: Iterable[str]) -> None:
@@ -102,7 +114,12 @@ def print_written(*paths: Path | None) -> None:
 
 def parameter_arguments(files: Iterable[Path] | None) -> list[str]:
     """Return the arguments that name parameter files, for a command that is written into a result."""
-    return [argument for file in files or () for argument in ("--parameters", str(file))]
+    return [argument for file in files or () for argument in ("--parameters", as_given(file))]
+
+
+def as_given(file: Path) -> str:
+    """Return what names a file on the command line: its path, or the name of a shipped set."""
+    return next((name for name, path in named_sets().items() if path == file), str(file))
 
 
 def require_extra(extra: str, what: str, *modules: str) -> None:

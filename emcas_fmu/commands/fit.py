@@ -13,7 +13,16 @@ from ..actuators import NONLINEAR, full_name
 from ..bench.writers import write_json
 from ..errors import EmcasError
 from ..parameters import ParameterError, ParameterSet
-from .common import ParametersOption, check_outputs, failures, out, parameter_arguments, parameter_set, print_written
+from .common import (
+    ParametersOption,
+    check_outputs,
+    failures,
+    out,
+    parameter_arguments,
+    parameter_set,
+    print_written,
+    warn,
+)
 
 EPILOG = ("Examples:\n\n  emcas fit\n\n  emcas fit -p my_actuator.toml --output my_second_order.toml"
           "\n\n  python build_fmu.py --model second-order -p my_second_order.toml")
@@ -33,6 +42,7 @@ def fit(
     with failures():
         check_outputs(output, as_json, inputs=parameters or ())
         fitted = fitting.fit(_nonlinear(parameters, model))
+        warn(fitted.warnings)
         if output:
             fitting.write_fitted(fitted, output, shlex.join(["emcas", "fit", *parameter_arguments(parameters)]))
         if as_json:

@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..actuators import NONLINEAR
+from ..errors import EmcasError
 from ..files import named_sets
 from .common import ModelOption, ParametersOption, failures, out, parameter_set
 
@@ -27,6 +28,9 @@ def show_parameters(
 ) -> None:
     """Print the parameter set with units and sources, checked."""
     if sets:
+        with failures():
+            if parameters or model != NONLINEAR:
+                raise EmcasError("--sets lists all sets, of any actuator: leave --parameters and --model out")
         _show_sets(as_json)
         return
     with failures():

@@ -17,7 +17,7 @@ from rich.table import Column, Table
 from ..actuators import NONLINEAR
 from ..errors import EmcasError, hint
 from ..fmi.interface import BUS_PARAMETERS, FmuInterface, fin_files, fin_sets, require_shared
-from ..parameters import load_parameters
+from ..parameters import ParameterError, ParameterSet, load_parameters
 from ..reference.cases import LEAD_IN
 from ..schema import In
 from . import common
@@ -70,6 +70,15 @@ def _settings(texts: Iterable[str], unit: FmuInterface) -> tuple[
             raise EmcasError(f"--set {text}: the {unit.actuator.name} actuator has no such parameter or input{remedy}")
         parameters[number][own] = value
     return parameters, bus, constants
+
+
+def _changed(base: ParameterSet, changes: Mapping[str, object]) -> ParameterSet:
+    """Return a set with what --set gives. Raises ParameterError."""
+    try:
+        return base.replace(changes)
+    except ParameterError as error:
+        raise ParameterError(f"--set {problem.removeprefix('replaced value: ')}"
+                             for problem in error.problems) from error
 
 
 def _value(entry: str) -> bool | float | str:
@@ -162,7 +171,7 @@ def simulate(
         base = load_parameters(parameters, model=model)
         base = base.replace(base.having(chosen.start_values))
         sets = fin_sets(base, fins, layout, files) if fins > 1 else (base,)
-        sets = tuple(each.replace({**changes[0], **changes[k]}) for k, each in enumerate(sets, 1))
+        sets = tuple(_changed(each, {**changes[0], **changes[k]}) for k, each in enumerate(sets, 1))
         require_shared(sets, "--set")
         common.warn(warning for each in sets for warning in each.warnings)
         if case:

@@ -15,8 +15,8 @@ EPILOG = ("Examples:\n\n  emcas thesis --output thesis.html\n\n  emcas thesis --
 
 def thesis(
     parameters: common.ParametersOption = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Page to write.",
-                                         metavar="FILE.html")] = Path("thesis.html"),
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Page to write; thesis.html unless given, with "
+                                                "--only none.", metavar="FILE.html")] = None,
     only: Annotated[list[str] | None, typer.Option(help="Only this entry: a figure by its number, a table as in "
                                                         "\"Table 4\" (may be given several times).",
                                                    metavar="ENTRY")] = None,
@@ -31,17 +31,19 @@ def thesis(
     from ..studies.thesis.runs import Runs
     from ..studies.thesis.study import carry_out
 
+    page = output if output or only else Path("thesis.html")
     with common.failures():
-        common.check_outputs(output, as_json, inputs=parameters or ())
+        common.check_outputs(page, as_json, inputs=parameters or ())
         entries, runs = find(only or ()), Runs(parameters or ())
         common.warn(runs.parameters.warnings)
         with common.progress_bar() as bars:
             result = carry_out(runs, entries, common.stepper(bars, "thesis"))
-        write_page(result, output)
+        if page:
+            write_page(result, page)
         if as_json:
             write_json(result, as_json)
     for part in summary(result, not only):
         common.out.print(part, highlight=False, soft_wrap=isinstance(part, str))
-    common.print_written(output, as_json)
+    common.print_written(page, as_json)
     if result.stopped:
         raise typer.Exit(1)

@@ -46,7 +46,7 @@ def tune(
     """
     from ..studies.tuning.evaluate import Journal
     from ..studies.tuning.optimise import tune as run
-    from ..studies.tuning.output import summary, verdict, write_json, write_report, write_tuned
+    from ..studies.tuning.output import at_bounds, summary, verdict, write_json, write_report, write_tuned
     from ..studies.tuning.study import load_study, shipped_study
 
     with common.failures():
@@ -67,7 +67,8 @@ def tune(
             common.err.print("stopped before there were gains to write")
             raise typer.Exit(common.INTERRUPTED) from None
         common.out.print(summary(result))
-        common.out.print(verdict(result), highlight=False, soft_wrap=True)
+        for line in filter(None, (verdict(result), at_bounds(result))):
+            common.out.print(line, highlight=False, soft_wrap=True)
         command = shlex.join([
             "emcas", "tune", *([str(study)] if study else []), *common.parameter_arguments(parameters),
             *([] if model == NONLINEAR else ["--model", model]), "--seed", str(seed), "--generations",

@@ -22,6 +22,7 @@ _SEARCHED = {"second_order.natural_frequency": (100.0, 5.0, 2000.0), "second_ord
              "second_order.rate_limit": (4.0, 0.1, 100.0), "drive.transport_delay": (3e-3, 0.0, 0.03)}
 NAMES = tuple(_SEARCHED)
 _BEGIN, _LOWEST, _HIGHEST = np.array(list(_SEARCHED.values())).T
+_AT_BOUND = 1e-3  # of the range searched: finer than the digits written
 _NOTE = "Fitted to the nonlinear model."
 _DIFFERENCE = 3e-3  # relative: a delay is known to a thousandth of the sample time
 
@@ -35,9 +36,25 @@ class Fit:
     largest: tuple[float, ...]
     rms: tuple[float, ...]
 
+    @property
+    def at_bound(self) -> dict[str, str]:
+        """Which bound of the search, lower or upper, each of those values lies at that lie at one."""
+        bounds = {(name, side): (self.parameters.values[name], bound, _AT_BOUND * (highest - lowest))
+                  for name, (_, lowest, highest) in _SEARCHED.items()
+                  for side, bound in (("lower", lowest), ("upper", highest))}
+        return {name: side for (name, side), (value, bound, near) in bounds.items() if abs(value - bound) <= near}
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Which fitted values lie at a bound of the search, one line each."""
+        return tuple(
+            f"{name} = {self.parameters.values[name]:.4g} is at the {side} bound of the fit: what fits best may lie "
+            "beyond; see whether the differences left are small enough" for name, side in self.at_bound.items())
+
     def figures(self) -> dict[str, Any]:
         """Return the fitted values and what differences they leave."""
-        return {"parameters": {name: self.parameters.values[name] for name in NAMES}, "step_deg": self.sizes,
+        return {"parameters": {name: self.parameters.values[name] for name in NAMES}, "at_bound": self.at_bound,
+                "step_deg": self.sizes,
                 "largest_difference_percent": self.largest, "rms_difference_percent": self.rms}
 
 
@@ -79,4 +96,4 @@ def write_fitted(fit: Fit, path: Path, command: str) -> None:
     left = ", ".join(f"{rms:.2g} % at {size:g} deg" for size, rms in zip(fit.sizes, fit.rms, strict=True))
     write_parameters(fit.parameters, path, [
         "Parameters of the second-order model, over its defaults.", f"Made by: {command}",
-        f"Differences left, rms of a step's size: {left}."])
+        f"Differences left, rms of a step's size: {left}.", *fit.warnings])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Mapping
+from dataclasses import replace
 from math import radians
 from pathlib import Path
 from typing import Any
@@ -148,6 +149,15 @@ def test_fit_finds_what_is_known() -> None:
     # Four digits are written; the last may move with the compiler.
     for name, value in found.parameters.values.items():
         assert shipped[name] == pytest.approx(value, rel=2e-3), name
+
+
+def test_a_fit_at_a_bound_is_warned_of() -> None:
+    found = fit(load_parameters())
+    assert (found.at_bound, found.warnings) == ({}, ())
+    found = replace(found, parameters=found.parameters.replace({"second_order.damping": 3.0}))
+    assert found.figures()["at_bound"] == {"second_order.damping": "upper"}
+    warning, = found.warnings
+    assert warning.startswith("second_order.damping = 3 is at the upper bound of the fit")
 
 
 def test_fit_keeps_the_actuator(tmp_path: Path) -> None:

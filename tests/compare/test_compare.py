@@ -12,6 +12,7 @@ from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.bench.verdict import judge_table2
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.files import named_sets
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.compare import study
 from emcas_fmu.studies.compare.study import DRIVES, Column, compare, load_sets
@@ -52,6 +53,12 @@ def test_the_default_set_is_judged_as_the_report_does(drives: dict[str, Column])
 def test_what_differs_between_the_sets(drives: dict[str, Column]) -> None:
     assert study.Result(tuple(drives.values())).differing == {
         "drive.kp": (5.0, 5.0, 1.04, 5.0), "drive.ki": (0.1, 0.1, 0.0018, 2083.0)}
+
+
+def test_the_robust_set_meets_table_2_as_its_file_says() -> None:
+    column, = compare(load_sets(["robust"], "nonlinear")).columns
+    assert [j.name for j in column.judged if not j.passed] == []
+    assert f"{_measured(column)['loaded_rate']:.1f} deg/s" in named_sets()["robust"].read_text(encoding="utf-8")
 
 
 def test_files_lie_below_every_set(tmp_path: Path) -> None:

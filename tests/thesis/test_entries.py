@@ -16,9 +16,10 @@ from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.thesis.entries import ENTRIES, FIGURES, TABLES, find
-from emcas_fmu.studies.thesis.entry import NO_MODEL, REASONS, TEST_DATA, Entry, Shown
+from emcas_fmu.studies.thesis.entry import DRAWING, NO_MODEL, REASONS, TEST_DATA, Entry, Shown
 from emcas_fmu.studies.thesis.runs import Runs
-from emcas_fmu.studies.thesis.study import NOT_FINISHED, carry_out
+from emcas_fmu.studies.thesis.study import NOT_FINISHED, REPRODUCED, SIMULATED, Outcome, carry_out
+from emcas_fmu.studies.thesis.study import Result as Whole
 
 # Both lists of the thesis as they are numbered: figures of each chapter, and tables throughout, without a gap.
 LISTED = [*(f"Figure {chapter}.{k}" for chapter, count in {1: 12, 2: 8, 3: 40, 4: 4, 5: 30}.items()
@@ -58,6 +59,16 @@ def test_an_entry_is_shown_or_has_one_of_the_reasons() -> None:
     assert {e.number for e in FIGURES if e.reason == NO_MODEL} == {f"1.{k}" for k in range(7, 13)}
 
 
+def test_what_the_thesis_draws_as_a_structure_is_not_called_reproduced() -> None:
+    assert [e.number for e in ENTRIES if e.structure] == ["1.4", "1.5", "1.6", "4.2", "5.15", "5.16"]
+    result = Whole(Runs().subject.identification, tuple(
+        Outcome(entry, Shown("") if entry.show else None) for entry in ENTRIES))
+    assert result.counts[SIMULATED] == 6
+    reasons = [entry.reason for entry in ENTRIES if entry.reason]
+    assert (f"6 shown by simulation, {len(reasons)} not reproduced: {reasons.count(DRAWING)} drawings, "
+            "6 of actuators without a model here") in result.headline
+
+
 def test_notes_name_what_is_there() -> None:
     root = Path(__file__).resolve().parents[2]
     for entry in ENTRIES:
@@ -90,13 +101,16 @@ def test_the_page_has_each_entry_with_its_conditions_and_what_is_not_known(
     assert {entry.name for entry in find(SOME)} == set(entries)
     for name, entry in entries.items():
         assert f"{name}</strong>" in page or f"<h3>{name}: " in page
-        if entry["status"] == "reproduced":
+        if entry["status"] in (REPRODUCED, SIMULATED):
             assert entry["conditions"] in unescape(page)
             assert entry["rows"] or entry["picture"]
     pictures = re.findall(r'<svg role="img" aria-label="([^"]*)"', page)
     assert len(pictures) == sum(entry.get("picture", False) for entry in entries.values())
     assert all(re.match(r"Figure [\d.]+, .{20}", words) for words in pictures)
     assert "test data, not published" in page
+    assert {name for name, entry in entries.items() if entry["status"] == SIMULATED} == {
+        "Figure 1.4", "Figure 4.2", "Figure 5.16"}
+    assert "3 shown by simulation, 1 not reproduced: 1 test data, not published<" in page
     assert "http" not in re.sub(r'xmlns(:\w+)?="[^"]*"|"-//[^"]*" *"[^"]*"', "", page)  # nothing is fetched
     assert "Figure 5.30" in output
 
@@ -155,6 +169,14 @@ def test_backlash_is_found_again(written: tuple[Mapping[str, Any], str, str]) ->
     assert gap < values["identified [deg]"] < 1.1 * gap
 
 
+def test_only_some_entries_write_no_page_unless_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = emcas("--only", "3.2", "--json", "t.json")
+    assert done.exit_code == 0, done.output
+    assert "Figure 3.2" in done.output
+    assert [path.name for path in tmp_path.iterdir()] == ["t.json"]
+
+
 def test_the_same_set_gives_the_same_page(tmp_path: Path) -> None:
     for name in ("a", "b"):
         assert emcas("--only", "5.8", "--only", "3.4", "-o", str(tmp_path / f"{name}.html")).exit_code == 0
@@ -184,6 +206,15 @@ def test_what_a_set_does_not_allow_is_told_and_the_rest_shown(tmp_path: Path) ->
     assert {entry["entry"]: entry["status"] for entry in document["entries"]} == {
         "Figure 5.20": "reproduced", "Table 17": NOT_FINISHED}
     assert "command.limit" in (tmp_path / "t.html").read_text(encoding="utf-8")
+
+
+def test_what_was_not_found_names_no_temporary_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    def nothing(files: list[Path], _: object) -> None:
+        raise EmcasError(f"{files[0]}: too few rows")
+
+    monkeypatch.setattr("emcas_fmu.studies.thesis.kinematics.identification.identify", nothing)
+    outcome, = carry_out(Runs(), find(["3.38"])).outcomes
+    assert outcome.stopped == "backlash.csv: too few rows"
 
 
 def test_a_fault_of_the_program_is_no_outcome() -> None:

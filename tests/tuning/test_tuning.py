@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import sys
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from math import degrees, nan, radians
@@ -30,7 +31,9 @@ from emcas_fmu.parameters import ParameterSet, load_parameters
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.tuning.evaluate import HOPELESS, Evaluation, Journal, Judgement, evaluate, share
 from emcas_fmu.studies.tuning.measure import KINDS, Test, describing_function, measure
+from emcas_fmu.studies.tuning.optimise import Result as Tuned
 from emcas_fmu.studies.tuning.optimise import rounded, tune
+from emcas_fmu.studies.tuning.output import at_bounds, verdict, write_json, write_report, write_tuned
 from emcas_fmu.studies.tuning.pictures import conflict, front
 from emcas_fmu.studies.tuning.study import Study, StudyError, load_study
 from tests.campaign.conftest import ODD, replaced
@@ -451,13 +454,42 @@ def test_ctrl_c_keeps_the_best_gains(small: Path, tmp_path: Path, evaluations: i
         assert evaluations == 0
         assert "stopped before there were gains to write" in complained
         return
-    assert "stopped by Ctrl-C, the best of" in " ".join(said.split())
+    assert "stopped by Ctrl-C, " in " ".join(said.split())
     found = json.loads(figures.read_text(encoding="utf-8"))
     assert found["stopped"] is True
     values = load_parameters(made).values
     assert found["gains"] == {name: values[name] for name in found["gains"]}
     judged = Journal(journal, load_study(small, load_parameters(loops)))
-    assert found["gains"] == rounded(min(judged, key=lambda e: e.objective).gains)
+    best = dict(min(judged, key=lambda e: e.objective).gains)
+    assert found["gains"] == (best if found["unimproved"] else rounded(best))
+
+
+def test_a_stopped_search_without_anything_better_leaves_the_set_as_it_is(
+        study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(objective: Callable[[np.ndarray], object], bounds: Sequence[tuple[float, float]], **_: object) -> None:
+        objective(np.array([[low] for low, _ in bounds]))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("emcas_fmu.studies.tuning.optimise.differential_evolution", stopped)
+    result = tune(study)
+    assert (result.unimproved, result.best) == (True, result.before)
+    assert "no better than the set begun with" in verdict(result)
+    write_tuned(result, tmp_path / "kept.toml", "emcas tune")
+    assert load_parameters(tmp_path / "kept.toml").entries == load_parameters().entries
+
+
+def test_gains_at_a_bound_are_marked(study: Study, tmp_path: Path) -> None:
+    first, *others = study.tunables
+    assert first.bound(first.lower ** 0.02 * first.upper ** 0.98) == ""
+    assert [t.bound(t.upper) for t in study.tunables] == ["upper"] * len(study.tunables)
+    before = evaluate(study, {first.name: first.lower, **{t.name: (t.lower * t.upper) ** 0.5 for t in others}})
+    result = Tuned(study, 1, before, before, (before,), (before.objective,), False)
+    assert result.at_bound == {first.name: "lower"}
+    assert f"at the bound of the search: {first.name} = {first.lower:g} (lower)" in at_bounds(result)
+    write_report(result, tmp_path / "t.html", "emcas tune")
+    assert (tmp_path / "t.html").read_text(encoding="utf-8").count("(at the bound)") == 1
+    write_json(result, tmp_path / "t.json", "emcas tune")
+    assert json.loads((tmp_path / "t.json").read_text())["at_bound"] == {first.name: "lower"}
 
 
 def test_every_figure_is_one_of_the_bench_and_measured() -> None:

@@ -208,6 +208,8 @@ def test_input_files_are_sampled_and_checked(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("arguments", "said"), [
     ((), "one of --case, --input and --step"), (("--case", "step", "--step", "1"), "one of"),
     (("--case", "nonsense"), "there is step, step_plus1"), (("--step", "1", "--stop", "-1"), "--stop"),
+    (("--step", "1", "--set", "encoder.multiplier=3"), "error: --set encoder.multiplier = 3 must be 1, 2 or 4"),
+    (("--step", "1", "--set", "drive.kp=-1"), "error: --set drive.kp = -1.0 V/A: is -1 V/A; it must"),
     (("--step", "1", "--plot", "r.gif"), ".html, .svg"), (("--case", "step", "--stop", "1"), "has its own"),
     (("--step", "1", "--kernel", "fortran"), "auto, compiled, python"),
     (("--step", "1", "--torque", "1e300"), "cannot be computed"),

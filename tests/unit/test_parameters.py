@@ -641,6 +641,7 @@ def test_consistent_up_to_the_limit(changes: dict[str, float]) -> None:
     ({"drive.transport_delay": 0.0321, "controller.sample_time": 0.0005},
      ["drive.transport_delay = 0.0321 s", "64 times",
                                          "controller.sample_time = 0.0005 s"]),
+    ({"friction.identified_from": 30.0}, ["friction.identified_from = 30 degC", "at most friction.identified_to = 24"]),
     ({"encoder.multiplier": 3}, ["encoder.multiplier = 3", "1, 2 or 4"]),
     (coulomb("positive", -1e-6), ["friction.coulomb.positive = [-1e-06, 0, 0, 0, 0, 0, 0] N.m",
                                   "friction of -1e-06 N.m"]),

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+from unittest.mock import patch
 
+import click
 import pytest
+from click.testing import CliRunner as ClickRunner
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from emcas_fmu.bench.subject import open_subject
 from emcas_fmu.cli import app
+from emcas_fmu.commands.common import parameter_arguments
 from emcas_fmu.files import named_sets
 from emcas_fmu.parameters import ParameterError, load_parameters
 
@@ -58,9 +65,60 @@ def test_commands_take_a_name() -> None:
     refused = CliRunner().invoke(app, ["parameters", "-p", "drive-scale"])
     assert refused.exit_code == 2
     assert "did you mean drive-scaled?" in refused.stderr
-    with open_subject(None, None, None, [Path("drive-pi")]) as subject:
+    with open_subject(SETS["drive-pi"]) as subject:
         assert subject.identification.file == "drive-pi.toml"
         assert set(subject.identification.differences) == {"drive.ki"}
+
+
+def commands(group: click.Group, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], click.Command]]:
+    """Every command with its words; of a group, the group's own too."""
+    for name, command in group.commands.items():
+        yield (*path, name), command
+        if isinstance(command, click.Group):
+            yield from commands(command, (*path, name))
+
+
+COMMANDS = dict(commands(get_command(app)))  # type: ignore[arg-type]
+
+
+def takers(*names: str) -> list[tuple[str, ...]]:
+    """The commands that have a parameter of one of the names."""
+    return [words for words, command in COMMANDS.items() if any(p.name in names for p in command.params)]
+
+
+def given(words: tuple[str, ...], *arguments: str) -> dict[str, Any]:
+    """What a command is given, without carrying it out."""
+    seen: dict[str, Any] = {}
+    with patch.object(COMMANDS[words], "callback", lambda **values: seen.update(values)):
+        done = ClickRunner().invoke(COMMANDS[words], arguments)
+    assert done.exit_code == 0, done.output
+    return seen
+
+
+@pytest.mark.parametrize("words", takers("parameters"), ids=" ".join)
+def test_every_command_with_parameters_takes_the_name_of_a_set(words: tuple[str, ...]) -> None:
+    measured = ["measured.csv"] if words[0] == "identify" else []
+    assert given(words, *measured, "-p", "drive-pi")["parameters"] == [SETS["drive-pi"]]
+
+
+@pytest.mark.parametrize("words", takers("article", "subject"), ids=" ".join)
+def test_every_command_with_a_subject_takes_the_name_of_a_set(words: tuple[str, ...]) -> None:
+    seen = given(words, "load-observer")
+    assert SETS["load-observer"] in (seen.get("article"), seen.get("subject"))
+
+
+def test_a_set_is_written_by_its_name_into_a_command() -> None:
+    assert parameter_arguments([SETS["drive-pi"], Path("a.toml")]) == ["--parameters", "drive-pi", "--parameters",
+                                                                     "a.toml"]
+
+
+def test_the_thesis_and_a_reported_quantity_are_of_a_set_by_name(tmp_path: Path) -> None:
+    bench, out = Path(__file__).resolve().parents[2] / "models" / "bench", str(tmp_path / "x.toml")
+    for arguments in (["thesis", "--only", "3.2", "-o", str(tmp_path / "t.html")],
+                      ["identify", "backlash", str(bench / "backlash.csv"), "-o", out]):
+        done = CliRunner().invoke(app, [*arguments, "-p", "drive-pi"])
+        assert done.exit_code == 0, done.output
+    assert load_parameters(out).values == load_parameters("drive-pi").values
 
 
 def test_the_sets_are_listed() -> None:
@@ -70,3 +128,7 @@ def test_the_sets_are_listed() -> None:
     table = CliRunner().invoke(app, ["parameters", "--sets"])
     assert table.exit_code == 0
     assert all(name in table.stdout for name in SETS)
+    for others in (["-p", "drive-pi"], ["--model", "nonsense"]):
+        refused = CliRunner().invoke(app, ["parameters", "--sets", *others])
+        assert refused.exit_code == 2
+        assert "leave --parameters and --model out" in refused.stderr

@@ -235,6 +235,11 @@ def _identified(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, ops.either(now < low, now > high)), now, low, high
 
 
+def _identified_range(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    low, high = p.friction.identified_from, p.friction.identified_to
+    return when(ops, low > high), low, high
+
+
 def _weight(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     position = p.controller.position
     short = ops.both(ops.equal(position.ki, 0.0), ops.negate(ops.equal(position.setpoint_weight, 1.0)))
@@ -267,6 +272,7 @@ INERTIA_RULE = Rule(_inertia, "inertia.motor + inertia.screw + inertia.fin + ine
 TEMPERATURE_RULES = (
     Rule(_rising, f"friction.table.temperature = [{', '.join(['%.6g'] * TABLE_POINTS)}] degC must rise from point to "
                   "point"),
+    Rule(_identified_range, "friction.identified_from = %.6g degC must be at most friction.identified_to = %.6g degC"),
     Rule(_identified, "friction.temperature = %.6g degC is outside friction.identified_from = %.6g to "
                       "friction.identified_to = %.6g degC, where friction was tested: friction.table is an estimate "
                       "there", warning=True),

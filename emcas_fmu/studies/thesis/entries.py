@@ -15,12 +15,12 @@ from .entry import DRAWING, HARDWARE, NO_MODEL, PHOTOGRAPH, REASONS, SCREENSHOT,
 from .runs import COLD, WARM
 
 
-def _entry(kind: str, number: str, title: str, what: Show | str, note: str = "") -> Entry:
-    """Return an entry; `what` shows it, or is the reason why it is not reproduced."""
+def _entry(kind: str, number: str, title: str, what: Show | str, note: str = "", structure: bool = False) -> Entry:
+    """Return an entry; `what` shows it, or is the reason why it is not reproduced; of a `structure`, what that does."""
     if isinstance(what, str):
         assert what in REASONS
         return Entry(kind, number, title, reason=what, note=note)
-    return Entry(kind, number, title, what, note=note)
+    return Entry(kind, number, title, what, note=note, structure=structure)
 
 
 _figure, _table = partial(_entry, "Figure"), partial(_entry, "Table")
@@ -38,9 +38,9 @@ FIGURES = (
     _figure("1.1", "Kinds of control actuation systems", DRAWING),
     _figure("1.2", "A control section with its fins", DRAWING),
     _figure("1.3", "An actuator with screw and lever", DRAWING, "The lever to scale: Figure 2.1."),
-    _figure("1.4", "Ristanović's model", others.beside("ristanovic", "Ristanović")),
-    _figure("1.5", "Özkan's model", others.beside("ozkan", "Özkan")),
-    _figure("1.6", "Habibi's model", others.beside("habibi", "Habibi")),
+    _figure("1.4", "Ristanović's model", others.beside("ristanovic", "Ristanović"), structure=True),
+    _figure("1.5", "Özkan's model", others.beside("ozkan", "Özkan"), structure=True),
+    _figure("1.6", "Habibi's model", others.beside("habibi", "Habibi"), structure=True),
     _figure("1.7", "An actuator with a clutch", NO_MODEL),
     _figure("1.8", "An actuator with a worm gear", NO_MODEL),
     _figure("1.9", "An electrohydrostatic system", NO_MODEL),
@@ -96,7 +96,7 @@ FIGURES = (
     _figure("3.39", "Design of the loading test setup", DRAWING, "As it is simulated: Figure 5.17, Table 16."),
     _figure("3.40", "The actuator on the loading test setup", PHOTOGRAPH),
     _figure("4.1", "The linear model", loops.linear_model),
-    _figure("4.2", "Anti-windup on and off", loops.antiwindup),
+    _figure("4.2", "Anti-windup on and off", loops.antiwindup, structure=True),
     _figure("4.3", "Entering requirements for a response", SCREENSHOT, "What is asked here: Table 17."),
     _figure("4.4", "A search for gains", loops.search),
     _figure("5.1", "Block diagram of the nonlinear model, whole", DRAWING, "See Figure 2.7."),
@@ -113,8 +113,8 @@ FIGURES = (
     _figure("5.12", "Homing", loops.homing),
     _figure("5.13", "Setup of the controller's modules", SCREENSHOT),
     _figure("5.14", "Settings of the modules", SCREENSHOT),
-    _figure("5.15", "The encoder's reading", kinematics.encoder),
-    _figure("5.16", "Friction compensation on and off", loops.compensation),
+    _figure("5.15", "The encoder's reading", kinematics.encoder, structure=True),
+    _figure("5.16", "Friction compensation on and off", loops.compensation, structure=True),
     _figure("5.17", "The torque loop of the loading test setup", loading.torque_loop),
     _figure("5.18", "Steps without load", performance.steps),
     _figure("5.19", "Step test, simulation less test", TEST_DATA),

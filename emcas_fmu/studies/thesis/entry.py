@@ -19,7 +19,10 @@ SCREENSHOT = "screen of a program"
 HARDWARE = "list of hardware"
 TEST_DATA = "test data, not published"
 NO_MODEL = "no model of this actuator here"
-REASONS = (DRAWING, PHOTOGRAPH, UNSEEN, SCREENSHOT, HARDWARE, TEST_DATA, NO_MODEL)
+REASONS = {DRAWING: "drawings", PHOTOGRAPH: "photographs", UNSEEN: "drawings or photographs",
+           SCREENSHOT: "screens of a program", HARDWARE: "lists of hardware", TEST_DATA: "of test data, not published",
+           NO_MODEL: "of actuators without a model here"}
+"""Why an entry is not reproduced, with the words for several of its kind."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,8 @@ class Entry:
     """An entry: ``Figure`` or ``Table``, its number, a title in words of this package.
 
     `show` makes what it shows; of one that is not reproduced `reason` is one of REASONS, and `note` says where its
-    content is to be found here, if anywhere.
+    content is to be found here, if anywhere. `structure`: the thesis draws a block diagram or structure there, and what
+    that does is shown instead.
     """
 
     kind: str
@@ -67,6 +71,7 @@ class Entry:
     show: Show | None = None
     reason: str = ""
     note: str = ""
+    structure: bool = False
 
     @property
     def name(self) -> str:

@@ -12,6 +12,7 @@ from ... import plots
 from ...bench.excitation import sine_from_rest, step_to
 from ...bench.metrics import motion
 from ...control import sensors
+from ...errors import EmcasError
 from ...ops.arrays import ARRAYS
 from ...physics import kinematics as physics
 from ..analysis.modes import load_rod, modes_at, thesis_modes
@@ -123,7 +124,10 @@ def backlash(runs: Runs) -> Shown:
         record = Path(folder) / "backlash.csv"
         np.savetxt(record, np.column_stack([columns[name] for name in ("time", "motor_angle", "fin_angle")]),
                    delimiter=",", header="time [s],motor_angle [rad],fin_angle [rad]", comments="")
-        identified = identification.identify([record], runs.parameters)
+        try:
+            identified = identification.identify([record], runs.parameters)
+        except EmcasError as error:  # without the folder, which is another every time
+            raise EmcasError(str(error).replace(str(record), record.name)) from error
         drawing = next(iter(identified.drawings()))
     gap, p = identified[identification.GAP], runs.of("elastic").parameters.nested()
     play = degrees(p.drive_line.backlash / p.kinematics.moment_arm * np.cos(p.kinematics.initial_angle) ** 2)

@@ -13,8 +13,8 @@ from rich.table import Table as RichTable
 
 from ... import __version__
 from ...bench import writers
-from .entry import Table
-from .study import REPRODUCED, Outcome, Result
+from .entry import REASONS, Table
+from .study import Outcome, Result
 
 SCHEMA = "emcas-thesis/1"
 """Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
@@ -63,7 +63,7 @@ def write_page(result: Result, path: Path) -> None:
               for number, title in _CHAPTERS.items()]
     groups.append(("Tables", [o for o in result.outcomes if o.entry.kind == "Table"]))
     writers.write_page(path, "studies/thesis/page.html.j2", r=result, about=result.about, numeric=numeric, cell=cell,
-                       groups=[(title, group) for title, group in groups if group], reproduced=REPRODUCED)
+                       groups=[(title, group) for title, group in groups if group])
 
 
 def summary(result: Result, whole: bool) -> Iterator[RenderableType]:
@@ -71,7 +71,7 @@ def summary(result: Result, whole: bool) -> Iterator[RenderableType]:
     if whole:
         table = RichTable(Column("entries of the thesis's lists"), Column("", justify="right"))
         for status, count in result.counts.items():
-            table.add_row(status, str(count))
+            table.add_row(f"not reproduced: {status}" if status in REASONS else status, str(count))
         yield table
     else:
         for outcome in result.outcomes:

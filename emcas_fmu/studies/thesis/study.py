@@ -11,10 +11,12 @@ from ...bench.subject import Identification
 from ...errors import EmcasError
 from ...plots import Picture, style, svg
 from ...progress import Progress, silent
-from .entry import Entry, Shown
+from .entry import REASONS, Entry, Shown
 from .runs import Runs
 
 REPRODUCED, NOT_FINISHED = "reproduced", "not finished"
+SIMULATED = "shown by simulation"
+"""Of what the thesis draws as a structure only: nothing of it is there to be reproduced."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +30,9 @@ class Outcome:
 
     @property
     def status(self) -> str:
-        """REPRODUCED, NOT_FINISHED, or the reason why it is not reproduced."""
-        return self.entry.reason or (NOT_FINISHED if self.stopped else REPRODUCED)
+        """REPRODUCED, SIMULATED, NOT_FINISHED, or the reason why it is not reproduced."""
+        shown = SIMULATED if self.entry.structure else REPRODUCED
+        return self.entry.reason or (NOT_FINISHED if self.stopped else shown)
 
 
 @dataclass(frozen=True)
@@ -46,9 +49,20 @@ class Result:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many have each status, those reproduced first."""
+        """How many have each status, those reproduced first, then those shown, the reasons last."""
         each = [outcome.status for outcome in self.outcomes]
-        return {status: each.count(status) for status in dict.fromkeys(sorted(each, key=lambda s: s != REPRODUCED))}
+        order = (REPRODUCED, SIMULATED, NOT_FINISHED, *each)
+        return {status: each.count(status) for status in dict.fromkeys(order) if status in each}
+
+    @property
+    def headline(self) -> str:
+        """The counts in words."""
+        done = [f"{count} {status}" for status, count in self.counts.items() if status not in REASONS]
+        reasons = {status: count for status, count in self.counts.items() if status in REASONS}
+        if reasons:
+            each = [f"{count} {status if count == 1 else REASONS[status]}" for status, count in reasons.items()]
+            done.append(f"{sum(reasons.values())} not reproduced: {', '.join(each)}")
+        return ", ".join(done)
 
 
 def carry_out(runs: Runs, entries: Sequence[Entry], progress: Progress = silent) -> Result:

@@ -48,6 +48,17 @@ class Result:
         return self.best.worst.share <= 1.0
 
     @property
+    def unimproved(self) -> bool:
+        """Whether the search was stopped before it came to anything better than the set begun with."""
+        return self.stopped and self.best.objective >= self.before.objective
+
+    @property
+    def at_bound(self) -> dict[str, str]:
+        """Which bound of the search, lower or upper, each of those gains lies at that lie at one."""
+        bounds = {t.name: t.bound(self.best.gains[t.name]) for t in self.study.tunables}
+        return {name: bound for name, bound in bounds.items() if bound}
+
+    @property
     def binding(self) -> list[str]:
         """Requirements that stand between here and more margin, the worst first."""
         ranked = sorted(self.best.by_requirement().items(), key=lambda item: -item[1].share)
@@ -65,7 +76,7 @@ def tune(study: Study, seed: int = 1, generations: int = 12, workers: int = 1, j
 
     The same study and seed give the same gains, whatever the number of worker processes and whatever
     gains the set begins with: those are only judged, for comparison. Ctrl-C ends the search with the best gains judged
-    so far, those begun with among them; raises KeyboardInterrupt where none were.
+    so far, or with those begun with where nothing was better; raises KeyboardInterrupt where none were.
     """
     evaluations = journal if journal is not None else Journal(None, study)
     search = _Search(study, evaluations, progress, generations)
@@ -92,6 +103,8 @@ def tune(study: Study, seed: int = 1, generations: int = 12, workers: int = 1, j
         before = search.all([{t.name: float(study.base.values[t.name]) for t in study.tunables}])[0]
         # A search that was stopped may not yet have come to anything better than what it begins with.
         final = search.all([rounded((reached or min(evaluations, key=lambda e: e.objective)).gains)])[0]
+        if stopped and final.objective >= before.objective:
+            final = before
     return Result(study, seed, final, before, tuple(evaluations), tuple(search.history), stopped)
 
 

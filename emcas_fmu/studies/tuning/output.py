@@ -35,7 +35,7 @@ def summary(result: Result) -> Table:
     gains = ", ".join(f"{name} = {value:g}" for name, value in result.best.gains.items())
     table = Table(*(Column(heading, justify="right" if heading in ("measured", "limit", "margin") else "left",
                            no_wrap=True) for heading in ("requirement", "case", "measured", "limit", "margin", "")),
-                  title=f"Tuned gains: {gains}", title_justify="left")
+                  title=f"{'Gains begun with' if result.unimproved else 'Tuned gains'}: {gains}", title_justify="left")
     for row in rows(result, result.best):
         table.add_row(row["requirement"], row["case"], writers.with_unit(row["measured"], row["unit"]),
                       f"{'≤' if row['sense'] == 'maximum' else '≥'} {row['limit']:.3g}", f"{row['margin']:.0%}",
@@ -47,7 +47,10 @@ def verdict(result: Result) -> str:
     """Return a line: whether the search was stopped, whether all is met, and what binds."""
     worst = result.best.worst
     binding = f"what binds: {', '.join(result.binding)}"
-    so_far = f"stopped by Ctrl-C, the best of {len(result.evaluated)} evaluations: " if result.stopped else ""
+    count = f"{len(result.evaluated)} evaluations"
+    so_far = "" if not result.stopped else (
+        f"stopped by Ctrl-C, after {count} no better than the set begun with: " if result.unimproved else
+        f"stopped by Ctrl-C, the best of {count}: ")
     if result.met:
         return f"{so_far}all requirements are met in every case; smallest margin {worst.margin:.1%}; {binding}"
     missed = [row["requirement"] for row in rows(result, result.best) if not row["met"]]
@@ -55,14 +58,25 @@ def verdict(result: Result) -> str:
             f"{worst.case}, stands at {worst.share:.0%} of its limit; {binding}")
 
 
+def at_bounds(result: Result) -> str:
+    """Return a line that names the gains at a bound of the search; empty where none is."""
+    gains = ", ".join(f"{name} = {result.best.gains[name]:g} ({bound})" for name, bound in result.at_bound.items())
+    return gains and f"at the bound of the search: {gains}; wider bounds may give more"
+
+
 def write_tuned(result: Result, path: Path, command: str) -> None:
-    """Write the set that was tuned with the gains over it, each with the command and the smallest margin."""
+    """Write the set that was tuned with the gains over it, each with the command and the smallest margin.
+
+    Where nothing better was found, the set stays as it is, with its values' sources.
+    """
     worst = result.best.worst
     note = f"{command}; smallest margin {worst.margin:.1%} ({worst.requirement}, case {worst.case})"
     units = {e.variable.name: e.variable.unit for e in result.study.base.entries}
-    gains = {name: file_entry([value], units[name], "tuned", note) for name, value in result.best.gains.items()}
+    gains = {name: file_entry([value], units[name], "tuned", note)
+             for name, value in result.best.gains.items() if not result.unimproved}
     write_parameters(result.study.base.replace(gains), path,
-                     [f"Gains tuned by emcas {__version__}: {command}", verdict(result)])
+                     [f"Gains tuned by emcas {__version__}: {command}", verdict(result),
+                      *filter(None, [at_bounds(result)])])
 
 
 def write_json(result: Result, path: Path, command: str) -> None:
@@ -71,7 +85,8 @@ def write_json(result: Result, path: Path, command: str) -> None:
         "schema": "emcas-tuning/1", "command": command, "model": result.study.base.actuator.name,
         "study": result.study.digest, "seed": result.seed,
         "met": result.met, "stopped": result.stopped, "evaluations": len(result.evaluated),
-        "gains": dict(result.best.gains), "before": dict(result.before.gains), "binding": result.binding,
+        "gains": dict(result.best.gains), "before": dict(result.before.gains), "unimproved": result.unimproved,
+        "at_bound": result.at_bound, "binding": result.binding,
         "requirements": rows(result, result.best), "requirements_before": rows(result, result.before),
         "judgements": [{"requirement": j.requirement, "case": j.case, "measured_si": j.measured, "share": j.share}
                        for j in result.best.judgements],

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from math import log
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,6 +23,8 @@ from ...schema import In, Quantity, Table, each, kind_of, load, named, parameter
 from ...variables import Variable
 from .measure import KINDS, Test, lacking
 
+_AT_BOUND = 0.01  # of the range searched, on its logarithmic scale
+
 
 class StudyError(EmcasError):
     """A study that cannot be used; the message names file, entry and remedy."""
@@ -34,6 +37,11 @@ class Tunable:
     name: str
     lower: float
     upper: float
+
+    def bound(self, value: float) -> str:
+        """Return the bound, lower or upper, that a value is at: within 1 % of the range searched; else nothing."""
+        share = log(value / self.lower) / log(self.upper / self.lower)
+        return "lower" if share <= _AT_BOUND else "upper" if share >= 1.0 - _AT_BOUND else ""
 
 
 @dataclass(frozen=True)
