@@ -29,7 +29,7 @@ static const double COUNT = 2.0 * 3.14159265358979323846 / (P_encoder_pulses * P
 
 typedef struct {
     double angle, rate, current, xi;           /* of the plant: fin angle and rate, motor current, drive integral */
-    double integral, counts, measured;         /* of the controllers */
+    double integral, speed_integral, counts, measured; /* of the controllers */
     double line[LINE], reference, i_ref;       /* DAC values by age; the one in the drive, and its current */
     double in[VR_supply_voltage + 1];          /* real inputs */
     double tan_0, of_coulomb, of_viscous;      /* constants: a library call, friction over that at 24 degC */
@@ -116,6 +116,7 @@ static double sample(Actuator *a) {
     }
     if (!a->enable) {
         a->integral = resting(motor);
+        a->speed_integral = 0.0;
         a->limited = 0;
         return 0.0;
     }
@@ -125,13 +126,15 @@ static double sample(Actuator *a) {
     double wanted = clip(raw, P_controller_speed_limit);
     double feed = P_compensation_gain / (P_motor_torque_constant * P_drive_current_gain)
                 * coulomb(a->measured, wanted > 0.0) * clip(wanted / P_compensation_speed_band, 1.0);
-    double u = P_controller_velocity_kp * (wanted - speed) + feed;
+    double u = P_controller_velocity_kp * (wanted - speed) + a->speed_integral + feed;
     double held = clip(u, P_drive_reference_limit);
     double current = clip(P_drive_current_gain * held + P_drive_current_offset, P_drive_current_limit);
     double beyond = (current - P_drive_current_offset) / P_drive_current_gain - u;
     a->integral += P_controller_sample_time
                  * (P_controller_position_ki * (target - motor) + P_controller_antiwindup * (wanted - raw)
                     + P_controller_drive_antiwindup / P_controller_velocity_kp * beyond);
+    a->speed_integral += P_controller_sample_time
+                       * (P_controller_velocity_ki * (wanted - speed) + P_controller_drive_antiwindup * beyond);
     a->limited = command != a->in[VR_fin_command] || wanted != raw || held != u;
     return held;
 }
