@@ -90,3 +90,6 @@ def test_the_command_shows_verdicts_and_does_not_judge(tmp_path: Path) -> None:
     page = (tmp_path / "c.html").read_text(encoding="utf-8")
     assert page.count("✗ FAIL") == sum(not r["passed"] for entry in found["sets"] for r in entry["requirements"])
     assert "<svg" in page
+    sources = [e.source for e in load_parameters().entries]
+    assert f"{sources.count('estimate')} of the {len(sources)} parameters are <strong>engineering estimates" in page
+    assert [row["title"] for row in found["sets"][0]["requirements"]][-1] == "Fin rate with 100 N.m (added)"

@@ -22,6 +22,7 @@ from .study import Result
 SCHEMA = "emcas-compare/1"
 """Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
 _SHOWN = {"step_plus20": "Step to 20 deg", "load_opposing": "Slew from -20 to 20 deg against 100 N.m"}
+_WIDEST = 3.5  # points, of the first set's curves
 _WINDOW = -0.02, 0.35  # s about the command
 
 
@@ -73,6 +74,7 @@ def write_report(result: Result, path: Path) -> None:
 def _drawings(result: Result) -> Iterator[Drawing]:
     """Draw the responses of every set to the large moves."""
     drawn, grid = figure(2, 2, width=10.0, height=2.6, sharex=True)
+    widths = np.linspace(_WIDEST, 1.0, len(result.columns))  # of curves that coincide, each is seen
     for (angle, rate), (name, title) in zip(grid.T, _SHOWN.items(), strict=True):
         for k, column in enumerate(result.columns):
             if name not in column.runs or column.runs[name].stopped is not None:
@@ -82,12 +84,12 @@ def _drawings(result: Result) -> Iterator[Drawing]:
             shown = (time > _WINDOW[0]) & (time < _WINDOW[1])
             if not k:
                 angle.step(time[shown] * 1e3, np.degrees(run.excitation.command)[shown], where="post", **COMMAND)
-            angle.plot(time[shown] * 1e3, np.degrees(run.columns["fin_angle"])[shown], color=f"C{k}",
-                       label=column.name)
-            rate.plot(time[shown] * 1e3, np.degrees(run.columns["fin_rate"])[shown], color=f"C{k}")
+            look = {"color": f"C{k}", "linewidth": widths[k]}
+            angle.plot(time[shown] * 1e3, np.degrees(run.columns["fin_angle"])[shown], label=column.name, **look)
+            rate.plot(time[shown] * 1e3, np.degrees(run.columns["fin_rate"])[shown], **look)
         angle.set_title(title)
         rate.set_xlabel("time / ms")
     grid[0, 0].set_ylabel("fin angle / deg")
     grid[1, 0].set_ylabel("fin rate / (deg/s)")
     grid[0, 0].legend(loc="lower right")
-    yield Drawing("Large moves", drawn, "Every set's response to the command (dashed).")
+    yield Drawing("Large moves", drawn, "Every set's response to the command (dashed); the wider lines lie below.")

@@ -19,8 +19,9 @@ DEFAULT = "default"
 DRIVES = (DEFAULT, "drive-si", "drive-scaled", "drive-pi")
 """What is compared unless sets are given."""
 _AGAINST = next(r for r in REQUIREMENTS if r.name == "loaded_rate")
-# Table 2 asks for its rate at 100 N.m and does not say which way the load acts.
-ROWS = (*REQUIREMENTS, replace(_AGAINST, name="aided_rate", title="Fin rate with 100 N.m", needs=("load_aiding",)))
+# Table 2 asks for its rate at 100 N.m and does not say which way the load acts: the rate with it is no row of Table 2.
+ROWS = (*REQUIREMENTS, replace(_AGAINST, name="aided_rate", title="Fin rate with 100 N.m (added)",
+                               needs=("load_aiding",)))
 _OUTPUTS = ("fin_angle", "fin_rate")
 
 
@@ -49,6 +50,12 @@ class Result:
     def rows(self) -> list[tuple[Judged, ...]]:
         """A row for each requirement: of every set what was measured for it."""
         return list(zip(*(column.judged for column in self.columns), strict=True))
+
+    @property
+    def estimates(self) -> list[str]:
+        """Parameters that rest on an engineering estimate in at least one set."""
+        entries = zip(*(column.parameters.entries for column in self.columns), strict=True)
+        return [each[0].variable.name for each in entries if any(e.source == "estimate" for e in each)]
 
     @property
     def differing(self) -> dict[str, tuple[Any, ...]]:
