@@ -60,7 +60,8 @@ def _public(module: ModuleType) -> list[Function]:
 
 
 # Functions whose arguments are plain values; the others are reached through these.
-STRUCTURED = {loads.carried, loads.level, mechanics.breakaway, mechanics.damping, rigid.advance, controllers.sample,
+STRUCTURED = {kinematics.deviates, loads.carried, loads.level, mechanics.breakaway, mechanics.damping, rigid.advance,
+              controllers.sample,
               rigid.electrical_mode, rigid.acceleration, rigid.resolved, rigid.current_course, rigid.integral_end,
               rigid.stop_time, rigid.switched, rigid.time_to, rigid.voltage_events, rigid.voltage_time,
               friction.bristles, friction.falls, sensors.measure,
