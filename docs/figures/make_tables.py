@@ -1,4 +1,4 @@
-"""Tables of hosts.md, fins.md, ci.md, models.md, elastic.md and drive.md in docs: what is declared, and what is measured.
+"""Tables of hosts.md, fins.md, ci.md, models.md, elastic.md and drive.md in docs: declared and measured.
 
     python docs/figures/make_tables.py           # writes them between their markers
     python docs/figures/make_tables.py --check   # exit code 1 where one is stale
