@@ -30,6 +30,8 @@ Value = float | int | bool
 _FIELDS = ("value", "unit", "source", "note")
 # A limit that reached the file through another unit is still that limit.
 _ROUNDING = 1e-12
+# What is meant by a name that was: a hint, no more.
+_RENAMED = {f"friction.cold_{kind}_ratio": f"friction.table.{kind}" for kind in ("viscous", "coulomb")}
 # Measured ones differ by saturation and by iron losses, a slip (rms for peak, phase for line to line) by 22 % or more.
 _APART = 1.2
 
@@ -336,7 +338,7 @@ def _scalars(key: str, written: Any, known: _Known) -> Iterator[tuple[str, Mappi
         raise ValueError("is a group of parameters; expected a table such as "
                          f"{next(name for name in known.names if name.startswith(key + '.'))}")
     else:
-        raise ValueError(f"{known.unknown}{hint(key, known.names)}")
+        raise ValueError(f"{known.unknown}{hint(_RENAMED.get(key, key), known.names)}")
 
 
 def _entry(variable: Variable, fields: Mapping[str, Any], source: str, file: str) -> Entry:

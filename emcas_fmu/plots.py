@@ -30,6 +30,9 @@ BLUE, VERMILLION, GREEN, SKY, ORANGE, PURPLE = "#0072b2", "#d55e00", "#009e73", 
 COLORS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
 GRAY = "#8a8f98"
 PICTURES = (".html", ".svg", ".png", ".pdf")
+# Of a page of one picture: as wide as the screen, but no less than can be read; in print, whole on one page.
+_PAGE = ("body{margin:1rem}figure{margin:0;overflow-x:auto}svg{width:100%;min-width:34rem;height:auto}"
+         "@media print{body{margin:0}figure{overflow:visible}svg{min-width:0;max-height:98vh;break-inside:avoid}}")
 # Written by matplotlib, then replaced by the page's own text colour.
 INK = "#010203"
 COMMAND: Mapping[str, Any] = {"color": GRAY, "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 1.5}
@@ -131,8 +134,9 @@ def write(drawn: Figure, path: Path, title: str) -> None:
     check_ending(path)
     if path.suffix == ".html":
         path.write_text(f"<!DOCTYPE html><html lang=\"en\"><meta charset=\"utf-8\"><title>{escape(title)}</title>"
-                        "<meta name=\"color-scheme\" content=\"light dark\"><body style=\"margin:1rem\">"
-                        f"{svg(drawn, title)}</body></html>\n", encoding="utf-8")
+                        "<meta name=\"viewport\" content=\"width=device-width\">"
+                        f"<meta name=\"color-scheme\" content=\"light dark\"><style>{_PAGE}</style><body>"
+                        f"<figure>{svg(drawn, title)}</figure></body></html>\n", encoding="utf-8")
     else:
         drawn.savefig(path, dpi=150, facecolor="white")
 

@@ -200,6 +200,8 @@ def _draw_output(axes: Axes, v: Variable, time: Any, columns: Sequence[Any]) -> 
     elif v.bits:
         axes.set_yticks(range(max(len(flags), 1)), [v.bits[i] for i in flags] or ["none"])
         axes.set_ylim(-0.5, max(len(flags), 1) - 0.5)
+    elif v.kind == "Boolean":
+        axes.set(yticks=(0, 1), ylim=(-0.1, 1.1))
     elif v.kind != "Real":
         axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
 

@@ -10,7 +10,7 @@ import pytest
 import emcas_fmu
 
 FOLDER = Path(emcas_fmu.__file__).parent
-TEMPLATES = sorted(FOLDER.rglob("*.j2"))
+TEMPLATES = sorted([*FOLDER.rglob("studies/**/*.j2"), *FOLDER.rglob("bench/*.j2")])
 
 
 @pytest.mark.parametrize("template", TEMPLATES, ids=lambda path: str(path.relative_to(FOLDER)))

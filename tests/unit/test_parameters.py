@@ -316,6 +316,7 @@ def test_empty_file_and_default_file_are_the_defaults(load: Load) -> None:
     ('command.limit = "81 deg"', ["81 deg", "is 1.41372 rad", "0.00174533 .. 1.39626 rad"]),
     ("encoder.pulses = 0", ["encoder.pulses = 0", "1 .. 1e+06"]),
     ("compensation.gain = -0.1", ["compensation.gain = -0.1", "must be within 0 .. 10"]),
+    ("friction.cold_viscous_ratio = 1.6", ["unknown parameter; did you mean friction.table.viscous?"]),
     # arrays
     ('friction.coulomb.positive = ["1 N*m"]', ["friction.coulomb.positive = ['1 N*m']",
                                                "array of 7 values"]),

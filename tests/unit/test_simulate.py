@@ -23,7 +23,7 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.plots import style
 from emcas_fmu.reference.files import read_csv
-from emcas_fmu.response import Response, draw
+from emcas_fmu.response import Response, draw, write_picture
 from emcas_fmu.simulation import simulate, simulate_fins, spread
 
 DIRECT_DRIVE = str(Path(__file__).parents[2] / "examples/own_actuator/direct_drive.py")
@@ -193,6 +193,20 @@ def test_the_plot_has_the_outputs_of_the_actuator() -> None:
             assert list(found) == [*port, *labels]
             if "[V]" in found:
                 assert found["[V]"].get_legend_handles_labels()[1] == ["motor voltage", "drive reference"]
+
+
+def test_a_boolean_is_drawn_between_0_and_1() -> None:
+    with style():
+        panel = next(axes for axes in draw(response("nonlinear+supply", [{}], 0.05)).axes
+                     if axes.get_ylabel() == "supply tripped")
+    assert panel.get_yticks().tolist() == [0, 1]
+
+
+def test_a_page_of_the_picture_is_as_wide_as_the_screen(tmp_path: Path) -> None:
+    write_picture(tmp_path / "r.html", response("second-order", [{}], 0.05))
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "svg{width:100%" in page
+    assert page.count("<figure>") == 1
 
 
 def test_every_column_of_panels_has_its_time_axis() -> None:
