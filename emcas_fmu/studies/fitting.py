@@ -38,7 +38,7 @@ class Fit:
 
     @property
     def at_bound(self) -> dict[str, str]:
-        """Which bound of the search, lower or upper, each of those values lies at that lie at one."""
+        """The values at a bound of the search, with which one: lower or upper."""
         bounds = {(name, side): (self.parameters.values[name], bound, _AT_BOUND * (highest - lowest))
                   for name, (_, lowest, highest) in _SEARCHED.items()
                   for side, bound in (("lower", lowest), ("upper", highest))}

@@ -54,7 +54,7 @@ class Result:
 
     @property
     def at_bound(self) -> dict[str, str]:
-        """Which bound of the search, lower or upper, each of those gains lies at that lie at one."""
+        """The gains at a bound of the search, with which one: lower or upper."""
         bounds = {t.name: t.bound(self.best.gains[t.name]) for t in self.study.tunables}
         return {name: bound for name, bound in bounds.items() if bound}
 
