@@ -14,7 +14,7 @@ from emcas_fmu.parameters import load_parameters
 
 GAINS = ("controller.position.kp", "controller.position.ki", "controller.position.setpoint_weight",
          "controller.velocity.kp", "controller.antiwindup")
-# What the shipped gains miss, as shares of the limit: 1.088 with a weak motor, 1.018 in the cold.
+# What the shipped gains miss, as shares of the limit: docs/model/control.md says where.
 GIVES_WAY = {"load_step": 1.09, "rise_1deg": 1.03}
 
 
