@@ -337,8 +337,9 @@ def voltage_events(ops: Ops, p: Any, d: Drive, end: Plant) -> Crossing:
     demand = drive.voltage_demand(p, d.i_ref, end.current, end.integral)
     limit = d.limit_at(ops, p, end.speed, end.current)
     free = ops.equal(d.side, 0.0)
-    # From the limit itself the mode of the start holds through the step.
-    watched = ops.both(d.enabled, ops.equal(d.at_limit, 0.0))
+    # From the limit itself the mode of the start holds through the step. Without supply the voltage is 0 on either side
+    # of its limit, and a current that decays would come to it in ever shorter steps.
+    watched = ops.both(ops.both(d.enabled, d.supply > 0.0), ops.equal(d.at_limit, 0.0))
     entering = ops.both(watched, ops.both(free, ops.fabs(demand) > limit))
     return Crossing(entering, ops.both(watched, ops.both(ops.negate(free), demand * d.side < limit)))
 

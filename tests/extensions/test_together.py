@@ -40,7 +40,7 @@ def fitting(model: str, options: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def run(model: str, overrides: Mapping[str, Any], kernel: str = "auto") -> Mapping[str, Any]:
+def run(model: str, overrides: Mapping[str, Any], kernel: str = "python") -> Mapping[str, Any]:
     parameters = load_parameters(model=model)
     supply: dict[str, Any] = {"supply_voltage": lambda t: 39.0 if t < 0.2 else 24.0} if get(model).supply else {}
     return simulate(parameters.replace(overrides).values, 0.3, model=model, kernel=kernel,

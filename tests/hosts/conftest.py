@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from emcas_fmu.compiler import PLATFORMS
+from emcas_fmu.compiler import PLATFORMS, local_platform
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 
@@ -30,17 +30,25 @@ def unpack(fmu: Path, folder: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def native_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """EMCAS.fmu of the native back end, with a library for every platform."""
-    if importlib.util.find_spec("ziglang") is None:
-        missing("there is no ziglang (pip install ziglang)")
-    return build(load_parameters(), tmp_path_factory.mktemp("native") / "EMCAS.fmu", backend="native",
-                 platforms=tuple(PLATFORMS)).path
+    """EMCAS.fmu of the native back end, for this platform."""
+    local = local_platform()
+    assert local is not None
+    return build(load_parameters(), tmp_path_factory.mktemp("native") / "EMCAS.fmu", "native", [local.name]).path
 
 
 @pytest.fixture(scope="session")
 def native(native_fmu: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The native FMU, unpacked."""
     return unpack(native_fmu, tmp_path_factory.mktemp("unpacked") / "native")
+
+
+@pytest.fixture(scope="session")
+def every_platform(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The native FMU with a library for every platform, unpacked; where zig has built nothing yet it takes minutes."""
+    if importlib.util.find_spec("ziglang") is None:
+        missing("there is no ziglang (pip install ziglang)")
+    fmu = build(load_parameters(), tmp_path_factory.mktemp("every") / "EMCAS.fmu", "native", tuple(PLATFORMS)).path
+    return unpack(fmu, tmp_path_factory.mktemp("unpacked") / "every")
 
 
 @pytest.fixture(scope="session")

@@ -13,7 +13,7 @@ from emcas_fmu.compiler import PLATFORMS
 
 from .host import HERE
 
-pytestmark = pytest.mark.fmu
+pytestmark = [pytest.mark.fmu, pytest.mark.slow]
 lief.logging.disable()  # it prints what it makes of empty optional tables
 
 FORMATS = {
@@ -38,8 +38,8 @@ def platform(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture
-def path(native: Path, platform: str) -> Path:
-    (found,) = (native / "binaries" / platform).iterdir()
+def path(every_platform: Path, platform: str) -> Path:
+    (found,) = (every_platform / "binaries" / platform).iterdir()
     assert found.name == "EMCAS" + PLATFORMS[platform].suffix
     return found
 
@@ -71,8 +71,8 @@ def libraries(binary: Binary) -> set[str]:
     return {str(d.name) for d in binary.libraries if d.command != lief.MachO.LoadCommand.TYPE.ID_DYLIB}
 
 
-def test_every_platform_is_looked_at(native: Path) -> None:
-    assert {f.name for f in (native / "binaries").iterdir()} == set(FORMATS) == set(PLATFORMS)
+def test_every_platform_is_looked_at(every_platform: Path) -> None:
+    assert {f.name for f in (every_platform / "binaries").iterdir()} == set(FORMATS) == set(PLATFORMS)
 
 
 def test_format_and_machine(binary: Binary, platform: str) -> None:

@@ -13,16 +13,16 @@ from .conftest import UNUSED, Host
 from .expected import MISUSE, STATES
 from .host import compile_host, difference, run, table, tool, trajectory
 
-pytestmark = pytest.mark.fmu
+pytestmark = [pytest.mark.fmu, pytest.mark.slow]
 WINE = "/usr/lib/wine"  # where Debian puts its programs that have no wrapper
 
 
 @pytest.fixture(scope="module")
-def windows(native: Path, tmp_path_factory: pytest.TempPathFactory, linux: None) -> Iterator[Host]:
+def windows(every_platform: Path, tmp_path_factory: pytest.TempPathFactory, linux: None) -> Iterator[Host]:
     """Runs the host for Windows with the FMU's win64 library."""
     wine, server = tool("wine64", "wine64", WINE), tool("wineserver64", "wine64", WINE)
     folder = tmp_path_factory.mktemp("wine")
-    made = compile_host([sys.executable, "-m", "ziglang", "cc", "-target", "x86_64-windows-gnu"], native,
+    made = compile_host([sys.executable, "-m", "ziglang", "cc", "-target", "x86_64-windows-gnu"], every_platform,
                         folder / "host" / "host.exe")
     # A prefix and home of its own, no display, and no offers to install Mono and Gecko.
     environment = {"WINEPREFIX": str(folder / "prefix"), "HOME": str(folder), "WINEDEBUG": "-all", "DISPLAY": "",
@@ -30,7 +30,8 @@ def windows(native: Path, tmp_path_factory: pytest.TempPathFactory, linux: None)
 
 
     def call(*arguments: str) -> str:
-        return run([wine, made, native / "binaries/win64/EMCAS.dll", UNUSED, *arguments], environment=environment)
+        library = every_platform / "binaries/win64/EMCAS.dll"
+        return run([wine, made, library, UNUSED, *arguments], environment=environment)
 
     try:
         yield call
@@ -39,7 +40,6 @@ def windows(native: Path, tmp_path_factory: pytest.TempPathFactory, linux: None)
         subprocess.run([server, "-k"], env=environment, check=False, timeout=60)
 
 
-@pytest.mark.slow
 def test_same_numbers_as_on_linux(windows: Host, loading: Host) -> None:
     """Without the encoder, whose counts could make a step of a last bit. The C libraries' functions differ by one unit
     in the last place of an angle (1e-16 rad); ratio and loop gains make at most some 1e3 V of a radian: 1e-12."""
