@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from emcas_fmu.actuators import NONLINEAR, get
+import pytest
+
+from emcas_fmu.actuators import NAMES, NONLINEAR, get
 
 ACTUATOR = get(NONLINEAR)
 INPUTS, OUTPUTS, PARAMETERS = ACTUATOR.inputs, ACTUATOR.outputs, ACTUATOR.parameters
@@ -10,6 +12,8 @@ VARIABLES = INPUTS + OUTPUTS + PARAMETERS
 FILE_ENTRIES = ACTUATOR.file_entries
 START_ENTRIES = FILE_ENTRIES[len(PARAMETERS):]
 namespace = ACTUATOR.namespace
+# Every shipped actuator, for tests that compile a kernel of each: but for two, these take minutes together.
+EVERY = [pytest.param(name, marks=() if name in (NONLINEAR, "second-order") else pytest.mark.slow) for name in NAMES]
 # The thesis's controllers, which independent integrations and closed forms in the tests have, with gains that do not
 # move with the shipped ones.
 THESIS_LOOPS = {"controller.position.setpoint_weight": 1.0, "controller.drive_antiwindup": 0.0,

@@ -42,7 +42,7 @@ def shipped() -> Result:
         return carry_out(subject)
 
 
-@pytest.fixture(scope="module", params=[pytest.param("python", marks=pytest.mark.slow), "native"])
+@pytest.fixture(scope="module", params=["python", "native"])
 def by_fmu(units: Mapping[str, Path], request: pytest.FixtureRequest) -> Result:
     """The acceptance test of the shipped parameters, by an FMU of either back end."""
     with open_subject(units[request.param]) as subject:
@@ -62,6 +62,7 @@ def specification(folder: Path, limit: str = "1 deg", figure: str = "static_accu
     return path
 
 
+@pytest.mark.slow
 def test_fmu_and_parameter_set_give_the_same_figures(by_fmu: Result, shipped: Result) -> None:
     there, here = dict(flat(by_fmu.outcomes)), dict(flat(shipped.outcomes))
     assert there.keys() == here.keys()

@@ -37,6 +37,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], s
     return json.loads((folder / "a.json").read_text(encoding="utf-8")), page, done.output
 
 
+@pytest.mark.slow
 def test_json_has_the_keys_promised(written: tuple[dict[str, Any], str, str]) -> None:
     found, _, _ = written
     linear = found["linear"]
@@ -59,6 +60,7 @@ def test_json_has_the_keys_promised(written: tuple[dict[str, Any], str, str]) ->
     assert abs(gain[0, 0]) == pytest.approx(10.0 ** (-3.0 / 20.0), rel=1e-4)  # read between 500 points a decade
 
 
+@pytest.mark.slow
 def test_page_is_whole_and_by_itself(written: tuple[dict[str, Any], str, str]) -> None:
     _, page, _ = written
     titles = ("Bode diagrams", "Nichols chart", "Root locus against controller.velocity.kp",
@@ -71,6 +73,7 @@ def test_page_is_whole_and_by_itself(written: tuple[dict[str, Any], str, str]) -
     assert "nan" not in re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
 
 
+@pytest.mark.slow
 def test_output_points_out_the_unit_slip(written: tuple[dict[str, Any], str, str]) -> None:
     assert "divide rad/s by Hz; the factors are 6.7 and 22.2" in written[2]
 

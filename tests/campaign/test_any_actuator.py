@@ -131,6 +131,7 @@ def test_a_users_file_that_changed_is_another_campaign(direct: Path, tmp_path: P
         sample.rows(study.plan.packed(), [0], np.array([[20.0, 0.0]]))
 
 
+@pytest.mark.slow
 def test_a_command_line_takes_a_users_file(direct: Path, write: Write, tmp_path: Path) -> None:
     file = write(DIRECT.replace('[base]\nmodel = "direct_drive.py"\n', ""))
     done = campaign(file, "--output", tmp_path / "out", "--workers", 0, "--model", tmp_path / "direct_drive.py")

@@ -8,12 +8,12 @@ from math import ceil, pi, radians, sin
 import numpy as np
 import pytest
 
-from emcas_fmu.actuators import NAMES
 from emcas_fmu.extensions.monitors import Watched, modelled, response
 from emcas_fmu.extensions.status import DEGRADED, DISABLED, FAILED, OPERATIONAL
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
+from tests.default_actuator import EVERY
 
 from .fault_runs import BASE, MODEL, TRIPPED, scheduled
 
@@ -45,7 +45,7 @@ def test_no_false_alarm(command: str, load: float) -> None:
     assert not run["built_in_test"].any()
 
 
-@pytest.mark.parametrize("model", NAMES)
+@pytest.mark.parametrize("model", EVERY)
 def test_no_false_alarm_in_any_model(model: str) -> None:
     values = load_parameters(model=f"{model}+faults").values
     for command in HARD.values():

@@ -14,6 +14,7 @@ from emcas_fmu.extensions.fault_list import FAULTS, LONGEST_COMMAND_DELAY
 from emcas_fmu.extensions.status import OPERATIONAL
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.simulation import simulate
+from tests.default_actuator import EVERY
 
 from .fault_runs import BASE, BIT, MODEL, PLAIN, SHARED, equal, gust, scheduled, wave
 
@@ -26,7 +27,7 @@ IMPOSSIBLE = {
     "second-order": {"backlash_growth", "current_derating", "brown_out", "free_fin", "friction_rise"}}
 
 
-@pytest.mark.parametrize("model", NAMES)
+@pytest.mark.parametrize("model", EVERY)
 def test_a_fault_is_where_it_can_be(model: str) -> None:
     there = {name.split(".")[1] for name in load_parameters(model=f"{model}+faults").values if name.endswith(".active")}
     assert there == set(BIT) - IMPOSSIBLE[model]

@@ -24,7 +24,8 @@ from tests.simulation import nested
 from .friction_reference import IDEAL, Dry
 
 MODEL = "nonlinear+stribeck"
-BASES = ("nonlinear", "elastic", "habibi", "ozkan", "ristanovic")
+BASES = ("nonlinear", *(pytest.param(name, marks=pytest.mark.slow)
+                         for name in ("elastic", "habibi", "ozkan", "ristanovic")))
 BASE = load_parameters(model=MODEL)
 
 

@@ -89,7 +89,8 @@ def reasons(tool: str) -> list[str]:
     return re.findall(r"“([^”]+)”", " ".join(rows))
 
 
-@pytest.mark.parametrize("tool", TOOLS)
+# ssp compiles for every platform.
+@pytest.mark.parametrize("tool", [pytest.param(t, marks=pytest.mark.slow if t == "ssp" else ()) for t in TOOLS])
 @pytest.mark.parametrize("model", [pytest.param(model, marks=() if model in ALWAYS else pytest.mark.slow)
                                    for model in ACTUATORS], ids=lambda model: Path(model).stem)
 def test_a_tool_serves_an_actuator_or_says_why_not(model: str, tool: str, tmp_path: Path,

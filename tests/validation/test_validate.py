@@ -257,8 +257,8 @@ def test_damaged_archive_is_refused(fmu: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("model", [
-    "nonlinear+lugre+heat", *(name if name == "second-order" else pytest.param(name, marks=pytest.mark.slow)
-               for name in NAMES if name != NONLINEAR)])
+    pytest.param(name, marks=() if name == "second-order" else pytest.mark.slow)
+    for name in (*NAMES, "nonlinear+lugre+heat") if name != NONLINEAR])
 def test_actuators_without_a_reference_are_judged_by_performance(model: str, tmp_path: Path) -> None:
     files = {name: tmp_path / f"out.{name}" for name in ("json", "junit", "report")}
     done = emcas("--model", model, *(part for name, path in files.items() for part in (f"--{name}", path)))
