@@ -187,7 +187,9 @@ def test_a_ramp_is_what_small_held_steps_come_to() -> None:
 UNITS = [(DRIVEN, 1), (DRIVEN, 3), ("second-order", 3), ("second-order+faults", 2)]
 
 
-@pytest.fixture(scope="module", params=UNITS, ids=lambda unit: f"{Path(unit[0]).stem}-{unit[1]}")
+@pytest.fixture(scope="module", params=[
+    UNITS[0], UNITS[-1], *(pytest.param(unit, marks=pytest.mark.slow) for unit in UNITS[1:-1])],
+    ids=lambda unit: f"{Path(unit[0]).stem}-{unit[1]}")
 def unit(request: pytest.FixtureRequest) -> FmuInterface:
     kind, fins = request.param
     return FmuInterface(fins, kind)

@@ -40,6 +40,7 @@ def test_four_in_one_are_four_single_ones(native: Path, four: Path) -> None:
     np.testing.assert_allclose(together["bus_current_a"], single["bus_current_a"], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_supply_is_the_units(tmp_path: Path) -> None:
     """A unit of 28 V flies on 28 V, one of four fins, four of one or in an archive, unless another voltage is given."""
     local = local_platform()

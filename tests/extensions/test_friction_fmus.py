@@ -41,6 +41,7 @@ print(json.dumps([names, rows]))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("option", "backend", "fins"), [
     pytest.param("stribeck", "python", 2, marks=pytest.mark.slow), ("stribeck", "native", 1), ("lugre", "python", 1),
     pytest.param("lugre", "native", 2, marks=pytest.mark.slow)])

@@ -39,6 +39,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
             "native": build(BASE, folder / "native.fmu", "native", cc="gcc").path}
 
 
+@pytest.mark.slow
 @pytest.mark.fmu
 def test_fmus_home_by_their_input(built: Mapping[str, Path], tmp_path: Path) -> None:
     """Under fmpy in a fresh process, `home` as a signal; and a state kept amid the run continues bit for bit."""

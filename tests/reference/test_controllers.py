@@ -40,7 +40,8 @@ def changed(changes: Mapping[str, Any], model: str = "nonlinear") -> Mapping[str
     return load_parameters(model=model).replace({"encoder.enabled": False, **changes}).values
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", [
+    pytest.param(case, marks=pytest.mark.slow if case in ("loops", "observer", "as built") else ()) for case in CASES])
 def test_independent_integration_agrees(case: str) -> None:
     values = changed({**CASES[case], "fin.start_angle": math.radians(8.0)})
     time = np.arange(1101) * 1e-3
