@@ -99,6 +99,7 @@ def test_a_drift_fails_with_a_table(repository: Path, native: Path) -> None:
     assert "emcas baseline record mine.fmu --output baseline" in summary
 
 
+@pytest.mark.slow
 @needs_bash
 def test_a_bad_parameter_file_fails_at_once(repository: Path) -> None:
     (repository / "actuator.toml").write_text('[motor]\nresistence = "1 Ohm"\n')

@@ -50,6 +50,7 @@ def test_a_run_and_one_sample_of_it(write: Write, tmp_path: Path) -> None:
     assert "campaign.seed: 5 then, 6 now" in changed.stderr.replace("\n", "")
 
 
+@pytest.mark.slow
 def test_failed_samples_are_results_unless_all_fail(write: Write, tmp_path: Path) -> None:
     never = SMALL.replace('"uniform"\nlow = "-6 degC"\nhigh = "24 degC"', '"normal"\nmean = "100 degC"\nsd = "30 K"')
     stop = '[vary."fin.start_angle"]\ndistribution = "uniform"\nlow = "{} deg"\nhigh = "40 deg"\n'

@@ -96,6 +96,7 @@ def test_program_takes_single_units(native: Path, tmp_path: Path) -> None:
     assert json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))["bus_voltage_v"] == 36.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("arguments", "message"), [
     (["--fmu", "no-such.fmu"], "no-such.fmu: there is no such file; build one"),
     (["--host", "omsimulator"], "'omsimulator' is not one of 'fmpy', 'libcosim', 'ecos', 'all'"),

@@ -439,6 +439,7 @@ def test_a_fin_may_differ(tmp_path: Path) -> None:
     assert starts(AZIMUTH) == pytest.approx([0.0, radians(100), radians(240)], rel=1e-15)  # decimal conversion
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 def test_a_system_compiler_builds_it(tmp_path: Path) -> None:
     for fins in (1, 2):

@@ -36,6 +36,7 @@ def test_same_bits_as_in_fmpy(loading: Host, native_fmu: Path, encoder: str) -> 
     assert abs(found["fin_angle"][-1] - 0.2) < 0.02  # at its command, but for what is left of an overshoot
 
 
+@pytest.mark.slow
 def test_sources_compiled_by_another_compiler(linked: Host, plain: Trajectory) -> None:
     """Neither gcc nor clang reorders sums; 1e-12 leaves room for last bits of folded constants, grown over 0.3 s."""
     assert difference(plain, trajectory(linked("plain", "0"))) < 1e-12

@@ -139,6 +139,7 @@ def _slews(time: Any) -> dict[str, Any]:
     return {"fin_command": command, "supply_voltage": np.where((time > 0.2595) & (time < 0.5995), 30.0, 39.0)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integral_gain", [0.1, 100.0])
 @pytest.mark.parametrize("load", [-100.0, 100.0])
 def test_a_voltage_limit_that_moves_with_speed_and_current(values: Mapping[str, Any], load: float,

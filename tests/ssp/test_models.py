@@ -123,6 +123,7 @@ def test_enumerations_under_the_usual_prefix(archive: Path, expected: dict[str, 
     assert found["fin[2].fin_angle"] == expected["fin[2].fin_angle"]
 
 
+@pytest.mark.slow
 def test_the_file_as_it_is_in_libcosim_and_ecos(archive: Path) -> None:
     rows = [line.split()[0] for line in printed("libcosimpy", archive, "-", "plain").splitlines()]
     assert [float(row) for row in rows] == pytest.approx([radians(a) for a in (45, 135, 225, 315)])

@@ -243,6 +243,7 @@ def test_finds_better_gains_and_the_same_again(study: Study) -> None:
     assert checked == first.best  # what is reported is what the rounded gains do
 
 
+@pytest.mark.slow
 def test_workers_change_nothing(study: Study) -> None:
     alone, together = tune(study, generations=2), tune(study, generations=2, workers=2)
     assert alone.best == together.best

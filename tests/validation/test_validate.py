@@ -106,6 +106,7 @@ def test_junit_has_a_test_case_for_each_criterion(whole: Validation, tmp_path: P
     assert "required <= " in failed[0].result[0].message
 
 
+@pytest.mark.slow
 def test_report_is_one_page_that_repeats(whole: Validation, tmp_path: Path) -> None:
     for name in ("a.html", "b.html"):
         write_report(whole, tmp_path / name)
