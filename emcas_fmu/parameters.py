@@ -21,7 +21,7 @@ from .actuators.declaration import Actuator
 from .errors import EmcasError, hint
 from .files import models_directory, named_sets
 from .ops.floats import FLOATS
-from .rules import check_ranges, check_rules
+from .rules import Rule, check_ranges, check_rules
 from .units import describe, quantity
 from .variables import Variable
 
@@ -116,6 +116,11 @@ class ParameterSet:
     def values(self) -> Mapping[str, Value]:
         """Read-only values by name, in the variables' units (SI, temperature in degC)."""
         return MappingProxyType({e.variable.name: e.value for e in self.entries})
+
+    @property
+    def estimates(self) -> tuple[str, ...]:
+        """Names of the parameters that rest on an engineering estimate."""
+        return tuple(e.variable.name for e in self.entries if e.source == "estimate")
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -221,8 +226,14 @@ def check_combinations(values: Mapping[str, Any], actuator: Actuator, warnings: 
 
     Of the rules that refuse, or of those that only warn (`warnings`).
     """
+    return list(broken_rules(values, actuator, warnings).values())
+
+
+def broken_rules(values: Mapping[str, Any], actuator: Actuator, warnings: bool = False) -> dict[Rule, str]:
+    """Return those rules with their messages; see `check_combinations`."""
     p = actuator.namespace(values)
-    return check_rules(((partial(rule.check, FLOATS, p), *rule[1:]) for rule in actuator.all_rules), warnings)
+    return {rule: message for rule in actuator.all_rules
+            for message in check_rules([(partial(rule.check, FLOATS, p), *rule[1:])], warnings)}
 
 
 def are_defaults(parameters: ParameterSet) -> bool:

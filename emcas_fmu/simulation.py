@@ -152,18 +152,18 @@ class SteppedUnit:
         if compiled.available(model):
             self._core = compiled.CompiledCore(values, model)  # checks for itself
         else:
-            require_sound(values, model)
-            self._core = codegen.core(values, model)
+            self._core = _python_core(values, model)
         self._model, self._step = model, step
         self._row = [v.initial(values) for v in actuator.inputs]
         self._inputs = {v.name: i for i, v in enumerate(actuator.inputs)}
         self._names = tuple(v.name for v in actuator.outputs)
-        self._rows: list[tuple[Any, ...]] = [self._core.outputs(self._acting(inputs or {}))]
+        self._set(inputs or {})
+        self._rows: list[tuple[Any, ...]] = [self._core.outputs(self._acting)]
 
-    def _acting(self, inputs: Mapping[str, float]) -> Any:
+    def _set(self, inputs: Mapping[str, float]) -> None:
         for name, value in inputs.items():
             self._row[self._inputs[name]] = value
-        return codegen.core_inputs(self._core, self._row, self._model)
+        self._acting = codegen.core_inputs(self._core, self._row, self._model)
 
     def place(self, output: str) -> int:
         """Return where an output stands in what `now` and `run` give."""
@@ -176,8 +176,9 @@ class SteppedUnit:
 
     def run(self, **inputs: float) -> tuple[Any, ...]:
         """Return the outputs a step later; inputs that are not given stay as they were."""
-        acting = self._acting(inputs)
-        self._rows.append(self._core.run(len(self._rows) * self._step, acting))
+        if inputs:
+            self._set(inputs)
+        self._rows.append(self._core.run(len(self._rows) * self._step, self._acting))
         return self.now
 
     def columns(self) -> dict[str, Array]:
@@ -187,9 +188,13 @@ class SteppedUnit:
                 **{name: table[:, i] for i, name in enumerate(self._names)}}
 
 
-def _by_python(values: Mapping[str, Any], table: Array, step: float, model: str) -> Array:
+def _python_core(values: Mapping[str, Any], model: str) -> Any:
     require_sound(values, model)
-    core = codegen.core(values, model)
+    return codegen.core(values, model)
+
+
+def _by_python(values: Mapping[str, Any], table: Array, step: float, model: str) -> Array:
+    core = _python_core(values, model)
     return _rows(core, table, step, lambda row: codegen.core_inputs(core, row, model))
 
 

@@ -214,8 +214,8 @@ class Actuator:
                 raise EmcasError(f"actuator {self.name}: has neither step nor derivatives; smooth equations need only "
                                  "derivatives")
             object.__setattr__(self, "step", smooth_step(self._every_rate, [s.name for s in self.states]))
-        there = (s for s in self.controller_states if s not in _BUS)  # one made of another has them already
-        object.__setattr__(self, "controller_states", (*there, *_BUS))
+        declared = (s for s in self.controller_states if s not in _BUS)  # one made of another has them already
+        object.__setattr__(self, "controller_states", (*declared, *_BUS))
         # Those that act on the plant first: the core takes them so.
         object.__setattr__(self, "further_inputs", tuple(sorted(self.further_inputs, key=lambda v: v.kind != "Real")))
         arguments = [a for _, names, _ in self.functions for a in names]

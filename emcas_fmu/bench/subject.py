@@ -217,7 +217,7 @@ class ParameterSubject(Subject):
             hashlib.sha256(b"".join(file.read_bytes() for file in self.files)).hexdigest() if self.files else "",
             self.actuator.name if source else "EMCAS", "", "",
             parameters_hash(self.values), "the kernel of emcas", _differences(self.values, self.model),
-            tuple(e.variable.name for e in self.parameters.entries if e.source == "estimate"), self.actuator.name)
+            self.parameters.estimates, self.actuator.name)
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
@@ -254,13 +254,13 @@ def _sprung(values: Mapping[str, Any], model: str, table: Array, step: float, sp
     The spring's moment is that of the fin angle at the last row that is a multiple of `substeps`.
     """
     names = [v.name for v in get(model).inputs]
-    rows = [dict(zip(names, row, strict=True)) for row in table.tolist()]
+    rows = [dict(zip(names, row, strict=True)) for row in table[::substeps].tolist()]
     unit = SteppedUnit(values, step, model, rows[0])
     angle = unit.place("fin_angle")
-    for k, row in enumerate(rows[:-1]):
-        if k % substeps == 0:
-            held = {**row, LOAD: row[LOAD] - spring * unit.now[angle]}
-        unit.run(**held)
+    for row in rows[:-1]:
+        unit.run(**{**row, LOAD: row[LOAD] - spring * unit.now[angle]})
+        for _ in range(substeps - 1):
+            unit.run()
     return unit.columns()
 
 
@@ -304,7 +304,7 @@ class FmuSubject(Subject):
     @cached_property
     def identification(self) -> Identification:
         description, changed = self.unit.description, _differences(self.values, self.model)
-        estimates = (e.variable.name for e in load_parameters(model=self.model).entries if e.source == "estimate")
+        estimates = load_parameters(model=self.model).estimates
         return Identification(
             "FMU", self.unit.path.name, self.unit.sha256,
             f"{description.modelName} {description.version or ''}".strip(), description.guid,

@@ -76,10 +76,12 @@ def record(
 
 def _command(subject: Path | None, model: str | None, fin: int | None, parameters: list[Path] | None) -> str:
     """The command as a baseline has it, without folders: the same response gives the same bytes wherever it is kept."""
-    file, *files = [path and Path(Path(as_given(path)).name) for path in (subject, *(parameters or ()))]
-    which = [*([str(file)] if file else []), *([] if model is None else ["--model", Path(model).name])]
+    def bare(path: Path) -> Path:
+        return Path(Path(as_given(path)).name)
+
+    which = [*([str(bare(subject))] if subject else []), *([] if model is None else ["--model", Path(model).name])]
     return shlex.join(["emcas", "baseline", "record", *which, *(["--fin", str(fin)] if fin else []),
-                       *parameter_arguments(filter(None, files))])
+                       *parameter_arguments(map(bare, parameters or ()))])
 
 
 @app.command(epilog=_CHECK)

@@ -52,8 +52,8 @@ def _rows(unit: FmuInterface, variables: tuple[Variable, ...], sets: Sequence[Pa
             if v.name in entries:
                 entry = entries[v.name]
                 # Of the fin port's, which every actuator has, the shipped file tells what is so with a screw.
-                speaks = screw or entry.file != "emcas.toml" or "screw" not in entry.note
-                row |= {"source": entry.source, "note": entry.note if speaks else ""}
+                applies = screw or entry.file != "emcas.toml" or "screw" not in entry.note
+                row |= {"source": entry.source, "note": entry.note if applies else ""}
         rows.append(row)
     return rows
 

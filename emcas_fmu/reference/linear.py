@@ -19,7 +19,6 @@ model's code is used.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -28,25 +27,19 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from ..errors import EmcasError
-from .plant import over_temperature
+from .plant import over_temperature, whole_samples
 
 Array = NDArray[np.floating[Any]]
 
 
 def obstacle(values: Mapping[str, Any]) -> str:
     """Return why the linear model is none of these parameters, with the remedy; empty if it is one."""
-    held = _samples(values, "command.update_time") > 1
+    held = whole_samples(values, "command.update_time") > 1
     for name, unit, there in (("command.resolution", "rad", values["command.resolution"] > 0.0),
                               ("command.update_time", "s", held)):
         if there:
             return f"{name} = {values[name]:g} {unit}: the linear model takes every command as it is; set it to 0"
     return ""
-
-
-def _samples(values: Mapping[str, Any], name: str) -> int:
-    """Return a time of the bus in whole sample times, half of one upwards."""
-    samples: float = values[name] / values["controller.sample_time"]
-    return math.floor(samples + 0.5)
 
 
 class LinearModel:
@@ -108,7 +101,7 @@ class LinearModel:
             written[:4] = newer
         drive = ratio * (drive + velocity_gain * error_of_target * written)
         self.update, self.drive, self.written = update, drive, written
-        self.latency = _samples(values, "command.latency")
+        self.latency = whole_samples(values, "command.latency")
         self.output = np.zeros(size)
         self.output[0] = 1.0 / turned
 

@@ -68,6 +68,11 @@ def clip(value: float, limit: float) -> float:
     return max(-limit, min(limit, value))
 
 
+def whole_samples(p: Mapping[str, Value], name: str) -> int:
+    """Return a time of the bus in whole sample times, half of one upwards."""
+    return math.floor(p[name] / p["controller.sample_time"] + 0.5)
+
+
 def cross(a: Triple, b: Triple) -> Triple:
     """Return the vector product of two vectors."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .plant import Mode, Plant, Surroundings, Value, clip
+from .plant import Mode, Plant, Surroundings, Value, clip, whole_samples
 
 Array = NDArray[np.floating[Any]]
 
@@ -36,8 +36,7 @@ class Bus:
     """Commands from the host to the controllers: taken at every so many samples, rounded, and late."""
 
     def __init__(self, p: Mapping[str, float]):
-        samples = [p[f"command.{name}"] / p["controller.sample_time"] for name in ("latency", "update_time")]
-        self.late, self.every = (math.floor(x + 0.5) for x in samples)
+        self.late, self.every = (whole_samples(p, f"command.{name}") for name in ("latency", "update_time"))
         self.resolution = p["command.resolution"]
         self.taken = [p["fin.start_angle"]] * self.late  # rad, the last one at the present sample
         self.count = 0
@@ -66,7 +65,7 @@ class Controllers:
         self.count_size = 2.0 * math.pi / (self.p["encoder.pulses"] * self.p["encoder.multiplier"])
         self.on_fin = bool(self.p["encoder.on_fin"])
         self.turns = self._turns(delta)
-        self.update_samples = max(1, math.floor(self.p["command.update_time"] / self.period + 0.5))
+        self.update_samples = max(1, whole_samples(self.p, "command.update_time"))
         self._reset(*self._measure(delta, 0.0), delta)
 
     def _reset(self, fin: float, motor: float, speed: float, command: float) -> None:

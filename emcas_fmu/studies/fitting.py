@@ -39,10 +39,10 @@ class Fit:
     @property
     def at_bound(self) -> dict[str, str]:
         """The values at a bound of the search, with which one: lower or upper."""
-        bounds = {(name, side): (self.parameters.values[name], bound, _AT_BOUND * (highest - lowest))
-                  for name, (_, lowest, highest) in _SEARCHED.items()
-                  for side, bound in (("lower", lowest), ("upper", highest))}
-        return {name: side for (name, side), (value, bound, near) in bounds.items() if abs(value - bound) <= near}
+        shares = {name: (float(self.parameters.values[name]) - lowest) / (highest - lowest)
+                  for name, (_, lowest, highest) in _SEARCHED.items()}
+        return {name: "lower" if share < 0.5 else "upper" for name, share in shares.items()
+                if min(share, 1.0 - share) <= _AT_BOUND}
 
     @property
     def warnings(self) -> tuple[str, ...]:

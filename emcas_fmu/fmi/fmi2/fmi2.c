@@ -31,7 +31,7 @@ static void set_one(instance *m, size_t vr, double value)
 {
     m->s.values[vr] = value;
     m->s.fresh = 0;
-    if (!core_finite(value)) m->odd = 1;
+    if (!core_finite(value)) m->check_inputs = 1;
     if (vr >= PARAMETER_BEGIN) m->unprepared = 1;
     if (vr - MOTION_BEGIN < MODEL_MOTION) m->moved = 1; /* unsigned: none below */
 }
@@ -216,9 +216,9 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real size, fmi2Boolean
     if (!allowed(m, RUNNING, "fmi2DoStep")) return fmi2Error;
     if (!core_finite(time) || !core_finite(size) || !(size > 0.0))
         return report(m, fmi2Error, "communication step %.17g s at %.17g s is not positive and finite", size, time);
-    if (m->odd) {
+    if (m->check_inputs) {
         if (!core_all_finite(m->s.values, UNIT_INPUTS)) return bad_inputs(m, time);
-        m->odd = 0;
+        m->check_inputs = 0;
     }
     if (m->unprepared) {
         prepare(m);
@@ -305,7 +305,7 @@ static void as_instantiated(instance *m)
     memset(&m->s, 0, sizeof m->s);
     memcpy(m->s.values, START, sizeof START);
     m->s.phase = INSTANTIATED;
-    m->unprepared = m->moved = m->odd = 1;
+    m->unprepared = m->moved = m->check_inputs = 1;
     memset(m->warned, 0, sizeof m->warned);
 }
 

@@ -44,7 +44,7 @@ typedef struct {
     fmi2String name;
     uint32_t logged;    /* a bit for each category */
     int32_t unprepared; /* fins are not bound to the parameters */
-    int32_t odd;        /* an input may not be finite */
+    int32_t check_inputs; /* one may not be finite */
     int32_t moved;      /* what the vehicle's motion makes is not that of the inputs */
     multi_fin fins;
     double carried[FINS][CORE_CARRIED]; /* what the vehicle's motion makes of each fin */

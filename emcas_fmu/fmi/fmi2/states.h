@@ -95,7 +95,7 @@ fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
     if (memcmp(m->s.values + PARAMETER_BEGIN, s->values + PARAMETER_BEGIN, sizeof s->values - PARAMETER_BEGIN * sizeof(double)) != 0)
         m->unprepared = 1;
     m->s = *s;
-    m->moved = m->odd = 1;
+    m->moved = m->check_inputs = 1;
     return fmi2OK;
 }
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
-from itertools import islice
 from math import prod
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -19,9 +17,15 @@ from ...bench.subject import open_subject
 from ...errors import EmcasError
 from ...fmi.interface import MOST_FINS, FmuInterface, start_values
 from ...fmi.package import interface_guid
-from ...ops.floats import FLOATS
-from ...parameters import ParameterSet, check_combinations, check_parameters, load_parameters, parameter_file
-from ...rules import check_rules
+from ...parameters import (
+    ParameterSet,
+    broken_rules,
+    check_combinations,
+    check_parameters,
+    load_parameters,
+    parameter_file,
+)
+from ...rules import Rule
 from ...schema import Table
 from .distributions import MOST_OUTSIDE, CampaignError
 from .plan import Factor, Plan, source_sha256
@@ -111,9 +115,10 @@ def _warnings(base: ParameterSet, plan: Plan) -> Iterator[str]:
                         for end in factor.distribution.limits(MOST_OUTSIDE))]
     sets = [values for values, _ in map(plan.varied, points) if not check_parameters(
         {v.name: values[v.name] for v in plan.actuator.parameters}, plan.model)]  # others fail, and say why
-    for rule in plan.actuator.all_rules:
-        bound = ([(partial(rule.check, FLOATS, plan.actuator.namespace(values)), *rule[1:])] for values in sets)
-        yield from islice((warning for checks in bound for warning in check_rules(checks, warnings=True)), 1)
+    first: dict[Rule, str] = {}
+    for values in sets:
+        first = {**broken_rules(values, plan.actuator, warnings=True), **first}
+    yield from (first[rule] for rule in plan.actuator.all_rules if rule in first)
 
 
 def _base(path: Path, entry: _Base, fmu: Path | None, fin: int | None,

@@ -54,8 +54,8 @@ class Result:
     @property
     def estimates(self) -> list[str]:
         """Parameters that rest on an engineering estimate in at least one set."""
-        entries = zip(*(column.parameters.entries for column in self.columns), strict=True)
-        return [each[0].variable.name for each in entries if any(e.source == "estimate" for e in each)]
+        estimates = {name for column in self.columns for name in column.parameters.estimates}
+        return [e.variable.name for e in self.columns[0].parameters.entries if e.variable.name in estimates]
 
     @property
     def differing(self) -> dict[str, tuple[Any, ...]]:

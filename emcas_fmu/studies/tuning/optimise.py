@@ -50,7 +50,7 @@ class Result:
     @property
     def unimproved(self) -> bool:
         """Whether the search was stopped before it came to anything better than the set begun with."""
-        return self.stopped and self.best.objective >= self.before.objective
+        return self.stopped and self.best == self.before
 
     @property
     def at_bound(self) -> dict[str, str]:

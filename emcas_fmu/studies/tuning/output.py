@@ -67,7 +67,7 @@ def at_bounds(result: Result) -> str:
 def write_tuned(result: Result, path: Path, command: str) -> None:
     """Write the set that was tuned with the gains over it, each with the command and the smallest margin.
 
-    Where nothing better was found, the set stays as it is, with its values' sources.
+    Where a stopped search came to nothing better, the set stays as it is, with its values' sources.
     """
     worst = result.best.worst
     note = f"{command}; smallest margin {worst.margin:.1%} ({worst.requirement}, case {worst.case})"
