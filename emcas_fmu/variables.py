@@ -125,7 +125,14 @@ def without(variables: Iterable[Variable], *prefixes: str) -> tuple[Variable, ..
     Raises ValueError for a prefix that is no variable's.
     """
     listed = tuple(variables)
+    out = only(listed, *prefixes)
+    return tuple(v for v in listed if v not in out)
+
+
+def only(variables: Iterable[Variable], *prefixes: str) -> tuple[Variable, ...]:
+    """Return variables by name, or by what a group of names begins with, in their order. Raises ValueError, too."""
+    listed = tuple(variables)
     for prefix in prefixes:
         if not any(v.name.startswith(prefix) for v in listed):
             raise ValueError(f"there is no variable {prefix}")
-    return tuple(v for v in listed if not v.name.startswith(prefixes))
+    return tuple(v for v in listed if v.name.startswith(prefixes))

@@ -26,6 +26,7 @@ _MODULES = {
     NONLINEAR: "electromechanical.nonlinear", "linear": "electromechanical.linear", "second-order": "second_order",
     "ristanovic": "electromechanical.ristanovic", "elastic": "electromechanical.elastic",
     "habibi": "electromechanical.habibi", "ozkan": "electromechanical.ozkan",
+    "electrohydraulic": "hydraulic.electrohydraulic",
 }
 NAMES = tuple(_MODULES)
 # In the order in which one is laid over the other, the first next to the actuator.

@@ -85,7 +85,7 @@ class Supply:
     inverse_inductance: Callable[[Ops, Parameters, Value], Value] = lambda ops, p, interval: 0.0
 
     def __post_init__(self) -> None:
-        if self.input.unit != "V":
+        if self.input.unit not in ("V", "Pa"):
             raise EmcasError(f"supply {self.input.name} [{self.input.unit}]: a line that fins share is one of voltage "
                              "[V]; declare another input among further_inputs")
         if (self.power.name, self.power.unit) != ("supply_power", "W"):

@@ -16,7 +16,9 @@ from typing import Any, NamedTuple
 from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import drive, drive_line, friction, loads, mechanics, screw
-from .rigid import PROGRESS, WALL, Drive, Plant, electrical_mode, resolved, stops, switched
+from ..physics.stick import WALL
+from . import current_loop
+from .rigid import PROGRESS, Drive, Plant, electrical_mode, resolved, stops, switched
 
 # The least share of a step that is taken where a flank is left: in less, a slow motion may not get beyond the rounding
 # of its angle. Meanwhile the flank pulls, and takes energy.
@@ -192,7 +194,7 @@ def _margins(ops: Ops, p: Any, c: drive_line.Line, start: Pair, s: Pair, mode: _
     side = ops.where(mode.flank > 0.0, 1.0, -1.0)
     pressure = side * drive_line.torque(c, deflection, s.speed - s.fin_speed, mode.flank) - drive_line.least(c)
     low_stop, high_stop = stops(ops, p)
-    watched, reserve = _reserve(ops, p, s, mode.drive)
+    voltage = 1.0 if _ideal(p) else current_loop.reserve(ops, p, mode.drive, s.speed, s.current, s.integral)
     dry = p.friction.fin_coulomb > 0.0
     return (
         ops.where(c.loose, ops.where(mode.pressed, pressure, c.half_gap - deflection), 1.0),
@@ -201,18 +203,8 @@ def _margins(ops: Ops, p: Any, c: drive_line.Line, start: Pair, s: Pair, mode: _
         ops.where(dry, ops.where(start.fin_speed > 0.0, s.fin_speed, -s.fin_speed), 1.0),
         high_stop - s.fin_angle,
         s.fin_angle - low_stop,
-        ops.where(watched, reserve, 1.0),
+        voltage,
     )
-
-
-def _reserve(ops: Ops, p: Any, s: Pair, d: Any) -> tuple[Value, Value]:
-    """Return whether the demanded voltage is watched, and what is above zero until it meets or leaves its limit [V]."""
-    if _ideal(p):
-        return False, 1.0
-    demand = drive.voltage_demand(p, d.i_ref, s.current, s.integral)
-    limit = d.limit_at(ops, p, s.speed, s.current)
-    reserve = ops.where(ops.equal(d.side, 0.0), limit - ops.fabs(demand), demand * d.side - limit)
-    return ops.both(d.enabled, ops.equal(d.at_limit, 0.0)), reserve
 
 
 def _zero(ops: Ops, x: Value, y: Value, other_x: Value, other_y: Value) -> Value:

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import drive, friction, kinematics, mechanics, screw
+from ..physics.stick import WALL
 
 # Dry friction counts as overcome this close to its limit, so that a step that ended at
 # breakaway does not find itself stuck by a rounding error.
@@ -30,7 +31,6 @@ PROGRESS = 1e-6
 # Where the voltage is at a limit that falls with the current, which is a resistance, steps are at most this share of
 # the time constant that makes of the winding's inductance; and at least this share of the longest tick.
 _RESOLVED, _SHORTEST = 0.1, 0.03
-WALL = 1e30  # N.m, a mechanical stop seen as friction that nothing overcomes
 _TINY = 1e-300
 
 

@@ -32,28 +32,32 @@ def smooth_step(derivatives: Derivatives, names: Sequence[str]) -> Callable[...,
     `derivatives(ops, p, x, u)` gives d/dt of each by name, for `x` and `u` as `step` gets them.
     """
     def step(ops: Ops, p: Any, x: Record, u: Record, h: Value) -> tuple[dict[str, Value], Value]:
-        def slope(y: Sequence[Value]) -> list[Value]:
+        def slope(y: list[Value]) -> list[Value]:
             given = derivatives(ops, p, x.replace(**dict(zip(names, y, strict=True))), u)
             return [given[name] for name in names]
 
-        begin = [getattr(x, name) for name in names]
-        first = slope(begin)
-        columns = []
-        for i, value in enumerate(begin):
-            increment = _INCREMENT * (1.0 + ops.fabs(value))
-            shifted = slope([*begin[:i], value + increment, *begin[i + 1:]])
-            columns.append([(a - b) / increment for a, b in zip(shifted, first, strict=True)])
-        matrix = [[(1.0 if i == k else 0.0) - _GAMMA * h * columns[k][i] for k in range(len(names))]
-                  for i in range(len(names))]
-        k1 = solve(matrix, first)
-        second = slope([y + h * k for y, k in zip(begin, k1, strict=True)])
-        k2 = solve(matrix, [f - 2.0 * k for f, k in zip(second, k1, strict=True)])
-        moved = {name: y + h * (1.5 * a + 0.5 * b) for name, y, a, b in zip(names, begin, k1, k2, strict=True)}
+        moved = dict(zip(names, ros2(ops, slope, [getattr(x, name) for name in names], h), strict=True))
         angle, rate, stop = moved["fin_angle"], moved["fin_rate"], p.fin.stop_angle
         against = ops.both(ops.fabs(angle) >= stop, angle * rate > 0.0)
         return {**moved, "fin_angle": ops.clip(angle, -stop, stop), "fin_rate": ops.where(against, 0.0, rate)}, h
 
     return step
+
+
+def ros2(ops: Ops, slope: Callable[[list[Value]], list[Value]], begin: list[Value], h: Value) -> list[Value]:
+    """Return values that move by `slope`, d/dt of each, from `begin` after `h` [s]."""
+    count, first = len(begin), slope(begin)
+    columns = []
+    for i, value in enumerate(begin):
+        increment = _INCREMENT * (1.0 + ops.fabs(value))
+        shifted = slope([*begin[:i], value + increment, *begin[i + 1:]])
+        # What does not depend on the value is the very same in a traced program: an entry that is known to be 0.
+        columns.append([0.0 if a is b else (a - b) / increment for a, b in zip(shifted, first, strict=True)])
+    matrix = [[_less(1.0 if i == k else 0.0, _GAMMA * h, columns[k][i]) for k in range(count)] for i in range(count)]
+    k1 = solve(matrix, first)
+    second = slope([y + h * k for y, k in zip(begin, k1, strict=True)])
+    k2 = solve(matrix, [f - 2.0 * k for f, k in zip(second, k1, strict=True)])
+    return [y + h * (1.5 * a + 0.5 * b) for y, a, b in zip(begin, k1, k2, strict=True)]
 
 
 def solve(matrix: Sequence[Sequence[Value]], right: Sequence[Value]) -> list[Value]:
@@ -62,12 +66,23 @@ def solve(matrix: Sequence[Sequence[Value]], right: Sequence[Value]) -> list[Val
     count = len(rows)
     for i in range(count):
         for k in range(i + 1, count):
-            factor = rows[k][i] / rows[i][i]
-            rows[k] = [a - factor * b for a, b in zip(rows[k], rows[i], strict=True)]
+            if not _zero(rows[k][i]):
+                factor = rows[k][i] / rows[i][i]
+                rows[k] = [_less(a, factor, b) for a, b in zip(rows[k], rows[i], strict=True)]
     solution: list[Value] = [0.0] * count
     for i in reversed(range(count)):
         total = rows[i][count]
         for k in range(i + 1, count):
-            total = total - rows[i][k] * solution[k]
+            total = _less(total, rows[i][k], solution[k])
         solution[i] = total / rows[i][i]
     return solution
+
+
+def _zero(value: Value) -> bool:
+    """Return whether a value is known to be 0, traced or not: what it would add is left out of the program."""
+    return isinstance(value, float) and value == 0.0
+
+
+def _less(value: Value, factor: Value, other: Value) -> Value:
+    """Return value - factor other."""
+    return value if _zero(factor) or _zero(other) else value - factor * other

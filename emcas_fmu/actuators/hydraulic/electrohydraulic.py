@@ -1,0 +1,200 @@
+"""Electrohydraulic actuator: pressure line, servovalve, cylinder, lever and fin.
+
+Cylinder :mod:`emcas_fmu.physics.cylinder`, valve :mod:`emcas_fmu.physics.servovalve`, position loop
+:mod:`emcas_fmu.control.fluid_power`: the speed it asks for, over that of the open valve at its rated pressure, is the
+valve's command. Without `enable` the valve centres itself, and the fin is held by what is in the chambers. A chamber
+below the tank's pressure is refilled through a check valve.
+
+Events (:mod:`emcas_fmu.steppers.events`): the fin starts, rests or meets a stop, the spool meets its stroke or its
+largest speed, a check valve opens or closes.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from ...control import fluid_power
+from ...namespace import Record
+from ...ops.base import Ops, Value
+from ...physics import cylinder, servovalve, stick
+from ...physics.structure import Structure
+from ...steppers import events
+from ...variables import Terminal, parameter, real_input, real_output
+from .. import capabilities, fin_port
+from ..declaration import Acting, Actuator, Asked, State, Supply, Values
+from ..electromechanical.interface import lever_rule, transport_delay
+from . import interface
+
+SUPPLY_PRESSURE = real_input("supply_pressure", "Pa", "pressure of the line that feeds the valve", minimum=0.0,
+                             maximum=1e9, nominal=1e7, start=None, key="hydraulic_supply.pressure")
+SUPPLY_POWER = real_output("supply_power", "W", "hydraulic power drawn from the pressure line", 100.0)
+VALVE = (State("spool_position", "1", "of its stroke"), State("spool_speed", "1/s"))
+PARAMETERS = (
+    *interface.PARAMETERS,
+    parameter("cylinder.start_pressure", "Pa", 0.0, 1e9, "pressure in both chambers at the start"),
+    parameter("tank.pressure", "Pa", 0.0, 1e8, "pressure of the return line, p_t"),
+    parameter("valve.rated_flow", "m3/s", 1e-9, 1.0, "flow of the open valve at valve.rated_pressure, Q_r"),
+    parameter("valve.rated_pressure", "Pa", 1e3, 1e9, "pressure drop across both edges for valve.rated_flow"),
+    parameter("valve.natural_frequency", "rad/s", 1.0, 1e5, "natural frequency of the spool"),
+    parameter("valve.damping", "1", 0.0, 100.0, "damping ratio of the spool"),
+    parameter("valve.stroke_time", "s", 1e-5, 10.0, "least time from the centre to the end of the stroke"),
+    parameter("valve.lap", "1", 0.0, 1.0, "rounding of the edges, of the stroke: leakage at null"),
+    parameter("valve.laminar_pressure", "Pa", 1.0, 1e8, "pressure drop below which an edge's flow is laminar"),
+    parameter("valve.null_shift", "1", -1.0, 1.0, "spool position at which the valve is centred, of the stroke"),
+)
+_AT = 1.0 - 1e-12  # of the spool's largest speed: as close as rounding comes
+
+
+def initial(ops: Ops, p: Any, start: Record) -> Values:
+    """Return plant and controller at rest at a fin angle."""
+    measured = fluid_power.measured(ops, p, start.fin_angle)
+    return {"fin_angle": start.fin_angle, "pressure_1": p.cylinder.start_pressure,
+            "pressure_2": p.cylinder.start_pressure, "integral": fluid_power.at_rest(ops, p, measured),
+            "measured_fin_angle": measured}
+
+
+def full_speed(ops: Ops, p: Any) -> Value:
+    """Return the piston's speed [m/s] with the open valve at its rated pressure, by which the loop's are scaled."""
+    return p.valve.rated_flow / p.cylinder.area
+
+
+def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+    """Return a sample of the controller; it is held in reset while disabled."""
+    measured = fluid_power.measured(ops, p, asked.position)
+    full = full_speed(ops, p)
+    out = fluid_power.sample(ops, p, x.integral, measured, asked.command, full)
+    at_rest = fluid_power.at_rest(ops, p, measured)
+    return {"reference": ops.where(asked.enable, out.speed / full, 0.0),
+            "integral": ops.where(asked.enable, out.integral, at_rest),
+            "measured_fin_angle": measured, "limited": ops.where(asked.enable, out.limited, 0.0)}
+
+
+def spool_command(ops: Ops, p: Any, u: Acting) -> Value:
+    """Return where [of the stroke] the valve is driven: centred while disabled."""
+    return ops.clip(ops.where(u.enabled, u.reference, 0.0) + p.valve.null_shift, -1.0, 1.0)
+
+
+def mode(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Record:
+    """Return what holds through a step of `h` [s]; the linkage is that of its middle."""
+    c = cylinder.linkage(ops, p, x.fin_angle + 0.5 * h * x.fin_rate, u)
+    torque = cylinder.pressing(p, c, x.pressure_1, x.pressure_2)
+    slide = stick.slide(ops, x.fin_rate, torque, c.dry, x.fin_angle, p.fin.stop_angle)
+    command = spool_command(ops, p, u)
+    faster = servovalve.spool_acceleration(p, x.spool_position, x.spool_speed, command) * x.spool_speed > 0.0
+    at_speed = ops.both(ops.fabs(x.spool_speed) >= servovalve.fastest(p) * _AT, faster)
+    return Record(linkage=c, slide=slide, command=command, at_speed=at_speed,
+                  refill_1=x.pressure_1 < p.tank.pressure, refill_2=x.pressure_2 < p.tank.pressure)
+
+
+def _rates(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
+    c, tank = m.linkage, p.tank.pressure
+    flow_1, flow_2, _ = servovalve.flows(ops, p, x.spool_position, u.supply, x.pressure_1, x.pressure_2)
+    flow_1 = flow_1 + cylinder.makeup(ops, p, x.pressure_1, tank, m.refill_1)
+    flow_2 = flow_2 + cylinder.makeup(ops, p, x.pressure_2, tank, m.refill_2)
+    rise_1, rise_2 = cylinder.pressure_rates(p, c, x.fin_rate, x.pressure_1, x.pressure_2, flow_1, flow_2)
+    dry = m.slide.direction * c.dry
+    rate = cylinder.acceleration(p, c, x.fin_rate, x.pressure_1, x.pressure_2, dry)
+    spool = servovalve.spool_acceleration(p, x.spool_position, x.spool_speed, m.command)
+    return {"fin_angle": x.fin_rate, "fin_rate": stick.moves(ops, m.slide, rate), "pressure_1": rise_1,
+            "pressure_2": rise_2, "spool_position": x.spool_speed, "spool_speed": ops.where(m.at_speed, 0.0, spool)}
+
+
+def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return d/dt of the states: of a fin that moves without dry friction, a valve within its limits."""
+    c = cylinder.linkage(ops, p, x.fin_angle, u)
+    return _rates(ops, p, x, u, Record(linkage=c._replace(dry=0.0), slide=stick.Slide(1.0, 0.0, 0.0),
+                                       command=u.reference, at_speed=False, refill_1=False, refill_2=False))
+
+
+def _margins(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
+    torque = cylinder.pressing(p, m.linkage, x.pressure_1, x.pressure_2)
+    tank, fastest = p.tank.pressure, servovalve.fastest(p)
+    faster = servovalve.spool_acceleration(p, x.spool_position, x.spool_speed, m.command) * x.spool_speed
+
+    def refilling(pressure: Value, open_: Value) -> Value:
+        return ops.where(open_, tank - pressure, pressure - tank)
+
+    return {"fin": stick.margin(ops, m.slide, x.fin_rate, torque),
+            "stop": stick.stop_margin(ops, m.slide, x.fin_angle, p.fin.stop_angle),
+            "speed": ops.where(m.at_speed, faster, fastest - ops.fabs(x.spool_speed)),
+            "stroke": 1.0 - ops.fabs(x.spool_position),
+            "refill_1": refilling(x.pressure_1, m.refill_1), "refill_2": refilling(x.pressure_2, m.refill_2)}
+
+
+def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, events: Values) -> Values:
+    moving = ops.negate(ops.equal(m.slide.direction, 0.0))
+    halted = ops.both(moving, ops.either(events["fin"], events["stop"]))
+    fastest, side = servovalve.fastest(p), ops.where(x.spool_position > 0.0, 1.0, -1.0)
+    at_end = ops.fabs(x.spool_position) >= 1.0
+    end = ops.either(events["stroke"], at_end)
+    outward = ops.either(events["stroke"], x.spool_speed * side > 0.0)
+    met = ops.both(events["speed"], ops.negate(m.at_speed))
+    speed = ops.where(met, ops.where(x.spool_speed > 0.0, fastest, -fastest), x.spool_speed)
+    return {"fin_rate": stick.speed_after(ops, m.slide, begin.fin_rate, x.fin_rate, halted),
+            "fin_angle": ops.where(events["stop"], m.slide.direction * p.fin.stop_angle, x.fin_angle),
+            "spool_position": ops.where(end, side, x.spool_position),
+            "spool_speed": ops.where(ops.both(end, outward), 0.0, speed)}
+
+
+_SYSTEM = events.Switched(mode, _rates, _margins, _landed)
+
+
+def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+    """Return the plant after h [s] or at the first event before, and the time that took."""
+    moved, used = events.advance(ops, p, _SYSTEM, x, u, h)
+    return vars(moved), used
+
+
+def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return every output."""
+    _, _, drawn = servovalve.flows(ops, p, x.spool_position, u.supply, x.pressure_1, x.pressure_2)
+    at_speed = ops.fabs(x.spool_speed) >= servovalve.fastest(p) * _AT
+    limited = ops.either(at_speed, ops.either(ops.fabs(x.spool_position) >= 1.0, u.limited > 0.0))
+    return {
+        "fin_angle": x.fin_angle,
+        "fin_rate": x.fin_rate,
+        "hinge_torque": fin_port.hinge_torque(ops, p, x.fin_angle, u),
+        "tracking_error": fin_port.clipped_command(ops, p, u.command) - x.fin_angle,
+        "measured_fin_angle": u.measured_fin_angle,
+        "saturated": limited,
+        "at_stop": ops.fabs(x.fin_angle) >= fin_port.stop_edge(p),
+        "piston_position": cylinder.piston_position(ops, p, x.fin_angle),
+        "pressure_1": x.pressure_1,
+        "pressure_2": x.pressure_2,
+        "valve_reference": u.sampled_reference,
+        "valve_position": x.spool_position,
+        "supply_flow": drawn,
+        "supply_power": u.supply * drawn,
+    }
+
+
+ACTUATOR = Actuator(
+    name="electrohydraulic",
+    title="electrohydraulic actuator: pressure line, servovalve, cylinder, lever and fin",
+    origin="The structure is that of section 1.1.3 of the thesis of Yerlikaya (2016), which gives no numbers: every "
+           "value is an engineering estimate.",
+    states=(*interface.FIN, *interface.CHAMBERS, *VALVE),
+    controller_states=(interface.INTEGRAL,),
+    outputs=(*interface.OUTPUTS,
+             real_output("valve_reference", "1", "position asked of the spool, of its stroke", 1.0),
+             real_output("valve_position", "1", "position of the spool, of its stroke", 1.0),
+             real_output("supply_flow", "m3/s", "flow drawn from the pressure line", 1e-4),
+             SUPPLY_POWER),
+    parameters=PARAMETERS,
+    supply=Supply(SUPPLY_PRESSURE, SUPPLY_POWER),
+    descriptions={"enable": "false: the valve centres itself, and the fin is held by the oil in the chambers"},
+    terminals=(Terminal("hydraulics", "cylinder and valve",
+                        ("piston_position", "pressure_1", "pressure_2", "valve_reference", "valve_position",
+                         "supply_flow")),),
+    rules=(lever_rule(deviates=False),),
+    provides=frozenset({capabilities.POSITION_LOOP}),
+    structure=Structure(),
+    initial=initial,
+    sample=sample,
+    derivatives=derivatives,
+    step=step,
+    output_values=output_values,
+    transport_delay=transport_delay,
+    modules=(sys.modules[__name__], cylinder, servovalve, fluid_power, events),
+)

@@ -1,0 +1,41 @@
+"""States, variables and rules that the hydraulic actuators share."""
+
+from __future__ import annotations
+
+from ...variables import only, parameter, real_output
+from .. import fin_port
+from ..declaration import State
+from ..electromechanical import interface as electromechanical
+
+FIN = (State("fin_angle", "rad"), State("fin_rate", "rad/s"))
+CHAMBERS = (State("pressure_1", "Pa", "in the chamber that turns the fin to positive angles"),
+            State("pressure_2", "Pa", "in the other one"))
+INTEGRAL = State("integral", "m/s", "of the position controller")
+
+OUTPUTS = (
+    *fin_port.described({
+        "measured_fin_angle": "fin angle the controllers read from its transducer at the last sample"}),
+    real_output("piston_position", "m", "piston displacement from its place at fin_angle 0", 0.01),
+    real_output("pressure_1", "Pa", "pressure in the chamber that turns the fin to positive angles", 1e7),
+    real_output("pressure_2", "Pa", "pressure in the chamber that turns the fin to negative angles", 1e7),
+)
+CYLINDER = (
+    parameter("cylinder.area", "m2", 1e-7, 1.0, "area of the piston on both sides, A"),
+    parameter("cylinder.dead_volume", "m3", 1e-9, 1.0, "volume of a chamber with its line at fin_angle 0, V_0"),
+    parameter("cylinder.moving_mass", "kg", 0.0, 1e3, "mass that moves with the piston"),
+    parameter("cylinder.viscous_friction", "N.s/m", 0.0, 1e7, "viscous friction of the piston, b_p"),
+    parameter("cylinder.coulomb_friction", "N", 0.0, 1e6, "dry friction of the piston's seals"),
+    parameter("cylinder.internal_leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage across the piston, C_ip"),
+    parameter("oil.bulk_modulus", "Pa", 1e6, 1e11, "effective bulk modulus of oil, air and walls, beta"),
+)
+CHECK_VALVE = parameter("check_valve.conductance", "m3/(s.Pa)", 0.0, 1e-6,
+                        "conductance of the check valve that refills a chamber, K_cv")
+TRANSDUCER = parameter("transducer.resolution", "rad", 0.0, 0.1, "step of the transducer of the fin angle (0: none)")
+PARAMETERS = (
+    *only(electromechanical.PARAMETERS, "kinematics.", "friction.fin_", "drive.transport_delay",
+          "controller.position.kp", "controller.position.ki", "controller.position.setpoint_weight"),
+    *fin_port.PARAMETERS,
+    *CYLINDER,
+    CHECK_VALVE,
+    TRANSDUCER,
+)

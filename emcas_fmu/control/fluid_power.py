@@ -1,0 +1,50 @@
+"""Position loop of a cylinder: PI, on the piston that the transducer of the fin angle stands for.
+
+    r    = x(clip(command))        y = x(fin_measured)        e = r - y
+    v_raw = Kp (b r - y) + I        v_ref = clip(v_raw, +-v_max)
+    I+   = I + T_s Ki e, held while the limit is met and e drives it further
+
+x is the lever's (:mod:`emcas_fmu.physics.cylinder`): the loop's gain is then the same at every angle. The integral of a
+loop at rest is Kp (1 - b) y; it is held at limits, as back-calculation would leave a tail of its time constant.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from ..ops.base import Ops, Value
+from ..physics import cylinder
+from .controllers import clipped_command, resting_integral
+
+
+class Output(NamedTuple):
+    """Reference of the piston's speed [m/s], whether a limit was met, and the integral [m/s] for the next sample."""
+
+    speed: Value
+    limited: Value
+    integral: Value
+
+
+def measured(ops: Ops, p: Any, fin_angle: Value) -> Value:
+    """Return a fin angle [rad] as its transducer reads it."""
+    step = p.transducer.resolution
+    unit = ops.where(step > 0.0, step, 1.0)
+    return ops.where(step > 0.0, unit * ops.floor(fin_angle / unit + 0.5), fin_angle)
+
+
+def at_rest(ops: Ops, p: Any, fin_measured: Value) -> Value:
+    """Return the integral [m/s] that asks for no speed at a measured fin angle [rad]."""
+    return resting_integral(p, cylinder.piston_position(ops, p, fin_measured))
+
+
+def sample(ops: Ops, p: Any, integral: Value, fin_measured: Value, command: Value, limit: Value) -> Output:
+    """Return a sample of the loop within a speed of the piston [m/s]; `command` [rad] before its limit."""
+    position = p.controller.position
+    target = cylinder.piston_position(ops, p, clipped_command(ops, p, command))
+    error = target - cylinder.piston_position(ops, p, fin_measured)
+    raw = position.kp * (error - (1.0 - position.setpoint_weight) * target) + integral
+    beyond = ops.fabs(raw) > limit
+    held = ops.both(beyond, raw * error > 0.0)
+    moved = integral + ops.where(held, 0.0, p.controller.sample_time * position.ki * error)
+    limited = ops.either(beyond, ops.fabs(command) > p.command.limit)
+    return Output(ops.clip(raw, -limit, limit), ops.where(limited, 1.0, 0.0), moved)

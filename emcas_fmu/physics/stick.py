@@ -1,0 +1,59 @@
+"""Dry friction that is set-valued: what rests stays there to the bit while it holds, what slides feels all of it.
+
+For bodies whose forces follow from states, so that each decides by itself (:mod:`emcas_fmu.steppers.events`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ..ops.base import Ops, Value
+
+WALL = 1e30  # N or N.m, a mechanical stop seen as friction that nothing overcomes
+# Friction counts as overcome this close to its limit, so that a step that ended at breakaway does not rest again by a
+# rounding error.
+_EDGE = 1.0 - 1e-9
+
+
+class Slide(NamedTuple):
+    """Direction of a body's motion (-1, 0 at rest, 1), and the torques that it takes to move it up and down."""
+
+    direction: Value
+    high: Value
+    low: Value
+
+
+def slide(ops: Ops, speed: Value, torque: Value, dry: Value, place: Value, stop: Value) -> Slide:
+    """Return how a body moves that has a `speed`, under a `torque` besides a dry friction of `dry`.
+
+    At rest at a `place` beyond +-`stop` it moves inwards only.
+    """
+    high = ops.where(place >= stop, WALL, dry)
+    low = -ops.where(place <= -stop, WALL, dry)
+    # Strictly beyond: without friction and torque a body at rest stays at rest.
+    up = ops.both(torque >= high * _EDGE, torque > 0.0)
+    down = ops.both(torque <= low * _EDGE, torque < 0.0)
+    starts = ops.where(up, 1.0, ops.where(down, -1.0, 0.0))
+    return Slide(ops.where(speed > 0.0, 1.0, ops.where(speed < 0.0, -1.0, starts)), high, low)
+
+
+def moves(ops: Ops, s: Slide, value: Value) -> Value:
+    """Return a value of a body that moves, 0 of one at rest."""
+    return ops.where(ops.equal(s.direction, 0.0), 0.0, value)
+
+
+def margin(ops: Ops, s: Slide, speed: Value, torque: Value) -> Value:
+    """Return what is above 0 while the body goes on as it does: its speed, or at rest the friction that is left."""
+    rest = ops.minimum(s.high - torque, torque - s.low)
+    return ops.where(ops.equal(s.direction, 0.0), rest, s.direction * speed)
+
+
+def stop_margin(ops: Ops, s: Slide, place: Value, stop: Value) -> Value:
+    """Return the way to the stop ahead, 1 of a body at rest."""
+    return ops.where(ops.equal(s.direction, 0.0), 1.0, stop - s.direction * place)
+
+
+def speed_after(ops: Ops, s: Slide, begin: Value, end: Value, halted: Value) -> Value:
+    """Return the speed at the end of a step: 0 where it was `halted`, or where a start from rest leads nowhere."""
+    nowhere = ops.both(ops.equal(begin, 0.0), end * s.direction <= 0.0)
+    return ops.where(ops.either(halted, nowhere), 0.0, end)
