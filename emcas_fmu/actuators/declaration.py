@@ -85,9 +85,9 @@ class Supply:
     inverse_inductance: Callable[[Ops, Parameters, Value], Value] = lambda ops, p, interval: 0.0
 
     def __post_init__(self) -> None:
-        if self.input.unit not in ("V", "Pa"):
-            raise EmcasError(f"supply {self.input.name} [{self.input.unit}]: a line that fins share is one of voltage "
-                             "[V]; declare another input among further_inputs")
+        if (self.input.kind, self.input.unit) not in (("Real", "V"), ("Real", "Pa")):
+            raise EmcasError(f"supply {self.input.name} [{self.input.unit}]: the line that feeds an actuator is one of "
+                             "voltage [V] or of pressure [Pa]; declare another input among further_inputs")
         if (self.power.name, self.power.unit) != ("supply_power", "W"):
             raise EmcasError(f"supply {self.input.name}: its power is called {self.power.name} [{self.power.unit}]; "
                              "every actuator's is supply_power [W]")

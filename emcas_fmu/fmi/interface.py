@@ -62,6 +62,9 @@ class FmuInterface:
     def __post_init__(self) -> None:
         if not 1 <= self.fins <= MOST_FINS:
             raise EmcasError(f"--fins {self.fins}: a unit has 1 to {MOST_FINS} fins")
+        supply = self.actuator.supply
+        if self.fins > 1 and supply is not None and supply.input.unit != "V":
+            raise EmcasError(f"--fins {self.fins}: fins share no line of pressure yet; build a unit of one fin")
 
     @property
     def model(self) -> str:
