@@ -1,4 +1,4 @@
-"""`emcas compare`: parameter sets side by side."""
+"""`emcas compare`: parameter sets and actuators side by side."""
 
 from __future__ import annotations
 
@@ -12,20 +12,22 @@ from . import common
 
 EPILOG = ("Examples:\n\n  emcas compare"
           "\n\n  emcas compare default my_actuator.toml --report compare.html"
-          "\n\n  emcas compare drive-si drive-pi -p my_actuator.toml --json compare.json")
+          "\n\n  emcas compare drive-si drive-pi -p my_actuator.toml --json compare.json"
+          "\n\n  emcas compare nonlinear worm-gear electrohydraulic --report kinds.html")
 
 
 def compare(
     sets: Annotated[list[str] | None, typer.Argument(
-        help="Names of shipped sets (emcas parameters --sets), parameter files (TOML), or default for the default set "
-             "itself; default and the three readings of the current loop unless given.", metavar="[SET|FILE]...",
+        help="Names of shipped sets (emcas parameters --sets), parameter files (TOML), default for the default set "
+             "itself, or actuators, of which it is their default sets; default and the three readings of the current "
+             "loop unless given.", metavar="[SET|FILE|ACTUATOR]...",
         show_default=False)] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
     as_json: common.JsonOption = None,
     report: common.ReportOption = None,
 ) -> None:
-    """Measure parameter sets by the requirements of the thesis's Table 2, a column each.
+    """Measure parameter sets, or actuators, by the requirements of the thesis's Table 2, a column each.
 
     Exit code 0 whatever is met, for to compare is not to judge (that is emcas validate); 2: it cannot be carried out.
     Files of --parameters lie below every set.

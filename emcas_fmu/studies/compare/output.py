@@ -1,4 +1,4 @@
-"""Sets side by side on the terminal, as JSON, and as a page."""
+"""Sets or actuators side by side on the terminal, as JSON, and as a page."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def summary(result: Result) -> Iterator[RenderableType]:
         first = row[0]
         table.add_row(first.title, f"{first.sense} {first.limit:g} {first.unit}", *map(_cell, row))
     yield table
-    for name, values in result.differing.items():
+    for name, values in result.differing.items() if len(result.models) == 1 else ():
         yield escape(f"{name}: {', '.join(writers.number(value) for value in values)}")
     for column in result.columns:
         missed = [j.name for j in column.judged if not j.passed and not j.skipped]
@@ -51,10 +51,10 @@ def _cell(j: Judged) -> str:
 
 def as_dict(result: Result) -> dict[str, Any]:
     """Return every set's figures and verdicts, and the parameters that differ."""
-    return {"schema": SCHEMA, "tool": f"emcas {__version__}", "model": result.columns[0].parameters.actuator.name,
+    return {"schema": SCHEMA, "tool": f"emcas {__version__}", "model": ", ".join(result.models),
             "differing": {name: dict(zip((c.name for c in result.columns), values, strict=True))
                           for name, values in result.differing.items()},
-            "sets": [{"name": column.name, "passed": column.passed,
+            "sets": [{"name": column.name, "model": column.parameters.actuator.name, "passed": column.passed,
                       "requirements": [j.as_dict() for j in column.judged]}
                      for column in result.columns]}
 
@@ -66,9 +66,7 @@ def write_json(result: Result, path: Path) -> None:
 
 def write_report(result: Result, path: Path) -> None:
     """Write the page; the same result gives the same bytes."""
-    units = {e.variable.name: e.variable.unit for e in result.columns[0].parameters.entries}
-    writers.write_page(path, "studies/compare/page.html.j2", result=result, units=units,
-                       model=result.columns[0].parameters.actuator.name, pictures=pictures(_drawings(result)))
+    writers.write_page(path, "studies/compare/page.html.j2", result=result, pictures=pictures(_drawings(result)))
 
 
 def _drawings(result: Result) -> Iterator[Drawing]:

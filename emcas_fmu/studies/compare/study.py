@@ -1,4 +1,4 @@
-"""Parameter sets judged by Table 2, and by the fin's rate with its load, each by the same runs."""
+"""Parameter sets and actuators judged by Table 2, and by the fin's rate with its load, each by the same runs."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from ...actuators import NAMES, split
 from ...bench import verdict
 from ...bench.subject import ParameterSubject, Run
 from ...bench.verdict import REQUIREMENTS, Judged
@@ -27,7 +28,7 @@ _OUTPUTS = ("fin_angle", "fin_rate")
 
 @dataclass(frozen=True)
 class Column:
-    """One set: the name it was given by, the parameters, and what was measured, in the order of ROWS."""
+    """One set or actuator: the name it was given by, the parameters, and what was measured, in the order of ROWS."""
 
     name: str
     parameters: ParameterSet
@@ -42,7 +43,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Result:
-    """Sets of one actuator beside each other."""
+    """Sets, or actuators, beside each other."""
 
     columns: tuple[Column, ...]
 
@@ -53,24 +54,42 @@ class Result:
 
     @property
     def estimates(self) -> list[str]:
-        """Parameters that rest on an engineering estimate in at least one set."""
+        """Parameters that rest on an engineering estimate in at least one column."""
         estimates = {name for column in self.columns for name in column.parameters.estimates}
-        return [e.variable.name for e in self.columns[0].parameters.entries if e.variable.name in estimates]
+        return [name for name in self.units if name in estimates]
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of all parameters by name."""
+        return {e.variable.name: e.variable.unit for column in self.columns for e in column.parameters.entries}
+
+    @property
+    def models(self) -> list[str]:
+        """The actuators, each once."""
+        return list(dict.fromkeys(column.parameters.actuator.name for column in self.columns))
 
     @property
     def differing(self) -> dict[str, tuple[Any, ...]]:
-        """Values of the parameters that are not the same in every set, by name."""
-        values = {name: tuple(column.parameters.values[name] for column in self.columns)
-                  for name in self.columns[0].parameters.values}
-        return {name: each for name, each in values.items() if len(set(each)) > 1}
+        """Values of the parameters that all have and that are not the same in every column, by name."""
+        each = [column.parameters.values for column in self.columns]
+        shared = {name: tuple(values[name] for values in each) for name in each[0]
+                  if all(name in values for values in each)}
+        return {name: values for name, values in shared.items() if len(set(values)) > 1}
 
 
 def load_sets(names: Sequence[str], model: str, below: Sequence[Path] = ()) -> dict[str, ParameterSet]:
-    """Return each set by the name or file it is given by, over the files `below`. Raises EmcasError."""
+    """Return each set by the name or file it is given by, over the files `below`; of an actuator's name its default
+    set. Raises EmcasError."""
     if twice := [name for name in names if names.count(name) > 1]:
         raise EmcasError(f"{twice[0]}: is given twice; give each set once")
     base = load_parameters(below, model=model)
-    return {name: base if name == DEFAULT else load_parameters(name, base) for name in names}
+
+    def loaded(name: str) -> ParameterSet:
+        if name == DEFAULT:
+            return base
+        return load_parameters(below, model=name) if split(name)[0] in NAMES else load_parameters(name, base)
+
+    return {name: loaded(name) for name in names}
 
 
 def compare(sets: Mapping[str, ParameterSet], progress: Progress = silent) -> Result:

@@ -11,7 +11,7 @@ from typing import Any
 
 from ...errors import EmcasError, hint
 from . import drive, friction, kinematics, listings, loading, loops, others, performance
-from .entry import DRAWING, HARDWARE, NO_MODEL, PHOTOGRAPH, REASONS, SCREENSHOT, TEST_DATA, UNSEEN, Entry, Show, Shown
+from .entry import DRAWING, HARDWARE, PHOTOGRAPH, REASONS, SCREENSHOT, TEST_DATA, UNSEEN, Entry, Show, Shown
 from .runs import COLD, WARM
 
 
@@ -38,15 +38,18 @@ FIGURES = (
     _figure("1.1", "Kinds of control actuation systems", DRAWING),
     _figure("1.2", "A control section with its fins", DRAWING),
     _figure("1.3", "An actuator with screw and lever", DRAWING, "The lever to scale: Figure 2.1."),
-    _figure("1.4", "Ristanović's model", others.beside("ristanovic", "Ristanović"), structure=True),
-    _figure("1.5", "Özkan's model", others.beside("ozkan", "Özkan"), structure=True),
-    _figure("1.6", "Habibi's model", others.beside("habibi", "Habibi"), structure=True),
-    _figure("1.7", "An actuator with a clutch", NO_MODEL),
-    _figure("1.8", "An actuator with a worm gear", NO_MODEL),
-    _figure("1.9", "An electrohydrostatic system", NO_MODEL),
-    _figure("1.10", "An electrohydrostatic actuator", NO_MODEL),
-    _figure("1.11", "A hydraulic circuit with a valve", NO_MODEL),
-    _figure("1.12", "An electrohydraulic servo mechanism", NO_MODEL),
+    _figure("1.4", "Ristanović's model", others.author("ristanovic", "Ristanović"), structure=True),
+    _figure("1.5", "Özkan's model", others.author("ozkan", "Özkan"), structure=True),
+    _figure("1.6", "Habibi's model", others.author("habibi", "Habibi"), structure=True),
+    _figure("1.7", "An actuator with a clutch", others.kind("clutch", "a clutch"), structure=True),
+    _figure("1.8", "An actuator with a worm gear", others.kind("worm-gear", "a worm gear"), structure=True),
+    _figure("1.9", "An electrohydrostatic system", others.circuit("electrohydrostatic", (
+        ("motor_speed", "pump / rad/s", 1.0), ("motor_current", "motor current / A", 1.0))), structure=True),
+    _figure("1.10", "An electrohydrostatic actuator", others.kind("electrohydrostatic", "a pump"), structure=True),
+    _figure("1.11", "A hydraulic circuit with a valve", others.circuit("electrohydraulic", (
+        ("valve_position", "spool / stroke", 1.0), ("supply_flow", "supply / l/min", 6e4))), structure=True),
+    _figure("1.12", "An electrohydraulic servo mechanism", others.kind("electrohydraulic", "a servovalve"),
+            structure=True),
     _figure("2.1", "The lever as it is mounted", kinematics.assembly),
     _figure("2.2", "The lever in motion", kinematics.ratio),
     _figure("2.3", "Forces on motor and screw", DRAWING, "Equations (2.8), (2.9): emcas_fmu/physics/mechanics.py."),

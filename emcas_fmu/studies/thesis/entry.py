@@ -18,10 +18,8 @@ UNSEEN = "drawing or photograph"
 SCREENSHOT = "screen of a program"
 HARDWARE = "list of hardware"
 TEST_DATA = "test data, not published"
-NO_MODEL = "no model of this actuator here"
 REASONS = {DRAWING: "drawings", PHOTOGRAPH: "photographs", UNSEEN: "drawings or photographs",
-           SCREENSHOT: "screens of a program", HARDWARE: "lists of hardware", TEST_DATA: "of test data, not published",
-           NO_MODEL: "of actuators without a model here"}
+           SCREENSHOT: "screens of a program", HARDWARE: "lists of hardware", TEST_DATA: "of test data, not published"}
 """Why an entry is not reproduced, with the words for several of its kind."""
 
 

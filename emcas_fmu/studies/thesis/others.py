@@ -1,37 +1,72 @@
-"""The models of other authors that chapter 1 shows, beside the thesis's own (Figures 1.4 to 1.6)."""
+"""What chapter 1 shows beside the thesis's own actuator: models of other authors (Figures 1.4 to 1.6), other kinds of
+actuation (Figures 1.7 to 1.12)."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import radians
 
 from ...actuators import NONLINEAR
-from ...bench.excitation import step_to
+from ...bench.excitation import LOAD, step_to
 from ...bench.metrics import displayed, motion
+from ...reference.cases import LOAD as RATED
 from .entry import Show, Shown, Table
-from .pictures import Panel, angle, of_run, panels, rate
+from .pictures import Line, Panel, angle, of_run, panels, rate
 from .runs import Runs
 
 _FIGURES = {"rise_time_s": "rise 10-90 % [s]", "settling_time_s": "settling 2 % [s]",
             "overshoot_percent": "overshoot [%]", "sustained_rate_deg_per_s": "mean rate [deg/s]"}
+_OF_AUTHOR = ("The structure of {}'s model with the motor, screw and fin of this unit, as far as it has them.",
+              "any number of it: the thesis shows a block diagram. docs/model/models.md says what each model leaves "
+              "out.")
+_OF_KIND = ("An actuator with {} that is sized for the same task; all its numbers are estimates.",
+            "any number of it: the thesis describes this kind in words. docs/model/comparison.md has all kinds in "
+            "figures.")
 
 
-def beside(model: str, author: str) -> Show:
+def author(model: str, name: str) -> Show:
     """Return what shows a step of an author's model beside one of the nonlinear actuator."""
+    return _beside(model, name, *_OF_AUTHOR)
+
+
+def kind(model: str, name: str) -> Show:
+    """Return what shows a step of another kind of actuation beside one of the nonlinear actuator."""
+    return _beside(model, name, *_OF_KIND)
+
+
+def circuit(model: str, further: Sequence[tuple[str, str, float]]) -> Show:
+    """Return what shows a hydraulic actuator at work: pressures, and `further` outputs with label and factor."""
     def show(runs: Runs) -> Shown:
         (size,) = runs.levels(10.0)
-        models = {author: model, "nonlinear actuator": NONLINEAR}
+        run = runs.of(model).run(step_to(radians(size), 0.5).holding({LOAD: -RATED}))
+        run.finished()
+
+        def curve(output: str, factor: float) -> Line:
+            return Line(run.columns["time"], factor * run.columns[output], output.replace("_", " "))
+
+        return Shown(runs.conditions(f"step to {size:g}°", f"{RATED:g} N·m against it"), panels([
+            Panel("pressure / MPa", [curve(name, 1e-6) for name in ("pressure_1", "pressure_2")]),
+            *(Panel(label, [curve(output, factor)]) for output, label, factor in further)], "time / s", (0.0, 0.35)),
+            "What the circuit does that the thesis draws; all its numbers are estimates.",
+            unknown="any number of it: the thesis describes it in words.")
+
+    return show
+
+
+def _beside(model: str, name: str, caption: str, unknown: str) -> Show:
+    def show(runs: Runs) -> Shown:
+        (size,) = runs.levels(10.0)
+        models = {name: model, "nonlinear actuator": NONLINEAR}
         responses = {name: runs.of(each).run(step_to(radians(size), 0.5)) for name, each in models.items()}
         for run in responses.values():
             run.finished()
-        of_author = responses[author]
+        of_other = responses[name]
         rows = [(name, *(displayed(motion(run))[key] for key in _FIGURES))
                                         for name, run in responses.items()]
         return Shown(runs.conditions(f"step to {size:g}°"), panels([
-            Panel("fin angle / deg", [of_run(of_author),
+            Panel("fin angle / deg", [of_run(of_other),
                                       *(angle(run.columns, name) for name, run in responses.items())]),
             Panel("fin rate / deg/s", [rate(run.columns) for run in responses.values()])], "time / s", (0.0, 0.35)),
-            f"The structure of {author}'s model with the motor, screw and fin of this unit, as far as it has them.",
-            Table(("", *_FIGURES.values()), rows),
-            "any number of it: the thesis shows a block diagram. docs/model/models.md says what each model leaves out.")
+            caption.format(name), Table(("", *_FIGURES.values()), rows), unknown)
 
     return show

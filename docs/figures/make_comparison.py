@@ -1,0 +1,216 @@
+"""Tables and picture of docs/model/comparison.md: kinds of actuation side by side, each with its default parameters.
+
+    python docs/figures/make_comparison.py           # writes tables and picture; some minutes
+    python docs/figures/make_comparison.py --check   # exit code 1 where a table is stale
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache, cached_property
+from math import degrees, nan, radians
+from pathlib import Path
+
+import numpy as np
+from make_tables import main, markdown
+
+from emcas_fmu import plots
+from emcas_fmu.actuators import NONLINEAR, get
+from emcas_fmu.bench.excitation import COMMAND, LOAD, Excitation, slew_to, step_to, sweep
+from emcas_fmu.bench.metrics import FrequencyResponse, motion, sweep_response
+from emcas_fmu.bench.subject import ParameterSubject, Run
+from emcas_fmu.bench.writers import with_unit
+from emcas_fmu.extensions.fault_list import FAULTS, possible
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.studies.compare import study
+from emcas_fmu.studies.report import mission, stiffness
+from emcas_fmu.studies.report.outcome import Value
+from emcas_fmu.studies.report.rig import Rig
+
+KINDS = {NONLINEAR: "ball screw", "worm-gear": "worm gear", "clutch": "clutch",
+         "electrohydrostatic": "electrohydrostatic", "electrohydraulic": "electrohydraulic"}
+COLORS = dict(zip(KINDS, plots.COLORS, strict=False))
+LOADS = np.arange(-150.0, 151.0, 50.0)  # N.m along the motion
+SLEW = radians(100.0)  # rad/s, of the ramp by which power is measured
+HELD = 100.0  # N.m
+_SETTLED = 1.0  # s after which what is held has settled
+
+
+@dataclass(frozen=True)
+class Kind:
+    """An actuator with its default parameters, and what is measured of it."""
+
+    name: str
+
+    @cached_property
+    def subject(self) -> ParameterSubject:
+        """What is run."""
+        return ParameterSubject(load_parameters(model=self.name))
+
+    @cached_property
+    def rig(self) -> Rig:
+        """What the tests of `emcas report` run on."""
+        return Rig(self.subject)
+
+    def run(self, excitation: Excitation) -> Run:
+        """Return the finished response."""
+        run = self.subject.run(excitation)
+        run.finished()
+        return run
+
+    def step(self, size: float) -> Mapping[str, float]:
+        """Return the figures of a step [deg]."""
+        return motion(self.run(step_to(radians(size), 0.6)), -1)
+
+    @cached_property
+    def response(self) -> FrequencyResponse:
+        """The frequency response at 1 deg."""
+        return sweep_response(self.run(sweep(radians(1.0), 12.0)))
+
+    def rate(self, load: float) -> float:
+        """Return the mean rate [deg/s] of a slew from -20 to 20 deg under a load [N.m] along it; nan if it stalls."""
+        return degrees(motion(self.run(slew_to(radians(20.0), 1.0, load)), -1)["sustained_rate"])
+
+    def power(self, load: float) -> float:
+        """Return the mean power [W] drawn in a ramp of 100 deg/s under a load [N.m] along it, over its middle."""
+        time = np.arange(2001) * 1e-3
+        angle = np.clip(SLEW * (time - 1.5) - radians(15.0), -radians(15.0), radians(15.0))
+        columns = self.run(Excitation("ramp", {COMMAND: angle, LOAD: np.where(time > 0.5, load, 0.0)}, 1.5)).columns
+        inside = np.abs(columns["fin_angle"]) < radians(10.0)
+        return float(np.mean(columns["supply_power"][inside & (time > 1.5)]))
+
+    @cached_property
+    def holding(self) -> Run:
+        """A load of 100 N.m that comes on the fin held at 0."""
+        rest = step_to(0.0, 2.0)
+        return self.run(rest.holding({LOAD: np.where(rest.judged(rest.time), -HELD, 0.0)}))
+
+    @property
+    def dip(self) -> float:
+        """Return the largest deflection [deg] by that load."""
+        return degrees(float(np.abs(self.holding.columns["fin_angle"]).max()))
+
+    @property
+    def heat(self) -> float:
+        """Return the mean power [W] that holding it takes: all of it turns into heat, as nothing moves."""
+        columns = self.holding.columns
+        return float(np.mean(columns["supply_power"][columns["time"] > self.holding.excitation.begin + _SETTLED]))
+
+    @cached_property
+    def mission(self) -> Mapping[str, Value]:
+        """Figures of the synthetic mission profile of `emcas report`."""
+        return mission.measure(self.rig).figures["synthetic"]
+
+    @cached_property
+    def stiffness(self) -> Mapping[str, Mapping[str, Value]]:
+        """Figures of the dynamic stiffness of `emcas report`."""
+        return stiffness.measure(self.rig).figures
+
+    @property
+    def breakaway(self) -> float:
+        """Return the moment [N.m] that moves the disabled fin, the smaller of both directions; nan if 100 do not."""
+        broke = [abs(float(value)) for value in self.stiffness["breakaway"].values()]
+        return min(broke) if np.isfinite(broke).all() else nan
+
+
+@cache
+def kinds() -> Mapping[str, Kind]:
+    """Return the kinds there are."""
+    return {name: Kind(name) for name in KINDS}
+
+
+def _rows(rows: Mapping[str, Callable[[Kind], str]]) -> str:
+    return markdown(("", *KINDS.values()), [(title, *map(show, kinds().values())) for title, show in rows.items()])
+
+
+def table2() -> str:
+    """Table 2 of every kind; bold where it is missed."""
+    found = study.compare(study.load_sets(list(KINDS), NONLINEAR))
+    rows = [(row[0].title.replace("N.m", "N·m"), f"{'≥' if row[0].sense == '>=' else '≤'} "
+             f"{with_unit(row[0].limit, row[0].unit)}",
+             *(("" if j.passed else "**") + j.more + with_unit(j.measured, j.unit) + ("" if j.passed else "**")
+               for j in row)) for row in found.rows]
+    return markdown(("", "required", *KINDS.values()), rows)
+
+
+def _upto(frequency: float, beyond: float) -> str:
+    return f"{frequency:.1f} Hz" if np.isfinite(frequency) else f"> {beyond:.0f} Hz"
+
+
+def motions() -> str:
+    """Steps, frequency response and what a load does."""
+    return _rows({
+        "overshoot, step of 1°": lambda k: f"{100.0 * k.step(1.0)['overshoot']:.1f} %",
+        "overshoot, step of 10°": lambda k: f"{100.0 * k.step(10.0)['overshoot']:.1f} %",
+        "within 2 % of a step of 10° for good": lambda k: f"{1e3 * k.step(10.0)['settling_time']:.0f} ms",
+        "lag of 90° at (1°)": lambda k: _upto(k.response.phase_bandwidth, k.response.beyond),
+        "largest deflection by 100 N·m at once": lambda k: f"{k.dip:.2f}°",
+        "least stiffness, 1 to 40 Hz": lambda k: f"{k.stiffness['powered']['least_stiffness_n_m_per_rad']:.0f} N·m/rad",
+        "moves without power from": lambda k: f"{k.breakaway:.3g} N·m" if np.isfinite(k.breakaway) else
+                                              f"holds {k.rig.load:g} N·m",
+    })
+
+
+def powers() -> str:
+    """Power and energy."""
+    return _rows({
+        "power, 100°/s against 100 N·m": lambda k: f"{k.power(-HELD):.0f} W",
+        "power, 100°/s with 100 N·m": lambda k: f"{k.power(HELD):.0f} W",
+        "heat of holding 100 N·m": lambda k: f"{k.heat:.0f} W",
+        "mission: energy drawn": lambda k: f"{k.mission['energy_drawn_j']:.0f} J",
+        "mission: energy returned": lambda k: f"{k.mission['energy_regenerated_j']:.0f} J",
+        "mission: largest power": lambda k: f"{k.mission['supply_power_peak_w']:.0f} W",
+        "mission: rms tracking error": lambda k: f"{k.mission['tracking_error_rms_deg']:.2f}°",
+    })
+
+
+def failures() -> str:
+    """Faults of the extension `faults` that are a kind's own, beside those of all."""
+    general = {fault.name for fault in FAULTS}
+    rows = []
+    for name, title in KINDS.items():
+        faults = possible(get(name))
+        of_kind = [fault for fault in faults if fault.name not in general]
+        rows.append((title, ", ".join(f"`{fault.name}`: {fault.description}" for fault in of_kind) or "none",
+                     str(len(faults))))
+    return markdown(("", "of its kind", "faults in all"), rows)
+
+
+def draw(path: Path) -> None:
+    """Draw step, rate against load, frequency response, and energy of the mission."""
+    with plots.style():
+        figure, axes = plots.figure(2, 2, height=3.0)
+        (step, rate), (gain, energy) = axes
+        for name, kind in kinds().items():
+            look = {"color": COLORS[name], "label": KINDS[name]}
+            run = kind.run(step_to(radians(10.0), 0.3))
+            time = 1e3 * (run.columns["time"] - run.excitation.begin)
+            step.plot(time, np.degrees(run.columns["fin_angle"]), **look)
+            rate.plot(LOADS, [kind.rate(load) for load in LOADS], "o-", markersize=3, **look)
+            gain.semilogx(kind.response.frequency, kind.response.gain_db, **look)
+        step.set(title="step of 10°", xlabel="time / ms", ylabel="fin angle / deg", xlim=(-10.0, 200.0))
+        rate.set(title="mean rate of a slew of 40°", xlabel="load along the motion / N·m", ylabel="deg/s",
+                 ylim=(0.0, None))
+        gain.axhline(-3.0, **plots.LIMIT)
+        gain.set(title="frequency response at 1°", xlabel="frequency / Hz", ylabel="gain / dB", ylim=(-12.0, 3.0))
+        plots.frequency_axis(gain, (0.5, 1, 2, 5, 10, 20))
+        places = np.arange(len(KINDS))
+        for key, sign, alpha in (("energy_drawn_j", 1.0, 1.0), ("energy_regenerated_j", -1.0, 0.5)):
+            energy.barh(places, [sign * float(kind.mission[key]) / 1e3 for kind in kinds().values()],
+                        color=list(COLORS.values()), alpha=alpha)
+        energy.set_yticks(places, KINDS.values())
+        energy.invert_yaxis()
+        energy.set(title="energy of a mission of 15 s, returned to the left", xlabel="energy / kJ")
+        figure.legend(*step.get_legend_handles_labels(), loc="outside upper center", ncols=len(KINDS))
+        figure.savefig(path, dpi=110, facecolor="white", metadata={"Software": None})
+
+
+DOCUMENTS = {"model/comparison.md": {"table2": table2, "motions": motions, "powers": powers, "failures": failures}}
+
+if __name__ == "__main__":
+    check = "--check" in sys.argv[1:]
+    if not check:
+        draw(Path(__file__).parent / "comparison.png")
+    sys.exit(main(check, DOCUMENTS, "make_comparison.py"))
