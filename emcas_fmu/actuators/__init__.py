@@ -26,6 +26,7 @@ _MODULES = {
     NONLINEAR: "electromechanical.nonlinear", "linear": "electromechanical.linear", "second-order": "second_order",
     "ristanovic": "electromechanical.ristanovic", "elastic": "electromechanical.elastic",
     "habibi": "electromechanical.habibi", "ozkan": "electromechanical.ozkan",
+    "worm-gear": "electromechanical.worm_gear",
     "electrohydraulic": "hydraulic.electrohydraulic",
 }
 NAMES = tuple(_MODULES)

@@ -14,7 +14,8 @@ BACKLASH = "backlash"
 SCREW_LOAD = "a load on the screw"
 REFERENCE_LIMIT = "a drive whose reference has a limit"
 ENCODER = "an encoder on motor or fin"
-SCREW_DRIVE = "motor, screw, lever and hinge with their inertia and friction"
+SCREW_DRIVE = "motor, gear and hinge with their inertia and friction"
+SCREW_AND_LEVER = "a screw and a lever"
 COMMAND_REFERENCE = "a drive that takes the fin command itself"
 POSITION_LOOP = "a sampled position loop"
 CASCADE = "loops of position and velocity in cascade"
@@ -31,7 +32,8 @@ NEEDED_VARIABLES: Mapping[str, tuple[str, ...]] = {
     SCREW_LOAD: ("screw.lead",),
     REFERENCE_LIMIT: ("drive.reference_limit",),
     ENCODER: ("encoder.pulses", "encoder.multiplier", "encoder.enabled"),
-    SCREW_DRIVE: ("screw.lead", "kinematics.moment_arm", "inertia.motor", "inertia.fin"),
+    SCREW_DRIVE: ("inertia.motor", "inertia.fin"),
+    SCREW_AND_LEVER: ("screw.lead", "kinematics.moment_arm"),
     COMMAND_REFERENCE: (),
     POSITION_LOOP: (),
     CASCADE: ("controller.position.kp", "controller.velocity.kp"),

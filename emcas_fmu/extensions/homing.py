@@ -99,7 +99,7 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
     def time(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         # From one stop to the other, back to the first and to zero, each held for the time of a stall. At a constant
         # motor speed zero is not the middle in time. A way may be longer than between the stops by the tolerance.
-        stop, initial = p.fin.stop_angle, p.kinematics.initial_angle
+        stop, initial = p.fin.stop_angle, actuator.equation_parameters(ops, p).kinematics.initial_angle
         zero, high, low = ops.tan(initial), ops.tan(initial + stop), ops.tan(initial - stop)
         back = ops.maximum(high - zero, zero - low) / (high - low)
         way = (2.0 + back) * 2.0 * stop + 2.5 * p.homing.travel_tolerance
@@ -111,6 +111,7 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
 
         Till then it stands still as at a stop. Of the lever the least ratio, d/l: the least time.
         """
+        p = actuator.equation_parameters(ops, p)
         push, stop, coulomb = drive.stall_torque(p, p.homing.reference_limit), p.fin.stop_angle, p.friction.coulomb
         friction = ops.maximum(coulomb_polynomial(coulomb.positive, stop), coulomb_polynomial(coulomb.negative, -stop))
         load, rotor = inertias(p, 0.0)

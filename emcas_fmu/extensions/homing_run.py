@@ -137,7 +137,8 @@ def _homing(ops: Ops, p: Any, actuator: Actuator, x: Record, asked: Asked, seen:
     # A weight of 1: the frame moves, and the loop must not see where it stands.
     pushing = with_values(p, {"drive.reference_limit": limit, "controller.position.setpoint_weight": 1.0,
                               "controller.position.velocity_feedforward": 0.0})
-    weighed = controllers.resting_integral(p, kinematics.motor_angle(ops, p, seen["measured_fin_angle"]))
+    at_motor = kinematics.motor_angle(ops, actuator.equation_parameters(ops, p), seen["measured_fin_angle"])
+    weighed = controllers.resting_integral(p, at_motor)
     integral = ops.where(starts, x.integral - weighed, x.integral)
     moved = actuator.sampled(ops, pushing, x.replace(integral=integral + forward), asked)
 

@@ -43,7 +43,7 @@ def _text(value: Any) -> str:
 def _rows(unit: FmuInterface, variables: tuple[Variable, ...], sets: Sequence[ParameterSet],
           starts: Mapping[str, Any]) -> list[dict[str, Any]]:
     entries = {unit.name(e.variable.name, fin): e for fin, p in enumerate(sets) for e in p.entries}
-    rows, screw = [], capabilities.SCREW_DRIVE in unit.actuator.provides
+    rows, screw = [], capabilities.SCREW_AND_LEVER in unit.actuator.provides
     for v in variables:
         row: dict[str, Any] = {"v": v, "source": "", "note": ""}
         if v.causality == "parameter":

@@ -10,6 +10,8 @@ all that is on the load side of the screw, positive where it resists positive mo
 The screw turns (e - 1) L w >= 0 into heat. e L has a kink at L = 0 and no jump. Of the two lines that make it the one
 that resists more holds, so that the acceleration is unique while J_r + e J_l > 0; L has the sign of J_l net + J_r L_0,
 net = T_m - C_m sgn w - b_m w. A backward efficiency of 0 or less is a screw that the load cannot drive.
+
+The efficiencies are parameters or those of a worm and its wheel (:mod:`emcas_fmu.physics.worm`), l = 1 and R = N.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from typing import Any
 
 from ..namespace import with_values
 from ..ops.base import Ops, Value
+from . import worm
 from .mechanics import Mechanics, fin_inertia
 
 
@@ -26,14 +29,29 @@ def lossy(p: Any) -> bool:
     return bool(p.structure.screw_losses)
 
 
-def forward(p: Any) -> Value:
-    """Return e [-] where the motor drives the load."""
-    return 1.0 / p.efficiency.forward
+def falls(p: Any) -> bool:
+    """Return whether the efficiencies may depend on the speed."""
+    return bool(p.structure.worm)
 
 
-def share(ops: Ops, p: Any, transmitted: Value, direction: Value) -> Value:
-    """Return e [-] under a load [N.m] of that sign along `direction`."""
-    return ops.where(transmitted * direction > 0.0, forward(p), p.efficiency.backward)
+def constant(ops: Ops, p: Any) -> Value:
+    """Return whether the efficiencies of a screw that :func:`falls` are the same at every speed."""
+    return ops.equal(p.worm.static_ratio, 1.0)
+
+
+def forward(ops: Ops, p: Any, speed: Value = 0.0) -> Value:
+    """Return e [-] at a motor speed [rad/s] where the motor drives the load."""
+    return 1.0 / worm.forward(ops, p, speed) if p.structure.worm else 1.0 / p.efficiency.forward
+
+
+def backward(ops: Ops, p: Any, speed: Value = 0.0) -> Value:
+    """Return e [-] at a motor speed [rad/s] where the load drives the motor."""
+    return worm.backward(ops, p, speed) if p.structure.worm else p.efficiency.backward
+
+
+def share(ops: Ops, p: Any, transmitted: Value, direction: Value, speed: Value = 0.0) -> Value:
+    """Return e [-] under a load [N.m] of that sign along `direction`, at a motor speed [rad/s]."""
+    return ops.where(transmitted * direction > 0.0, forward(ops, p, speed), backward(ops, p, speed))
 
 
 def hold(ops: Ops, p: Any, transmitted: Value, direction: Value) -> Value:
@@ -75,10 +93,10 @@ def felt(p: Any, m: Mechanics, e: Value) -> tuple[Any, Mechanics]:
     return with_values(p, hinge), m._replace(inertia=inertia, load=load, centrifugal=e * m.centrifugal)
 
 
-def transmitted(ops: Ops, p: Any, net: Value, inertia: Value, at_rest: Value,
-                direction: Value) -> tuple[Value, Value]:
-    """Return L [N.m] of a turning screw, and e [-], from `net` [N.m], J_l [kg.m2] and L_0 [N.m]."""
+def transmitted(ops: Ops, p: Any, net: Value, inertia: Value, at_rest: Value, direction: Value,
+                speed: Value) -> tuple[Value, Value]:
+    """Return L [N.m] of a screw that turns at a speed [rad/s], and e [-], from `net` [N.m], J_l [kg.m2], L_0 [N.m]."""
     rotor = rotor_inertia(p)
     weighed = inertia * net + rotor * at_rest
-    e = share(ops, p, weighed, direction)
+    e = share(ops, p, weighed, direction, speed)
     return weighed / (rotor + e * inertia), e

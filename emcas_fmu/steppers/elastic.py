@@ -111,7 +111,7 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mod
     # The load L on the screw grows with W, whatever friction does at the fin: its sign is the same by either
     # efficiency, since e >= 0.
     (driving, load, way), (driven, _, _) = (
-        _solved(ops, p, c, s, acting, mode, h, at, e) for e in (screw.forward(p), p.efficiency.backward))
+        _solved(ops, p, c, s, acting, mode, h, at, e) for e in (screw.forward(ops, p), screw.backward(ops, p)))
     forward = load * way > 0.0
     return Pair(*(ops.where(forward, x, y) for x, y in zip(driving, driven, strict=True)))
 

@@ -153,10 +153,12 @@ def _held_by_screw(ops: Ops, p: Any, m: mechanics.Mechanics, high: Value, low: V
 def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: Drive, h: Value, heading: float, at: Value) -> Motion:
     """Return the motion by the efficiency that the step's mean torques ask for: forward where they drive the load.
 
-    Its sign is the same whichever of the two it is found with (:mod:`emcas_fmu.physics.screw`).
+    Its sign is the same whichever of the two it is found with (:mod:`emcas_fmu.physics.screw`). A speed against the
+    heading counts as rest.
     """
-    driving = _motion(ops, p, s, u, h, heading, at, screw.forward(p))
-    driven = _motion(ops, p, s, u, h, heading, at, p.efficiency.backward)
+    along = ops.maximum(heading * at, 0.0) if heading and screw.falls(p) else at
+    driving = _motion(ops, p, s, u, h, heading, at, screw.forward(ops, p, along))
+    driven = _motion(ops, p, s, u, h, heading, at, screw.backward(ops, p, along))
     alone = _motion(ops, p, s, u, h, heading, at, 0.0)
     torque = drive.torque(p, current_course(ops, p, s, driving, d, h).mean)
     rate = (torque + driving.torque) / driving.inertia
@@ -274,7 +276,7 @@ def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at: V
     Where friction depends on one and it is not given, it is that of mid-step as a first step has it.
     """
     if at is None:
-        at = _step(ops, p, s, u, h, heading, s.speed).current.speed if friction.falls(p) else s.speed
+        at = _friction_speed(ops, p, s, u, h, heading)
     motion = _motion(ops, p, s, u, h, heading, at)
     d = electrical_mode(ops, p, s, u, h, lambda: acceleration(ops, p, s, motion))
     if screw.lossy(p):
@@ -294,6 +296,18 @@ def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at: V
 
     angle, speed = ops.branch(ops.equal(motion.direction, 0.0), lambda: (s.angle, 0.0), sliding)
     return Step(Plant(angle, speed, c.end, integral_end(ops, p, s, d, c, speed, h)), motion, d, c)
+
+
+def _friction_speed(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float) -> Value:
+    """Return the speed [rad/s] whose friction a step is under: that of mid-step, where friction depends on one."""
+    def predicted() -> tuple[Value, ...]:
+        return (_step(ops, p, s, u, h, heading, s.speed).current.speed,)
+
+    if friction.falls(p):
+        return predicted()[0]
+    if screw.falls(p):
+        return ops.branch(screw.constant(ops, p), lambda: (s.speed,), predicted)[0]
+    return s.speed
 
 
 def acceleration(ops: Ops, p: Any, s: Plant, motion: Motion) -> Value:

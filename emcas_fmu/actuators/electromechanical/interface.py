@@ -262,6 +262,19 @@ def inertias(p: Any, viscous: Value) -> tuple[Value, Value]:
     return p.mass.nut * lead * lead + lever * lever * fin, p.inertia.motor + p.inertia.screw
 
 
+# Of the rotor's inertia, that of the load side times minus the backward efficiency: the rest is left to accelerate.
+MOST_JAMMING = 0.9
+
+
+def jams(ops: Ops, p: Any, backward: Value, tick: Value) -> tuple[Value, ...]:
+    """Return how far J_r + e J_l > 0 is broken within ticks [s], and `backward`, J_r and J_l [kg.m2].
+
+    With the hinge's viscous friction in the midpoint rule; R >= d/l.
+    """
+    load, rotor = inertias(p, 0.5 * tick * p.friction.fin_viscous)
+    return when(ops, -backward * load > MOST_JAMMING * rotor), backward, rotor, load
+
+
 LEVER_RULE = lever_rule()
 FRICTION_RULES = (_friction("positive"), _friction("negative"))
 OBSERVER_RULE = _stable("load_observer", 1.0)

@@ -25,8 +25,8 @@ _STEPS = 7
 # Of what not every actuator has: what it needs.
 SECTIONS = {
     "thesis_linear": ("the thesis's linear model", (
-        capabilities.CASCADE, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE)),
-    "modes": ("natural frequencies of the rod", (capabilities.SCREW_DRIVE,)),
+        capabilities.CASCADE, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE, capabilities.SCREW_AND_LEVER)),
+    "modes": ("natural frequencies of the rod", (capabilities.SCREW_AND_LEVER,)),
     "limits": ("limits in the amplitude sweep", sweep.NEEDS),
     "capability": ("torque-speed capability", capability.NEEDS),
 }

@@ -101,7 +101,8 @@ def replay(values: Mapping[str, Any], command: Array, motion: Mapping[str, Array
     current [A] at the samples, from rest. The command passes the bus to the controllers, as in the core.
     """
     angle, speed, current = (motion[name] for name in ("motor_angle", "motor_speed", "motor_current"))
-    p, plant = get(model).namespace(values), get(model).plant(values)
+    actuator = get(model)
+    p, plant = actuator.equation_parameters(FLOATS, actuator.namespace(values)), actuator.plant(values)
     turned = sensors.motor_counts(ARRAYS, p, angle[0])
     loops = controllers.at_rest(
         ARRAYS, p, sensors.measure(ARRAYS, p, plant, angle[0], angle[0], 0.0, turned), p.fin.start_angle)

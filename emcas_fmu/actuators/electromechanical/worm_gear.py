@@ -1,0 +1,139 @@
+"""The worm-gear actuator: motor and drive of the nonlinear one, a worm and its wheel in place of screw and lever.
+
+    J_r dw/dt = T_m - C_m sgn w - b_m w - e L           theta = N fin_angle
+    L = (J_f/N^2) dw/dt + (C_f/N) sgn w + b_f w/N^2 - T_f/N        e = 1/eta_f where L w > 0, else eta_b
+
+The wheel sits on the fin shaft: a constant ratio, and the losses of a loaded worm in place of given efficiencies
+(:mod:`emcas_fmu.physics.worm`, :mod:`emcas_fmu.physics.screw`). With eta_b <= 0 it locks: no load moves the fin, and the
+supply gets nothing back. The worm turns with the motor and lies along body x.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from math import radians
+from typing import Any
+
+from ...namespace import Record, with_values
+from ...ops.base import Ops, Value
+from ...physics import screw, screw_loss, worm
+from ...physics.structure import Structure
+from ...rules import Rule, when
+from ...variables import Variable, in_group, integer_parameter, parameter, real_output, without
+from .. import capabilities
+from ..declaration import Acting, Values
+from . import interface, nonlinear
+from .as_built import as_built
+from .interface import MOST_JAMMING, with_parameters
+
+LOSS = real_output("worm_loss", "W", "power that the loaded worm turns into heat", 100.0)
+OUTPUTS = (*without(interface.OUTPUTS, "nut_position"), LOSS)
+TERMINALS = tuple(replace(t, members=(*(m for m in t.members if m != "nut_position"), LOSS.name))
+                  for t in interface.TERMINALS)
+
+WORM = in_group(
+    "worm",
+    integer_parameter("starts", 1, 12, "starts of the worm, z_1"),
+    integer_parameter("teeth", 10, 1000, "teeth of the whole wheel, z_2; the ratio is teeth/starts"),
+    parameter("diameter_quotient", "1", 4.0, 40.0, "pitch diameter of the worm over its module, q"),
+    parameter("module", "m", 1e-4, 0.1, "module in the worm's axial section, m"),
+    parameter("pressure_angle", "rad", radians(5.0), radians(45.0), "pressure angle in the normal section"),
+    parameter("friction", "1", 1e-3, 1.0, "friction coefficient of the flanks in motion, mu"),
+    parameter("static_ratio", "1", 1.0, 10.0, "friction coefficient at rest over that in motion, s (1: it does not "
+              "depend on the speed)"),
+    parameter("stribeck_speed", "m/s", 1e-3, 100.0, "sliding speed of the flanks at which the excess of friction at "
+              "rest has fallen to 1/e of itself, v_s"),
+)
+
+
+def _of_wheel(v: Variable) -> Variable:
+    """Return a parameter of the fork as one of the wheel, which stands in its place on the fin shaft."""
+    return replace(v, description=v.description.replace("fork", "worm wheel"))
+
+
+PARAMETERS = (
+    *WORM,
+    parameter("inertia.worm", "kg.m2", 0.0, 10.0, "inertia of worm and coupling about the motor's axis"),
+    *map(_of_wheel, without(interface.PARAMETERS, "kinematics.", "screw.", "inertia.screw", "mass.nut",
+                            "deviation.kinematics.", "deviation.screw.")),
+    parameter("deviation.worm.friction", "1", -0.9, 10.0,
+              "friction coefficient of the flanks as built over nominal, less 1"),
+)
+NOMINAL = {v.name: 0.0 for v in PARAMETERS if v.name.startswith("deviation.")}
+
+
+def geared(_: Ops, p: Any) -> Any:
+    """Return parameters as those of a screw of ratio N without lever, its friction as built; of these, the same."""
+    return with_values(p, {
+        "kinematics.moment_arm": worm.ratio(p), "kinematics.initial_angle": 0.0, "screw.lead": 1.0, "mass.nut": 0.0,
+        "inertia.screw": p.inertia.worm, "worm.friction": p.worm.friction * (1.0 + p.deviation.worm.friction),
+        "deviation.worm.friction": 0.0,
+        "deviation.kinematics.moment_arm": 0.0, "deviation.kinematics.initial_angle": 0.0, "deviation.screw.lead": 0.0})
+
+
+def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return every output."""
+    p = geared(ops, p)
+    values = dict(nonlinear.output_values(ops, p, x, u))
+    del values["nut_position"]
+    return {**values, LOSS.name: screw_loss.loss(ops, as_built(ops, p), x, u, values)}
+
+
+# -- rules -------------------------------------------------------------------------
+
+
+def _drives(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    p = geared(ops, p)
+    mu, most = worm.coefficient(ops, p, 0.0), 0.99 * ops.cos(p.worm.pressure_angle) / worm.lead_tangent(p)
+    return when(ops, mu > most), mu, most
+
+
+def _jams(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    p = geared(ops, p)
+    broken, backward, *rest = interface.jams(ops, p, screw.backward(ops, p), nonlinear.longest_tick(ops, p))
+    return broken, worm.coefficient(ops, p, 0.0), backward, *rest
+
+
+RULES = (
+    *interface.FRICTION_RULES, interface.ENCODER_RULE, interface.OBSERVER_RULE, *interface.ANTIWINDUP_RULES,
+    interface.WEIGHT_RULE, *interface.TEMPERATURE_RULES,
+    Rule(_drives, "the flanks' friction coefficient at rest, worm.friction times worm.static_ratio as built, is %.6g; "
+                  "above %.6g = 0.99 cos(worm.pressure_angle) worm.diameter_quotient/worm.starts no motor turns the "
+                  "worm under load"),
+    Rule(_jams, "with the flanks' friction coefficient at rest of %.6g the backward efficiency is %.6g; it must not be "
+                f"below minus {MOST_JAMMING:g} times the inertia of motor and worm over that of the load at the motor, "
+                "%.6g over %.6g kg.m2; lower worm.friction or worm.static_ratio, or raise worm.starts"),
+)
+
+ACTUATOR = replace(
+    nonlinear.ACTUATOR,
+    name="worm-gear",
+    title="electromechanical actuator with a worm gear: constant ratio, losses of the loaded worm, self-locking",
+    origin="The kind is that of section 1.1.1.3 of Ü. Yerlikaya, Dynamic modeling and control of an electromechanical "
+           "control actuation system, M.S. thesis, METU, 2016, which gives its structure and no number of it; motor, "
+           "drive and loops are those of the thesis's actuator. Numbers are engineering estimates, marked as such.",
+    outputs=OUTPUTS,
+    parameters=PARAMETERS,
+    descriptions={
+        **interface.INPUT_DESCRIPTIONS,
+        "acceleration.x": "vehicle acceleration along body x (forward, along the worm), where mounting.station "
+                          "counts from",
+        "angular_acceleration.x":
+            "vehicle angular acceleration about body x, d/dt of angular_rate.x; times inertia.motor + inertia.worm it "
+            "takes from the motor's torque, whose positive angle is right-handed about body x",
+    },
+    rules=RULES,
+    terminals=TERMINALS,
+    provides=nonlinear.ACTUATOR.provides - {capabilities.SCREW_AND_LEVER, capabilities.SCREW_LOAD},
+    structure=Structure(constant_ratio=True, screw_losses=True, worm=True),
+    nominal=NOMINAL,
+    equation_parameters=geared,
+    initial=with_parameters(nonlinear.initial, geared),
+    sample=with_parameters(nonlinear.sample, geared),
+    derivatives=with_parameters(nonlinear.derivatives, geared),
+    step=with_parameters(nonlinear.step, geared),
+    output_values=output_values,
+    reference=None,
+    modules=(sys.modules[__name__], worm, screw, screw_loss, *nonlinear.EQUATIONS[1:]),
+)

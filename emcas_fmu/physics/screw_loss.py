@@ -1,0 +1,47 @@
+"""Heat of a loaded screw: (e - 1) L w of :mod:`emcas_fmu.physics.screw`, from what an actuator shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from ..namespace import Record
+from ..ops.base import Ops, Value
+from . import drive_line, friction, kinematics, loads, mechanics, screw
+
+
+def _load_side(ops: Ops, p: Any, speed: Value, fin: Value, moment: Value, u: Record, direction: Value
+               ) -> tuple[Value, Value]:
+    """Return J_l [kg.m2] and L_0 [N.m] of a rigid drive line at a speed of the motor [rad/s] and a fin angle [rad]."""
+    m = mechanics.coefficients(ops, p, kinematics.motor_angle(ops, p, fin))
+    m = m._replace(load=moment / m.ratio + p.screw.lead * loads.nut_force(ops, p, u))
+    return screw.load_inertia(p, m.ratio), screw.load(p, m, speed, direction)
+
+
+def _line_load(ops: Ops, p: Any, x: Record, fin: Value, u: Record) -> tuple[Value, Value]:
+    """Return the same with an elastic drive line behind screw and nut."""
+    deflection, rate = x.motor_angle - x.fin_side_angle, x.motor_speed - x.fin_side_speed
+    c = drive_line.line(ops, p, x.fin_side_angle)
+    pressed, flank = drive_line.pressed(ops, c, deflection, rate)
+    torque = ops.where(pressed, drive_line.torque(c, deflection, rate, flank), 0.0)
+    return screw.nut_inertia(p), torque - p.screw.lead * loads.nut_force(ops, p, u)
+
+
+def loss(ops: Ops, p: Any, x: Record, u: Record, shown: Mapping[str, Value]) -> Value:
+    """Return the power [W] that the screw turns into heat, from the states and the actuator's other outputs."""
+    speed, fin = shown["motor_speed"], shown["fin_angle"]
+    direction = ops.where(speed > 0.0, 1.0, -1.0)
+
+    def rigid() -> tuple[Value, Value]:
+        return _load_side(ops, p, speed, fin, shown["hinge_torque"], u, direction)
+
+    def turning() -> tuple[Value, ...]:
+        inertia, load = rigid() if not p.structure.drive_line else ops.branch(
+            drive_line.rigid(ops, p), rigid, lambda: _line_load(ops, p, x, fin, u))
+        net = (shown["motor_torque"] + mechanics.rotor_torque(p, u)
+               - direction * friction.coulomb(ops, p, direction, fin, speed)
+               - friction.viscous(ops, p, direction) * speed)
+        transmitted, e = screw.transmitted(ops, p, net, inertia, load, direction, speed)
+        return ((e - 1.0) * transmitted * speed,)
+
+    return ops.branch(ops.fabs(speed) > 0.0, turning, lambda: (0.0,))[0]

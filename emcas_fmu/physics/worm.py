@@ -1,0 +1,59 @@
+"""Worm and wheel: the ratio by their teeth, the efficiencies by lead angle and friction.
+
+    N = z_2/z_1        tan(lambda) = z_1/q        z_1 starts, z_2 teeth, q diameter quotient, alpha pressure angle
+    eta_f = (cos alpha - mu tan lambda)/(cos alpha + mu/tan lambda)          the motor drives the load
+    eta_b = (cos alpha - mu/tan lambda)/(cos alpha + mu tan lambda)          the load drives the motor
+
+with alpha in the normal section (Budynas & Nisbett, "Shigley's Mechanical Engineering Design", force analysis of worm
+gearing). Where mu >= cos(alpha) tan(lambda) no load drives the worm, eta_b <= 0: it locks. Friction falls with the speed
+v at which the flanks slide on each other at the worm's pitch diameter q m, of module m:
+
+    mu(v) = mu (1 + (s - 1) exp(-(v/v_s)^2))        v = |w| (q m/2)/cos(lambda)
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..ops.base import Ops, Value
+from .friction import stribeck
+
+
+def ratio(p: Any) -> Value:
+    """Return N [-], turns of the worm in one of the wheel."""
+    return p.worm.teeth / p.worm.starts
+
+
+def lead_tangent(p: Any) -> Value:
+    """Return tan(lambda) [-] of the lead angle."""
+    return p.worm.starts / p.worm.diameter_quotient
+
+
+def sliding_speed(ops: Ops, p: Any, speed: Value) -> Value:
+    """Return v [m/s] of the flanks, with the sign of the worm's speed [rad/s]."""
+    tangent = lead_tangent(p)
+    radius = 0.5 * p.worm.diameter_quotient * p.worm.module
+    return speed * (radius * ops.sqrt(1.0 + tangent * tangent))
+
+
+def coefficient(ops: Ops, p: Any, speed: Value) -> Value:
+    """Return mu [-] of the flanks at a speed of the worm [rad/s]."""
+    worm = p.worm
+    return worm.friction * stribeck(ops, worm.static_ratio, worm.stribeck_speed, sliding_speed(ops, p, speed))
+
+
+def locks_from(ops: Ops, p: Any) -> Value:
+    """Return the least mu [-] with which no load drives the worm."""
+    return ops.cos(p.worm.pressure_angle) * lead_tangent(p)
+
+
+def forward(ops: Ops, p: Any, speed: Value) -> Value:
+    """Return eta_f [-] at a speed of the worm [rad/s]."""
+    mu, tangent, normal = coefficient(ops, p, speed), lead_tangent(p), ops.cos(p.worm.pressure_angle)
+    return (normal - mu * tangent) / (normal + mu / tangent)
+
+
+def backward(ops: Ops, p: Any, speed: Value) -> Value:
+    """Return eta_b [-] at a speed of the worm [rad/s]."""
+    mu, tangent, normal = coefficient(ops, p, speed), lead_tangent(p), ops.cos(p.worm.pressure_angle)
+    return (normal - mu / tangent) / (normal + mu * tangent)
