@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from difflib import get_close_matches
 from typing import Any
 
@@ -13,6 +13,12 @@ class EmcasError(Exception):
 
 class BuildError(EmcasError):
     """The FMU cannot be built; the message says why and what to do."""
+
+
+def place(function: Callable[..., Any]) -> str:
+    """Return file, line and name of a function that an actuator declares, for a message."""
+    code = getattr(function, "__code__", None)
+    return f"{code.co_filename}, line {code.co_firstlineno}: {code.co_name}()" if code else repr(function)
 
 
 def hint(word: Any, among: Iterable[str]) -> str:

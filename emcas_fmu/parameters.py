@@ -68,8 +68,12 @@ def _shipped() -> tuple[Variable, ...]:
 
 @cache
 def _known(model: str) -> _Known:
-    """Return the names a user's file may use. What an actuator declares, it means, whatever others mean by it."""
-    return _Known((*_shipped(), *get(model).file_entries))
+    """Return the names a user's file may use. What an actuator declares, it means, whatever others mean by it.
+
+    Its parameter file gives the extensions' parameters that only it has, such as those of its faults.
+    """
+    extensions, plain = map(get_extension, EXTENSIONS), get(parts(model)[0])
+    return _Known((*_shipped(), *(v for each in extensions for v in each.parameters(plain)), *get(model).file_entries))
 
 
 @cache
@@ -196,6 +200,10 @@ def _defaults(model: str) -> ParameterSet:
         # Of a user's actuator a motor's resistance, say, is not that of the thesis: only the fin port's are taken.
         entries |= given if file != shipped or parts(model)[0] in NAMES else {
             v.name: given[v.name] for v in fin_port.PARAMETERS}
+    for v in actuator.parameters:
+        if v.start is not None and v.name not in entries:
+            text = _text({"value": v.start, "unit": v.unit})
+            entries[v.name] = Entry(v, v.start, text, "derived", "As declared; no file gives it.", "")
     where = files[-1] if len(files) > 1 else files[0]
     if missing := [f"{where}: {v.name}: missing; the defaults must give every parameter of the {actuator.name} actuator"
                    for v in actuator.file_entries if v.name not in entries]:

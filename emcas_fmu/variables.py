@@ -22,7 +22,7 @@ class Variable:
     """One scalar of the interface, in the unit named (see :mod:`emcas_fmu.units`).
 
     ``minimum``/``maximum`` are inclusive; infinite where physics knows no limit.
-    ``start`` is given for inputs only: a parameter's comes from its file.
+    ``start`` is an input's; a parameter's value comes from its file, of one that may be missing there it is this.
     ``key`` names the parameter-file entry a start value is taken from, where the
     variable itself is no parameter. ``items`` are an enumeration's from 1 on, each with what it means;
     ``bits`` name those of an Integer that is a word of flags, the least first.

@@ -20,9 +20,10 @@ COMMAND_REFERENCE = "a drive that takes the fin command itself"
 POSITION_LOOP = "a sampled position loop"
 CASCADE = "loops of position and velocity in cascade"
 SUPPLY_VOLTAGE = "a supply voltage"
+AMBIENT_TEMPERATURE = "an ambient temperature"
 
 NEEDED_VARIABLES: Mapping[str, tuple[str, ...]] = {
-    MOTOR_CURRENT: ("motor_current", "motor.resistance", "motor.torque_constant"),
+    MOTOR_CURRENT: ("motor_current", "motor.resistance", "motor.torque_constant", "motor.back_emf_constant"),
     CURRENT_LOOP: ("drive.kp", "drive.ki", "drive.current_gain"),
     CURRENT_LIMIT: ("drive.current_limit",),
     VOLTAGE_LIMIT: ("supply_voltage", "motor_voltage"),
@@ -38,5 +39,6 @@ NEEDED_VARIABLES: Mapping[str, tuple[str, ...]] = {
     POSITION_LOOP: (),
     CASCADE: ("controller.position.kp", "controller.velocity.kp"),
     SUPPLY_VOLTAGE: ("supply_voltage",),
+    AMBIENT_TEMPERATURE: ("friction.temperature",),
 }
 """Every capability, and the inputs, outputs and parameters by which those that ask for it reach it."""

@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Any
 
 from ..control import command as bus
-from ..errors import EmcasError, hint
+from ..errors import EmcasError, hint, place
 from ..namespace import Record, namespace
 from ..ops.base import Ops, Value
 from ..ops.floats import FLOATS
@@ -37,6 +37,8 @@ from ..rules import Rule
 from ..steppers.smooth import Derivatives, smooth_step
 from ..variables import Terminal, Variable, parameter
 from . import capabilities, fin_port
+from .plant_fault import PlantFault as PlantFault
+from .plant_fault import check_names
 
 Values = Mapping[str, Value]
 Parameters = Any
@@ -121,26 +123,21 @@ def identifier(name: str) -> str:
     return re.sub(r"\W+", "_", name)
 
 
-def _where(function: Callable[..., Any]) -> str:
-    code = getattr(function, "__code__", None)
-    return f"{code.co_filename}, line {code.co_firstlineno}: {code.co_name}()" if code else repr(function)
-
-
 def _complete(function: Callable[..., Any], given: Any, names: Iterable[str], optional: Iterable[str] = ()
               ) -> Mapping[str, Value]:
     """Return what an actuator's function gave, if these are all the names it has. Raises EmcasError."""
     if not isinstance(given, Mapping):
-        raise EmcasError(f"{_where(function)} gives {type(given).__name__}; a mapping of names to values is needed")
+        raise EmcasError(f"{place(function)} gives {type(given).__name__}; a mapping of names to values is needed")
     needed = list(names)
     known = {*needed, *optional}
     if missing := [name for name in needed if name not in given]:
-        raise EmcasError(f"{_where(function)} gives no {', '.join(missing)}")
+        raise EmcasError(f"{place(function)} gives no {', '.join(missing)}")
     if unknown := [name for name in given if name not in known]:
-        raise EmcasError(f"{_where(function)} gives {', '.join(map(str, unknown))}, which is not declared; there is "
+        raise EmcasError(f"{place(function)} gives {', '.join(map(str, unknown))}, which is not declared; there is "
                          f"{', '.join(sorted(known))}")
     for name, value in given.items():
         if value is None or isinstance(value, (str, Sequence, Mapping)) or (isinstance(value, float) and isnan(value)):
-            raise EmcasError(f"{_where(function)} gives {name} = {value!r}; a number is needed")
+            raise EmcasError(f"{place(function)} gives {name} = {value!r}; a number is needed")
     return given
 
 
@@ -200,6 +197,8 @@ class Actuator:
     tick_remedy: str = "raise solver.max_tick"
     transport_delay: Callable[[Ops, Parameters], Value] | None = None
 
+    # Faults of its kind, which the extension `faults` offers beside the general ones.
+    faults: tuple[PlantFault, ...] = ()
     # What extensions and tools ask for (:mod:`emcas_fmu.actuators.capabilities`).
     provides: frozenset[str] = frozenset()
     # An independent integration: a Python file, or a module's name, with ``simulate(parameters, inputs)``.
@@ -224,6 +223,7 @@ class Actuator:
             raise EmcasError(f"actuator {self.name}: {repeated[0]} is the name of two things; states, inputs and what "
                              f"acts ({', '.join(dict.fromkeys(arguments))}) have names of their own")
         self._check_interface()
+        check_names(self.name, self.faults)
 
     def _check_interface(self) -> None:
         sensed = (*self.encoder, *(self.fin_side or ()))
@@ -346,6 +346,12 @@ class Actuator:
         """Return the state of angle [rad] that the encoder of position reads."""
         angle = getattr(x, self.encoder[0])
         return angle if self.fin_side is None else ops.where(p.encoder.on_fin, getattr(x, self.fin_side[0]), angle)
+
+    def motor_current(self, ops: Ops, p: Parameters, x: Record, u: Acting) -> Value:
+        """Return the motor current [A] of an actuator that has one: the state of that name, else the output."""
+        if any(s.name == "motor_current" for s in self.states):
+            return x.motor_current
+        return self.plant_outputs(ops, p, x, u)["motor_current"]
 
     def commanded(self, ops: Ops, p: Parameters, x: Record, asked: Asked) -> dict[str, Value]:
         """Return :meth:`sampled` with the command taken from the bus (:mod:`emcas_fmu.control.command`)."""

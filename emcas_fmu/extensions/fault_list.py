@@ -1,40 +1,38 @@
-"""The faults there are: names, parameters, what each needs, when it is active. Their order gives `fault_word`."""
+"""The faults there are: names, parameters, what each needs, when it is active. Their order gives `fault_word`.
+
+First the general ones, then those of its kind that an actuator declares
+(:class:`emcas_fmu.actuators.declaration.PlantFault`); one with the name of a general fault takes that one's place.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import Any
 
 from ..actuators import capabilities
-from ..actuators.declaration import Actuator
+from ..actuators.declaration import Actuator, PlantFault
+from ..errors import EmcasError
 from ..ops.base import Ops, Value
 from ..variables import Variable, in_group, tunable
 
 # Of a late command, in sample times: each is a state.
 LONGEST_COMMAND_DELAY = 50
+MOST = 31  # bits of an Integer
 _SLACK = 1e-6  # of a sample time: a fault that begins at a sample begins with it, whatever rounding says
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault: what it is, how much of it, in parameters, and which capabilities it needs, any of them."""
+    """A general fault: what it is, how much of it, in parameters, and what it needs: any of these capabilities, and
+    one of a supply a supply."""
 
     name: str
     description: str
     amounts: tuple[Variable, ...] = ()
     needs: tuple[str, ...] = ()
-
-    @property
-    def parameters(self) -> tuple[Variable, ...]:
-        """Return its switch, its schedule, and how much of it there is."""
-        return in_group(
-            f"fault.{self.name}",
-            Variable("active", "Boolean", "parameter", "tunable", "", self.description),
-            tunable("begin", "s", 0.0, 1e9, f"when {self.name} begins by schedule, from the start"),
-            tunable("end", "s", 0.0, 1e9, f"when {self.name} ends by schedule (not after begin: never by schedule)"),
-            *self.amounts)
+    of_supply: bool = False
 
 
 FAULTS = (
@@ -49,8 +47,7 @@ FAULTS = (
         tunable("share", "1", 0.0, 1.0, "of drive.current_limit that is left"),),
         (capabilities.CURRENT_LIMIT,)),
     Fault("brown_out", "the drive's supply sags", (
-        tunable("share", "1", 0.0, 1.0, "of supply_voltage that is left"),),
-        (capabilities.SUPPLY_VOLTAGE,)),
+        tunable("share", "1", 0.0, 1.0, "of the supply that is left"),), of_supply=True),
     Fault("encoder_freeze", "the encoder counts no motion"),
     Fault("encoder_bias", "the encoder reads too much", (
         tunable("angle", "rad", -0.5, 0.5, "of the fin that the encoder reads too much"),)),
@@ -70,26 +67,55 @@ FAULTS = (
 )
 
 
-def possible(actuator: Actuator) -> tuple[Fault, ...]:
-    """Return the faults an actuator can have."""
-    return tuple(fault for fault in FAULTS if not fault.needs or actuator.provides.intersection(fault.needs))
+def general(actuator: Actuator) -> tuple[Fault, ...]:
+    """Return the general faults that an actuator can have and declares none of its own kind for."""
+    declared = {fault.name for fault in actuator.faults}
+    return tuple(fault for fault in FAULTS if fault.name not in declared
+                 and (not fault.needs or actuator.provides.intersection(fault.needs))
+                 and (not fault.of_supply or actuator.supply is not None))
 
 
-def active(ops: Ops, p: Any, faults: tuple[Fault, ...], time: Value) -> dict[str, Value]:
-    """Return whether each fault is active at a sample at `time` [s] from the start: switched on, or scheduled.
+def possible(actuator: Actuator) -> tuple[Fault | PlantFault, ...]:
+    """Return the faults an actuator can have, in the order of their bits."""
+    faults: tuple[Fault | PlantFault, ...] = (*general(actuator), *actuator.faults)
+    there = {fault.name: fault for fault in faults}
+    return tuple(there[name] for name in bits(actuator) if name in there)
 
-    Those that an actuator cannot have are not.
-    """
+
+def bits(actuator: Actuator) -> tuple[str, ...]:
+    """Return the names of the bits of an actuator's `fault_word`, the least first: all general faults, then those of
+    its kind. Raises EmcasError for more than there are bits."""
+    faults: tuple[Fault | PlantFault, ...] = (*FAULTS, *actuator.faults)
+    names = tuple(dict.fromkeys(fault.name for fault in faults))
+    if len(names) > MOST:
+        raise EmcasError(f"actuator {actuator.name}: {len(actuator.faults)} faults are declared; fault_word has room "
+                         f"for {MOST - len(FAULTS)} beside the general ones")
+    return names
+
+
+def parameters(fault: Fault | PlantFault) -> tuple[Variable, ...]:
+    """Return a fault's switch, its schedule, and how much of it there is."""
+    return in_group(
+        f"fault.{fault.name}",
+        Variable("active", "Boolean", "parameter", "tunable", "", fault.description, start=False),
+        *(replace(tunable(name, "s", 0.0, 1e9, described), start=0.0) for name, described in (
+            ("begin", f"when {fault.name} begins by schedule, from the start"),
+            ("end", f"when {fault.name} ends by schedule (not after begin: never by schedule)"))),
+        *fault.amounts)
+
+
+def active(ops: Ops, p: Any, faults: Iterable[Fault | PlantFault], time: Value) -> dict[str, Value]:
+    """Return whether each fault is active at a sample at `time` [s] from the start: switched on, or scheduled."""
     late = time + _SLACK * p.controller.sample_time
 
     def now(name: str) -> Value:
         fault = getattr(p.fault, name)
         return ops.either(fault.active, ops.both(late >= fault.begin, late < fault.end))
 
-    return {**{fault.name: False for fault in FAULTS}, **{fault.name: now(fault.name) for fault in faults}}
+    return {fault.name: now(fault.name) for fault in faults}
 
 
-def word(ops: Ops, faults: tuple[Fault, ...], on: Mapping[str, Value]) -> Value:
-    """Return a bit for each active fault, the first in FAULTS the least."""
-    return reduce(lambda total, fault: total + ops.where(on[fault.name], float(2**FAULTS.index(fault)), 0.0), faults,
-                  0.0)
+def word(ops: Ops, names: tuple[str, ...], on: Mapping[str, Value]) -> Value:
+    """Return a bit for each active fault of those that an actuator can have, by :func:`bits`."""
+    return reduce(lambda total, name: total + ops.where(on[name], float(2**names.index(name)), 0.0),
+                  (name for name in names if name in on), 0.0)

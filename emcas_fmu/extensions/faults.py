@@ -8,7 +8,9 @@ trajectories are those of the actuator, bit for bit. What the encoder counts is
 with `moved` since the sample before, gain 0 while it is frozen and -1 reversed, and a share of the counts of positive
 motion dropped: motion that was missed stays missed, as in an incremental encoder. A jam holds the rotor; with an
 elastic drive line the fin may still give. A broken shaft (:mod:`emcas_fmu.physics.free_fin`) and a grown gap do not
-heal: they last until reset.
+heal: they last until reset. The faults of its kind that an actuator declares
+(:class:`emcas_fmu.actuators.declaration.PlantFault`) are other values of the plant's parameters, from the sample with
+which they begin; how much of them there is may change between samples.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from ..actuators import capabilities, fin_port
-from ..actuators.declaration import Acting, Actuator, Asked, State, Values
+from ..actuators.declaration import Acting, Actuator, Asked, State, Values, with_outputs
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import free_fin, kinematics
@@ -28,7 +30,7 @@ from ..rules import SLACK, Rule, when
 from ..variables import Variable, integer_output
 from . import fault_list, monitors
 from .declaration import Extension
-from .fault_effects import SOUND, Held, acting, faulted, standing
+from .fault_effects import SOUND, Held, acting, blocked, faulted, standing
 from .status import DISABLED, OPERATIONAL, STATUS
 
 
@@ -37,7 +39,7 @@ def _word(name: str, description: str, bits: tuple[str, ...]) -> Variable:
     return integer_output(name, f"{description}, a bit each: {listed}", bits)
 
 
-FAULT_WORD = _word("fault_word", "faults active", tuple(fault.name for fault in fault_list.FAULTS))
+FAULT_WORD = "fault_word"
 BUILT_IN_TEST = _word("built_in_test", "monitors tripped", tuple(monitor.name for monitor in monitors.MONITORS))
 _BROKEN = (State("fin_broken_off"), State("broken_fin_angle", "rad"), State("broken_fin_rate", "rad/s"))
 _HELD = tuple(f"fault_{name}" for name in Held._fields)
@@ -74,7 +76,8 @@ def extend(actuator: Actuator) -> Actuator:
     """Return the actuator with faults and monitors; see the module's docstring."""
     has = actuator.provides.__contains__
     geared = has(capabilities.SCREW_DRIVE)  # its encoder may sit on motor or fin, and its fin may break off
-    faults, watched = fault_list.possible(actuator), monitors.possible(actuator)
+    faults, watched, bits = fault_list.general(actuator), monitors.possible(actuator), fault_list.bits(actuator)
+    of_kind = {fault.name: f"plant_fault_{fault.name}" for fault in actuator.faults}  # whether each acts, a state
     has_status = STATUS in actuator.outputs
     angle_name, rate_name = actuator.encoder
     counters, flags = (tuple(f"{monitor.name}_{kind}" for monitor in watched) for kind in ("counter", "flag"))
@@ -102,11 +105,20 @@ def extend(actuator: Actuator) -> Actuator:
     def held(u: Acting | Record) -> Held:
         return Held(*(getattr(u, name) for name in _HELD))
 
+    def declared(u: Acting | Record) -> dict[str, Value]:
+        return {name: getattr(u, state) for name, state in of_kind.items()}
+
     def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
         q = actuator.equation_parameters(ops, p)
         k, before = _Kept(*(getattr(x, name) for name in _KEPT)), held(x)
         line = [getattr(x, name) for name in _WAITING]
-        on = fault_list.active(ops, p, faults, k.samples * p.controller.sample_time)
+        time = k.samples * p.controller.sample_time
+        there = fault_list.active(ops, p, faults, time)
+        on = {**{fault.name: False for fault in fault_list.FAULTS}, **there}
+        kinds = fault_list.active(ops, p, actuator.faults, time)
+        for fault in actuator.faults:
+            if fault.lasting:
+                kinds[fault.name] = ops.either(kinds[fault.name], getattr(x, of_kind[fault.name]) > 0.0)
 
         plant = actuator.plant_parameters(ops, p)
         angle, speed = encoder(ops, plant, asked.position), getattr(x, rate_name)
@@ -150,7 +162,10 @@ def extend(actuator: Actuator) -> Actuator:
         acts = ops.either(before.free > 0.0, now.gap > 0.0)
         for name in of_plant:
             acts = ops.either(acts, on[name])
-        on["free_fin"], on["backlash_growth"] = now.free > 0.0, now.gap > 0.0  # for good
+        for kind in kinds.values():
+            acts = ops.either(acts, kind)
+        lasting = {"free_fin": now.free > 0.0, "backlash_growth": now.gap > 0.0}  # for good
+        shown = {**there, **{name: still for name, still in lasting.items() if name in there}, **kinds}
 
         supply = now.supply * asked.supply
         given = actuator.sampled(ops, p, x.replace(**turned),
@@ -165,20 +180,21 @@ def extend(actuator: Actuator) -> Actuator:
                       **{v.name: 0.0 for v in actuator.acting_inputs},
                       **{s.name: given[s.name] for s in actuator.sampled_states})
         watching = ops.both(asked.enable, ops.equal(status(ops, p, x, here), OPERATIONAL))
+        current = actuator.motor_current(ops, p, x, here) if has(capabilities.MOTOR_CURRENT) else 0.0
         seen_by = monitors.Watched(
-            command, given["measured_fin_angle"], k.measured, k.modelled, reference,
-            x.motor_current if has(capabilities.MOTOR_CURRENT) else 0.0, supply, watching)
+            command, given["measured_fin_angle"], k.measured, k.modelled, reference, current, supply, watching)
         response = monitors.response(p, actuator)
         counted, tripped = monitors.judged(
             ops, q, watched, response, [getattr(x, name) for name in counters], [getattr(x, name) for name in flags],
             seen_by)
-        now = now._replace(acting=ops.where(acts, 1.0, 0.0), faults=fault_list.word(ops, faults, on),
+        now = now._replace(acting=ops.where(acts, 1.0, 0.0), faults=fault_list.word(ops, bits, shown),
                            built_in_test=monitors.word(watched, tripped), verdict=monitors.verdict(ops, tripped))
         kept = _Kept(k.samples + 1.0, angle, offset, command, given["measured_fin_angle"],
                      monitors.modelled(ops, p, response, seen_by))
         return {**given, "reference": reference, **dict(zip(_KEPT, kept, strict=True)),
                 **dict(zip(counters, counted, strict=True)), **dict(zip(flags, tripped, strict=True)),
-                **dict(zip(_WAITING, (asked.command, *line[:-1]), strict=True)), **dict(zip(_HELD, now, strict=True))}
+                **dict(zip(_WAITING, (asked.command, *line[:-1]), strict=True)), **dict(zip(_HELD, now, strict=True)),
+                **{of_kind[name]: ops.where(kind, 1.0, 0.0) for name, kind in kinds.items()}}
 
     def status(ops: Ops, p: Any, x: Record, u: Acting) -> Value:
         """Return what the actuator says of itself where it is sound; the bridge open by a fault is unknown to it."""
@@ -197,7 +213,9 @@ def extend(actuator: Actuator) -> Actuator:
             jam = f.jam > 0.0
             q = actuator.plant_parameters(ops, p)
             begun = standing(ops, actuator, x, jam)
-            moved, used = actuator.step(ops, faulted(ops, q, actuator, f), begun, acting(ops, p, actuator, f, u), h)
+            under, around = blocked(ops, faulted(ops, q, actuator, f, declared(u)), actuator,
+                                    acting(ops, p, actuator, f, u), jam)
+            moved, used = actuator.step(ops, under, begun, around, h)
             after = standing(ops, actuator, begun.replace(**moved), jam, begun)
             free = ops.branch(f.free > 0.0, lambda: floating(q, used), lambda: (0.0, 0.0, 0.0)) if geared else ()
             return *(getattr(after, name) for name in names), *free, used
@@ -216,14 +234,15 @@ def extend(actuator: Actuator) -> Actuator:
     def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
         f = held(u)
         q = actuator.plant_parameters(ops, p)
-        outputs = dict(actuator.output_values(ops, faulted(ops, q, actuator, f), x, acting(ops, p, actuator, f, u)))
+        under, around = faulted(ops, q, actuator, f, declared(u)), acting(ops, p, actuator, f, u)
+        outputs = dict(actuator.output_values(ops, under, x, around))
         if geared:
             outputs |= off_shaft(ops, q, x, u, outputs)
         verdict = ops.where(u.enabled, f.verdict, DISABLED)
         if has_status:
             known = status(ops, p, x, u)
             verdict = ops.where(ops.equal(known, OPERATIONAL), verdict, known)
-        return {**outputs, STATUS.name: verdict, FAULT_WORD.name: f.faults, BUILT_IN_TEST.name: f.built_in_test}
+        return {**outputs, STATUS.name: verdict, FAULT_WORD: f.faults, BUILT_IN_TEST.name: f.built_in_test}
 
     def off_shaft(ops: Ops, q: Any, x: Record, u: Acting, outputs: Values) -> Values:
         """Return the outputs that are of a fin that is broken off, where it is."""
@@ -239,12 +258,14 @@ def extend(actuator: Actuator) -> Actuator:
     return replace(
         actuator, states=(*actuator.states, *(_BROKEN if geared else ())),
         controller_states=(*actuator.controller_states, *map(State, (*_KEPT, *counters, *flags, *_WAITING))),
-        sampled_states=(*actuator.sampled_states, *map(State, _HELD)), initial=initial, sample=sample, step=step,
-        output_values=output_values)
+        sampled_states=(*actuator.sampled_states, *map(State, (*_HELD, *of_kind.values()))),
+        outputs=with_outputs(actuator.outputs, (STATUS, _word(FAULT_WORD, "faults active", bits), BUILT_IN_TEST)),
+        initial=initial, sample=sample, step=step, output_values=output_values)
 
 
 def _parameters(actuator: Actuator) -> tuple[Variable, ...]:
-    return (*(v for fault in fault_list.possible(actuator) for v in fault.parameters), *monitors.parameters(actuator))
+    faults = fault_list.possible(actuator)
+    return (*(v for fault in faults for v in fault_list.parameters(fault)), *monitors.parameters(actuator))
 
 
 def _command_delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
@@ -258,5 +279,4 @@ def _command_delay(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 RULES = (Rule(_command_delay, "fault.command_delay.time = %.6g s must be at most "
                               f"{fault_list.LONGEST_COMMAND_DELAY} times controller.sample_time = %.6g s"),)
 EXTENSION = Extension("faults", "faults and built-in test", extend, parameters=_parameters,
-                      outputs=(STATUS, FAULT_WORD, BUILT_IN_TEST), rules=lambda actuator: RULES,
-                      module=sys.modules[__name__])
+                      rules=lambda actuator: RULES, module=sys.modules[__name__])

@@ -7,7 +7,8 @@ do not know of any of it: friction compensation keeps the torque constant of the
 
 The mean of i^2 follows the course :mod:`emcas_fmu.steppers.rigid` gives the current between the ends of a step, an
 exponential. Actuators with another current loop (linear, ristanovic, ozkan) have the same ends and a course a
-little different from it.
+little different from it. Of an actuator whose motor is not stepped so, the course is the line between the ends: of
+second order in the tick too, which must resolve the winding's time constant.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from ..actuators.declaration import Acting, Actuator, Asked, State, Values
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import course, heat
+from ..physics.structure import Structure
 from ..steppers.rigid import Plant, electrical_mode
 from ..variables import Variable, in_group, parameter, real_output
 from .declaration import Extension
@@ -71,6 +73,7 @@ def extend(actuator: Actuator) -> Actuator:
     """Return `actuator` with heat, and with the I2t limit where it limits its current."""
     angle, speed = actuator.encoder
     limits = _limits_current(actuator)
+    stepped = isinstance(actuator.structure, Structure)  # by the equations of steppers.rigid
 
     def at(ops: Ops, p: Any, u: Acting, winding: Value, case: Value, load: Value) -> Any:
         warm = heat.at_temperatures(ops, p, winding, case)
@@ -101,17 +104,25 @@ def extend(actuator: Actuator) -> Actuator:
         limit = heat.current_limit(ops, p, x.i2t_load)
         return actuator.sample(ops, with_values(p, {"drive.current_limit": limit}), x, asked)
 
+    def mean_square(ops: Ops, q: Any, x: Record, u: Acting, h: Value, current: Value, moved: Values, used: Value
+                    ) -> Value:
+        """Return the mean of i^2 [A^2] over the `used` [s] of a step of `h` [s] from a `current` [A]."""
+        if not stepped:
+            end = actuator.motor_current(ops, q, x.replace(**moved), u)
+            return (current * current + current * end + end * end) / 3.0
+        if q.structure.current == "ideal":
+            return moved["motor_current"] * moved["motor_current"]
+        plant = Plant(getattr(x, angle), getattr(x, speed), x.motor_current, x.drive_integral)
+        tau = electrical_mode(ops, actuator.plant_parameters(ops, q), plant, u, h).tau
+        return course.mean_square(ops, current, moved["motor_current"], used / tau)
+
     def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
-        current = ops.where(u.enabled, x.motor_current, 0.0)  # a disabled drive's bridge is open
+        current = actuator.motor_current(ops, p, x, u)
+        if stepped:
+            current = ops.where(u.enabled, current, 0.0)  # a disabled drive's bridge is open
         q = through(ops, p, x, u, current, h)
         moved, used = actuator.step(ops, q, x, u, h)
-        if p.structure.current == "ideal":
-            square = moved["motor_current"] * moved["motor_current"]
-        else:
-            plant = Plant(getattr(x, angle), getattr(x, speed), x.motor_current, x.drive_integral)
-            built = actuator.plant_parameters(ops, q)
-            tau = electrical_mode(ops, built, plant, u, h).tau
-            square = course.mean_square(ops, current, moved["motor_current"], used / tau)
+        square = mean_square(ops, q, x, u, h, current, moved, used)
         winding, case = heat.warmed(p, x.winding_temperature, x.case_temperature, q.motor.resistance * square, used)
         moved = {**moved, "winding_temperature": winding, "case_temperature": case}
         if limits:
@@ -141,5 +152,5 @@ def _parameters(actuator: Actuator) -> tuple[Variable, ...]:
 
 
 EXTENSION = Extension(
-    "heat", "motor heat and I2t limit", extend, needs=(capabilities.MOTOR_CURRENT, capabilities.SCREW_DRIVE),
+    "heat", "motor heat and I2t limit", extend, needs=(capabilities.MOTOR_CURRENT, capabilities.AMBIENT_TEMPERATURE),
     parameters=_parameters, module=sys.modules[__name__])

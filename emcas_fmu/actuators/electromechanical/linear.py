@@ -60,7 +60,7 @@ ACTUATOR = replace(
     descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; limits nothing here"},
     provides=frozenset({capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE,
                         capabilities.SCREW_DRIVE, capabilities.SCREW_AND_LEVER, capabilities.POSITION_LOOP,
-                        capabilities.CASCADE, capabilities.SUPPLY_VOLTAGE}),
+                        capabilities.CASCADE, capabilities.SUPPLY_VOLTAGE, capabilities.AMBIENT_TEMPERATURE}),
     structure=Structure(constant_ratio=True),
     initial=with_parameters(nonlinear.initial, _linear),
     equation_parameters=_linear,

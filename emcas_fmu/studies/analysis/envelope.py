@@ -96,7 +96,8 @@ def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) ->
     """Return the envelopes of a model with heat at its ambient and supply. Raises EmcasError where it has none."""
     if "heat" not in parts(parameters.model)[1]:
         raise EmcasError(f"--model {parameters.model}: an envelope needs the extension heat, as in nonlinear+heat")
-    require(parameters.model, "an envelope", capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT)
+    require(parameters.model, "an envelope", capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT,
+            capabilities.SCREW_DRIVE)
     p = parameters.nested()
     if not _SHORTEST <= duration <= _LONGEST:
         raise EmcasError(f"--duration {duration:g} s: must be from {_SHORTEST:g} to {_LONGEST:g} s")

@@ -57,19 +57,21 @@ def _values(output: Variable, column: list[Any]) -> Iterator[str]:
 
 def findings(plan: Plan, table: pa.Table) -> tuple[Finding, ...]:
     """Return for each experiment what became of each fault that was injected alone; nothing without faults."""
-    if not {FAULT_WORD, BUILT_IN_TEST} <= set(plan.actuator.outputs):
+    words = {v.name: v for v in plan.actuator.outputs if v.name in (FAULT_WORD, BUILT_IN_TEST.name)}
+    if len(words) < 2:
         return ()
+    faults = words[FAULT_WORD]
     monitors = [monitor.name for monitor in possible(plan.actuator)]
-    return tuple(finding for e in plan.experiments for finding in _findings(e.name, monitors, table))
+    return tuple(finding for e in plan.experiments for finding in _findings(e.name, faults, monitors, table))
 
 
-def _findings(experiment: str, monitors: list[str], table: pa.Table) -> Iterator[Finding]:
+def _findings(experiment: str, faults: Variable, monitors: list[str], table: pa.Table) -> Iterator[Finding]:
     injected, tripped = ([word.flags(value) for value in table[f"{experiment}.{word.name}_ever"].to_pylist()]
-                         for word in (FAULT_WORD, BUILT_IN_TEST))
-    begin, first = (table[f"{experiment}.{word.name}_first"].to_numpy() for word in (FAULT_WORD, BUILT_IN_TEST))
+                         for word in (faults, BUILT_IN_TEST))
+    begin, first = (table[f"{experiment}.{word.name}_first"].to_numpy() for word in (faults, BUILT_IN_TEST))
     delays = (first - begin).tolist()
-    groups = [NONE if not faults else faults[0] if len(faults) == 1 else SEVERAL for faults in injected]
-    for fault in (NONE, *FAULT_WORD.bits, SEVERAL):
+    groups = [NONE if not those else those[0] if len(those) == 1 else SEVERAL for those in injected]
+    for fault in (NONE, *faults.bits, SEVERAL):
         rows = [i for i, group in enumerate(groups) if group == fault]
         if not rows:
             continue
