@@ -16,7 +16,7 @@ from make_tables import main, markdown
 
 from emcas_fmu import plots
 from emcas_fmu.actuators import NAMES, get
-from emcas_fmu.extensions.fault_list import FAULTS, Fault, possible
+from emcas_fmu.extensions.fault_list import bits, possible
 from emcas_fmu.extensions.monitors import MONITORS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
@@ -36,8 +36,8 @@ def _load(time: float) -> float:
     return 40.0 * sin(2.0 * pi * 1.7 * time)
 
 
-def _has(model: str, fault: Fault) -> bool:
-    return fault in possible(get(model))
+def _has(model: str, fault: str) -> bool:
+    return fault in {each.name for each in possible(get(model))}
 
 
 def _run(model: str, fault: str, begin: float = BEGIN, end: float = END) -> dict[str, Any]:
@@ -51,13 +51,13 @@ def acting() -> str:
     rows = []
     sound = {model: simulate(load_parameters(model=model).values, STOP, model=model, fin_command=_command,
                              aero_torque=_load)["fin_angle"] for model in NAMES}
-    for fault in FAULTS:
-        row = [f"`{fault.name}`"]
+    for fault in dict.fromkeys(name for model in NAMES for name in bits(get(model))):
+        row = [f"`{fault}`"]
         for model in NAMES:
             if not _has(model, fault):
                 row.append("")
                 continue
-            moved = degrees(np.abs(_run(model, fault.name)["fin_angle"] - sound[model]).max())
+            moved = degrees(np.abs(_run(model, fault)["fin_angle"] - sound[model]).max())
             row.append(f"{moved:.2g}°" if moved > LEAST else "–")
         rows.append(row)
     return markdown(("fault", *NAMES), rows)

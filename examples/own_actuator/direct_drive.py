@@ -7,13 +7,14 @@ acceleration, rotation. A PI controller with damping asks for the voltage v:
 
     u = k_p (b_c delta_c - delta) + I - k_d d(delta)/dt          dI/dt = k_i (delta_c - delta)
 
-It is held for a sample time and clipped at the supply; while it is clipped, the integral waits.
+It is held for a sample time and clipped at the supply; while it is clipped, the integral waits. A fault of its kind,
+for the extension faults: magnets that have lost a share of their flux.
 """
 
 from pathlib import Path
 
 from emcas_fmu.actuators import capabilities, fin_port
-from emcas_fmu.actuators.declaration import Actuator, State, Supply
+from emcas_fmu.actuators.declaration import Actuator, PlantFault, State, Supply
 from emcas_fmu.variables import parameter, real_input, real_output, tunable
 
 PARAMETERS = (
@@ -82,6 +83,12 @@ def output_values(ops, p, x, u):
     }
 
 
+def demagnetised(ops, p, amounts):
+    """Return the constants of a motor whose magnets have lost flux."""
+    return {"motor.torque_constant": amounts.share * p.motor.torque_constant,
+            "motor.back_emf_constant": amounts.share * p.motor.back_emf_constant}
+
+
 ACTUATOR = Actuator(
     name="direct-drive",
     title="direct-drive torque motor on the hinge, against a spring",
@@ -95,5 +102,7 @@ ACTUATOR = Actuator(
     sample=sample,
     derivatives=derivatives,
     output_values=output_values,
+    faults=(PlantFault("demagnetised", "the magnets have lost a share of their flux, for good", demagnetised, (
+        tunable("share", "1", 0.0, 1.0, "of the flux that is left"),), lasting=True),),
     reference=Path(__file__).with_name("direct_drive_reference.py"),
 )

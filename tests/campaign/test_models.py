@@ -13,6 +13,7 @@ import pyarrow as pa
 import pytest
 
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.extensions import fault_list
 from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import LEAD_IN
@@ -221,6 +222,17 @@ def test_findings_on_rows_with_known_answers(write: Write) -> None:
     assert fault_detection.findings(load_study(write(SMALL)).plan, table) == ()
     without = load_study(write(FAULTS), model="second-order+faults").plan  # neither motor nor bus to monitor
     assert [list(f.monitors) for f in fault_detection.findings(without, table)] == [["tracking", "command"]] * 3
+
+
+def test_findings_of_a_fault_that_the_actuator_declares(write: Write) -> None:
+    bit = 2 ** len(fault_list.FAULTS)
+    table = pa.Table.from_pylist([row(bit, 1, 0.2, 0.5), row(bit, 0, 0.3, float("nan"))])
+    direct = Path(__file__).parents[2] / "examples" / "own_actuator" / "direct_drive.py"
+    plan = load_study(write(FAULTS), model=f"{direct}+faults").plan
+    (found,) = fault_detection.findings(plan, table)
+    assert (found.fault, found.samples, found.found) == ("demagnetised", 2, 1)
+    assert found.delay == pytest.approx(0.3)
+    assert fault_detection.tallies(plan, table)["fly.fault_word_ever"] == {"demagnetised": 2}
 
 
 def test_the_shipped_campaign(tmp_path: Path) -> None:

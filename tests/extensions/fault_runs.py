@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from emcas_fmu.extensions.fault_list import FAULTS
+from emcas_fmu.actuators import get
+from emcas_fmu.extensions.fault_list import FAULTS, bits
 from emcas_fmu.extensions.monitors import MONITORS
 from emcas_fmu.parameters import load_parameters
 from tests.default_actuator import OUTPUTS
@@ -19,6 +20,11 @@ PLAIN = load_parameters()
 BIT = {fault.name: 2.0**i for i, fault in enumerate(FAULTS)}
 TRIPPED = {monitor.name: 2**i for i, monitor in enumerate(MONITORS)}
 SHARED = [v.name for v in OUTPUTS]
+
+
+def bits_of(model: str) -> Mapping[str, float]:
+    """The bits of a model's faults: the general ones, then those that it declares."""
+    return {name: 2.0**i for i, name in enumerate(bits(get(model)))}
 
 
 def wave(t: float) -> float:

@@ -16,10 +16,10 @@ from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.simulation import simulate
 from tests.default_actuator import EVERY
 
-from .fault_runs import BASE, BIT, MODEL, PLAIN, SHARED, equal, gust, scheduled, wave
+from .fault_runs import BASE, BIT, MODEL, PLAIN, SHARED, bits_of, equal, gust, scheduled, wave
 
 ELASTIC = "elastic+faults"
-# The faults an actuator cannot have; the others it has, with their bits where they are in every other.
+# The general faults an actuator cannot have; the others it has, with their bits where they are in every other.
 IMPOSSIBLE = {
     "nonlinear": {"backlash_growth"}, "elastic": set(), "habibi": set(), "ozkan": {"backlash_growth"},
     "ristanovic": {"backlash_growth", "current_derating"},
@@ -30,10 +30,11 @@ IMPOSSIBLE = {
 @pytest.mark.parametrize("model", EVERY)
 def test_a_fault_is_where_it_can_be(model: str) -> None:
     there = {name.split(".")[1] for name in load_parameters(model=f"{model}+faults").values if name.endswith(".active")}
-    assert there == set(BIT) - IMPOSSIBLE[model]
+    bit = bits_of(model)
+    assert there == set(bit) - IMPOSSIBLE[model]
     for fault in there:
         run = simulate(scheduled(f"{model}+faults", fault), 0.005, model=f"{model}+faults")
-        assert (run["fault_word"][1:] == BIT[fault]).all()
+        assert (run["fault_word"][1:] == bit[fault]).all()
 
 
 @pytest.mark.parametrize("model", NAMES)

@@ -1,0 +1,328 @@
+"""Faults that an actuator declares, and the general ones of an actuator without a screw."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from math import degrees, exp, radians, sin
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from emcas_fmu.actuators import get
+from emcas_fmu.actuators.declaration import Actuator, PlantFault
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.extensions import faults as extension
+from emcas_fmu.extensions.fault_list import FAULTS, bits, possible
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.reference.files import simulator
+from emcas_fmu.runtime import codegen
+from emcas_fmu.runtime.compiled import CompiledCore
+from emcas_fmu.simulation import simulate
+from emcas_fmu.variables import tunable
+
+from .example import MODEL, changed
+
+FAULTY = f"{MODEL}+faults"
+PLAIN = load_parameters(model=MODEL)
+BASE = load_parameters(model=FAULTY)
+NAMES = bits(get(MODEL))
+DEMAGNETISED = 2.0 ** len(FAULTS)  # the first bit behind those of the general faults
+CONSTANTS = ("motor.torque_constant", "motor.back_emf_constant")
+
+
+def wave(t: float) -> float:
+    return 0.15 * sin(19.0 * t)
+
+
+def gust(t: float) -> float:
+    return 40.0 * sin(11.0 * t)
+
+
+def during(fault: str, begin: float = 0.0, end: float = 1e9, **amounts: float) -> dict[str, float]:
+    """Values of a fault that is scheduled."""
+    return {f"fault.{fault}.begin": begin, f"fault.{fault}.end": end,
+            **{f"fault.{fault}.{name}": value for name, value in amounts.items()}}
+
+
+def run(values: Mapping[str, Any], model: str = FAULTY, stop: float = 0.3, **inputs: Any) -> Mapping[str, Any]:
+    """A run on the wave under the gust, inputs replaced."""
+    chosen = load_parameters(model=model).replace(values).values
+    return simulate(chosen, stop, model=model, **{"fin_command": wave, "aero_torque": gust, **inputs})
+
+
+def same(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Whether all that the second run has is the same in both, to the bit."""
+    return all(np.array_equal(one[name], column) for name, column in other.items())
+
+
+def weakened(share: float) -> dict[str, float]:
+    return {name: share * PLAIN.values[name] for name in CONSTANTS}
+
+
+# -- what the actuator declares --------------------------------------------------------
+
+
+def test_its_parameters_and_its_bit() -> None:
+    assert {name for name in BASE.values if name.startswith("fault.demagnetised.")} == {
+        f"fault.demagnetised.{name}" for name in ("active", "begin", "end", "share")}
+    (word,) = (v for v in get(FAULTY).outputs if v.name == "fault_word")
+    assert word.bits == (*(fault.name for fault in FAULTS), "demagnetised")
+    assert f"{DEMAGNETISED:g} demagnetised" in word.description
+    assert "demagnetised" not in next(v for v in get("nonlinear+faults").outputs if v.name == "fault_word").bits
+
+
+def test_without_a_fault_it_is_the_model() -> None:
+    found = run({})
+    assert same(found, run({}, MODEL))
+    assert not found["fault_word"].any()
+
+
+def test_it_is_the_plant_with_other_parameters() -> None:
+    """From the start: to the bit, outputs among them, in which the constants are."""
+    found = run(during("demagnetised", share=0.5))
+    assert same(found, run(weakened(0.5), MODEL))
+    assert (found["fault_word"][1:] == DEMAGNETISED).all()
+
+
+def test_against_the_independent_integration() -> None:
+    """The direct drive's own, of a motor with half the flux; with ticks of 0.1 ms 2e-4 deg, as without a fault."""
+    time = np.arange(0.0, 0.3, 1e-3)
+    inputs = {"time": time, "fin_command": np.array([wave(t) for t in time]),
+              "aero_torque": np.array([gust(t) for t in time])}
+    expected = simulator(MODEL)({**PLAIN.values, **weakened(0.5)}, inputs)["fin_angle"]
+    found = run(during("demagnetised", share=0.5))["fin_angle"][:len(time)]
+    assert degrees(np.abs(found - expected).max()) < 2e-4
+    assert degrees(np.abs(found - run({}, MODEL)["fin_angle"][:len(time)]).max()) > 0.1
+
+
+def test_it_begins_with_a_sample_and_lasts() -> None:
+    """Before, the bits of the plain model; after its end, those of a fault without an end."""
+    found, plain = run(during("demagnetised", 0.1, 0.15)), run({}, MODEL)
+    before = found["time"] <= 0.1 + 1e-9
+    assert all(np.array_equal(found[name][before], plain[name][before]) for name in ("fin_angle", "motor_current"))
+    assert same(found, run(during("demagnetised", 0.1)))
+    assert found["fault_word"][-1] == DEMAGNETISED
+
+
+def test_one_that_heals(tmp_path: Path) -> None:
+    model = f"{changed(tmp_path, ('), lasting=True', ')'))}+faults"
+    found = run(during("demagnetised", 0.05, 0.1), model, stop=1.5, fin_command=0.1, aero_torque=-20.0)
+    assert found["fault_word"][75] == DEMAGNETISED
+    assert not found["fault_word"][102:].any()
+    sound = run({}, MODEL, stop=1.5, fin_command=0.1, aero_torque=-20.0)
+    assert np.abs(found["fin_angle"] - sound["fin_angle"])[60:100].max() > 1e-4
+    # What is left decays with the closed loop: after 1.4 s nothing to speak of.
+    assert found["fin_angle"][-1] == pytest.approx(sound["fin_angle"][-1], abs=1e-6)
+
+
+def test_switched_while_it_runs() -> None:
+    """Told between samples, the switch acts with the next one; how much of it there is acts at once."""
+    word, current = ([v.name for v in get(FAULTY).outputs].index(name) for name in ("fault_word", "motor_current"))
+    inputs = codegen.inputs_at_rest(0.1, -30.0, 39.0)
+    on = BASE.replace({"fault.demagnetised.active": True})
+    core, sound = CompiledCore(BASE.values, FAULTY), CompiledCore(BASE.values, FAULTY)
+    core.run(0.0204, inputs)
+    core.bind(on.values)
+    assert core.run(0.0208, inputs) == sound.run(0.0208, inputs)
+    assert core.run(0.0212, inputs)[word] == DEMAGNETISED
+    assert core.run(0.0304, inputs)[current] != sound.run(0.0304, inputs)[current]
+    other = CompiledCore(on.values, FAULTY)
+    other.state = core.state
+    other.bind(on.replace({"fault.demagnetised.share": 0.3}).values)
+    assert core.run(0.0308, inputs)[current] != other.run(0.0308, inputs)[current]
+
+
+SECOND = '''
+def hot(ops, p, amounts):
+    return {"motor.resistance": amounts.factor * p.motor.resistance}
+
+
+def corroded(ops, p, amounts):
+    return {"motor.resistance": p.motor.resistance + 0.25 / amounts.area, "hinge.damping": 3.0 * p.hinge.damping}
+
+
+ACTUATOR = Actuator('''
+TWO = '''faults=(
+        PlantFault("hot", "winding hot", hot, (tunable("factor", "1", 1.0, 10.0, "of its resistance"),)),
+        PlantFault("corroded", "contacts", corroded, (tunable("area", "1", 0.0, 1.0, "of the contacts"),)),
+        PlantFault("jam", "hinge that drags", lambda ops, p, amounts: {"hinge.damping": 50.0 * p.hinge.damping}),
+        PlantFault('''
+
+
+@pytest.fixture(scope="module")
+def several(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The direct drive with faults that touch the same parameters, and one in a general one's place."""
+    path = changed(tmp_path_factory.mktemp("several"), ("\nACTUATOR = Actuator(", SECOND), ("faults=(PlantFault(", TWO))
+    toml = path.with_suffix(".toml")
+    toml.write_text(toml.read_text(encoding="utf-8") + 'hot.factor = { value = 2, unit = "1", source = "estimate" }\n'
+                    'corroded.area = { value = 0.0, unit = "1", source = "estimate" }\n', encoding="utf-8")
+    return f"{path}+faults"
+
+
+def test_a_later_one_sees_what_an_earlier_one_changes(several: str) -> None:
+    resistance, damping = PLAIN.values["motor.resistance"], PLAIN.values["hinge.damping"]
+    both = run({**during("hot"), **during("corroded", area=0.5)}, several)
+    assert same(both, run({"motor.resistance": 2.0 * resistance + 0.5, "hinge.damping": 3.0 * damping}, MODEL))
+    alone = run(during("corroded", area=0.5), several)
+    assert same(alone, run({"motor.resistance": resistance + 0.5, "hinge.damping": 3.0 * damping}, MODEL))
+
+
+def test_what_does_not_act_is_not_evaluated(several: str) -> None:
+    """A division by an amount of zero harms nobody while its fault is off."""
+    assert same(run({}, several), run({}, MODEL))
+
+
+def test_one_in_the_place_of_a_general_one(several: str) -> None:
+    """Its bit and its name, and nothing of what the general one does."""
+    assert [fault.name for fault in possible(get(several))].count("jam") == 1
+    assert bits(get(several)) == (*(f.name for f in FAULTS), "hot", "corroded", "demagnetised")
+    found = run(during("jam"), several)
+    assert same(found, run({"hinge.damping": 50.0 * PLAIN.values["hinge.damping"]}, MODEL))
+    assert (found["fault_word"][1:] == 1.0).all()
+
+
+def test_both_kernels_and_kept_states(several: str) -> None:
+    """Every fault in turn: the same bits from both, and from a state kept in the midst of it."""
+    changes: dict[str, float] = {"fault.corroded.area": 0.5}
+    for i, fault in enumerate(possible(get(several))):
+        changes |= during(fault.name, 0.01 + 0.01 * i, 0.025 + 0.01 * i)
+    values = load_parameters(model=several).replace(changes).values
+    slow, fast = codegen.core(values, several), CompiledCore(values, several)
+    for k in range(1, 181):
+        inputs = codegen.inputs_at_rest(wave(k * 1e-3), gust(k * 1e-3), 39.0)
+        assert slow.run(k * 1e-3 + 3e-4, inputs) == fast.run(k * 1e-3 + 3e-4, inputs)
+        if k % 30 == 0:
+            again = CompiledCore(values, several)
+            again.state = fast.state
+            fast = again
+
+
+# -- what is declared badly ------------------------------------------------------------
+
+
+def nothing(ops: Any, p: Any, amounts: Any) -> Mapping[str, Any]:
+    return {}
+
+
+def declared(*faults: PlantFault) -> Actuator:
+    return replace(get(MODEL), faults=faults)
+
+
+@pytest.mark.parametrize(("make", "said"), [
+    (lambda: PlantFault("oil leak", "", nothing), "'oil leak' is no Python identifier"),
+    (lambda: PlantFault("leak", "", nothing, (tunable("end", "1", 0.0, 1.0, ""),)), "end is of its schedule"),
+    (lambda: declared(*(PlantFault("leak", "", nothing),) * 2), "fault leak is declared twice"),
+    (lambda: extension.EXTENSION.over(declared(*(PlantFault(f"f{i}", "", nothing) for i in range(18)))),
+     "18 faults are declared; fault_word has room for 17"),
+])
+def test_a_bad_declaration(make: Callable[[], Any], said: str) -> None:
+    with pytest.raises(EmcasError, match=re.escape(said)):
+        make()
+
+
+@pytest.mark.parametrize(("given", "said"), [
+    ('"motor.torque_konstant": 1.0', "there is no torque_konstant; did you mean torque_constant?"),
+    ('"motor": 1.0', "a group of parameters; there is motor.inertia, "),
+    ('"motor.resistance": None', "gives motor.resistance = None; as much as there is before is needed"),
+    ('"motor.resistance": (1.0, 2.0)', "as much as there is before is needed"),
+    ('"motor.resistance": amounts.shar', "there is no shar; did you mean share?"),
+])
+def test_changes_of_what_there_is_not(tmp_path: Path, given: str, said: str) -> None:
+    path = changed(tmp_path, ('"motor.torque_constant": amounts.share * p.motor.torque_constant', given))
+    with pytest.raises(EmcasError, match=re.escape(said)) as refused:
+        codegen.traced(model=f"{path}+faults")
+    assert str(path) in str(refused.value)
+
+
+def test_an_amount_without_a_value(tmp_path: Path) -> None:
+    """Switch and schedule are as declared; how much of a fault there is the file must say."""
+    path = changed(tmp_path)
+    toml = path.with_suffix(".toml")
+    toml.write_text(toml.read_text(encoding="utf-8").replace("demagnetised.share", "# "), encoding="utf-8")
+    load_parameters(model=str(path))
+    with pytest.raises(EmcasError, match=re.escape("fault.demagnetised.share: missing")):
+        load_parameters(model=f"{path}+faults")
+
+
+def test_a_file_for_faults_without_the_extension(tmp_path: Path) -> None:
+    told = tmp_path / "told.toml"
+    told.write_text("[fault.demagnetised]\nactive = true\n", encoding="utf-8")
+    assert load_parameters(told, model=FAULTY).values["fault.demagnetised.active"] is True
+    assert load_parameters(told, model=MODEL).unused == ("fault.demagnetised.active",)
+
+
+# -- the general ones, without a screw -------------------------------------------------
+
+
+@pytest.mark.parametrize("fault", [f.name for f in possible(get(MODEL))])
+def test_each_acts(fault: str) -> None:
+    """On the fin, on the wave under the gust, by more than a hundredth of a degree."""
+    found = run({**during(fault, 0.02, 0.25), "fault.brown_out.share": 0.1})  # half of the supply is enough for it
+    moved = degrees(np.abs(found["fin_angle"] - run({}, MODEL)["fin_angle"]).max())
+    assert moved > 0.01
+    assert set(found["fault_word"]) == {0.0, 2.0 ** NAMES.index(fault)}
+
+
+def test_a_jam_holds_the_fin_and_the_current_rises() -> None:
+    """i = v/R (1 - exp(-t R/L)): no back-EMF. By second order of ticks of 0.1 ms, a tenth of L/R: (h R/L)^2/12 < 1e-3
+    of what there is left to go."""
+    resistance, inductance = PLAIN.values["motor.resistance"], PLAIN.values["motor.inductance"]
+    spin: Any = {"angular_rate__x": 30.0, "angular_rate__z": 20.0, "angular_acceleration__y": 50.0}
+    found = run({**during("jam"), "controller.ki": 0.0, "loads.gravity": True}, stop=0.02,
+                fin_command=0.1, aero_torque=-60.0, **spin)
+    assert not found["fin_angle"].any()
+    assert not found["fin_rate"].any()
+    voltage = PLAIN.values["controller.kp"] * PLAIN.values["controller.setpoint_weight"] * 0.1
+    expected = [voltage / resistance * (1.0 - exp(-t * resistance / inductance)) for t in found["time"]]
+    assert found["motor_current"] == pytest.approx(expected, abs=1e-3 * voltage / resistance)
+    # What the load is does not change by being held.
+    plain = run({"loads.gravity": True}, MODEL, stop=0.02, fin_command=0.0, aero_torque=-60.0, **spin)
+    assert found["hinge_torque"][0] == plain["hinge_torque"][0]
+
+
+def test_a_jam_lets_go() -> None:
+    found = run(during("jam", 0.05, 0.15), stop=1.0, fin_command=0.2, aero_torque=-30.0)
+    assert (found["fin_angle"][51:151] == found["fin_angle"][51]).all()
+    assert found["fin_angle"][51] != 0.0
+    assert found["fin_angle"][-1] == pytest.approx(0.2, abs=radians(0.1))
+
+
+def test_loss_of_the_drive_is_a_disabled_one() -> None:
+    """To the plant; its winding is shorted. The controller goes on."""
+    found = run(during("drive_loss", 0.1))
+    plain = run({}, MODEL, enable=lambda t: t < 0.0999)
+    assert all(np.array_equal(found[name], plain[name]) for name in ("fin_angle", "motor_current", "motor_voltage"))
+
+
+def test_brown_out_is_a_lower_supply() -> None:
+    """The controller sees it too."""
+    assert same(run(during("brown_out", share=0.25)), run({}, MODEL, supply_voltage=0.25 * 39.0))
+
+
+def test_the_encoder_is_on_the_fin() -> None:
+    """It reads a bias too much, counts motion the wrong way round, and misses a share of it."""
+    biased = run(during("encoder_bias", angle=0.02), stop=2.0, fin_command=0.1, aero_torque=0.0)
+    assert biased["fin_angle"][-1] == pytest.approx(0.08, abs=1e-4)  # what integration is left after 2 s
+    # Without a controller the fin swings by the gust alone. A row has the angle now and that of the last sample.
+    free = {"controller.kp": 0.0, "controller.ki": 0.0}
+    for fault, gain, missed in (("encoder_reversed", -1.0, 0.0), ("encoder_freeze", 0.0, 0.0),
+                                ("encoder_dropped", 1.0, 0.3)):
+        amounts = {"share": missed} if missed else {}
+        found = run({**free, **during(fault, **amounts)})
+        moved = np.diff(found["fin_angle"])
+        counted = np.cumsum(gain * (moved - missed * np.maximum(moved, 0.0)))
+        assert found["measured_fin_angle"][2:] == pytest.approx(counted[:-1], abs=1e-12)  # rounding of 300 sums
+        assert np.abs(found["fin_angle"]).max() > 0.01
+
+
+def test_commands_freeze_and_come_late() -> None:
+    frozen = run(during("command_freeze", 0.1))
+    assert np.array_equal(frozen["fin_angle"], run({}, MODEL, fin_command=lambda t: wave(min(t, 0.099)))["fin_angle"])
+    late = run(during("command_delay", time=7.4e-3))
+    told = run({}, MODEL, fin_command=lambda t: wave(t - 7e-3) if t > 6.5e-3 else 0.0)
+    # The delayed sine is that of times k T - n T, there of (k - n) T: the last digit of the command differs.
+    assert late["fin_angle"] == pytest.approx(told["fin_angle"], abs=1e-9)
