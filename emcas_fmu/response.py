@@ -28,7 +28,6 @@ from .variables import Variable
 
 _MOST_OWN = 8  # panels of an actuator's own outputs
 _LINES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))  # of outputs in one panel, of several fins
-_BUS = (("bus_voltage", "bus voltage [V]"), ("bus_current", "bus current [A]"))
 _MOST_CHANGES = 4  # of a status, that are listed
 
 
@@ -65,13 +64,16 @@ class Response:
                    {"time": self.time, **of_fin(self.unit.actuator.outputs, self.columns)}, None, (), 0.0)
 
     @cached_property
-    def bus(self) -> Mapping[str, float]:
-        """Figures of the bus of several fins, units in the names."""
-        if not self.unit.bus_outputs:
+    def line(self) -> Mapping[str, float]:
+        """Figures of the line that several fins share, units in the names."""
+        if self.unit.line is None:
             return {}
+        level, drawn = self.unit.line.outputs
+        (lowest, by), (peak, times) = (metrics.named(f"{figure}_{v.name}", v.unit)
+                                       for figure, v in (("lowest", level), ("peak", drawn)))
         power = Run(self.excitation, {name: self.columns[name] for name in ("time", "supply_power")}, None, (), 0.0)
-        return {"lowest_bus_voltage_v": float(np.min(self.columns["bus_voltage"])),
-                "peak_bus_current_a": float(np.max(np.abs(self.columns["bus_current"]))),
+        return {lowest: by * float(np.min(self.columns[level.name])),
+                peak: times * float(np.max(np.abs(self.columns[drawn.name]))),
                 **metrics.displayed(metrics.usage(power))}
 
     @property
@@ -91,10 +93,11 @@ class Response:
                 **{f"{v.name}_final": float(run.columns[v.name][-1]) for v in self.extension_outputs}}
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the figures for JSON: of several fins a list, and the bus."""
+        """Return the figures for JSON: of several fins a list, and their line's."""
         if self.unit.fins == 1:
             return {"title": self.excitation.title, **self.figures()}
-        return {"title": self.excitation.title, "bus": self.bus,
+        line = {self.unit.line.group: self.line} if self.unit.line else {}
+        return {"title": self.excitation.title, **line,
                 "fins": [self.figures(fin) for fin in range(self.unit.fins)]}
 
     def lines(self) -> list[tuple[str, ...]]:
@@ -124,14 +127,14 @@ def write_csv(path: Path, response: Response) -> None:
 
 
 def draw(response: Response) -> Figure:
-    """Draw command, outputs of every fin, the bus, and what extensions add, over time; shaded where a limit is active.
+    """Draw command, outputs of every fin, their line, what extensions add, over time; shaded where a limit is active.
 
     An actuator's own outputs of one unit share a panel. Takes effect inside `style()`.
     """
     time, fins, extensions = response.time, response.fins, response.extension_outputs
     panels = _panels(response)
-    bus = _BUS if response.unit.bus_outputs else ()
-    count = len(panels) + len(bus) + len(extensions)
+    shared = response.unit.line.outputs if response.unit.line else ()
+    count = len(panels) + len(shared) + len(extensions)
     made, grid = figure((count + 1) // 2, 2, width=10.0, sharex=True)
     first, places = grid[0, 0], iter(grid.ravel())
     commands = [run.excitation.command for run in fins if COMMAND in run.excitation.columns]
@@ -141,9 +144,10 @@ def draw(response: Response) -> Figure:
         _draw_panel(axes, panel, time, fins)
     first.set_title(response.excitation.title)
     first.legend(loc="best", ncols=1 + len(fins) // 5)
-    for (name, label), axes in zip(bus, places, strict=False):
-        axes.plot(time, response.columns[name], color=COLORS[0])
-        axes.set_ylabel(label)
+    for v, axes in zip(shared, places, strict=False):
+        unit, scale = metrics.shown(v.unit)
+        axes.plot(time, response.columns[v.name] * scale, color=COLORS[0])
+        axes.set_ylabel(f"{v.name.replace('_', ' ')} [{unit}]")
     for v, axes in zip(extensions, places, strict=False):
         _draw_output(axes, v, time, [run.columns[v.name] for run in fins])
     for axes in places:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .actuators import NONLINEAR, get
 from .errors import EmcasError
-from .fmi.interface import BUS_PARAMETERS, MIXING, FmuInterface, start_values
+from .fmi.interface import MIXING, FmuInterface, start_values
 from .parameters import ParameterError, check_parameters, require_sound
 from .rules import check_ranges
 from .runtime import codegen, compiled
@@ -43,31 +43,32 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel:
 
 
 def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 1e-3, model: str = NONLINEAR,
-                  bus: Mapping[str, float] | None = None, **inputs: Signal) -> dict[str, Array]:
-    """Return the outputs of several actuators, of parameters `sets`, on one bus, by the names of a unit of them.
+                  line: Mapping[str, float] | None = None, **inputs: Signal) -> dict[str, Array]:
+    """Return the outputs of several actuators, of parameters `sets`, on one line, by the names of a unit of them.
 
-    As `simulate`, but in Python, which is slower. `bus` are parameters of the bus (``bus.source_resistance``). An input
-    of a single actuator, such as ``fin_command``, is that of every fin; of one it is given as
-    ``**{"fin[2].fin_command": ...}``. Raises as `simulate` does.
+    As `simulate`, but in Python, which is slower. `line` are parameters of the line that feeds them
+    (``bus.source_resistance``, ``line.accumulator_volume``). An input of a single actuator, such as ``fin_command``, is
+    that of every fin; of one it is given as ``**{"fin[2].fin_command": ...}``. Raises as `simulate` does.
     """
     unit = FmuInterface(len(sets), model)
     if unit.fins == 1:
-        raise ValueError("one fin has no bus; see simulate()")
+        raise ValueError("one fin shares no line; see simulate()")
     problems = [f"fin {k}: {problem}" for k, values in enumerate(sets, 1)
                 for problem in check_parameters(values, model)]
     starts = dict(zip((v.name for v in unit.variables), start_values(unit, sets), strict=True))
-    line = {v.name: starts[v.name] for v in BUS_PARAMETERS if v.name in starts}
-    if unknown := [name for name in bus or {} if name not in line]:
-        raise EmcasError(f"there is no {unknown[0]}; a bus has {', '.join(line)}" if line else
-                         f"{unknown[0]}: {unit.actuator.name} has no supply, so that its fins share no bus")
-    line |= bus or {}
-    problems += check_ranges(line, [(v.name, v.minimum, v.maximum) for v in BUS_PARAMETERS if v.name in line])
+    there_are = unit.line.parameters if unit.line else ()
+    values_of_line = {v.name: starts[v.name] for v in there_are}
+    if unknown := [name for name in line or {} if name not in values_of_line]:
+        raise EmcasError(f"there is no {unknown[0]}; the {unit.line.name} has {', '.join(values_of_line)}" if unit.line
+                         else f"{unknown[0]}: {unit.actuator.name} has no supply, so that its fins share no line")
+    values_of_line |= line or {}
+    problems += check_ranges(values_of_line, [(v.name, v.minimum, v.maximum) for v in there_are])
     if problems:
         raise ParameterError(problems)
     table = _table(unit.inputs, [starts[v.name] for v in unit.inputs], stop, step, spread(inputs, unit))
     _check_finite(table, unit.inputs, step)
-    resistance, interval = line.get("bus.source_resistance", 0.0), line.get("bus.update_time", 1.0)  # of a stiff bus
-    cores, mixing = codegen.multi_fin(sets, resistance, interval, model), [unit.reference[v.name] for v in MIXING]
+    cores = codegen.multi_fin(sets, list(values_of_line.values()), model)
+    mixing = [unit.reference[v.name] for v in MIXING]
 
     def arranged(row: Sequence[float]) -> Sequence[tuple[Any, ...]]:
         fins = [[row[i] for i in places] for places in unit.places]

@@ -21,7 +21,7 @@ from emcas_fmu.bench.excitation import Excitation, reference_case
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.bench.writers import with_unit
 from emcas_fmu.extensions import fault_list, monitors
-from emcas_fmu.fmi.interface import BUS_PARAMETERS, MIXING, FmuInterface
+from emcas_fmu.fmi.interface import MIXING, FmuInterface
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.runtime import codegen
@@ -72,7 +72,7 @@ def several() -> str:
     unit = FmuInterface(4)
     of_fin = [v for v in (*unit.actuator.inputs, *unit.actuator.outputs) if v.name not in unit.shared]
     names = ", ".join(f"`fin[1].{v.name}`" for v in of_fin)
-    return (_wiring((*MIXING, *unit.bus_outputs, *BUS_PARAMETERS))
+    return (_wiring((*MIXING, *unit.line_outputs, *unit.line.parameters))
             + "\n\nShared by all fins, at the top: " + ", ".join(f"`{name}`" for name in unit.shared)
             + f".\n\nOf each fin: {names}, and every parameter, such as `fin[1].mounting.azimuth`.")
 
@@ -130,7 +130,7 @@ def bus() -> str:
     """Peak current and lowest voltage of a bus whose four fins step 17 deg together; rows of 0.1 ms, as the sag's."""
     values, rows = load_parameters().values, []
     for resistance in (0.0, 0.02, 0.05):
-        run = simulate_fins([values] * 4, 0.06, FINE, bus={"bus.source_resistance": resistance},
+        run = simulate_fins([values] * 4, 0.06, FINE, line={"bus.source_resistance": resistance},
                             fin_command=radians(17.0))
         rows.append((f"{resistance * 1e3:g} mΩ", f"{run['bus_current'].max():.0f} A",
                      f"{run['bus_voltage'].min():.1f} V"))

@@ -37,6 +37,7 @@ from ..rules import Rule
 from ..steppers.smooth import Derivatives, smooth_step
 from ..variables import Terminal, Variable, parameter
 from . import capabilities, fin_port
+from .line import LINES, Line
 from .plant_fault import PlantFault as PlantFault
 from .plant_fault import check_names
 
@@ -78,8 +79,9 @@ class State:
 class Supply:
     """The line that feeds the actuator: its input, and for several fins on one line what loads it.
 
-    `power` is the output of the power drawn [W]; `inverse_inductance(ops, p, interval)` is 1/L [1/H] of what the
-    line's voltage drives within an interval [s] of the line, 0 of what it drives at once.
+    The input's unit says what kind of line it is (:data:`.line.LINES`). `power` is the output of the power drawn [W].
+    Of a bus, `inverse_inductance(ops, p, interval)` is 1/L [1/H] of what its voltage drives within an interval [s], 0
+    of what it drives at once.
     """
 
     input: Variable
@@ -87,12 +89,17 @@ class Supply:
     inverse_inductance: Callable[[Ops, Parameters, Value], Value] = lambda ops, p, interval: 0.0
 
     def __post_init__(self) -> None:
-        if (self.input.kind, self.input.unit) not in (("Real", "V"), ("Real", "Pa")):
+        if self.input.kind != "Real" or self.input.unit not in LINES:
             raise EmcasError(f"supply {self.input.name} [{self.input.unit}]: the line that feeds an actuator is one of "
                              "voltage [V] or of pressure [Pa]; declare another input among further_inputs")
         if (self.power.name, self.power.unit) != ("supply_power", "W"):
             raise EmcasError(f"supply {self.input.name}: its power is called {self.power.name} [{self.power.unit}]; "
                              "every actuator's is supply_power [W]")
+
+    @property
+    def line(self) -> Line:
+        """The kind of line."""
+        return LINES[self.input.unit]
 
 
 _BUS = tuple(map(State, bus.STATES))

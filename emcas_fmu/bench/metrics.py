@@ -79,7 +79,8 @@ FIGURES: Mapping[str, Figure] = {
     "saturated_share": Figure("1", "share of the time a limit is active", ("saturated",)),
     "at_stop_share": Figure("1", "share of the time against a mechanical stop", ("at_stop",)),
 }
-_SHOWN = {"rad": ("deg", degrees(1.0)), "rad/s": ("deg/s", degrees(1.0)), "s": ("ms", 1e3), "1": ("%", 100.0)}
+_SHOWN = {"rad": ("deg", degrees(1.0)), "rad/s": ("deg/s", degrees(1.0)), "s": ("ms", 1e3), "1": ("%", 100.0),
+          "Pa": ("MPa", 1e-6), "m3/s": ("l/min", 6e4)}
 
 
 def shown(unit: str) -> tuple[str, float]:
@@ -88,8 +89,9 @@ def shown(unit: str) -> tuple[str, float]:
 
 
 # Ending of the name of a figure in a result, and the unit it is in; the longer endings first.
-_ENDINGS = {"_n_m_per_rad": "N.m/rad", "_deg_per_s": "deg/s", "_percent": "%", "_n_m": "N.m", "_deg": "deg",
-            "_hz": "Hz", "_db": "dB", "_s": "s", "_a": "A", "_w": "W", "_j": "J"}
+_ENDINGS = {"_n_m_per_rad": "N.m/rad", "_deg_per_s": "deg/s", "_l_per_min": "l/min", "_percent": "%",
+            "_n_m": "N.m", "_deg": "deg", "_mpa": "MPa", "_hz": "Hz", "_db": "dB", "_s": "s", "_v": "V", "_a": "A",
+            "_w": "W", "_j": "J"}
 
 
 def unit_of(key: str) -> str:
@@ -99,7 +101,12 @@ def unit_of(key: str) -> str:
 
 def result_name(name: str) -> tuple[str, float]:
     """Return the name of a figure in a result, which ends in its unit, and the factor to that; a time is in s."""
-    unit, factor = ("s", 1.0) if FIGURES[name].unit == "s" else shown(FIGURES[name].unit)
+    return named(name, FIGURES[name].unit)
+
+
+def named(name: str, of_unit: str) -> tuple[str, float]:
+    """Return the same for a figure that is in a unit."""
+    unit, factor = ("s", 1.0) if of_unit == "s" else shown(of_unit)
     return name + next((ending for ending, of in _ENDINGS.items() if of == unit), ""), factor
 
 

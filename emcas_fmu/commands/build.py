@@ -32,7 +32,7 @@ def build(
     cc: Annotated[str | None, typer.Option("--cc", help="System C compiler instead of zig, for this platform; "
                                                         "native only.", metavar="PROGRAM")] = None,
     model: common.ModelOption = NONLINEAR,
-    fins: Annotated[int, typer.Option(help="Actuators in the unit, on one bus; the model is then called EMCAS4.",
+    fins: Annotated[int, typer.Option(help="Actuators in the unit, on one supply; the model is then called EMCAS4.",
                                       metavar="N")] = 1,
     layout: common.LayoutOption = "cross",
     fin: common.FinFilesOption = None,

@@ -15,8 +15,9 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 from ..actuators import NONLINEAR
+from ..actuators.line import LINES
 from ..errors import EmcasError, hint
-from ..fmi.interface import BUS_PARAMETERS, FmuInterface, fin_files, fin_sets, require_shared
+from ..fmi.interface import FmuInterface, fin_files, fin_sets, require_shared
 from ..parameters import ParameterError, ParameterSet, load_parameters
 from ..reference.cases import LEAD_IN
 from ..schema import In
@@ -38,15 +39,15 @@ EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.
 
 def _settings(texts: Iterable[str], unit: FmuInterface) -> tuple[
         Mapping[int, dict[str, object]], dict[str, float], dict[str, float]]:
-    """Return what --set gives: parameters by fin (0: of every fin), those of the bus, and constants of inputs.
+    """Return what --set gives: parameters by fin (0: of every fin), those of the line, and constants of inputs.
 
     Raises EmcasError.
     """
     inputs = {v.name: v for v in (*unit.actuator.inputs, *unit.inputs)}
-    line = {v.name: v for v in BUS_PARAMETERS} if unit.fins > 1 else {}
+    line = {v.name: v for each in LINES.values() for v in each.parameters} if unit.fins > 1 else {}
     known = {part for v in unit.actuator.file_entries for part in (v.name, v.name.partition("[")[0])}
     parameters: dict[int, dict[str, object]] = defaultdict(dict)
-    bus: dict[str, float] = {}
+    of_line: dict[str, float] = {}
     constants: dict[str, float] = {}
     for text in texts:
         name, separator, entry = (part.strip() for part in text.partition("="))
@@ -60,7 +61,7 @@ def _settings(texts: Iterable[str], unit: FmuInterface) -> tuple[
                     f"{value} {variable.unit}" if plain else value)
             except ValueError as error:
                 raise EmcasError(f"--set {text}: {error}") from error
-            (constants if name in inputs else bus)[name] = float(number)
+            (constants if name in inputs else of_line)[name] = float(number)
             continue
         fin = _FIN.fullmatch(name)
         number, own = (int(fin[1]), fin[2]) if fin and 1 <= int(fin[1]) <= unit.fins > 1 else (0, name)
@@ -69,7 +70,7 @@ def _settings(texts: Iterable[str], unit: FmuInterface) -> tuple[
                 f"; its inputs are {', '.join(inputs)}; emcas parameters lists its parameters")
             raise EmcasError(f"--set {text}: the {unit.actuator.name} actuator has no such parameter or input{remedy}")
         parameters[number][own] = value
-    return parameters, bus, constants
+    return parameters, of_line, constants
 
 
 def _changed(base: ParameterSet, changes: Mapping[str, object]) -> ParameterSet:
@@ -115,10 +116,10 @@ def simulate(
     settings: Annotated[list[str] | None, typer.Option(
         "--set", help="Another value of a parameter, or a constant of an input, with a unit or in its own (may be "
                       "given several times). Of several fins it is every one's, fin[2].NAME that of one; "
-                      "bus.source_resistance makes the supply sag; roll_command, pitch_command and yaw_command are "
-                      "mixed into all commands.",
+                      "bus.source_resistance, or line.accumulator_volume of a hydraulic supply, makes the supply sag; "
+                      "roll_command, pitch_command and yaw_command are mixed into all commands.",
         metavar="NAME=VALUE")] = None,
-    fins: Annotated[int, typer.Option(help="Actuators on one bus, all given the same case, step or columns; columns "
+    fins: Annotated[int, typer.Option(help="Actuators on one supply, all given the same case, step or columns; columns "
                                            "such as fin[2].fin_command are of one. Computed in Python, which is "
                                            "slower.", metavar="N")] = 1,
     layout: common.LayoutOption = "cross",
@@ -165,7 +166,7 @@ def simulate(
         chosen = (reference_case(case) if case else
                   csv_file(input_file, interval or STEP, stop, model, fins) if input_file
                   else _stepped(step or 0.0, torque or 0.0, interval or STEP, stop or 0.5))
-        changes, bus, constants = _settings(settings or [], unit)
+        changes, line, constants = _settings(settings or [], unit)
         if twice := [name for name in constants if name in chosen.columns]:
             raise EmcasError(f"--set {twice[0]}: is given by {chosen.title} already")
         base = load_parameters(parameters, model=model)
@@ -181,7 +182,7 @@ def simulate(
         chosen = replace(chosen, columns=columns).holding(constants)
         chosen = replace(chosen, columns=spread(chosen.columns, unit))
         try:
-            outputs = (simulate_fins([each.values for each in sets], chosen.stop, chosen.step, unit.kind, bus,
+            outputs = (simulate_fins([each.values for each in sets], chosen.stop, chosen.step, unit.kind, line,
                                      **chosen.columns) if fins > 1 else
                        run(sets[0].values, chosen.stop, chosen.step, kernel, unit.kind, **chosen.columns))
         except (ArithmeticError, TypeError, ValueError) as error:
@@ -196,10 +197,10 @@ def simulate(
     table = Table(Column("figure", overflow="fold"), title=f"{chosen.title}, {chosen.stop:g} s", title_justify="left")
     for name in [f"fin {k}" for k in range(1, fins + 1)] if fins > 1 else ["value"]:
         table.add_column(name, justify="right")
-    for line in response.lines():
-        table.add_row(*map(escape, line))
+    for row in response.lines():
+        table.add_row(*map(escape, row))
     common.out.print(table)
-    if response.bus:
-        common.out.print("bus: " + ", ".join(f"{name} {number(value)}" for name, value in response.bus.items()),
-                  highlight=False, soft_wrap=True)
+    if unit.line:
+        common.out.print(f"{unit.line.group}: " + ", ".join(
+            f"{name} {number(value)}" for name, value in response.line.items()), highlight=False, soft_wrap=True)
     common.print_written(output, plot, as_json)

@@ -14,7 +14,6 @@ from .. import __version__
 from ..actuators import capabilities
 from ..files import models_directory
 from ..parameters import ParameterSet, are_defaults
-from ..physics import bus
 from ..reference import files
 from ..runtime import schedule
 from ..variables import Variable
@@ -62,11 +61,10 @@ def _page(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: 
     environment = Environment(loader=PackageLoader("emcas_fmu", "fmi"), undefined=StrictUndefined,
                               trim_blocks=True, lstrip_blocks=True)
     starts = dict(zip(unit.reference, start_values(unit, [p.values for p in sets]), strict=True))
-    several = [bus] if unit.fins > 1 and unit.actuator.supply else []
-    equations = [*unit.actuator.modules, schedule, *several]
+    equations = [*unit.actuator.modules, schedule, *([unit.line.equations] if unit.line else [])]
     return environment.get_template("documentation.html.j2").render(
         model=unit.model, description=describe(unit), origin=unit.actuator.origin, version=__version__, guid=guid,
-        fins=unit.fins, supply=unit.actuator.supply, notes=_NOTES[backend], platforms=platforms,
+        fins=unit.fins, supply=unit.actuator.supply, line=unit.line, notes=_NOTES[backend], platforms=platforms,
         step_ms=_text(sets[0].values["controller.sample_time"] * 1e3),
         figures=response_figures(sets[0]), equations=[inspect.getdoc(module) for module in equations],
         tables=[(title, _rows(unit, variables, sets, starts)) for title, variables in (

@@ -1,7 +1,7 @@
 """What a unit of one or several actuators shows: the interface, out of the actuator's declaration.
 
 A single actuator shows its variables themselves. Several show what belongs to each under ``fin[1].``, ``fin[2].``
-and so on; vehicle motion and supply are shared, and a bus and mixing inputs come with them.
+and so on; vehicle motion and supply are shared, and the supply's line and mixing inputs come with them.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from typing import Any
 
 from ..actuators import NONLINEAR, fin_port, get
 from ..actuators.declaration import Actuator, identifier
+from ..actuators.line import Line
 from ..errors import EmcasError
 from ..parameters import ParameterSet, load_parameters
-from ..variables import Variable, parameter, real_input, real_output
+from ..variables import Variable, real_input
 
 MOST_FINS = 8
 LAYOUTS = ("plus", "cross")
@@ -31,14 +32,6 @@ def _mixing(axis: str, along: str) -> Variable:
 
 
 MIXING = (_mixing("roll", "x (right side down)"), _mixing("pitch", "y (nose up)"), _mixing("yaw", "z (nose right)"))
-BUS_VOLTAGE = real_output("bus_voltage", "V", "voltage at the drives: the supply's less the sag", 10.0)
-BUS_CURRENT = real_output("bus_current", "A", "current all drives draw; negative while regenerating", 10.0)
-BUS_PARAMETERS = (
-    parameter("bus.source_resistance", "Ohm", 0.0, 1.0,
-              "resistance between supply_voltage and the drives (0: stiff)"),
-    parameter("bus.update_time", "s", 1e-5, 1e-2, "interval at which the sag follows the drives' current"),
-)
-_BUS_START = {"bus.source_resistance": 0.0, "bus.update_time": 1e-4}
 
 
 def model_name(actuator: str, fins: int = 1) -> str:
@@ -62,9 +55,6 @@ class FmuInterface:
     def __post_init__(self) -> None:
         if not 1 <= self.fins <= MOST_FINS:
             raise EmcasError(f"--fins {self.fins}: a unit has 1 to {MOST_FINS} fins")
-        supply = self.actuator.supply
-        if self.fins > 1 and supply is not None and supply.input.unit != "V":
-            raise EmcasError(f"--fins {self.fins}: fins share no line of pressure yet; build a unit of one fin")
 
     @property
     def model(self) -> str:
@@ -86,14 +76,19 @@ class FmuInterface:
         supply = self.actuator.supply
         return VEHICLE if supply is None else (*VEHICLE, supply.input.name)
 
-    @cached_property
-    def bus_outputs(self) -> tuple[Variable, ...]:
-        """Outputs of the bus that several fins share."""
+    @property
+    def line(self) -> Line | None:
+        """The line that several fins share; None of one, and of fins without a supply."""
         supply = self.actuator.supply
-        if supply is None or self.fins == 1:
+        return None if supply is None or self.fins == 1 else supply.line
+
+    @cached_property
+    def line_outputs(self) -> tuple[Variable, ...]:
+        """Outputs of the line: what the fins get, what they draw, and their power."""
+        supply = self.actuator.supply
+        if self.line is None or supply is None:
             return ()
-        total = replace(supply.power, description="electrical power drawn by all motors; negative while regenerating")
-        return BUS_VOLTAGE, BUS_CURRENT, total
+        return (*self.line.outputs, replace(supply.power, description=self.line.power))
 
     def _each(self, variables: Sequence[Variable]) -> tuple[Variable, ...]:
         return tuple(replace(v, name=self.name(v.name, fin)) for fin in range(self.fins) for v in variables)
@@ -103,18 +98,18 @@ class FmuInterface:
         inputs, supply = self.actuator.inputs, self.actuator.supply
         if self.fins == 1:
             return inputs
-        source = {} if supply is None else {supply.input.name: "voltage of the source of the bus"}
+        source = {} if supply is None else {supply.input.name: supply.line.source}
         shared = tuple(replace(v, description=source.get(v.name, v.description))
                        for v in inputs if v.name in self.shared)
         return shared + MIXING + self._each([v for v in inputs if v.name not in self.shared])
 
     @cached_property
     def outputs(self) -> tuple[Variable, ...]:
-        return self.bus_outputs + self._each(self.actuator.outputs)
+        return self.line_outputs + self._each(self.actuator.outputs)
 
     @cached_property
     def parameters(self) -> tuple[Variable, ...]:
-        return (BUS_PARAMETERS if self.bus_outputs else ()) + self._each(self.actuator.parameters)
+        return (self.line.parameters if self.line else ()) + self._each(self.actuator.parameters)
 
     @cached_property
     def variables(self) -> tuple[Variable, ...]:
@@ -186,8 +181,8 @@ def start_values(unit: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> tuple
 
     `sets` are the fins' parameter values; what is shared is taken from the first.
     """
-    parameters = {**_BUS_START, **{unit.name(p.name, fin): values[p.name] for fin, values in enumerate(sets)
-                                   for p in unit.actuator.parameters}}
+    parameters = {unit.name(p.name, fin): values[p.name] for fin, values in enumerate(sets)
+                  for p in unit.actuator.parameters} | dict(unit.line.values if unit.line else {})
     keyed = {unit.name(v.name, fin): values[v.key] for fin, values in reversed(list(enumerate(sets)))
              for v in unit.actuator.inputs if v.key is not None}
 

@@ -13,7 +13,7 @@ from .. import __version__
 from ..actuators import fin_port
 from ..runtime import codegen
 from ..variables import Terminal, Variable
-from .interface import BUS_CURRENT, BUS_VOLTAGE, MIXING, FmuInterface
+from .interface import MIXING, FmuInterface
 from .units import fmi_unit
 
 SINGLE = FmuInterface(1)
@@ -32,12 +32,13 @@ def _dependencies(unit: FmuInterface) -> dict[str, tuple[str, ...]]:
                                         *(_MIXED if "fin_command" in inputs else ()))
                for fin in range(unit.fins) for output, inputs in direct.items()}
     supply = unit.actuator.supply
-    if supply is None:
+    if supply is None or unit.line is None:
         return of_fins
     power = direct.get(supply.power.name, ())
     every = tuple(dict.fromkeys(unit.name(i, fin) for fin in range(unit.fins) for i in power))
-    current = tuple(dict.fromkeys((supply.input.name, *every)))  # power over voltage
-    return {**of_fins, BUS_VOLTAGE.name: (supply.input.name,), BUS_CURRENT.name: current, supply.power.name: every}
+    drawn = tuple(dict.fromkeys((supply.input.name, *every)))  # power over what the line gives
+    shared = zip((v.name for v in unit.line_outputs), ((supply.input.name,), drawn, every), strict=True)
+    return {**of_fins, **dict(shared)}
 
 
 def _text(value: Any) -> str:
@@ -114,8 +115,8 @@ def _structure(unit: FmuInterface) -> Element:
 
 def describe(unit: FmuInterface) -> str:
     """Return what the unit is, in a sentence."""
-    bus = " on one bus" if unit.actuator.supply else ""
-    return unit.actuator.title + ("" if unit.fins == 1 else f"; {unit.fins} fins{bus}")
+    line = f" on one {unit.line.name}" if unit.line else ""
+    return unit.actuator.title + ("" if unit.fins == 1 else f"; {unit.fins} fins{line}")
 
 
 def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str, str], tool: str,
@@ -152,8 +153,8 @@ def _terminals(unit: FmuInterface) -> Iterator[Terminal]:
             yield Terminal(f"{terminal.name}{fin + 1}", f"fin {fin + 1}: {terminal.description}",
                            tuple(unit.name(member, fin) for member in terminal.members))
     if supply := actuator.supply:
-        outputs = unit.bus_outputs if several else (supply.power,)
-        yield Terminal("bus", "electrical supply", (supply.input.name, *(v.name for v in outputs)))
+        outputs = unit.line_outputs if several else (supply.power,)
+        yield Terminal(supply.line.group, supply.line.supply, (supply.input.name, *(v.name for v in outputs)))
 
 
 def terminals_and_icons(unit: FmuInterface) -> Element:

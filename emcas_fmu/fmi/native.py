@@ -15,8 +15,8 @@ from .. import rules
 from ..compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform
 from ..errors import BuildError
 from ..progress import Progress
-from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, handwritten, header
-from .interface import BUS_PARAMETERS, MIXING, FmuInterface
+from ..runtime.c_sources import c_number, c_text, core_sources, handwritten, header
+from .interface import MIXING, FmuInterface
 from .model_description import element
 
 MAIN = "fmi2.c"
@@ -80,8 +80,7 @@ def _sizes(unit: FmuInterface) -> str:
                "UNIT_VARIABLES": len(unit.variables),
                "FIN_PARAMETER_BEGIN": len(unit.variables) - unit.fins * len(unit.actuator.parameters),
                "MOTION_BEGIN": at["acceleration.x"],
-               "MIXING_BEGIN": at.get(MIXING[0].name, 0),
-               **{f"UNIT_{enumerator(v.name)}": at[v.name] for v in BUS_PARAMETERS if v.name in at}}
+               "MIXING_BEGIN": at.get(MIXING[0].name, 0)}
     enum = ",\n".join(f"    {name} = {number}" for name, number in numbers.items())
     rows = ",\n".join(f"    {{{', '.join(map(str, row))}}}" for row in unit.places)
     return (f"enum {{\n{enum}\n}};\n\n/* Where each fin's inputs are, in the order of model.h. */\n"

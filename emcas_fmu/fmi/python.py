@@ -51,7 +51,8 @@ def slave_attributes(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> 
            "rules": tuple(rule[1:] for rule in actuator.all_rules),
            "sizes": tuple(codegen.sizes(actuator)), "power": codegen.power_place(actuator)}
     return one if unit.fins == 1 else {
-        **one, "names": tuple(v.name for v in actuator.parameters), "places": unit.places}
+        **one, "names": tuple(v.name for v in actuator.parameters), "places": unit.places,
+        "line_start": codegen.line_start(actuator)}
 
 
 def _sources(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str, str]:

@@ -9,7 +9,7 @@ from .. import units
 
 # Units shown instead of a variable's, the first as its displayUnit.
 _DISPLAYS = {"rad": ("deg",), "rad/s": ("deg/s", "rpm"), "m": ("mm",), "m/rad": ("mm/rev",), "s": ("ms",),
-             "Pa": ("bar",)}
+             "Pa": ("bar",), "m3": ("l",), "m3/s": ("l/min",)}
 _BASE = {"[mass]": "kg", "[length]": "m", "[time]": "s", "[current]": "A", "[temperature]": "K", "[angle]": "rad"}
 
 

@@ -21,11 +21,6 @@ def voltage(ops: Ops, source: Value, sag: Value) -> Value:
     return ops.maximum(source - sag, ops.clip(source, 0.0, LEAST))
 
 
-def current(ops: Ops, power: Value, at: Value) -> Value:
-    """Return current [A] that drives of a total power [W] draw at a voltage [V]; none from a dead bus."""
-    return ops.branch(at > 0.0, lambda: (power / at,), lambda: (0.0,))[0]
-
-
 def next_sag(ops: Ops, resistance: Value, sag: Value, drawn: Value, admittance: Value) -> Value:
     """Return sag [V] from an instant of the bus on; `admittance` is sum h/L_i [1/Ohm]."""
     return sag + (resistance * drawn - sag) / (1.0 + resistance * admittance)

@@ -54,7 +54,8 @@ def model_header(actuator: Actuator) -> str:
     inputs = "".join(f"    INPUT_{enumerator(v.name)} = {i},\n" for i, v in enumerate(actuator.inputs))
     names = [v.name for v in actuator.inputs]
     supply = names.index(actuator.supply.input.name) if actuator.supply else -1
-    power = codegen.power_place(actuator)
+    power, line = codegen.power_place(actuator), actuator.supply.line if actuator.supply else None
+    line_parameters = len(line.parameters) if line else 0
     states, controller, sampled = (", ".join(s.name for s in group) or "none" for group in (
         actuator.states, actuator.controller_states, actuator.sampled_states))
     return header(
@@ -69,6 +70,11 @@ def model_header(actuator: Actuator) -> str:
         f"#define CORE_FURTHER {len(further)}\n#define CORE_ACTING {acting}\n"
         "/* Place of the supply among the inputs, and of its power among the outputs; -1 where there is none. */\n"
         f"#define MODEL_SUPPLY ({supply})\n#define MODEL_SUPPLY_POWER ({-1 if power is None else power})\n"
+        "/* The line that feeds several fins: its parameters, its state at the start, whether that is a sag. */\n"
+        f"#define MODEL_LINE_PARAMETERS {line_parameters}\n"
+        f"#define MODEL_LINE_OF(line) {listed('(line)', line_parameters)}\n"
+        f"#define MODEL_LINE_START {c_number(codegen.line_start(actuator))}\n"
+        f"#define MODEL_LINE_SAGS {int(line is not None and line.sags)}\n"
         f"/* {states} */\n#define CORE_PLANT_OF(state) {listed('(state)->x', plant)[2:]}\n"
         f"/* {controller} */\n#define CORE_CONTROLLER_OF(state) {listed('(state)->sampled', kept)}\n"
         "/* measured fin angle, whether a limit was met */\n"

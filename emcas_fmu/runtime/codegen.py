@@ -7,11 +7,12 @@ from functools import cache, partial
 from typing import Any
 
 from ..actuators import NONLINEAR, fin_port, get
-from ..actuators.declaration import Actuator, identifier
+from ..actuators.declaration import Actuator, Supply, identifier
 from ..actuators.external import refusal
+from ..actuators.line import drawn
 from ..errors import EmcasError
-from ..ops.base import Value
-from ..physics import bus
+from ..namespace import namespace
+from ..ops.base import Ops, Value
 from ..physics.loads import LOADS, Carried
 from ..trace.python_source import python_source
 from ..trace.tracer import Tracer
@@ -29,7 +30,7 @@ MOTION = slice(FIRST, FIRST + len(fin_port.MOTION))  # of an actuator's inputs: 
 def functions(actuator: Actuator, several: bool = False) -> tuple[Traced, ...]:
     """Return name, names of the arguments behind ops and p, and the function of each of a program, in their order.
 
-    Those of several fins mix the commands and, where there is a supply, step the bus (:mod:`emcas_fmu.physics.bus`).
+    Those of several fins mix the commands and step the supply's :mod:`line <emcas_fmu.actuators.line>`, if any.
     """
     one: tuple[Traced, ...] = (
         ("schedule", (), lambda ops, p: schedule.schedule(ops, p, actuator)),
@@ -37,16 +38,24 @@ def functions(actuator: Actuator, several: bool = False) -> tuple[Traced, ...]:
     mixing: tuple[Traced, ...] = (
         ("mixed_command", ("command", "roll", "pitch", "yaw"),
          lambda ops, p, *commands: (fin_port.mixed_command(ops, p, *commands),)),)
-    supply = actuator.supply
-    if not several or supply is None:
+    if not several or actuator.supply is None:
         return one + mixing if several else one
+    return (*one, *mixing, *_of_line(actuator.supply))
+
+
+def _of_line(supply: Supply) -> tuple[Traced, ...]:
+    """Return the functions of the line that several fins share."""
+    line, names = supply.line, [v.name for v in supply.line.parameters]
+
+    def following(ops: Ops, p: Any, *arguments: Value) -> tuple[Value, ...]:
+        count = len(names)
+        of_line = namespace(dict(zip(names, arguments[:count], strict=True)))
+        return (line.following(ops, of_line, *arguments[count:]),)
+
     return (
-        *one, *mixing,
-        ("bus_voltage", ("source", "sag"), lambda ops, p, source, sag: (bus.voltage(ops, source, sag),)),
-        ("bus_current", ("power", "at"), lambda ops, p, power, at: (bus.current(ops, power, at),)),
-        ("bus_sag", ("resistance", "sag", "drawn", "interval", "inverse_inductance"),
-         lambda ops, p, resistance, sag, drawn, interval, inverse: (
-             bus.next_sag(ops, resistance, sag, drawn, interval * inverse),)),
+        ("line_level", ("source", "state"), lambda ops, p, source, state: (line.level(ops, source, state),)),
+        ("line_drawn", ("power", "level"), lambda ops, p, power, level: (drawn(ops, power, level),)),
+        ("line_following", (*map(identifier, names), "source", "state", "drawn", "inverse_inductance"), following),
         ("inverse_inductance", ("interval",),
          lambda ops, p, interval: (supply.inverse_inductance(ops, p, interval),)))
 
@@ -114,14 +123,10 @@ def core(values: Mapping[str, Any], model: str = NONLINEAR) -> Core:
     return Core(make(model=model)(values), sizes(get(model)))
 
 
-def multi_fin(sets: Sequence[Mapping[str, Any]], resistance: float, interval: float, model: str = NONLINEAR
-              ) -> MultiFin:
-    """Return the cores of several fins with these parameters on one bus, in Python.
-
-    The source's `resistance` is in Ohm, the `interval` of the bus in s.
-    """
+def multi_fin(sets: Sequence[Mapping[str, Any]], line: Sequence[float], model: str = NONLINEAR) -> MultiFin:
+    """Return the cores of several fins with these parameters on one line with these of its own, in Python."""
     actuator, bound = get(model), [make(True, model)(values) for values in sets]
-    return MultiFin(bound, resistance, interval, power_place(actuator), sizes(actuator))
+    return MultiFin(bound, line, line_start(actuator), power_place(actuator), sizes(actuator))
 
 
 def core_inputs(core: Any, row: Sequence[Any], model: str = NONLINEAR) -> Inputs:
@@ -139,6 +144,11 @@ def power_place(actuator: Actuator) -> int | None:
     return None if actuator.supply is None else [v.name for v in actuator.outputs].index(actuator.supply.power.name)
 
 
+def line_start(actuator: Actuator) -> float:
+    """Return the state that the line of several fins starts with; 0 of fins without a supply."""
+    return 0.0 if actuator.supply is None else actuator.supply.line.start
+
+
 def sizes(actuator: Actuator) -> Sizes:
     """Return the sizes of an actuator's core."""
     return Sizes(len(actuator.states), len(actuator.controller_states), len(fin_port.MOTION), len(LOADS),
@@ -148,7 +158,7 @@ def sizes(actuator: Actuator) -> Sizes:
 @cache
 def make(several: bool = False, model: str = NONLINEAR) -> Make:
     """Return the compiled program's `make`."""
-    namespace: dict[str, Any] = {}
-    exec(compile(source(several, model), "<emcas kernel>", "exec"), namespace)
-    result: Make = namespace["make"]
+    program: dict[str, Any] = {}
+    exec(compile(source(several, model), "<emcas kernel>", "exec"), program)
+    result: Make = program["make"]
     return result

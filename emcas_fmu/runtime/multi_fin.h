@@ -1,39 +1,37 @@
-/* The fins of a unit, which move together on one bus: multi_fin.py in C, function by function.
+/* The fins of a unit, which move together on one line that feeds them: multi_fin.py in C, function by function.
  *
- * FINS is their number. On a stiff bus each runs as it would alone; a single fin and fins without a supply have
- * no other. With a source resistance the fins stop together at the instants of the bus, k times its interval,
- * where the sag follows their current; it is held in between.
+ * FINS is their number. On a stiff line each runs as it would alone; a single fin and fins without a supply have
+ * no other. The line is stiff where the first of its parameters is 0. Else the fins stop together at its instants, k
+ * times its update time, the last parameter, where its state follows what they draw; it is held in between.
  */
 #ifndef EMCAS_MULTI_FIN_H
 #define EMCAS_MULTI_FIN_H
 
 #include "core.h"
 
-#define MULTI_FIN_BUS (FINS > 1 && MODEL_SUPPLY >= 0)
+#define MULTI_FIN_LINE (FINS > 1 && MODEL_SUPPLY >= 0)
 
-/* Voltage, current and power of the bus go before the fins' outputs. */
-enum { BUS_OUTPUTS = MULTI_FIN_BUS ? 3 : 0, MULTI_FIN_OUTPUTS = BUS_OUTPUTS + FINS * MODEL_OUTPUTS };
+/* What the fins get of the line, what they draw and their power go before their outputs. */
+enum { LINE_OUTPUTS = MULTI_FIN_LINE ? 3 : 0, MULTI_FIN_OUTPUTS = LINE_OUTPUTS + FINS * MODEL_OUTPUTS };
 
-/* Each fin's parameters and what follows from them; resistance [Ohm] and interval [s] of the bus; tolerance of
- * communication points [s]. */
+/* Parameters of the line; each fin's, and what follows from them; tolerance of communication points [s]. */
 typedef struct {
-    const double *p[FINS];
+    const double *line, *p[FINS];
     double c[FINS][KERNEL_CONSTANTS];
-    double resistance, interval, slack;
+    double slack;
 } multi_fin;
 
-/* Everything that changes while running: of the bus the sag and the instant that comes next. */
+/* Everything that changes while running: of the line its state and the instant that comes next. */
 typedef struct {
     core_state core[FINS];
-    double sag;
+    double line;
     int64_t instant;
 } multi_fin_state;
 
-/* Take the parameters, those of the fins one after the other. */
-static void multi_fin_bind(multi_fin *m, const double *p, double resistance, double interval)
+/* Take the parameters: of the line, and those of the fins one after the other. */
+static void multi_fin_bind(multi_fin *m, const double *line, const double *p)
 {
-    m->resistance = resistance;
-    m->interval = interval;
+    m->line = line;
     m->slack = HUGE_VAL;
     for (size_t fin = 0; fin < FINS; ++fin) {
         m->p[fin] = p + fin * MODEL_PARAMETERS;
@@ -45,11 +43,23 @@ static void multi_fin_bind(multi_fin *m, const double *p, double resistance, dou
 static void multi_fin_start(const multi_fin *m, multi_fin_state *s)
 {
     for (size_t fin = 0; fin < FINS; ++fin) core_start(m->p[fin], m->c[fin], &s->core[fin]);
-    s->sag = 0.0;
+    s->line = MODEL_LINE_START;
     s->instant = 1;
 }
 
-/* What acts on a fin, but for the sag, of its actuator's inputs and the mixing commands. But for `carried`, linear. */
+#if MULTI_FIN_LINE
+static bool multi_fin_stiff(const multi_fin *m)
+{
+    return !(m->line[0] > 0.0);
+}
+
+static double multi_fin_interval(const multi_fin *m)
+{
+    return m->line[MODEL_LINE_PARAMETERS - 1];
+}
+#endif
+
+/* What acts on a fin, but for the line, of its actuator's inputs and the mixing commands. But for `carried`, linear. */
 static void multi_fin_acting(const multi_fin *m, size_t fin, const double *in, const double *mixing,
                              const double *carried, core_inputs *out)
 {
@@ -62,27 +72,28 @@ static void multi_fin_acting(const multi_fin *m, size_t fin, const double *in, c
 #endif
 }
 
-static double bus_voltage(const multi_fin *m, double source, double sag)
+/* What a line in this state makes of the source. */
+static double line_level(const multi_fin *m, double source, double state)
 {
-    double voltage = source;
-#if MULTI_FIN_BUS
-    kernel_bus_voltage(m->p[0], m->c[0], source, sag, &voltage);
+    double level = source;
+#if MULTI_FIN_LINE
+    kernel_line_level(m->p[0], m->c[0], source, state, &level);
 #else
-    (void)m, (void)sag;
+    (void)m, (void)state;
 #endif
-    return voltage;
+    return level;
 }
 
-/* Voltage, current and power of the bus, of the fins' outputs behind them. */
-static void bus(const multi_fin *m, double source, double sag, double *out)
+/* The outputs of the line, of the fins' behind them. */
+static void line_shared(const multi_fin *m, double source, double state, double *out)
 {
-#if MULTI_FIN_BUS
-    out[0] = bus_voltage(m, source, sag);
+#if MULTI_FIN_LINE
+    out[0] = line_level(m, source, state);
     out[2] = 0.0;
-    for (size_t fin = 0; fin < FINS; ++fin) out[2] += out[BUS_OUTPUTS + fin * MODEL_OUTPUTS + MODEL_SUPPLY_POWER];
-    kernel_bus_current(m->p[0], m->c[0], out[2], out[0], &out[1]);
+    for (size_t fin = 0; fin < FINS; ++fin) out[2] += out[LINE_OUTPUTS + fin * MODEL_OUTPUTS + MODEL_SUPPLY_POWER];
+    kernel_line_drawn(m->p[0], m->c[0], out[2], out[0], &out[1]);
 #else
-    (void)m, (void)source, (void)sag, (void)out;
+    (void)m, (void)source, (void)state, (void)out;
 #endif
 }
 
@@ -91,11 +102,11 @@ static void multi_fin_outputs(const multi_fin *m, const multi_fin_state *s, cons
     for (size_t fin = 0; fin < FINS; ++fin) {
         const core_schedule plan = core_scheduled(m->p[fin], m->c[fin]);
         core_inputs acting = in[fin];
-        acting.supply = bus_voltage(m, acting.supply, s->sag);
+        acting.supply = line_level(m, acting.supply, s->line);
         core_outputs(m->p[fin], m->c[fin], &s->core[fin], &plan, &acting,
-                     out + BUS_OUTPUTS + fin * MODEL_OUTPUTS);
+                     out + LINE_OUTPUTS + fin * MODEL_OUTPUTS);
     }
-    bus(m, in->supply, s->sag, out);
+    line_shared(m, in->supply, s->line, out);
 }
 
 #if FINS == 1
@@ -116,42 +127,43 @@ static double source_at(const core_inputs *in, const core_ramp *ramp, double tim
     return in->supply + (ramp ? ramp->supply * (time - ramp->begin) : 0.0);
 }
 
-/* All fins to `until`. The sag comes off the ramp of the supply; where that would leave nothing at either end
- * the bus's least voltage is held. */
+/* All fins to `until`. A sag comes off the ramp of the supply; where the line does not follow the ramp at both ends
+ * its level in the middle is held. */
 static core_result run_fins(const multi_fin *m, multi_fin_state *s, double from, double until, const core_inputs *in,
                             const core_ramp *ramp, double *out)
 {
-    const double sag = s->sag;
+    const double state = s->line, sag = MODEL_LINE_SAGS ? state : 0.0;
     for (size_t fin = 0; fin < FINS; ++fin) {
         core_inputs acting = in[fin];
         core_ramp rising;
-        acting.supply = bus_voltage(m, acting.supply, sag);
+        acting.supply = line_level(m, acting.supply, state);
         if (ramp) {
             const double first = source_at(&in[fin], &ramp[fin], from), last = source_at(&in[fin], &ramp[fin], until);
             rising = ramp[fin];
             acting.supply = in[fin].supply - sag;
-            if (bus_voltage(m, first, sag) > first - sag || bus_voltage(m, last, sag) > last - sag) {
-                acting.supply = bus_voltage(m, 0.5 * (first + last), sag);
+            if (line_level(m, first, state) != first - sag || line_level(m, last, state) != last - sag) {
+                acting.supply = line_level(m, 0.5 * (first + last), state);
                 rising.supply = 0.0;
             }
         }
         const core_result result = core_run(m->p[fin], m->c[fin], &s->core[fin], until, &acting,
-                                            ramp ? &rising : NULL, out + BUS_OUTPUTS + fin * MODEL_OUTPUTS);
+                                            ramp ? &rising : NULL, out + LINE_OUTPUTS + fin * MODEL_OUTPUTS);
         if (result != CORE_DONE) return result;
     }
     return CORE_DONE;
 }
 
-#if MULTI_FIN_BUS
-static double next_sag(const multi_fin *m, double sag, double drawn)
+#if MULTI_FIN_LINE
+/* The line's state from an instant on, where the fins draw so much. */
+static double line_following(const multi_fin *m, double source, double state, double drawn)
 {
     double inductances = 0.0, next;
     for (size_t fin = 0; fin < FINS; ++fin) {
         double inverse;
-        kernel_inverse_inductance(m->p[fin], m->c[fin], m->interval, &inverse);
+        kernel_inverse_inductance(m->p[fin], m->c[fin], multi_fin_interval(m), &inverse);
         inductances += inverse;
     }
-    kernel_bus_sag(m->p[0], m->c[0], m->resistance, sag, drawn, m->interval, inductances, &next);
+    kernel_line_following(m->p[0], m->c[0] MODEL_LINE_OF(m->line), source, state, drawn, inductances, &next);
     return next;
 }
 #endif
@@ -162,23 +174,25 @@ static core_result multi_fin_run(const multi_fin *m, multi_fin_state *state, dou
 {
     multi_fin_state s = *state;
     double outputs[MULTI_FIN_OUTPUTS];
-#if MULTI_FIN_BUS
-    const bool stiff = !(m->resistance > 0.0);
-    if (!stiff && !(end / m->interval - (double)s.instant <= CORE_MOST_TICKS)) return CORE_TOO_MANY_TICKS;
+#if MULTI_FIN_LINE
+    const bool stiff = multi_fin_stiff(m);
+    const double interval = multi_fin_interval(m);
+    if (!stiff && !(end / interval - (double)s.instant <= CORE_MOST_TICKS)) return CORE_TOO_MANY_TICKS;
     /* A host's clock may stand a little before an instant it means to have reached. */
-    for (double next; !stiff && (next = (double)s.instant * m->interval) <= end + m->slack; ++s.instant) {
+    for (double next; !stiff && (next = (double)s.instant * interval) <= end + m->slack; ++s.instant) {
         const double until = next < end ? next : end;
         const core_result reached = run_fins(m, &s, from, until, in, ramp, outputs);
         if (reached != CORE_DONE) return reached;
-        bus(m, source_at(in, ramp, until), s.sag, outputs);
-        s.sag = next_sag(m, s.sag, outputs[1]);
-        if (!core_finite(s.sag)) return CORE_NOT_FINITE;
+        const double source = source_at(in, ramp, until);
+        line_shared(m, source, s.line, outputs);
+        s.line = line_following(m, source, s.line, outputs[1]);
+        if (!core_finite(s.line)) return CORE_NOT_FINITE;
         from = until;
     }
 #endif
     const core_result result = run_fins(m, &s, from, end, in, ramp, outputs);
     if (result != CORE_DONE) return result;
-    bus(m, source_at(in, ramp, end), s.sag, outputs);
+    line_shared(m, source_at(in, ramp, end), s.line, outputs);
     *state = s;
     memcpy(out, outputs, sizeof outputs);
     return CORE_DONE;

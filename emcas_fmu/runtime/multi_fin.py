@@ -1,6 +1,6 @@
-"""Several cores that move together on one bus. Standard library only: it is embedded in the FMU.
+"""Several cores that move together on one line. Standard library only: it is embedded in the FMU.
 
-multi_fin.h is the same in C, function by function, and says how the bus is stepped; only there inputs may ramp.
+multi_fin.h is the same in C, function by function, and says how the line is stepped; only there inputs may ramp.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Any
 
 from .core import MOST_TICKS, Core, Functions, Inputs, Sizes, inputs_of
 
-_CORE = 7  # of the functions, what a core takes; then mixing, then what the bus needs
+_CORE = 7  # of the functions, what a core takes; then mixing, then what the line needs
 
 Outputs = Sequence[tuple[Any, ...]]
 
@@ -19,19 +19,21 @@ class MultiFin:
     """Cores of several fins, with the interface of one.
 
     `functions` are the kernel's, bound to each fin's parameters. The inputs are a tuple for each fin, supplied
-    by the source; the outputs those of the bus (voltage, current, power) and then fin by fin. `power` is the place of
-    the supply's power among a fin's outputs, None of fins without a supply, which have no bus; `sizes` are a core's.
+    by the source; the outputs those of the line (what the fins get, what they draw, power) and then fin by fin.
+    `line` are the line's parameters, the first of which is 0 where it is stiff, the last its update time [s], and
+    `start` is its state at the start; `power` is the place of the supply's power among a fin's outputs, None of fins
+    without a supply, which have no line; `sizes` are a core's.
     """
 
-    __slots__ = ("_functions", "_instant", "_interval", "_motion", "_power", "_resistance", "_sag", "_supply", "cores")
+    __slots__ = ("_functions", "_instant", "_line", "_motion", "_of_line", "_power", "_supply", "cores")
 
-    def __init__(self, functions: Sequence[Functions], resistance: float, interval: float, power: int | None,
+    def __init__(self, functions: Sequence[Functions], line: Sequence[float], start: float, power: int | None,
                  sizes: Sizes) -> None:
         self.cores = [Core(f[:_CORE], sizes) for f in functions]
         self._functions = list(functions)
-        self._resistance, self._interval, self._power = resistance, interval, power
+        self._line, self._power = tuple(line), power
         self._motion, self._supply = sizes.motion, 1 + sizes.loads  # of a core's inputs
-        self._sag = 0.0
+        self._of_line = start
         self._instant = 1
 
     def bind(self, functions: Sequence[Functions]) -> None:
@@ -48,11 +50,11 @@ class MultiFin:
     @property
     def state(self) -> tuple[Any, ...]:
         """Everything that changes while running."""
-        return (self._sag, self._instant, tuple(core.state for core in self.cores))
+        return (self._of_line, self._instant, tuple(core.state for core in self.cores))
 
     @state.setter
     def state(self, state: tuple[Any, ...]) -> None:
-        self._sag, self._instant, states = state
+        self._of_line, self._instant, states = state
         for core, one in zip(self.cores, states, strict=True):
             core.state = one
 
@@ -69,7 +71,7 @@ class MultiFin:
                      for f, (command, *rest) in zip(self._functions, inputs, strict=True))
 
     def outputs(self, inputs: Sequence[Inputs]) -> tuple[Any, ...]:
-        """Return the outputs of the bus, then of the fins in the interface's order."""
+        """Return the outputs of the line, then of the fins in the interface's order."""
         each = [core.outputs(self._supplied(i)) for core, i in zip(self.cores, inputs, strict=True)]
         return self._put_out(inputs[0][self._supply], each)
 
@@ -86,16 +88,17 @@ class MultiFin:
             raise
 
     def _run(self, end: float, inputs: Sequence[Inputs]) -> tuple[Any, ...]:
-        stiff, last, source = not self._resistance > 0.0, end + self.slack, inputs[0][self._supply]
-        if not stiff and not end / self._interval - self._instant <= MOST_TICKS:
-            raise ArithmeticError(f"a step to {end!r} s has more than {MOST_TICKS} instants of the bus")
+        last, source = end + self.slack, inputs[0][self._supply]
+        stiff, interval = (not self._line[0] > 0.0, self._line[-1]) if self._line else (True, 1.0)
+        if not stiff and not end / interval - self._instant <= MOST_TICKS:
+            raise ArithmeticError(f"a step to {end!r} s has more than {MOST_TICKS} instants of the line")
         # A host's clock may stand a little before an instant it means to have reached.
-        while not stiff and (following := self._instant * self._interval) <= last:
-            _, drawn, _ = self._bus(source, self._run_fins(min(following, end), inputs))
-            sag = self._next_sag(drawn)
-            if sag - sag != 0.0:
+        while not stiff and (following := self._instant * interval) <= last:
+            _, drawn, _ = self._shared(source, self._run_fins(min(following, end), inputs))
+            state = self._following(source, drawn)
+            if state - state != 0.0:
                 raise ArithmeticError("the state is no longer finite")
-            self._sag = sag
+            self._of_line = state
             self._instant += 1
         return self._put_out(source, self._run_fins(end, inputs))
 
@@ -103,33 +106,32 @@ class MultiFin:
         return [core.run(until, self._supplied(i)) for core, i in zip(self.cores, inputs, strict=True)]
 
     def _supplied(self, inputs: Inputs) -> Inputs:
-        """Return a fin's inputs with the bus's voltage in place of the source's."""
+        """Return a fin's inputs with what the line has in place of the source's."""
         if self._power is None:
             return inputs
-        return (*inputs[:self._supply], self._bus_voltage(inputs[self._supply]), *inputs[self._supply + 1:])
+        return (*inputs[:self._supply], self._level(inputs[self._supply]), *inputs[self._supply + 1:])
 
-    def _bus_voltage(self, source: float) -> float:
-        (voltage,) = self._functions[0][_CORE + 1](source, self._sag)
-        return voltage  # type: ignore[no-any-return]
+    def _level(self, source: float) -> float:
+        (level,) = self._functions[0][_CORE + 1](source, self._of_line)
+        return level  # type: ignore[no-any-return]
 
-    def _bus(self, source: float, each: Outputs) -> tuple[float, float, float]:
-        """Return voltage [V], current [A] and power [W] of the bus for the fins' outputs."""
+    def _shared(self, source: float, each: Outputs) -> tuple[float, float, float]:
+        """Return the outputs of the line for the fins': what they get, what they draw, and the power [W]."""
         power = 0.0  # in C's order; sum() compensates from Python 3.12 on
         for outputs in each:
             power += outputs[self._power or 0]
-        voltage = self._bus_voltage(source)
-        (current,) = self._functions[0][_CORE + 2](power, voltage)
-        return voltage, current, power
+        level = self._level(source)
+        (drawn,) = self._functions[0][_CORE + 2](power, level)
+        return level, drawn, power
 
-    def _next_sag(self, drawn: float) -> float:
+    def _following(self, source: float, drawn: float) -> float:
         inductances = 0.0
         for f in self._functions:
-            (inverse,) = f[-1](self._interval)
+            (inverse,) = f[-1](self._line[-1])
             inductances += inverse
-        (sag,) = self._functions[0][_CORE + 3](self._resistance, self._sag, drawn, self._interval, inductances)
-        return sag  # type: ignore[no-any-return]
+        (state,) = self._functions[0][_CORE + 3](*self._line, source, self._of_line, drawn, inductances)
+        return state  # type: ignore[no-any-return]
 
     def _put_out(self, source: float, each: Outputs) -> tuple[Any, ...]:
         fins = tuple(x for outputs in each for x in outputs)
-        return fins if self._power is None else (*self._bus(source, each), *fins)
-
+        return fins if self._power is None else (*self._shared(source, each), *fins)

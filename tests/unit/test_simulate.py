@@ -84,7 +84,7 @@ def test_the_bus_and_mixing_of_the_fmu(model: str, tmp_path: Path) -> None:
     found = fmpy.simulate_fmu(str(path), stop_time=0.03, output_interval=1e-3, start_values={**SAG, **given},
                               output=names)
     sets = [each.values for each in fin_sets(base, 2, "cross", {})]
-    ours = simulate_fins(sets, 0.03, model=model, bus=SAG, **given)
+    ours = simulate_fins(sets, 0.03, model=model, line=SAG, **given)
     assert np.min(ours["bus_voltage"]) < base.values["drive.supply_voltage"] - 0.1
     # fmpy's clock is a product, ours too: at most the rounding of the times apart.
     assert all(np.allclose(ours[name], found[name], rtol=1e-9, atol=1e-12) for name in names)
@@ -95,8 +95,8 @@ def test_what_is_refused() -> None:
     with pytest.raises(ParameterError, match=r"fin 2: motor.resistance"):
         simulate_fins([good, {**good, "motor.resistance": -1.0}], 0.01)
     with pytest.raises(ParameterError, match=r"bus.source_resistance"):
-        simulate_fins([good, good], 0.01, bus={"bus.source_resistance": 2.0})
-    with pytest.raises(ValueError, match="one fin has no bus"):
+        simulate_fins([good, good], 0.01, line={"bus.source_resistance": 2.0})
+    with pytest.raises(ValueError, match="one fin shares no line"):
         simulate_fins([good], 0.01)
     unknown: dict[str, Any] = {"fin[3].fin_command": 0.1}
     with pytest.raises(TypeError, match=r"no input 'fin\[3\].fin_command'"):

@@ -25,7 +25,9 @@ enum {
     PARAMETER_BEGIN = UNIT_INPUTS + UNIT_OUTPUTS,
     MESSAGE = 1024
 };
-_Static_assert((int)UNIT_OUTPUTS == (int)MULTI_FIN_OUTPUTS, "a unit's outputs are those of the bus and of the fins");
+_Static_assert((int)UNIT_OUTPUTS == (int)MULTI_FIN_OUTPUTS, "a unit's outputs are those of the line and of the fins");
+_Static_assert((int)FIN_PARAMETER_BEGIN == (int)PARAMETER_BEGIN + (MULTI_FIN_LINE ? MODEL_LINE_PARAMETERS : 0),
+               "a unit's parameters are those of the line and of the fins");
 
 /* All that reset and the FMU state functions copy. */
 typedef struct {
@@ -192,12 +194,7 @@ static void warn(instance *m)
 
 static void prepare(instance *m)
 {
-#if MULTI_FIN_BUS
-    const double resistance = m->s.values[UNIT_BUS_SOURCE_RESISTANCE], interval = m->s.values[UNIT_BUS_UPDATE_TIME];
-#else
-    const double resistance = 0.0, interval = 1.0;
-#endif
-    multi_fin_bind(&m->fins, parameters(m, 0), resistance, interval);
+    multi_fin_bind(&m->fins, m->s.values + PARAMETER_BEGIN, parameters(m, 0)); /* the line's come first */
     m->unprepared = 0;
     m->moved = 1; /* it depends on parameters too */
 }

@@ -14,11 +14,13 @@ from .slave import Slave
 class MultiFinSlave(Slave):
     """Base of the generated slave class of several fins.
 
-    It adds the names of one fin's parameters, and the value references of the inputs of each fin's actuator.
+    It adds the names of one fin's parameters, the value references of the inputs of each fin's actuator, and the state
+    that the line which feeds them starts with. The line's parameters come before those of the fins.
     """
 
     names: ClassVar[tuple[str, ...]]
     places: ClassVar[tuple[tuple[int, ...], ...]]
+    line_start: ClassVar[float]
     _mixing: ClassVar[list[int]]
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -36,8 +38,8 @@ class MultiFinSlave(Slave):
         return [type(self).make(one) for one in self._fins(values).values()]
 
     def _made(self, values: Mapping[str, Any]) -> Any:
-        return MultiFin(self._functions(values), values.get("bus.source_resistance", 0.0),
-                        values.get("bus.update_time", 1.0), self.power, self._core_sizes)
+        line = list(values.values())[:len(values) - len(self.places) * len(self.names)]
+        return MultiFin(self._functions(values), line, self.line_start, self.power, self._core_sizes)
 
     def _acting(self, core: Any) -> tuple[Any, ...]:
         values = self._values

@@ -37,14 +37,18 @@ static const char *unsound_core(const core_state *core, const core_schedule *pla
     return NULL;
 }
 
-static const char *unsound_bus(const multi_fin *m, const model_state *s)
+static const char *unsound_line(const multi_fin *m, const model_state *s)
 {
-    const double ahead = (double)s->fins.instant * m->interval - s->now;
-    if (!core_finite(s->fins.sag)) return "sag of the bus";
-    /* The next instant of a bus that is not stiff lies ahead, within an interval. */
-    if (s->fins.instant < 1
-        || (m->resistance != 0.0 && (ahead < 0.0 || ahead > m->interval * (1.0 + 1e-9) + 1e-9)))
-        return "place in time of the bus";
+    if (!core_finite(s->fins.line)) return "state of the supply's line";
+    if (s->fins.instant < 1) return "place in time of the supply's line";
+#if MULTI_FIN_LINE
+    /* The next instant of a line that is not stiff lies ahead, within an interval. */
+    const double interval = multi_fin_interval(m), ahead = (double)s->fins.instant * interval - s->now;
+    if (!multi_fin_stiff(m) && (ahead < 0.0 || ahead > interval * (1.0 + 1e-9) + 1e-9))
+        return "place in time of the supply's line";
+#else
+    (void)m;
+#endif
     return NULL;
 }
 
@@ -72,7 +76,7 @@ static const char *unsound(const instance *m, const model_state *s)
         const char *reason = unsound_core(&s->fins.core[fin], &plan, s->now);
         if (reason) return reason;
     }
-    return unsound_bus(&probe.fins, s);
+    return unsound_line(&probe.fins, s);
 }
 
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)

@@ -1,0 +1,99 @@
+"""The lines that several fins may share: a bus of voltage, or a line of pressure.
+
+A line has one scalar state. It is stepped every update time, its last parameter, and held in between; with its first
+parameter at 0 it is stiff: it is not stepped, and each fin has the source's voltage or pressure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+from ..ops.base import Ops, Value
+from ..physics import bus, pressure_line
+from ..variables import Variable, parameter, real_output
+
+
+@dataclass(frozen=True)
+class Line:
+    """What kind of line feeds an actuator, and what several on it show, take and do to it.
+
+    `level(ops, source, state)` is what the actuators get; `following(ops, p, source, state, drawn, inverse_inductance)`
+    the state from an instant on, where they draw `drawn` together and the line's parameters are `p`; the last is the
+    sum of :attr:`.declaration.Supply.inverse_inductance`.
+    """
+
+    name: str  # in messages
+    group: str  # of its parameters; the name of its terminal
+    supply: str  # description of the terminal
+    source: str  # descriptions of the fins' common input and of the power they draw together
+    power: str
+    outputs: tuple[Variable, Variable]  # what the actuators get, and what they draw together
+    parameters: tuple[Variable, ...]
+    values: Mapping[str, float]  # of the parameters, unless they are given
+    start: float  # of the state
+    sags: bool  # whether the state comes off the source: where that ramps, the actuators get a ramp
+    level: Callable[[Ops, Value, Value], Value]
+    following: Callable[[Ops, Any, Value, Value, Value, Value], Value]
+    equations: ModuleType
+
+
+def drawn(ops: Ops, power: Value, level: Value) -> Value:
+    """Return current [A] or flow [m3/s] that makes a power [W] at a voltage [V] or pressure [Pa]; none at 0."""
+    return ops.branch(level > 0.0, lambda: (power / level,), lambda: (0.0,))[0]
+
+
+BUS = Line(
+    name="bus",
+    group="bus",
+    supply="electrical supply",
+    source="voltage of the source of the bus",
+    power="electrical power drawn by all motors; negative while regenerating",
+    outputs=(
+        real_output("bus_voltage", "V", "voltage at the drives: the supply's less the sag", 10.0),
+        real_output("bus_current", "A", "current all drives draw; negative while regenerating", 10.0)),
+    parameters=(
+        parameter("bus.source_resistance", "Ohm", 0.0, 1.0,
+                  "resistance between supply_voltage and the drives (0: stiff)"),
+        parameter("bus.update_time", "s", 1e-5, 1e-2, "interval at which the sag follows the drives' current")),
+    values={"bus.source_resistance": 0.0, "bus.update_time": 1e-4},
+    start=0.0,
+    sags=True,
+    level=bus.voltage,
+    following=lambda ops, p, source, sag, current, inverse_inductance: bus.next_sag(
+        ops, p.bus.source_resistance, sag, current, p.bus.update_time * inverse_inductance),
+    equations=bus,
+)
+PRESSURE_LINE = Line(
+    name="pressure line",
+    group="line",
+    supply="hydraulic supply",
+    source="pressure that the pump's regulator is set to, absolute",
+    power="hydraulic power drawn by all actuators; negative while they return oil",
+    outputs=(
+        real_output("line_pressure", "Pa", "pressure at the actuators, absolute", 1e7),
+        real_output("line_flow", "m3/s", "flow all actuators draw; negative while they return oil", 1e-4)),
+    parameters=(
+        parameter("line.accumulator_volume", "m3", 0.0, 1.0,
+                  "gas in the accumulator without oil (0: stiff, the actuators get supply_pressure)"),
+        parameter("line.precharge_pressure", "Pa", 1e4, 1e8, "of that gas, absolute; 12.6 MPa is an estimate"),
+        parameter("line.polytropic_exponent", "1", 1.0, 3.0,
+                  "of the gas: 1 where it keeps its temperature; 1.4, without heat flow, is an estimate"),
+        parameter("line.pump_gain", "m3/(s.Pa)", 0.0, 1e-6,
+                  "flow of the pump for a pressure below its setting; 1.5e-10 is an estimate"),
+        parameter("line.pump_flow", "m3/s", 0.0, 1.0, "largest flow of the pump; 1.5e-4 is an estimate"),
+        parameter("line.update_time", "s", 1e-5, 1e-2, "interval at which the pressure follows the actuators' flow")),
+    # Estimates: a precharge of 0.6 of 21 MPa; a pump of 9 l/min, all of it 1 MPa below its setting.
+    values={"line.accumulator_volume": 0.0, "line.precharge_pressure": 12.6e6, "line.polytropic_exponent": 1.4,
+            "line.pump_gain": 1.5e-10, "line.pump_flow": 1.5e-4, "line.update_time": 1e-4},
+    start=pressure_line.AT_SOURCE,
+    sags=False,
+    level=pressure_line.pressure,
+    following=lambda ops, p, source, state, flow, inverse_inductance: pressure_line.next_pressure(
+        ops, p.line, source, state, flow),
+    equations=pressure_line,
+)
+LINES: Mapping[str, Line] = {"V": BUS, "Pa": PRESSURE_LINE}
+"""By the unit of the supply's input."""

@@ -1,0 +1,60 @@
+"""A pressure line that several actuators share: a pump with limited flow, and a gas accumulator.
+
+    C dp/dt = Q_pump - sum Q_i        Q_i = P_i/p        Q_pump = clip(G (p_set - p), 0, Q_max)
+    C = V/(n p)                       V = V_0 (p_0/p)^(1/n)
+
+p is the absolute pressure at the actuators, p_set the source's: what the pump's regulator is set to. V is the gas in
+an accumulator of the volume V_0 with the precharge p_0; it changes by p V^n = constant. Below p_0 the accumulator is
+empty, and what gives is the oil, its air and the pipes: C there is a hundredth of what it is at p_0 (an estimate).
+
+A step h takes C and the draw where it begins, the draw with the slope of one in proportion to the pressure, and the
+pump where it ends:
+
+    C (p' - p)/h = Q_pump(p') - Q - |Q|/p (p' - p)
+
+Each of the three pieces of Q_pump gives a p'. The pump gives none where even that without it is the largest, else the
+lesser of its two flows, so that p' is the larger of the first and the smaller of the other two. It is a mean, with
+weights that are not negative, of p, p_set and pressures at which flows balance: it does not overshoot, whatever h is. A
+line that fills stops at p_0 for a step, since C changes there. p stays above a hundredth of a bar, as that of vapour.
+
+An actuator behind a throttle, with the pressure p_1 behind it, has the slope Q/(2 (p - p_1)). The step is stable where
+that drop is more than a quarter of p, and otherwise where h times the slope is below C.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..ops.base import Ops, Value
+
+LEAST = 1e3  # Pa
+EMPTY = 0.01  # of the compliance at the precharge, what an empty accumulator leaves
+LEAST_COMPLIANCE = 1e-16  # m3/Pa, of less than a cubic centimetre of oil: a line is never quite stiff
+AT_SOURCE = -1.0  # the state of a line that has not been stepped: it has the source's pressure
+
+
+def pressure(ops: Ops, source: Value, state: Value) -> Value:
+    """Return pressure at the actuators [Pa]; until the line is stepped the source's."""
+    return ops.where(state < 0.0, source, state)
+
+
+def compliance(ops: Ops, line: Any, at: Value) -> Value:
+    """Return the compliance C [m3/Pa] of the line at a pressure [Pa] above 0."""
+    volume, precharge, exponent = line.accumulator_volume, line.precharge_pressure, line.polytropic_exponent
+    gas = ops.branch(at < precharge, lambda: (EMPTY * volume / (exponent * precharge),),
+                     lambda: (volume * ops.exp(ops.log(precharge / at) / exponent) / (exponent * at),))[0]
+    return ops.maximum(gas, LEAST_COMPLIANCE)
+
+
+def next_pressure(ops: Ops, line: Any, source: Value, state: Value, drawn: Value) -> Value:
+    """Return the pressure [Pa] from an instant of the line on, where the actuators draw a flow [m3/s] together."""
+    p, h = ops.maximum(pressure(ops, source, state), LEAST), line.update_time
+    slope = ops.fabs(drawn) / p
+    held = compliance(ops, line, p) / h  # m3/s for each Pa that the pressure changes by
+    flow = held * p + slope * p - drawn
+    without = flow / (held + slope)
+    full = (flow + line.pump_flow) / (held + slope)
+    regulated = (flow + line.pump_gain * source) / (held + slope + line.pump_gain)
+    reached = ops.maximum(without, ops.minimum(regulated, full))
+    stopped = ops.where(p < line.precharge_pressure, ops.minimum(reached, line.precharge_pressure), reached)
+    return ops.maximum(stopped, LEAST)
