@@ -25,7 +25,8 @@ NONLINEAR = "nonlinear"
 _MODULES = {
     NONLINEAR: "electromechanical.nonlinear", "linear": "electromechanical.linear", "second-order": "second_order",
     "ristanovic": "electromechanical.ristanovic", "elastic": "electromechanical.elastic",
-    "habibi": "electromechanical.habibi", "ozkan": "electromechanical.ozkan", "worm-gear": "electromechanical.worm_gear",
+    "habibi": "electromechanical.habibi", "ozkan": "electromechanical.ozkan",
+    "worm-gear": "electromechanical.worm_gear",
 }
 NAMES = tuple(_MODULES)
 # In the order in which one is laid over the other, the first next to the actuator.

@@ -5,8 +5,8 @@
     eta_b = (cos alpha - mu/tan lambda)/(cos alpha + mu tan lambda)          the load drives the motor
 
 with alpha in the normal section (Budynas & Nisbett, "Shigley's Mechanical Engineering Design", force analysis of worm
-gearing). Where mu >= cos(alpha) tan(lambda) no load drives the worm, eta_b <= 0: it locks. Friction falls with the speed
-v at which the flanks slide on each other at the worm's pitch diameter q m, of module m:
+gearing). Where mu >= cos(alpha) tan(lambda) no load drives the worm, eta_b <= 0: it locks. Friction falls with the
+speed v at which the flanks slide on each other at the worm's pitch diameter q m, of module m:
 
     mu(v) = mu (1 + (s - 1) exp(-(v/v_s)^2))        v = |w| (q m/2)/cos(lambda)
 """
