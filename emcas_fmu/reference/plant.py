@@ -126,7 +126,7 @@ class Plant:
             for name, value in self.parameters.items():
                 if name.startswith((f"friction.{kind}.", f"friction.fin_{kind}")):
                     changes[name] = value * off(f"friction.{kind}")
-        return Plant({**self.parameters, **changes})
+        return type(self)({**self.parameters, **changes})
 
     # Kinematics -------------------------------------------------------------------------------------------
 
@@ -141,6 +141,10 @@ class Plant:
     def ratio(self, delta: float) -> float:
         """Return reduction ratio R = dtheta_m/ddelta [-] (2.6)."""
         return self.arm / self.lead * (1.0 + math.tan(delta + self.assembly) ** 2)
+
+    def bend(self, delta: float) -> float:
+        """Return R'/R [-] at fin angle `delta` [rad] (2.7)."""
+        return 2.0 * math.tan(delta + self.assembly)
 
     # Forces -----------------------------------------------------------------------------------------------
 
@@ -177,9 +181,10 @@ class Plant:
         x, z = s * s * w[0] + s * c * w[2], c * c * w[2] + s * c * w[0]
         return self.fin_inertia * x, self.fin_inertia * w[1], self.fin_inertia * z
 
-    def resting_moment(self, state: Vector, around: Surroundings) -> float:
-        """Return moment that friction has to hold when the fin rests [N.m]."""
-        return self.ratio(state[0]) * self.torque_constant * state[2] + self.loads(state[0], around)
+    def excess(self, state: Vector, around: Surroundings, side: int) -> float:
+        """Return moment [N.m] on a resting fin towards `side` beyond what friction holds."""
+        moment = self.ratio(state[0]) * self.torque_constant * state[2] + self.loads(state[0], around)
+        return side * moment - self.coulomb(state[0], side)
 
     def surroundings(self, row: Mapping[str, float], drive_input: float) -> Surroundings:
         """Return constants of a segment from an input row (names of the interface) and the delayed DAC value [V]."""
@@ -233,7 +238,7 @@ class Plant:
         if limit == 0.0 or self.electrical_inductance == 0.0:
             return 0.0
         speed = ratio * omega
-        speed_slope = ratio * (slopes[1] + 2.0 * math.tan(delta + self.assembly) * omega**2)  # (2.7)
+        speed_slope = ratio * (slopes[1] + self.bend(delta) * omega**2)
         across_slope = speed_slope * current + speed * slopes[2]
         return -self.electrical_inductance**2 * speed * current * across_slope / limit
 
@@ -281,10 +286,9 @@ class Plant:
 
     def motion_at_rest(self, state: Vector, around: Surroundings) -> int:
         """Return direction in which a resting fin breaks away, or 0: friction or a stop holds it."""
-        moment, delta = self.resting_moment(state, around), state[0]
-        if moment > self.coulomb(delta, 1) and delta < self.stop:
+        if state[0] < self.stop and self.excess(state, around, 1) > 0.0:
             return 1
-        if -moment > self.coulomb(delta, -1) and delta > -self.stop:
+        if state[0] > -self.stop and self.excess(state, around, -1) > 0.0:
             return -1
         return 0
 
@@ -345,7 +349,7 @@ class Plant:
             def excess(state: Vector) -> float:
                 if side * state[0] >= self.stop:  # the stop holds against any moment towards it
                     return -1.0
-                return side * self.resting_moment(state, around) - self.coulomb(state[0], side)
+                return self.excess(state, around, side)
 
             return Guard(excess, 1, lambda state: Mode(side, drive))
 

@@ -170,11 +170,13 @@ def advance(plant: Plant, state: list[float], mode: Mode, around: Surroundings, 
     return state, mode
 
 
-def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> dict[str, Array]:
+def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array], kind: type[Plant] = Plant
+             ) -> dict[str, Array]:
     """Simulate one actuator from rest and return `time` and the `OUTPUTS` at the rows, SI units.
 
     `inputs` holds the uniform row times `time` [s], from zero, and the columns that are used, named as in the
     interface; a row holds until the next.  Outputs are left limits, so a sample that falls on a row shows after it.
+    `kind` is what moves the fin.
     """
     rows = _instants(inputs["time"])
     if unknown := sorted(set(inputs) - set(INPUTS) - {"time"}):
@@ -186,7 +188,7 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
     if min(columns["supply_voltage"]) <= 0.0:
         raise ValueError("supply_voltage must be above 0: the modes of the drive are distinguished by its limits")
 
-    nominal = Plant(parameters)
+    nominal = kind(parameters)
     plant, p, end = nominal.as_built(), nominal.parameters, float(rows[-1])
     period, delay = p["controller.sample_time"], p["drive.transport_delay"]
     samples = _instants(np.arange(math.floor(end / period) + 1) * period)

@@ -22,7 +22,7 @@ from emcas_fmu.parameters import ParameterError, load_parameters
 
 SETS = named_sets()
 MODELS = {"heat-published-motor": "nonlinear+heat", "hinge-stiffness": "elastic",
-          "screw-efficiency-095": "nonlinear+efficiency"}
+          "screw-efficiency-095": "nonlinear+efficiency", "worm-falling-friction": "worm-gear"}
 
 
 @pytest.mark.parametrize("name", SETS)

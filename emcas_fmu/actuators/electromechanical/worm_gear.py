@@ -4,8 +4,8 @@
     L = (J_f/N^2) dw/dt + (C_f/N) sgn w + b_f w/N^2 - T_f/N        e = 1/eta_f where L w > 0, else eta_b
 
 The wheel sits on the fin shaft: a constant ratio, and the losses of a loaded worm in place of given efficiencies
-(:mod:`emcas_fmu.physics.worm`, :mod:`emcas_fmu.physics.screw`). With eta_b <= 0 it locks: no load moves the fin, and
-the supply gets nothing back. The worm turns with the motor and lies along body x.
+(:mod:`emcas_fmu.physics.worm`, :mod:`emcas_fmu.physics.screw`). With eta_b <= 0 it locks: no load moves the fin, or
+drives the motor. The worm turns with the motor and lies along body x.
 """
 
 from __future__ import annotations
@@ -134,6 +134,6 @@ ACTUATOR = replace(
     derivatives=with_parameters(nonlinear.derivatives, geared),
     step=with_parameters(nonlinear.step, geared),
     output_values=output_values,
-    reference=None,
+    reference="emcas_fmu.reference.worm_gear",
     modules=(sys.modules[__name__], worm, screw, screw_loss, *nonlinear.EQUATIONS[1:]),
 )
