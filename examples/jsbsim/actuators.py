@@ -1,6 +1,6 @@
 """What moves the fins: the `Actuators` protocol, and one that speaks it, an ideal actuator.
 
-second_order.py has the package's second-order model, fmu.py EMCAS4.fmu and EMCAS.fmu, masters.py EMCAS.fmu in a
+second_order.py has the package's second-order model, fmu.py FMUs of four fins or of one, masters.py FMUs of one in a
 system of another master.
 """
 
@@ -47,13 +47,18 @@ class Response:
     rates: Array
     """[rad/s]."""
     power: float
-    """Of all four [W]: drawn from the bus where the model has one, otherwise mechanical, against the hinge moments."""
+    """Of all four [W]: drawn from the supply where the model has one, otherwise mechanical, against the hinge
+    moments."""
     saturated: Array
     """Whether any limit is active."""
     bus_voltage: float = nan
-    """At the drives [V]; not a number where the model has no bus."""
+    """At the drives [V]; not a number where the model is fed otherwise, as what follows."""
     bus_current: float = nan
-    """Of all four [A]; likewise."""
+    """Of all four [A]."""
+    line_pressure: float = nan
+    """At the valves [Pa]."""
+    line_flow: float = nan
+    """Of all four [m3/s]."""
 
 
 class Actuators(Protocol):

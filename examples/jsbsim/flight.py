@@ -90,14 +90,15 @@ NAMES = (*(f"{n}_rad" for n in ("roll", "pitch", "yaw")), *(f"wanted_{n}_rad" fo
          *(f"{n}_rad_s" for n in "pqr"), *(f"command{k}_rad" for k in FINS), *(f"fin{k}_rad" for k in FINS),
          *(f"fin_rate{k}_rad_s" for k in FINS), *(f"hinge{k}_n_m" for k in FINS),
          *(f"saturated{k}" for k in FINS), "power_w", "mach", "dynamic_pressure_pa", "altitude_m", "speed_m_s",
-         "incidence_rad", *(f"acceleration_{n}_m_s2" for n in "xyz"), "bus_voltage_v", "bus_current_a")
+         "incidence_rad", *(f"acceleration_{n}_m_s2" for n in "xyz"), "bus_voltage_v", "bus_current_a",
+         "line_pressure_pa", "line_flow_m3_s")
 
 
 def fly(actuators: Actuators, manoeuvre: Manoeuvre, step: float, launch: Launch | None = None,
         progress: Progress | None = None) -> Mapping[str, Array]:
     """Columns `time` [s] and NAMES, one row for each communication point after the first; shape (duration / step,).
 
-    Those of the bus are left out where the actuators have none.
+    Those of bus and pressure line are left out where the actuators have none.
     Raises EmcasError where the step [s] does not divide the autopilot's period.
     """
     ratio = PERIOD / step if step > 0.0 else 0.0
@@ -125,6 +126,6 @@ def fly(actuators: Actuators, manoeuvre: Manoeuvre, step: float, launch: Launch 
             state.attitude, wanted, state.body_rates, command.fins, moved.angles, moved.rates, state.hinge_moments,
             moved.saturated, [moved.power, state.mach, state.dynamic_pressure, state.altitude, state.speed,
                               state.incidence], state.acceleration,
-            [moved.bus_voltage, moved.bus_current]])
+            [moved.bus_voltage, moved.bus_current, moved.line_pressure, moved.line_flow]])
     columns = dict(zip(NAMES, table.T, strict=True))
     return {"time": np.arange(1, rows + 1) * step, **{n: c for n, c in columns.items() if not np.isnan(c).all()}}

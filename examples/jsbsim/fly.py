@@ -14,7 +14,8 @@ if __package__ in (None, ""):  # run as a file: modules are found from the folde
 
 EPILOG = ("Examples:\n\n  python examples/jsbsim/fly.py --output flight"
           "\n\n  python examples/jsbsim/fly.py --host all --manoeuvre aggressive --actuator stiff --no-convergence"
-          "\n\n  python examples/jsbsim/fly.py --fmu My4.fmu --bus-resistance 0.05 --actuator nonlinear"
+          "\n\n  python examples/jsbsim/fly.py --fmu My4.fmu --bus-resistance 0.05 --actuator fmu"
+          "\n\n  python examples/jsbsim/fly.py --model all --manoeuvre aggressive --no-convergence"
           "\n\n  python examples/jsbsim/fly.py --actuator ideal --step 4 --output coarse --format npz")
 
 
@@ -24,7 +25,7 @@ class Actuator(str, Enum):
     IDEAL = "ideal"
     UNDELAYED = "second-order-undelayed"
     SECOND_ORDER = "second-order"
-    NONLINEAR = "nonlinear"
+    FMU = "fmu"
     STIFF = "stiff"
     ALL = "all"
 
@@ -55,19 +56,23 @@ class Format(str, Enum):
 
 
 def fly(
-    fmu: Annotated[Path | None, typer.Option(help="The actuators: EMCAS4.fmu, or EMCAS.fmu taken four times. Built in "
-                                             "a temporary folder if not given.", metavar="FILE.fmu")] = None,
+    fmu: Annotated[Path | None, typer.Option(help="The actuators: a unit of four of any model, or a single one "
+                                             "taken four times.", metavar="FILE.fmu")] = None,
+    model: Annotated[list[str] | None, typer.Option(
+        "--model", "--models", help="Build actuators of this model with default parameters and fly them, several times "
+        "to compare models, or all of them; nonlinear if neither this nor --fmu is given.",
+        metavar="NAME|all")] = None,
     actuator: Annotated[Actuator, typer.Option(help="What moves the fins; second-order is fitted to the FMU, "
-                                                    "undelayed lacks its delay, stiff is nonlinear on a stiff "
+                                                    "undelayed lacks its delay, stiff is the FMU on a stiff "
                                                     "bus.")] = Actuator.ALL,
     manoeuvre: Annotated[Flown, typer.Option(help="What is flown; tight is aggressive with higher gains.")] = Flown.ALL,
     bus_resistance: Annotated[float | None, typer.Option(
-        help="Of the bus's source in Ohm, 0 to 1; 0.02 for EMCAS4.fmu if not given.", metavar="OHM")] = None,
+        help="Of the bus's source in Ohm, 0 to 1; 0.02 for a unit of four if not given.", metavar="OHM")] = None,
     bus_voltage: Annotated[float | None, typer.Option(
         help="Of the bus's source in V; what the FMU, or the archive, starts with if not given.", metavar="V")] = None,
-    mixing: Annotated[bool, typer.Option("--mixing", help="Let EMCAS4.fmu mix roll, pitch and yaw.")] = False,
-    host: Annotated[Host | None, typer.Option(help="Fly four EMCAS.fmu wired by an SSP in this master, too.")] = None,
-    ssp: Annotated[Path | None, typer.Option(help="The archive for --host; made of EMCAS.fmu if not given.",
+    mixing: Annotated[bool, typer.Option("--mixing", help="Let a unit of four mix roll, pitch and yaw.")] = False,
+    host: Annotated[Host | None, typer.Option(help="Fly four single FMUs wired by an SSP in this master, too.")] = None,
+    ssp: Annotated[Path | None, typer.Option(help="The archive for --host; made of the model if not given.",
                                              metavar="FILE.ssp")] = None,
     variant: Annotated[str, typer.Option(help="Of --ssp.", metavar="NAME")] = "nominal",
     step: Annotated[float, typer.Option(help="Communication step in ms; 4 ms must be a multiple.", min=0.01)] = 1.0,
@@ -78,7 +83,7 @@ def fly(
     convergence: Annotated[bool, typer.Option(help="Measure convergence with the communication step (half a "
                                                    "minute).")] = True,
 ) -> None:
-    """Fly a finned rocket in JSBSim with its fins moved by EMCAS4.fmu, an ideal or a second-order actuator.
+    """Fly a finned rocket in JSBSim with its fins moved by actuators of any model, an ideal or a second-order one.
 
     Writes report.html, figures.json and the trajectories. Exit codes: 0 done, 2 cannot be done.
     """
@@ -88,13 +93,15 @@ def fly(
     from emcas_fmu.errors import EmcasError
     from examples.jsbsim.report import write_report
     from examples.jsbsim.results import write_flights, write_json
-    from examples.jsbsim.run import Options, run
+    from examples.jsbsim.run import Options, every_model, run
 
     def chosen(kind: type[Enum], one: Enum | None) -> tuple[str, ...]:
         return tuple(each.value for each in kind if each.value != "all" and one and one.value in ("all", each.value))
 
-    options = Options(chosen(Flown, manoeuvre), chosen(Actuator, actuator), step * 1e-3, fmu, guid, bus_resistance,
-                      bus_voltage, mixing, chosen(Host, host), ssp, variant, convergence)
+    models = [each for name in model or () for each in (every_model() if name == "all" else (name,))]
+    options = Options(chosen(Flown, manoeuvre), chosen(Actuator, actuator), step * 1e-3, fmu,
+                      tuple(dict.fromkeys(models)), guid, bus_resistance, bus_voltage, mixing, chosen(Host, host), ssp,
+                      variant, convergence)
     with failures():
         if output.exists() and not output.is_dir():
             raise EmcasError(f"{output}: is a file; --output names a folder")

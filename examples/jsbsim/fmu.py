@@ -1,9 +1,9 @@
-"""The fins moved by FMUs under fmpy: EMCAS4.fmu, one unit with a bus of its own, or EMCAS.fmu four times."""
+"""The fins moved by FMUs of any actuator under fmpy: one unit of four fins, or a single one four times."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from contextlib import ExitStack
 from math import isfinite
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 from fmpy.fmi1 import FMICallException
 from fmpy.simulation import instantiate_fmu
 
-from emcas_fmu.bench.fmu import opened
+from emcas_fmu.bench.fmu import model_of, opened
 from emcas_fmu.errors import EmcasError
 
 from .actuators import Demand, Response
@@ -30,13 +30,17 @@ SHARED_INPUTS = (*(("rocket", f"acceleration.{n}", "m/s2", 8 + k) for k, n in en
                  *(("rocket", f"angular_rate.{n}", "rad/s", 14 + k) for k, n in enumerate("xyz")),
                  *(("rocket", f"angular_acceleration.{n}", "rad/s2", 17 + k) for k, n in enumerate("xyz")))
 _MIXING = tuple(("autopilot", f"{n}_command", "rad", 20 + k) for k, n in enumerate(("roll", "pitch", "yaw")))
-SUPPLY = "supply_voltage"
-OUTPUTS = (("fin_angle", "rad"), ("fin_rate", "rad/s"), ("supply_power", "W"))
+VOLTAGE = "supply_voltage"
+LINES = {VOLTAGE: (("bus_voltage", "V"), ("bus_current", "A")),
+         "supply_pressure": (("line_pressure", "Pa"), ("line_flow", "m3/s"))}
+"""By the input that feeds an actuator, in the unit of the first: what a unit of four has on its line, and what it draws
+from it. Names as in `Response`."""
+_MOVED = (("fin_angle", "rad"), ("fin_rate", "rad/s"))
+_POWER = ("supply_power", "W")
+OUTPUTS = (*_MOVED, _POWER)
 FLAG = "saturated"
-_BUS_OUTPUTS = (("bus_voltage", "V"), ("bus_current", "A"))
 _AZIMUTH, _RESISTANCE = "mounting.azimuth", "bus.source_resistance"
 _REMEDY = {True: "one of `emcas build --fins 4` is needed", False: "an FMU of `emcas build` is needed"}
-_NONLINEAR = re.compile(r"EMCAS\d*")  # modelName, whatever the number of fins
 
 
 def flattened(demand: Demand) -> Array:
@@ -46,11 +50,31 @@ def flattened(demand: Demand) -> Array:
                            demand.body_rates, demand.angular_acceleration, axes])
 
 
-def require_supply(path: Path, voltage: float) -> float:
-    """A supply voltage [V] that fins can be moved with. Raises EmcasError."""
-    if not (isfinite(voltage) and voltage > 0.0):
-        raise EmcasError(f"{path}: a bus voltage of {voltage:g} V: must be above 0; give --bus-voltage")
-    return voltage
+def line_of(names: Container[str]) -> str | None:
+    """Which of LINES feeds what has variables of these names; None where none does."""
+    return next((supply for supply in LINES if supply in names), None)
+
+
+def require_supply(path: Path, supply: str, level: float) -> float:
+    """A voltage [V] or pressure [Pa] of a supply that fins can be moved with. Raises EmcasError."""
+    if not (isfinite(level) and level > 0.0):
+        if supply == VOLTAGE:
+            raise EmcasError(f"{path}: a bus voltage of {level:g} V: must be above 0; give --bus-voltage")
+        raise EmcasError(f"{path}: {supply} starts at {level:g} {LINES[supply][0][1]}: must be above 0; build the FMU "
+                         "with another")
+    return level
+
+
+def require_bus(path: Path, supply: str | None, voltage: float | None = None, resistance: float | None = None) -> None:
+    """Raise EmcasError where a bus voltage or resistance is given to what is not fed by a bus."""
+    if supply != VOLTAGE and (voltage is not None or resistance):
+        raise EmcasError(f"{path}: {f'is fed by {supply}' if supply else 'has no supply'}, not by a bus: leave "
+                         f"{'--bus-resistance' if voltage is None else '--bus-voltage'} away")
+
+
+def on_line(supply: str, level: float, power: float) -> dict[str, float]:
+    """What `Response` has of a line that keeps its voltage or pressure: that, and what a power [W] draws from it."""
+    return {name: value for (name, _), value in zip(LINES[supply], (level, power / level), strict=True)}
 
 
 def fins_of(names: Mapping[str, Any]) -> int:
@@ -67,10 +91,11 @@ class Fmu:
                  mixing: bool = False) -> None:
         """Load and initialize with `parameters` of each fin, in the FMU's units, besides its mounting.azimuth.
 
-        The supply is of `bus_voltage` [V], or of the unit's start value if not given. A unit of four has a bus with
-        `bus_resistance` [Ohm] (0 if not given) and, with `mixing`, takes the demand's axes instead of commands. Raises
-        EmcasError naming the connection where a variable is missing or has another unit, and where a single actuator is
-        asked for what only the unit of four has.
+        Which of LINES feeds it is looked up: a bus is of `bus_voltage` [V], or of the unit's start value if not given,
+        as any other supply is. A unit of four on a bus has `bus_resistance` [Ohm] (0 if not given) there. With
+        `mixing` a unit of four takes the demand's axes instead of commands. Raises EmcasError naming the connection
+        where a variable is missing or has another unit, where a single actuator is asked for what only the unit of
+        four has, and where one without a bus is given what a bus has.
         """
         if bus_resistance is not None and not (isfinite(bus_resistance) and 0.0 <= bus_resistance <= 1.0):
             raise EmcasError(f"a bus resistance of {bus_resistance:g} Ohm: must be 0 to 1")
@@ -79,9 +104,9 @@ class Fmu:
             if guid is not None and guid.strip("{}") != unit.description.guid.strip("{}"):
                 raise EmcasError(f"{path}: has GUID {unit.description.guid}, not {guid}: it is another interface than "
                                  "the one asked for; build that one or leave --guid away")
-            if not _NONLINEAR.fullmatch(unit.description.modelName):
-                raise EmcasError(f"{path}: its model is {unit.description.modelName}, and the nonlinear one is "
-                                 "compared here: give an FMU built without --model")
+            self.file, self.guid = f"{unit.description.modelName}.fmu", str(unit.description.guid)
+            self.model = model_of(unit.description.modelName) or str(unit.description.modelName)
+            """Name of the actuator, as `emcas build --model` takes it; of another's FMU its modelName."""
             known = {v.name: v for v in unit.description.modelVariables}
             count = fins_of(known)
             if count > len(FINS):
@@ -91,12 +116,17 @@ class Fmu:
             if not self.whole and (bus_resistance or mixing):
                 raise EmcasError(f"{path}: is a single actuator, without {'mixing' if mixing else 'a bus to share'}: "
                                  f"{_REMEDY[True]}, or leave {'--mixing' if mixing else '--bus-resistance'} away")
+            self.line = line_of(known)
+            """The input that feeds it; None where it has no supply, and its power is mechanical."""
+            if self.line is None and known.keys() & {_POWER[0], f"fin[1].{_POWER[0]}"}:
+                raise EmcasError(f"{path}: connection source -> supply: has {_POWER[0]} and no {' or '.join(LINES)}")
+            require_bus(path, self.line, bus_voltage, bus_resistance)
             groups = [[(k, f"fin[{k + 1}].") for k in range(4)]] if self.whole else [[(k, "")] for k in range(4)]
             self._path, self._mixing = path, mixing
-            self._units = [_Unit(stack, _Wiring(path, known, self.whole), unit, group, parameters,
+            self._units = [_Unit(stack, _Wiring(path, known, self.whole), unit, group, parameters, self.line,
                                  bus_resistance or 0.0, bus_voltage, mixing) for group in groups]
             self.supply = self._units[0].supply
-            """Voltage of the source [V]."""
+            """Of the source [V] or [Pa]; None where there is none."""
             self._stack = stack.pop_all()
 
     def step(self, time: float, step: float, demand: Demand) -> Response:
@@ -104,15 +134,19 @@ class Fmu:
         if self._mixing and demand.axes is None:
             raise EmcasError("mixing by the FMU needs the axes of the demand")
         flat = flattened(demand)
-        reals, flags = np.empty((4, len(OUTPUTS))), np.empty(4, dtype=bool)
+        reals, flags = np.empty((4, self._units[0].width)), np.empty(4, dtype=bool)
         try:
-            bus = [unit.step(time, step, flat, reals, flags) for unit in self._units]
+            levels = [unit.step(time, step, flat, reals, flags) for unit in self._units]
         except FMICallException as error:
             raise EmcasError(f"{self._path}: refuses the step at {time:g} s ({error})") from error
+        angles, rates = reals[:, 0], reals[:, 1]
+        if self.line is None or self.supply is None:
+            return Response(angles, rates, -float(rates @ demand.hinge_moments), flags)
         power = float(reals[:, 2].sum())
-        # Four single actuators are each at the supply: a stiff bus.
-        voltage, current = bus[0] if self.whole else (self.supply, power / self.supply)
-        return Response(reals[:, 0], reals[:, 1], power, flags, voltage, current)
+        # Four single actuators are each at the supply: a stiff line.
+        line = (dict(zip((name for name, _ in LINES[self.line]), levels[0], strict=True)) if self.whole
+                else on_line(self.line, self.supply, power))
+        return Response(angles, rates, power, flags, **line)
 
     def close(self) -> None:
         """Terminate, free and delete what was unpacked."""
@@ -140,8 +174,8 @@ class _Unit:
     """One instance and the fins it moves."""
 
     def __init__(self, stack: ExitStack, wire: _Wiring, unit: Any, fins: Sequence[tuple[int, str]],
-                 parameters: Mapping[str, bool | float], bus_resistance: float, bus_voltage: float | None,
-                 mixing: bool) -> None:
+                 parameters: Mapping[str, bool | float], line: str | None, bus_resistance: float,
+                 bus_voltage: float | None, mixing: bool) -> None:
         self._fins = [fin for fin, _ in fins]
         sources = {wire(prefix + name, "Real", si, f"{origin} -> {prefix}{name}"): place + fin
                    for fin, prefix in fins for origin, name, si, place in OWN_INPUTS
@@ -150,7 +184,9 @@ class _Unit:
                     for origin, name, si, place in (*SHARED_INPUTS, *(_MIXING if mixing else ()))}
         self._inputs, self._sources = list(sources), np.array(list(sources.values()))
         self._outputs = [wire(prefix + name, "Real", si, f"{prefix}{name} -> rocket")
-                         for _, prefix in fins for name, si in OUTPUTS]
+                         for _, prefix in fins for name, si in (OUTPUTS if line else _MOVED)]
+        self.width = len(self._outputs) // len(fins)
+        """Outputs of a fin."""
         self._flags = [wire(prefix + FLAG, "Boolean", None, f"{prefix}{FLAG} -> figures") for _, prefix in fins]
         reals, flags = {}, {}
         for fin, prefix in fins:
@@ -160,12 +196,13 @@ class _Unit:
                     flags[wire(prefix + name, "Boolean", None, f"setting -> {prefix}{name}")] = value
                 else:
                     reals[wire(prefix + name, "Real", None, f"setting -> {prefix}{name}")] = value
-        if len(fins) > 1:
-            self._outputs += [wire(name, "Real", si, f"{name} -> figures") for name, si in _BUS_OUTPUTS]
-            reals[wire(_RESISTANCE, "Real", "Ohm", f"setting -> {_RESISTANCE}")] = bus_resistance
-        supply = wire(SUPPLY, "Real", "V", f"battery -> {SUPPLY}")
-        if bus_voltage is not None:
-            reals[supply] = require_supply(unit.path, bus_voltage)
+        supply = wire(line, "Real", LINES[line][0][1], f"source -> {line}") if line else None
+        if line and len(fins) > 1:
+            self._outputs += [wire(name, "Real", si, f"{name} -> figures") for name, si in LINES[line]]
+            if line == VOLTAGE:
+                reals[wire(_RESISTANCE, "Real", "Ohm", f"setting -> {_RESISTANCE}")] = bus_resistance
+        if supply is not None and bus_voltage is not None:
+            reals[supply] = require_supply(unit.path, VOLTAGE, bus_voltage)
         try:
             self._slave = slave = instantiate_fmu(str(unit.folder), unit.description, "CoSimulation")
             stack.callback(slave.freeInstance)
@@ -175,18 +212,18 @@ class _Unit:
             slave.enterInitializationMode()
             slave.exitInitializationMode()
             stack.callback(slave.terminate)
-            voltage = float(slave.getReal([supply])[0])
+            level = None if supply is None else float(slave.getReal([supply])[0])
         # fmpy reports a failed load or instantiation as OSError or as a bare Exception.
         except Exception as error:
             raise EmcasError(f"{unit.path}: does not start ({error})") from error
-        self.supply = require_supply(unit.path, voltage)
+        self.supply = None if line is None or level is None else require_supply(unit.path, line, level)
 
     def step(self, time: float, step: float, flat: Array, reals: Array, flags: Array) -> list[float]:
-        """Advance, and put the outputs into the fins' rows; gives the bus's, where it has one."""
+        """Advance, and put the outputs into the fins' rows; gives the line's, where it has one."""
         self._slave.setReal(self._inputs, flat[self._sources].tolist())
         self._slave.doStep(currentCommunicationPoint=time, communicationStepSize=step)
         found = self._slave.getReal(self._outputs)
-        own = len(self._fins) * len(OUTPUTS)
+        own = len(self._fins) * self.width
         reals[self._fins] = np.reshape(found[:own], (len(self._fins), -1))
         flags[self._fins] = np.array(self._slave.getBoolean(self._flags), dtype=bool)
         return list(found[own:])

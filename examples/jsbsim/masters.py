@@ -1,4 +1,4 @@
-"""The fins moved by EMCAS.fmu four times as an SSP archive wires them, under fmpy, libcosim or Ecos."""
+"""The fins moved by a single FMU four times as an SSP archive wires them, under fmpy, libcosim or Ecos."""
 
 from __future__ import annotations
 
@@ -17,7 +17,19 @@ from emcas_fmu.ssp.write import write_ssp
 from examples.ssp_hosts import hosts
 
 from .actuators import Demand, Response
-from .fmu import FLAG, OUTPUTS, OWN_INPUTS, SHARED_INPUTS, SUPPLY, flattened, require_supply
+from .fmu import (
+    FLAG,
+    LINES,
+    OUTPUTS,
+    OWN_INPUTS,
+    SHARED_INPUTS,
+    VOLTAGE,
+    flattened,
+    line_of,
+    on_line,
+    require_bus,
+    require_supply,
+)
 from .vehicle import AZIMUTHS, FINS, STATION, Array
 
 MASTERS = {"fmpy": "fmpy", "libcosim": "libcosimpy", "ecos": "ecospy"}
@@ -45,7 +57,7 @@ class InMaster:
 
     def __init__(self, ssp: Path, master: str, step: float, variant: str = NOMINAL,
                  bus_voltage: float | None = None) -> None:
-        """Start `variant` with a step [s] on a supply of `bus_voltage` [V], or of what the variant starts with.
+        """Start `variant` with a step [s] on a bus of `bus_voltage` [V], or on the supply that the variant starts with.
 
         Raises EmcasError where the master is unknown, absent or refuses, and naming the connection where the archive's
         system has no connector for it, or one in another unit.
@@ -53,8 +65,10 @@ class InMaster:
         if master not in MASTERS:
             raise EmcasError(f"there is no master {master!r}; there is {', '.join(MASTERS)}")
         structure = _checked(ssp, variant)
-        start = effective(structure).get(("", SUPPLY), nan)
-        self._supply = require_supply(ssp, float(start) if bus_voltage is None else bus_voltage)
+        self._line = _line(structure)
+        require_bus(ssp, self._line, bus_voltage)
+        start = effective(structure).get(("", self._line), nan)
+        self._supply = require_supply(ssp, self._line, float(start) if bus_voltage is None else bus_voltage)
         self._ssp, self._system = ssp, hosts.open(ssp, MASTERS[master], variant, step)
 
     def step(self, time: float, step: float, demand: Demand) -> Response:
@@ -64,24 +78,30 @@ class InMaster:
         flat = flattened(demand)
         for _, name, _, place in _INPUTS:
             self._system.set(name, float(flat[place]))
-        self._system.set(SUPPLY, self._supply)  # a master may not pass the variant's on
+        self._system.set(self._line, self._supply)  # a master may not pass the variant's on
         self._system.step()
         reals = np.array([self._system.get(name) for name, _ in _OUTPUTS]).reshape(len(FINS), -1)
         flags = np.array([self._system.get(name) for name in _FLAGS], dtype=bool)
         power = float(reals[:, 2].sum())
-        return Response(reals[:, 0], reals[:, 1], power, flags, self._supply, power / self._supply)
+        return Response(reals[:, 0], reals[:, 1], power, flags,
+                        **on_line(self._line, self._supply, power))
 
     def close(self) -> None:
         """End the master's system."""
         self._system.close()
 
 
+def _line(structure: Structure) -> str:
+    return line_of(structure.system.connectors) or VOLTAGE
+
+
 def _checked(ssp: Path, variant: str) -> Structure:
     """The variant's structure, with all that is wired."""
     structure = read_variant(ssp, variant)
     connectors = structure.system.connectors
+    supply = _line(structure)
     wanted = [*((f"{origin} -> {name}", name, "input", unit) for origin, name, unit, _ in _INPUTS),
-              (f"battery -> {SUPPLY}", SUPPLY, "input", "V"),
+              (f"source -> {supply}", supply, "input", LINES[supply][0][1]),
               *((f"{name} -> rocket", name, "output", unit) for name, unit in _OUTPUTS),
               *((f"{name} -> figures", name, "output", "") for name in _FLAGS)]
     for what, name, kind, unit in wanted:

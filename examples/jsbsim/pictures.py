@@ -3,33 +3,108 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from emcas_fmu.plots import BLUE, GRAY, GREEN, ORANGE, VERMILLION, figure, shade
+from emcas_fmu.plots import BLUE, GRAY, GREEN, ORANGE, PURPLE, SKY, VERMILLION, figure, shade
 
-from .flight import Manoeuvre
-from .results import AXES, BUS, UNDELAYED, Flight, Results, fins
+from .results import (
+    AXES,
+    IDEAL,
+    SECOND_ORDER,
+    STIFF,
+    UNDELAYED,
+    Flight,
+    Results,
+    angles,
+    fins,
+    power_kind,
+    turn_between,
+)
 from .vehicle import Array
 
 Drawing = tuple[Figure, str, str]
-_COLORS = {"ideal": GRAY, UNDELAYED: GREEN, "second-order": ORANGE, "nonlinear": BLUE, "stiff": VERMILLION}
+_COLORS = {IDEAL: GRAY, UNDELAYED: GREEN, SECOND_ORDER: ORANGE, STIFF: VERMILLION}
+_OF_FMUS = (BLUE, VERMILLION, PURPLE, SKY, GREEN)
+_DASHES = ("-", (0, (4, 1.5)), (0, (1, 1)))
+
+
+def _look(results: Results, actuator: str) -> dict[str, Any]:
+    """Colour and dashes of an actuator's lines; FMUs in the order in which they are flown."""
+    if actuator not in results.units:
+        return {"color": _COLORS[actuator]}
+    round_, place = divmod(list(results.units).index(actuator), len(_OF_FMUS))
+    return {"color": _OF_FMUS[place], "linestyle": _DASHES[round_ % len(_DASHES)]}
 
 
 def of_manoeuvre(results: Results, name: str) -> Iterator[Drawing]:
     """Figure, title and caption of each picture of a manoeuvre."""
     flown = results.flights[name]
     # The stiff bus is beside the other in its own picture, and would hide it in the rest.
-    few = {actuator: f for actuator, f in flown.items() if actuator != "stiff" or "nonlinear" not in flown}
-    yield attitude(results.manoeuvres[name], few, results.labels)
-    yield actuation(few, results.labels)
+    few = {actuator: f for actuator, f in flown.items() if actuator != STIFF or len(flown) == 1}
+    if IDEAL in flown and any(unit in flown for unit in results.units):
+        yield kinds(results, name)
+    yield attitude(results, name, few)
+    yield actuation(results, few)
     if any("bus_voltage_v" in flight for flight in flown.values()):
-        yield bus(flown, results.labels)
+        yield bus(results, flown)
 
 
-def attitude(manoeuvre: Manoeuvre, flown: Mapping[str, Flight], labels: Mapping[str, str]) -> Drawing:
+def kinds(results: Results, name: str) -> Drawing:
+    """Pitch and what the attitude differs by from the ideal fins', beside the energy that each kind of actuator draws.
+
+    Needs a flight with ideal fins and one of an FMU.
+    """
+    flown = {each: f for each, f in results.flights[name].items() if each not in (UNDELAYED, STIFF)}
+    drawn, grid = figure(2, 2, width=11.0, height=3.0, width_ratios=[3, 2])
+    (pitch, energy), (apart, share) = grid
+    ideal = flown[IDEAL]
+    begin = ideal["wanted_pitch_rad"][0]
+    pitch.plot(_thin(ideal["time"]), np.degrees(_thin(ideal["wanted_pitch_rad"]) - begin), color=GRAY, linewidth=0.8,
+               linestyle="--", label="wanted")
+    for actuator, flight in flown.items():
+        look = {**_look(results, actuator), "linewidth": 1.1, "label": _kind(actuator, flight)}
+        time = _thin(flight["time"])
+        pitch.plot(time, np.degrees(_thin(flight["pitch_rad"]) - begin), **look)
+        if actuator != IDEAL:
+            apart.plot(time, turn_between(_thin(angles(flight).T).T, _thin(angles(ideal).T).T), **look)
+            energy.plot(time, _thin(np.cumsum(flight["power_w"])) * results.step, **look)
+    bars = [actuator for actuator in reversed(flown) if actuator != IDEAL]
+    for place, actuator in enumerate(bars):
+        power, look = flown[actuator]["power_w"], _look(results, actuator)
+        given, back = (float(np.maximum(sign * power, 0.0).sum() * results.step) for sign in (1.0, -1.0))
+        share.barh(place, given, 0.62, color=look["color"])
+        share.barh(place, -back, 0.62, color=look["color"], alpha=0.5, hatch="////")
+        share.annotate(f"{given:.0f} J, returned {back:.0f} J", (given, place), (4, 0), textcoords="offset points",
+                       va="center", fontsize=7.5)
+    share.set_yticks(range(len(bars)), [_kind(each, flown[each]) for each in bars])
+    for label, actuator in zip(share.get_yticklabels(), bars, strict=True):
+        label.set_color(_look(results, actuator)["color"])
+    share.margins(x=0.5)
+    share.set_xlim(left=min(share.get_xlim()[0], 0.0) / 4)
+    share.axvline(0.0, color=GRAY, linewidth=0.8)
+    share.grid(visible=False, axis="y")
+    for axes, words in ((pitch, "pitch from launch / deg"), (apart, "attitude from that\nof ideal fins / deg"),
+                        (energy, "energy drawn less\nwhat is returned / J")):
+        axes.set(ylabel=words, xlabel="time / s", xlim=(0.0, float(ideal["time"][-1])))
+    share.set(xlabel="energy drawn, hatched: returned / J")
+    drawn.legend(*pitch.get_legend_handles_labels(), loc="outside upper center", ncols=5)
+    return drawn, "Kinds of actuators", (
+        f"{results.manoeuvres[name].title}. Below, how far the attitude is from that of ideal fins, as one turn; "
+        "right, energy of all four fins, electric from the bus, hydraulic from the pressure line; a second-order "
+        "actuator knows the mechanical work against the hinge moments alone.")
+
+
+def _kind(actuator: str, flight: Flight) -> str:
+    """Name of an actuator, with what its power is unless that is electric."""
+    words = "" if actuator == IDEAL or power_kind(flight) == "electric" else f" ({power_kind(flight)})"
+    return f"{actuator}{words}"
+
+
+def attitude(results: Results, name: str, flown: Mapping[str, Flight]) -> Drawing:
     """Roll, pitch and yaw from where they began."""
     drawn, grid = figure(len(AXES), 1, width=9.0, height=1.9, sharex=True)
     for axes, axis in zip(grid[:, 0], AXES, strict=True):
@@ -38,30 +113,31 @@ def attitude(manoeuvre: Manoeuvre, flown: Mapping[str, Flight], labels: Mapping[
             if actuator == next(iter(flown)):
                 axes.plot(time, np.degrees(_thin(flight[f"wanted_{axis}_rad"]) - begin), color=VERMILLION,
                           linewidth=0.8, linestyle="--", label="wanted")
-            axes.plot(time, np.degrees(_thin(flight[f"{axis}_rad"]) - begin), color=_COLORS[actuator],
-                      label=labels[actuator])
+            axes.plot(time, np.degrees(_thin(flight[f"{axis}_rad"]) - begin), **_look(results, actuator),
+                      label=results.labels[actuator])
         axes.set_ylabel(f"{axis} / deg")
     _legend(grid[0, 0])
     grid[-1, 0].set_xlabel("time / s")
-    return drawn, "Attitude", f"{manoeuvre.title}. Angles from those at launch."
+    return drawn, "Attitude", f"{results.manoeuvres[name].title}. Angles from those at launch."
 
 
-def actuation(flown: Mapping[str, Flight], labels: Mapping[str, str]) -> Drawing:
+def actuation(results: Results, flown: Mapping[str, Flight]) -> Drawing:
     """Fin 1, its rate and hinge moment, and the power of all four."""
     drawn, grid = figure(4, 1, width=9.0, height=1.9, sharex=True)
     first, rates, moments, power = grid[:, 0]
     for actuator, flight in flown.items():
-        color, label, time = _COLORS[actuator], labels[actuator], _thin(flight["time"])
-        first.plot(time, np.degrees(_thin(flight["fin1_rad"])), color=color, label=label)
-        if actuator != "ideal":
-            rates.plot(time, np.degrees(_thin(flight["fin_rate1_rad_s"])), color=color, label=label)
-            kind = "electric" if actuator in BUS else "mechanical"
-            power.plot(time, _thin(flight["power_w"]), color=color, label=f"{label}, {kind}")
-        moments.plot(time, _thin(flight["hinge1_n_m"]), color=color, label=label)
-    if "nonlinear" in flown:
-        limited = fins(flown["nonlinear"], "saturated{}").any(axis=0)
+        look, label, time = _look(results, actuator), results.labels[actuator], _thin(flight["time"])
+        first.plot(time, np.degrees(_thin(flight["fin1_rad"])), **look, label=label)
+        if actuator != IDEAL:
+            rates.plot(time, np.degrees(_thin(flight["fin_rate1_rad_s"])), **look, label=label)
+            power.plot(time, _thin(flight["power_w"]), **look, label=f"{label}, {power_kind(flight)}")
+        moments.plot(time, _thin(flight["hinge1_n_m"]), **look, label=label)
+    limiting, shaded = next((unit for unit in results.units if unit in flown), None), ""
+    if limiting:
+        shaded = f" Shaded: a limit is active in one of the fins of {results.labels[limiting]}."
+        limited = fins(flown[limiting], "saturated{}").any(axis=0)
         for axes in (first, rates, moments, power):
-            shade(axes, flown["nonlinear"]["time"], limited)
+            shade(axes, flown[limiting]["time"], limited)
     for axes, label in zip(grid[:, 0], ("fin 1 / deg", "rate / (deg/s)", "hinge moment / N.m", "power / W"),
                            strict=True):
         axes.set_ylabel(label)
@@ -69,23 +145,24 @@ def actuation(flown: Mapping[str, Flight], labels: Mapping[str, str]) -> Drawing
     if power.lines:
         _legend(power)
     power.set_xlabel("time / s")
-    return drawn, "Actuators", ("Fin 1 and the power of all four. Shaded: a limit is active in one of the FMU's fins. "
-                                "An ideal actuator has no finite rate or power after a step, and is left out there.")
+    return drawn, "Actuators", (f"Fin 1 and the power of all four.{shaded} An ideal actuator has no finite rate or "
+                                "power after a step, and is left out there.")
 
 
-def bus(flown: Mapping[str, Flight], labels: Mapping[str, str]) -> Drawing:
+def bus(results: Results, flown: Mapping[str, Flight]) -> Drawing:
     """Voltage at the drives, current and power of all four: the whole flight, and where the voltage is lowest."""
     drawn, grid = figure(3, 2, width=9.0, height=1.9, sharex="col", width_ratios=[2, 1])
     columns = {"bus_voltage_v": "voltage / V", "bus_current_a": "current / A", "power_w": "power / W"}
-    sagging = next(flown[actuator] for actuator in BUS if actuator in flown)
+    # The stiff bus first, under the other.
+    on_bus = {a: f for a, f in sorted(flown.items(), key=lambda each: each[0] != STIFF) if "bus_voltage_v" in f}
+    sagging = list(on_bus.values())[-1 if STIFF in on_bus else 0]
     lowest = float(sagging["time"][np.argmin(sagging["bus_voltage_v"])])
     for pair, (column, label) in zip(grid, columns.items(), strict=True):
         for axes in pair:
-            for actuator in BUS[::-1]:
-                if actuator in flown:
-                    # Every row: peaks last some milliseconds.
-                    axes.plot(flown[actuator]["time"], flown[actuator][column], color=_COLORS[actuator],
-                              label=labels[actuator], linewidth=0.9)
+            for actuator, flight in on_bus.items():
+                # Every row: peaks last some milliseconds.
+                axes.plot(flight["time"], flight[column], **_look(results, actuator), label=results.labels[actuator],
+                          linewidth=0.9)
         pair[0].set_ylabel(label)
     grid[0, 1].set_xlim(lowest - 0.03, lowest + 0.12)
     for axes in grid[-1]:
@@ -98,10 +175,10 @@ def bus(flown: Mapping[str, Flight], labels: Mapping[str, str]) -> Drawing:
 def convergence(results: Results) -> Drawing:
     """Errors against the communication step."""
     drawn, grid = figure(1, 2, width=9.0, height=3.4, sharey=True)
-    colors = dict(zip(results.convergence, (GRAY, ORANGE, GREEN, BLUE), strict=False))
     for axes, quantity in zip(grid[0], ("attitude", "fins"), strict=True):
         for name, found in results.convergence.items():
-            axes.loglog(found.steps * 1e3, getattr(found, quantity), ".-", color=colors[name], label=name)
+            axes.loglog(found.steps * 1e3, getattr(found, quantity), marker=".", label=name,
+                        **(_look(results, name) if name in (*results.units, *_COLORS) else {}))
         steps = next(iter(results.convergence.values())).steps * 1e3
         for order in (1, 2):
             axes.loglog(steps, 0.3 * (steps / steps[0])**order, color=VERMILLION, linewidth=0.7, linestyle="--")

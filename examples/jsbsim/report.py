@@ -16,6 +16,7 @@ from .pictures import convergence, of_manoeuvre
 from .results import Results, agreements, all_figures
 
 ROWS = (("attitude_error_rms_deg", "attitude error, RMS", "deg", 2),
+        ("attitude_error_last_half_second_deg", "largest attitude error in the last half second", "deg", 2),
         ("attitude_error_end_deg", "attitude error at the end", "deg", 3),
         ("attitude_difference_to_ideal_deg", "largest difference of attitude to the ideal actuator", "deg", 3),
         ("attitude_difference_to_second_order_deg", "largest difference of attitude to the second-order one", "deg", 3),
@@ -28,6 +29,8 @@ ROWS = (("attitude_error_rms_deg", "attitude error, RMS", "deg", 2),
         ("saturated_percent", "limited, mean over the fins", "%", 1), ("power_largest_w", "largest power", "W", 0),
         ("bus_voltage_lowest_v", "lowest voltage at the drives", "V", 2),
         ("bus_current_largest_a", "largest current of the bus", "A", 1),
+        ("line_pressure_lowest_mpa", "lowest pressure at the valves", "MPa", 2),
+        ("line_flow_largest_l_min", "largest flow of the pressure line", "l/min", 1),
         ("energy_drawn_j", "energy drawn", "J", 1), ("energy_returned_j", "energy returned", "J", 1),
         ("speed_end_m_s", "speed at the end", "m/s", 1))
 VALID = 25.0  # deg of incidence, of the aircraft file

@@ -20,15 +20,34 @@ from .vehicle import FINS, Array
 
 Flight = Mapping[str, Array]
 AXES = ("roll", "pitch", "yaw")
-UNDELAYED = "second-order-undelayed"
-ACTUATORS = ("ideal", UNDELAYED, "second-order", "nonlinear", "stiff")
-"""The last two are the FMU, on a bus with source resistance and on a stiff one."""
-BUS = ("nonlinear", "stiff")
-"""Actuators whose power is that of the electric bus; the others know mechanical power only."""
-_COMPARED = {"ideal": ("ideal",), UNDELAYED: ("ideal",), "second-order": ("ideal",),
-             "nonlinear": ("ideal", "second-order", "stiff"), "stiff": ("ideal", "second-order")}
-WITHOUT_ENCODER = "nonlinear, encoder off"
+IDEAL, SECOND_ORDER, UNDELAYED, FMU, STIFF = "ideal", "second-order", "second-order-undelayed", "fmu", "stiff"
+ACTUATORS = (IDEAL, UNDELAYED, SECOND_ORDER, FMU, STIFF)
+"""What can be asked for. `fmu` is every FMU, on a bus with source resistance where it is of four on a bus, and its
+flights are called by its model; `stiff` is the only FMU without that resistance."""
+WITHOUT_ENCODER = "{}, encoder off"
 WITHOUT_SSP = "without SSP"
+END = 0.5  # s, of a flight, in which the attitude is seen to be kept
+KEPT = 5.0  # deg from what is wanted, up to which it is
+
+
+@dataclass(frozen=True)
+class Unit:
+    """An FMU that is flown."""
+
+    file: str
+    """What it is called."""
+    guid: str
+    supply: str | None
+    """The input that feeds it; None where it has none."""
+    level: float | None
+    """Of the supply [V] or [Pa]."""
+    bus_resistance: float
+    """Of the source [Ohm]; 0: stiff."""
+
+    @property
+    def label(self) -> str:
+        """File and bus."""
+        return self.file + (f", bus of {1e3 * self.bus_resistance:g} mΩ" if self.bus_resistance else "")
 
 
 @dataclass(frozen=True)
@@ -41,23 +60,28 @@ class Results:
     manoeuvres: Mapping[str, Manoeuvre]
     second_order: Fit | None = None
     convergence: Mapping[str, Convergence] = field(default_factory=dict)
-    guid: str = ""
-    unit: str = "EMCAS4.fmu"
-    """What the FMU is called."""
-    bus_resistance: float = 0.0
-    """Of the source [Ohm]; 0: stiff."""
-    bus_voltage: float | None = None
-    """Of the source of the FMU [V]."""
+    units: Mapping[str, Unit] = field(default_factory=dict)
+    """FMUs by model."""
     masters: Mapping[str, Mapping[str, Flight]] = field(default_factory=dict)
     """Flights by manoeuvre, then master; the first is what the others are compared with."""
 
     @property
     def labels(self) -> dict[str, str]:
         """What the actuators are called in pictures and tables."""
-        bus = f", bus of {1e3 * self.bus_resistance:g} mΩ" if self.bus_resistance else ""
-        return {"ideal": "fin = command", UNDELAYED: "second order, no delay",
-                "second-order": "second order", "nonlinear": f"{self.unit}{bus}",
-                "stiff": f"{self.unit}, stiff bus", WITHOUT_SSP: f"{self.unit} under fmpy, no SSP"}
+        file = next((unit.file for unit in self.units.values()), "FMU")
+        return {IDEAL: "fin = command", UNDELAYED: "second order, no delay", SECOND_ORDER: "second order",
+                STIFF: f"{file}, stiff bus", WITHOUT_SSP: f"{file} under fmpy, no SSP",
+                **{name: unit.label if len(self.units) == 1 else name for name, unit in self.units.items()}}
+
+
+def power_kind(flight: Flight) -> str:
+    """What the power of a flight is: electric or hydraulic from the supply, otherwise mechanical."""
+    return "electric" if "bus_voltage_v" in flight else "hydraulic" if "line_pressure_pa" in flight else "mechanical"
+
+
+def kept(figures: Mapping[str, float]) -> bool:
+    """Whether the attitude is what is wanted in the end."""
+    return figures["attitude_error_last_half_second_deg"] <= KEPT
 
 
 def fins(flight: Flight, quantity: str) -> Array:
@@ -83,6 +107,7 @@ def figures(flight: Flight, step: float, others: Mapping[str, Flight]) -> dict[s
     found = {
         "attitude_error_rms_deg": float(np.sqrt(np.mean(missed**2))),
         "attitude_error_end_deg": float(missed[-1]),
+        "attitude_error_last_half_second_deg": float(missed[flight["time"] > flight["time"][-1] - END].max()),
         "incidence_largest_deg": float(np.degrees(flight["incidence_rad"].max())),
         "lateral_acceleration_largest_m_s2": float(np.hypot(flight["acceleration_y_m_s2"],
                                                             flight["acceleration_z_m_s2"]).max()),
@@ -98,6 +123,9 @@ def figures(flight: Flight, step: float, others: Mapping[str, Flight]) -> dict[s
     if "bus_voltage_v" in flight:
         found["bus_voltage_lowest_v"] = float(flight["bus_voltage_v"].min())
         found["bus_current_largest_a"] = float(flight["bus_current_a"].max())
+    if "line_flow_m3_s" in flight:
+        found["line_pressure_lowest_mpa"] = 1e-6 * float(flight["line_pressure_pa"].min())
+        found["line_flow_largest_l_min"] = 6e4 * float(flight["line_flow_m3_s"].max())
     for name, other in others.items():
         apart = turn_between(angles(flight), angles(other))
         found[f"attitude_difference_to_{name.replace('-', '_')}_deg"] = float(apart.max())
@@ -105,8 +133,12 @@ def figures(flight: Flight, step: float, others: Mapping[str, Flight]) -> dict[s
 
 
 def all_figures(results: Results) -> dict[str, dict[str, dict[str, float]]]:
-    """By manoeuvre and actuator."""
-    return {name: {actuator: figures(flight, results.step, {o: flown[o] for o in _COMPARED[actuator] if o in flown})
+    """By manoeuvre and actuator; an FMU is compared with the second-order model and the stiff bus, too."""
+    def others(actuator: str) -> tuple[str, ...]:
+        return (IDEAL, SECOND_ORDER, STIFF) if actuator in (*results.units, STIFF) else (IDEAL,)
+
+    return {name: {actuator: figures(flight, results.step, {o: flown[o] for o in others(actuator)
+                                                            if o in flown and (o != actuator or o == IDEAL)})
                    for actuator, flight in flown.items()} for name, flown in results.flights.items()}
 
 
@@ -120,8 +152,9 @@ def write_json(results: Results, path: Path, command: str) -> None:
     """All figures, the fitted second-order actuator and the convergence."""
     fit = results.second_order
     content: dict[str, Any] = {
-        "command": command, "communication_step_s": results.step, "guid": results.guid,
-        "bus_resistance_ohm": results.bus_resistance, "bus_voltage_v": results.bus_voltage,
+        "command": command, "communication_step_s": results.step,
+        "fmus": {name: {"file": unit.file, "guid": unit.guid, "supply": unit.supply, "supply_start": unit.level,
+                        "bus_resistance_ohm": unit.bus_resistance} for name, unit in results.units.items()},
         "flights": all_figures(results),
         "masters": {name: {master: {"fin_difference_rad": a.fins, "attitude_difference_rad": a.attitude,
                                     "identical": a.identical} for master, a in found.items()}

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from emcas_fmu.actuators import NAMES, NONLINEAR, full_name, get
 from emcas_fmu.bench.fmu import opened
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.ssp.schema import NOMINAL
@@ -15,13 +16,15 @@ from .actuators import Actuators, Ideal
 from .build import build_unit
 from .convergence import Convergence, measure
 from .flight import AGGRESSIVE, MANOEUVRES, Manoeuvre, fly
-from .fmu import BUS_RESISTANCE, WIRED, Fmu
+from .fmu import BUS_RESISTANCE, VOLTAGE, WIRED, Fmu
 from .masters import VARIANT, InMaster, write_archive
-from .results import UNDELAYED, WITHOUT_ENCODER, WITHOUT_SSP, Flight, Results
+from .results import FMU, IDEAL, SECOND_ORDER, STIFF, UNDELAYED, WITHOUT_ENCODER, WITHOUT_SSP, Flight, Results, Unit
 from .second_order import SecondOrder, fit, undelayed
 
 Progress = Callable[[str, float], None]
 """Called with what is done now, and its share from 0 to 1."""
+# Parameters that take the steps out of what is measured, of those that an actuator has.
+_EXACT: Mapping[str, bool | float] = {"encoder.enabled": False, "transducer.resolution": 0.0}
 
 
 @dataclass(frozen=True)
@@ -33,12 +36,13 @@ class Options:
     """Of results.ACTUATORS."""
     step: float = 1e-3
     fmu: Path | None = None
-    """Built if not given."""
+    models: tuple[str, ...] = ()
+    """Built and flown beside `fmu`; the nonlinear one where neither is given."""
     guid: str | None = None
     bus_resistance: float | None = None
-    """BUS_RESISTANCE for a unit of four if not given."""
+    """BUS_RESISTANCE for a unit of four on a bus if not given."""
     bus_voltage: float | None = None
-    """The unit's, or the archive's, start value if not given."""
+    """The units', or the archive's, start value if not given."""
     mixing: bool = False
     masters: tuple[str, ...] = ()
     """Of masters.MASTERS."""
@@ -47,6 +51,11 @@ class Options:
     variant: str = NOMINAL
     """Of `ssp`."""
     convergence: bool = True
+
+
+def every_model() -> tuple[str, ...]:
+    """The shipped actuators that are fed by something."""
+    return tuple(name for name in NAMES if get(name).supply is not None)
 
 
 def run(options: Options, folder: Path, progress: Progress) -> Results:
@@ -61,64 +70,97 @@ def run(options: Options, folder: Path, progress: Progress) -> Results:
     masters = {name: flier.in_masters(MANOEUVRES[name], flights[name]) for name in options.manoeuvres
                if options.masters}
     converged = flier.converge() if options.convergence else {}
-    return Results(options.step, flights, MANOEUVRES, flier.second_order, converged, flier.guid, flier.unit,
-                   flier.resistance, flier.voltage, masters)
+    return Results(options.step, flights, MANOEUVRES, flier.second_order, converged, flier.units, masters)
 
 
 class _Flier:
     """The actuators of a run; whatever is wrong with them is said before long work."""
 
     def __init__(self, options: Options, folder: Path, progress: Progress) -> None:
-        self._options, self._progress = options, progress
+        self._options, self._progress, self._folder = options, progress, folder
         self.second_order: Fit | None = None
-        self.guid, self.unit, self.resistance, self._whole = "", "EMCAS4.fmu", 0.0, False
-        self.voltage: float | None = None
-        actuators = [*options.actuators]
-        self.makers: dict[str, Callable[[], Actuators]] = {"ideal": Ideal}
-        if actuators != ["ideal"]:
-            self._prepare(folder)
-            if len(actuators) > 1 and self.resistance == 0.0 and "nonlinear" in actuators:
-                actuators = [a for a in actuators if a != "stiff"]  # it would be the same flight again
-        self.actuators = tuple(actuators)
+        self.units: dict[str, Unit] = {}
+        self._whole = False
+        self.makers: dict[str, Callable[[], Actuators]] = {IDEAL: Ideal}
+        models = options.models or (() if options.fmu else (NONLINEAR,))
+        several = len(models) + (options.fmu is not None) > 1
+        if several and options.masters:
+            raise EmcasError("--host: flies one actuator: give one --model or one --fmu")
+        if several and options.actuators == (STIFF,):
+            raise EmcasError(f"--actuator {STIFF}: is of one actuator: give one --model or one --fmu")
+        if options.actuators != (IDEAL,):
+            if options.fmu:
+                self._add(options.fmu, several)
+            for model in models:
+                if full_name(model) in self.units:
+                    raise EmcasError(f"--model {model}: is flown already; leave it or --fmu {options.fmu} away")
+                self._add(self._build(model), several)
+        self.actuators = tuple(self._chosen())
         self._archive, self._variant = options.ssp, options.variant
         if options.masters and options.ssp is None:
-            self._archive, self._variant = self._write_archive(folder), VARIANT
+            self._archive, self._variant = self._write_archive(models), VARIANT
         for master in options.masters:
             self._in(master)().close()
 
-    def _prepare(self, folder: Path) -> None:
+    def _build(self, model: str) -> Path:
+        self._progress(f"build {model}", 0.0)
+        supply = get(model).supply
+        # A line of pressure is stiff unless its accumulator is given: on it four single actuators are the same.
+        return build_unit(self._folder, 4 if supply is None or supply.input.name == VOLTAGE else 1, model)
+
+    def _add(self, path: Path, several: bool) -> None:
+        """What an FMU flies as: itself, on a stiff line and with exact sensors; of the nonlinear one the fits, too."""
         options = self._options
-        if options.fmu is None:
-            self._progress("build", 0.0)
-        path = options.fmu or build_unit(folder, 4)
-        trial = Fmu(path, options.guid, bus_voltage=options.bus_voltage)
+        trial = Fmu(path, None if several and path != options.fmu else options.guid)
         trial.close()
-        self._whole, self.voltage = trial.whole, trial.supply
-        chosen = options.bus_resistance
-        self.resistance = chosen if chosen is not None else BUS_RESISTANCE if trial.whole else 0.0
-        self.unit = "EMCAS4.fmu" if trial.whole else "EMCAS.fmu"
+        self._whole = trial.whole
+        name = f"{SECOND_ORDER}-{FMU}" if trial.model == SECOND_ORDER else trial.model  # the other is fitted
+        on_bus = trial.line == VOLTAGE or not several  # what is given for a bus is for those that have one
+        voltage = options.bus_voltage if on_bus else None
+        given = options.bus_resistance if on_bus else None
+        resistance = given if given is not None else BUS_RESISTANCE if trial.whole and trial.line == VOLTAGE else 0.0
         with opened(path) as unit:
-            self.guid = unit.description.guid
+            exact = {each: value for each, value in _EXACT.items() if each in unit.starts}
 
-        def nonlinear(resistance: float, parameters: Mapping[str, bool | float] = WIRED) -> Callable[[], Actuators]:
-            return lambda: Fmu(path, parameters=parameters, bus_resistance=resistance,
-                               bus_voltage=options.bus_voltage, mixing=options.mixing)
+        def flying(resistance: float, parameters: Mapping[str, bool | float] = WIRED) -> Callable[[], Actuators]:
+            return lambda: Fmu(path, parameters=parameters, bus_resistance=resistance, bus_voltage=voltage,
+                               mixing=options.mixing)
 
-        nonlinear(self.resistance)().close()
-        self.second_order = found = fit(path)
-        second, prompt = found.parameters, undelayed(found.parameters)
-        self.makers |= {"second-order": lambda: SecondOrder(second), UNDELAYED: lambda: SecondOrder(prompt),
-                        "nonlinear": nonlinear(self.resistance),
-                        "stiff": nonlinear(0.0),
-                        WITHOUT_ENCODER: nonlinear(self.resistance, {**WIRED, "encoder.enabled": False})}
+        flying(resistance)().close()
+        self.units[name] = Unit(trial.file, trial.guid, trial.line, trial.supply if voltage is None else voltage,
+                                resistance)
+        if name == NONLINEAR:
+            self.second_order = found = fit(path)
+            second, prompt = found.parameters, undelayed(found.parameters)
+            self.makers |= {SECOND_ORDER: lambda: SecondOrder(second), UNDELAYED: lambda: SecondOrder(prompt)}
+        self.makers[name] = flying(resistance)
+        if exact:
+            self.makers[WITHOUT_ENCODER.format(name)] = flying(resistance, {**WIRED, **exact})
+        if not several:
+            self.makers[STIFF] = flying(0.0)
 
-    def _write_archive(self, folder: Path) -> Path:
+    def _chosen(self) -> list[str]:
+        """Names of those asked for, in their order; what there is not is left out, unless it is all that is asked."""
+        asked, chosen = self._options.actuators, list[str]()
+        for each in asked:
+            if each == FMU:
+                chosen += self.units
+            elif each in self.makers:
+                chosen.append(each)
+            elif len(asked) == 1:
+                raise EmcasError(f"--actuator {each}: is fitted to the {NONLINEAR} model, which is not flown: give "
+                                 f"--model {NONLINEAR}")
+        if FMU in asked and not any(unit.bus_resistance for unit in self.units.values()):
+            chosen = [each for each in chosen if each != STIFF]  # it would be the same flight again
+        return list(dict.fromkeys(chosen))
+
+    def _write_archive(self, models: tuple[str, ...]) -> Path:
         given = self._options.fmu
         if given is not None and self._whole:
             raise EmcasError(f"{given}: is one unit of four, and an archive wires single actuators: give --ssp FILE "
                              "(see `emcas ssp`), or leave --fmu away")
         self._progress("archive", 0.0)
-        return write_archive(folder / "EMCAS.ssp", given or build_unit(folder, 1))
+        return write_archive(self._folder / "EMCAS.ssp", given or build_unit(self._folder, 1, *models))
 
     def _in(self, master: str) -> Callable[[], Actuators]:
         assert self._archive is not None
@@ -137,16 +179,16 @@ class _Flier:
     def in_masters(self, manoeuvre: Manoeuvre, flown: Mapping[str, Flight]) -> Mapping[str, Flight]:
         """The flight in each master and, where the archive was made for it, that of the unit on a stiff bus."""
         found = {master: self.fly(manoeuvre, master, self._in(master)) for master in self._options.masters}
-        stiff = flown.get("stiff") or (flown.get("nonlinear") if self.resistance == 0.0 else None)
+        same = [STIFF, *(name for name, unit in self.units.items() if unit.bus_resistance == 0.0)]
+        stiff = next((flown[name] for name in same if name in flown), None)
         if stiff is not None and self._options.ssp is None:
             found[WITHOUT_SSP] = stiff
         return found
 
     def converge(self) -> Mapping[str, Convergence]:
-        """Of every actuator but variants, the stiff bus and the model without delay, and of the FMU without encoder."""
-        names: Iterable[str] = [a for a in self.actuators if a not in ("stiff", UNDELAYED)]
-        if "nonlinear" in self.actuators:
-            names = [*names, WITHOUT_ENCODER]
+        """Of every actuator but variants, the stiff bus and the model without delay, and of FMUs with exact sensors."""
+        names = [a for a in self.actuators if a not in (STIFF, UNDELAYED)]
+        names += [each for a in names if (each := WITHOUT_ENCODER.format(a)) in self.makers]
         manoeuvre = replace(AGGRESSIVE, duration=3.0)
         return {name: measure(self.makers[name], manoeuvre,
                               progress=lambda share, n=name: self._progress(f"convergence {n}", share))  # type: ignore[misc]

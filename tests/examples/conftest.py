@@ -12,6 +12,7 @@ import pytest
 from emcas_fmu.compiler import local_platform
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
+from examples.jsbsim.build import build_unit
 from examples.jsbsim.masters import write_archive
 from tests.hosts.host import missing
 
@@ -34,6 +35,12 @@ def four(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def hydraulic(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A single electrohydraulic actuator as the example builds it."""
+    return build_unit(tmp_path_factory.mktemp("hydraulic"), 1, "electrohydraulic")
+
+
+@pytest.fixture(scope="session")
 def ssp(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """EMCAS.ssp as the example makes it."""
     return write_archive(tmp_path_factory.mktemp("rocket") / "EMCAS.ssp", native)
@@ -41,13 +48,13 @@ def ssp(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def doctored(tmp_path: Path) -> Doctor:
-    """A copy of an FMU or archive with other words in a file of it: doctored(path, file, old, new)."""
-    def change(path: Path, file: str, old: str, new: str) -> Path:
+    """A copy of an FMU or archive with other words in a file of it: doctored(path, file, old, new, old, new ...)."""
+    def change(path: Path, file: str, *words: str) -> Path:
         copy = tmp_path / f"doctored{path.suffix}"
         with zipfile.ZipFile(path) as source, zipfile.ZipFile(copy, "w") as target:
             for item in source.infolist():
                 content = source.read(item)
-                if item.filename == file:
+                for old, new in zip(words[::2], words[1::2], strict=True) if item.filename == file else ():
                     assert old.encode() in content
                     content = content.replace(old.encode(), new.encode())
                 target.writestr(item, content)

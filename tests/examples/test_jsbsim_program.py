@@ -12,8 +12,6 @@ import numpy as np
 import pytest
 
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.fmi.package import build
-from emcas_fmu.parameters import load_parameters
 from examples.jsbsim.actuators import Ideal
 from examples.jsbsim.flight import GENTLE, fly
 from examples.jsbsim.fmu import Fmu
@@ -40,14 +38,6 @@ def test_unknown_parameter_is_refused(native: Path) -> None:
         Fmu(native, parameters={"encoder.enabld": False})
 
 
-@pytest.mark.parametrize(("fins", "name"), [(1, "EMCAS_second_order"), (4, "EMCAS4_second_order")])
-def test_fmu_of_another_model_is_refused(fins: int, name: str, tmp_path: Path) -> None:
-    """It would be called nonlinear in every table."""
-    path = build(load_parameters(model="second-order"), tmp_path / "other.fmu", fins=fins).path
-    with pytest.raises(EmcasError, match=f"its model is {name}, and the nonlinear one is compared here: give an FMU b"):
-        Fmu(path)
-
-
 @pytest.mark.parametrize("step", [3e-3, 5e-3, 0.0, -1e-3])
 def test_step_that_does_not_divide_the_autopilots_is_refused(step: float) -> None:
     with pytest.raises(EmcasError, match="does not divide the autopilot's 4 ms"):
@@ -67,12 +57,12 @@ def test_program_needs_no_fmu(tmp_path: Path) -> None:
     done = program("--manoeuvre", "gentle", "--no-convergence", "--step", "4", "--host", "fmpy", "-o", folder)
     assert done.returncode == 0, done.stderr
     page = (folder / "report.html").read_text(encoding="utf-8")
-    assert page.count("<svg") == 3
+    assert page.count("<svg") == 4
     assert "http" not in page.replace("http://www.w3.org", "")
     figures = json.loads((folder / "figures.json").read_text(encoding="utf-8"))
     assert set(figures["flights"]["gentle"]) == {"ideal", "second-order-undelayed", "second-order",
                                                  "nonlinear", "stiff"}
-    assert figures["bus_resistance_ohm"] == 0.02
+    assert figures["fmus"]["nonlinear"]["bus_resistance_ohm"] == 0.02
     assert figures["masters"]["gentle"]["without SSP"]["fin_difference_rad"] < 1e-12  # as the unit promises
     table = np.genfromtxt(folder / "gentle_nonlinear.csv", delimiter=",", names=True)
     assert len(table) == 1500
@@ -93,12 +83,14 @@ def test_program_takes_single_units(native: Path, tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.glob("*.npz")) == [
         "gentle_ideal.npz", "gentle_nonlinear.npz", "gentle_second-order-undelayed.npz", "gentle_second-order.npz"]
     assert np.all(np.load(tmp_path / "gentle_nonlinear.npz")["bus_voltage_v"] == 36.0)
-    assert json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))["bus_voltage_v"] == 36.0
+    fmus = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))["fmus"]
+    assert fmus["nonlinear"]["supply_start"] == 36.0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("arguments", "message"), [
     (["--fmu", "no-such.fmu"], "no-such.fmu: there is no such file; build one"),
+    (["--model", "worm-gaer"], "--model worm-gaer: there is no actuator 'worm-gaer'"),
     (["--host", "omsimulator"], "'omsimulator' is not one of 'fmpy', 'libcosim', 'ecos', 'all'"),
     (["--bus-voltage", "0"], "a bus voltage of 0 V: must be above 0"),
     (["--actuator", "ideal", "--step", "3", "--no-convergence"], "does not divide"),

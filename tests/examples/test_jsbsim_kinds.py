@@ -1,0 +1,173 @@
+"""The rocket on other kinds of actuators: what feeds them is looked up, and what they draw is compared."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.package import build
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.plots import style
+from examples.jsbsim.actuators import Ideal
+from examples.jsbsim.flight import MANOEUVRES
+from examples.jsbsim.fmu import Fmu
+from examples.jsbsim.masters import InMaster, write_archive
+from examples.jsbsim.pictures import kinds
+from examples.jsbsim.report import write_report
+from examples.jsbsim.results import IDEAL, Results, Unit, figures, fins, kept, write_flights, write_json
+from examples.jsbsim.run import Options, every_model, run
+from examples.jsbsim.vehicle import Array
+
+from .conftest import Doctor
+from .flying import SHORT, apart, flown
+
+DESCRIPTION = "modelDescription.xml"
+HYDRAULIC = "electrohydraulic"
+
+
+def refused(options: Options, folder: Path, message: str) -> None:
+    """A run ends with the message before anything is flown."""
+    with pytest.raises(EmcasError, match=message):
+        run(options, folder, lambda what, share: None)
+
+
+@pytest.fixture(scope="module")
+def flight(hydraulic: Path) -> Mapping[str, Array]:
+    """A short one on four electrohydraulic actuators."""
+    return flown(Fmu(hydraulic))
+
+
+def test_hydraulic_fins_fly_on_a_line_of_pressure(hydraulic: Path, flight: Mapping[str, Array]) -> None:
+    """Fed by the pressure of the parameter set, which every row has; what is drawn from it is power over pressure.
+
+    Fins come as near to the ideal ones' attitude as a delay of some 10 ms lets them: to half of the 8 deg of the step.
+    """
+    pressure = load_parameters(model=HYDRAULIC).values["hydraulic_supply.pressure"]
+    assert Fmu(hydraulic).model == HYDRAULIC
+    assert np.all(flight["line_pressure_pa"] == pressure)
+    np.testing.assert_allclose(flight["line_flow_m3_s"] * pressure, flight["power_w"], rtol=1e-12)  # rounding
+    assert "bus_voltage_v" not in flight
+    # A valve takes oil from the line and gives none back.
+    assert flight["power_w"].min() >= 0.0
+    assert flight["power_w"].max() > 100.0
+    found = figures(flight, 1e-3, {IDEAL: flown(Ideal())})
+    assert found["attitude_difference_to_ideal_deg"] < 4.0
+    assert np.ptp(fins(flight, "fin{}_rad")) > 0.2
+
+
+def test_fins_without_supply_know_mechanical_work(tmp_path: Path) -> None:
+    """A unit of four second-order actuators: what they do against the hinge moments that acted in the step."""
+    path = build(load_parameters(model="second-order"), tmp_path / "other.fmu", fins=4).path
+    found = flown(Fmu(path), replace(SHORT, duration=0.2))
+    moments = np.column_stack([np.full(4, np.nan), fins(found, "hinge{}_n_m")[:, :-1]])  # of a step's beginning
+    work = -np.sum(fins(found, "fin_rate{}_rad_s") * moments, axis=0)[1:]
+    np.testing.assert_allclose(found["power_w"][1:], work, rtol=0, atol=1e-9)  # rounding of 1 kW
+    assert np.abs(work).max() > 10.0
+    assert not {"bus_voltage_v", "line_pressure_pa"} & found.keys()
+
+
+def test_a_unit_of_four_has_its_lines_outputs(four: Path, doctored: Doctor) -> None:
+    """By the supply's name: of a unit whose bus is called a line of pressure they are the line's, with its figures."""
+    other = doctored(four, DESCRIPTION, 'name="supply_voltage"', 'name="supply_pressure"', 'name="bus_voltage"',
+                     'name="line_pressure"', 'name="bus_current"', 'name="line_flow"', 'unit="V"', 'unit="Pa"',
+                     'unit="A"', 'unit="m3/s"', 'name="V"', 'name="Pa"', 'name="A"', 'name="m3/s"')
+    manoeuvre = replace(SHORT, duration=0.1)
+    bus, line = flown(Fmu(four), manoeuvre), flown(Fmu(other), manoeuvre)
+    assert np.array_equal(line["line_pressure_pa"], bus["bus_voltage_v"])
+    assert np.array_equal(line["line_flow_m3_s"], bus["bus_current_a"])
+    assert "bus_voltage_v" not in line
+    assert apart(bus, line) == 0.0
+
+
+@pytest.mark.parametrize(("words", "message"), [
+    (('unit="Pa"', 'unit="V"', 'name="Pa"', 'name="V"'),
+     "source -> supply_pressure: supply_pressure is Real in V, not Real in Pa"),
+    (('name="supply_pressure"', 'name="pressure"'), "has supply_power and no supply_voltage or supply_pressure"),
+])
+def test_wiring_of_the_supply_is_checked(words: tuple[str, ...], message: str, hydraulic: Path,
+                                         doctored: Doctor) -> None:
+    with pytest.raises(EmcasError, match=re.escape(message)):
+        Fmu(doctored(hydraulic, DESCRIPTION, *words))
+
+
+def test_a_bus_is_for_those_on_one(hydraulic: Path, tmp_path: Path) -> None:
+    archive = write_archive(tmp_path / "EMCAS.ssp", hydraulic)
+    for make in (lambda: Fmu(hydraulic, bus_voltage=30.0), lambda: InMaster(archive, "fmpy", 1e-3, bus_voltage=30.0)):
+        with pytest.raises(EmcasError, match="is fed by supply_pressure, not by a bus: leave --bus-voltage away"):
+            make()
+
+
+def test_archive_flies_as_its_four(hydraulic: Path, tmp_path: Path, flight: Mapping[str, Array]) -> None:
+    """To the bit under the same master, but for a sum in another order."""
+    archive = write_archive(tmp_path / "EMCAS.ssp", hydraulic)
+    manoeuvre = replace(SHORT, duration=0.1)
+    found = flown(InMaster(archive, "fmpy", 1e-3, "rocket"), manoeuvre)
+    assert np.abs(fins(found, "fin{}_rad") - fins(flight, "fin{}_rad")[:, :100]).max() < 1e-12
+    np.testing.assert_allclose(found["line_flow_m3_s"], flight["line_flow_m3_s"][:100], rtol=1e-9)
+
+
+def test_what_cannot_be_flown_together(hydraulic: Path, tmp_path: Path) -> None:
+    """Said before anything is built."""
+    fly = Options(("gentle",), (IDEAL, "fmu"))
+    refused(replace(fly, models=("electrohydralic",)), tmp_path, "there is no actuator 'electrohydralic'.*did you mean")
+    refused(replace(fly, models=(HYDRAULIC, "elastic"), masters=("fmpy",)), tmp_path, "--host: flies one actuator")
+    refused(replace(fly, models=(HYDRAULIC, "elastic"), actuators=("stiff",)), tmp_path, "stiff: is of one actuator")
+    refused(replace(fly, fmu=hydraulic, models=(HYDRAULIC,)), tmp_path, f"--model {HYDRAULIC}: is flown already")
+    refused(replace(fly, fmu=hydraulic, actuators=("second-order",)), tmp_path, "fitted to the nonlinear model, which")
+    refused(replace(fly, fmu=hydraulic, mixing=True), tmp_path, "is a single actuator, without mixing")
+    assert [path.name for path in tmp_path.iterdir()] == []
+
+
+def test_every_kind_that_is_fed_is_flown() -> None:
+    models = every_model()
+    assert {"nonlinear", HYDRAULIC} <= set(models)
+    assert "second-order" not in models  # it is fed by nothing
+
+
+def test_energy_in_the_picture_is_that_of_the_table(flight: Mapping[str, Array]) -> None:
+    """The line ends at what is drawn less what is returned, and bars are both, of a power that changes its sign."""
+    swinging = {**flight, "power_w": flight["power_w"] - flight["power_w"].mean() / 2.0}
+    unit = Unit("EMCAS.fmu", "", "supply_pressure", 21e6, 0.0)
+    results = Results(1e-3, {"gentle": {IDEAL: flown(Ideal()), HYDRAULIC: swinging}}, MANOEUVRES,
+                      units={HYDRAULIC: unit})
+    found = figures(swinging, 1e-3, {})
+    assert found["energy_returned_j"] > 1.0
+    with style():
+        drawn = kinds(results, "gentle")[0]
+    _, energy, _, share = drawn.axes
+    ended: Any = energy.lines[0].get_ydata()
+    assert ended[-1] == pytest.approx(found["energy_drawn_j"] - found["energy_returned_j"])
+    widths = sorted(bar.get_width() for bar in share.patches)  # type: ignore[attr-defined]
+    assert widths == pytest.approx([-found["energy_returned_j"], found["energy_drawn_j"]])
+    assert [label.get_text() for label in share.get_yticklabels()] == [f"{HYDRAULIC} (hydraulic)"]
+
+
+@pytest.mark.slow
+def test_run_of_two_kinds_names_both(hydraulic: Path, tmp_path: Path) -> None:
+    """A given FMU beside a model that is built, in page, figures and trajectories; none loses a gentle flight."""
+    options = Options(("gentle",), (IDEAL, "second-order", "fmu", "stiff"), 4e-3, fmu=hydraulic, models=("nonlinear",),
+                      bus_voltage=36.0, convergence=False)
+    results = run(options, tmp_path, lambda what, share: None)
+    assert list(results.flights["gentle"]) == [IDEAL, "second-order", HYDRAULIC, "nonlinear"]
+    write_json(results, tmp_path / "figures.json", "test")
+    figures = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))
+    assert all(kept(each) for each in figures["flights"]["gentle"].values())
+    # The voltage is for the one on a bus.
+    assert figures["fmus"]["nonlinear"]["supply_start"] == 36.0
+    assert figures["fmus"][HYDRAULIC]["supply"] == "supply_pressure"
+    assert figures["flights"]["gentle"][HYDRAULIC]["line_flow_largest_l_min"] > 0.0
+    write_report(results, tmp_path / "report.html", "test")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "moved by EMCAS_electrohydraulic.fmu, EMCAS4.fmu" in page
+    assert "on a line of pressure of 21 MPa" in page
+    assert page.count("<svg") == 4
+    names = [path.name for path in write_flights(results, tmp_path, "npz")]
+    assert f"gentle_{HYDRAULIC}.npz" in names
