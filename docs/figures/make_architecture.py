@@ -64,7 +64,7 @@ BOXES = (
     Box(10, 292, 640, 88, BLUE, "runtime/", (
         "codegen · simulation · compiled: an actuator as a program, in Python and C",
         "core.py and core.h, the same in both: samples, delay line, ticks, events",
-        "multi_fin.py and multi_fin.h: several fins on one bus · schedule"), "2"),
+        "multi_fin.py and multi_fin.h: several fins on one line · schedule"), "2"),
     Box(10, 394, 200, 268, BLUE, "trace/", (
         "tracer: runs a function", "once, over symbols, and", "notes what it does", "",
         "python_source · c_source:", "the notes as straight-line", "code")),

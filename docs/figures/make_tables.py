@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, capabilities, get, get_extension
+from emcas_fmu.actuators.line import BUS
 from emcas_fmu.bench.excitation import Excitation, reference_case
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.bench.writers import with_unit
@@ -72,7 +73,7 @@ def several() -> str:
     unit = FmuInterface(4)
     of_fin = [v for v in (*unit.actuator.inputs, *unit.actuator.outputs) if v.name not in unit.shared]
     names = ", ".join(f"`fin[1].{v.name}`" for v in of_fin)
-    return (_wiring((*MIXING, *unit.line_outputs, *unit.line.parameters))
+    return (_wiring((*MIXING, *unit.line_outputs, *BUS.parameters))
             + "\n\nShared by all fins, at the top: " + ", ".join(f"`{name}`" for name in unit.shared)
             + f".\n\nOf each fin: {names}, and every parameter, such as `fin[1].mounting.azimuth`.")
 

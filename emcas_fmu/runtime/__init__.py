@@ -1,1 +1,1 @@
-"""Stepping any traced actuator: in Python, in C, one or several fins on a bus."""
+"""Stepping any traced actuator: in Python, in C, one or several fins on a line."""

@@ -1,0 +1,219 @@
+"""Several fins on one pressure line: as one alone where it is stiff, else as SciPy has fins, pump and gas together."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping
+from math import radians
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import fromstring
+from zipfile import ZipFile
+
+import numpy as np
+import pytest
+from fmpy.validation import validate_fmu
+from scipy.integrate import solve_ivp
+from typer.testing import CliRunner
+
+from emcas_fmu.actuators import get
+from emcas_fmu.cli import app
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.interface import FmuInterface, fin_sets
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.reference.files import read_csv
+from emcas_fmu.simulation import simulate, simulate_fins
+from tests.fmu.built import both, slave_class
+from tests.fmu.host import OK, Fmu, Instance
+
+MODEL = str(Path(__file__).with_name("throttled.py"))
+VALUES = load_parameters(model=MODEL).values
+FOUR = FmuInterface(4, MODEL)
+VOLUME = "line.accumulator_volume"
+SAG = {VOLUME: 5e-5, "line.pump_flow": 8e-5}
+
+
+def test_four_fins_on_a_stiff_line_are_single_ones() -> None:
+    """To the bit, and whatever the pump: nothing couples them."""
+    rng = np.random.default_rng(7)
+    pressure, commands = 21e6 * rng.uniform(-0.1, 1.2, 61), rng.uniform(-0.4, 0.4, (4, 61))
+    given: dict[str, Any] = {f"fin[{k}].fin_command": commands[k - 1] for k in range(1, 5)}
+    together = simulate_fins([VALUES] * 4, 0.06, 1e-3, MODEL, {"line.pump_flow": 0.0}, supply_pressure=pressure,
+                             **given)
+    for k in range(1, 5):
+        alone = simulate(VALUES, 0.06, kernel="python", model=MODEL, supply_pressure=pressure,
+                         fin_command=commands[k - 1])
+        assert all(np.array_equal(together[f"fin[{k}].{v.name}"], alone[v.name]) for v in get(MODEL).outputs)
+    assert np.array_equal(together["line_pressure"], np.r_[pressure[0], pressure[:-1]])
+
+
+def integrated(line: Mapping[str, float], commands: np.ndarray[Any, Any], setting: np.ndarray[Any, Any]) -> Any:
+    """Angles and pressure at the samples, 1 ms apart: fins, pump and gas together, the equations written anew."""
+    v0, p0, n = line[VOLUME], 12.6e6, 1.4
+    state, rows = np.r_[np.zeros(8), setting[0]], []
+
+    def slope(_: float, y: Any, opening: Any, p_set: float) -> Any:
+        p = y[8]
+        flows = 1.7e-3 / 60.0 * opening * np.sqrt(p / 7e6)
+        pump = min(max(1.5e-10 * (p_set - p), 0.0), line["line.pump_flow"])
+        stiffness = n * p / (v0 * (p0 / p) ** (1.0 / n)) if p > p0 else 100.0 * n * p0 / v0
+        return np.r_[y[4:8], (flows / 9.6e-6 - y[4:8]) / 5e-3, stiffness * (pump - np.abs(flows).sum())]
+
+    for k in range(len(setting) - 1):
+        rows.append(state)
+        opening = np.clip(40.0 * (commands[:, k] - state[:4]), -1.0, 1.0)
+        state = solve_ivp(slope, (0.0, 1e-3), state, args=(opening, setting[k]), rtol=1e-8, atol=1e-10).y[:, -1]
+    return np.array([*rows, state])
+
+
+@pytest.mark.parametrize(("volume", "flow"), [(5e-5, 8e-5), (2e-4, 0.0)])
+def test_a_line_that_sags_converges_to_an_independent_integration(volume: float, flow: float) -> None:
+    """With a small accumulator, and with no pump at all; of first order in the update time."""
+    line, time = {VOLUME: volume, "line.pump_flow": flow}, np.arange(151) * 1e-3
+    commands = np.array([[0.3], [0.3], [-0.2], [0.25]]) * np.sign(np.sin(2.0 * np.pi * 8.0 * time + 0.1))
+    setting = np.where(time < 0.1, 21e6, 24e6)  # it steps, the pressure does not
+    exact = integrated(line, commands, setting)
+    given: dict[str, Any] = {f"fin[{k}].fin_command": commands[k - 1] for k in range(1, 5)}
+    angles, pressures = [], []
+    for update in (1e-3, 5e-4, 2.5e-4):
+        run = simulate_fins([{**VALUES, "solver.max_tick": 5e-5}] * 4, 0.15, 1e-3, MODEL,
+                            {**line, "line.update_time": update}, supply_pressure=setting, **given)
+        angles.append(max(np.abs(run[f"fin[{k}].fin_angle"] - exact[:, k - 1]).max() for k in range(1, 5)))
+        pressures.append(np.abs(run["line_pressure"] - exact[:, 8]).max())
+    assert exact[:, 8].min() < 0.85 * 21e6
+    for errors in (angles, pressures):
+        orders = np.log2(np.array(errors[:-1]) / errors[1:])
+        assert np.abs(orders - 1.0).max() < 0.1, errors  # one; what is of second order is small below 1 ms
+    assert np.degrees(angles[2]) < 0.01  # of 17 deg and more, at two and a half times the default update time
+    assert pressures[2] < 1e-3 * 21e6
+
+
+def test_fins_share_what_the_line_gives() -> None:
+    def travelled(others: float, **line: float) -> float:
+        run = simulate_fins([VALUES] * 4, 0.05, 1e-3, MODEL, {f"line.{k}": v for k, v in line.items()}, **{
+            "fin[1].fin_command": 0.4, **{f"fin[{k}].fin_command": others for k in (2, 3, 4)}})
+        return float(run["fin[1].fin_angle"][-1])
+
+    assert travelled(0.4) == travelled(0.0)
+    weak = {"accumulator_volume": 2e-5, "pump_flow": 5e-5}
+    assert travelled(0.4, **weak) < 0.95 * travelled(0.0, **weak)
+
+
+def test_power_is_pressure_times_flow() -> None:
+    run = simulate_fins([VALUES] * 4, 0.1, 1e-3, MODEL, SAG, fin_command=0.3)
+    # Rounding of four terms and a quotient.
+    assert run["line_pressure"] * run["line_flow"] == pytest.approx(run["supply_power"], rel=1e-14)
+    assert run["supply_power"] == pytest.approx(sum(run[f"fin[{k}].supply_power"] for k in range(1, 5)), rel=1e-14)
+    assert run["line_pressure"].min() < 0.8 * 21e6
+
+
+def test_what_is_refused_and_printed(tmp_path: Path) -> None:
+    with pytest.raises(EmcasError, match=r"there is no bus.source_resistance; the pressure line has line.accumulator"):
+        simulate_fins([VALUES] * 2, 0.01, model=MODEL, line={"bus.source_resistance": 0.1})
+    assert FmuInterface(1, MODEL).line is None
+    result = CliRunner().invoke(app, [
+        "simulate", "--model", MODEL, "--fins", "4", "--step", "15", "--stop", "0.2", "--set", f"{VOLUME}=50 ml",
+        "--set", "line.pump_flow=4.8 l/min", "--set", "supply_pressure=200 bar", "-o", str(tmp_path / "r.csv"),
+        "--json", str(tmp_path / "r.json")])
+    assert result.exit_code == 0, result.output
+    columns, found = read_csv(tmp_path / "r.csv"), json.loads((tmp_path / "r.json").read_text())["line"]
+    assert columns["line_pressure"][0] == 20e6
+    assert found["lowest_line_pressure_mpa"] == pytest.approx(min(columns["line_pressure"]) / 1e6, rel=1e-12)
+    assert found["peak_line_flow_l_per_min"] == pytest.approx(max(columns["line_flow"]) * 6e4, rel=1e-12)
+    assert "line: lowest_line_pressure_mpa 1" in result.output
+
+
+# -- the FMUs -------------------------------------------------------------------
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
+    return both(load_parameters(model=MODEL), tmp_path_factory.mktemp("hydraulic"), fins=4)
+
+
+@pytest.fixture(scope="module")
+def native(built: Mapping[str, Path], tmp_path_factory: pytest.TempPathFactory) -> Fmu:
+    folder = tmp_path_factory.mktemp("unpacked")
+    shutil.unpack_archive(built["native"], folder, "zip")
+    return Fmu(str(folder))
+
+
+@pytest.mark.fmu
+@pytest.mark.slow
+@pytest.mark.parametrize("backend", ["python", "native"])
+def test_the_unit_s_interface(built: Mapping[str, Path], backend: str) -> None:
+    assert validate_fmu(str(built[backend])) == []
+    with ZipFile(built[backend]) as archive:
+        root = fromstring(archive.read("modelDescription.xml"))
+        page = archive.read("documentation/index.html").decode()
+        terminals = archive.read("terminalsAndIcons/terminalsAndIcons.xml").decode()
+    assert root.attrib["description"].endswith("; 4 fins on one pressure line")
+    units = {v.attrib["name"]: v[0].attrib for v in root.findall("ModelVariables/ScalarVariable")}
+    for name, unit, shown in (("supply_pressure", "Pa", "bar"), ("line_pressure", "Pa", "bar"),
+                              ("line_flow", "m3/s", "l/min"), (VOLUME, "m3", "l")):
+        assert (units[name]["unit"], units[name]["displayUnit"]) == (unit, shown)
+    assert float(units["supply_pressure"]["start"]) == 21e6
+    assert not [name for name in units if "bus" in name]
+    assert "hydraulic supply" in terminals
+    assert f"<code>{VOLUME}</code> above 0" in page
+    assert "gas accumulator" in page
+
+
+@pytest.mark.fmu
+@pytest.mark.slow
+def test_both_back_ends_are_one_model(native: Fmu) -> None:
+    """In lockstep under changing inputs, states restored on the way: the same bits."""
+    sets = [each.values for each in fin_sets(load_parameters(model=MODEL), 4, "cross", {})]
+    python, unit = slave_class(FOUR, sets)(instance_name="fins"), Instance(native)
+    rng, time = np.random.default_rng(11), 0.0
+    python.setup_experiment(0.0)
+    python.enter_initialization_mode()
+    assert [unit.setup(), unit.call("fmi2EnterInitializationMode")] == [OK, OK]
+
+    def put(name: str, value: float) -> None:
+        python.set_real([FOUR.reference[name]], [value])
+        assert unit.set(name, value) == OK
+
+    for name, value in {**SAG, "line.polytropic_exponent": 1.2, "supply_pressure": 18e6}.items():
+        put(name, value)
+    python.exit_initialization_mode()
+    assert unit.call("fmi2ExitInitializationMode") == OK
+    real, lowest = [v.name for v in FOUR.outputs if v.kind == "Real"], 21e6
+    for _ in range(12):
+        put(f"fin[{rng.integers(1, 5)}].fin_command", rng.uniform(-0.4, 0.4))
+        put("supply_pressure", rng.uniform(0.0, 25e6))
+        kept, here = (python._get_fmu_state(), unit.serialize(unit.save())), time
+        for size in (1e-3, 3.7e-4):
+            python._set_fmu_state(kept[0])
+            assert unit.restore(kept[1]) == OK
+            time = here
+            for _ in range(8):
+                assert python.do_step(time, size)
+                assert unit.step(time, size) == OK
+                time += size
+            assert python.get_real([FOUR.reference[name] for name in real]) == [unit.get(name) for name in real]
+            lowest = min(lowest, unit.get("line_pressure"))
+    assert lowest < 16e6
+    unit.free()
+
+
+@pytest.mark.fmu
+@pytest.mark.slow
+@pytest.mark.parametrize("volume", [0.0, 5e-5])
+def test_ramps_of_the_setting_do_not_depend_on_the_step(native: Fmu, volume: float) -> None:
+    """Input derivatives, in one step or in twenty: on a stiff line the valves get the ramp, else the pump does."""
+    found = []
+    for steps in (1, 4, 20):
+        unit = Instance(native)
+        assert max(unit.initialize(**{**SAG, VOLUME: volume, "supply_pressure": 15e6})) == OK
+        for k in range(1, 5):
+            unit.set(f"fin[{k}].fin_command", radians(15.0))
+        for k in range(steps):
+            unit.set("supply_pressure", 15e6 + 10e6 * k / steps)
+            assert unit.differentiate("supply_pressure", 1, 10e6 / 0.02) == OK
+            assert unit.step(k * 0.02 / steps, 0.02 / steps) == OK
+        found.append([unit.get(n) for n in ("fin[1].fin_angle", "fin[1].fin_rate", "line_pressure", "supply_pressure")])
+        unit.free()
+    # A tick takes a ramp at its middle: cut by a communication point, at the middles of both parts.
+    assert np.array(found[1:]) == pytest.approx(np.array([found[0], found[0]]), rel=1e-4)
+    assert (found[0][2] == pytest.approx(25e6, rel=1e-12)) is (volume == 0.0)
