@@ -201,15 +201,17 @@ class Plant:
         if mode.spool == FREE:
             found += [(lambda y, side=side: self.fastest - side * y[5], put(5, side * self.fastest))
                       for side in (1, -1)]
-        else:
-            found.append((lambda y: math.copysign(self.spool_force(y, around), mode.spool * self.spool_force(y, around))
-                          if mode.spool in (1, -1) else 1.0, nothing))
+        elif mode.spool in (1, -1):
+            # A hair slower than the fastest, so that it counts as free.
+            found.append((lambda y: mode.spool * self.spool_force(y, around),
+                          put(5, mode.spool * self.fastest * (1.0 - 1e-11))))
         if mode.spool in (FREE, 1, -1):
             def end(y: State) -> None:
                 y[4], y[5] = math.copysign(1.0, y[4]), 0.0
             found.append((lambda y: 1.0 - abs(y[4]), end))
         for i, void in enumerate((mode.void_1, mode.void_2)):
-            found.append((lambda y, i=i: -self.rises(y, around)[i], nothing) if void else
+            # A hair above nothing, so that it counts as filled.
+            found.append((lambda y, i=i: -self.rises(y, around)[i], put(2 + i, 1e-3)) if void else
                          (lambda y, i=i: y[2 + i], put(2 + i, 0.0)))
         return found
 
@@ -259,7 +261,7 @@ class Controller:
         return float(self.p["kinematics.moment_arm"] * (math.tan(angle + offset) - math.tan(offset)))
 
     def _reset(self, piston: float) -> None:
-        p = self.p
+        p, self.before = self.p, piston
         self.integral = p["controller.position.kp"] * (1.0 - p["controller.position.setpoint_weight"]) * piston
 
     def sample(self, angle: float, command: float, enable: bool) -> float:
@@ -273,6 +275,10 @@ class Controller:
         asked = p["controller.position.kp"] * weighted + self.integral
         if abs(asked) <= self.full or asked * (target - piston) <= 0.0:
             self.integral += p["controller.sample_time"] * p["controller.position.ki"] * (target - piston)
+        else:
+            share = 1.0 - p["controller.position.setpoint_weight"]
+            self.integral += p["controller.position.kp"] * share * (piston - self.before)
+        self.before = piston
         return clip(asked, self.full) / self.full
 
 
