@@ -43,7 +43,8 @@ PARAMETERS = (
     parameter("valve.stroke_time", "s", 1e-5, 10.0, "least time from the centre to the end of the stroke"),
     parameter("valve.lap", "1", 0.0, 1.0, "rounding of the edges, of the stroke: leakage at null"),
     parameter("valve.laminar_pressure", "Pa", 1.0, 1e8, "pressure drop below which an edge's flow is laminar"),
-    parameter("valve.null_shift", "1", -1.0, 1.0, "where the spool stands without a command, of its stroke"),
+    parameter("valve.null_shift", "1", -2.0, 2.0, "where the spool stands without a command, of its stroke; 2: at its "
+              "end whatever the command"),
     *DEVIATIONS,
 )
 _AT = 1.0 - 1e-12  # of the spool's largest speed: as close as rounding comes
@@ -137,7 +138,10 @@ def _margins(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
 
 def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, events: Values) -> Values:
     moving = ops.negate(ops.equal(m.slide.direction, 0.0))
-    halted = ops.both(moving, ops.either(events["fin"], events["stop"]))
+    stop = p.fin.stop_angle
+    # Where something else ended the step a hair behind a stop, that is one all the same.
+    against = ops.both(ops.fabs(x.fin_angle) >= stop, x.fin_angle * x.fin_rate > 0.0)
+    halted = ops.either(against, ops.both(moving, ops.either(events["fin"], events["stop"])))
     fastest, side = servovalve.fastest(p), ops.where(x.spool_position > 0.0, 1.0, -1.0)
     at_end = ops.fabs(x.spool_position) >= 1.0
     end = ops.either(events["stroke"], at_end)
@@ -145,7 +149,7 @@ def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, ev
     met = ops.both(events["speed"], ops.negate(m.at_speed))
     speed = ops.where(met, ops.where(x.spool_speed > 0.0, fastest, -fastest), x.spool_speed)
     return {"fin_rate": stick.speed_after(ops, m.slide, begin.fin_rate, x.fin_rate, halted),
-            "fin_angle": ops.where(events["stop"], m.slide.direction * p.fin.stop_angle, x.fin_angle),
+            "fin_angle": ops.where(events["stop"], m.slide.direction * stop, ops.clip(x.fin_angle, -stop, stop)),
             "pressure_1": ops.where(events["void_1"], 0.0, ops.maximum(x.pressure_1, 0.0)),
             "pressure_2": ops.where(events["void_2"], 0.0, ops.maximum(x.pressure_2, 0.0)),
             "spool_position": ops.where(end, side, x.spool_position),
