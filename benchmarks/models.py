@@ -18,9 +18,7 @@ def cost(model: str) -> float:
     parameters = load_parameters(model=model)
     values = (parameters.replace({"homing.required": False}) if "homing" in model else parameters).values
     names = [v.name for v in get(model).inputs]
-    inputs = np.zeros((COUNT, len(names)))
-    inputs[:, names.index("supply_voltage")] = values["drive.supply_voltage"]
-    inputs[:, names.index("enable")] = 1.0
+    inputs = np.tile([float(v.initial(values)) for v in get(model).inputs], (COUNT, 1))
     best = np.inf
     batch = Batch([values] * COUNT, model)
     for _ in range(ROUNDS):

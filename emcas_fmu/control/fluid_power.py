@@ -2,10 +2,11 @@
 
     r    = x(clip(command))        y = x(fin_measured)        e = r - y
     v_raw = Kp (b r - y) + I        v_ref = clip(v_raw, +-v_max)
-    I+   = I + T_s Ki e, held while the limit is met and e drives it further
+    I+   = I + T_s Ki e                 or, while the limit is met and e drives it further, I + Kp (1 - b) (y - y_before)
 
 x is the lever's (:mod:`emcas_fmu.physics.cylinder`): the loop's gain is then the same at every angle. The integral of a
-loop at rest is Kp (1 - b) y; it is held at limits, as back-calculation would leave a tail of its time constant.
+loop at rest is Kp (1 - b) y. At limits what is held is I less this share, so that large steps, too, end without the
+tail that a weight below 1 would leave; back-calculation would leave one of its time constant.
 """
 
 from __future__ import annotations
@@ -37,14 +38,20 @@ def at_rest(ops: Ops, p: Any, fin_measured: Value) -> Value:
     return resting_integral(p, cylinder.piston_position(ops, p, fin_measured))
 
 
-def sample(ops: Ops, p: Any, integral: Value, fin_measured: Value, command: Value, limit: Value) -> Output:
-    """Return a sample of the loop within a speed of the piston [m/s]; `command` [rad] before its limit."""
+def sample(ops: Ops, p: Any, integral: Value, fin_measured: Value, command: Value, limit: Value,
+           before: Value | None = None) -> Output:
+    """Return a sample of the loop within a speed of the piston [m/s]; `command` [rad] before its limit.
+
+    `before` is where the piston was read at the last sample [m]; without it the integral is held at limits as it is.
+    """
     position = p.controller.position
     target = cylinder.piston_position(ops, p, clipped_command(ops, p, command))
-    error = target - cylinder.piston_position(ops, p, fin_measured)
+    piston = cylinder.piston_position(ops, p, fin_measured)
+    error = target - piston
     raw = position.kp * (error - (1.0 - position.setpoint_weight) * target) + integral
     beyond = ops.fabs(raw) > limit
     held = ops.both(beyond, raw * error > 0.0)
-    moved = integral + ops.where(held, 0.0, p.controller.sample_time * position.ki * error)
+    moved = integral + ops.where(held, 0.0 if before is None else resting_integral(p, piston - before),
+                                 p.controller.sample_time * position.ki * error)
     limited = ops.either(beyond, ops.fabs(command) > p.command.limit)
     return Output(ops.clip(raw, -limit, limit), ops.where(limited, 1.0, 0.0), moved)

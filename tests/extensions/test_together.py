@@ -42,7 +42,9 @@ def fitting(model: str, options: tuple[str, ...]) -> tuple[str, ...]:
 
 def run(model: str, overrides: Mapping[str, Any], kernel: str = "python") -> Mapping[str, Any]:
     parameters = load_parameters(model=model)
-    supply: dict[str, Any] = {"supply_voltage": lambda t: 39.0 if t < 0.2 else 24.0} if get(model).supply else {}
+    line = get(model).supply
+    full = float(line.input.initial(parameters.values)) if line else 0.0
+    supply: dict[str, Any] = {line.input.name: lambda t: full * (1.0 if t < 0.2 else 24.0 / 39.0)} if line else {}
     return simulate(parameters.replace(overrides).values, 0.3, model=model, kernel=kernel,
                     fin_command=lambda t: 0.2 * sin(25.0 * t), aero_torque=lambda t: 60.0 * sin(40.0 * t),
                     enable=lambda t: not 0.1 < t < 0.12, **supply)

@@ -3,10 +3,11 @@
 Cylinder :mod:`emcas_fmu.physics.cylinder`, valve :mod:`emcas_fmu.physics.servovalve`, position loop
 :mod:`emcas_fmu.control.fluid_power`: the speed it asks for, over that of the open valve at its rated pressure, is the
 valve's command. Without `enable` the valve centres itself, and the fin is held by what is in the chambers. A chamber
-below the tank's pressure is refilled through a check valve.
+below the tank's pressure is refilled through a check valve. What that cannot refill in time is void: the pressure stays
+0, and the void is gone, rather than filled first, where more flows in than the piston sweeps.
 
 Events (:mod:`emcas_fmu.steppers.events`): the fin starts, rests or meets a stop, the spool meets its stroke or its
-largest speed, a check valve opens or closes.
+largest speed, a check valve opens or closes, a chamber is void. Where a void ends, nothing jumps: the next step sees it.
 """
 
 from __future__ import annotations
@@ -24,11 +25,12 @@ from ...variables import Terminal, parameter, real_input, real_output
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, State, Supply, Values
 from ..electromechanical.interface import lever_rule, transport_delay
-from . import interface
+from . import as_built, interface
 
 SUPPLY_PRESSURE = real_input("supply_pressure", "Pa", "pressure of the line that feeds the valve", minimum=0.0,
                              maximum=1e9, nominal=1e7, start=None, key="hydraulic_supply.pressure")
 SUPPLY_POWER = real_output("supply_power", "W", "hydraulic power drawn from the pressure line", 100.0)
+DEVIATIONS = (*as_built.LEVER_AND_FRICTION, as_built.RATED_FLOW)
 VALVE = (State("spool_position", "1", "of its stroke"), State("spool_speed", "1/s"))
 PARAMETERS = (
     *interface.PARAMETERS,
@@ -41,7 +43,9 @@ PARAMETERS = (
     parameter("valve.stroke_time", "s", 1e-5, 10.0, "least time from the centre to the end of the stroke"),
     parameter("valve.lap", "1", 0.0, 1.0, "rounding of the edges, of the stroke: leakage at null"),
     parameter("valve.laminar_pressure", "Pa", 1.0, 1e8, "pressure drop below which an edge's flow is laminar"),
-    parameter("valve.null_shift", "1", -1.0, 1.0, "spool position at which the valve is centred, of the stroke"),
+    parameter("valve.null_shift", "1", -2.0, 2.0, "where the spool stands without a command, of its stroke; 2: at its "
+              "end whatever the command"),
+    *DEVIATIONS,
 )
 _AT = 1.0 - 1e-12  # of the spool's largest speed: as close as rounding comes
 
@@ -51,7 +55,7 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
     measured = fluid_power.measured(ops, p, start.fin_angle)
     return {"fin_angle": start.fin_angle, "pressure_1": p.cylinder.start_pressure,
             "pressure_2": p.cylinder.start_pressure, "integral": fluid_power.at_rest(ops, p, measured),
-            "measured_fin_angle": measured}
+            "piston": cylinder.piston_position(ops, p, measured), "measured_fin_angle": measured}
 
 
 def full_speed(ops: Ops, p: Any) -> Value:
@@ -63,10 +67,11 @@ def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
     """Return a sample of the controller; it is held in reset while disabled."""
     measured = fluid_power.measured(ops, p, asked.position)
     full = full_speed(ops, p)
-    out = fluid_power.sample(ops, p, x.integral, measured, asked.command, full)
+    out = fluid_power.sample(ops, p, x.integral, measured, asked.command, full, x.piston)
     at_rest = fluid_power.at_rest(ops, p, measured)
     return {"reference": ops.where(asked.enable, out.speed / full, 0.0),
             "integral": ops.where(asked.enable, out.integral, at_rest),
+            "piston": cylinder.piston_position(ops, p, measured),
             "measured_fin_angle": measured, "limited": ops.where(asked.enable, out.limited, 0.0)}
 
 
@@ -77,14 +82,19 @@ def spool_command(ops: Ops, p: Any, u: Acting) -> Value:
 
 def mode(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Record:
     """Return what holds through a step of `h` [s]; the linkage is that of its middle."""
-    c = cylinder.linkage(ops, p, x.fin_angle + 0.5 * h * x.fin_rate, u)
+    stop = p.fin.stop_angle
+    c = cylinder.linkage(ops, p, ops.clip(x.fin_angle + 0.5 * h * x.fin_rate, -stop, stop), u)
     torque = cylinder.pressing(p, c, x.pressure_1, x.pressure_2)
-    slide = stick.slide(ops, x.fin_rate, torque, c.dry, x.fin_angle, p.fin.stop_angle)
+    slide = stick.slide(ops, x.fin_rate, torque, c.dry, x.fin_angle, stop)
     command = spool_command(ops, p, u)
     faster = servovalve.spool_acceleration(p, x.spool_position, x.spool_speed, command) * x.spool_speed > 0.0
     at_speed = ops.both(ops.fabs(x.spool_speed) >= servovalve.fastest(p) * _AT, faster)
-    return Record(linkage=c, slide=slide, command=command, at_speed=at_speed,
-                  refill_1=x.pressure_1 < p.tank.pressure, refill_2=x.pressure_2 < p.tank.pressure)
+    m = Record(linkage=c, slide=slide, command=command, at_speed=at_speed,
+               refill_1=x.pressure_1 < p.tank.pressure, refill_2=x.pressure_2 < p.tank.pressure,
+               void_1=False, void_2=False)
+    rates = _rates(ops, p, x, u, m)
+    return m.replace(void_1=ops.both(x.pressure_1 <= 0.0, rates["pressure_1"] <= 0.0),
+                     void_2=ops.both(x.pressure_2 <= 0.0, rates["pressure_2"] <= 0.0))
 
 
 def _rates(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
@@ -96,15 +106,18 @@ def _rates(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
     dry = m.slide.direction * c.dry
     rate = cylinder.acceleration(p, c, x.fin_rate, x.pressure_1, x.pressure_2, dry)
     spool = servovalve.spool_acceleration(p, x.spool_position, x.spool_speed, m.command)
-    return {"fin_angle": x.fin_rate, "fin_rate": stick.moves(ops, m.slide, rate), "pressure_1": rise_1,
-            "pressure_2": rise_2, "spool_position": x.spool_speed, "spool_speed": ops.where(m.at_speed, 0.0, spool)}
+    return {"fin_angle": x.fin_rate, "fin_rate": stick.moves(ops, m.slide, rate),
+            "pressure_1": ops.where(m.void_1, 0.0, rise_1), "pressure_2": ops.where(m.void_2, 0.0, rise_2),
+            "spool_position": x.spool_speed, "spool_speed": ops.where(m.at_speed, 0.0, spool)}
 
 
 def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     """Return d/dt of the states: of a fin that moves without dry friction, a valve within its limits."""
+    p = as_built.with_valve(ops, p)
     c = cylinder.linkage(ops, p, x.fin_angle, u)
     return _rates(ops, p, x, u, Record(linkage=c._replace(dry=0.0), slide=stick.Slide(1.0, 0.0, 0.0),
-                                       command=u.reference, at_speed=False, refill_1=False, refill_2=False))
+                                       command=u.reference + p.valve.null_shift, at_speed=False, refill_1=False,
+                                       refill_2=False, void_1=False, void_2=False))
 
 
 def _margins(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
@@ -119,12 +132,16 @@ def _margins(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
             "stop": stick.stop_margin(ops, m.slide, x.fin_angle, p.fin.stop_angle),
             "speed": ops.where(m.at_speed, faster, fastest - ops.fabs(x.spool_speed)),
             "stroke": 1.0 - ops.fabs(x.spool_position),
-            "refill_1": refilling(x.pressure_1, m.refill_1), "refill_2": refilling(x.pressure_2, m.refill_2)}
+            "refill_1": refilling(x.pressure_1, m.refill_1), "refill_2": refilling(x.pressure_2, m.refill_2),
+            "void_1": ops.where(m.void_1, 1.0, x.pressure_1), "void_2": ops.where(m.void_2, 1.0, x.pressure_2)}
 
 
 def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, events: Values) -> Values:
     moving = ops.negate(ops.equal(m.slide.direction, 0.0))
-    halted = ops.both(moving, ops.either(events["fin"], events["stop"]))
+    stop = p.fin.stop_angle
+    # Where something else ended the step a hair behind a stop, that is one all the same.
+    against = ops.both(ops.fabs(x.fin_angle) >= stop, x.fin_angle * x.fin_rate > 0.0)
+    halted = ops.either(against, ops.both(moving, ops.either(events["fin"], events["stop"])))
     fastest, side = servovalve.fastest(p), ops.where(x.spool_position > 0.0, 1.0, -1.0)
     at_end = ops.fabs(x.spool_position) >= 1.0
     end = ops.either(events["stroke"], at_end)
@@ -132,7 +149,9 @@ def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, ev
     met = ops.both(events["speed"], ops.negate(m.at_speed))
     speed = ops.where(met, ops.where(x.spool_speed > 0.0, fastest, -fastest), x.spool_speed)
     return {"fin_rate": stick.speed_after(ops, m.slide, begin.fin_rate, x.fin_rate, halted),
-            "fin_angle": ops.where(events["stop"], m.slide.direction * p.fin.stop_angle, x.fin_angle),
+            "fin_angle": ops.where(events["stop"], m.slide.direction * stop, ops.clip(x.fin_angle, -stop, stop)),
+            "pressure_1": ops.where(events["void_1"], 0.0, ops.maximum(x.pressure_1, 0.0)),
+            "pressure_2": ops.where(events["void_2"], 0.0, ops.maximum(x.pressure_2, 0.0)),
             "spool_position": ops.where(end, side, x.spool_position),
             "spool_speed": ops.where(ops.both(end, outward), 0.0, speed)}
 
@@ -142,12 +161,13 @@ _SYSTEM = events.Switched(mode, _rates, _margins, _landed)
 
 def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took."""
-    moved, used = events.advance(ops, p, _SYSTEM, x, u, h)
+    moved, used = events.advance(ops, as_built.with_valve(ops, p), _SYSTEM, x, u, h)
     return vars(moved), used
 
 
 def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     """Return every output."""
+    p = as_built.with_valve(ops, p)
     _, _, drawn = servovalve.flows(ops, p, x.spool_position, u.supply, x.pressure_1, x.pressure_2)
     at_speed = ops.fabs(x.spool_speed) >= servovalve.fastest(p) * _AT
     limited = ops.either(at_speed, ops.either(ops.fabs(x.spool_position) >= 1.0, u.limited > 0.0))
@@ -175,7 +195,7 @@ ACTUATOR = Actuator(
     origin="The structure is that of section 1.1.3 of the thesis of Yerlikaya (2016), which gives no numbers: every "
            "value is an engineering estimate.",
     states=(*interface.FIN, *interface.CHAMBERS, *VALVE),
-    controller_states=(interface.INTEGRAL,),
+    controller_states=(interface.INTEGRAL, State("piston", "m", "as read at the last sample")),
     outputs=(*interface.OUTPUTS,
              real_output("valve_reference", "1", "position asked of the spool, of its stroke", 1.0),
              real_output("valve_position", "1", "position of the spool, of its stroke", 1.0),
@@ -187,9 +207,12 @@ ACTUATOR = Actuator(
     terminals=(Terminal("hydraulics", "cylinder and valve",
                         ("piston_position", "pressure_1", "pressure_2", "valve_reference", "valve_position",
                          "supply_flow")),),
-    rules=(lever_rule(deviates=False),),
+    rules=(lever_rule(), interface.STROKE_RULE),
     provides=frozenset({capabilities.POSITION_LOOP}),
     structure=Structure(),
+    as_built=as_built.with_valve,
+    nominal=as_built.nominal(*DEVIATIONS),
+    reference="emcas_fmu.reference.electrohydraulic",
     initial=initial,
     sample=sample,
     derivatives=derivatives,

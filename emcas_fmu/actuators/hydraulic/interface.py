@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from ...ops.base import Ops, Value
+from ...physics import cylinder
+from ...rules import SLACK, Rule, when
 from ...variables import only, parameter, real_output
 from .. import fin_port
 from ..declaration import State
@@ -39,3 +44,14 @@ PARAMETERS = (
     CHECK_VALVE,
     TRANSDUCER,
 )
+
+
+def _stroke(ops: Ops, p: Any, share: Value) -> tuple[Value, ...]:
+    swept = p.cylinder.area * ops.fabs(cylinder.piston_position(ops, p, share * p.fin.stop_angle))
+    dead = p.cylinder.dead_volume
+    return when(ops, swept >= dead * (1.0 - SLACK)) * swept, dead, swept, p.cylinder.area
+
+
+STROKE_RULE = Rule(_stroke, "cylinder.dead_volume = %.6g m3 must be more than the piston sweeps up to a stop of the "
+                            "fin, %.6g m3 with cylinder.area = %.6g m2; raise it, or lower cylinder.area, "
+                            "kinematics.moment_arm or fin.stop_angle", scanned=True)

@@ -231,8 +231,13 @@ class _File(Table):
 
 
 def shipped_study(base: ParameterSet) -> Study:
-    """Return the study of models/tuning.toml for a parameter set. Raises StudyError, for an actuator that has not what
-    it tunes too."""
+    """Return the study of models/tuning-NAME.toml for a parameter set of the actuator NAME, else of models/tuning.toml.
+
+    Raises StudyError, for an actuator that has not what it tunes too.
+    """
+    path = models_directory() / f"tuning-{base.actuator.name}.toml"
+    if path.is_file():
+        return load_study(path, base)
     path = models_directory() / "tuning.toml"
 
     def fits(model: str) -> bool:

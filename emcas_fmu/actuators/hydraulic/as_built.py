@@ -1,0 +1,47 @@
+"""The hydraulic unit as built: lever, fin, friction and valve differ from what its controller knows.
+
+    actual = nominal (1 + deviation)        the lever's assembly angle: nominal + deviation
+
+Deviations act on the plant alone. Of oil, cylinder and line the controller knows nothing: these vary by themselves.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...namespace import with_values
+from ...ops.base import Ops
+from ...variables import only, parameter
+from ..electromechanical import as_built as electromechanical
+
+LEVER_AND_FRICTION = only(electromechanical.DEVIATIONS, "deviation.kinematics.", "deviation.mass.fin",
+                          "deviation.friction.")
+RATED_FLOW = parameter("deviation.valve.rated_flow", "1", -0.9, 10.0, "rated flow as built over nominal, less 1")
+
+
+def nominal(*deviations: Any) -> dict[str, float]:
+    """Return values of deviations that make a unit nominal."""
+    return {v.name: 0.0 for v in deviations}
+
+
+def lever_and_friction(p: Any) -> Any:
+    """Return the parameters of the plant, but for a valve's."""
+    off = p.deviation
+    dry, wet = 1.0 + off.friction.coulomb, 1.0 + off.friction.viscous
+    return with_values(p, {
+        **nominal(*LEVER_AND_FRICTION),
+        "kinematics.moment_arm": p.kinematics.moment_arm * (1.0 + off.kinematics.moment_arm),
+        "kinematics.initial_angle": p.kinematics.initial_angle + off.kinematics.initial_angle,
+        "mass.fin": p.mass.fin * (1.0 + off.mass.fin),
+        "inertia.fin": p.inertia.fin * (1.0 + off.mass.fin),
+        "friction.fin_coulomb": p.friction.fin_coulomb * dry,
+        "cylinder.coulomb_friction": p.cylinder.coulomb_friction * dry,
+        "friction.fin_viscous": p.friction.fin_viscous * wet,
+        "cylinder.viscous_friction": p.cylinder.viscous_friction * wet,
+    })
+
+
+def with_valve(_: Ops, p: Any) -> Any:
+    """Return the parameters of the plant with a valve."""
+    flow = p.valve.rated_flow * (1.0 + p.deviation.valve.rated_flow)
+    return with_values(lever_and_friction(p), {"deviation.valve.rated_flow": 0.0, "valve.rated_flow": flow})
