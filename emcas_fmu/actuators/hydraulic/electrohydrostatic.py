@@ -162,9 +162,14 @@ def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, ev
     def halts(slide: stick.Slide, event: Value) -> Value:
         return ops.both(ops.negate(ops.equal(slide.direction, 0.0)), event)
 
+    def borne(pressure: Value, void: Value) -> Value:
+        # A void begins with nothing: under its modulus what a step is beyond that would be thousands of times as much.
+        return ops.where(void, pressure, ops.maximum(pressure, p.oil.cavitation_pressure))
+
     fin = halts(m.fin, ops.either(events["fin"], events["stop"]))
     return {"fin_rate": stick.speed_after(ops, m.fin, begin.fin_rate, x.fin_rate, fin),
             "fin_angle": ops.where(events["stop"], m.fin.direction * p.fin.stop_angle, x.fin_angle),
+            "pressure_1": borne(x.pressure_1, m.valves.void_1), "pressure_2": borne(x.pressure_2, m.valves.void_2),
             "motor_speed": stick.speed_after(ops, m.shaft, begin.motor_speed, x.motor_speed,
                                              halts(m.shaft, events["shaft"])),
             "drive_integral": current_loop.integral_end(ops, p, m.drive, x.motor_speed, x.motor_current,
