@@ -243,5 +243,6 @@ ACTUATOR = Actuator(
     longest_tick=nonlinear.longest_tick,
     tick_remedy=electromechanical.TICK_REMEDY,
     transport_delay=electromechanical.transport_delay,
+    reference="emcas_fmu.reference.electrohydrostatic",
     modules=(sys.modules[__name__], cylinder, pump, drive, fluid_power, events),
 )
