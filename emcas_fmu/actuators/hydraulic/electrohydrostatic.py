@@ -25,7 +25,7 @@ from ...physics import cylinder, drive, pump, stick
 from ...physics.structure import Structure
 from ...rules import Rule, in_degrees, when
 from ...steppers import current_loop, events, rigid
-from ...variables import Terminal, only, parameter, real_output, switch, tunable, without
+from ...variables import Terminal, only, parameter, switch, tunable, without
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, State, Values
 from ..electromechanical import interface as electromechanical
@@ -216,7 +216,7 @@ ACTUATOR = Actuator(
     name="electrohydrostatic",
     title="electrohydrostatic actuator: servomotor, pump, cylinder, lever and fin",
     origin="The structure is that of section 1.1.2 of the thesis of Yerlikaya (2016), which gives no numbers: motor, "
-           "drive and supply are those of the electromechanical actuator, every other value is an engineering estimate.",
+           "drive and supply are those of the electromechanical actuator, all other values are engineering estimates.",
     states=(*interface.FIN, *interface.CHAMBERS, State("motor_speed", "rad/s"), *electromechanical.DRIVE),
     controller_states=(interface.INTEGRAL,),
     outputs=(*interface.OUTPUTS,
