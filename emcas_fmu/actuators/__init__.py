@@ -27,6 +27,7 @@ _MODULES = {
     "ristanovic": "electromechanical.ristanovic", "elastic": "electromechanical.elastic",
     "habibi": "electromechanical.habibi", "ozkan": "electromechanical.ozkan",
     "worm-gear": "electromechanical.worm_gear",
+    "electrohydrostatic": "hydraulic.electrohydrostatic",
     "electrohydraulic": "hydraulic.electrohydraulic",
 }
 NAMES = tuple(_MODULES)

@@ -178,7 +178,7 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array], kind:
     interface; a row holds until the next.  Outputs are left limits, so a sample that falls on a row shows after it.
     `kind` is what moves the fin.
     """
-    rows = _instants(inputs["time"])
+    rows = rounded(inputs["time"])
     if unknown := sorted(set(inputs) - set(INPUTS) - {"time"}):
         raise ValueError(f"unknown inputs {unknown}")
     if rows[0] != 0.0:
@@ -191,8 +191,8 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array], kind:
     nominal = kind(parameters)
     plant, p, end = nominal.as_built(), nominal.parameters, float(rows[-1])
     period, delay = p["controller.sample_time"], p["drive.transport_delay"]
-    samples = _instants(np.arange(math.floor(end / period) + 1) * period)
-    arrivals = _instants(np.arange(len(samples)) * period + delay)
+    samples = rounded(np.arange(math.floor(end / period) + 1) * period)
+    arrivals = rounded(np.arange(len(samples)) * period + delay)
     row_at = {t: k for k, t in enumerate(rows.tolist())}
     sample_at = set(samples.tolist())
     arrival_at = {t: k for k, t in enumerate(arrivals.tolist())}
@@ -223,5 +223,6 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array], kind:
     return dict(zip(("time", *OUTPUTS), np.array(records).T, strict=True))
 
 
-def _instants(times: Array) -> Array:
+def rounded(times: Array) -> Array:
+    """Return times [s] rounded, so that instants that coincide are one."""
     return np.round(np.asarray(times, dtype=float), DIGITS)

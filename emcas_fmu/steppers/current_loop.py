@@ -15,10 +15,12 @@ from .rigid import Drive
 
 
 def rates(ops: Ops, p: Any, d: Drive, speed: Value, current: Value, integral: Value) -> tuple[Value, Value]:
-    """Return di/dt [A/s] and dxi/dt [V/s] in a mode at a motor speed [rad/s]; a disabled drive has none."""
+    """Return di/dt [A/s] and dxi/dt [V/s] in a mode at a motor speed [rad/s]; a disabled drive has none.
+
+    A clipped voltage is held at the limit of mid-step.
+    """
     free = ops.equal(d.side, 0.0)
-    voltage = ops.where(free, drive.voltage_demand(p, d.i_ref, current, integral),
-                        d.side * d.limit_at(ops, p, speed, current))
+    voltage = ops.where(free, drive.voltage_demand(p, d.i_ref, current, integral), d.source)
     rise = (voltage - p.motor.resistance * current - drive.back_emf(p, speed)) / p.motor.inductance
     gain = ops.where(ops.both(d.enabled, free), p.drive.ki, 0.0)
     return ops.where(d.enabled, rise, 0.0), gain * (d.i_ref - current)

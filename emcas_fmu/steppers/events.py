@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any
 
 from ..namespace import Record
@@ -63,18 +64,16 @@ def advance(ops: Ops, p: Any, system: Switched, x: Record, u: Record, h: Value) 
 
     whole = moved(h)
     before, after = margins(x), margins(whole)
-    first, place, begin, end = h, -1.0, 1.0, 1.0
-    anything: Value = False
-    for i, name in enumerate(before):
-        y, z = before[name], after[name]
-        lost = ops.both(z <= 0.0, y > 0.0)
-        time = ops.clip(_zero(ops, 0.0, y, h, z), 0.0, h)
-        earlier = ops.both(lost, ops.either(time < first, place < 0.0))
-        first, place = ops.where(earlier, time, first), ops.where(earlier, float(i), place)
-        begin, end = ops.where(earlier, y, begin), ops.where(earlier, z, end)
-        anything = ops.either(anything, lost)
+    lost = {name: ops.both(after[name] <= 0.0, y > 0.0) for name, y in before.items()}
 
     def to_event() -> tuple[Value, ...]:
+        first, place, begin, end = h, -1.0, 1.0, 1.0
+        for i, name in enumerate(before):
+            y, z = before[name], after[name]
+            time = ops.clip(_zero(ops, 0.0, y, h, z), 0.0, h)
+            earlier = ops.both(lost[name], ops.either(time < first, place < 0.0))
+            first, place = ops.where(earlier, time, first), ops.where(earlier, float(i), place)
+            begin, end = ops.where(earlier, y, begin), ops.where(earlier, z, end)
         least = PROGRESS * h
         guess = ops.maximum(first, least)
         found: Value = 0.0
@@ -86,7 +85,7 @@ def advance(ops: Ops, p: Any, system: Switched, x: Record, u: Record, h: Value) 
         events = {name: ops.equal(place, float(i)) for i, name in enumerate(before)}
         return *landed(moved(used), events), used
 
-    *states, used = ops.branch(anything, to_event,
+    *states, used = ops.branch(reduce(ops.either, lost.values()), to_event,
                                lambda: (*landed(whole, dict.fromkeys(before, False)), h))
     return Record(**dict(zip(vars(x), states, strict=True))), used
 

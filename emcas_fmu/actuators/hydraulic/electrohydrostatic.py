@@ -1,0 +1,248 @@
+"""Electrohydrostatic actuator: servomotor with its drive, pump, valves and reservoir, cylinder, lever and fin.
+
+Pump and valves :mod:`emcas_fmu.physics.pump`, cylinder :mod:`emcas_fmu.physics.cylinder`, motor and drive
+:mod:`emcas_fmu.physics.drive`. The position loop (:mod:`emcas_fmu.control.fluid_power`) works on the transducer of the
+fin, as a leaking pump turns on under load; the speed that it asks of the piston is that of a pump without leakage. The
+velocity loop works on the motor's speed, of a resolver taken as exact:
+
+    w_ref = A/D v_ref        u = clip(K_v (w_ref - w), +-u_max)        integral held where the drive cannot follow u
+
+Without `enable` the bridge opens, and the fin is held by friction and leakage of the pump, unless the bypass opens.
+
+Events (:mod:`emcas_fmu.steppers.events`): the fin starts, rests or meets a stop, the pump starts or rests, a check
+valve or a relief valve opens or closes, a void begins or ends, the drive's voltage meets or leaves its limit.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+from ...control import fluid_power
+from ...namespace import Record, with_values
+from ...ops.base import Ops, Value
+from ...physics import cylinder, drive, pump, stick
+from ...physics.structure import Structure
+from ...rules import Rule, in_degrees, when
+from ...steppers import current_loop, events, rigid
+from ...variables import Terminal, only, parameter, switch, tunable, without
+from .. import capabilities, fin_port
+from ..declaration import Acting, Actuator, Asked, State, Values
+from ..electromechanical import interface as electromechanical
+from ..electromechanical import nonlinear
+from . import interface
+
+_FREE = stick.Slide(1.0, 0.0, 0.0)
+_ROUNDING = 1e-9  # V
+PARAMETERS = (
+    *interface.PARAMETERS,
+    *without(only(electromechanical.PARAMETERS, "inertia.motor", "motor.", "drive.", "controller.velocity.kp",
+                  "controller.speed_limit"), "drive.transport_delay"),
+    parameter("pump.displacement", "m3/rad", 1e-10, 1e-3, "displacement of the pump per radian, D_p"),
+    parameter("pump.leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of the pump from side to side, xi_p"),
+    parameter("pump.case_leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of each side to the case, C_ep"),
+    parameter("pump.coulomb_friction", "N.m", 0.0, 1e3, "dry friction of pump and motor without pressure, T_c"),
+    parameter("pump.pressure_friction", "N.m/Pa", 0.0, 1e-3, "dry friction for each unit of pressure difference, k"),
+    parameter("pump.viscous_friction", "N.m.s/rad", 0.0, 10.0, "viscous friction of pump and motor, B_m"),
+    parameter("reservoir.pressure", "Pa", 0.0, 1e8, "absolute pressure of reservoir and case, p_a"),
+    parameter("check_valve.cracking_pressure", "Pa", 0.0, 1e8, "pressure difference at which a check valve opens"),
+    parameter("relief_valve.pressure", "Pa", 1e3, 1e9, "pressure difference at which a relief valve opens, p_rv"),
+    parameter("relief_valve.conductance", "m3/(s.Pa)", 0.0, 1e-6, "conductance of an open relief valve, K_rv"),
+    parameter("bypass_valve.conductance", "m3/(s.Pa)", 0.0, 1e-6, "conductance of the open bypass valve"),
+    tunable("bypass_valve.opening", "1", 0.0, 1.0, "share by which the bypass valve is open (0: closed)"),
+    switch("bypass_valve.opens_disabled", "true: the bypass valve opens while the drive is disabled, and the fin "
+           "yields"),
+    parameter("oil.cavitation_pressure", "Pa", 0.0, 1e6, "absolute pressure at which a void opens in the oil"),
+    parameter("oil.cavitated_modulus", "Pa", 1.0, 1e9, "bulk modulus of a chamber with a void"),
+)
+
+
+def _volume(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    stroke = ops.maximum(ops.fabs(cylinder.piston_position(ops, p, p.fin.stop_angle)),
+                         ops.fabs(cylinder.piston_position(ops, p, -p.fin.stop_angle)))
+    swept = p.cylinder.area * stroke
+    return when(ops, p.cylinder.dead_volume <= swept), p.cylinder.dead_volume, swept, in_degrees(p.fin.stop_angle)
+
+
+VOLUME_RULE = Rule(_volume, "cylinder.dead_volume = %.6g m3 must be above the %.6g m3 that the piston displaces on the "
+                            "way to fin.stop_angle = %.6g deg")
+
+
+def initial(ops: Ops, p: Any, start: Record) -> Values:
+    """Return plant and controller at rest at a fin angle, both chambers at the reservoir's pressure."""
+    measured, filled = fluid_power.measured(ops, p, start.fin_angle), pump.at_rest(ops, p)
+    return {"fin_angle": start.fin_angle, "pressure_1": filled, "pressure_2": filled,
+            "integral": fluid_power.at_rest(ops, p, measured), "measured_fin_angle": measured}
+
+
+def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+    """Return a sample of the controllers; they are held in reset while disabled."""
+    measured = fluid_power.measured(ops, p, asked.position)
+    at_rest = fluid_power.at_rest(ops, p, measured)
+
+    def running() -> tuple[Value, ...]:
+        per_speed = p.pump.displacement / p.cylinder.area
+        out = fluid_power.sample(ops, p, x.integral, measured, asked.command, p.controller.speed_limit * per_speed)
+        raw = p.controller.velocity.kp * (out.speed / per_speed - x.motor_speed)
+        largest = p.drive.reference_limit
+        reference = ops.clip(raw, -largest, largest)
+        # What the drive cannot follow: beyond the DAC's or the current's limit.
+        beyond = raw - drive.followed(ops, p, reference)
+        held = ops.both(ops.fabs(beyond) > _ROUNDING, beyond * (out.integral - x.integral) > 0.0)
+        limited = ops.either(out.limited > 0.0, ops.fabs(raw) > largest)
+        return reference, ops.where(held, x.integral, out.integral), ops.where(limited, 1.0, 0.0)
+
+    reference, integral, limited = ops.branch(asked.enable, running, lambda: (0.0, at_rest, 0.0))
+    return {"reference": reference, "integral": integral, "measured_fin_angle": measured, "limited": limited}
+
+
+def _electrical(x: Record) -> rigid.Plant:
+    return rigid.Plant(0.0, x.motor_speed, x.motor_current, x.drive_integral)
+
+
+def mode(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Record:
+    """Return what holds through a step of `h` [s]; the linkage is that of its middle."""
+    c = cylinder.linkage(ops, p, x.fin_angle + 0.5 * h * x.fin_rate, u)
+    drop = x.pressure_1 - x.pressure_2
+    fin = stick.slide(ops, x.fin_rate, cylinder.pressing(p, c, x.pressure_1, x.pressure_2), c.dry, x.fin_angle,
+                      p.fin.stop_angle)
+    driving, dry = pump.driving(p, x.motor_current, drop), pump.dry(ops, p, drop)
+    shaft = stick.slide(ops, x.motor_speed, driving, dry, 0.0, stick.WALL)
+    valves = pump.valves(ops, p, x.pressure_1, x.pressure_2)
+
+    def accelerating() -> Value:
+        return stick.moves(ops, shaft, pump.acceleration(p, x.motor_speed, driving - shaft.direction * dry))
+
+    return Record(linkage=c, fin=fin, shaft=shaft, valves=valves,
+                  lines=pump.lines(ops, p, valves, pump.bypass(ops, p, u.enabled)),
+                  drive=rigid.electrical_mode(ops, p, _electrical(x), u, h, accelerating))
+
+
+def _mechanical(ops: Ops, p: Any, x: Record, m: Record) -> Values:
+    """Return d/dt of the states of fin, chambers and shaft."""
+    one, two, drop = x.pressure_1, x.pressure_2, x.pressure_1 - x.pressure_2
+    flow_1, flow_2 = pump.flows(p, m.lines, x.motor_speed, one, two)
+    rise_1, rise_2 = cylinder.pressure_rates(p, m.linkage, x.fin_rate, one, two, flow_1, flow_2)
+    fin = cylinder.acceleration(p, m.linkage, x.fin_rate, one, two, m.fin.direction * m.linkage.dry)
+    torque = pump.driving(p, x.motor_current, drop) - m.shaft.direction * pump.dry(ops, p, drop)
+    shaft = pump.acceleration(p, x.motor_speed, torque)
+    return {"fin_angle": x.fin_rate, "fin_rate": stick.moves(ops, m.fin, fin),
+            "pressure_1": m.lines.share_1 * rise_1, "pressure_2": m.lines.share_2 * rise_2,
+            "motor_speed": stick.moves(ops, m.shaft, shaft)}
+
+
+def _rates(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
+    rise, integral = current_loop.rates(ops, p, m.drive, x.motor_speed, x.motor_current, x.drive_integral)
+    return {**_mechanical(ops, p, x, m), "motor_current": rise, "drive_integral": integral}
+
+
+def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return d/dt of the states: moving without dry friction, valves shut, the drive within its limits."""
+    smooth = with_values(p, {"pump.coulomb_friction": 0.0, "pump.pressure_friction": 0.0})
+    m = Record(linkage=cylinder.linkage(ops, p, x.fin_angle, u)._replace(dry=0.0), fin=_FREE, shaft=_FREE,
+               lines=pump.lines(ops, p, pump.SHUT, pump.bypass(ops, p, u.enabled)))
+    rise, integral = drive.rates(p, u.reference, x.motor_speed, x.motor_current, x.drive_integral)
+    return {**_mechanical(ops, smooth, x, m), "motor_current": rise, "drive_integral": integral}
+
+
+def _margins(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
+    drop = x.pressure_1 - x.pressure_2
+    # The friction of the shaft moves with the pressure.
+    dry = pump.dry(ops, p, drop)
+    shaft = m.shaft._replace(high=dry, low=-dry)
+    return {"fin": stick.margin(ops, m.fin, x.fin_rate,
+                                cylinder.pressing(p, m.linkage, x.pressure_1, x.pressure_2)),
+            "stop": stick.stop_margin(ops, m.fin, x.fin_angle, p.fin.stop_angle),
+            "shaft": stick.margin(ops, shaft, x.motor_speed, pump.driving(p, x.motor_current, drop)),
+            **pump.margins(ops, p, m.valves, x.pressure_1, x.pressure_2),
+            "voltage": current_loop.reserve(ops, p, m.drive, x.motor_speed, x.motor_current, x.drive_integral)}
+
+
+def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, events: Values) -> Values:
+    def halts(slide: stick.Slide, event: Value) -> Value:
+        return ops.both(ops.negate(ops.equal(slide.direction, 0.0)), event)
+
+    def borne(pressure: Value, void: Value) -> Value:
+        # A void begins with nothing: under its modulus what a step is beyond that would be thousands of times as much.
+        return ops.where(void, pressure, ops.maximum(pressure, p.oil.cavitation_pressure))
+
+    fin = halts(m.fin, ops.either(events["fin"], events["stop"]))
+    return {"fin_rate": stick.speed_after(ops, m.fin, begin.fin_rate, x.fin_rate, fin),
+            "fin_angle": ops.where(events["stop"], m.fin.direction * p.fin.stop_angle, x.fin_angle),
+            "pressure_1": borne(x.pressure_1, m.valves.void_1), "pressure_2": borne(x.pressure_2, m.valves.void_2),
+            "motor_speed": stick.speed_after(ops, m.shaft, begin.motor_speed, x.motor_speed,
+                                             halts(m.shaft, events["shaft"])),
+            "drive_integral": current_loop.integral_end(ops, p, m.drive, x.motor_speed, x.motor_current,
+                                                        x.drive_integral)}
+
+
+_SYSTEM = events.Switched(mode, _rates, _margins, _landed)
+
+
+def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+    """Return the plant after h [s] or at the first event before, and the time that took."""
+    now = rigid.switched(ops, _electrical(x), u.enabled)
+    x = x.replace(motor_current=now.current, drive_integral=now.integral)
+    moved, used = events.advance(ops, p, _SYSTEM, x, u, rigid.resolved(ops, p, now, u, h))
+    return vars(moved), used
+
+
+def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return every output."""
+    voltage, current, clipped = nonlinear.electrical(ops, p, x.motor_speed, x, u)
+    error = drive.current_reference(ops, p, u.reference) - current
+    return {
+        "fin_angle": x.fin_angle,
+        "fin_rate": x.fin_rate,
+        "hinge_torque": fin_port.hinge_torque(ops, p, x.fin_angle, u),
+        "tracking_error": fin_port.clipped_command(ops, p, u.command) - x.fin_angle,
+        "measured_fin_angle": u.measured_fin_angle,
+        "saturated": ops.either(clipped > 0.0, u.limited > 0.0),
+        "at_stop": ops.fabs(x.fin_angle) >= fin_port.stop_edge(p),
+        "piston_position": cylinder.piston_position(ops, p, x.fin_angle),
+        "pressure_1": x.pressure_1,
+        "pressure_2": x.pressure_2,
+        "motor_speed": x.motor_speed,
+        "motor_current": current,
+        "motor_voltage": voltage,
+        "motor_torque": drive.torque(p, current),
+        "drive_reference": u.sampled_reference,
+        "supply_power": voltage * current,
+        "current_error": ops.where(u.enabled, error, 0.0),
+    }
+
+
+ACTUATOR = Actuator(
+    name="electrohydrostatic",
+    title="electrohydrostatic actuator: servomotor, pump, cylinder, lever and fin",
+    origin="The structure is that of section 1.1.2 of the thesis of Yerlikaya (2016), which gives no numbers: motor, "
+           "drive and supply are those of the electromechanical actuator, all other values are engineering estimates.",
+    states=(*interface.FIN, *interface.CHAMBERS, State("motor_speed", "rad/s"), *electromechanical.DRIVE),
+    controller_states=(interface.INTEGRAL,),
+    outputs=(*interface.OUTPUTS,
+             *only(electromechanical.OUTPUTS, "motor_speed", "motor_current", "motor_voltage", "motor_torque",
+                   "drive_reference", "supply_power", "current_error")),
+    parameters=PARAMETERS,
+    supply=electromechanical.SUPPLY,
+    descriptions={"enable": "false opens the drive's bridge: the fin is held by friction and leakage of the pump, "
+                            "unless the bypass valve opens"},
+    terminals=(Terminal("motor", "motor and drive", ("motor_speed", "motor_current", "motor_voltage", "motor_torque",
+                                                     "drive_reference", "current_error")),
+               Terminal("hydraulics", "cylinder", ("piston_position", "pressure_1", "pressure_2"))),
+    rules=(electromechanical.lever_rule(deviates=False), VOLUME_RULE),
+    equal_parameters=electromechanical.EQUAL,
+    provides=frozenset({
+        capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.SUPPLY_VOLTAGE,
+        capabilities.VOLTAGE_LIMIT, capabilities.REFERENCE_LIMIT, capabilities.POSITION_LOOP, capabilities.CASCADE}),
+    structure=Structure(),
+    initial=initial,
+    sample=sample,
+    derivatives=derivatives,
+    step=step,
+    output_values=output_values,
+    longest_tick=nonlinear.longest_tick,
+    tick_remedy=electromechanical.TICK_REMEDY,
+    transport_delay=electromechanical.transport_delay,
+    reference="emcas_fmu.reference.electrohydrostatic",
+    modules=(sys.modules[__name__], cylinder, pump, drive, fluid_power, events),
+)

@@ -1,0 +1,122 @@
+"""Pump between the two chambers of a cylinder, on the shaft of a motor, with its valves.
+
+    J w' = K_t i - D (p1 - p2) - B w - (T_c + k |p1 - p2|) sgn w
+    Q1 = D w - (xi + K_b o) (p1 - p2) - K_r r(p1 - p2) + C_e (p_a - p1) + K_c max(p_a - p_o - p1, 0)
+    Q2 = -(D w - ...)                                  + C_e (p_a - p2) + K_c max(p_a - p_o - p2, 0)
+    r(dp) = dp - p_r sgn dp beyond +-p_r, else 0
+
+D is the pump's displacement per radian, xi its leakage from side to side, C_e that to the case, which is at the
+pressure p_a of the reservoir; K_b o the bypass valve, open by the share o; K_r the relief valves, set to p_r, one for
+each way; K_c the check valves by which the reservoir refills a chamber, p_o their cracking pressure. Rotor and pump
+have one inertia J. Merritt, "Hydraulic Control Systems" (1967), chapter 4, for leakage and friction of a pump.
+
+Oil does not bear tension: at the pressure p_v a void opens, and what flows in or out of the chamber then changes the
+void, under a modulus far below the oil's. The chamber keeps its volume, so the void has to close before pressure rises.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from ..ops.base import Ops, Value
+from . import drive
+
+
+class Valves(NamedTuple):
+    """Which valves are open: both check valves; the relief valve from chamber 1 (1), from 2 (-1) or neither (0). And
+    in which chambers there is a void."""
+
+    check_1: Value
+    check_2: Value
+    relief: Value
+    void_1: Value
+    void_2: Value
+
+
+class Lines(NamedTuple):
+    """The lines with their valves as they stand: the flow from chamber 1 to 2 is ``cross`` (p1 - p2) - ``set``, that
+    into a chamber from the reservoir ``feed`` - ``drain`` p; ``share`` is what is left of the oil's modulus."""
+
+    cross: Value
+    set: Value
+    feed_1: Value
+    drain_1: Value
+    feed_2: Value
+    drain_2: Value
+    share_1: Value
+    share_2: Value
+
+
+def refill_pressure(p: Any) -> Value:
+    """Return the pressure [Pa] of a chamber below which its check valve is open."""
+    return p.reservoir.pressure - p.check_valve.cracking_pressure
+
+
+def at_rest(ops: Ops, p: Any) -> Value:
+    """Return the pressure [Pa] of a chamber at rest without load."""
+    return ops.maximum(p.reservoir.pressure, p.oil.cavitation_pressure)
+
+
+def valves(ops: Ops, p: Any, pressure_1: Value, pressure_2: Value) -> Valves:
+    """Return the valves as pressures [Pa] move them."""
+    refill, void, drop = refill_pressure(p), p.oil.cavitation_pressure, pressure_1 - pressure_2
+    over = p.relief_valve.pressure
+    relief = ops.where(drop > over, 1.0, ops.where(drop < -over, -1.0, 0.0))
+    return Valves(pressure_1 < refill, pressure_2 < refill, relief, pressure_1 <= void, pressure_2 <= void)
+
+
+SHUT = Valves(False, False, 0.0, False, False)
+"""Valves of a chamber between its limits."""
+
+
+def bypass(ops: Ops, p: Any, enabled: Value) -> Value:
+    """Return the conductance [m3/(s.Pa)] of the bypass valve, which may open while the drive is disabled."""
+    open_ = ops.where(ops.both(p.bypass_valve.opens_disabled, ops.negate(enabled)), 1.0, p.bypass_valve.opening)
+    return open_ * p.bypass_valve.conductance
+
+
+def lines(ops: Ops, p: Any, v: Valves, bypassing: Value) -> Lines:
+    """Return the lines with the valves as they stand, `bypassing` [m3/(s.Pa)] the bypass's."""
+    case, check, reservoir, refill = (p.pump.case_leakage, p.check_valve.conductance, p.reservoir.pressure,
+                                      refill_pressure(p))
+    fed, fed_by_check = case * reservoir, case * reservoir + check * refill
+    relieved = ops.where(ops.equal(v.relief, 0.0), 0.0, p.relief_valve.conductance)
+    soft = p.oil.cavitated_modulus / p.oil.bulk_modulus
+    return Lines(p.pump.leakage + bypassing + relieved, relieved * p.relief_valve.pressure * v.relief,
+                 ops.where(v.check_1, fed_by_check, fed), ops.where(v.check_1, case + check, case),
+                 ops.where(v.check_2, fed_by_check, fed), ops.where(v.check_2, case + check, case),
+                 ops.where(v.void_1, soft, 1.0), ops.where(v.void_2, soft, 1.0))
+
+
+def flows(p: Any, line: Lines, motor_speed: Value, pressure_1: Value, pressure_2: Value) -> tuple[Value, Value]:
+    """Return the flows [m3/s] into both chambers at a motor speed [rad/s]."""
+    across = p.pump.displacement * motor_speed - (line.cross * (pressure_1 - pressure_2) - line.set)
+    return across + (line.feed_1 - line.drain_1 * pressure_1), (line.feed_2 - line.drain_2 * pressure_2) - across
+
+
+def driving(p: Any, current: Value, drop: Value) -> Value:
+    """Return the torque [N.m] of a motor current [A] and a pressure drop [Pa] from chamber 1 to 2 on the shaft."""
+    return drive.torque(p, current) - p.pump.displacement * drop
+
+
+def dry(ops: Ops, p: Any, drop: Value) -> Value:
+    """Return the dry friction [N.m] of the shaft."""
+    return p.pump.coulomb_friction + p.pump.pressure_friction * ops.fabs(drop)
+
+
+def acceleration(p: Any, speed: Value, torque: Value) -> Value:
+    """Return the shaft's acceleration [rad/s2] at a speed [rad/s] under a torque [N.m] besides viscous friction."""
+    return (torque - p.pump.viscous_friction * speed) / p.inertia.motor
+
+
+def margins(ops: Ops, p: Any, v: Valves, pressure_1: Value, pressure_2: Value) -> dict[str, Value]:
+    """Return by name what is above 0 while the valves stand as they do [Pa]."""
+    refill, void, over = refill_pressure(p), p.oil.cavitation_pressure, p.relief_valve.pressure
+    drop = pressure_1 - pressure_2
+
+    def below(pressure: Value, level: Value, is_: Value) -> Value:
+        return ops.where(is_, level - pressure, pressure - level)
+
+    return {"relief": ops.where(ops.equal(v.relief, 0.0), over - ops.fabs(drop), v.relief * drop - over),
+            "check_1": below(pressure_1, refill, v.check_1), "check_2": below(pressure_2, refill, v.check_2),
+            "void_1": below(pressure_1, void, v.void_1), "void_2": below(pressure_2, void, v.void_2)}

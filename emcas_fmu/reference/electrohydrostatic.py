@@ -1,0 +1,141 @@
+"""The electrohydrostatic actuator integrated by SciPy with located events: sampled loop, delay and held inputs.
+
+It takes nothing of the package but the tools of the other reference; the plant is in
+:mod:`emcas_fmu.reference.electrohydrostatic_plant`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from .electrohydrostatic_plant import FIN, INTEGRAL, SPEED, Mode, Plant
+from .plant import Value, clip
+from .simulate import INPUTS, Array, Bus, rounded
+
+OUTPUTS = ("fin_angle", "fin_rate", "pressure_1", "pressure_2", "motor_speed", "motor_current", "motor_voltage",
+           "drive_reference")
+RTOL = 1e-10
+SCALES = np.array([1e-2, 1.0, 1e5, 1e5, 1.0, 1.0, 1.0])  # of the absolute tolerances
+MAX_STEP = 5e-5  # s; two zeros of a guard closer than that are missed, and the fastest mode has 0.11 ms
+_MOST_STALLS = 20
+
+
+class Loop:
+    """PI on the piston that the fin's transducer stands for, P on the motor's speed."""
+
+    def __init__(self, p: Mapping[str, float], angle: float):
+        self.p = p
+        self._reset(self._read(angle))
+
+    @staticmethod
+    def columns(p: Mapping[str, float], inputs: Mapping[str, Array]) -> dict[str, list[float]]:
+        """Return every input at the rows. Raises ValueError for one there is not."""
+        if unknown := sorted(set(inputs) - set(INPUTS) - {"time"}):
+            raise ValueError(f"unknown inputs {unknown}")
+        starts = {**INPUTS, "supply_voltage": p.get("drive.supply_voltage", INPUTS["supply_voltage"])}
+        shape = np.shape(inputs["time"])
+        return {name: np.broadcast_to(inputs.get(name, start), shape).tolist() for name, start in starts.items()}
+
+    def _read(self, angle: float) -> float:
+        """Return the piston [m] that the transducer reads at a fin angle [rad]."""
+        step = self.p["transducer.resolution"]
+        return self._piston(step * math.floor(angle / step + 0.5) if step else angle)
+
+    def _piston(self, angle: float) -> float:
+        arm, start = self.p["kinematics.moment_arm"], self.p["kinematics.initial_angle"]
+        return arm * (math.tan(angle + start) - math.tan(start))
+
+    def _reset(self, read: float) -> None:
+        weight = self.p["controller.position.setpoint_weight"]
+        self.integral = self.p["controller.position.kp"] * (1.0 - weight) * read  # m/s
+
+    def sample(self, angle: float, speed: float, command: float, enable: bool) -> float:
+        """Return the drive's reference [V] of one sample."""
+        p, read = self.p, self._read(angle)
+        if not enable:
+            self._reset(read)
+            return 0.0
+        target = self._piston(clip(command, p["command.limit"]))
+        turns = p["cylinder.area"] / p["pump.displacement"]  # of the motor, for the piston's travel
+        fastest = p["controller.speed_limit"] / turns
+        asked = (p["controller.position.kp"] * (p["controller.position.setpoint_weight"] * target - read)
+                 + self.integral)
+        raw = p["controller.velocity.kp"] * (turns * clip(asked, fastest) - speed)
+        sent = clip(raw, p["drive.reference_limit"])
+        gain, offset = p["drive.current_gain"], p["drive.current_offset"]
+        possible = (clip(gain * sent + offset, p["drive.current_limit"]) - offset) / gain
+        change = p["controller.sample_time"] * p["controller.position.ki"] * (target - read)
+        beyond_speed = abs(asked) > fastest and asked * change > 0.0
+        beyond_drive = abs(raw - possible) > 1e-9 and (raw - possible) * change > 0.0
+        if not (beyond_speed or beyond_drive):
+            self.integral += change
+        return sent
+
+
+def advance(plant: Plant, y: list[float], mode: Mode, start: float, end: float) -> tuple[list[float], Mode]:
+    """Return state and mode at `end` [s] from those at `start`. Raises ArithmeticError where modes chatter."""
+    from scipy.integrate import solve_ivp
+
+    time, stalls = start, 0
+    while time < end:
+        guards = plant.guards(mode)
+        run = solve_ivp(lambda _t, x, mode=mode: plant.slope(x.tolist(), mode), (time, end), y, method="DOP853",
+                        events=guards, rtol=RTOL, atol=RTOL * SCALES, max_step=MAX_STEP)
+        if run.status < 0:
+            raise ArithmeticError(f"integration failed after {time} s in {mode}: {run.message}")
+        y, reached = [float(x) for x in run.y[:, -1]], float(run.t[-1])
+        if run.status == 1:
+            for guard, times in zip(guards, run.t_events, strict=True):
+                if times.size:
+                    mode = guard.then(y, mode)
+        stalls = 0 if reached > time else stalls + 1
+        if stalls > _MOST_STALLS:
+            raise ArithmeticError(f"modes chatter at {time} s in {mode}")
+        time = reached
+    return y, mode
+
+
+def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> dict[str, Array]:
+    """Return `time` and the `OUTPUTS` at the rows, SI units, from rest; a row of `inputs` holds until the next.
+
+    Outputs are left limits. Raises ValueError for an unknown input and for no supply.
+    """
+    p: dict[str, Any] = {name: float(value) for name, value in parameters.items()}
+    rows = rounded(inputs["time"])
+    columns = Loop.columns(p, inputs)
+    if min(columns["supply_voltage"]) <= 0.0:
+        raise ValueError("supply_voltage must be above 0: the modes of the drive are distinguished by its limits")
+    end, period, delay = float(rows[-1]), p["controller.sample_time"], p["drive.transport_delay"]
+    samples = rounded(np.arange(math.floor(end / period) + 1) * period)
+    arrivals = rounded(np.arange(len(samples)) * period + delay)
+    row_at, arrival_at = ({t: k for k, t in enumerate(times.tolist())} for times in (rows, arrivals))
+    sample_at = set(samples.tolist())
+    times = np.unique(np.concatenate([rows, samples, arrivals]))
+    times = times[times <= end].tolist()
+
+    filled = max(p["reservoir.pressure"], p["oil.cavitation_pressure"])
+    y = [p["fin.start_angle"], 0.0, filled, filled, 0.0, 0.0, 0.0]
+    loop, bus = Loop(p, y[FIN]), Bus(p)
+    row = {name: column[0] for name, column in columns.items()}
+    sent: list[float] = []
+    active, mode = 0.0, None
+    plant = Plant(p, row, active)
+    records = []
+    for t, following in zip(times, [*times[1:], None], strict=True):
+        if t in row_at:
+            records.append((t, *y[:INTEGRAL], plant.voltage(y), sent[-1] if sent else 0.0))
+            row = {name: column[row_at[t]] for name, column in columns.items()}
+        if following is None:
+            break
+        if t in sample_at:
+            sent.append(loop.sample(y[FIN], y[SPEED], bus.arrived(row["fin_command"]), bool(row["enable"])))
+        if t in arrival_at:
+            active = sent[arrival_at[t]]
+        plant = Plant(p, row, active)
+        mode = plant.admit(y, mode)
+        y, mode = advance(plant, y, mode, t, following)
+    return dict(zip(("time", *OUTPUTS), np.array(records).T, strict=True))
