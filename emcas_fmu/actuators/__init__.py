@@ -26,7 +26,7 @@ _MODULES = {
     NONLINEAR: "electromechanical.nonlinear", "linear": "electromechanical.linear", "second-order": "second_order",
     "ristanovic": "electromechanical.ristanovic", "elastic": "electromechanical.elastic",
     "habibi": "electromechanical.habibi", "ozkan": "electromechanical.ozkan",
-    "electrohydraulic": "hydraulic.electrohydraulic",
+    "electrohydraulic": "hydraulic.electrohydraulic", "clutch": "electromechanical.clutch",
 }
 NAMES = tuple(_MODULES)
 # In the order in which one is laid over the other, the first next to the actuator.
