@@ -176,7 +176,7 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
     `inputs` holds the uniform row times `time` [s], from zero, and the columns that are used, named as in the
     interface; a row holds until the next.  Outputs are left limits, so a sample that falls on a row shows after it.
     """
-    rows = _instants(inputs["time"])
+    rows = instants_of(inputs["time"])
     if unknown := sorted(set(inputs) - set(INPUTS) - {"time"}):
         raise ValueError(f"unknown inputs {unknown}")
     if rows[0] != 0.0:
@@ -189,8 +189,8 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
     nominal = Plant(parameters)
     plant, p, end = nominal.as_built(), nominal.parameters, float(rows[-1])
     period, delay = p["controller.sample_time"], p["drive.transport_delay"]
-    samples = _instants(np.arange(math.floor(end / period) + 1) * period)
-    arrivals = _instants(np.arange(len(samples)) * period + delay)
+    samples = instants_of(np.arange(math.floor(end / period) + 1) * period)
+    arrivals = instants_of(np.arange(len(samples)) * period + delay)
     row_at = {t: k for k, t in enumerate(rows.tolist())}
     sample_at = set(samples.tolist())
     arrival_at = {t: k for k, t in enumerate(arrivals.tolist())}
@@ -221,5 +221,5 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
     return dict(zip(("time", *OUTPUTS), np.array(records).T, strict=True))
 
 
-def _instants(times: Array) -> Array:
+def instants_of(times: Array) -> Array:
     return np.round(np.asarray(times, dtype=float), DIGITS)

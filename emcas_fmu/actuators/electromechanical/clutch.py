@@ -313,5 +313,6 @@ ACTUATOR = Actuator(
     step=step,
     output_values=output_values,
     transport_delay=interface.transport_delay,
+    reference="emcas_fmu.reference.clutch",
     modules=(sys.modules[__name__], *MODULES),
 )
