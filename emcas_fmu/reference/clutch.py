@@ -161,8 +161,8 @@ class Clutches:
                 return side
         return 0
 
-    def stuck(self, y: Sequence[float], mode: Mode, k: int, around: Surroundings, side: int) -> Mode:
-        """Return the mode after the slip of clutch k, before on `side`, came to zero."""
+    def stuck(self, y: Sequence[float], mode: Mode, k: int, around: Surroundings) -> Mode:
+        """Return the mode of clutch k with no slip: locked, or sliding the way its torque drives it."""
         _, _, torque = self.locked(y, mode, k, around)
         slip = list(mode.slip)
         slip[k] = 0 if abs(torque) <= self.limits(y)[k] else sign(torque)
@@ -179,7 +179,7 @@ class Clutches:
                        feeds=self.surplus(y, around) > 0.0)
         if mode.screw == 0:
             mode = replace(mode, screw=self.rest(y, mode, around))
-        return mode
+        return self.stuck(y, mode, mode.slip.index(0), around) if 0 in mode.slip else mode
 
     def guards(self, mode: Mode, around: Surroundings) -> list[tuple[Callable[..., float], int, Callable[..., Mode]]]:
         """Return what ends a mode: a function of the state, the direction in which its zero counts, what follows."""
@@ -208,9 +208,9 @@ class Clutches:
                      if way * y[0] < self.screw.stop else 1.0, lambda y, way=way: replace(mode, screw=way))  # type: ignore[misc]
         for k, way in enumerate(mode.slip):
             if way:
-                def meet(y: State, k: int = k, way: int = way) -> Mode:
+                def meet(y: State, k: int = k) -> Mode:
                     y[2] = TURNS[k] * self.ratios(y[0])[0] * y[1]
-                    return self.stuck(y, mode, k, around, way)
+                    return self.stuck(y, mode, k, around)
 
                 lose(lambda y, k=k, way=way: way * self.slips(y)[k], meet)  # type: ignore[misc]
             else:
