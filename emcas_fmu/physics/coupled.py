@@ -105,8 +105,9 @@ def directions(ops: Ops, b: Bodies, screw: Value, motor: Value) -> tuple[Value, 
     return ops.branch(rests, lambda: _from_rest(ops, b), moving)
 
 
-def _from_rest(ops: Ops, b: Bodies) -> tuple[Value, ...]:
+def _from_rest(ops: Ops, bodies: Bodies) -> tuple[Value, ...]:
     """Return the directions in which bodies at rest start: of every way to stick and to slide the one that holds."""
+    b = bodies._replace(dry=[Dry(d.high * _EDGE, d.low * _EDGE) for d in bodies.dry])
     starts: tuple[Value, ...] = (0.0,) * len(_SHARES)
 
     def take(condition: Value, signs: Sequence[Value]) -> None:
@@ -119,19 +120,19 @@ def _from_rest(ops: Ops, b: Bodies) -> tuple[Value, ...]:
         rates = [t / inertia for t, inertia in zip(torques, b.inertias, strict=True)]
         holds: Value = True
         for shares, sign in zip(_SHARES, signs, strict=True):
-            holds = ops.both(holds, sign * _dot(shares, rates) > 0.0)
+            holds = ops.both(holds, sign * _dot(shares, rates) >= 0.0)
         take(holds, signs)
+    rests: Value = True
     for k, along in enumerate(_ALONG):
         for forward in (True, False):
             way = along if forward else (-along[0], -along[1])
             signs = [0.0 if i == k else (1.0 if _dot(shares, way) > 0.0 else -1.0)
                      for i, shares in enumerate(_SHARES)]
-            overcome = _dot(way, b.torques) > _drag(b, along, forward) * _EDGE
-            held = ops.equal(_starting(ops, b.dry[k], _holding(b, k, _sliding(ops, b, signs))), 0.0)
-            take(ops.both(overcome, held), signs)
-    rests: Value = True
-    for margin in _rest_margins(ops, b):
-        rests = ops.both(rests, margin > 0.0)
+            pushing, held = _dot(way, b.torques), _holding(b, k, _sliding(ops, b, signs))
+            overcome = ops.both(pushing > 0.0, pushing >= _drag(b, along, forward))
+            sticks = ops.both(held < b.dry[k].high, held > -b.dry[k].low)
+            take(ops.both(overcome, sticks), signs)
+            rests = ops.both(rests, ops.negate(overcome))
     take(rests, (0.0,) * len(_SHARES))
     return starts
 
@@ -141,7 +142,7 @@ def _rest_margins(ops: Ops, b: Bodies) -> list[Value]:
     margins = []
     for along in _ALONG:
         pushing = _dot(along, b.torques)
-        margins.append(ops.minimum(_drag(b, along, True) * _EDGE - pushing, pushing + _drag(b, along, False) * _EDGE))
+        margins.append(ops.minimum(_drag(b, along, True) - pushing, pushing + _drag(b, along, False)))
     return margins
 
 
