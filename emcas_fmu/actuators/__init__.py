@@ -27,6 +27,7 @@ _MODULES = {
     "ristanovic": "electromechanical.ristanovic", "elastic": "electromechanical.elastic",
     "habibi": "electromechanical.habibi", "ozkan": "electromechanical.ozkan",
     "worm-gear": "electromechanical.worm_gear",
+    "clutch": "electromechanical.clutch",
     "electrohydrostatic": "hydraulic.electrohydrostatic",
     "electrohydraulic": "hydraulic.electrohydraulic",
 }

@@ -1,0 +1,318 @@
+"""Clutch actuator, dual: a motor that turns one way, two contra-rotating clutches, screw, lever and fin.
+
+    J_m m' = K_t i_m - F_1 - F_2 dm/ds_2 - ...      see emcas_fmu.physics.coupled
+    i_m    = max(V - K_e m, 0)/R                    open loop at the supply, through a diode
+    i_1,ref = I_b + max(i_ref, 0)                   i_2,ref = I_b + max(-i_ref, 0)
+
+One clutch turns the screw with the motor, the other, by a gear, against it. The loops of
+:mod:`emcas_fmu.control.controllers` ask for a net coil current, K_v u within +-I_max: the torque that slipping clutches
+make of it is that of a motor of so much torque per ampere. A bias I_b in both keeps their magnets off the dead band.
+The motor's winding has no inductance, as nothing controls its current. Rotor and screw are two bodies with four dry
+frictions (:mod:`emcas_fmu.physics.coupled`), of which each clutch is one: it slips or is locked, with the two speeds
+the same to the bit. Without `enable` both coils are off, and the motor goes on turning: the fin is moved by its loads
+and friction, and the residual torques of both clutches cancel. Nothing returns power to the supply: the motor's diode
+and the coils' suppressors take it.
+
+Events (:mod:`emcas_fmu.steppers.events`): a clutch locks or slips, screw or motor rests or starts, the fin meets a
+stop, a coil's amplifier meets a limit, the motor's diode opens.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any, NamedTuple
+
+from ...control import controllers, sensors
+from ...namespace import Record, with_values
+from ...ops.base import Ops, Value
+from ...physics import clutch, coupled, drive, friction, kinematics, loads, mechanics
+from ...physics.coupled import Bodies, Dry
+from ...physics.stick import WALL
+from ...physics.structure import Structure
+from ...steppers import events, rigid
+from ...variables import Terminal, only, parameter, real_output, without
+from .. import capabilities, fin_port
+from ..declaration import Acting, Actuator, Asked, State, Supply, Values
+from . import interface, nonlinear
+from .as_built import NOMINAL, as_built
+
+STATES = (State("screw_angle", "rad"), State("screw_speed", "rad/s"), State("motor_speed", "rad/s"),
+          State("coil_current_1", "A"), State("coil_current_2", "A"),
+          State("flux_1", "A", "as the current that holds it"), State("flux_2", "A", "as the current that holds it"),
+          State("clutch_temperature", "degC"))
+SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn by motor and coils; never negative", 100.0)
+OUTPUTS = (
+    *only(interface.OUTPUTS, "fin_angle", "fin_rate"),
+    real_output("screw_angle", "rad", "screw angle", 10.0),
+    real_output("screw_speed", "rad/s", "screw speed", 100.0),
+    *only(interface.OUTPUTS, "motor_speed", "motor_torque", "drive_reference", "nut_position", "hinge_torque"),
+    SUPPLY_POWER,
+    *only(interface.OUTPUTS, "tracking_error", "measured_fin_angle", "saturated", "at_stop"),
+    *(real_output(f"coil_current_{k}", "A", f"coil current of the clutch that turns the screw {way} the motor", 1.0)
+      for k, way in ((1, "with"), (2, "against"))),
+    *(real_output(f"clutch_torque_{k}", "N.m", f"torque on the screw of the clutch that turns it {way} the motor", 1.0)
+      for k, way in ((1, "with"), (2, "against"))),
+    *(real_output(f"slip_power_{k}", "W", f"heat of slip of the clutch that turns the screw {way} the motor", 100.0)
+      for k, way in ((1, "with"), (2, "against"))),
+    real_output("clutch_temperature", "degC", "temperature of the clutches", 100.0),
+)
+PARAMETERS = (
+    *without(interface.PARAMETERS, "motor.inductance", "motor.pole_pairs", "drive.ki"),
+    parameter("motor.coulomb_friction", "N.m", 0.0, 10.0, "dry friction of motor and gear"),
+    parameter("motor.viscous_friction", "N.m.s/rad", 0.0, 10.0, "viscous friction of motor and gear"),
+    parameter("motor.start_speed", "rad/s", 0.0, 1e5, "motor speed at the start"),
+    parameter("clutch.rated_torque", "N.m", 1e-6, 1e4, "torque at which a clutch slips at its rated current, T_r"),
+    parameter("clutch.rated_current", "A", 1e-6, 1e3, "coil current for the rated torque, I_r"),
+    parameter("clutch.residual", "1", 0.0, 0.99, "share of the rated torque that is left without current, r"),
+    parameter("clutch.bias_current", "A", 0.0, 1e3, "least current asked of both coils while enabled, I_b"),
+    parameter("clutch.eddy_time", "s", 1e-6, 10.0, "time constant of eddy currents, t_e"),
+    parameter("clutch.driving_inertia", "kg.m2", 0.0, 10.0, "inertia of gear and driving halves at the motor"),
+    parameter("clutch.driven_inertia", "kg.m2", 0.0, 10.0, "inertia of the driven halves at the screw"),
+    parameter("clutch.temperature_coefficient", "1/K", -0.1, 0.1, "relative rise of the torque with temperature, a"),
+    parameter("clutch.reference_temperature", "degC", -100.0, 1e3, "temperature of the rated torque, T_0"),
+    parameter("clutch.heat_capacity", "J/K", 1e-3, 1e6, "heat capacity of the clutches, C_th"),
+    parameter("clutch.thermal_resistance", "K/W", 1e-6, 1e6, "from the clutches to the ambient, R_th"),
+    parameter("coil.resistance", "Ohm", 1e-6, 1e6, "coil resistance"),
+    parameter("coil.inductance", "H", 1e-7, 1e3, "coil inductance"),
+    parameter("coil.suppression_voltage", "V", 0.0, 1e4, "voltage of the suppressor that takes a coil's energy, V_c"),
+)
+MODULES = (coupled, clutch, kinematics, mechanics, friction, loads, sensors, controllers, events)
+
+
+def _screw_side(p: Any) -> Any:
+    """Return parameters in which the driven halves of the clutches are what turns with the screw, in place of a rotor,
+    and the clutches what makes torque of a current, as screw and loops see them."""
+    return with_values(p, {"inertia.motor": p.clutch.driven_inertia,
+                           "motor.torque_constant": clutch.torque_per_ampere(p)})
+
+
+def _rotor_inertia(p: Any) -> Value:
+    """Return the inertia [kg.m2] of motor, gear and driving halves."""
+    return p.inertia.motor + p.clutch.driving_inertia
+
+
+def _as_cascade(x: Record) -> Record:
+    """Return states as the loops of motor and screw know them: the screw is the motor, the coils' net current its."""
+    return Record(**{**vars(x), "motor_angle": x.screw_angle, "motor_speed": x.screw_speed,
+                     "motor_current": x.coil_current_1 - x.coil_current_2})
+
+
+def initial(ops: Ops, p: Any, start: Record) -> Values:
+    """Return plant and controller with the fin at rest at an angle, the motor at its start speed, the coils at their
+    bias."""
+    begun = dict(nonlinear.initial(ops, _screw_side(p), start))
+    angle, bias = begun.pop("motor_angle"), p.clutch.bias_current
+    return {**begun, "screw_angle": angle, "motor_speed": p.motor.start_speed,
+            **dict.fromkeys(("coil_current_1", "coil_current_2", "flux_1", "flux_2"), bias),
+            "clutch_temperature": p.friction.temperature}
+
+
+def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+    """Return a sample of the controllers. While disabled they are held in reset."""
+    return nonlinear.sample(ops, _screw_side(p), _as_cascade(x), asked)
+
+
+def coil_references(ops: Ops, p: Any, u: Acting) -> tuple[Value, Value]:
+    """Return the currents [A] asked of both coils: the net one split by its sign, with the bias; 0 while disabled."""
+    net = drive.current_reference(ops, p, u.reference)
+    # |net| and not a maximum: its slope at 0 is the mean of both sides', so that the two add up in linear analysis.
+    larger, bias = 0.5 * ops.fabs(net), p.clutch.bias_current
+    return (ops.where(u.enabled, bias + (larger + 0.5 * net), 0.0),
+            ops.where(u.enabled, bias + (larger - 0.5 * net), 0.0))
+
+
+class _Coil(NamedTuple):
+    """A coil in a mode: the current asked for [A], the limit at which its amplifier stands, the supply [V]."""
+
+    asked: Value
+    side: Value
+    supply: Value
+
+    def demand(self, p: Any, current: Value) -> Value:
+        return clutch.amplifier_demand(p, self.asked, current)
+
+    def voltage(self, ops: Ops, p: Any, current: Value) -> Value:
+        return clutch.coil_voltage(ops, p, self.demand(p, current), self.side, self.supply)
+
+    def margin(self, ops: Ops, p: Any, current: Value) -> Value:
+        return clutch.amplifier_margin(ops, p, self.demand(p, current), self.side, self.supply)
+
+
+def _coils(ops: Ops, p: Any, x: Record, u: Acting) -> tuple[_Coil, _Coil]:
+    supply = ops.maximum(u.supply, 0.0)
+
+    def one(asked: Value, current: Value) -> _Coil:
+        demand = clutch.amplifier_demand(p, asked, current)
+        return _Coil(asked, clutch.amplifier_side(ops, p, demand, supply), supply)
+
+    first, second = coil_references(ops, p, u)
+    return one(first, x.coil_current_1), one(second, x.coil_current_2)
+
+
+def _surplus(ops: Ops, p: Any, speed: Value, u: Acting) -> Value:
+    """Return the voltage [V] that drives the motor's current at a speed [rad/s]; below 0 its diode blocks."""
+    return ops.maximum(u.supply, 0.0) - drive.back_emf(p, speed)
+
+
+def _bodies(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Bodies:
+    """Return screw and rotor as two bodies in a mode."""
+    c = m.mechanics
+    wet = ops.where(x.screw_speed > 0.0, m.wet[0], m.wet[1])
+    screw = c.load - wet * x.screw_speed + c.centrifugal * x.screw_speed * x.screw_speed
+    current = ops.where(m.feeds, _surplus(ops, p, x.motor_speed, u) / p.motor.resistance, 0.0)
+    motor = drive.torque(p, current) - p.motor.viscous_friction * x.motor_speed
+    clutches = (clutch.capacity(p, flux, m.share) for flux in (x.flux_1, x.flux_2))
+    return Bodies((c.inertia, _rotor_inertia(p)), (screw, motor),
+                  (m.dry, Dry(p.motor.coulomb_friction, p.motor.coulomb_friction), *(Dry(t, t) for t in clutches)))
+
+
+def _surroundings(ops: Ops, p: Any, x: Record, u: Acting, angle: Value) -> Record:
+    """Return what a mode has before it is known what sticks; the linkage is that at a screw angle [rad]."""
+    side = _screw_side(p)
+    c = mechanics.coefficients(ops, side, angle, u)
+    low, high = rigid.stops(ops, p)
+    dry = Dry(ops.where(x.screw_angle >= high, WALL, mechanics.breakaway(ops, p, c, 1.0)),
+              ops.where(x.screw_angle <= low, WALL, mechanics.breakaway(ops, p, c, -1.0)))
+    wet = tuple(mechanics.damping(ops, p, c, direction) for direction in (1.0, -1.0))
+    return Record(mechanics=c, dry=dry, wet=wet, stops=(low, high), coils=_coils(ops, p, x, u),
+                  feeds=_surplus(ops, p, x.motor_speed, u) > 0.0, share=clutch.share_at(ops, p, x.clutch_temperature),
+                  signs=(0.0,) * len(coupled.NAMES))
+
+
+def mode(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Record:
+    """Return what holds through a step of `h` [s]; the linkage is that of its middle."""
+    m = _surroundings(ops, p, x, u, x.screw_angle + 0.5 * h * x.screw_speed)
+    return m.replace(signs=coupled.directions(ops, _bodies(ops, p, x, u, m), x.screw_speed, x.motor_speed))
+
+
+def _slip_powers(ops: Ops, b: Bodies, signs: tuple[Value, ...], x: Record) -> tuple[Value, Value]:
+    """Return the heat of slip [W] of both clutches."""
+    speeds = coupled.slips(x.screw_speed, x.motor_speed)
+    powers = [b.dry[k].high * signs[k] * speeds[k] for k in (coupled.WITH, coupled.AGAINST)]
+    return powers[0], powers[1]
+
+
+def _rates(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
+    b = _bodies(ops, p, x, u, m)
+    screw, motor = coupled.accelerations(ops, b, m.signs)
+    first, second = (clutch.coil_rate(p, coil.voltage(ops, p, current), current)
+                     for coil, current in zip(m.coils, (x.coil_current_1, x.coil_current_2), strict=True))
+    return {"screw_angle": x.screw_speed, "screw_speed": screw, "motor_speed": motor, "coil_current_1": first,
+            "coil_current_2": second, "flux_1": clutch.flux_rate(p, x.coil_current_1, x.flux_1),
+            "flux_2": clutch.flux_rate(p, x.coil_current_2, x.flux_2),
+            "clutch_temperature": clutch.warming(p, sum(_slip_powers(ops, b, m.signs, x)), x.clutch_temperature)}
+
+
+def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return d/dt of the states: of clutches that slip, amplifiers within their limits and a constant temperature;
+    viscous friction is the mean of both directions."""
+    p = as_built(ops, p)
+    m = _surroundings(ops, p, x, u, x.screw_angle)
+    wet, none = 0.5 * (m.wet[0] + m.wet[1]), Dry(0.0, 0.0)
+    free = tuple(coil._replace(side=0.0) for coil in m.coils)
+    m = m.replace(wet=(wet, wet), dry=none, coils=free, feeds=True, signs=(1.0, 1.0, 1.0, -1.0))
+    return {**_rates(ops, p, x, u, m), "clutch_temperature": 0.0}
+
+
+def _margins(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
+    surplus = _surplus(ops, p, x.motor_speed, u)
+    direction, (low, high) = m.signs[coupled.SCREW], m.stops
+    ahead = ops.where(direction > 0.0, high - x.screw_angle, x.screw_angle - low)
+    first, second = m.coils
+    return {**coupled.margins(ops, _bodies(ops, p, x, u, m), m.signs, x.screw_speed, x.motor_speed),
+            "stop": ops.where(ops.equal(direction, 0.0), 1.0, ahead),
+            "diode": ops.where(m.feeds, surplus, -surplus),
+            "coil_1": first.margin(ops, p, x.coil_current_1), "coil_2": second.margin(ops, p, x.coil_current_2)}
+
+
+def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, events: Values) -> Values:
+    screw, motor = coupled.landed(ops, m.signs, (begin.screw_speed, begin.motor_speed),
+                                  (x.screw_speed, x.motor_speed), events)
+    stop = ops.where(m.signs[coupled.SCREW] > 0.0, m.stops[1], m.stops[0])
+    # A stop takes the screw's speed at once; the motor goes on, and the clutch slips.
+    return {"screw_speed": ops.where(events["stop"], 0.0, screw),
+            "motor_speed": ops.where(events["stop"], x.motor_speed, motor),
+            "screw_angle": ops.where(events["stop"], stop, x.screw_angle)}
+
+
+_SYSTEM = events.Switched(mode, _rates, _margins, _landed)
+
+
+def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+    """Return the plant after h [s] or at the first event before, and the time that took."""
+    moved, used = events.advance(ops, as_built(ops, p), _SYSTEM, x, u, h)
+    return vars(moved), used
+
+
+def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return every output."""
+    p = as_built(ops, p)
+    m = mode(ops, p, x, u, 0.0)
+    b, supply = _bodies(ops, p, x, u, m), ops.maximum(u.supply, 0.0)
+    current = ops.maximum(_surplus(ops, p, x.motor_speed, u), 0.0) / p.motor.resistance
+    drawn, limited = supply * current, u.limited > 0.0
+    for coil, flowing in zip(m.coils, (x.coil_current_1, x.coil_current_2), strict=True):
+        drawn = drawn + ops.maximum(coil.voltage(ops, p, flowing), 0.0) * flowing
+        limited = ops.either(limited, ops.negate(ops.equal(coil.side, 0.0)))
+    torques = coupled.friction_torques(ops, b, m.signs)
+    slip_1, slip_2 = _slip_powers(ops, b, m.signs, x)
+    tangent = kinematics.lever_tangent(ops, p, x.screw_angle)
+    fin = kinematics.fin_angle(ops, p, tangent)
+    return {
+        "fin_angle": fin,
+        "fin_rate": x.screw_speed / kinematics.reduction_ratio(ops, p, tangent),
+        "screw_angle": x.screw_angle,
+        "screw_speed": x.screw_speed,
+        "motor_speed": x.motor_speed,
+        "motor_torque": drive.torque(p, current),
+        "drive_reference": u.sampled_reference,
+        "nut_position": kinematics.nut_position(ops, p, x.screw_angle),
+        "hinge_torque": mechanics.external_moment(ops, p, tangent, u),
+        "supply_power": drawn,
+        "tracking_error": fin_port.clipped_command(ops, p, u.command) - fin,
+        "measured_fin_angle": u.measured_fin_angle,
+        "saturated": limited,
+        "at_stop": ops.fabs(fin) >= fin_port.stop_edge(p),
+        "coil_current_1": x.coil_current_1,
+        "coil_current_2": x.coil_current_2,
+        "clutch_torque_1": torques[coupled.WITH],
+        "clutch_torque_2": torques[coupled.AGAINST],
+        "slip_power_1": slip_1,
+        "slip_power_2": slip_2,
+        "clutch_temperature": x.clutch_temperature,
+    }
+
+
+ACTUATOR = Actuator(
+    name="clutch",
+    title="clutch actuator: motor that turns one way, two contra-rotating clutches, ball screw, lever and fin",
+    origin="Section 1.1.1.2 of the thesis of Yerlikaya (2016) names a clutch, in words: this form of it, two clutches "
+           "on a motor that turns one way, and every number are engineering estimates.",
+    states=STATES,
+    controller_states=interface.CONTROLLER,
+    encoder=("screw_angle", "screw_speed"),
+    outputs=OUTPUTS,
+    parameters=PARAMETERS,
+    supply=Supply(interface.SUPPLY_VOLTAGE, SUPPLY_POWER),
+    descriptions={**interface.INPUT_DESCRIPTIONS,
+                  "enable": "false: both clutches are open, and the motor goes on turning"},
+    terminals=(Terminal("motor", "motor, clutches and screw",
+                        ("screw_angle", "screw_speed", "motor_speed", "motor_torque", "drive_reference",
+                         "nut_position", "coil_current_1", "coil_current_2", "clutch_torque_1", "clutch_torque_2",
+                         "slip_power_1", "slip_power_2", "clutch_temperature")),),
+    rules=interface.RULES,
+    equal_parameters=interface.EQUAL,
+    provides=frozenset({capabilities.SCREW_DRIVE, capabilities.REFERENCE_LIMIT, capabilities.POSITION_LOOP,
+                        capabilities.CASCADE, capabilities.ENCODER, capabilities.SUPPLY_VOLTAGE}),
+    structure=Structure(),
+    as_built=as_built,
+    nominal=NOMINAL,
+    initial=initial,
+    sample=sample,
+    derivatives=derivatives,
+    step=step,
+    output_values=output_values,
+    transport_delay=interface.transport_delay,
+    reference="emcas_fmu.reference.clutch",
+    modules=(sys.modules[__name__], *MODULES),
+)

@@ -1,0 +1,199 @@
+"""Two bodies on one axis with set-valued dry friction: on each of them, and between them in clutches.
+
+    J_s w' = t_s - sum_k l_k F_k        J_m m' = t_m - sum_k m_k F_k        s_k = l_k w + m_k m
+
+w and m are the speeds of screw and motor, s_k the speed at which a friction slides. There are four of them, the screw's
+(s = w), the motor's (s = m), that of a clutch which turns the screw with the motor (s = m - w) and that of one which
+turns it against the motor (s = -m - w). One that slides at s_k feels F_k = C_k sgn s_k. One at s_k = 0 sticks, with
+the torque within +-C_k that keeps it there. What sticks and what slides is the minimum of a convex function (the
+principle of least constraint), so there is one answer to every state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from ..ops.base import Ops, Value
+
+SCREW, MOTOR, WITH, AGAINST = range(4)
+NAMES = ("screw", "motor", "with", "against")
+_SHARES = ((1.0, 0.0), (0.0, 1.0), (-1.0, 1.0), (-1.0, -1.0))  # (l_k, m_k)
+# Along which both bodies move while a friction sticks: l_k w + m_k m = 0.
+_ALONG = ((0.0, 1.0), (1.0, 0.0), (1.0, 1.0), (1.0, -1.0))
+# Between two of these directions, which sign every sliding speed has: eight sectors of the plane (w, m).
+_SECTORS = ((2.0, 1.0), (1.0, 2.0), (-1.0, 2.0), (-2.0, 1.0), (-2.0, -1.0), (-1.0, -2.0), (1.0, -2.0), (2.0, -1.0))
+# Friction counts as overcome this close to its limit, so that a step that ended at breakaway does not stick again by a
+# rounding error.
+_EDGE = 1.0 - 1e-9
+
+
+class Dry(NamedTuple):
+    """A dry friction [N.m] for positive and for negative sliding, both positive."""
+
+    high: Value
+    low: Value
+
+
+class Bodies(NamedTuple):
+    """Inertias of screw and motor [kg.m2], their torques [N.m] besides dry friction, and the four frictions."""
+
+    inertias: tuple[Value, Value]
+    torques: tuple[Value, Value]
+    dry: Sequence[Dry]
+
+
+def _dot(pair: tuple[float, float], values: Sequence[Value]) -> Value:
+    """Return a sum weighed by shares that are 0, 1 or -1 for the most part."""
+    total: Value = 0.0
+    for share, value in zip(pair, values, strict=True):
+        if share:
+            total = total + (value if share == 1.0 else -value if share == -1.0 else share * value)
+    return total
+
+
+def slips(screw: Value, motor: Value) -> list[Value]:
+    """Return the speeds [rad/s] at which the four frictions slide."""
+    return [_dot(shares, (screw, motor)) for shares in _SHARES]
+
+
+def _sliding(ops: Ops, b: Bodies, signs: Sequence[Value]) -> tuple[Value, Value]:
+    """Return the torques [N.m] of screw and motor with the friction of what slides in these directions (0: sticks)."""
+    torques = list(b.torques)
+    for shares, dry, sign in zip(_SHARES, b.dry, signs, strict=True):
+        felt = ops.where(sign > 0.0, dry.high, ops.where(sign < 0.0, -dry.low, 0.0))
+        torques = [t - _dot((share,), (felt,)) if share else t for t, share in zip(torques, shares, strict=True)]
+    return torques[0], torques[1]
+
+
+def _holding(b: Bodies, k: int, torques: tuple[Value, Value]) -> Value:
+    """Return the friction [N.m] that keeps k sticking under these torques of screw and motor."""
+    if k in (SCREW, MOTOR):
+        return torques[k]
+    (inertia, other), (screw, motor) = b.inertias, torques
+    return (inertia * motor - other * screw if k == WITH else -inertia * motor - other * screw) / (inertia + other)
+
+
+def _starting(ops: Ops, dry: Dry, torque: Value) -> Value:
+    """Return the direction in which a torque [N.m] overcomes a friction, 0 if it does not."""
+    up = ops.both(torque >= dry.high * _EDGE, torque > 0.0)
+    return ops.where(up, 1.0, ops.where(ops.both(torque <= -dry.low * _EDGE, torque < 0.0), -1.0, 0.0))
+
+
+def _drag(b: Bodies, along: tuple[float, float], forward: bool) -> Value:
+    """Return the friction [N.m] against a start along a direction of the plane (w, m), or the opposite one."""
+    total: Value = 0.0
+    for shares, dry in zip(_SHARES, b.dry, strict=True):
+        slip = sum(x * y for x, y in zip(shares, along, strict=True)) * (1.0 if forward else -1.0)
+        if slip:
+            total = total + abs(slip) * (dry.high if slip > 0.0 else dry.low)
+    return total
+
+
+def directions(ops: Ops, b: Bodies, screw: Value, motor: Value) -> tuple[Value, ...]:
+    """Return the directions (-1, 1, or 0 where it sticks) in which the four frictions slide at speeds [rad/s]."""
+    speeds = slips(screw, motor)
+    signs = [ops.where(s > 0.0, 1.0, ops.where(s < 0.0, -1.0, 0.0)) for s in speeds]
+
+    def moving() -> tuple[Value, ...]:
+        """Of bodies that move one friction at most is at rest: the others slide."""
+        torques = _sliding(ops, b, signs)
+        return tuple(ops.where(ops.equal(sign, 0.0), _starting(ops, dry, _holding(b, k, torques)), sign)
+                     for k, (dry, sign) in enumerate(zip(b.dry, signs, strict=True)))
+
+    rests = ops.both(ops.equal(screw, 0.0), ops.equal(motor, 0.0))
+    return ops.branch(rests, lambda: _from_rest(ops, b), moving)
+
+
+def _from_rest(ops: Ops, bodies: Bodies) -> tuple[Value, ...]:
+    """Return the directions in which bodies at rest start: of every way to stick and to slide the one that holds."""
+    b = bodies._replace(dry=[Dry(d.high * _EDGE, d.low * _EDGE) for d in bodies.dry])
+    starts: tuple[Value, ...] = (0.0,) * len(_SHARES)
+
+    def take(condition: Value, signs: Sequence[Value]) -> None:
+        nonlocal starts
+        starts = tuple(ops.where(condition, sign, before) for sign, before in zip(signs, starts, strict=True))
+
+    for sector in _SECTORS:
+        signs = [1.0 if _dot(shares, sector) > 0.0 else -1.0 for shares in _SHARES]
+        torques = _sliding(ops, b, signs)
+        rates = [t / inertia for t, inertia in zip(torques, b.inertias, strict=True)]
+        holds: Value = True
+        for shares, sign in zip(_SHARES, signs, strict=True):
+            holds = ops.both(holds, sign * _dot(shares, rates) >= 0.0)
+        take(holds, signs)
+    rests: Value = True
+    for k, along in enumerate(_ALONG):
+        for forward in (True, False):
+            way = along if forward else (-along[0], -along[1])
+            signs = [0.0 if i == k else (1.0 if _dot(shares, way) > 0.0 else -1.0)
+                     for i, shares in enumerate(_SHARES)]
+            pushing, held = _dot(way, b.torques), _holding(b, k, _sliding(ops, b, signs))
+            overcome = ops.both(pushing > 0.0, pushing >= _drag(b, along, forward))
+            sticks = ops.both(held < b.dry[k].high, held > -b.dry[k].low)
+            take(ops.both(overcome, sticks), signs)
+            rests = ops.both(rests, ops.negate(overcome))
+    take(rests, (0.0,) * len(_SHARES))
+    return starts
+
+
+def _rest_margins(ops: Ops, b: Bodies) -> list[Value]:
+    """Return what is left [N.m] of the friction against a start along each direction, above 0 while both rest."""
+    margins = []
+    for along in _ALONG:
+        pushing = _dot(along, b.torques)
+        margins.append(ops.minimum(_drag(b, along, True) - pushing, pushing + _drag(b, along, False)))
+    return margins
+
+
+def accelerations(ops: Ops, b: Bodies, signs: Sequence[Value]) -> tuple[Value, Value]:
+    """Return d/dt of the speeds of screw and motor [rad/s2]; bodies that stick together have the same to the bit."""
+    sticks = [ops.equal(sign, 0.0) for sign in signs]
+    screw, motor = _sliding(ops, b, signs)
+    together = (screw + motor) / (b.inertias[0] + b.inertias[1])
+    opposite = (screw - motor) / (b.inertias[0] + b.inertias[1])
+    first = ops.where(sticks[WITH], together, ops.where(sticks[AGAINST], opposite, screw / b.inertias[0]))
+    second = ops.where(sticks[WITH], together, ops.where(sticks[AGAINST], -opposite, motor / b.inertias[1]))
+    return ops.where(sticks[SCREW], 0.0, first), ops.where(sticks[MOTOR], 0.0, second)
+
+
+def friction_torques(ops: Ops, b: Bodies, signs: Sequence[Value]) -> list[Value]:
+    """Return the four frictions [N.m], those that stick with what they hold; not of bodies that both rest."""
+    torques = _sliding(ops, b, signs)
+    return [ops.where(sign > 0.0, dry.high, ops.where(sign < 0.0, -dry.low, _holding(b, k, torques)))
+            for k, (dry, sign) in enumerate(zip(b.dry, signs, strict=True))]
+
+
+def margins(ops: Ops, b: Bodies, signs: Sequence[Value], screw: Value, motor: Value) -> dict[str, Value]:
+    """Return by name what is above 0 while every friction goes on as it does: its speed, or what is left to hold."""
+    torques = _sliding(ops, b, signs)
+    rests = ops.both(ops.equal(signs[SCREW], 0.0), ops.equal(signs[MOTOR], 0.0))
+    still = _rest_margins(ops, b)
+
+    def one(k: int, speed: Value) -> Value:
+        held = _holding(b, k, torques)
+        sticking = ops.minimum(b.dry[k].high - held, held + b.dry[k].low)
+        sliding = ops.where(ops.equal(signs[k], 0.0), sticking, signs[k] * speed)
+        return ops.where(rests, still[k], sliding)
+
+    return {NAMES[k]: one(k, speed) for k, speed in enumerate(slips(screw, motor))}
+
+
+def landed(ops: Ops, signs: Sequence[Value], begin: tuple[Value, Value], end: tuple[Value, Value],
+           events: Any) -> tuple[Value, Value]:
+    """Return the speeds of screw and motor at the end of a step: what sticks, comes to rest or starts in vain is equal
+    to the bit. `events` says by name which friction changed there."""
+    before, after = slips(*begin), slips(*end)
+
+    def sticks(k: int) -> Value:
+        sliding = ops.negate(ops.equal(signs[k], 0.0))
+        vain = ops.both(ops.equal(before[k], 0.0), after[k] * signs[k] <= 0.0)
+        return ops.where(sliding, ops.either(events[NAMES[k]], vain), True)
+
+    still, halted = sticks(SCREW), sticks(MOTOR)
+    joined, opposed = sticks(WITH), sticks(AGAINST)
+    either = ops.either(joined, opposed)
+    # Bodies that move as one rest as one.
+    screw = ops.where(ops.either(still, ops.both(either, halted)), 0.0, end[0])
+    motor = ops.where(joined, screw, ops.where(opposed, -screw, ops.where(halted, 0.0, end[1])))
+    return screw, motor
