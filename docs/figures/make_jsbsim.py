@@ -25,10 +25,14 @@ LEFT_OUT = ("linear", "ristanovic", "habibi", "ozkan")
 DRAWN, BESIDE = "aggressive", "gentle"
 
 
+def models() -> tuple[str, ...]:
+    """The kinds."""
+    return tuple(name for name in every_model() if name not in LEFT_OUT)
+
+
 def fly() -> Results:
     """The flights."""
-    options = Options((DRAWN, BESIDE), (IDEAL, SECOND_ORDER, FMU), convergence=False,
-                      models=tuple(name for name in every_model() if name not in LEFT_OUT))
+    options = Options((DRAWN, BESIDE), (IDEAL, SECOND_ORDER, FMU), models=models(), convergence=False)
     with TemporaryDirectory() as folder:
         return run(options, Path(folder), lambda what, share: print(what) if share == 0.0 else None)
 
@@ -57,12 +61,13 @@ def table(results: Results) -> str:
 
 
 def _apart(figures: Mapping[str, float]) -> str:
-    return f"{figures['attitude_difference_to_ideal_deg']:.2g}°"
+    apart = figures["attitude_difference_to_ideal_deg"]
+    return f"{apart:.1f}°" if apart >= 10.0 else f"{apart:.2f}°"
 
 
 def _energy(figures: Mapping[str, float], what: str) -> str:
     joules = figures[f"energy_{what}_j"]
-    return f"{1e-3 * joules:.2g} kJ" if joules >= 1e3 else f"{joules:.2g} J" if joules else "0"
+    return f"{1e-3 * joules:.2g} kJ" if joules >= 1e3 else f"{joules:.0f} J" if joules >= 10.0 else f"{joules:.2g} J"
 
 
 if __name__ == "__main__":

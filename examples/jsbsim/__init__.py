@@ -1,1 +1,1 @@
-"""JSBSim flies a finned rocket whose four fins are moved by EMCAS4.fmu."""
+"""JSBSim flies a finned rocket whose four fins are moved by actuators of any model."""

@@ -66,7 +66,9 @@ def kinds(results: Results, name: str) -> Drawing:
     pitch.plot(_thin(ideal["time"]), np.degrees(_thin(ideal["wanted_pitch_rad"]) - begin), color=GRAY, linewidth=0.8,
                linestyle="--", label="wanted")
     for actuator, flight in flown.items():
-        look = {**_look(results, actuator), "linewidth": 1.1, "label": _kind(actuator, flight)}
+        wide = actuator == next(iter(results.units))  # others like it would hide it
+        look = {**_look(results, actuator), "linewidth": 3.0 if wide else 1.1, "alpha": 0.55 if wide else 1.0,
+                "label": _kind(actuator, flight)}
         time = _thin(flight["time"])
         pitch.plot(time, np.degrees(_thin(flight["pitch_rad"]) - begin), **look)
         if actuator != IDEAL:
@@ -91,6 +93,8 @@ def kinds(results: Results, name: str) -> Drawing:
                         (energy, "energy drawn less\nwhat is returned / J")):
         axes.set(ylabel=words, xlabel="time / s", xlim=(0.0, float(ideal["time"][-1])))
     share.set(xlabel="energy drawn, hatched: returned / J")
+    pitch.set_title(results.manoeuvres[name].title)
+    energy.set_title("Four fins")
     drawn.legend(*pitch.get_legend_handles_labels(), loc="outside upper center", ncols=5)
     return drawn, "Kinds of actuators", (
         f"{results.manoeuvres[name].title}. Below, how far the attitude is from that of ideal fins, as one turn; "

@@ -104,9 +104,7 @@ class _Flier:
 
     def _build(self, model: str) -> Path:
         self._progress(f"build {model}", 0.0)
-        supply = get(model).supply
-        # A line of pressure is stiff unless its accumulator is given: on it four single actuators are the same.
-        return build_unit(self._folder, 4 if supply is None or supply.input.name == VOLTAGE else 1, model)
+        return build_unit(self._folder, 4, model)
 
     def _add(self, path: Path, several: bool) -> None:
         """What an FMU flies as: itself, on a stiff line and with exact sensors; of the nonlinear one the fits, too."""

@@ -25,6 +25,8 @@ from examples.jsbsim.report import write_report
 from examples.jsbsim.results import IDEAL, Results, Unit, figures, fins, kept, write_flights, write_json
 from examples.jsbsim.run import Options, every_model, run
 from examples.jsbsim.vehicle import Array
+from tests.docs.recipes import ROOT
+from tests.docs.test_tables import script
 
 from .conftest import Doctor
 from .flying import SHORT, apart, flown
@@ -148,6 +150,16 @@ def test_energy_in_the_picture_is_that_of_the_table(flight: Mapping[str, Array])
     widths = sorted(bar.get_width() for bar in share.patches)  # type: ignore[attr-defined]
     assert widths == pytest.approx([-found["energy_returned_j"], found["energy_drawn_j"]])
     assert [label.get_text() for label in share.get_yticklabels()] == [f"{HYDRAULIC} (hydraulic)"]
+
+
+def test_table_has_every_kind() -> None:
+    """Figures are those of flights of minutes, which no test repeats; that a kind is missing is seen."""
+    script("make_tables")
+    maker = script("make_jsbsim")
+    text = (ROOT / "examples/jsbsim/README.md").read_text(encoding="utf-8")
+    table = text.split("<!-- kinds -->")[1].split("<!-- /kinds -->")[0]
+    rows = re.findall(r"^\| `(.+?)` \|", table, re.MULTILINE)
+    assert rows == ["second-order", *maker.models()], "run python docs/figures/make_jsbsim.py"
 
 
 @pytest.mark.slow
