@@ -2,7 +2,7 @@
 
     r    = x(clip(command))        y = x(fin_measured)        e = r - y
     v_raw = Kp (b r - y) + I        v_ref = clip(v_raw, +-v_max)
-    I+   = I + T_s Ki e                 or, while the limit is met and e drives it further, I + Kp (1 - b) (y - y_before)
+    I+   = I + T_s Ki e            or, while the limit is met and e drives it further, I + Kp (1 - b) (y - y_before)
 
 x is the lever's (:mod:`emcas_fmu.physics.cylinder`): the loop's gain is then the same at every angle. The integral of a
 loop at rest is Kp (1 - b) y. At limits what is held is I less this share, so that large steps, too, end without the

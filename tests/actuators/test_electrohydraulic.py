@@ -58,7 +58,7 @@ def load_flow(spool: float, load_pressure: float) -> float:
 
 @pytest.mark.parametrize(("torque", "published"), [(0.0, 276.3), (-100.0, 211.6), (100.0, 331.6)])
 def test_rate_of_the_open_valve(torque: float, published: float) -> None:
-    """Q_r sqrt((p_s - p_t - P_L)/dp_r) = A R w + C_ip P_L, with P_L of load, friction and what the piston's mass takes."""
+    """Q_r sqrt((p_s - p_t - P_L)/dp_r) = A R w + C_ip P_L, with P_L of load, friction and the piston's mass."""
     ratio, bend = lever(0.0)
     dry = VALUES["friction.fin_coulomb"] + ratio * VALUES["cylinder.coulomb_friction"]
     viscous = VALUES["friction.fin_viscous"] + ratio**2 * VALUES["cylinder.viscous_friction"]
@@ -260,7 +260,8 @@ def test_hard_over_and_an_oil_with_air() -> None:
 
 
 def test_what_the_controller_does_not_know() -> None:
-    """A lever as built 1 % longer than known: the transducer is on the fin, so that the angle is right all the same."""
+    """A lever as built 1 % longer than known: the transducer is on the fin, so that the angle is right all the same.
+    """
     built = {**VALUES, "deviation.kinematics.moment_arm": 0.01, "deviation.valve.rated_flow": 0.1,
              "deviation.kinematics.initial_angle": radians(0.5)}
     found, plain = (run(p, 0.6, fin_command=radians(10.0)) for p in (built, VALUES))
@@ -281,6 +282,7 @@ def test_a_stroke_that_the_dead_volume_has_not_is_refused() -> None:
 def test_both_back_ends_give_the_same_bits() -> None:
     python, native = (simulate(VALUES, 0.2, kernel=kernel, model=MODEL, fin_command=radians(10.0),
                                aero_torque=lambda t: 300.0 * np.sin(60.0 * t),
-                               supply_pressure=lambda t: SUPPLY if t < 0.1 else 0.0) for kernel in ("python", "compiled"))
+                               supply_pressure=lambda t: SUPPLY if t < 0.1 else 0.0)
+                      for kernel in ("python", "compiled"))
     for name, column in python.items():
         np.testing.assert_array_equal(column, native[name], err_msg=name)

@@ -173,7 +173,7 @@ def test_fit_keeps_the_actuator(tmp_path: Path) -> None:
 
 
 def test_registry_and_files() -> None:
-    with pytest.raises(EmcasError, match="no actuator 'hydraulic';.* there is nonlinear, linear"):
+    with pytest.raises(EmcasError, match=r"no actuator 'hydraulic';.* there is nonlinear, linear"):
         get("hydraulic")
     # A name means the same wherever it is: the same unit, limits and kind, whatever it is said to do there.
     meant: dict[str, Any] = {}

@@ -39,7 +39,8 @@ DIRECT_DRIVE = str(Path(__file__).parents[2] / "examples" / "own_actuator" / "di
 WARM = {"heat.winding_start_rise": 80.0, "heat.case_start_rise": 40.0}
 # With what scales the loop's gain. The nonlinear one has tests of its own.
 GAINS = dict.fromkeys(("linear", "elastic", "habibi", "ozkan", "elastic+heat"), ("drive.current_gain",)) | {
-    "ristanovic": ("pwm.gain",), "electrohydraulic": ("controller.position.kp", "controller.position.ki"), DIRECT_DRIVE: ("controller.kp", "controller.ki", "controller.kd")}
+    "ristanovic": ("pwm.gain",), "electrohydraulic": ("controller.position.kp", "controller.position.ki"),
+    DIRECT_DRIVE: ("controller.kp", "controller.ki", "controller.kd")}
 MODELS = tuple(GAINS)
 GRID = np.array([0.5, 2.0, 7.0, 12.0, 40.0])
 

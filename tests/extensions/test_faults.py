@@ -39,7 +39,7 @@ def test_a_fault_is_where_it_can_be(model: str) -> None:
 
 @pytest.mark.parametrize("model", NAMES)
 def test_a_bias_is_what_the_encoder_reads_too_much(model: str) -> None:
-    """At rest, whatever the ratio, to the encoder's count of 1.3e-5 rad at the fin, a transducer's or the gap of 1e-3."""
+    """At rest, whatever the ratio, to the encoder's count of 1.3e-5 rad at the fin, a transducer's, or the gap."""
     values = scheduled(f"{model}+faults", "encoder_bias", begin=0.1, fault__encoder_bias__angle=0.05)
     run = simulate(values, 2.0, model=f"{model}+faults", fin_command=0.2)
     assert run["measured_fin_angle"][-1] - run["fin_angle"][-1] == pytest.approx(

@@ -7,7 +7,7 @@ below the tank's pressure is refilled through a check valve. What that cannot re
 0, and the void is gone, rather than filled first, where more flows in than the piston sweeps.
 
 Events (:mod:`emcas_fmu.steppers.events`): the fin starts, rests or meets a stop, the spool meets its stroke or its
-largest speed, a check valve opens or closes, a chamber is void. Where a void ends, nothing jumps: the next step sees it.
+largest speed, a check valve opens or closes, a chamber is void. Where a void ends, nothing jumps: the next step sees.
 """
 
 from __future__ import annotations
