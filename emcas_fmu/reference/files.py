@@ -84,8 +84,14 @@ def cases(parameters: ParameterSet) -> tuple[Case, ...]:
     names = {"time", *parameters.values, *(v.name for v in parameters.actuator.inputs)}
     supply = supply_start(parameters.model, parameters.values)
     return tuple(
-        replace(with_supply(case, supply), overrides=parameters.having(case.overrides)) for case in CASES
+        replace(with_supply(case, supply), overrides=parameters.having({**case.overrides, **_true_angle(case)}))
+        for case in CASES
         if names.issuperset(name for name in (*case.overrides, *case.inputs()) if not name.startswith("encoder.")))
+
+
+def _true_angle(case: Case) -> dict[str, Value]:
+    """Return what lets other sensors than an encoder read true values, in a case without encoder."""
+    return {"transducer.resolution": 0.0} if case.overrides.get("encoder.enabled") is False else {}
 
 
 class Difference(NamedTuple):
