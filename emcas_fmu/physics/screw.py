@@ -94,7 +94,7 @@ def felt(p: Any, m: Mechanics, e: Value) -> tuple[Any, Mechanics]:
 
 
 def transmitted(ops: Ops, p: Any, net: Value, inertia: Value, at_rest: Value, direction: Value,
-                speed: Value) -> tuple[Value, Value]:
+                speed: Value = 0.0) -> tuple[Value, Value]:
     """Return L [N.m] of a screw that turns at a speed [rad/s], and e [-], from `net` [N.m], J_l [kg.m2], L_0 [N.m]."""
     rotor = rotor_inertia(p)
     weighed = inertia * net + rotor * at_rest

@@ -23,7 +23,7 @@ ELASTIC = "elastic+faults"
 IMPOSSIBLE = {
     "nonlinear": {"backlash_growth"}, "elastic": set(), "habibi": set(), "ozkan": {"backlash_growth"},
     "ristanovic": {"backlash_growth", "current_derating"},
-    "linear": {"backlash_growth", "current_derating", "hard_over"},
+    "worm-gear": {"backlash_growth"}, "linear": {"backlash_growth", "current_derating", "hard_over"},
     "second-order": {"backlash_growth", "current_derating", "brown_out", "free_fin", "friction_rise"}}
 
 
