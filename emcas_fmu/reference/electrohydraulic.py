@@ -49,9 +49,9 @@ class Around(NamedTuple):
 class Plant:
     """Valve, cylinder, lever and fin as built."""
 
-    def __init__(self, p: Mapping[str, Any]):
+    def __init__(self, p: Mapping[str, float]):
         def built(name: str, deviation: str) -> float:
-            return float(p[name]) * (1.0 + float(p[f"deviation.{deviation}"]))
+            return p[name] * (1.0 + p[f"deviation.{deviation}"])
 
         self.p = p
         self.arm = built("kinematics.moment_arm", "kinematics.moment_arm")
@@ -186,6 +186,15 @@ class Plant:
                 y[place] = value
             return act
 
+        def slower(side: int) -> Callable[[State], float]:
+            return lambda y: self.fastest - side * y[5]
+
+        def filled(i: int) -> Callable[[State], float]:
+            return lambda y: y[2 + i]
+
+        def void(i: int) -> Callable[[State], float]:
+            return lambda y: -self.rises(y, around)[i]
+
         def strike(y: State) -> None:
             y[0], y[1] = mode.motion * self.stop, 0.0
 
@@ -199,8 +208,7 @@ class Plant:
                       (lambda y: self.friction(y[0]) + self.push(y, around) if y[0] > -self.stop * _CLOSE else 1.0,
                        nothing)]
         if mode.spool == FREE:
-            found += [(lambda y, side=side: self.fastest - side * y[5], put(5, side * self.fastest))
-                      for side in (1, -1)]
+            found += [(slower(side), put(5, side * self.fastest)) for side in (1, -1)]
         elif mode.spool in (1, -1):
             # A hair slower than the fastest, so that it counts as free.
             found.append((lambda y: mode.spool * self.spool_force(y, around),
@@ -209,10 +217,9 @@ class Plant:
             def end(y: State) -> None:
                 y[4], y[5] = math.copysign(1.0, y[4]), 0.0
             found.append((lambda y: 1.0 - abs(y[4]), end))
-        for i, void in enumerate((mode.void_1, mode.void_2)):
+        for i, empty in enumerate((mode.void_1, mode.void_2)):
             # A hair above nothing, so that it counts as filled.
-            found.append((lambda y, i=i: -self.rises(y, around)[i], put(2 + i, 1e-3)) if void else
-                         (lambda y, i=i: y[2 + i], put(2 + i, 0.0)))
+            found.append((void(i), put(2 + i, 1e-3)) if empty else (filled(i), put(2 + i, 0.0)))
         return found
 
 
@@ -248,7 +255,7 @@ def advance(plant: Plant, y: State, around: Around, begin: float, end: float) ->
 class Controller:
     """PI on the piston that the fin's transducer stands for."""
 
-    def __init__(self, p: Mapping[str, Any], angle: float):
+    def __init__(self, p: Mapping[str, float], angle: float):
         self.p, self.full = p, p["valve.rated_flow"] / p["cylinder.area"]
         self._reset(self._piston(self._read(angle)))
 
@@ -258,7 +265,7 @@ class Controller:
 
     def _piston(self, angle: float) -> float:
         offset = self.p["kinematics.initial_angle"]
-        return float(self.p["kinematics.moment_arm"] * (math.tan(angle + offset) - math.tan(offset)))
+        return self.p["kinematics.moment_arm"] * (math.tan(angle + offset) - math.tan(offset))
 
     def _reset(self, piston: float) -> None:
         p, self.before = self.p, piston
@@ -287,7 +294,7 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
 
     `inputs` has the row times ``time`` [s], from 0, and the columns that are used. Outputs are left limits.
     """
-    p: Mapping[str, Any] = parameters
+    p = {name: float(value) for name, value in parameters.items()}
     rows = np.round(np.asarray(inputs["time"], dtype=float), DIGITS)
     starts = {"fin_command": 0.0, "aero_torque": 0.0, "supply_pressure": p["hydraulic_supply.pressure"], "enable": 1.0,
               **dict.fromkeys((*MOTION, "attitude.roll", "attitude.pitch", "attitude.yaw"), 0.0)}

@@ -65,10 +65,11 @@ def both(name: str, **changes: Any) -> tuple[Mapping[str, Any], Mapping[str, Any
     """The actuator's and the reference's response in a case."""
     stop, overrides, signals = CASES[name]
     time = np.arange(round(stop / 1e-3) + 1) * 1e-3
-    columns = {n: np.broadcast_to(np.asarray(s(time) if callable(s) else s, dtype=float), time.shape)
-               for n, s in signals.items()}
+    columns: dict[str, Any] = {n: np.broadcast_to(np.asarray(s(time) if callable(s) else s, dtype=float), time.shape)
+                               for n, s in signals.items()}
     values = {**VALUES, **overrides, **changes}
-    found = simulate(values, stop, model=MODEL, **{n.replace(".", "__"): c for n, c in columns.items()})
+    given: dict[str, Any] = {n.replace(".", "__"): c for n, c in columns.items()}
+    found = simulate(values, stop, model=MODEL, **given)
     return found, reference(values, {"time": time, **columns})
 
 
