@@ -27,6 +27,7 @@ _MODULES = {
     "ristanovic": "electromechanical.ristanovic", "elastic": "electromechanical.elastic",
     "habibi": "electromechanical.habibi", "ozkan": "electromechanical.ozkan",
     "electrohydraulic": "hydraulic.electrohydraulic", "clutch": "electromechanical.clutch",
+    "series-clutch": "electromechanical.series_clutch",
 }
 NAMES = tuple(_MODULES)
 # In the order in which one is laid over the other, the first next to the actuator.
