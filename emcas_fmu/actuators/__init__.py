@@ -28,6 +28,7 @@ _MODULES = {
     "habibi": "electromechanical.habibi", "ozkan": "electromechanical.ozkan",
     "worm-gear": "electromechanical.worm_gear",
     "clutch": "electromechanical.clutch",
+    "series-clutch": "electromechanical.series_clutch",
     "electrohydrostatic": "hydraulic.electrohydrostatic",
     "electrohydraulic": "hydraulic.electrohydraulic",
 }

@@ -43,7 +43,7 @@ class Bodies(NamedTuple):
     dry: Sequence[Dry]
 
 
-def _dot(pair: tuple[float, float], values: Sequence[Value]) -> Value:
+def _dot(pair: Sequence[float], values: Sequence[Value]) -> Value:
     """Return a sum weighed by shares that are 0, 1 or -1 for the most part."""
     total: Value = 0.0
     for share, value in zip(pair, values, strict=True):

@@ -1,9 +1,9 @@
 """The dual clutch actuator in time: an integration of its own, of fin and motor, from event to event.
 
-Coordinates are the fin's angle and rate and the motor's speed; a `Mode` says which way each dry friction slides, or that
-it sticks, and where each coil's amplifier and the motor's diode stand. SciPy's DOP853 integrates a mode until a guard's
-zero. The motor has to keep turning: a run in which it comes to rest is refused. Controllers, bus and what is known of
-lever, loads and friction are those of the thesis's actuator in this package.
+Coordinates are the fin's angle and rate and the motor's speed; a `Mode` says which way each dry friction slides, or
+that it sticks, and where each coil's amplifier and the motor's diode stand. SciPy's DOP853 integrates a mode until a
+guard's zero. The motor has to keep turning: a run in which it comes to rest is refused. Controllers, bus and what is
+known of lever, loads and friction are those of the thesis's actuator in this package.
 """
 
 from __future__ import annotations
@@ -220,11 +220,11 @@ class Clutches:
 
                     lose(lambda y, k=k, side=side: self.limits(y)[k]  # type: ignore[misc]
                          - side * self.locked(y, mode, k, around)[2], slide)
+        clamp = self.p["coil.suppression_voltage"]
         for k, at in enumerate(mode.coils):
             def switched(at: int, k: int = k) -> Callable[[State], Mode]:
                 return lambda y: replace(mode, coils=(at, mode.coils[1]) if k == 0 else (mode.coils[0], at))
 
-            clamp = self.p["coil.suppression_voltage"]
             if at == 0:
                 lose(lambda y, k=k: around.supply - self.demand(y, k, around), switched(1))  # type: ignore[misc]
                 lose(lambda y, k=k: self.demand(y, k, around) + clamp, switched(-1))  # type: ignore[misc]
