@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, PlainValidator, ValidationInfo, field_validator, model_validator
 
-from ...actuators import NAMES
+from ...actuators import NAMES, parts
 from ...bench.excitation import SETTLE, STEP
 from ...bench.metrics import FIGURES, TAIL
 from ...bench.subject import ParameterSubject
@@ -231,16 +231,19 @@ class _File(Table):
 
 
 def shipped_study(base: ParameterSet) -> Study:
-    """Return the study of models/tuning-NAME.toml for a parameter set of the actuator NAME, else of models/tuning.toml.
+    """Return the shipped study for a parameter set: models/tuning/NAME.toml of the actuator NAME, where it has one, else
+    models/tuning.toml.
 
     Raises StudyError, for an actuator that has not what it tunes too.
     """
-    path = models_directory() / f"tuning-{base.actuator.name}.toml"
-    if path.is_file():
-        return load_study(path, base)
-    path = models_directory() / "tuning.toml"
+    folder = models_directory()
+    path = folder / "tuning" / f"{parts(base.model)[0]}.toml"
+    if not path.is_file():
+        path = folder / "tuning.toml"
 
     def fits(model: str) -> bool:
+        if (folder / "tuning" / f"{model}.toml").is_file():
+            return True
         try:
             load_study(path, load_parameters(model=model))
         except StudyError:
@@ -253,7 +256,7 @@ def shipped_study(base: ParameterSet) -> Study:
         if fits(base.model):
             raise
         first, *_ = str(error).splitlines()
-        raise StudyError(f"--model {base.model}: the shipped study is of {', '.join(filter(fits, NAMES))}, and does "
+        raise StudyError(f"--model {base.model}: the shipped studies are of {', '.join(filter(fits, NAMES))}, and do "
                          f"not fit (first: {first}); name a study of this actuator's parameters") from error
 
 
