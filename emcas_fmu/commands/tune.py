@@ -20,8 +20,9 @@ EPILOG = ("Examples:\n\n  emcas tune --output tuned.toml --report tuning.html"
 
 
 def tune(
-    study: Annotated[Path | None, typer.Argument(help="Requirements, cases and what may be tuned (TOML); "
-                                                      "models/tuning.toml, or that of the actuator in models/tuning, unless given.", metavar="FILE")] = None,
+    study: Annotated[Path | None, typer.Argument(
+        help="Requirements, cases and what may be tuned (TOML); the actuator's in models/tuning, or "
+             "models/tuning.toml, unless given.", metavar="FILE")] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write a parameter file: the gains "

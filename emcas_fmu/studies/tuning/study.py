@@ -231,8 +231,8 @@ class _File(Table):
 
 
 def shipped_study(base: ParameterSet) -> Study:
-    """Return the shipped study for a parameter set: models/tuning/NAME.toml of the actuator NAME, where it has one, else
-    models/tuning.toml.
+    """Return the shipped study for a parameter set: models/tuning/NAME.toml of an actuator that has one, else the
+    default one, models/tuning.toml.
 
     Raises StudyError, for an actuator that has not what it tunes too.
     """
