@@ -219,7 +219,7 @@ _LEVELS = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-300.0, 300.0), st.
 
 
 @settings(QUICK, max_examples=30)
-@given(levels=_LEVELS, starts=st.integers(1, 12), mu=st.floats(1e-3, 0.3), ratio=st.floats(1.0, 3.0))
+@given(levels=_LEVELS, starts=st.integers(1, 12), mu=st.floats(0.0, 0.3), ratio=st.floats(1.0, 3.0))
 def test_anything_goes(levels: list[Any], starts: int, mu: float, ratio: float) -> None:
     """Finite, within the stops, and a worm that gives no power."""
     commands, torques, enables = (np.repeat(column, 20) for column in zip(*levels, strict=True))
@@ -234,7 +234,7 @@ def test_anything_goes(levels: list[Any], starts: int, mu: float, ratio: float) 
     ({"worm.starts": 12, "worm.diameter_quotient": 4.0, "worm.friction": 0.2, "worm.static_ratio": 2.0},
      r"is 0\.4; above 0\.31.* no motor turns the worm under load"),
     ({"inertia.motor": 1e-9, "inertia.worm": 0.0, "worm.friction": 0.3}, "lower worm.friction or worm.static_ratio"),
-    ({"worm.friction": 2.0}, "it must be within 0.001 .. 1"),
+    ({"worm.friction": 2.0}, "it must be within 0 .. 1"),
 ])
 def test_refuses(overrides: Mapping[str, Any], said: str) -> None:
     with pytest.raises(ParameterError, match=said):

@@ -39,7 +39,7 @@ WORM = in_group(
     parameter("diameter_quotient", "1", 4.0, 40.0, "pitch diameter of the worm over its module, q"),
     parameter("module", "m", 1e-4, 0.1, "module in the worm's axial section, m"),
     parameter("pressure_angle", "rad", radians(5.0), radians(45.0), "pressure angle in the normal section"),
-    parameter("friction", "1", 1e-3, 1.0, "friction coefficient of the flanks in motion, mu"),
+    parameter("friction", "1", 0.0, 1.0, "friction coefficient of the flanks in motion, mu"),
     parameter("static_ratio", "1", 1.0, 10.0, "friction coefficient at rest over that in motion, s (1: it does not "
               "depend on the speed)"),
     parameter("stribeck_speed", "m/s", 1e-3, 100.0, "sliding speed of the flanks at which the excess of friction at "
