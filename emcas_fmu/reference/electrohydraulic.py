@@ -1,7 +1,7 @@
 """The electrohydraulic actuator integrated by SciPy from event to event, for `emcas validate`.
 
 Written from the equations of docs/model/electrohydraulic.md; it takes parameters by name from the rest and no equation.
-Between two instants (a sample, the arrival of a command in the valve, an input row) LSODA integrates what holds in a
+Between two instants (a sample, the arrival of a command in the valve, an input row) DOP853 integrates what holds in a
 mode: the fin slides or rests, the spool is free, as fast as it can be or at the end of its stroke, a chamber has oil or
 a void. Each is ended by an event. The check valves of the chambers bend a slope only, which needs none.
 """
@@ -234,12 +234,13 @@ def advance(plant: Plant, y: State, around: Around, begin: float, end: float) ->
         events = []
         for value, _ in guards:
             # What is 0 where the mode begins, as the speed of a fin that starts, is not lost there.
-            def event(_t: float, s: Array, value: Any = value) -> float:
-                return float(value(s.tolist())) or 1e-300
+            def event(t: float, s: Array, value: Any = value, begin: float = begin) -> float:
+                found = float(value(s.tolist() if isinstance(s, np.ndarray) else s))
+                return max(found, 1e-300) if t == begin else found or 1e-300
             event.terminal, event.direction = True, -1.0  # type: ignore[attr-defined]
             events.append(event)
         run = solve_ivp(lambda _t, s, mode=mode: plant.slope(s.tolist(), mode, around), (begin, end), np.array(y),
-                        method="LSODA", rtol=RTOL, atol=RTOL * SCALES, max_step=MAX_STEP, events=events)
+                        method="DOP853", rtol=RTOL, atol=RTOL * SCALES, max_step=MAX_STEP, events=events)
         if run.status < 0:
             raise ArithmeticError(f"integration failed after {begin} s in {mode}: {run.message}")
         y, reached = [float(x) for x in run.y[:, -1]], float(run.t[-1])

@@ -83,9 +83,9 @@ def difference(found: Mapping[str, Any], expected: Mapping[str, Any]) -> float:
 def test_every_case_at_the_shipped_tick(name: str) -> None:
     found, expected = both(name)
     assert difference(found, expected) < ALLOWED
-    # What moves is not only the fin: pressures to 0.1 % of the line's, the spool to 0.1 % of its stroke.
+    # What moves is not only the fin: pressures to 0.2 % of the highest, the spool to 0.1 % of its stroke.
     for chamber in ("pressure_1", "pressure_2"):
-        assert np.abs(found[chamber] - expected[chamber]).max() < 2e4
+        assert np.abs(found[chamber] - expected[chamber]).max() < 2e-3 * expected[chamber].max()
     assert np.abs(found["valve_position"] - expected["valve_position"]).max() < 1e-3
     if name != "cavitation":  # there the load turns it to and fro within what the oil gives
         assert degrees(np.abs(expected["fin_angle"]).max()) > 0.1

@@ -29,7 +29,7 @@ def test_the_study_is_the_actuators() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("files", [(), (named_sets()["proportional-valve"],)])
 def test_the_shipped_gains_meet_every_requirement(files: tuple[Path, ...]) -> None:
-    study = shipped_study(load_parameters(*files, model=MODEL))
+    study = shipped_study(load_parameters(files, model=MODEL))
     if files:  # what the set was chosen by
         study = replace(study, cases=tuple(case for case in study.cases if case.name == "nominal"))
     found = evaluate(study, {name: study.base.values[name] for name in GAINS})
@@ -39,6 +39,6 @@ def test_the_shipped_gains_meet_every_requirement(files: tuple[Path, ...]) -> No
 @pytest.mark.parametrize("size", [1.0, 5.0, 10.0])
 @pytest.mark.parametrize("files", [(), (named_sets()["proportional-valve"],)])
 def test_steps_overshoot_by_less_than_5_percent(files: tuple[Path, ...], size: float) -> None:
-    values = load_parameters(*files, model=MODEL).values
+    values = load_parameters(files, model=MODEL).values
     found = simulate(values, 0.5, model=MODEL, fin_command=radians(size))["fin_angle"]
     assert 0.98 * radians(size) < found.max() < 1.05 * radians(size)
