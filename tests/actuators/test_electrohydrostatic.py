@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emcas_fmu.parameters import ParameterError
+from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis.linear import LinearActuator
 
 from .electrohydrostatic import BASE, DRY, EXACT, MODEL, lever, run_of, values_of
@@ -65,7 +66,8 @@ def hydraulic_mode(values: Any) -> complex:
     """
     k = 2.0 * values["oil.bulk_modulus"] / values["cylinder.dead_volume"]
     ratio = lever(values)
-    fin = values["cylinder.moving_mass"] * ratio**2 + sum(values[f"inertia.{part}"] for part in ("fin", "shaft", "fork"))
+    fin = values["cylinder.moving_mass"] * ratio**2
+    fin += sum(values[f"inertia.{part}"] for part in ("fin", "shaft", "fork"))
     sides = ((values["cylinder.area"] * ratio, fin, values["cylinder.viscous_friction"] * ratio**2),
              (values["pump.displacement"], values["inertia.motor"], values["pump.viscous_friction"]))
     total = sum(a**2 / inertia for a, inertia, _ in sides)
@@ -158,7 +160,7 @@ def test_the_account_of_energy_closes() -> None:
 
 def test_a_symmetric_plant_answers_symmetrically() -> None:
     even = {**EXACT, "kinematics.initial_angle": 0.0, "drive.current_offset": 0.0}
-    one, other = (run_of(even, 0.3, fin_command=lambda t, s=s: s * radians(12.0) * np.sign(np.sin(30.0 * t)),  # type: ignore[misc]
+    one, other = (run_of(even, 0.3, fin_command=lambda t, s=s: s * radians(12.0) * np.sign(np.sin(30.0 * t)),
                          aero_torque=-50.0 * s) for s in (1.0, -1.0))
     # Rounding, and what friction makes of it.
     np.testing.assert_allclose(one["fin_angle"], -other["fin_angle"], rtol=0.0, atol=1e-8)
@@ -206,6 +208,17 @@ def test_pressures_and_angle_stay_in_bounds(first: float, second: float, load: f
     lowest = values["oil.cavitation_pressure"] - values["oil.cavitated_modulus"] * log(ways[0] / ways[1])
     assert min(run["pressure_1"].min(), run["pressure_2"].min()) > lowest
     assert np.all(np.abs(run["motor_voltage"][run["time"] < 0.1]) <= supply * (1.0 + 1e-12))
+
+
+def test_both_back_ends_agree_to_the_bit() -> None:
+    """Through voids, the relief valve, a stop, the voltage limit and a disabled drive."""
+    values = values_of({"reservoir.pressure": 0.05e6})
+    one, other = (simulate(values, 0.12, kernel=kernel, model=MODEL, supply_voltage=25.0,
+                           fin_command=lambda t: radians(15.0 if t < 0.04 else -15.0),
+                           aero_torque=lambda t: 450.0 if t > 0.06 else 50.0, enable=lambda t: t < 0.1)
+                  for kernel in ("compiled", "python"))
+    for name, column in one.items():
+        np.testing.assert_array_equal(column, other[name], err_msg=name)
 
 
 def test_a_disabled_drive_lets_the_pump_turn() -> None:

@@ -38,11 +38,14 @@ Values = Mapping[str, Any]
 DIRECT_DRIVE = str(Path(__file__).parents[2] / "examples" / "own_actuator" / "direct_drive.py")
 WARM = {"heat.winding_start_rise": 80.0, "heat.case_start_rise": 40.0}
 # With what scales the loop's gain. The nonlinear one has tests of its own.
-GAINS = dict.fromkeys(("linear", "elastic", "habibi", "ozkan", "worm-gear", "elastic+heat"),
+GAINS = dict.fromkeys(("linear", "elastic", "habibi", "ozkan", "worm-gear", "electrohydrostatic", "elastic+heat"),
                       ("drive.current_gain",)) | {
     "ristanovic": ("pwm.gain",), "electrohydraulic": ("controller.position.kp", "controller.position.ki"),
     DIRECT_DRIVE: ("controller.kp", "controller.ki", "controller.kd")}
 MODELS = tuple(GAINS)
+# Check valves would open at the pressure of a load of 0.5 N.m.
+HYDRAULIC = {"transducer__resolution": 0.0, "cylinder__coulomb_friction": 0.0, "pump__coulomb_friction": 0.0,
+             "pump__pressure_friction": 0.0, "check_valve__conductance": 0.0}
 GRID = np.array([0.5, 2.0, 7.0, 12.0, 40.0])
 
 
@@ -50,8 +53,8 @@ def smooth(model: str, **more: Any) -> dict[str, Any]:
     """The default set without dry friction and that of a worm, gap and encoder, as far as the actuator has them."""
     parameters = load_parameters(model=model)
     changes = without_friction(parameters.values, encoder__enabled=False, drive_line__backlash=0.0,
-                               load__torsion_bar=30.0, friction__fin_viscous=2.0, worm__friction=0.0,
-                               cylinder__coulomb_friction=0.0, transducer__resolution=0.0, **more) | WARM
+                               load__torsion_bar=30.0, friction__fin_viscous=2.0, worm__friction=0.0, **HYDRAULIC,
+                               **more) | WARM
     return {**parameters.values, **parameters.having(changes)}
 
 
