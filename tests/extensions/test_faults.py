@@ -24,6 +24,7 @@ IMPOSSIBLE = {
     "nonlinear": {"backlash_growth"}, "elastic": set(), "habibi": set(), "ozkan": {"backlash_growth"},
     "ristanovic": {"backlash_growth", "current_derating"},
     "worm-gear": {"backlash_growth"}, "linear": {"backlash_growth", "current_derating", "hard_over"},
+    "electrohydraulic": {"backlash_growth", "current_derating", "free_fin", "friction_rise"},
     "second-order": {"backlash_growth", "current_derating", "brown_out", "free_fin", "friction_rise"}}
 
 

@@ -21,9 +21,9 @@ from ...ops.base import Ops, Value
 from ...physics import cylinder, servovalve, stick
 from ...physics.structure import Structure
 from ...steppers import events
-from ...variables import Terminal, parameter, real_input, real_output
+from ...variables import Terminal, parameter, real_input, real_output, tunable
 from .. import capabilities, fin_port
-from ..declaration import Acting, Actuator, Asked, State, Supply, Values
+from ..declaration import Acting, Actuator, Asked, PlantFault, State, Supply, Values
 from ..electromechanical.interface import lever_rule, transport_delay
 from . import as_built, interface
 
@@ -46,6 +46,20 @@ PARAMETERS = (
     parameter("valve.null_shift", "1", -2.0, 2.0, "where the spool stands without a command, of its stroke; 2: at its "
               "end whatever the command"),
     *DEVIATIONS,
+)
+FAULTS = (
+    PlantFault("hard_over", "the spool stays at one end of its stroke, whatever it is asked for",
+               lambda ops, p, amounts: {"valve.null_shift": 2.0}),
+    PlantFault("silting", "dirt in the valve shifts its null and takes its lap", lambda ops, p, amounts: {
+        "valve.null_shift": p.valve.null_shift + amounts.shift, "valve.lap": amounts.lap}, (
+            tunable("shift", "1", -2.0, 2.0, "shift of the null, of the stroke"),
+            tunable("lap", "1", 0.0, 1.0, "valve.lap that is left"))),
+    PlantFault("internal_leakage", "the seal of the piston leaks more", lambda ops, p, amounts: {
+        "cylinder.internal_leakage": amounts.factor * p.cylinder.internal_leakage}, (
+            tunable("factor", "1", 1.0, 1e4, "of the leakage across the piston"),)),
+    PlantFault("air", "air in the oil makes it softer", lambda ops, p, amounts: {
+        "oil.bulk_modulus": amounts.share * p.oil.bulk_modulus}, (
+            tunable("share", "1", 1e-3, 1.0, "of the bulk modulus that is left"),)),
 )
 _AT = 1.0 - 1e-12  # of the spool's largest speed: as close as rounding comes
 
@@ -219,5 +233,6 @@ ACTUATOR = Actuator(
     step=step,
     output_values=output_values,
     transport_delay=transport_delay,
+    faults=FAULTS,
     modules=(sys.modules[__name__], cylinder, servovalve, fluid_power, events),
 )
