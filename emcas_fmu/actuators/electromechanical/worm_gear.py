@@ -20,9 +20,9 @@ from ...ops.base import Ops, Value
 from ...physics import screw, screw_loss, worm
 from ...physics.structure import Structure
 from ...rules import Rule, when
-from ...variables import Variable, in_group, integer_parameter, parameter, real_output, without
+from ...variables import Variable, in_group, integer_parameter, parameter, real_output, tunable, without
 from .. import capabilities
-from ..declaration import Acting, Values
+from ..declaration import Acting, PlantFault, Values
 from . import interface, nonlinear
 from .as_built import as_built
 from .interface import MOST_JAMMING, with_parameters
@@ -80,12 +80,36 @@ def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     return {**values, LOSS.name: screw_loss.loss(ops, as_built(ops, p), x, u, values)}
 
 
+# -- faults ------------------------------------------------------------------------
+
+
+def _shaken(ops: Ops, p: Any, amounts: Any) -> Values:
+    return {"worm.friction": amounts.share * p.worm.friction}
+
+
+def _dry(ops: Ops, p: Any, amounts: Any) -> Values:
+    """Return a friction that no motor is too weak for at once: the flanks still slide where it turns."""
+    return {"worm.friction": ops.minimum(amounts.factor * p.worm.friction, _most(ops, p) / p.worm.static_ratio)}
+
+
+FAULTS = (
+    PlantFault("lost_lock", "vibration takes a share of the flanks' friction: a load may drive the worm", _shaken, (
+        tunable("share", "1", 0.01, 1.0, "of the friction coefficient that is left"),)),
+    PlantFault("dry_flanks", "the flanks have lost their oil, for good: friction rises", _dry, (
+        tunable("factor", "1", 1.0, 3.0, "by which it rises"),), lasting=True),
+)
+
 # -- rules -------------------------------------------------------------------------
+
+
+def _most(ops: Ops, p: Any) -> Value:
+    """Return the largest friction coefficient [-] with which a motor still turns the loaded worm."""
+    return 0.99 * ops.cos(p.worm.pressure_angle) / worm.lead_tangent(p)
 
 
 def _drives(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     p = geared(ops, p)
-    mu, most = worm.coefficient(ops, p, 0.0), 0.99 * ops.cos(p.worm.pressure_angle) / worm.lead_tangent(p)
+    mu, most = worm.coefficient(ops, p, 0.0), _most(ops, p)
     return when(ops, mu > most), mu, most
 
 
@@ -128,6 +152,7 @@ ACTUATOR = replace(
     provides=nonlinear.ACTUATOR.provides - {capabilities.SCREW_AND_LEVER, capabilities.SCREW_LOAD},
     structure=Structure(constant_ratio=True, screw_losses=True, worm=True),
     nominal=NOMINAL,
+    faults=FAULTS,
     equation_parameters=geared,
     initial=with_parameters(nonlinear.initial, geared),
     sample=with_parameters(nonlinear.sample, geared),
