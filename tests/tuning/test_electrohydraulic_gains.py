@@ -21,7 +21,6 @@ GAINS = ("controller.position.kp", "controller.position.ki", "controller.positio
 def test_the_study_is_the_actuators() -> None:
     study = shipped_study(load_parameters(model=MODEL))
     assert tuple(t.name for t in study.tunables) == GAINS
-    assert (models_directory() / "tuning" / f"{MODEL}.toml").is_file()
     assert tuple(t.name for t in shipped_study(load_parameters()).tunables) != GAINS
     assert not any(t.bound(study.base.values[t.name]) for t in study.tunables if not t.name.endswith("weight"))
 
