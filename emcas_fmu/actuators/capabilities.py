@@ -20,6 +20,7 @@ COMMAND_REFERENCE = "a drive that takes the fin command itself"
 POSITION_LOOP = "a sampled position loop"
 CASCADE = "loops of position and velocity in cascade"
 SUPPLY_VOLTAGE = "a supply voltage"
+SUPPLY_PRESSURE = "a supply pressure"
 AMBIENT_TEMPERATURE = "an ambient temperature"
 
 NEEDED_VARIABLES: Mapping[str, tuple[str, ...]] = {
@@ -39,6 +40,7 @@ NEEDED_VARIABLES: Mapping[str, tuple[str, ...]] = {
     POSITION_LOOP: (),
     CASCADE: ("controller.position.kp", "controller.velocity.kp"),
     SUPPLY_VOLTAGE: ("supply_voltage",),
+    SUPPLY_PRESSURE: ("supply_pressure",),
     AMBIENT_TEMPERATURE: ("friction.temperature",),
 }
 """Every capability, and the inputs, outputs and parameters by which those that ask for it reach it."""

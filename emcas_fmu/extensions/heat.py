@@ -71,7 +71,6 @@ def _limits_current(actuator: Actuator) -> bool:
 
 def extend(actuator: Actuator) -> Actuator:
     """Return `actuator` with heat, and with the I2t limit where it limits its current."""
-    angle, speed = actuator.encoder
     limits = _limits_current(actuator)
     stepped = isinstance(actuator.structure, Structure)  # by the equations of steppers.rigid
 
@@ -112,7 +111,7 @@ def extend(actuator: Actuator) -> Actuator:
             return (current * current + current * end + end * end) / 3.0
         if q.structure.current == "ideal":
             return moved["motor_current"] * moved["motor_current"]
-        plant = Plant(getattr(x, angle), getattr(x, speed), x.motor_current, x.drive_integral)
+        plant = Plant(0.0, x.motor_speed, x.motor_current, x.drive_integral)  # at any angle
         tau = electrical_mode(ops, actuator.plant_parameters(ops, q), plant, u, h).tau
         return course.mean_square(ops, current, moved["motor_current"], used / tau)
 

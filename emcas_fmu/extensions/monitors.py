@@ -59,6 +59,9 @@ MONITORS = (
         tunable("minimum_supply", "V", 0.0, 1e3, "bus voltage below which the supply is too low"),),
         (capabilities.SUPPLY_VOLTAGE,)),
     Monitor("command", "the command is beyond command.limit"),
+    Monitor("pressure", "the pressure of the line is too low", (
+        tunable("minimum_pressure", "Pa", 0.0, 1e9, "pressure of the line below which it is too low"),),
+        (capabilities.SUPPLY_PRESSURE,)),
 )
 
 
@@ -76,7 +79,8 @@ def parameters(actuator: Actuator) -> tuple[Variable, ...]:
 
 class Watched(NamedTuple):
     """What the monitors see at a sample: `command` [rad] as received, `measured` angle [rad] now and before, the
-    `modelled` one of the sample before, `reference` of the drive, motor `current` [A], `supply` [V], `enabled`."""
+    `modelled` one of the sample before, `reference` of the drive, motor `current` [A], `supply` [V or Pa], `enabled`.
+    """
 
     command: Value
     measured: Value
@@ -120,6 +124,8 @@ def _conditions(ops: Ops, p: Any, watched: tuple[Monitor, ...], gain: Value, w: 
     conditions["tracking"] = error > p.monitor.tracking_limit
     if "supply" in names:
         conditions["supply"] = w.supply < p.monitor.minimum_supply
+    if "pressure" in names:
+        conditions["pressure"] = w.supply < p.monitor.minimum_pressure
     conditions["command"] = ops.fabs(w.command) > p.command.limit
     return [conditions[monitor.name] for monitor in watched]
 

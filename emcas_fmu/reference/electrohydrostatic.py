@@ -76,6 +76,19 @@ class Loop:
         return sent
 
 
+def as_built(p: Mapping[str, float]) -> dict[str, float]:
+    """Return the parameters of the plant, which differ from those the loop knows."""
+    off = {name.removeprefix("deviation."): value for name, value in p.items() if name.startswith("deviation.")}
+    shares = {"kinematics.moment_arm": "kinematics.moment_arm", "mass.fin": "mass.fin", "inertia.fin": "mass.fin",
+              "motor.torque_constant": "motor.torque_constant", "motor.back_emf_constant": "motor.torque_constant",
+              "friction.fin_coulomb": "friction.coulomb", "cylinder.coulomb_friction": "friction.coulomb",
+              "pump.coulomb_friction": "friction.coulomb", "pump.pressure_friction": "friction.coulomb",
+              "friction.fin_viscous": "friction.viscous", "cylinder.viscous_friction": "friction.viscous",
+              "pump.viscous_friction": "friction.viscous"}
+    built = {name: p[name] * (1.0 + off[share]) for name, share in shares.items()}
+    return {**p, **built, "kinematics.initial_angle": p["kinematics.initial_angle"] + off["kinematics.initial_angle"]}
+
+
 def advance(plant: Plant, y: list[float], mode: Mode, start: float, end: float) -> tuple[list[float], Mode]:
     """Return state and mode at `end` [s] from those at `start`. Raises ArithmeticError where modes chatter."""
     from scipy.integrate import solve_ivp
@@ -122,8 +135,8 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
     loop, bus = Loop(p, y[FIN]), Bus(p)
     row = {name: column[0] for name, column in columns.items()}
     sent: list[float] = []
-    active, mode = 0.0, None
-    plant = Plant(p, row, active)
+    active, mode, built = 0.0, None, as_built(p)
+    plant = Plant(built, row, active)
     records = []
     for t, following in zip(times, [*times[1:], None], strict=True):
         if t in row_at:
@@ -135,7 +148,7 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
             sent.append(loop.sample(y[FIN], y[SPEED], bus.arrived(row["fin_command"]), bool(row["enable"])))
         if t in arrival_at:
             active = sent[arrival_at[t]]
-        plant = Plant(p, row, active)
+        plant = Plant(built, row, active)
         mode = plant.admit(y, mode)
         y, mode = advance(plant, y, mode, t, following)
     return dict(zip(("time", *OUTPUTS), np.array(records).T, strict=True))

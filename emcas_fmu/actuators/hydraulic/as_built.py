@@ -16,6 +16,7 @@ from ..electromechanical import as_built as electromechanical
 
 LEVER_AND_FRICTION = only(electromechanical.DEVIATIONS, "deviation.kinematics.", "deviation.mass.fin",
                           "deviation.friction.")
+(MOTOR,) = only(electromechanical.DEVIATIONS, "deviation.motor.torque_constant")
 RATED_FLOW = parameter("deviation.valve.rated_flow", "1", -0.9, 10.0, "rated flow as built over nominal, less 1")
 
 
@@ -25,7 +26,7 @@ def nominal(*deviations: Any) -> dict[str, float]:
 
 
 def lever_and_friction(p: Any) -> Any:
-    """Return the parameters of the plant, but for a valve's."""
+    """Return the parameters of the plant, but for a valve's, or a motor's and a pump's."""
     off = p.deviation
     dry, wet = 1.0 + off.friction.coulomb, 1.0 + off.friction.viscous
     return with_values(p, {
@@ -45,3 +46,17 @@ def with_valve(_: Ops, p: Any) -> Any:
     """Return the parameters of the plant with a valve."""
     flow = p.valve.rated_flow * (1.0 + p.deviation.valve.rated_flow)
     return with_values(lever_and_friction(p), {"deviation.valve.rated_flow": 0.0, "valve.rated_flow": flow})
+
+
+def with_pump(_: Ops, p: Any) -> Any:
+    """Return the parameters of the plant with motor and pump."""
+    off, pump = p.deviation, p.pump
+    flux, dry, wet = (1.0 + x for x in (off.motor.torque_constant, off.friction.coulomb, off.friction.viscous))
+    return with_values(lever_and_friction(p), {
+        MOTOR.name: 0.0,
+        "motor.torque_constant": p.motor.torque_constant * flux,
+        "motor.back_emf_constant": p.motor.back_emf_constant * flux,
+        "pump.coulomb_friction": pump.coulomb_friction * dry,
+        "pump.pressure_friction": pump.pressure_friction * dry,
+        "pump.viscous_friction": pump.viscous_friction * wet,
+    })

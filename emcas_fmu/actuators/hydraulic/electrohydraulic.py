@@ -222,7 +222,7 @@ ACTUATOR = Actuator(
                         ("piston_position", "pressure_1", "pressure_2", "valve_reference", "valve_position",
                          "supply_flow")),),
     rules=(lever_rule(), interface.STROKE_RULE),
-    provides=frozenset({capabilities.POSITION_LOOP}),
+    provides=frozenset({capabilities.POSITION_LOOP, capabilities.SUPPLY_PRESSURE}),
     structure=Structure(),
     as_built=as_built.with_valve,
     nominal=as_built.nominal(*DEVIATIONS),

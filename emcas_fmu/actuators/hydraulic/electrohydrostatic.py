@@ -23,21 +23,22 @@ from ...namespace import Record, with_values
 from ...ops.base import Ops, Value
 from ...physics import cylinder, drive, pump, stick
 from ...physics.structure import Structure
-from ...rules import Rule, in_degrees, when
 from ...steppers import current_loop, events, rigid
 from ...variables import Terminal, only, parameter, switch, tunable, without
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, State, Values
 from ..electromechanical import interface as electromechanical
 from ..electromechanical import nonlinear
-from . import interface
+from . import as_built, interface
+from .electrohydrostatic_faults import FAULTS
 
+DEVIATIONS = (*as_built.LEVER_AND_FRICTION, as_built.MOTOR)
 _FREE = stick.Slide(1.0, 0.0, 0.0)
 _ROUNDING = 1e-9  # V
 PARAMETERS = (
     *interface.PARAMETERS,
     *without(only(electromechanical.PARAMETERS, "inertia.motor", "motor.", "drive.", "controller.velocity.kp",
-                  "controller.speed_limit"), "drive.transport_delay"),
+                  "controller.speed_limit", "friction.temperature"), "drive.transport_delay"),
     parameter("pump.displacement", "m3/rad", 1e-10, 1e-3, "displacement of the pump per radian, D_p"),
     parameter("pump.leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of the pump from side to side, xi_p"),
     parameter("pump.case_leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of each side to the case, C_ep"),
@@ -54,18 +55,8 @@ PARAMETERS = (
            "yields"),
     parameter("oil.cavitation_pressure", "Pa", 0.0, 1e6, "absolute pressure at which a void opens in the oil"),
     parameter("oil.cavitated_modulus", "Pa", 1.0, 1e9, "bulk modulus of a chamber with a void"),
+    *DEVIATIONS,
 )
-
-
-def _volume(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-    stroke = ops.maximum(ops.fabs(cylinder.piston_position(ops, p, p.fin.stop_angle)),
-                         ops.fabs(cylinder.piston_position(ops, p, -p.fin.stop_angle)))
-    swept = p.cylinder.area * stroke
-    return when(ops, p.cylinder.dead_volume <= swept), p.cylinder.dead_volume, swept, in_degrees(p.fin.stop_angle)
-
-
-VOLUME_RULE = Rule(_volume, "cylinder.dead_volume = %.6g m3 must be above the %.6g m3 that the piston displaces on the "
-                            "way to fin.stop_angle = %.6g deg")
 
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
@@ -138,6 +129,7 @@ def _rates(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
 
 def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     """Return d/dt of the states: moving without dry friction, valves shut, the drive within its limits."""
+    p = as_built.with_pump(ops, p)
     smooth = with_values(p, {"pump.coulomb_friction": 0.0, "pump.pressure_friction": 0.0})
     m = Record(linkage=cylinder.linkage(ops, p, x.fin_angle, u)._replace(dry=0.0), fin=_FREE, shaft=_FREE,
                lines=pump.lines(ops, p, pump.SHUT, pump.bypass(ops, p, u.enabled)))
@@ -184,6 +176,7 @@ _SYSTEM = events.Switched(mode, _rates, _margins, _landed)
 
 def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
     """Return the plant after h [s] or at the first event before, and the time that took."""
+    p = as_built.with_pump(ops, p)
     now = rigid.switched(ops, _electrical(x), u.enabled)
     x = x.replace(motor_current=now.current, drive_integral=now.integral)
     moved, used = events.advance(ops, p, _SYSTEM, x, u, rigid.resolved(ops, p, now, u, h))
@@ -192,6 +185,7 @@ def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Valu
 
 def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     """Return every output."""
+    p = as_built.with_pump(ops, p)
     voltage, current, clipped = nonlinear.electrical(ops, p, x.motor_speed, x, u)
     error = drive.current_reference(ops, p, u.reference) - current
     return {
@@ -232,12 +226,16 @@ ACTUATOR = Actuator(
     terminals=(Terminal("motor", "motor and drive", ("motor_speed", "motor_current", "motor_voltage", "motor_torque",
                                                      "drive_reference", "current_error")),
                Terminal("hydraulics", "cylinder", ("piston_position", "pressure_1", "pressure_2"))),
-    rules=(electromechanical.lever_rule(deviates=False), VOLUME_RULE),
+    rules=(electromechanical.LEVER_RULE, interface.STROKE_RULE),
+    faults=FAULTS,
     equal_parameters=electromechanical.EQUAL,
     provides=frozenset({
         capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.SUPPLY_VOLTAGE,
-        capabilities.VOLTAGE_LIMIT, capabilities.REFERENCE_LIMIT, capabilities.POSITION_LOOP, capabilities.CASCADE}),
+        capabilities.VOLTAGE_LIMIT, capabilities.REFERENCE_LIMIT, capabilities.POSITION_LOOP, capabilities.CASCADE,
+        capabilities.AMBIENT_TEMPERATURE}),
     structure=Structure(),
+    as_built=as_built.with_pump,
+    nominal=as_built.nominal(*DEVIATIONS),
     initial=initial,
     sample=sample,
     derivatives=derivatives,
