@@ -263,5 +263,5 @@ def test_bandwidth_of_table_2(size: float) -> None:
 
 
 def test_a_cylinder_too_short_for_its_stroke_is_refused() -> None:
-    with pytest.raises(ParameterError, match=r"cylinder\.dead_volume = 5e-06 m3 must be above"):
+    with pytest.raises(ParameterError, match=r"cylinder\.dead_volume = 5e-06 m3 must be more than"):
         values_of({"cylinder.dead_volume": 5e-6})
