@@ -63,6 +63,8 @@ PARAMETERS = (
     parameter("motor.start_speed", "rad/s", 0.0, 1e5, "motor speed at the start"),
     parameter("clutch.rated_torque", "N.m", 1e-6, 1e4, "torque at which a clutch slips at its rated current, T_r"),
     parameter("clutch.rated_current", "A", 1e-6, 1e3, "coil current for the rated torque, I_r"),
+    *(parameter(f"clutch.share_{k}", "1", 0.0, 10.0, f"torque of the clutch that turns the screw {way} the motor, over "
+                "the rated one") for k, way in ((1, "with"), (2, "against"))),
     parameter("clutch.residual", "1", 0.0, 0.99, "share of the rated torque that is left without current, r"),
     parameter("clutch.bias_current", "A", 0.0, 1e3, "least current asked of both coils while enabled, I_b"),
     parameter("clutch.eddy_time", "s", 1e-6, 10.0, "time constant of eddy currents, t_e"),
@@ -161,7 +163,9 @@ def _bodies(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Bodies:
     screw = c.load - wet * x.screw_speed + c.centrifugal * x.screw_speed * x.screw_speed
     current = ops.where(m.feeds, _surplus(ops, p, x.motor_speed, u) / p.motor.resistance, 0.0)
     motor = drive.torque(p, current) - p.motor.viscous_friction * x.motor_speed
-    clutches = (clutch.capacity(p, flux, m.share) for flux in (x.flux_1, x.flux_2))
+    warm = clutch.share_at(ops, p, x.clutch_temperature)
+    clutches = (clutch.capacity(p, flux, warm * share) for flux, share in (
+        (x.flux_1, p.clutch.share_1), (x.flux_2, p.clutch.share_2)))
     return Bodies((c.inertia, _rotor_inertia(p)), (screw, motor),
                   (m.dry, Dry(p.motor.coulomb_friction, p.motor.coulomb_friction), *(Dry(t, t) for t in clutches)))
 
@@ -175,7 +179,7 @@ def _surroundings(ops: Ops, p: Any, x: Record, u: Acting, angle: Value) -> Recor
               ops.where(x.screw_angle <= low, WALL, mechanics.breakaway(ops, p, c, -1.0)))
     wet = tuple(mechanics.damping(ops, p, c, direction) for direction in (1.0, -1.0))
     return Record(mechanics=c, dry=dry, wet=wet, stops=(low, high), coils=_coils(ops, p, x, u),
-                  feeds=_surplus(ops, p, x.motor_speed, u) > 0.0, share=clutch.share_at(ops, p, x.clutch_temperature),
+                  feeds=_surplus(ops, p, x.motor_speed, u) > 0.0,
                   signs=(0.0,) * len(coupled.NAMES))
 
 
