@@ -132,5 +132,7 @@ def _rules(actuator: Actuator) -> tuple[Rule, ...]:
 
 
 EXTENSION = Extension(
-    "homing", "homing on the hard stops", extend, needs=(capabilities.REFERENCE_LIMIT, capabilities.ENCODER),
+    "homing", "homing on the hard stops", extend,
+    # The rule for a stall takes the push against a stop for that of a motor's current.
+    needs=(capabilities.REFERENCE_LIMIT, capabilities.ENCODER, capabilities.MOTOR_CURRENT),
     parameters=lambda actuator: PARAMETERS, outputs=(STATUS, HOMED), rules=_rules, module=sys.modules[__name__])

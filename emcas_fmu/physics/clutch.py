@@ -67,7 +67,7 @@ def share_at(ops: Ops, p: Any, temperature: Value) -> Value:
 
 
 def capacity(p: Any, flux: Value, share: Value = 1.0) -> Value:
-    """Return C [N.m], the torque at which a clutch of a flux [A] slips, of k_T = `share`."""
+    """Return C [N.m], the torque at which a clutch of a flux [A] slips, of k_T and its scatter together = `share`."""
     return share * (p.clutch.rated_torque * p.clutch.residual + torque_per_ampere(p) * flux)
 
 

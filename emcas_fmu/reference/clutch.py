@@ -76,7 +76,8 @@ class Clutches:
         """Return the torques [N.m] at which the clutches slip."""
         warm = max(1.0 + self.p["clutch.temperature_coefficient"] * (y[7] - self.p["clutch.reference_temperature"]),
                    0.1)
-        first, second = (warm * (self.rated * self.p["clutch.residual"] + self.slope_of_torque * y[k]) for k in (5, 6))
+        first, second = (warm * self.p[f"clutch.share_{k}"]
+                         * (self.rated * self.p["clutch.residual"] + self.slope_of_torque * y[4 + k]) for k in (1, 2))
         return first, second
 
     def asked(self, around: Surroundings) -> tuple[float, float]:

@@ -1,17 +1,17 @@
 """Clutch actuator, dual: a motor that turns one way, two contra-rotating clutches, screw, lever and fin.
 
-    J_m m' = K_t i_m - F_1 - F_2 dm/ds_2 - ...      see emcas_fmu.physics.coupled
-    i_m    = max(V - K_e m, 0)/R                    open loop at the supply, through a diode
-    i_1,ref = I_b + max(i_ref, 0)                   i_2,ref = I_b + max(-i_ref, 0)
+    J_s w' = F_1 + F_2 - C_s sgn w - b_s w + T/n     J_m m' = K_t i_m - C_m sgn m - b_m m - F_1 + F_2
+    F_1 = C_1 sgn(m - w)       F_2 = -C_2 sgn(m + w)        i_m = max(V - K_e m, 0)/R
+    i_1,ref = I_b + max(i_ref, 0)                            i_2,ref = I_b + max(-i_ref, 0)
 
 One clutch turns the screw with the motor, the other, by a gear, against it. The loops of
 :mod:`emcas_fmu.control.controllers` ask for a net coil current, K_v u within +-I_max: the torque that slipping clutches
 make of it is that of a motor of so much torque per ampere. A bias I_b in both keeps their magnets off the dead band.
-The motor's winding has no inductance, as nothing controls its current. Rotor and screw are two bodies with four dry
-frictions (:mod:`emcas_fmu.physics.coupled`), of which each clutch is one: it slips or is locked, with the two speeds
-the same to the bit. Without `enable` both coils are off, and the motor goes on turning: the fin is moved by its loads
-and friction, and the residual torques of both clutches cancel. Nothing returns power to the supply: the motor's diode
-and the coils' suppressors take it.
+The motor is open loop at the supply, through a diode, and its winding without inductance. Rotor and screw are two
+bodies with four dry frictions (:mod:`emcas_fmu.physics.coupled`), of which each clutch is one: it slips or is locked,
+with the two speeds the same to the bit. Without `enable` both coils are off, and the motor goes on turning: the fin is
+moved by its loads and friction, and the residual torques of both clutches cancel. Nothing returns power to the supply:
+the motor's diode and the coils' suppressors take it.
 
 Events (:mod:`emcas_fmu.steppers.events`): a clutch locks or slips, screw or motor rests or starts, the fin meets a
 stop, a coil's amplifier meets a limit, the motor's diode opens.
@@ -63,6 +63,8 @@ PARAMETERS = (
     parameter("motor.start_speed", "rad/s", 0.0, 1e5, "motor speed at the start"),
     parameter("clutch.rated_torque", "N.m", 1e-6, 1e4, "torque at which a clutch slips at its rated current, T_r"),
     parameter("clutch.rated_current", "A", 1e-6, 1e3, "coil current for the rated torque, I_r"),
+    *(parameter(f"clutch.share_{k}", "1", 0.0, 10.0, f"torque of the clutch that turns the screw {way} the motor, over "
+                "the rated one") for k, way in ((1, "with"), (2, "against"))),
     parameter("clutch.residual", "1", 0.0, 0.99, "share of the rated torque that is left without current, r"),
     parameter("clutch.bias_current", "A", 0.0, 1e3, "least current asked of both coils while enabled, I_b"),
     parameter("clutch.eddy_time", "s", 1e-6, 10.0, "time constant of eddy currents, t_e"),
@@ -161,7 +163,9 @@ def _bodies(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Bodies:
     screw = c.load - wet * x.screw_speed + c.centrifugal * x.screw_speed * x.screw_speed
     current = ops.where(m.feeds, _surplus(ops, p, x.motor_speed, u) / p.motor.resistance, 0.0)
     motor = drive.torque(p, current) - p.motor.viscous_friction * x.motor_speed
-    clutches = (clutch.capacity(p, flux, m.share) for flux in (x.flux_1, x.flux_2))
+    warm = clutch.share_at(ops, p, x.clutch_temperature)
+    clutches = (clutch.capacity(p, flux, warm * share) for flux, share in (
+        (x.flux_1, p.clutch.share_1), (x.flux_2, p.clutch.share_2)))
     return Bodies((c.inertia, _rotor_inertia(p)), (screw, motor),
                   (m.dry, Dry(p.motor.coulomb_friction, p.motor.coulomb_friction), *(Dry(t, t) for t in clutches)))
 
@@ -175,7 +179,7 @@ def _surroundings(ops: Ops, p: Any, x: Record, u: Acting, angle: Value) -> Recor
               ops.where(x.screw_angle <= low, WALL, mechanics.breakaway(ops, p, c, -1.0)))
     wet = tuple(mechanics.damping(ops, p, c, direction) for direction in (1.0, -1.0))
     return Record(mechanics=c, dry=dry, wet=wet, stops=(low, high), coils=_coils(ops, p, x, u),
-                  feeds=_surplus(ops, p, x.motor_speed, u) > 0.0, share=clutch.share_at(ops, p, x.clutch_temperature),
+                  feeds=_surplus(ops, p, x.motor_speed, u) > 0.0,
                   signs=(0.0,) * len(coupled.NAMES))
 
 
@@ -254,7 +258,9 @@ def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     for coil, flowing in zip(m.coils, (x.coil_current_1, x.coil_current_2), strict=True):
         drawn = drawn + ops.maximum(coil.voltage(ops, p, flowing), 0.0) * flowing
         limited = ops.either(limited, ops.negate(ops.equal(coil.side, 0.0)))
-    torques = coupled.friction_torques(ops, b, m.signs)
+    # Of a unit that rests as a whole friction is not determined: what is shown is within the clutch's torque.
+    torques = [ops.clip(torque, -dry.low, dry.high)
+               for torque, dry in zip(coupled.friction_torques(ops, b, m.signs), b.dry, strict=True)]
     slip_1, slip_2 = _slip_powers(ops, b, m.signs, x)
     tangent = kinematics.lever_tangent(ops, p, x.screw_angle)
     fin = kinematics.fin_angle(ops, p, tangent)
