@@ -30,9 +30,9 @@ from ...physics.coupled import Bodies, Dry
 from ...physics.stick import WALL
 from ...physics.structure import Structure
 from ...steppers import events, rigid
-from ...variables import Terminal, only, parameter, real_output, without
+from ...variables import Terminal, only, parameter, real_output, tunable, without
 from .. import capabilities, fin_port
-from ..declaration import Acting, Actuator, Asked, State, Supply, Values
+from ..declaration import Acting, Actuator, Asked, PlantFault, State, Supply, Values
 from . import interface, nonlinear
 from .as_built import NOMINAL, as_built
 
@@ -77,6 +77,27 @@ PARAMETERS = (
     parameter("coil.resistance", "Ohm", 1e-6, 1e6, "coil resistance"),
     parameter("coil.inductance", "H", 1e-7, 1e3, "coil inductance"),
     parameter("coil.suppression_voltage", "V", 0.0, 1e4, "voltage of the suppressor that takes a coil's energy, V_c"),
+)
+FAULTS = (
+    PlantFault("drag", "the open clutches drag", lambda ops, p, amounts: {"clutch.residual": amounts.share}, (
+        tunable("share", "1", 0.0, 0.9, "of the rated torque that is left without current"),)),
+    PlantFault("powder_loss", "both clutches have lost powder, for good", lambda ops, p, amounts: {
+        "clutch.share_1": amounts.share * p.clutch.share_1, "clutch.share_2": amounts.share * p.clutch.share_2}, (
+            tunable("share", "1", 0.0, 1.0, "of the torque that is left"),), lasting=True),
+    PlantFault("coil_open", "the coil of the clutch that turns the screw with the motor is open: its residual torque "
+               "is left", lambda ops, p, amounts: {"clutch.share_1": p.clutch.residual * p.clutch.share_1}),
+    PlantFault("coil_short", "turns of both coils are shorted", lambda ops, p, amounts: {
+        "coil.resistance": amounts.share * p.coil.resistance,
+        "coil.inductance": amounts.share * amounts.share * p.coil.inductance,
+        "clutch.share_1": amounts.share * p.clutch.share_1, "clutch.share_2": amounts.share * p.clutch.share_2}, (
+            tunable("share", "1", 0.05, 1.0, "of the turns that are left"),)),
+    PlantFault("overheating", "the clutches lose torque as they heat", lambda ops, p, amounts: {
+        "clutch.temperature_coefficient": -amounts.slope,
+        "clutch.heat_capacity": amounts.capacity * p.clutch.heat_capacity}, (
+            tunable("slope", "1/K", 0.0, 0.1, "relative fall of the torque with temperature"),
+            tunable("capacity", "1", 0.01, 1.0, "of the heat capacity that takes the heat"))),
+    PlantFault("both_engaged", "both clutches are engaged", lambda ops, p, amounts: {
+        "clutch.bias_current": p.clutch.rated_current}),
 )
 MODULES = (coupled, clutch, kinematics, mechanics, friction, loads, sensors, controllers, events)
 
@@ -307,9 +328,11 @@ ACTUATOR = Actuator(
                          "nut_position", "coil_current_1", "coil_current_2", "clutch_torque_1", "clutch_torque_2",
                          "slip_power_1", "slip_power_2", "clutch_temperature")),),
     rules=interface.RULES,
+    faults=FAULTS,
     equal_parameters=interface.EQUAL,
-    provides=frozenset({capabilities.SCREW_DRIVE, capabilities.REFERENCE_LIMIT, capabilities.POSITION_LOOP,
-                        capabilities.CASCADE, capabilities.ENCODER, capabilities.SUPPLY_VOLTAGE}),
+    provides=frozenset({capabilities.SCREW_DRIVE, capabilities.SCREW_AND_LEVER, capabilities.REFERENCE_LIMIT,
+                        capabilities.POSITION_LOOP, capabilities.CASCADE, capabilities.ENCODER,
+                        capabilities.SUPPLY_VOLTAGE}),
     structure=Structure(),
     as_built=as_built,
     nominal=NOMINAL,
