@@ -29,7 +29,7 @@ from emcas_fmu.studies.report import mission, stiffness
 from emcas_fmu.studies.report.outcome import Value
 from emcas_fmu.studies.report.rig import Rig
 
-KINDS = {NONLINEAR: "ball screw", "worm-gear": "worm gear", "clutch": "clutch",
+KINDS = {NONLINEAR: "ball screw", "worm-gear": "worm gear", "clutch": "clutch, dual", "series-clutch": "clutch, series",
          "electrohydrostatic": "electrohydrostatic", "electrohydraulic": "electrohydraulic"}
 COLORS = dict(zip(KINDS, plots.COLORS, strict=False))
 LOADS = np.arange(-150.0, 151.0, 50.0)  # N.m along the motion

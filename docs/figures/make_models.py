@@ -7,9 +7,10 @@ from math import radians
 from pathlib import Path
 
 import numpy as np
+from make_tables import MODELS
 
 from emcas_fmu import plots
-from emcas_fmu.actuators import NAMES, NONLINEAR
+from emcas_fmu.actuators import NONLINEAR
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 
@@ -24,20 +25,18 @@ def _step(angle: float, time: float) -> float:
 
 
 def main() -> None:
-    others = (name for name in NAMES if name != NONLINEAR)
-    looks = dict(zip(others, ((color, line) for line in ("-", "--") for color in plots.COLORS), strict=False))
+    colors = dict(zip((name for name in MODELS if name != NONLINEAR), plots.COLORS, strict=True))
     with plots.style():
         figure, axes = plots.figure(2, 2, height=2.9)
         for (angle, load, stop, title), axis in zip(CASES, axes.flat, strict=True):
-            for name in NAMES:
+            for name in MODELS:
                 run = simulate(load_parameters(model=name).values, stop, 2.5e-4, model=name, aero_torque=load,
                                fin_command=partial(_step, angle))
-                axis.plot(run["time"], np.degrees(run["fin_angle"]), label=name,
-                          color=looks.get(name, (plots.GRAY, "-"))[0], linestyle=looks.get(name, (plots.GRAY, "-"))[1],
+                axis.plot(run["time"], np.degrees(run["fin_angle"]), label=name, color=colors.get(name, plots.GRAY),
                           linewidth=4.0 if name == NONLINEAR else 1.1, alpha=0.6 if name == NONLINEAR else 1.0)
             axis.set(title=title, xlabel="time [s]", ylabel="fin angle [deg]", xlim=(0.0, stop),
                      ylim=(-0.3 * angle, 1.4 * angle))
-        figure.legend(*axes[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=len(NAMES))
+        figure.legend(*axes[0][0].get_legend_handles_labels(), loc="outside upper center", ncols=len(MODELS))
         figure.savefig(Path(__file__).parent / "models.png", dpi=110, facecolor="white", metadata={"Software": None})
 
 

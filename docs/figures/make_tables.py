@@ -40,6 +40,9 @@ STEPS = (5e-4, 1e-3, 2e-3, 5e-3, 1e-2)  # s
 STOP = 1.0  # s
 ROUNDING = 1e-9  # deg, a thousand times what rounding grows to
 SHOWN = 6  # rows of the drift table
+# Kinds of actuation that are compared by themselves (make_comparison.py); the others are models of one.
+KINDS = ("worm-gear", "clutch", "series-clutch", "electrohydrostatic", "electrohydraulic")
+MODELS = tuple(name for name in NAMES if name not in KINDS)
 
 
 def markdown(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
@@ -197,11 +200,11 @@ def extensions() -> str:
 
 def models() -> str:
     """How far the fin angle of each model is from the nonlinear one's in the reference cases: largest, and rms."""
-    others = [name for name in NAMES if name != NONLINEAR]
+    others = [name for name in MODELS if name != NONLINEAR]
     rows = []
     for case in CASES:
         chosen = reference_case(case.name)
-        angles = {name: _angle(name, chosen) for name in NAMES}
+        angles = {name: _angle(name, chosen) for name in MODELS}
         apart = [np.degrees(np.abs(angles[name] - angles[NONLINEAR])) for name in others]
         rows.append([f"`{case.name}`", *(f"{a.max():.2g}°, {np.sqrt(np.mean(a**2)):.2g}°" for a in apart)])
     return markdown(("reference case", *others), rows)

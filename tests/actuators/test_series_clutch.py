@@ -63,5 +63,5 @@ def test_a_load_with_the_motion_is_turned_into_heat() -> None:
 
 def test_it_has_its_losses_itself() -> None:
     assert capabilities.SCREW_LOAD not in get(MODEL).provides
-    with pytest.raises(EmcasError, match="efficiency needs a load on the screw"):
+    with pytest.raises(EmcasError, match="efficiency needs a screw without losses"):
         get(f"{MODEL}+efficiency")

@@ -252,10 +252,10 @@ def test_two_outputs_are_two_files(tmp_path: Path) -> None:
 def test_fit_is_of_the_nonlinear_actuator(tmp_path: Path) -> None:
     """Another model, or the parameters of one, is told in a line; a slip in a name is told as ever."""
     own, slip = tmp_path / "own.toml", tmp_path / "slip.toml"
-    own.write_text('motor.resistance = "1 Ohm"\ncylinder.area = "4 cm^2"\nvalve.lap = "0.1"\n', encoding="utf-8")
+    own.write_text('motor.resistance = "1 Ohm"\nspring.rate = "4 N/m"\nspring.preload = "1 N"\n', encoding="utf-8")
     slip.write_text('motor.resistence = "1 Ohm"\n', encoding="utf-8")
     for arguments, said in ((("--model", "elastic"), "error: --model elastic: emcas fit needs the parameters of"),
-                            (("-p", str(own)), "nonlinear actuator, which has no cylinder.area, valve.lap; give"),
+                            (("-p", str(own)), "nonlinear actuator, which has no spring.rate, spring.preload; give"),
                             (("-p", str(slip)), "unknown parameter; did you mean motor.resistance?")):
         done = CliRunner().invoke(app, ["fit", *arguments])
         assert done.exit_code == 2

@@ -16,6 +16,7 @@ valve or a relief valve opens or closes, a void begins or ends, the drive's volt
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from typing import Any
 
 from ...control import fluid_power
@@ -38,7 +39,9 @@ _ROUNDING = 1e-9  # V
 PARAMETERS = (
     *interface.PARAMETERS,
     *without(only(electromechanical.PARAMETERS, "inertia.motor", "motor.", "drive.", "controller.velocity.kp",
-                  "controller.speed_limit", "friction.temperature"), "drive.transport_delay"),
+                  "controller.speed_limit"), "drive.transport_delay"),
+    *(replace(v, description="ambient temperature; the extension heat alone reads it")
+      for v in only(electromechanical.PARAMETERS, "friction.temperature")),
     parameter("pump.displacement", "m3/rad", 1e-10, 1e-3, "displacement of the pump per radian, D_p"),
     parameter("pump.leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of the pump from side to side, xi_p"),
     parameter("pump.case_leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of each side to the case, C_ep"),
