@@ -22,7 +22,7 @@ from emcas_fmu.bench.excitation import COMMAND, LOAD, Excitation, slew_to, step_
 from emcas_fmu.bench.metrics import FrequencyResponse, motion, sweep_response
 from emcas_fmu.bench.subject import ParameterSubject, Run
 from emcas_fmu.bench.writers import with_unit
-from emcas_fmu.extensions.fault_list import FAULTS, possible
+from emcas_fmu.extensions.fault_list import possible
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.compare import study
 from emcas_fmu.studies.report import mission, stiffness
@@ -139,6 +139,12 @@ def _upto(frequency: float, beyond: float) -> str:
     return f"{frequency:.1f} Hz" if np.isfinite(frequency) else f"> {beyond:.0f} Hz"
 
 
+def _least_stiffness(kind: Kind) -> str:
+    """Return it in words: a fin that is locked by friction has none."""
+    least = kind.stiffness["powered"].get("least_stiffness_n_m_per_rad")
+    return "does not move" if least is None else f"{least:.0f} N·m/rad"
+
+
 def motions() -> str:
     """Steps, frequency response and what a load does."""
     return _rows({
@@ -147,7 +153,7 @@ def motions() -> str:
         "within 2 % of a step of 10° for good": lambda k: f"{1e3 * k.step(10.0)['settling_time']:.0f} ms",
         "lag of 90° at (1°)": lambda k: _upto(k.response.phase_bandwidth, k.response.beyond),
         "largest deflection by 100 N·m at once": lambda k: f"{k.dip:.2f}°",
-        "least stiffness, 1 to 40 Hz": lambda k: f"{k.stiffness['powered']['least_stiffness_n_m_per_rad']:.0f} N·m/rad",
+        "least stiffness, 1 to 40 Hz": _least_stiffness,
         "moves without power from": lambda k: f"{k.breakaway:.3g} N·m" if np.isfinite(k.breakaway) else
                                               f"holds {k.rig.load:g} N·m",
     })
@@ -167,14 +173,12 @@ def powers() -> str:
 
 
 def failures() -> str:
-    """Faults of the extension `faults` that are a kind's own, beside those of all."""
-    general = {fault.name for fault in FAULTS}
+    """Faults that each kind declares, and how many there are with the general ones."""
     rows = []
     for name, title in KINDS.items():
-        faults = possible(get(name))
-        of_kind = [fault for fault in faults if fault.name not in general]
-        rows.append((title, ", ".join(f"`{fault.name}`: {fault.description}" for fault in of_kind) or "none",
-                     str(len(faults))))
+        actuator = get(name)
+        rows.append((title, "; ".join(f"`{fault.name}`: {fault.description}" for fault in actuator.faults) or "none",
+                     str(len(possible(actuator)))))
     return markdown(("", "of its kind", "faults in all"), rows)
 
 
