@@ -180,18 +180,12 @@ TICK_REMEDY = "raise solver.max_tick or motor.inductance, or lower drive.ki"
 LARGEST_LEVER_ANGLE = radians(85.0)
 
 
-def lever_rule(deviates: bool = True) -> Rule:
-    """Return the rule for the lever's angle, as built too of an actuator that has such a deviation."""
-    def check(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-        nominal, off = p.kinematics.initial_angle, p.deviation.kinematics.initial_angle if deviates else 0.0
-        initial = ops.maximum(ops.fabs(nominal), ops.fabs(nominal + off))
-        stop = p.fin.stop_angle
-        return (when(ops, initial + stop >= LARGEST_LEVER_ANGLE * (1.0 - SLACK)), initial, in_degrees(initial),
-                stop, in_degrees(stop), initial + stop, in_degrees(initial + stop))
-
-    built = ", nominal or as built," if deviates else ""
-    return Rule(check, f"|kinematics.initial_angle| = {ANGLE}{built} and fin.stop_angle = {ANGLE} add up to {ANGLE}; "
-                       f"the sum must be below {LARGEST_LEVER_ANGLE:.6g} rad ({degrees(LARGEST_LEVER_ANGLE):.6g} deg)")
+def _lever(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    nominal, off = p.kinematics.initial_angle, p.deviation.kinematics.initial_angle
+    initial = ops.maximum(ops.fabs(nominal), ops.fabs(nominal + off))
+    stop = p.fin.stop_angle
+    return (when(ops, initial + stop >= LARGEST_LEVER_ANGLE * (1.0 - SLACK)), initial, in_degrees(initial),
+            stop, in_degrees(stop), initial + stop, in_degrees(initial + stop))
 
 
 def _friction(direction: str) -> Rule:
@@ -275,7 +269,9 @@ def jams(ops: Ops, p: Any, backward: Value, tick: Value) -> tuple[Value, ...]:
     return when(ops, -backward * load > MOST_JAMMING * rotor), backward, rotor, load
 
 
-LEVER_RULE = lever_rule()
+LEVER_RULE = Rule(
+    _lever, f"|kinematics.initial_angle| = {ANGLE}, nominal or as built, and fin.stop_angle = {ANGLE} add up to "
+            f"{ANGLE}; the sum must be below {LARGEST_LEVER_ANGLE:.6g} rad ({degrees(LARGEST_LEVER_ANGLE):.6g} deg)")
 FRICTION_RULES = (_friction("positive"), _friction("negative"))
 OBSERVER_RULE = _stable("load_observer", 1.0)
 # The drive's unwinds two integrals at once.

@@ -24,7 +24,7 @@ from ...steppers import events
 from ...variables import Terminal, parameter, real_input, real_output, tunable
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, PlantFault, State, Supply, Values
-from ..electromechanical.interface import lever_rule, transport_delay
+from ..electromechanical.interface import LEVER_RULE, transport_delay
 from . import as_built, interface
 
 SUPPLY_PRESSURE = real_input("supply_pressure", "Pa", "pressure of the line that feeds the valve", minimum=0.0,
@@ -221,7 +221,7 @@ ACTUATOR = Actuator(
     terminals=(Terminal("hydraulics", "cylinder and valve",
                         ("piston_position", "pressure_1", "pressure_2", "valve_reference", "valve_position",
                          "supply_flow")),),
-    rules=(lever_rule(), interface.STROKE_RULE),
+    rules=(LEVER_RULE, interface.STROKE_RULE),
     provides=frozenset({capabilities.POSITION_LOOP, capabilities.SUPPLY_PRESSURE}),
     structure=Structure(),
     as_built=as_built.with_valve,
