@@ -35,6 +35,7 @@ COLORS = dict(zip(KINDS, plots.COLORS, strict=False))
 LOADS = np.arange(-150.0, 151.0, 50.0)  # N.m along the motion
 SLEW = radians(100.0)  # rad/s, of the ramp by which power is measured
 HELD = 100.0  # N.m
+ENABLE = "enable"
 _SETTLED = 1.0  # s after which what is held has settled
 
 
@@ -91,6 +92,14 @@ class Kind:
     def dip(self) -> float:
         """Return the largest deflection [deg] by that load."""
         return degrees(float(np.abs(self.holding.columns["fin_angle"]).max()))
+
+    @property
+    def yields(self) -> str:
+        """Return how far [deg] the disabled fin moves in 0.2 s under that load, in words."""
+        load = self.holding.excitation
+        run = self.run(load.holding({ENABLE: np.zeros(len(load.time))}))
+        angle = np.abs(np.degrees(run.columns["fin_angle"]))[run.columns["time"] <= load.begin + 0.2]
+        return "to the stop" if run.columns["at_stop"][len(angle) - 1] > 0.5 else f"{angle[-1]:.2g}°"
 
     @property
     def heat(self) -> float:
@@ -154,6 +163,8 @@ def motions() -> str:
         "lag of 90° at (1°)": lambda k: _upto(k.response.phase_bandwidth, k.response.beyond),
         "largest deflection by 100 N·m at once": lambda k: f"{k.dip:.2f}°",
         "least stiffness, 1 to 40 Hz": _least_stiffness,
+        "100 N·m, unpowered: in 0.2 s it moves by": lambda k: k.yields,
+        "delay from a sample to the drive": lambda k: f"{1e3 * k.subject.transport_delay({}):.1f} ms",
         "moves without power from": lambda k: f"{k.breakaway:.3g} N·m" if np.isfinite(k.breakaway) else
                                               f"holds {k.rig.load:g} N·m",
     })
@@ -204,6 +215,11 @@ def draw(path: Path) -> None:
         for key, sign, alpha in (("energy_drawn_j", 1.0, 1.0), ("energy_regenerated_j", -1.0, 0.5)):
             energy.barh(places, [sign * float(kind.mission[key]) / 1e3 for kind in kinds().values()],
                         color=list(COLORS.values()), alpha=alpha)
+        for place, kind in zip(places, kinds().values(), strict=True):
+            drawn, returned = (float(kind.mission[key]) for key in ("energy_drawn_j", "energy_regenerated_j"))
+            energy.annotate(f"{drawn:.0f} J, returned {returned:.0f} J", (drawn / 1e3, place), (4.0, 0.0),
+                            textcoords="offset points", va="center", fontsize=8.0)
+        energy.set(xlim=(None, 8.5))
         energy.set_yticks(places, KINDS.values())
         energy.invert_yaxis()
         energy.set(title="energy of a mission of 15 s, returned to the left", xlabel="energy / kJ")

@@ -36,7 +36,7 @@ class Fault:
 
 
 FAULTS = (
-    Fault("jam", "the screw is blocked"),
+    Fault("jam", "the drive line is blocked"),
     Fault("free_fin", "the shaft is broken between fork and fin: the fin floats, for good",
           needs=(capabilities.SCREW_DRIVE,)),
     Fault("hard_over", "the controller's DAC puts out a constant", (

@@ -85,7 +85,7 @@ class Clutches:
         if not around.enable:
             return 0.0, 0.0
         net, bias = around.current_reference, self.p["clutch.bias_current"]
-        return bias + max(net, 0.0), bias + max(-net, 0.0)
+        return self.p["coil.connected_1"] * (bias + max(net, 0.0)), bias + max(-net, 0.0)
 
     def demand(self, y: Sequence[float], k: int, around: Surroundings) -> float:
         """Return the voltage [V] that the amplifier of coil k would give."""

@@ -47,7 +47,8 @@ OUTPUTS = (
     real_output("screw_speed", "rad/s", "screw speed", 100.0),
     *only(interface.OUTPUTS, "motor_speed", "motor_torque", "drive_reference", "nut_position", "hinge_torque"),
     SUPPLY_POWER,
-    *only(interface.OUTPUTS, "tracking_error", "measured_fin_angle", "saturated", "at_stop"),
+    *fin_port.described({"saturated": "any limit active: command, speed, DAC or an amplifier's voltage"},
+                        only(interface.OUTPUTS, "tracking_error", "measured_fin_angle", "saturated", "at_stop")),
     *(real_output(f"coil_current_{k}", "A", f"coil current of the clutch that turns the screw {way} the motor", 1.0)
       for k, way in ((1, "with"), (2, "against"))),
     *(real_output(f"clutch_torque_{k}", "N.m", f"torque on the screw of the clutch that turns it {way} the motor", 1.0)
@@ -56,8 +57,19 @@ OUTPUTS = (
       for k, way in ((1, "with"), (2, "against"))),
     real_output("clutch_temperature", "degC", "temperature of the clutches", 100.0),
 )
+_OF_SCREW = {
+    "drive.current_limit": "largest net current of both coils that is asked for",
+    "drive.current_gain": "net coil current demanded per volt of reference",
+    "drive.current_offset": "net coil current demanded at zero reference",
+    "drive.transport_delay": "delay from DAC to the current asked of the coils",
+    "drive.kp": "proportional gain of the coils' amplifiers",
+    "encoder.on_fin": "true: the position comes from an encoder on the fin shaft; false: from the screw's, as the "
+                      "speed always does",
+    **{v.name: v.description.replace("at the motor", "at the screw")
+       for v in only(interface.PARAMETERS, "friction.viscous", "friction.coulomb")},
+}
 PARAMETERS = (
-    *without(interface.PARAMETERS, "motor.inductance", "motor.pole_pairs", "drive.ki"),
+    *fin_port.described(_OF_SCREW, without(interface.PARAMETERS, "motor.inductance", "motor.pole_pairs", "drive.ki")),
     parameter("motor.coulomb_friction", "N.m", 0.0, 10.0, "dry friction of motor and gear"),
     parameter("motor.viscous_friction", "N.m.s/rad", 0.0, 10.0, "viscous friction of motor and gear"),
     parameter("motor.start_speed", "rad/s", 0.0, 1e5, "motor speed at the start"),
@@ -76,6 +88,8 @@ PARAMETERS = (
     parameter("clutch.thermal_resistance", "K/W", 1e-6, 1e6, "from the clutches to the ambient, R_th"),
     parameter("coil.resistance", "Ohm", 1e-6, 1e6, "coil resistance"),
     parameter("coil.inductance", "H", 1e-7, 1e3, "coil inductance"),
+    parameter("coil.connected_1", "1", 0.0, 1.0, "share of the current asked for that the coil of the clutch that "
+              "turns the screw with the motor gets (0: open)"),
     parameter("coil.suppression_voltage", "V", 0.0, 1e4, "voltage of the suppressor that takes a coil's energy, V_c"),
 )
 FAULTS = (
@@ -85,7 +99,7 @@ FAULTS = (
         "clutch.share_1": amounts.share * p.clutch.share_1, "clutch.share_2": amounts.share * p.clutch.share_2}, (
             tunable("share", "1", 0.0, 1.0, "of the torque that is left"),), lasting=True),
     PlantFault("coil_open", "the coil of the clutch that turns the screw with the motor is open: its residual torque "
-               "is left", lambda ops, p, amounts: {"clutch.share_1": p.clutch.residual * p.clutch.share_1}),
+               "is left", lambda ops, p, amounts: {"coil.connected_1": 0.0}),
     PlantFault("coil_short", "turns of both coils are shorted", lambda ops, p, amounts: {
         "coil.resistance": amounts.share * p.coil.resistance,
         "coil.inductance": amounts.share * amounts.share * p.coil.inductance,
@@ -140,7 +154,7 @@ def coil_references(ops: Ops, p: Any, u: Acting) -> tuple[Value, Value]:
     net = drive.current_reference(ops, p, u.reference)
     # |net| and not a maximum: its slope at 0 is the mean of both sides', so that the two add up in linear analysis.
     larger, bias = 0.5 * ops.fabs(net), p.clutch.bias_current
-    return (ops.where(u.enabled, bias + (larger + 0.5 * net), 0.0),
+    return (ops.where(u.enabled, p.coil.connected_1 * (bias + (larger + 0.5 * net)), 0.0),
             ops.where(u.enabled, bias + (larger - 0.5 * net), 0.0))
 
 

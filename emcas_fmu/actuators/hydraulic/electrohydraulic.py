@@ -33,7 +33,8 @@ SUPPLY_POWER = real_output("supply_power", "W", "hydraulic power drawn from the 
 DEVIATIONS = (*as_built.LEVER_AND_FRICTION, as_built.RATED_FLOW)
 VALVE = (State("spool_position", "1", "of its stroke"), State("spool_speed", "1/s"))
 PARAMETERS = (
-    *interface.PARAMETERS,
+    *fin_port.described({"drive.transport_delay": "delay from a sample to the coil of the valve"},
+                        interface.PARAMETERS),
     parameter("cylinder.start_pressure", "Pa", 0.0, 1e9, "pressure in both chambers at the start"),
     parameter("tank.pressure", "Pa", 0.0, 1e8, "pressure of the return line, p_t"),
     parameter("valve.rated_flow", "m3/s", 1e-9, 1.0, "flow of the open valve at valve.rated_pressure, Q_r"),
@@ -41,7 +42,8 @@ PARAMETERS = (
     parameter("valve.natural_frequency", "rad/s", 1.0, 1e5, "natural frequency of the spool"),
     parameter("valve.damping", "1", 0.0, 100.0, "damping ratio of the spool"),
     parameter("valve.stroke_time", "s", 1e-5, 10.0, "least time from the centre to the end of the stroke"),
-    parameter("valve.lap", "1", 0.0, 1.0, "rounding of the edges, of the stroke: leakage at null"),
+    parameter("valve.lap", "1", 0.0, 1.0, "rounding of the edges, as an underlap, of the stroke: the larger, the more "
+              "leaks at null"),
     parameter("valve.laminar_pressure", "Pa", 1.0, 1e8, "pressure drop below which an edge's flow is laminar"),
     parameter("valve.null_shift", "1", -2.0, 2.0, "where the spool stands without a command, of its stroke; 2: at its "
               "end whatever the command"),
@@ -50,7 +52,7 @@ PARAMETERS = (
 FAULTS = (
     PlantFault("hard_over", "the spool stays at one end of its stroke, whatever it is asked for",
                lambda ops, p, amounts: {"valve.null_shift": 2.0}),
-    PlantFault("silting", "dirt in the valve shifts its null and takes its lap", lambda ops, p, amounts: {
+    PlantFault("silting", "dirt in the valve shifts its null and fills its clearance", lambda ops, p, amounts: {
         "valve.null_shift": p.valve.null_shift + amounts.shift, "valve.lap": amounts.lap}, (
             tunable("shift", "1", -2.0, 2.0, "shift of the null, of the stroke"),
             tunable("lap", "1", 0.0, 1.0, "valve.lap that is left"))),

@@ -37,8 +37,10 @@ CHECK_VALVE = parameter("check_valve.conductance", "m3/(s.Pa)", 0.0, 1e-6,
                         "conductance of the check valve that refills a chamber, K_cv")
 TRANSDUCER = parameter("transducer.resolution", "rad", 0.0, 0.1, "step of the transducer of the fin angle (0: none)")
 PARAMETERS = (
-    *only(electromechanical.PARAMETERS, "kinematics.", "friction.fin_", "drive.transport_delay",
-          "controller.position.kp", "controller.position.ki", "controller.position.setpoint_weight"),
+    *fin_port.described(
+        {"kinematics.moment_arm": "distance of the hinge from the piston's axis, d"},
+        only(electromechanical.PARAMETERS, "kinematics.", "friction.fin_", "drive.transport_delay",
+             "controller.position.kp", "controller.position.ki", "controller.position.setpoint_weight")),
     *fin_port.PARAMETERS,
     *CYLINDER,
     CHECK_VALVE,

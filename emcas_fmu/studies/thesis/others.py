@@ -26,12 +26,12 @@ _OF_KIND = ("An actuator with {} that is sized for the same task; all its number
 
 def author(model: str, name: str) -> Show:
     """Return what shows a step of an author's model beside one of the nonlinear actuator."""
-    return _beside(model, name, *_OF_AUTHOR)
+    return _beside(model, name, _OF_AUTHOR[0].format(name), _OF_AUTHOR[1])
 
 
 def kind(model: str, name: str) -> Show:
     """Return what shows a step of another kind of actuation beside one of the nonlinear actuator."""
-    return _beside(model, name, *_OF_KIND)
+    return _beside(model, model, _OF_KIND[0].format(name), _OF_KIND[1])
 
 
 def circuit(model: str, further: Sequence[tuple[str, str, float]]) -> Show:
@@ -67,6 +67,6 @@ def _beside(model: str, name: str, caption: str, unknown: str) -> Show:
             Panel("fin angle / deg", [of_run(of_other),
                                       *(angle(run.columns, name) for name, run in responses.items())]),
             Panel("fin rate / deg/s", [rate(run.columns) for run in responses.values()])], "time / s", (0.0, 0.35)),
-            caption.format(name), Table(("", *_FIGURES.values()), rows), unknown)
+            caption, Table(("", *_FIGURES.values()), rows), unknown)
 
     return show
