@@ -53,7 +53,11 @@ def stop_margin(ops: Ops, s: Slide, place: Value, stop: Value) -> Value:
     return ops.where(ops.equal(s.direction, 0.0), 1.0, stop - s.direction * place)
 
 
+def nowhere(ops: Ops, s: Slide, begin: Value, end: Value) -> Value:
+    """Return whether a body that starts from rest, of a speed of 0 at the `begin` of a step, leads nowhere."""
+    return ops.both(ops.equal(begin, 0.0), end * s.direction <= 0.0)
+
+
 def speed_after(ops: Ops, s: Slide, begin: Value, end: Value, halted: Value) -> Value:
     """Return the speed at the end of a step: 0 where it was `halted`, or where a start from rest leads nowhere."""
-    nowhere = ops.both(ops.equal(begin, 0.0), end * s.direction <= 0.0)
-    return ops.where(ops.either(halted, nowhere), 0.0, end)
+    return ops.where(ops.either(halted, nowhere(ops, s, begin, end)), 0.0, end)

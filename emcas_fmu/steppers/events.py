@@ -23,6 +23,9 @@ from .smooth import ros2
 
 # The least share of a step that is taken, so that every call moves on.
 PROGRESS = 1e-6
+# Of a margin at the step's start, what is left of it where its zero is still far; and the share of a step that is then
+# taken at least.
+_FAR, _FURTHER = 0.5, 1.0 / 16.0
 Values = Mapping[str, Value]
 
 
@@ -82,7 +85,10 @@ def advance(ops: Ops, p: Any, system: Switched, x: Record, u: Record, h: Value) 
         late = found <= 0.0
         better = _zero(ops, guess, found, ops.where(late, 0.0, h), ops.where(late, begin, end))
         used = ops.clip(better, least, h)
-        events = {name: ops.equal(place, float(i)) for i, name in enumerate(before)}
+        # A margin that first grows, or hardly falls, is zero nowhere near: the step looks further, without an event.
+        far = found > _FAR * begin
+        used = ops.where(far, ops.maximum(used, _FURTHER * h), used)
+        events = {name: ops.both(ops.equal(place, float(i)), ops.negate(far)) for i, name in enumerate(before)}
         return *landed(moved(used), events), used
 
     *states, used = ops.branch(reduce(ops.either, lost.values()), to_event,

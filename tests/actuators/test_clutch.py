@@ -291,3 +291,18 @@ def test_it_is_an_independent_integration_to_second_order(values: Mapping[str, A
     # Events that move between ticks shift the fit of five points.
     slope = np.polyfit(np.log(ticks), np.log(errors), 1)[0]
     assert 1.6 < slope < 2.8, (slope, errors)
+
+
+def test_a_jam_blocks_the_screw_and_makes_no_energy() -> None:
+    """The motor goes on turning: what its clutches heat comes from the supply and from its own kinetic energy."""
+    model, begin = f"{MODEL}+faults", 0.2
+    values = {**load_parameters(model=model).values, "fault.jam.begin": begin, "fault.jam.end": 9.0}
+    run = simulate(values, 1.0, model=model, fin_command=lambda t: 0.2 if t > begin - 0.05 else 0.0)
+    jammed = run["time"] > begin + 0.001
+    assert not np.ptp(run["fin_angle"][jammed])
+    assert not run["screw_speed"][jammed].any()
+    inertia = values["inertia.motor"] + values["clutch.driving_inertia"]
+    kinetic = 0.5 * inertia * -np.diff(run["motor_speed"][jammed][[0, -1]] ** 2)[0]
+    heat, drawn = (np.trapezoid(column[jammed], run["time"][jammed]) for column in (
+        run["slip_power_1"] + run["slip_power_2"], run["supply_power"]))
+    assert 0.0 < heat < drawn + kinetic

@@ -286,3 +286,13 @@ def test_both_back_ends_give_the_same_bits() -> None:
                       for kernel in ("python", "compiled"))
     for name, column in python.items():
         np.testing.assert_array_equal(column, native[name], err_msg=name)
+
+
+def test_a_margin_that_first_grows_costs_no_events() -> None:
+    """A chamber a hair above the tank's pressure as the fin leaves a stop: its zero is not where a secant has it."""
+    def pieces(*levels: Any) -> Any:
+        return lambda t: levels[min(int((t + 1e-9) / 0.011), 3)]
+
+    found = run(VALUES, 0.05, fin_command=0.0, aero_torque=pieces(4358.0, 4178.0, 3529.0, -4288.0),
+                enable=pieces(True, True, False, True), supply_pressure=pieces(24.18e6, 25.77e6, 0.0, 13.58e6))
+    assert np.all(np.isfinite(found["pressure_1"]))

@@ -92,7 +92,10 @@ PARAMETERS = (
               "turns the screw with the motor gets (0: open)"),
     parameter("coil.suppression_voltage", "V", 0.0, 1e4, "voltage of the suppressor that takes a coil's energy, V_c"),
 )
+_BLOCKED = 1e6  # N.m, of dry friction
 FAULTS = (
+    PlantFault("jam", "the screw is blocked; the motor goes on turning in its clutches", lambda ops, p, amounts: {
+        "friction.fin_coulomb": _BLOCKED}),
     PlantFault("drag", "the open clutches drag", lambda ops, p, amounts: {"clutch.residual": amounts.share}, (
         tunable("share", "1", 0.0, 0.9, "of the rated torque that is left without current"),)),
     PlantFault("powder_loss", "both clutches have lost powder, for good", lambda ops, p, amounts: {

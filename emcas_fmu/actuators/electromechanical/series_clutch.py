@@ -16,12 +16,19 @@ import sys
 from dataclasses import replace
 
 from ...extensions.efficiency import EXTENSION, LOSS
+from ...variables import tunable
 from .. import capabilities
+from ..declaration import PlantFault
 from . import nonlinear
 
 _LOSSY = EXTENSION.over(nonlinear.ACTUATOR)
 _DESCRIPTION = "power that clutch and screw turn into heat under load"
 
+FAULTS = (
+    PlantFault("clutch_engaged", "the clutch does not open: the load drives the motor", lambda ops, p, amounts: {
+        "efficiency.backward": amounts.share}, (
+            tunable("share", "1", 0.0, 1.0, "of the load's torque that gets through to the motor"),)),
+)
 ACTUATOR = replace(
     _LOSSY,
     name="series-clutch",
@@ -30,6 +37,7 @@ ACTUATOR = replace(
            "act with the motor return no energy. It gives no numbers: those of the clutch are engineering estimates, "
            "the others are the nonlinear set's.",
     outputs=tuple(replace(v, description=_DESCRIPTION) if v.name == LOSS.name else v for v in _LOSSY.outputs),
+    faults=FAULTS,
     provides=_LOSSY.provides - {capabilities.SCREW_LOAD},
     modules=(sys.modules[__name__], *_LOSSY.modules),
 )

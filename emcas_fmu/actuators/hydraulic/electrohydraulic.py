@@ -165,7 +165,8 @@ def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, ev
     met = ops.both(events["speed"], ops.negate(m.at_speed))
     speed = ops.where(met, ops.where(x.spool_speed > 0.0, fastest, -fastest), x.spool_speed)
     return {"fin_rate": stick.speed_after(ops, m.slide, begin.fin_rate, x.fin_rate, halted),
-            "fin_angle": ops.where(events["stop"], m.slide.direction * stop, ops.clip(x.fin_angle, -stop, stop)),
+            "fin_angle": ops.where(stick.nowhere(ops, m.slide, begin.fin_rate, x.fin_rate), begin.fin_angle, ops.where(
+                events["stop"], m.slide.direction * stop, ops.clip(x.fin_angle, -stop, stop))),
             "pressure_1": ops.where(events["void_1"], 0.0, ops.maximum(x.pressure_1, 0.0)),
             "pressure_2": ops.where(events["void_2"], 0.0, ops.maximum(x.pressure_2, 0.0)),
             "spool_position": ops.where(end, side, x.spool_position),

@@ -96,10 +96,11 @@ def _electrical(x: Record) -> rigid.Plant:
 
 def mode(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Record:
     """Return what holds through a step of `h` [s]; the linkage is that of its middle."""
-    c = cylinder.linkage(ops, p, x.fin_angle + 0.5 * h * x.fin_rate, u)
+    stop = p.fin.stop_angle
+    c = cylinder.linkage(ops, p, ops.clip(x.fin_angle + 0.5 * h * x.fin_rate, -stop, stop), u)
     drop = x.pressure_1 - x.pressure_2
     fin = stick.slide(ops, x.fin_rate, cylinder.pressing(p, c, x.pressure_1, x.pressure_2), c.dry, x.fin_angle,
-                      p.fin.stop_angle)
+                      stop)
     driving, dry = pump.driving(p, x.motor_current, drop), pump.dry(ops, p, drop)
     shaft = stick.slide(ops, x.motor_speed, driving, dry, 0.0, stick.WALL)
     valves = pump.valves(ops, p, x.pressure_1, x.pressure_2)
@@ -167,7 +168,8 @@ def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, ev
     struck = ops.either(events["stop"], ops.both(moving(m.fin), m.fin.direction * x.fin_angle >= stop))
     fin, shaft = ops.either(struck, ops.both(moving(m.fin), events["fin"])), ops.both(moving(m.shaft), events["shaft"])
     return {"fin_rate": stick.speed_after(ops, m.fin, begin.fin_rate, x.fin_rate, fin),
-            "fin_angle": ops.where(struck, m.fin.direction * stop, ops.clip(x.fin_angle, -stop, stop)),
+            "fin_angle": ops.where(stick.nowhere(ops, m.fin, begin.fin_rate, x.fin_rate), begin.fin_angle, ops.where(
+                struck, m.fin.direction * stop, ops.clip(x.fin_angle, -stop, stop))),
             "pressure_1": borne(x.pressure_1, m.valves.void_1), "pressure_2": borne(x.pressure_2, m.valves.void_2),
             "motor_speed": stick.speed_after(ops, m.shaft, begin.motor_speed, x.motor_speed, shaft),
             "drive_integral": current_loop.integral_end(ops, p, m.drive, x.motor_speed, x.motor_current,
