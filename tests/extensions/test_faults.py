@@ -24,6 +24,8 @@ IMPOSSIBLE = {
     "nonlinear": {"backlash_growth"}, "elastic": set(), "habibi": set(), "ozkan": {"backlash_growth"},
     "ristanovic": {"backlash_growth", "current_derating"},
     "worm-gear": {"backlash_growth"}, "linear": {"backlash_growth", "current_derating", "hard_over"},
+    "clutch": {"backlash_growth", "current_derating"}, "series-clutch": {"backlash_growth"},
+    "electrohydrostatic": {"backlash_growth", "free_fin", "friction_rise"},
     "electrohydraulic": {"backlash_growth", "current_derating", "free_fin", "friction_rise"},
     "second-order": {"backlash_growth", "current_derating", "brown_out", "free_fin", "friction_rise"}}
 

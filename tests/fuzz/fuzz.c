@@ -72,7 +72,7 @@ static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2St
 static int runs_long(const instance *m)
 {
     multi_fin bound;
-    multi_fin_bind(&bound, parameters(m, 0), 0.0, 1.0);
+    multi_fin_bind(&bound, m->s.values + PARAMETER_BEGIN, parameters(m, 0));
     for (size_t fin = 0; fin < FINS; ++fin) {
         const core_schedule plan = core_scheduled(bound.p[fin], bound.c[fin]);
         if (plan.h_before < 2e-5 || plan.h_after < 2e-5) return 1;

@@ -274,8 +274,8 @@ def test_actuators_without_a_reference_are_judged_by_performance(model: str, tmp
     page = files["report"].read_text(encoding="utf-8")
     assert "Judged is performance only" in page
     assert "independent reference</text>" not in page
-    # Of its motor's current and reference an actuator without a motor has no pictures.
-    plain = 8 if "motor_current" in {v.name for v in get(model).outputs} else 6
+    # Of its drive an actuator without one has no pictures.
+    plain = 8 if "drive_reference" in {v.name for v in get(model).outputs} else 6
     assert page.count("<svg") == (9 if document["comparisons"] else plain)
 
 

@@ -60,6 +60,7 @@ PARAMETERS = (
     parameter("deviation.worm.friction", "1", -0.9, 10.0,
               "friction coefficient of the flanks as built over nominal, less 1"),
 )
+_FALLING = 2.5e-4  # s: friction from 0.15 at rest to 0.04 is then followed to 0.0011 deg in the reference cases
 NOMINAL = {v.name: 0.0 for v in PARAMETERS if v.name.startswith("deviation.")}
 
 
@@ -99,6 +100,12 @@ FAULTS = (
         tunable("factor", "1", 1.0, 3.0, "by which it rises"),), lasting=True),
 )
 
+def longest_tick(ops: Ops, p: Any) -> Value:
+    """Return the largest tick [s]: one that resolves the slope of friction that falls with the speed."""
+    longest = nonlinear.longest_tick(ops, p)
+    return ops.where(ops.equal(p.worm.static_ratio, 1.0), longest, ops.minimum(longest, _FALLING))
+
+
 # -- rules -------------------------------------------------------------------------
 
 
@@ -115,7 +122,7 @@ def _drives(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 def _jams(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     p = geared(ops, p)
-    broken, backward, *rest = interface.jams(ops, p, screw.backward(ops, p), nonlinear.longest_tick(ops, p))
+    broken, backward, *rest = interface.jams(ops, p, screw.backward(ops, p), longest_tick(ops, p))
     return broken, worm.coefficient(ops, p, 0.0), backward, *rest
 
 
@@ -159,6 +166,7 @@ ACTUATOR = replace(
     derivatives=with_parameters(nonlinear.derivatives, geared),
     step=with_parameters(nonlinear.step, geared),
     output_values=output_values,
+    longest_tick=longest_tick,
     reference="emcas_fmu.reference.worm_gear",
     modules=(sys.modules[__name__], worm, screw, screw_loss, *nonlinear.EQUATIONS[1:]),
 )
