@@ -1,55 +1,12 @@
-"""Efficiency of the screw in forward and backward drive (:mod:`emcas_fmu.physics.screw`).
-
-Steps follow from the parameters alone; what is added is the output `screw_loss`.
-"""
+"""Efficiency of the screw in forward and backward drive (:mod:`emcas_fmu.actuators.electromechanical.lossy_screw`)."""
 
 from __future__ import annotations
 
-import sys
-from dataclasses import replace
-from typing import Any
-
 from ..actuators import capabilities
-from ..actuators.declaration import Acting, Actuator, Values
-from ..actuators.electromechanical.interface import MOST_JAMMING, jams
-from ..namespace import Record
-from ..ops.base import Ops, Value
-from ..physics import screw_loss
-from ..rules import Rule, when
-from ..variables import parameter, real_output
+from ..actuators.electromechanical import lossy_screw
 from .declaration import Extension
 
-PARAMETERS = (
-    parameter("efficiency.forward", "1", 0.01, 1.0, "efficiency of the screw where the motor drives the load"),
-    parameter("efficiency.backward", "1", -10.0, 1.0,
-              "efficiency of the screw where the load drives the motor (0 or less: it cannot)"),
-)
-LOSS = real_output("screw_loss", "W", "power that the loaded screw turns into heat", 100.0)
-
-
-def extend(actuator: Actuator) -> Actuator:
-    """Return the actuator with such a screw: steps see its parameters."""
-    def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
-        outputs = actuator.output_values(ops, p, x, u)
-        return {**outputs, LOSS.name: screw_loss.loss(ops, actuator.plant_parameters(ops, p), x, u, outputs)}
-
-    return replace(actuator, output_values=output_values, structure=replace(actuator.structure, screw_losses=True))
-
-
-def _rules(actuator: Actuator) -> tuple[Rule, ...]:
-    def jamming(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-        return jams(ops, p, p.efficiency.backward, actuator.longest_tick(ops, p))
-
-    def jamming_line(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
-        return when(ops, p.efficiency.backward < 0.0), p.efficiency.backward
-
-    rigid = Rule(jamming, f"efficiency.backward = %.6g must not be below minus {MOST_JAMMING:g} times the inertia of "
-                          "motor and screw over that of the load at the motor, %.6g over %.6g kg.m2")
-    line = Rule(jamming_line, "efficiency.backward = %.6g must not be below 0 with an elastic drive line; 0 is a screw "
-                              "that the load cannot drive")
-    return (rigid, line) if actuator.structure.drive_line else (rigid,)
-
-
 EXTENSION = Extension(
-    "efficiency", "efficiency of the screw in forward and backward drive", extend, needs=(capabilities.SCREW_LOAD,),
-    parameters=lambda actuator: PARAMETERS, outputs=(LOSS,), rules=_rules, module=sys.modules[__name__])
+    "efficiency", "efficiency of the screw in forward and backward drive", lossy_screw.with_losses,
+    needs=(capabilities.SCREW_LOAD,), parameters=lambda actuator: lossy_screw.PARAMETERS, outputs=(lossy_screw.LOSS,),
+    rules=lossy_screw.rules, module=lossy_screw)

@@ -15,29 +15,29 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 
-from ...extensions.efficiency import EXTENSION, LOSS
 from ...variables import tunable
 from .. import capabilities
-from ..declaration import PlantFault
-from . import nonlinear
+from ..declaration import PlantFault, with_outputs
+from . import lossy_screw, nonlinear
 
-_LOSSY = EXTENSION.over(nonlinear.ACTUATOR)
-_DESCRIPTION = "power that clutch and screw turn into heat under load"
-
+LOSS = replace(lossy_screw.LOSS, description="power that clutch and screw turn into heat under load")
 FAULTS = (
     PlantFault("clutch_engaged", "the clutch does not open: the load drives the motor", lambda ops, p, amounts: {
         "efficiency.backward": amounts.share}, (
             tunable("share", "1", 0.0, 1.0, "of the load's torque that gets through to the motor"),)),
 )
 ACTUATOR = replace(
-    _LOSSY,
+    lossy_screw.with_losses(nonlinear.ACTUATOR),
     name="series-clutch",
     title="clutch actuator: the nonlinear one with a clutch between motor and screw that no load drives",
     origin="Section 1.1.1.2 of the thesis of Yerlikaya (2016): the first actuator with a clutch, so that loads which "
            "act with the motor return no energy. It gives no numbers: those of the clutch are engineering estimates, "
            "the others are the nonlinear set's.",
-    outputs=tuple(replace(v, description=_DESCRIPTION) if v.name == LOSS.name else v for v in _LOSSY.outputs),
+    outputs=with_outputs(nonlinear.ACTUATOR.outputs, (LOSS,)),
+    parameters=nonlinear.ACTUATOR.parameters + lossy_screw.PARAMETERS,
+    rules=nonlinear.ACTUATOR.rules + lossy_screw.rules(nonlinear.ACTUATOR),
     faults=FAULTS,
-    provides=_LOSSY.provides - {capabilities.SCREW_LOAD},
-    modules=(sys.modules[__name__], *_LOSSY.modules),
+    provides=nonlinear.ACTUATOR.provides - {capabilities.SCREW_LOAD},
+    reference=None,
+    modules=(sys.modules[__name__], lossy_screw, *nonlinear.EQUATIONS),
 )
