@@ -219,10 +219,10 @@ def draw(path: Path) -> None:
             drawn, returned = (float(kind.mission[key]) for key in ("energy_drawn_j", "energy_regenerated_j"))
             energy.annotate(f"{drawn:.0f} J, returned {returned:.0f} J", (drawn / 1e3, place), (4.0, 0.0),
                             textcoords="offset points", va="center", fontsize=8.0)
-        energy.set(xlim=(None, 8.5))
+        energy.set(xlim=(None, 9.2))
         energy.set_yticks(places, KINDS.values())
         energy.invert_yaxis()
-        energy.set(title="energy of a mission of 15 s, returned to the left", xlabel="energy / kJ")
+        energy.set(title="energy of a mission of 15 s", xlabel="energy / kJ")
         figure.legend(*step.get_legend_handles_labels(), loc="outside upper center", ncols=len(KINDS))
         figure.savefig(path, dpi=110, facecolor="white", metadata={"Software": None})
 
