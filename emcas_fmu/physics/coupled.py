@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from ..ops.base import Ops, Value
+from .stick import EDGE, overcome
 
 SCREW, MOTOR, WITH, AGAINST = range(4)
 NAMES = ("screw", "motor", "with", "against")
@@ -23,9 +24,6 @@ _SHARES = ((1.0, 0.0), (0.0, 1.0), (-1.0, 1.0), (-1.0, -1.0))  # (l_k, m_k)
 _ALONG = ((0.0, 1.0), (1.0, 0.0), (1.0, 1.0), (1.0, -1.0))
 # Between two of these directions, which sign every sliding speed has: eight sectors of the plane (w, m).
 _SECTORS = ((2.0, 1.0), (1.0, 2.0), (-1.0, 2.0), (-2.0, 1.0), (-2.0, -1.0), (-1.0, -2.0), (1.0, -2.0), (2.0, -1.0))
-# Friction counts as overcome this close to its limit, so that a step that ended at breakaway does not stick again by a
-# rounding error.
-_EDGE = 1.0 - 1e-9
 
 
 class Dry(NamedTuple):
@@ -76,8 +74,8 @@ def _holding(b: Bodies, k: int, torques: tuple[Value, Value]) -> Value:
 
 def _starting(ops: Ops, dry: Dry, torque: Value) -> Value:
     """Return the direction in which a torque [N.m] overcomes a friction, 0 if it does not."""
-    up = ops.both(torque >= dry.high * _EDGE, torque > 0.0)
-    return ops.where(up, 1.0, ops.where(ops.both(torque <= -dry.low * _EDGE, torque < 0.0), -1.0, 0.0))
+    up, down = overcome(ops, torque, dry.high, -dry.low)
+    return ops.where(up, 1.0, ops.where(down, -1.0, 0.0))
 
 
 def _drag(b: Bodies, along: tuple[float, float], forward: bool) -> Value:
@@ -107,7 +105,7 @@ def directions(ops: Ops, b: Bodies, screw: Value, motor: Value) -> tuple[Value, 
 
 def _from_rest(ops: Ops, bodies: Bodies) -> tuple[Value, ...]:
     """Return the directions in which bodies at rest start: of every way to stick and to slide the one that holds."""
-    b = bodies._replace(dry=[Dry(d.high * _EDGE, d.low * _EDGE) for d in bodies.dry])
+    b = bodies._replace(dry=[Dry(d.high * EDGE, d.low * EDGE) for d in bodies.dry])
     starts: tuple[Value, ...] = (0.0,) * len(_SHARES)
 
     def take(condition: Value, signs: Sequence[Value]) -> None:

@@ -12,7 +12,7 @@ from ..ops.base import Ops, Value
 WALL = 1e30  # N or N.m, a mechanical stop seen as friction that nothing overcomes
 # Friction counts as overcome this close to its limit, so that a step that ended at breakaway does not rest again by a
 # rounding error.
-_EDGE = 1.0 - 1e-9
+EDGE = 1.0 - 1e-9
 
 
 class Slide(NamedTuple):
@@ -23,6 +23,13 @@ class Slide(NamedTuple):
     low: Value
 
 
+def overcome(ops: Ops, torque: Value, high: Value, low: Value) -> tuple[Value, Value]:
+    """Return whether a torque moves a body at rest up, beyond `high`, and whether it moves it down, beyond `low`."""
+    # Strictly beyond: without friction and torque a body at rest stays at rest.
+    up = ops.both(torque >= high * EDGE, torque > 0.0)
+    return up, ops.both(torque <= low * EDGE, torque < 0.0)
+
+
 def slide(ops: Ops, speed: Value, torque: Value, dry: Value, place: Value, stop: Value) -> Slide:
     """Return how a body moves that has a `speed`, under a `torque` besides a dry friction of `dry`.
 
@@ -30,9 +37,7 @@ def slide(ops: Ops, speed: Value, torque: Value, dry: Value, place: Value, stop:
     """
     high = ops.where(place >= stop, WALL, dry)
     low = -ops.where(place <= -stop, WALL, dry)
-    # Strictly beyond: without friction and torque a body at rest stays at rest.
-    up = ops.both(torque >= high * _EDGE, torque > 0.0)
-    down = ops.both(torque <= low * _EDGE, torque < 0.0)
+    up, down = overcome(ops, torque, high, low)
     starts = ops.where(up, 1.0, ops.where(down, -1.0, 0.0))
     return Slide(ops.where(speed > 0.0, 1.0, ops.where(speed < 0.0, -1.0, starts)), high, low)
 

@@ -18,7 +18,8 @@ from ..ops.base import Ops, Value
 from ..physics import drive, drive_line, friction, loads, mechanics, screw
 from ..physics.stick import WALL
 from . import current_loop
-from .rigid import PROGRESS, Drive, Plant, electrical_mode, resolved, stops, switched
+from .events import PROGRESS, zero_between
+from .rigid import Drive, Plant, electrical_mode, resolved, stops, switched
 
 # The least share of a step that is taken where a flank is left: in less, a slow motion may not get beyond the rounding
 # of its angle. Meanwhile the flank pulls, and takes energy.
@@ -207,12 +208,6 @@ def _margins(ops: Ops, p: Any, c: drive_line.Line, start: Pair, s: Pair, mode: _
     )
 
 
-def _zero(ops: Ops, x: Value, y: Value, other_x: Value, other_y: Value) -> Value:
-    """Return where the line through two points is zero."""
-    change = ops.where(ops.equal(y, other_y), 1.0, y - other_y)
-    return x - y * (x - other_x) / change
-
-
 def _mode(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, h: Value) -> _Mode:
     """Return the mode a step of `h` [s] starts in.
 
@@ -254,7 +249,7 @@ def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, 
         outward = (whole.fin_angle - s.fin_angle) * (1.0 if i == _UPPER else -1.0) > 0.0
         # At a stop the fin may only leave it; any other margin that was lost before is no event.
         lost = ops.both(z <= 0.0, outward if stop else y > 0.0)
-        time = ops.clip(_zero(ops, 0.0, y, h, z), 0.0, h)
+        time = ops.clip(zero_between(ops, 0.0, y, h, z), 0.0, h)
         earlier = ops.both(lost, ops.either(time < first, place < 0.0))
         first, place = ops.where(earlier, time, first), ops.where(earlier, float(i), place)
         begin, end = ops.where(earlier, y, begin), ops.where(earlier, z, end)
@@ -268,7 +263,7 @@ def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, 
         for i, margin in enumerate(margins[1:], 1):
             y = ops.where(ops.equal(place, float(i)), margin, y)
         late = y <= 0.0
-        better = _zero(ops, guess, y, ops.where(late, 0.0, h), ops.where(late, begin, end))
+        better = zero_between(ops, guess, y, ops.where(late, 0.0, h), ops.where(late, begin, end))
         used = ops.clip(better, least, h)
         part = _advanced(ops, p, c, s, acting, mode, used)
         upper, lower = ops.equal(place, float(_UPPER)), ops.equal(place, float(_LOWER))

@@ -73,20 +73,20 @@ def advance(ops: Ops, p: Any, system: Switched, x: Record, u: Record, h: Value) 
         first, place, begin, end = h, -1.0, 1.0, 1.0
         for i, name in enumerate(before):
             y, z = before[name], after[name]
-            time = ops.clip(_zero(ops, 0.0, y, h, z), 0.0, h)
+            time = ops.clip(zero_between(ops, 0.0, y, h, z), 0.0, h)
             earlier = ops.both(lost[name], ops.either(time < first, place < 0.0))
             first, place = ops.where(earlier, time, first), ops.where(earlier, float(i), place)
             begin, end = ops.where(earlier, y, begin), ops.where(earlier, z, end)
         least = PROGRESS * h
         guess = ops.maximum(first, least)
-        found: Value = 0.0
+        left: Value = 0.0
         for i, margin in enumerate(margins(moved(guess)).values()):
-            found = ops.where(ops.equal(place, float(i)), margin, found)
-        late = found <= 0.0
-        better = _zero(ops, guess, found, ops.where(late, 0.0, h), ops.where(late, begin, end))
+            left = ops.where(ops.equal(place, float(i)), margin, left)
+        late = left <= 0.0
+        better = zero_between(ops, guess, left, ops.where(late, 0.0, h), ops.where(late, begin, end))
         used = ops.clip(better, least, h)
         # A margin that first grows, or hardly falls, is zero nowhere near: the step looks further, without an event.
-        far = found > _FAR * begin
+        far = left > _FAR * begin
         used = ops.where(far, ops.maximum(used, _FURTHER * h), used)
         events = {name: ops.both(ops.equal(place, float(i)), ops.negate(far)) for i, name in enumerate(before)}
         return *landed(moved(used), events), used
@@ -96,7 +96,7 @@ def advance(ops: Ops, p: Any, system: Switched, x: Record, u: Record, h: Value) 
     return Record(**dict(zip(vars(x), states, strict=True))), used
 
 
-def _zero(ops: Ops, x: Value, y: Value, other_x: Value, other_y: Value) -> Value:
+def zero_between(ops: Ops, x: Value, y: Value, other_x: Value, other_y: Value) -> Value:
     """Return where the line through two points is zero."""
     change = ops.where(ops.equal(y, other_y), 1.0, y - other_y)
     return x - y * (x - other_x) / change

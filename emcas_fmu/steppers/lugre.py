@@ -23,7 +23,8 @@ from ..namespace import Record
 from ..ops.base import Ops, Value
 from ..physics import drive, friction, mechanics
 from . import rigid
-from .rigid import PROGRESS, Motion, Plant, Step
+from .events import PROGRESS
+from .rigid import Motion, Plant, Step
 
 _SERIES = 0.02  # x below which f2 is its series: there both forms are good to 1e-12
 

@@ -19,15 +19,11 @@ from typing import Any, NamedTuple
 from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import drive, friction, kinematics, mechanics, screw
-from ..physics.stick import WALL
+from ..physics.stick import WALL, overcome
+from .events import PROGRESS
 
-# Dry friction counts as overcome this close to its limit, so that a step that ended at
-# breakaway does not find itself stuck by a rounding error.
-_EDGE = 1.0 - 1e-9
 # The demanded voltage counts as at its limit this close to it, for the same reason.
 _BAND = 1e-6
-# The least share of a step that is taken, so that every call moves on.
-PROGRESS = 1e-6
 # Where the voltage is at a limit that falls with the current, which is a resistance, steps are at most this share of
 # the time constant that makes of the winding's inductance; and at least this share of the longest tick.
 _RESOLVED, _SHORTEST = 0.1, 0.03
@@ -124,9 +120,7 @@ def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at:
         if screw.lossy(p):
             high, low = _held_by_screw(ops, p, m, high, low)
         applied = drive.torque(p, s.current) + m.load
-        # Strictly beyond: without friction and without torque a motor at rest stays at rest.
-        up = ops.both(applied >= high * _EDGE, applied > 0.0)
-        down = ops.both(applied <= low * _EDGE, applied < 0.0)
+        up, down = overcome(ops, applied, high, low)
         direction = ops.where(up, 1.0, ops.where(down, -1.0, 0.0))
         dry = ops.where(up, high, ops.where(down, low, 0.0))
         if friction.falls(p):
