@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from .plant import Plant, Surroundings, Value
-from .simulate import INPUTS, Array, Bus, Controllers, rounded
+from .simulate import Array, Bus, Controllers, columns_of, electric_starts, schedule
 
 RTOL = 1e-10
 # Fin angle and rate, motor speed, coil currents, fluxes, temperature.
@@ -279,16 +279,8 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
     """
     plant = Clutches(parameters)
     p, nominal = plant.p, plant.nominal
-    rows = rounded(inputs["time"])
-    starts = INPUTS | {"supply_voltage": float(parameters.get("drive.supply_voltage", 39.0))}
-    columns = {n: np.broadcast_to(inputs.get(n, start), rows.shape).tolist() for n, start in starts.items()}
-    end, period = float(rows[-1]), p["controller.sample_time"]
-    samples = rounded(np.arange(math.floor(end / period) + 1) * period)
-    arrivals = rounded(np.arange(len(samples)) * period + p["drive.transport_delay"])
-    row_at, arrival_at = ({t: k for k, t in enumerate(times.tolist())} for times in (rows, arrivals))
-    sample_at = set(samples.tolist())
-    instants = np.unique(np.concatenate([rows, samples, arrivals]))
-    instants = instants[instants <= end].tolist()
+    columns = columns_of(inputs, electric_starts(parameters))
+    instants, row_at, sample_at, arrival_at = schedule(inputs["time"], p)
 
     bias = p["clutch.bias_current"]
     y = [p["fin.start_angle"], 0.0, p["motor.start_speed"], bias, bias, bias, bias, p["friction.temperature"]]

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .plant import STANDARD_GRAVITY, Value, clip, cross, whole_samples
-from .simulate import DIGITS, Array, Bus
+from .plant import STANDARD_GRAVITY, Value, clip, cross
+from .simulate import Array, Bus, columns_of, schedule
 
 MOTION = tuple(f"{kind}.{axis}" for kind in ("acceleration", "angular_rate", "angular_acceleration") for axis in "xyz")
 OUTPUTS = ("fin_angle", "fin_rate", "pressure_1", "pressure_2", "valve_position")
@@ -296,17 +296,10 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
     `inputs` has the row times ``time`` [s], from 0, and the columns that are used. Outputs are left limits.
     """
     p = {name: float(value) for name, value in parameters.items()}
-    rows = np.round(np.asarray(inputs["time"], dtype=float), DIGITS)
     starts = {"fin_command": 0.0, "aero_torque": 0.0, "supply_pressure": p["hydraulic_supply.pressure"], "enable": 1.0,
               **dict.fromkeys((*MOTION, "attitude.roll", "attitude.pitch", "attitude.yaw"), 0.0)}
-    if unknown := sorted(set(inputs) - set(starts) - {"time"}):
-        raise ValueError(f"unknown inputs {unknown}")
-    columns = {n: np.broadcast_to(inputs.get(n, start), rows.shape).tolist() for n, start in starts.items()}
-    period, delay, last = p["controller.sample_time"], p["drive.transport_delay"], float(rows[-1])
-    samples = np.round(np.arange(whole_samples({**p, "t": last + 1e-9}, "t") + 1) * period, DIGITS)
-    arrivals = {t: k for k, t in enumerate(np.round(samples + delay, DIGITS).tolist())}
-    row_at, sample_at = {t: k for k, t in enumerate(rows.tolist())}, set(samples.tolist())
-    instants = sorted(t for t in {*row_at, *sample_at, *arrivals} if t <= last)
+    columns = columns_of(inputs, starts)
+    instants, row_at, sample_at, arrivals = schedule(inputs["time"], p)
 
     plant, y = Plant(p), [p["fin.start_angle"], 0.0, p["cylinder.start_pressure"], p["cylinder.start_pressure"], 0., 0.]
     controller, bus = Controller(p, y[0]), Bus(p)

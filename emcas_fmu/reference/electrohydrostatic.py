@@ -14,7 +14,7 @@ import numpy as np
 
 from .electrohydrostatic_plant import FIN, INTEGRAL, SPEED, Mode, Plant
 from .plant import Value, clip
-from .simulate import INPUTS, Array, Bus, rounded
+from .simulate import Array, Bus, columns_of, electric_starts, schedule
 
 OUTPUTS = ("fin_angle", "fin_rate", "pressure_1", "pressure_2", "motor_speed", "motor_current", "motor_voltage",
            "drive_reference")
@@ -30,15 +30,6 @@ class Loop:
     def __init__(self, p: Mapping[str, float], angle: float):
         self.p = p
         self._reset(self._read(angle))
-
-    @staticmethod
-    def columns(p: Mapping[str, float], inputs: Mapping[str, Array]) -> dict[str, list[float]]:
-        """Return every input at the rows. Raises ValueError for one there is not."""
-        if unknown := sorted(set(inputs) - set(INPUTS) - {"time"}):
-            raise ValueError(f"unknown inputs {unknown}")
-        starts = {**INPUTS, "supply_voltage": p.get("drive.supply_voltage", INPUTS["supply_voltage"])}
-        shape = np.shape(inputs["time"])
-        return {name: np.broadcast_to(inputs.get(name, start), shape).tolist() for name, start in starts.items()}
 
     def _read(self, angle: float) -> float:
         """Return the piston [m] that the transducer reads at a fin angle [rad]."""
@@ -118,17 +109,10 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
     Outputs are left limits. Raises ValueError for an unknown input and for no supply.
     """
     p: dict[str, Any] = {name: float(value) for name, value in parameters.items()}
-    rows = rounded(inputs["time"])
-    columns = Loop.columns(p, inputs)
+    columns = columns_of(inputs, electric_starts(p))
     if min(columns["supply_voltage"]) <= 0.0:
         raise ValueError("supply_voltage must be above 0: the modes of the drive are distinguished by its limits")
-    end, period, delay = float(rows[-1]), p["controller.sample_time"], p["drive.transport_delay"]
-    samples = rounded(np.arange(math.floor(end / period) + 1) * period)
-    arrivals = rounded(np.arange(len(samples)) * period + delay)
-    row_at, arrival_at = ({t: k for k, t in enumerate(times.tolist())} for times in (rows, arrivals))
-    sample_at = set(samples.tolist())
-    times = np.unique(np.concatenate([rows, samples, arrivals]))
-    times = times[times <= end].tolist()
+    times, row_at, sample_at, arrival_at = schedule(inputs["time"], p)
 
     filled = max(p["reservoir.pressure"], p["oil.cavitation_pressure"])
     y = [p["fin.start_angle"], 0.0, filled, filled, 0.0, 0.0, 0.0]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,27 +178,15 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array], kind:
     interface; a row holds until the next.  Outputs are left limits, so a sample that falls on a row shows after it.
     `kind` is what moves the fin.
     """
-    rows = rounded(inputs["time"])
-    if unknown := sorted(set(inputs) - set(INPUTS) - {"time"}):
-        raise ValueError(f"unknown inputs {unknown}")
-    if rows[0] != 0.0:
+    columns = columns_of(inputs, electric_starts(parameters))
+    if round(float(inputs["time"][0]), DIGITS) != 0.0:
         raise ValueError("row times must start at 0")
-    starts = INPUTS | {"supply_voltage": float(parameters.get("drive.supply_voltage", 39.0))}
-    columns = {n: np.broadcast_to(inputs.get(n, start), rows.shape).tolist() for n, start in starts.items()}
     if min(columns["supply_voltage"]) <= 0.0:
         raise ValueError("supply_voltage must be above 0: the modes of the drive are distinguished by its limits")
 
     nominal = kind(parameters)
-    plant, p, end = nominal.as_built(), nominal.parameters, float(rows[-1])
-    period, delay = p["controller.sample_time"], p["drive.transport_delay"]
-    samples = rounded(np.arange(math.floor(end / period) + 1) * period)
-    arrivals = rounded(np.arange(len(samples)) * period + delay)
-    row_at = {t: k for k, t in enumerate(rows.tolist())}
-    sample_at = set(samples.tolist())
-    arrival_at = {t: k for k, t in enumerate(arrivals.tolist())}
-    instants = np.unique(np.concatenate([rows, samples, arrivals]))
-    instants = instants[instants <= end].tolist()
-
+    plant, p = nominal.as_built(), nominal.parameters
+    instants, row_at, sample_at, arrival_at = schedule(inputs["time"], p)
     state = [p["fin.start_angle"], 0.0, 0.0, 0.0]
     controllers, bus = Controllers(plant, nominal, state[0]), Bus(p)
     row = {name: column[0] for name, column in columns.items()}
@@ -223,6 +211,33 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array], kind:
     return dict(zip(("time", *OUTPUTS), np.array(records).T, strict=True))
 
 
-def rounded(times: Array) -> Array:
-    """Return times [s] rounded, so that instants that coincide are one."""
-    return np.round(np.asarray(times, dtype=float), DIGITS)
+class Schedule(NamedTuple):
+    """The instants [s] of a run; by their times the numbers of rows, of samples, and of samples that arrive."""
+
+    instants: list[float]
+    rows: dict[float, int]
+    samples: dict[float, int]
+    arrivals: dict[float, int]
+
+
+def schedule(time: Any, p: Mapping[str, Any]) -> Schedule:
+    """Return what happens when, of a run with rows at `time` [s]; instants that coincide are one."""
+    period, rows = p["controller.sample_time"], np.round(np.asarray(time, dtype=float), DIGITS)
+    samples = np.arange(math.floor(rows[-1] / period) + 1) * period
+    each = [rows, *(np.round(samples + late, DIGITS) for late in (0.0, p["drive.transport_delay"]))]
+    instants = np.unique(np.concatenate(each))
+    return Schedule(instants[instants <= rows[-1]].tolist(),
+                    *({t: k for k, t in enumerate(times.tolist())} for times in each))
+
+
+def electric_starts(parameters: Mapping[str, Any]) -> dict[str, float]:
+    """Return the start values of the inputs of an actuator on a bus."""
+    return {**INPUTS, "supply_voltage": float(parameters.get("drive.supply_voltage", INPUTS["supply_voltage"]))}
+
+
+def columns_of(inputs: Mapping[str, Any], starts: Mapping[str, float]) -> dict[str, list[float]]:
+    """Return every input at the rows, its start value where it is not given. Raises ValueError for one there is not."""
+    if unknown := sorted(set(inputs) - set(starts) - {"time"}):
+        raise ValueError(f"unknown inputs {unknown}")
+    shape = np.shape(inputs["time"])
+    return {name: np.broadcast_to(inputs.get(name, start), shape).tolist() for name, start in starts.items()}
