@@ -101,16 +101,16 @@ def _flat(values: Iterable[Value]) -> tuple[Value, ...]:
 
 def _value(p: Any, name: str, fault: PlantFault) -> Value:
     """Return a parameter by its dotted name. Raises EmcasError for one that the plant does not have."""
-    found = p
+    value = p
     try:
         for part in name.split("."):
-            found = getattr(found, part)
+            value = getattr(value, part)
     except AttributeError as error:
         raise EmcasError(f"{place(fault.changes)} changes {name} for fault {fault.name}: {error}") from error
-    if isinstance(found, Names):
+    if isinstance(value, Names):
         raise EmcasError(f"{place(fault.changes)} changes {name} for fault {fault.name}, a group of parameters; there "
-                         f"is {', '.join(f'{name}.{each}' for each in vars(found))}")
-    return found
+                         f"is {', '.join(f'{name}.{each}' for each in vars(value))}")
+    return value
 
 
 def blocked(ops: Ops, p: Any, actuator: Actuator, u: Acting, jam: Value) -> tuple[Any, Acting]:

@@ -1,4 +1,4 @@
-"""The dual clutch actuator in time: an integration of its own, of fin and motor, from event to event.
+"""The dual clutch actuator in time: fin and motor integrated from event to event.
 
 Coordinates are the fin's angle and rate and the motor's speed; a `Mode` says which way each dry friction slides, or
 that it sticks, and where each coil's amplifier and the motor's diode stand. SciPy's DOP853 integrates a mode until a
@@ -184,10 +184,10 @@ class Clutches:
 
     def guards(self, mode: Mode, around: Surroundings) -> list[tuple[Callable[..., float], int, Callable[..., Mode]]]:
         """Return what ends a mode: a function of the state, the direction in which its zero counts, what follows."""
-        found: list[tuple[Callable[..., float], int, Callable[..., Mode]]] = []
+        guards: list[tuple[Callable[..., float], int, Callable[..., Mode]]] = []
 
         def lose(value: Callable[[Sequence[float]], float], then: Callable[[State], Mode]) -> None:
-            found.append((value, -1, then))
+            guards.append((value, -1, then))
 
         if mode.screw:
             side = mode.screw
@@ -234,7 +234,7 @@ class Clutches:
                 lose(lambda y, k=k, at=at, edge=edge: at * self.demand(y, k, around) - edge, switched(0))  # type: ignore[misc]
         feeding = 1.0 if mode.feeds else -1.0
         lose(lambda y: feeding * self.surplus(y, around), lambda y: replace(mode, feeds=not mode.feeds))
-        return found
+        return guards
 
     def _released(self, y: State, mode: Mode) -> Mode:
         """Return a mode in which no clutch holds a screw that stands to a motor that turns."""

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .piston import PistonLoop
 from .plant import STANDARD_GRAVITY, Value, clip, cross
 from .simulate import Array, Bus, columns_of, schedule
 
@@ -198,29 +199,29 @@ class Plant:
         def strike(y: State) -> None:
             y[0], y[1] = mode.motion * self.stop, 0.0
 
-        found: list[tuple[Callable[[State], float], Callable[[State], None]]] = []
+        guards: list[tuple[Callable[[State], float], Callable[[State], None]]] = []
         if mode.motion:
-            found += [(lambda y: mode.motion * y[1], put(1, 0.0)),
+            guards += [(lambda y: mode.motion * y[1], put(1, 0.0)),
                       (lambda y: self.stop - mode.motion * y[0], strike)]
         else:
-            found += [(lambda y: self.friction(y[0]) - self.push(y, around) if y[0] < self.stop * _CLOSE else 1.0,
+            guards += [(lambda y: self.friction(y[0]) - self.push(y, around) if y[0] < self.stop * _CLOSE else 1.0,
                        nothing),
                       (lambda y: self.friction(y[0]) + self.push(y, around) if y[0] > -self.stop * _CLOSE else 1.0,
                        nothing)]
         if mode.spool == FREE:
-            found += [(slower(side), put(5, side * self.fastest)) for side in (1, -1)]
+            guards += [(slower(side), put(5, side * self.fastest)) for side in (1, -1)]
         elif mode.spool in (1, -1):
             # A hair slower than the fastest, so that it counts as free.
-            found.append((lambda y: mode.spool * self.spool_force(y, around),
+            guards.append((lambda y: mode.spool * self.spool_force(y, around),
                           put(5, mode.spool * self.fastest * (1.0 - 1e-11))))
         if mode.spool in (FREE, 1, -1):
             def end(y: State) -> None:
                 y[4], y[5] = math.copysign(1.0, y[4]), 0.0
-            found.append((lambda y: 1.0 - abs(y[4]), end))
+            guards.append((lambda y: 1.0 - abs(y[4]), end))
         for i, empty in enumerate((mode.void_1, mode.void_2)):
             # A hair above nothing, so that it counts as filled.
-            found.append((void(i), put(2 + i, 1e-3)) if empty else (filled(i), put(2 + i, 0.0)))
-        return found
+            guards.append((void(i), put(2 + i, 1e-3)) if empty else (filled(i), put(2 + i, 0.0)))
+        return guards
 
 
 def advance(plant: Plant, y: State, around: Around, begin: float, end: float) -> State:
@@ -235,8 +236,8 @@ def advance(plant: Plant, y: State, around: Around, begin: float, end: float) ->
         for value, _ in guards:
             # What is 0 where the mode begins, as the speed of a fin that starts, is not lost there.
             def event(t: float, s: Array, value: Any = value, begin: float = begin) -> float:
-                found = float(value(s.tolist() if isinstance(s, np.ndarray) else s))
-                return max(found, 1e-300) if t == begin else found or 1e-300
+                margin = float(value(s.tolist() if isinstance(s, np.ndarray) else s))
+                return max(margin, 1e-300) if t == begin else margin or 1e-300
             event.terminal, event.direction = True, -1.0  # type: ignore[attr-defined]
             events.append(event)
         run = solve_ivp(lambda _t, s, mode=mode: plant.slope(s.tolist(), mode, around), (begin, end), np.array(y),
@@ -253,32 +254,24 @@ def advance(plant: Plant, y: State, around: Around, begin: float, end: float) ->
     return y
 
 
-class Controller:
+class Controller(PistonLoop):
     """PI on the piston that the fin's transducer stands for."""
 
     def __init__(self, p: Mapping[str, float], angle: float):
-        self.p, self.full = p, p["valve.rated_flow"] / p["cylinder.area"]
-        self._reset(self._piston(self._read(angle)))
-
-    def _read(self, angle: float) -> float:
-        step = self.p["transducer.resolution"]
-        return step * math.floor(angle / step + 0.5) if step else angle
-
-    def _piston(self, angle: float) -> float:
-        offset = self.p["kinematics.initial_angle"]
-        return self.p["kinematics.moment_arm"] * (math.tan(angle + offset) - math.tan(offset))
+        super().__init__(p)
+        self.full = p["valve.rated_flow"] / p["cylinder.area"]
+        self._reset(self.read(angle))
 
     def _reset(self, piston: float) -> None:
-        p, self.before = self.p, piston
-        self.integral = p["controller.position.kp"] * (1.0 - p["controller.position.setpoint_weight"]) * piston
+        self.before, self.integral = piston, self.resting(piston)
 
     def sample(self, angle: float, command: float, enable: bool) -> float:
         """Return the valve's command [1] at a fin angle [rad] under a command [rad]."""
-        p, piston = self.p, self._piston(self._read(angle))
+        p, piston = self.p, self.read(angle)
         if not enable:
             self._reset(piston)
             return 0.0
-        target = self._piston(clip(command, p["command.limit"]))
+        target = self.piston(clip(command, p["command.limit"]))
         weighted = p["controller.position.setpoint_weight"] * target - piston
         asked = p["controller.position.kp"] * weighted + self.integral
         if abs(asked) <= self.full or asked * (target - piston) <= 0.0:

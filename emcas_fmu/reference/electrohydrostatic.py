@@ -6,13 +6,13 @@ It takes nothing of the package but the tools of the other reference; the plant 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from .electrohydrostatic_plant import FIN, INTEGRAL, SPEED, Mode, Plant
+from .piston import PistonLoop
 from .plant import Value, clip
 from .simulate import Array, Bus, columns_of, electric_starts, schedule
 
@@ -24,33 +24,20 @@ MAX_STEP = 5e-5  # s; two zeros of a guard closer than that are missed, and the 
 _MOST_STALLS = 20
 
 
-class Loop:
+class Loop(PistonLoop):
     """PI on the piston that the fin's transducer stands for, P on the motor's speed."""
 
     def __init__(self, p: Mapping[str, float], angle: float):
-        self.p = p
-        self._reset(self._read(angle))
-
-    def _read(self, angle: float) -> float:
-        """Return the piston [m] that the transducer reads at a fin angle [rad]."""
-        step = self.p["transducer.resolution"]
-        return self._piston(step * math.floor(angle / step + 0.5) if step else angle)
-
-    def _piston(self, angle: float) -> float:
-        arm, start = self.p["kinematics.moment_arm"], self.p["kinematics.initial_angle"]
-        return arm * (math.tan(angle + start) - math.tan(start))
-
-    def _reset(self, read: float) -> None:
-        weight = self.p["controller.position.setpoint_weight"]
-        self.integral = self.p["controller.position.kp"] * (1.0 - weight) * read  # m/s
+        super().__init__(p)
+        self.integral = self.resting(self.read(angle))  # m/s
 
     def sample(self, angle: float, speed: float, command: float, enable: bool) -> float:
         """Return the drive's reference [V] of one sample."""
-        p, read = self.p, self._read(angle)
+        p, read = self.p, self.read(angle)
         if not enable:
-            self._reset(read)
+            self.integral = self.resting(read)
             return 0.0
-        target = self._piston(clip(command, p["command.limit"]))
+        target = self.piston(clip(command, p["command.limit"]))
         turns = p["cylinder.area"] / p["pump.displacement"]  # of the motor, for the piston's travel
         fastest = p["controller.speed_limit"] / turns
         asked = (p["controller.position.kp"] * (p["controller.position.setpoint_weight"] * target - read)
