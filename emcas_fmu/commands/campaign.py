@@ -1,4 +1,4 @@
-"""`emcas campaign`: Monte Carlo and grids, run by Dask, kept in Parquet."""
+"""`emcas campaign`: run samples over parameters, commands, loads and faults, and summarise them."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ def campaign(
     model: Annotated[str | None, model_option("Which actuator, instead of the file's", " Of an FMU it is the FMU's; "
                                               "name it for one of a file of yours.")] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given. 0: in "
-                                                     "this process, without Dask.", min=0)] = None,
+                                                     "this process, without Dask.", min=0, metavar="N")] = None,
     scheduler: Annotated[str | None, typer.Option(help="Of a Dask cluster that is running, instead of processes "
                                                        "here.", metavar="ADDRESS")] = None,
     chunk: Annotated[int | None, typer.Option(help="Samples in a task and a part of the results; chosen unless "
-                                                   "given.", min=1)] = None,
+                                                   "given.", min=1, metavar="N")] = None,
     only: Annotated[int | None, typer.Option(help="Run this one sample here, and print it.", metavar="INDEX")] = None,
     report: Annotated[Path | None, typer.Option(help="Write the summary page here; summary.html in the folder unless "
                                                      "given.", metavar="FILE.html")] = None,

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import logging
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
@@ -12,17 +15,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
 
 from ..actuators import EXTENSIONS, NAMES, NONLINEAR
 from ..errors import EmcasError
 from ..files import named_sets
-from ..parameters import ParameterError, ParameterSet, load_parameters, parameter_file
-from ..progress import Progress
+from ..progress import LOG, Progress
 
 if TYPE_CHECKING:
     from ..bench.subject import Subject
+    from ..parameters import ParameterSet
 
 out = Console()
 err = Console(stderr=True)
@@ -31,25 +34,60 @@ INTERRUPTED = 130
 """Exit code of a run that was stopped by Ctrl-C."""
 
 
+class _Notes(logging.Handler):
+    """Prints what takes long as it begins, on standard error."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        err.print(escape(record.getMessage()), style="dim", highlight=False, soft_wrap=True)
+
+
 @contextmanager
 def failures() -> Iterator[None]:
-    """Print expected failures as a message and exit with 2, never with a traceback."""
+    """Print expected failures as a message and exit with 2, never with a traceback; announce what takes long."""
+    if not LOG.handlers:
+        LOG.addHandler(_Notes())
+        LOG.setLevel(logging.INFO)
     try:
         yield
-    except (EmcasError, ParameterError, OSError) as error:
-        err.print(f"[bold red]error:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
+    except (EmcasError, OSError) as error:
+        said = in_words(error) if isinstance(error, OSError) else str(error)
+        err.print(f"[bold red]error:[/] {escape(said)}", highlight=False, soft_wrap=True)
         raise typer.Exit(2) from error
+
+
+def in_words(error: OSError, path: Path | str | None = None) -> str:
+    """Return what is wrong with a file, and the remedy, for an error of the operating system.
+
+    `path` is the file, where the error does not name it.
+    """
+    named = path if path is not None else error.filename
+    if named is None:
+        return error.strerror or str(error)
+    place = Path(os.fsdecode(named))
+    if error.errno in (errno.EACCES, errno.EPERM) and place.exists() and not os.access(place, os.R_OK):
+        return f"cannot read {place}: permission denied; change its permissions or give another file"
+    what = {errno.ENOENT: f"there is no file or folder {place}; check its name",
+            errno.EISDIR: f"{place} is a folder; give a file",
+            errno.ENOTDIR: f"{place}: a part of this path is a file, not a folder; check the path",
+            errno.ENOSPC: f"cannot write {place}: the disk is full; free some space or write elsewhere",
+            errno.ENAMETOOLONG: f"{str(place)[:60]}...: the name is too long; choose a shorter one"}
+    denied = (errno.EACCES, errno.EPERM, errno.EROFS)
+    reason = "permission denied" if error.errno in denied else (error.strerror or str(error)).lower()
+    return what.get(error.errno or 0, f"cannot write {place}: {reason}; choose another file or folder")
 
 
 def _file(given: Path | None) -> Path | None:
     """Return the file that an argument means, which may be a shipped set's name: commands get files."""
+    if given is None:
+        return None
+    from ..parameters import parameter_file
+
     with failures():
-        return given and parameter_file(given)
+        return parameter_file(given)
 
 
 def _files(given: list[Path] | None) -> list[Path] | None:
-    with failures():
-        return given and [parameter_file(each) for each in given]
+    return given and [file for each in given if (file := _file(each))]
 
 
 def model_option(what: str, more: str = "") -> Any:
@@ -90,6 +128,8 @@ def warn(warnings: Iterable[str]) -> None:
 
 def parameter_set(files: Iterable[Path] | None, model: str = NONLINEAR) -> ParameterSet:
     """Return what `load_parameters` does, and print its warnings. Raises ParameterError."""
+    from ..parameters import load_parameters
+
     chosen = load_parameters(files, model=model)
     warn(chosen.warnings)
     return chosen
@@ -174,13 +214,15 @@ def _refused(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise EmcasError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise EmcasError(in_words(error, path)) from error
 
 
 def progress_bar() -> Bars:
-    """Return a progress bar on standard error that vanishes when it is done."""
+    """Return a progress bar with the time left, on standard error, that vanishes when it is done."""
+    # Steps may take minutes: the time left is estimated from those of the last hour.
     return Bars(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-                console=err, transient=True)
+                TextColumn("left about"), TimeRemainingColumn(), console=err, transient=True,
+                speed_estimate_period=3600.0)
 
 
 def stepper(bars: Bars, label: str) -> Progress:

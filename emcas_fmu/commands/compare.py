@@ -1,4 +1,4 @@
-"""`emcas compare`: parameter sets and actuators side by side."""
+"""`emcas compare`: measure parameter sets or actuators by the same requirements, side by side."""
 
 from __future__ import annotations
 

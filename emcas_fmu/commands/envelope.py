@@ -1,4 +1,4 @@
-"""`emcas envelope`: torque against speed, for any time and for a while."""
+"""`emcas envelope`: torque against speed of motor and drive, continuous and for a short time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
-from ..bench.writers import write_json
 from ..errors import EmcasError
 from .common import ModelOption, ParametersOption, check_outputs, failures, out, parameter_set, print_written
 
@@ -36,6 +35,7 @@ def envelope(
                                                  metavar="FILE")] = None,
 ) -> None:
     """Torque-speed envelopes of motor and drive: within winding temperature, I2t, peak current and voltage."""
+    from ..bench.writers import write_json
     from ..units import UnitError, quantity
 
     with failures():

@@ -1,4 +1,4 @@
-"""`emcas parameters`: the set with units and sources."""
+"""`emcas parameters`: print a parameter set, checked, with units and sources."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EPILOG = ("Examples:\n\n  emcas parameters\n\n  emcas parameters -p my_actuator.
           "\n\n  emcas parameters --model elastic+faults")
 
 
-def show_parameters(
+def parameters(
     parameters: ParametersOption = None,
     model: ModelOption = NONLINEAR,
     as_json: Annotated[bool, typer.Option("--json", help="Machine-readable output.")] = False,

@@ -1,4 +1,4 @@
-"""`emcas tune`: controller gains that meet requirements, of any actuator."""
+"""`emcas tune`: find controller gains that meet requirements, limits, friction and delay included."""
 
 from __future__ import annotations
 
@@ -31,14 +31,15 @@ def tune(
     report: common.ReportOption = None,
     as_json: common.JsonOption = None,
     seed: Annotated[int, typer.Option(help="Of the random search; the same seed gives the same gains.",
-                                         min=0)] = 1,
-    generations: Annotated[int, typer.Option(help="Of the global search.", min=1)] = 12,
+                                         min=0, metavar="N")] = 1,
+    generations: Annotated[int, typer.Option(help="Of the global search.", min=1, metavar="N")] = 12,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given.",
-                                                min=1)] = None,
+                                                min=1, metavar="N")] = None,
     journal: Annotated[Path | None, typer.Option(help="Keep every evaluation in this file, and go on from what is "
                                                       "there.", metavar="FILE")] = None,
     pareto: Annotated[list[str] | None, typer.Option(help="Draw what one requirement costs another (give two); the "
-                                                          "two that conflict most unless given.")] = None,
+                                                          "two that conflict most unless given.",
+                                                     metavar="REQUIREMENT")] = None,
 ) -> None:
     """Find controller gains that meet requirements in every case at once, limits, friction and delay included.
 

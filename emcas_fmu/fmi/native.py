@@ -14,7 +14,7 @@ from pythonfmu import Fmi2Slave
 from .. import rules
 from ..compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform
 from ..errors import BuildError
-from ..progress import Progress
+from ..progress import LOG, Progress
 from ..runtime.c_sources import c_number, c_text, core_sources, handwritten, header
 from .interface import MIXING, FmuInterface
 from .model_description import element
@@ -126,6 +126,7 @@ def binaries(model: str, files: Mapping[str, str], platforms: Sequence[Platform]
     Raises CompilerError if there is no compiler or it refuses.
     """
     compiler: Compiler = find(cc)
+    LOG.info(f"compiling {model} for {', '.join(p.name for p in platforms)} (the first time up to a minute each) ...")
     libraries = {}
     for i, target in enumerate(platforms):
         if progress:
