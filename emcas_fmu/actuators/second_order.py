@@ -104,6 +104,8 @@ def _transport_delay(ops: Ops, p: Any) -> Value:
 ACTUATOR = Actuator(
     name="second-order",
     title="second-order actuator with limits of rate and position",
+    origin="No load moves it: hinge moment, gravity and the vehicle's motion appear in hinge_torque alone. It has no "
+           "motor and no supply.",
     states=(State("fin_angle", "rad"), State("fin_rate", "rad/s")),
     outputs=fin_port.described({
         "measured_fin_angle": "fin angle at the last sample",

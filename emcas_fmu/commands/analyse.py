@@ -79,7 +79,7 @@ def _tables(f: dict[str, Any], reference: str) -> list[Table]:
 
     models = {"here": f["linear"]} | ({} if "thesis_linear" in f["left_out"] else {"thesis": f["thesis_linear"]})
     at, rod = f["operating_point"], f["modes"]
-    first = Table("linear", *models, title=f"at {at['fin_angle_deg']:.4g} deg, {at['aero_torque_nm']:.4g} N.m",
+    first = Table("linear", *models, title=f"at {number(at['fin_angle_deg'])} deg, {number(at['aero_torque_nm'])} N.m",
                   title_justify="left")
     for key, label in (("bandwidth_3db_hz", "bandwidth -3 dB / Hz"), ("bandwidth_90deg_hz", "bandwidth -90 deg / Hz"),
                        ("gain_margin_db", f"gain margin at {reference} / dB"),

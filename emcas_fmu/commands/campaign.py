@@ -130,7 +130,7 @@ def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chu
 
 def _one(study: Any, index: int, as_json: Path | None) -> None:
     """One sample again, here."""
-    from ..bench.writers import write_json
+    from ..bench.writers import rounded, write_json
     from ..studies.campaign.extension_outputs import in_words
     from ..studies.campaign.sample import columns, observed, rows
     from ..studies.campaign.sampling import Sampler
@@ -147,7 +147,7 @@ def _one(study: Any, index: int, as_json: Path | None) -> None:
     table.columns[1].justify = "right"
     for name, value in row.items():
         if value != "":
-            text = (f"{value:.8g}" if isinstance(value, float) else
+            text = (rounded(value, ".8g") if isinstance(value, float) else
                     in_words(outputs[name], value) if name in outputs else str(value))
             unit = units.get(name, "1")
             table.add_row(escape(name), escape(text), "" if unit == "1" else unit)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import errno
 import logging
-import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
@@ -19,7 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.progress import Progress as Bars
 
 from ..actuators import EXTENSIONS, NAMES, NONLINEAR
-from ..errors import EmcasError
+from ..errors import EmcasError, in_words, unwritable
 from ..files import named_sets
 from ..progress import LOG, Progress
 
@@ -53,27 +51,6 @@ def failures() -> Iterator[None]:
         said = in_words(error) if isinstance(error, OSError) else str(error)
         err.print(f"[bold red]error:[/] {escape(said)}", highlight=False, soft_wrap=True)
         raise typer.Exit(2) from error
-
-
-def in_words(error: OSError, path: Path | str | None = None) -> str:
-    """Return what is wrong with a file, and the remedy, for an error of the operating system.
-
-    `path` is the file, where the error does not name it.
-    """
-    named = path if path is not None else error.filename
-    if named is None:
-        return error.strerror or str(error)
-    place = Path(os.fsdecode(named))
-    if error.errno in (errno.EACCES, errno.EPERM) and place.exists() and not os.access(place, os.R_OK):
-        return f"cannot read {place}: permission denied; change its permissions or give another file"
-    what = {errno.ENOENT: f"there is no file or folder {place}; check its name",
-            errno.EISDIR: f"{place} is a folder; give a file",
-            errno.ENOTDIR: f"{place}: a part of this path is a file, not a folder; check the path",
-            errno.ENOSPC: f"cannot write {place}: the disk is full; free some space or write elsewhere",
-            errno.ENAMETOOLONG: f"{str(place)[:60]}...: the name is too long; choose a shorter one"}
-    denied = (errno.EACCES, errno.EPERM, errno.EROFS)
-    reason = "permission denied" if error.errno in denied else (error.strerror or str(error)).lower()
-    return what.get(error.errno or 0, f"cannot write {place}: {reason}; choose another file or folder")
 
 
 def _file(given: Path | None) -> Path | None:
@@ -214,7 +191,7 @@ def _refused(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise EmcasError(in_words(error, path)) from error
+        raise EmcasError(unwritable(path, error)) from error
 
 
 def progress_bar() -> Bars:

@@ -366,7 +366,7 @@ def test_message_holds_every_problem_and_survives_pickling(load: Load) -> None:
 @pytest.mark.parametrize(("content", "fragment"), [
     (b"mass.fin = = 3", "is not valid TOML: Invalid value (at line 1"),
     (b"[a]\n[a]\n", "is not valid TOML"),
-    (b"mass.fin = '\xff'", "is not a text file in UTF-8"),
+    (b"mass.fin = '\xff'", "cannot be read: it is not a text file in UTF-8"),
     (b"mass.fin = " + b"[" * 100_000, "is not valid TOML"),
 ])
 def test_unreadable_content(tmp_path: Path, content: bytes, fragment: str) -> None:
@@ -377,7 +377,7 @@ def test_unreadable_content(tmp_path: Path, content: bytes, fragment: str) -> No
 
 
 def test_missing_file_and_directory(tmp_path: Path) -> None:
-    with pytest.raises(ParameterError, match=r"none\.toml: cannot be read: No such file"):
+    with pytest.raises(ParameterError, match=r"none\.toml: cannot be read: there is no such file or folder; check its"):
         load_parameters(tmp_path / "none.toml")
     with pytest.raises(ParameterError, match="cannot be read"):
         load_parameters(tmp_path)
