@@ -176,11 +176,11 @@ def _table(summary: Any) -> Table:
 
 
 def _faults(summary: Any) -> Table:
-    """Return what was injected, and what was found."""
+    """Return what was injected, and what was detected."""
     from ..studies.campaign.report import seconds
 
-    table = Table("fault, alone", "samples", "found", "after", "before", "by", title_justify="left",
-                  title="Faults, and what the built-in test found")
+    table = Table("fault, alone", "samples", "detected", "after", "before", "by", title_justify="left",
+                  title="Faults, and what the built-in test detected")
     table.columns[0].no_wrap = True
     several = len({f.experiment for f in summary.findings}) > 1
     for f in summary.findings:
