@@ -20,8 +20,10 @@ from emcas_fmu.bench.writers import number, rounded
 from emcas_fmu.cli import app
 from emcas_fmu.commands import common
 from emcas_fmu.commands.group import PANELS, summary
+from emcas_fmu.compiler import PLATFORMS
 from emcas_fmu.errors import in_words, unreadable
 from emcas_fmu.progress import LOG
+from emcas_fmu.runtime import compiled
 
 HEAVY = ("numpy", "scipy", "matplotlib", "pydantic", "pint", "jinja2", "fmpy", "emcas_fmu.actuators.declaration")
 NAMES = [name for names in PANELS.values() for name in names]
@@ -103,7 +105,7 @@ def test_errors_of_the_system_name_file_and_remedy(code: int, said: str, capsys:
     assert shown == f"error: {said}"
 
 
-def test_an_error_without_a_file_is_told_as_it_is() -> None:
+def test_an_error_without_a_file_is_shown_as_it_is() -> None:
     assert in_words(OSError("no more")) == "no more"
 
 
@@ -146,3 +148,18 @@ def test_progress_shows_the_time_left() -> None:
         step("one", 1, 4)
         assert bars.tasks[0].total == 4
         assert any(type(column).__name__ == "TimeRemainingColumn" for column in bars.columns)
+
+
+def test_compiling_a_kernel_is_announced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                         capsys: pytest.CaptureFixture[str]) -> None:
+    class Fake:
+        version = "fake"
+
+        def library(self, *given: object) -> bytes:
+            assert "compiling the actuator elastic" in capsys.readouterr().err  # before the wait, not after it
+            return b"library"
+
+    monkeypatch.setattr(compiled, "cache_directory", lambda: tmp_path)
+    with common.failures():
+        target = compiled._compile(Fake(), {}, PLATFORMS["linux64"], "x", "elastic")  # type: ignore[arg-type]
+    assert target.read_bytes() == b"library"
