@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import degrees, inf
+from math import degrees, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -104,12 +104,17 @@ class Response:
         """Return name and value for each fin of every figure; statuses by name, as they changed."""
         every = [self.figures(fin) for fin in range(self.unit.fins)]
         discrete = {f"{v.name}_final": v for v in self.extension_outputs if v.items or v.bits}
-        moves = self.fins[0].excitation.moves
-        within = f"not within {number(moves[0].end - moves[0].start)} s" if moves else ""
-        rows = [(name, *(within if each[name] == inf and name.endswith("_s") else number(each[name]) for each in every))
-                for name in every[0] if name not in discrete]
+        rows = [(name, *(self._text(name, each[name]) for each in every)) for name in every[0] if name not in discrete]
         return rows + [(v.name, *(_history(v, self.time, run.columns[v.name]) for run in self.fins))
                        for v in discrete.values()]
+
+    def _text(self, name: str, value: float) -> str:
+        """Return a figure for people; of one that the motion does not reach, for how long it was waited for."""
+        moves = self.fins[0].excitation.moves
+        if isfinite(value) or not moves:
+            return number(value)
+        waited = number(moves[0].end - moves[0].start)
+        return f"not within {waited} s" if metrics.unit_of(name) == "s" else "not reached"
 
 
 def _history(v: Variable, time: Any, column: Any) -> str:
