@@ -85,8 +85,8 @@ def test_what_is_no_number_is_shown_in_words() -> None:
 
 
 def test_a_step_that_does_not_settle_says_for_how_long_it_was_waited_for() -> None:
-    done = CliRunner(env={"COLUMNS": "120"}).invoke(app, ["simulate", "--step", "10", "--stop", "0.08", "--kernel",
-                                                          "python"])
+    done = CliRunner(env={"COLUMNS": "120"}).invoke(app, ["simulate", "--step", "10", "--stop", "0.08", "--model",
+                                                          "second-order", "--kernel", "python"])
     assert done.exit_code == 0, done.output
     rows = dict(line.strip("│ ").split(" │ ") for line in done.output.splitlines() if " │ " in line)
     shown = {name.strip(): value.strip() for name, value in rows.items()}
