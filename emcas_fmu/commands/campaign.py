@@ -39,7 +39,7 @@ def campaign(
                                               "name it for one of a file of yours.")] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given. 0: in "
                                                      "this process, without Dask.", min=0, metavar="N")] = None,
-    scheduler: Annotated[str | None, typer.Option(help="Of a Dask cluster that is running, instead of processes "
+    scheduler: Annotated[str | None, typer.Option(help="Address of a running Dask cluster, instead of processes "
                                                        "here.", metavar="ADDRESS")] = None,
     chunk: Annotated[int | None, typer.Option(help="Samples in a task and a part of the results; chosen unless "
                                                    "given.", min=1, metavar="N")] = None,

@@ -79,15 +79,16 @@ SubjectArgument = Annotated[Path | None, typer.Argument(
     help="FMU (.fmu), parameter file (.toml) or the name of a shipped set (emcas parameters --sets); the shipped "
          "parameters unless given.", metavar="[FMU|TOML|SET]", show_default=False, callback=_file)]
 SubjectModelOption = Annotated[str | None, model_option(
-    "Which actuator a parameter file is of", " Unless given, nonlinear; an FMU tells it by its name, but for one of a "
-                                               "file of yours.")]
+    "Which actuator a parameter file is of", " Unless given, nonlinear; an FMU has it in its name, except for an "
+                                               "actuator in a file of yours.")]
 ParametersOption = Annotated[list[Path] | None, typer.Option(
     "--parameters", "-p", help="Parameter file (TOML), or the name of a shipped set (emcas parameters --sets); "
                                "overrides any subset of the defaults (may be given several times: a later one goes "
                                "over those before it).", metavar="FILE|SET", callback=_files)]
 FinOption = Annotated[int | None, typer.Option(help="Which fin of a unit of several; the first unless given.",
                                                metavar="N")]
-LayoutOption = Annotated[str, typer.Option(help="Where several fins are: one along body y, or half a space further.",
+LayoutOption = Annotated[str, typer.Option(help="Placement of several fins: plus has one along body y, cross is half a "
+                                                "pitch further.",
                                            metavar="plus|cross")]
 FinFilesOption = Annotated[list[str] | None, typer.Option(
     help="Parameter file of one of several fins, over the others' (may be given several times).", metavar="N=FILE")]

@@ -30,9 +30,9 @@ def tune(
                                                 metavar="FILE")] = None,
     report: common.ReportOption = None,
     as_json: common.JsonOption = None,
-    seed: Annotated[int, typer.Option(help="Of the random search; the same seed gives the same gains.",
+    seed: Annotated[int, typer.Option(help="Seed of the random search; the same seed gives the same gains.",
                                          min=0, metavar="N")] = 1,
-    generations: Annotated[int, typer.Option(help="Of the global search.", min=1, metavar="N")] = 12,
+    generations: Annotated[int, typer.Option(help="Generations of the global search.", min=1, metavar="N")] = 12,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given.",
                                                 min=1, metavar="N")] = None,
     journal: Annotated[Path | None, typer.Option(help="Keep every evaluation in this file, and go on from what is "
