@@ -24,6 +24,7 @@ from emcas_fmu.compiler import PLATFORMS
 from emcas_fmu.errors import in_words, unreadable
 from emcas_fmu.progress import LOG
 from emcas_fmu.runtime import compiled
+from emcas_fmu.studies.validate.output import _figure
 
 HEAVY = ("numpy", "scipy", "matplotlib", "pydantic", "pint", "jinja2", "fmpy", "emcas_fmu.actuators.declaration")
 NAMES = [name for names in PANELS.values() for name in names]
@@ -165,3 +166,13 @@ def test_compiling_a_kernel_is_announced(tmp_path: Path, monkeypatch: pytest.Mon
     with common.failures():
         target = compiled._compile(Fake(), {}, PLATFORMS["linux64"], "x", "elastic")  # type: ignore[arg-type]
     assert target.read_bytes() == b"library"
+
+
+@pytest.mark.parametrize(("figures", "key", "shown"), [
+    ({"settling_time_s": inf, "judged_for_s": 0.45}, "settling_time_s", ">450"),
+    ({"settling_time_s": 0.0664, "judged_for_s": 0.45}, "settling_time_s", "66.4"),
+    ({"bandwidth_hz": nan, "swept_to_hz": 24.0}, "bandwidth_hz", ">24"),
+    ({"rise_time_s": nan}, "rise_time_s", "–"), ({"end_error_deg": -0.0}, "end_error_deg", "0.00")])
+def test_the_table_of_emcas_validate_has_a_bound_for_what_is_not_reached(figures: dict[str, float], key: str,
+                                                                         shown: str) -> None:
+    assert _figure(figures, key, 1e3 if key.endswith("time_s") else 1.0) == shown
