@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -54,7 +54,7 @@ class Guard:
 
     terminal = True
 
-    def __init__(self, value: Callable[[Vector], float], direction: int, successor: Callable[[list[float]], Mode]):
+    def __init__(self, value: Callable[[Vector], float], direction: int, successor: Callable[[list[float]], Any]):
         self.value, self.direction, self.successor = value, float(direction), successor
 
     def __call__(self, _time: float, state: Vector) -> float:

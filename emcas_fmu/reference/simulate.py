@@ -7,13 +7,13 @@ is integrated by SciPy's DOP853 with terminal events; at each instant the discre
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .plant import Mode, Plant, Surroundings, Value, clip, whole_samples
+from .plant import Guard, Mode, Plant, Surroundings, Value, Vector, clip, whole_samples
 
 Array = NDArray[np.floating[Any]]
 
@@ -146,16 +146,30 @@ class Controllers:
         return limited
 
 
-def advance(plant: Plant, state: list[float], mode: Mode, around: Surroundings, start: float, end: float
-            ) -> tuple[list[float], Mode]:
-    """Integrate from `start` to `end` [s] through every change of mode; return the state and mode at `end`."""
+class Modes(Protocol):
+    """What moves in modes: d/dt of its state in one of them, and the guards that end it."""
+
+    def slope(self, state: Vector, mode: Any, around: Surroundings) -> Sequence[float]:
+        """Return the time derivative of the state."""
+
+    def guards(self, mode: Any, around: Surroundings) -> list[Guard]:
+        """Return the events that end a mode."""
+
+
+def advance(plant: Modes, state: list[float], mode: Any, around: Surroundings, start: float, end: float,
+            how: Mapping[str, Any] | None = None) -> tuple[list[float], Any]:
+    """Integrate from `start` to `end` [s] through every change of mode; return the state and mode at `end`.
+
+    `how` gives rtol, atol and max_step of another state than the thesis's actuator has.
+    """
     from scipy.integrate import solve_ivp  # would be a third of the start of every command
 
+    how = how or {"rtol": RTOL, "atol": RTOL * SCALES, "max_step": MAX_STEP}
     time, events_without_progress = start, 0
     while time < end:
         guards = plant.guards(mode, around)
         run = solve_ivp(lambda _t, y, mode=mode: plant.slope(y.tolist(), mode, around), (time, end), state,
-                        method="DOP853", events=guards, rtol=RTOL, atol=RTOL * SCALES, max_step=MAX_STEP)
+                        method="DOP853", events=guards, **how)
         if run.status < 0:
             raise ArithmeticError(f"integration failed after {time} s in {mode}: {run.message}")
         state = [float(x) for x in run.y[:, -1]]

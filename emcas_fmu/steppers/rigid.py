@@ -118,7 +118,7 @@ def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at:
         high = ops.where(s.angle >= high_stop, WALL, mechanics.breakaway(ops, p, m, 1.0))
         low = -ops.where(s.angle <= low_stop, WALL, mechanics.breakaway(ops, p, m, -1.0))
         if screw.lossy(p):
-            high, low = _held_by_screw(ops, p, m, high, low)
+            high, low = screw.held(ops, p, m, high, low)
         applied = drive.torque(p, s.current) + m.load
         up, down = overcome(ops, applied, high, low)
         direction = ops.where(up, 1.0, ops.where(down, -1.0, 0.0))
@@ -135,13 +135,6 @@ def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at:
     inertia = m.inertia + 0.5 * h * damping - h * w * m.centrifugal
     torque = m.load - dry - damping * w + m.centrifugal * w * w
     return Motion(direction, inertia, torque, high, low, load)
-
-
-def _held_by_screw(ops: Ops, p: Any, m: mechanics.Mechanics, high: Value, low: Value) -> tuple[Value, Value]:
-    """Return the torques [N.m] that move a motor at rest, with the friction of a loaded screw."""
-    hinge = p.friction.fin_coulomb / m.ratio
-    return (high + screw.hold(ops, p, hinge - screw.behind(m), 1.0),
-            low - screw.hold(ops, p, -hinge - screw.behind(m), -1.0))
 
 
 def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: Drive, h: Value, heading: float, at: Value) -> Motion:
