@@ -22,7 +22,7 @@ from .simulate import Array, Bus, Controllers, advance, columns_of, electric_sta
 
 _RTOL = 1e-10
 FIN, RATE, ROTOR, CURRENT, INTEGRAL, COIL, FLUX, TEMPERATURE = range(8)
-_HOW = {"rtol": _RTOL, "atol": _RTOL * np.array([1e-2, 1.0, 10.0, 1.0, 1.0, 0.1, 0.1, 10.0]), "max_step": 1e-4}
+_HOW = {"rtol": _RTOL, "atol": _RTOL * np.array([1e-2, 1.0, 10.0, 1.0, 1.0, 0.1, 0.1, 10.0]), "max_step": 2e-4}
 OUTPUTS = ("fin_angle", "fin_rate", "motor_speed", "motor_current", "motor_voltage", "coil_current",
            "clutch_temperature", "drive_reference")
 State = list[float]

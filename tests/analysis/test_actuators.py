@@ -55,7 +55,8 @@ def smooth(model: str, **more: Any) -> dict[str, Any]:
     parameters = load_parameters(model=model)
     changes = without_friction(parameters.values, encoder__enabled=False, drive_line__backlash=0.0,
                                load__torsion_bar=30.0, friction__fin_viscous=2.0, worm__friction=0.0,
-                               efficiency__forward=1.0, efficiency__backward=1.0, **HYDRAULIC, **more) | WARM
+                               efficiency__forward=1.0, efficiency__backward=1.0,
+                               motor__coulomb_friction=0.0, **HYDRAULIC, **more) | WARM
     return {**parameters.values, **parameters.having(changes)}
 
 

@@ -236,8 +236,8 @@ ACTUATOR = Actuator(
     equal_parameters=electromechanical.EQUAL,
     provides=frozenset({
         capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.SUPPLY_VOLTAGE,
-        capabilities.VOLTAGE_LIMIT, capabilities.REFERENCE_LIMIT, capabilities.POSITION_LOOP, capabilities.CASCADE,
-        capabilities.AMBIENT_TEMPERATURE}),
+        capabilities.VOLTAGE_LIMIT, capabilities.RETURNS_POWER, capabilities.REFERENCE_LIMIT,
+        capabilities.POSITION_LOOP, capabilities.CASCADE, capabilities.AMBIENT_TEMPERATURE}),
     structure=Structure(),
     as_built=as_built.with_pump,
     nominal=as_built.nominal(*DEVIATIONS),
