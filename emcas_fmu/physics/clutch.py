@@ -9,8 +9,8 @@ v is the amplifier's, of a supply V; below 0 it is that of the suppressor, which
 amplifier draws no current backwards. phi is the flux, as the coil current that holds it when steady, behind eddy
 currents in the body. C is the torque at which the clutch slips, whatever the slip speed, r the part that is left of it
 without current. F_k s_k is what slipping makes of heat, in one body of all clutches. A torque in proportion to the
-current, whatever the slip speed, is what data sheets of magnetic particle clutches show; of a friction clutch it is the
-simplest form, as the only one that is rated at all.
+current, whatever the slip speed, is what data sheets of magnetic particle clutches show; for friction clutches, of
+which they give the rated point alone, it is an engineering choice.
 """
 
 from __future__ import annotations

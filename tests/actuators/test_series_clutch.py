@@ -16,6 +16,7 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.physics import clutched_screw
 from emcas_fmu.reference import series_clutch as reference
 from tests.simulation import acting, simulate
 
@@ -182,6 +183,53 @@ def test_energy_of_a_slew(values: Mapping[str, Any]) -> None:
     # Sums over jumps of power are off by half a step of them: 2 kW times 5e-6 s, some hundred times.
     assert given == pytest.approx(taken + lost + stored(-1) - stored(0), abs=0.2)
     assert min(work["slip"], work["brake"], work["no-back"]) > 1.0
+
+
+# -- what sticks and what slides ---------------------------------------------------
+
+_torque = st.floats(-10.0, 10.0)
+_limit = st.sampled_from([0.0, 0.1, 1.0]) | st.floats(0.0, 5.0)
+_speed = st.sampled_from([0.0, 1.0, -1.0]) | st.floats(-10.0, 10.0)
+_inertia = st.floats(1e-5, 1e-2)
+
+
+@settings(deadline=None, derandomize=True, max_examples=300)
+@given(inertias=st.tuples(_inertia, _inertia, _inertia), torques=st.tuples(_torque, _torque, _torque),
+       limits=st.tuples(_limit, _limit, _limit, _limit, _limit), forward=st.floats(1.0, 3.0),
+       backward=st.sampled_from([0.0, 1.0]) | st.floats(0.0, 1.0), screw=_speed, rotor=_speed | st.none())
+def test_motion_is_the_one_that_holds(inertias: Any, torques: Any, limits: Any, forward: float, backward: float,
+                                      screw: float, rotor: float | None) -> None:
+    """Sliding follows the acceleration, what sticks is within its limit, and e goes by the load there is."""
+    rotor = screw if rotor is None else rotor
+    (rotor_torque, screw_torque, behind), (dry, capacity, up, down, hinge) = torques, limits
+    load = hinge - behind, -hinge - behind
+
+    def hold(way: float, transmitted: float) -> float:
+        return ((forward if transmitted * way > 0.0 else backward) - 1.0) * transmitted
+
+    t = clutched_screw.Train(
+        inertias[0], inertias[1], inertias[2], rotor_torque, screw_torque, dry, capacity, (up, down), load, behind,
+        up + hinge + hold(1.0, load[0]), -(down + hinge) + hold(-1.0, load[1]), forward, backward)
+    m = clutched_screw.motion(FLOATS, t, screw, rotor)
+    rates = clutched_screw.accelerations(FLOATS, t, m)
+    sliding = {"screw": (screw, m.screw, rates[0]), "rotor": (rotor, m.rotor, rates[1]),
+               "clutch": (rotor - screw, m.clutch, rates[1] - rates[0])}
+    # Overcome within 1e-9 of a limit it may stand still by rounding.
+    slack = 1e-8 * (max(limits) + 30.0) / min(inertias)
+    for name, (speed, way, rate) in sliding.items():
+        assert way == np.sign(speed) if speed else way * rate >= -slack, name
+        if way == 0.0:
+            assert rate == 0.0 or (name != "clutch" and m.clutch == 0.0), name
+    slack = 1e-8 * 30.0
+    force = clutched_screw.torque(FLOATS, t, m)
+    assert abs(clutched_screw.held(FLOATS, t, m)) <= capacity + slack or m.clutch
+    if m.rotor == 0.0:
+        assert abs(rotor_torque - force) <= dry + slack
+    if m.screw == 0.0:
+        assert t.low - slack <= screw_torque + behind + force <= t.high + slack
+    else:
+        transmitted = clutched_screw.transmitted(FLOATS, t, m) * m.screw
+        assert m.felt == (forward if transmitted > 0.0 else backward) or abs(transmitted) < slack
 
 
 # -- what the clutch is for --------------------------------------------------------

@@ -89,11 +89,6 @@ def _screw_side(p: Any) -> Any:
                            "motor.torque_constant": clutch.torque_per_ampere(p)})
 
 
-def _rotor_inertia(p: Any) -> Value:
-    """Return the inertia [kg.m2] of motor, gear and driving halves."""
-    return p.inertia.motor + p.clutch.driving_inertia
-
-
 def initial(ops: Ops, p: Any, start: Record) -> Values:
     """Return plant and controller with the fin at rest at an angle, the motor at its start speed, the coils at their
     bias."""
@@ -139,10 +134,10 @@ def _bodies(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Bodies:
     current = ops.where(m.feeds, _surplus(ops, p, x.motor_speed, u) / p.motor.resistance, 0.0)
     motor = drive.torque(p, current) - p.motor.viscous_friction * x.motor_speed
     warm = clutch.share_at(ops, p, x.clutch_temperature)
-    clutches = (clutch.capacity(p, flux, warm * share) for flux, share in (
+    capacities = (clutch.capacity(p, flux, warm * share) for flux, share in (
         (x.flux_1, p.clutch.share_1), (x.flux_2, p.clutch.share_2)))
-    return Bodies((c.inertia, _rotor_inertia(p)), (screw, motor),
-                  (m.dry, Dry(p.motor.coulomb_friction, p.motor.coulomb_friction), *(Dry(t, t) for t in clutches)))
+    return Bodies((c.inertia, clutches.rotor_inertia(p)), (screw, motor),
+                  (m.dry, Dry(p.motor.coulomb_friction, p.motor.coulomb_friction), *(Dry(t, t) for t in capacities)))
 
 
 def _surroundings(ops: Ops, p: Any, x: Record, u: Acting, angle: Value) -> Record:

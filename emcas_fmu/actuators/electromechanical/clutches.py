@@ -93,6 +93,11 @@ def faults(jammed: str, opened: tuple[str, str], shares: Iterable[str]) -> tuple
     )
 
 
+def rotor_inertia(p: Any) -> Value:
+    """Return the inertia [kg.m2] of the motor and the driving side of its clutches."""
+    return p.inertia.motor + p.clutch.driving_inertia
+
+
 def as_cascade(x: Record, current: Value) -> Record:
     """Return states as the loops of motor and screw know them: the screw is the motor, with a `current` [A]."""
     return Record(**{**vars(x), "motor_angle": x.screw_angle, "motor_speed": x.screw_speed, "motor_current": current})

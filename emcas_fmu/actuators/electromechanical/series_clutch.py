@@ -99,11 +99,6 @@ def _as_one(p: Any) -> Any:
         **{f"friction.viscous.{way}": b + one.viscous_friction for way, b in vars(wet).items()}})
 
 
-def _rotor_inertia(p: Any) -> Value:
-    """Return the inertia [kg.m2] of rotor and driving side."""
-    return p.inertia.motor + p.clutch.driving_inertia
-
-
 def initial(ops: Ops, p: Any, start: Record) -> Values:
     """Return plant and controller at rest at a fin angle, the clutch engaged."""
     begun = dict(nonlinear.initial(ops, _as_one(p), start))
@@ -140,7 +135,7 @@ def _surroundings(ops: Ops, p: Any, x: Record, u: Acting, angle: Value) -> Recor
 
 def _train(ops: Ops, p: Any, x: Record, m: Record) -> Train:
     """Return rotor, clutch and screw in a mode."""
-    side, c, rotor = _screw_side(p), m.mechanics, _rotor_inertia(p)
+    side, c, rotor = _screw_side(p), m.mechanics, clutches.rotor_inertia(p)
     wet = ops.where(x.screw_speed > 0.0, m.wet[0], m.wet[1])
     share = p.clutch.share * clutch.share_at(ops, p, x.clutch_temperature)
     return Train(
@@ -285,7 +280,7 @@ ACTUATOR = Actuator(
     terminals=(Terminal("motor", "motor, clutch and screw",
                         ("screw_angle", "screw_speed", "motor_speed", "motor_current", "motor_voltage", "motor_torque",
                          "drive_reference", "nut_position", "current_error", *(v.name for v in _CLUTCH))),),
-    rules=(*interface.RULES, Rule(_jams, lossy_screw.JAMMING.replace("motor and screw", "driven side and screw"))),
+    rules=(*interface.RULES, Rule(_jams, lossy_screw.jamming_text("clutch and screw"))),
     faults=FAULTS,
     equal_parameters=interface.EQUAL,
     provides=nonlinear.ACTUATOR.provides - {
