@@ -1,4 +1,4 @@
-"""The series clutch actuator: closed forms, what must always hold, and an integration that shares no code with it."""
+"""The series clutch actuator: closed forms, what must always hold, what the clutch is for, gains."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import clutched_screw
-from emcas_fmu.reference import series_clutch as reference
+from emcas_fmu.studies.tuning.evaluate import evaluate
+from emcas_fmu.studies.tuning.study import shipped_study
 from tests.simulation import acting, simulate
 
 MODEL = "series-clutch"
@@ -325,83 +326,18 @@ def test_it_has_its_losses_and_its_brake_itself() -> None:
         get(f"{MODEL}+supply")
 
 
-# -- an independent integration ----------------------------------------------------
+# -- gains -------------------------------------------------------------------------
 
 
-def _hammered(seed: int, rows: int) -> dict[str, Any]:
-    """Commands, loads, supply and enable that jump at random: locks, slips, stops, limited coil and drive."""
-    rng = np.random.default_rng(seed)
-
-    def held(low: float, high: float, count: int) -> Any:
-        column = np.zeros(rows + 1)
-        for at in np.sort(rng.integers(0, rows, count)):
-            column[at:] = rng.uniform(low, high)
-        return column
-
-    return {"fin_command": held(-0.4, 0.4, 6), "aero_torque": held(-350.0, 350.0, 8),
-            "supply_voltage": 39.0 + held(-20.0, 10.0, 3), "enable": (held(-1.0, 4.0, 4) >= 0.0).astype(float)}
+@pytest.mark.parametrize("size", [1.0, 5.0, 10.0, 20.0])
+def test_steps_overshoot_by_less_than_5_percent(size: float) -> None:
+    run = simulate(load_parameters(model=MODEL).values, 0.6, model=MODEL, fin_command=radians(size))
+    assert 0.98 * radians(size) < run["fin_angle"].max() < 1.05 * radians(size)
 
 
-@pytest.mark.parametrize(("seed", "changes"), [
-    (1, {"clutch.rated_torque": 4.0, "efficiency.backward": 0.5, "friction.fin_coulomb": 2.0}),
-    pytest.param(0, {}, marks=pytest.mark.slow),
-    pytest.param(3, {"clutch.rated_torque": 3.0, "clutch.temperature_coefficient": -0.02}, marks=pytest.mark.slow),
-    pytest.param(2, {"efficiency.backward": -0.5, "clutch.residual": 0.1}, marks=pytest.mark.slow)])
-def test_it_is_an_independent_integration_to_second_order(values: Mapping[str, Any], seed: int,
-                                                          changes: dict[str, float]) -> None:
-    rows, values = 200, {**values, **changes}
-    inputs = _hammered(seed, rows)
-    exact = reference.simulate(values, {"time": np.arange(rows + 1) * 1e-3, **inputs})
-    ticks, errors = [8e-4, 4e-4, 2e-4, 1e-4, 5e-5], []
-    for tick in ticks:
-        run = simulate({**values, "solver.max_tick": tick}, rows * 1e-3, model=MODEL, **inputs)
-        errors.append(np.degrees(np.abs(run["fin_angle"] - exact["fin_angle"]).max()))
-        assert np.abs(run["motor_speed"] - exact["motor_speed"]).max() < 2e3 * tick  # of 300 rad/s
-    assert errors[2] < 0.002, errors  # the default tick
-    # Events that move between ticks shift the fit of five points.
-    slope = np.polyfit(np.log(ticks), np.log(errors), 1)[0]
-    assert 1.6 < slope < 2.8, (slope, errors)
-
-
-# -- faults ------------------------------------------------------------------------
-
-_FAULTY = f"{MODEL}+faults"
-_SLIPPING = {"jam", "powder_loss", "coil_open", "coil_short"}
-
-
-def _faulty(fault: str, **inputs: Any) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
-    """Values and a run with a fault from 0.2 s on."""
-    values = {**load_parameters(model=_FAULTY).values, f"fault.{fault}.begin": 0.2, f"fault.{fault}.end": 9.0}
-    return values, simulate(values, 0.8, model=_FAULTY, **inputs)
-
-
-@pytest.mark.parametrize("fault", [fault.name for fault in ACTUATOR.faults])
-def test_what_a_fault_does_to_a_slew_against_a_load(fault: str) -> None:
-    """Against 320 N.m, of the 395 of stall: what takes the clutch's torque lets it slip, and the built-in test sees
-    that the fin does not follow."""
-    _, run = _faulty(fault, fin_command=lambda t: radians(15.0 if t > 0.18 else 0.0),
-                     aero_torque=lambda t: -320.0 if t > 0.19 else 0.0)
-    assert bool(run["slip_power"].any()) == (fault in _SLIPPING)
-    assert bool(run["built_in_test"][-1]) == (fault in _SLIPPING)
-    reached = abs(run["fin_angle"][-1] - radians(15.0)) < radians(0.2)
-    assert reached == (fault not in _SLIPPING)
-    assert run["supply_power"].min() >= 0.0
-
-
-def test_a_jam_slips_and_makes_no_energy() -> None:
-    """The rotor's motion and what the motor draws are all there is to heat the clutch."""
-    values, run = _faulty("jam", fin_command=lambda t: 0.25 if t > 0.15 else 0.0)
-    jammed = run["time"] > 0.201
-    assert not np.ptp(run["fin_angle"][jammed])
-    assert not run["screw_speed"][jammed].any()
-    inertia = values["inertia.motor"] + values["clutch.driving_inertia"]
-    kinetic = 0.5 * inertia * float(run["motor_speed"][jammed][0] ** 2)
-    heat, drawn = (np.trapezoid(run[name][jammed], run["time"][jammed]) for name in ("slip_power", "supply_power"))
-    assert 0.0 < heat < drawn + kinetic
-
-
-def test_without_its_no_back_a_load_moves_the_disabled_fin() -> None:
-    values, run = _faulty("clutch_engaged", enable=False, aero_torque=LOAD)
-    assert not run["fin_angle"][run["time"] < 0.2].any()
-    assert run["at_stop"][-1]
-    assert values["fault.clutch_engaged.share"] > 0.0
+@pytest.mark.slow
+def test_the_shipped_gains_meet_every_requirement() -> None:
+    study = shipped_study(load_parameters(model=MODEL))
+    assert "worn_clutch" in {case.name for case in study.cases}  # its own
+    found = evaluate(study, {t.name: study.base.values[t.name] for t in study.tunables})
+    assert {j.requirement: j.measured for j in found.judgements if not j.share <= 1.0} == {}
