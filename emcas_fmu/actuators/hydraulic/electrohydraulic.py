@@ -83,7 +83,7 @@ def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
     """Return a sample of the controller; it is held in reset while disabled."""
     measured = fluid_power.measured(ops, p, asked.position)
     full = full_speed(ops, p)
-    out = fluid_power.sample(ops, p, x.integral, measured, asked.command, full, x.piston)
+    out = fluid_power.sample(ops, p, x.integral, x.piston, measured, asked.command, full)
     at_rest = fluid_power.at_rest(ops, p, measured)
     return {"reference": ops.where(asked.enable, out.speed / full, 0.0),
             "integral": ops.where(asked.enable, out.integral, at_rest),
@@ -212,7 +212,7 @@ ACTUATOR = Actuator(
     origin="The structure is that of section 1.1.3 of the thesis of Yerlikaya (2016), which gives no numbers: every "
            "value is an engineering estimate.",
     states=(*interface.FIN, *interface.CHAMBERS, *VALVE),
-    controller_states=(interface.INTEGRAL, State("piston", "m", "as read at the last sample")),
+    controller_states=interface.CONTROLLER,
     outputs=(*interface.OUTPUTS,
              real_output("valve_reference", "1", "position asked of the spool, of its stroke", 1.0),
              real_output("valve_position", "1", "position of the spool, of its stroke", 1.0),
