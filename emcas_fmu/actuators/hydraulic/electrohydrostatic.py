@@ -20,7 +20,6 @@ valve or a relief valve opens or closes, a void begins or ends, the drive's volt
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from typing import Any
 
 from ...control import controllers, fluid_power
@@ -44,8 +43,6 @@ PARAMETERS = (
     *interface.PARAMETERS,
     *without(only(electromechanical.PARAMETERS, "inertia.motor", "motor.", "drive.", "controller.velocity.kp",
                   "controller.speed_limit", "compensation."), "drive.transport_delay"),
-    *(replace(v, description="ambient temperature; the extension heat alone reads it")
-      for v in only(electromechanical.PARAMETERS, "friction.temperature")),
     parameter("pump.displacement", "m3/rad", 1e-10, 1e-3, "displacement of the pump per radian, D_p"),
     parameter("pump.leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of the pump from side to side, xi_p"),
     parameter("pump.case_leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of each side to the case, C_ep"),
@@ -251,8 +248,7 @@ ACTUATOR = Actuator(
     equal_parameters=electromechanical.EQUAL,
     provides=frozenset({
         capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.SUPPLY_VOLTAGE,
-        capabilities.VOLTAGE_LIMIT, capabilities.REFERENCE_LIMIT, capabilities.POSITION_LOOP, capabilities.CASCADE,
-        capabilities.AMBIENT_TEMPERATURE}),
+        capabilities.VOLTAGE_LIMIT, capabilities.REFERENCE_LIMIT, capabilities.POSITION_LOOP, capabilities.CASCADE}),
     structure=Structure(),
     as_built=as_built.with_pump,
     nominal=as_built.nominal(*DEVIATIONS),
