@@ -167,21 +167,14 @@ def _margins(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
 
 
 def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, events: Values) -> Values:
-    def moving(slide: stick.Slide) -> Value:
-        return ops.negate(ops.equal(slide.direction, 0.0))
-
     def borne(pressure: Value, void: Value) -> Value:
         # A void begins with nothing: under its modulus what a step is beyond that would be thousands of times as much.
         return ops.where(void, pressure, ops.maximum(pressure, p.oil.cavitation_pressure))
 
-    # Another event may be placed a rounding behind that of the stop; and a fin that leaves it and turns back within a
-    # step gets as far beyond.
-    stop = p.fin.stop_angle
-    struck = ops.either(events["stop"], ops.both(moving(m.fin), m.fin.direction * x.fin_angle >= stop))
-    fin, shaft = ops.either(struck, ops.both(moving(m.fin), events["fin"])), ops.both(moving(m.shaft), events["shaft"])
-    return {"fin_rate": stick.speed_after(ops, m.fin, begin.fin_rate, x.fin_rate, fin),
-            "fin_angle": ops.where(stick.nowhere(ops, m.fin, begin.fin_rate, x.fin_rate), begin.fin_angle, ops.where(
-                struck, m.fin.direction * stop, ops.clip(x.fin_angle, -stop, stop))),
+    angle, rate = stick.landed(ops, m.fin, p.fin.stop_angle, (begin.fin_angle, begin.fin_rate),
+                               (x.fin_angle, x.fin_rate), events["fin"], events["stop"])
+    shaft = ops.both(ops.negate(ops.equal(m.shaft.direction, 0.0)), events["shaft"])
+    return {"fin_rate": rate, "fin_angle": angle,
             "pressure_1": borne(x.pressure_1, m.valves.void_1), "pressure_2": borne(x.pressure_2, m.valves.void_2),
             "motor_speed": stick.speed_after(ops, m.shaft, begin.motor_speed, x.motor_speed, shaft),
             "drive_integral": current_loop.integral_end(ops, p, m.drive, x.motor_speed, x.motor_current,
