@@ -121,7 +121,7 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mod
 
 
 def _friction_speed(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value) -> Value:
-    """Return the rotor's speed [rad/s] whose friction a step is under: that of mid-step, where friction depends on it."""
+    """Return the rotor's speed [rad/s] whose friction holds: where friction depends on it, that of mid-step."""
     def predicted() -> tuple[Value, ...]:
         return (0.5 * (s.speed + _advanced(ops, p, c, s, acting, mode, h, s.speed).speed),)
 

@@ -1,14 +1,13 @@
 """The worm-gear actuator with a mesh that yields and has backlash: worm and fin have an angle each.
 
-A worm is a screw on the rim of its wheel: of the lead m z_1/2 per radian on a lever of the wheel's pitch radius m z_2/2,
-m the module. Worm, flanks and wheel yield in series as screw, flanks and fork of
-:mod:`emcas_fmu.actuators.electromechanical.elastic` do, and what they carry together is the load L of the worm:
+A worm is a screw on the rim of its wheel: m z_1/2 its lead per radian, m z_2/2 the lever, m the module. Worm, flanks
+and wheel yield in series as screw, flanks and fork of :mod:`emcas_fmu.actuators.electromechanical.elastic` do, and the
+torque T that they carry (:mod:`emcas_fmu.physics.drive_line`) is the load of the worm:
 
-    J_r dw/dt = T_m - C_m sgn w - b_m w - e L        L the mesh's torque at the motor, of :mod:`emcas_fmu.physics.drive_line`
+    J_r dw/dt = T_m - C_m sgn w - b_m w - e T        e = 1/eta_f where T w > 0, else eta_b
 
-with e of :mod:`emcas_fmu.actuators.electromechanical.worm_gear`, whose actuator this is, to rounding, where nothing
-yields. Friction of the flanks is set-valued at rest: a worm that locks stands under any load of the mesh, which swings
-and rattles behind it.
+Where nothing yields it is :mod:`emcas_fmu.actuators.electromechanical.worm_gear`. Friction of the flanks is set-valued
+at rest: a worm that locks stands under whatever the mesh brings while the fin swings and rattles behind it.
 """
 
 from __future__ import annotations
