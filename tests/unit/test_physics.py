@@ -256,4 +256,5 @@ def test_the_current_error_is_what_the_reference_within_its_limit_lacks(values: 
 
 def test_an_actuator_without_a_current_loop_has_no_current_error() -> None:
     having = [name for name in NAMES if "current_error" in {v.name for v in get(name).outputs}]
-    assert having == ["nonlinear", "linear", "elastic", "habibi", "worm-gear", "series-clutch", "electrohydrostatic"]
+    assert having == ["nonlinear", "linear", "elastic", "habibi", "worm-gear", "worm-gear-elastic",
+                      "series-clutch", "electrohydrostatic"]
