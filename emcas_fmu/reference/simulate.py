@@ -24,7 +24,8 @@ _AT_REST = ("fin_command", "aero_torque", "acceleration.x", "acceleration.y", "a
 INPUTS = {**dict.fromkeys(_AT_REST, 0.0), "supply_voltage": 39.0, "enable": 1.0}
 OUTPUTS = ("fin_angle", "fin_rate", "motor_current", "motor_voltage", "drive_reference")
 RTOL = 1e-11
-# Absolute tolerance = rtol * scale: a hundredth of a radian, and one rad/s, one ampere, one volt.
+# Absolute tolerance = rtol * scale: a hundredth of a radian, and one rad/s, one ampere, one volt; again for a further
+# angle and speed.
 SCALES = np.array([1e-2, 1.0, 1.0, 1.0])
 # Events are looked for at the ends of a step, so a step must be too short to hide two zeros of a guard:
 # it stays below the time constant of the current loop, L/(R + Kp) = 0.11 ms, the fastest thing there is.
@@ -164,7 +165,7 @@ def advance(plant: Modes, state: list[float], mode: Any, around: Surroundings, s
     """
     from scipy.integrate import solve_ivp  # would be a third of the start of every command
 
-    how = how or {"rtol": RTOL, "atol": RTOL * SCALES, "max_step": MAX_STEP}
+    how = how or {"rtol": RTOL, "atol": RTOL * np.resize(SCALES, len(state)), "max_step": MAX_STEP}
     time, events_without_progress = start, 0
     while time < end:
         guards = plant.guards(mode, around)
@@ -201,7 +202,7 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array], kind:
     nominal = kind(parameters)
     plant, p = nominal.as_built(), nominal.parameters
     instants, row_at, sample_at, arrival_at = schedule(inputs["time"], p)
-    state = [p["fin.start_angle"], 0.0, 0.0, 0.0]
+    state = plant.start(p["fin.start_angle"])
     controllers, bus = Controllers(plant, nominal, state[0]), Bus(p)
     row = {name: column[0] for name, column in columns.items()}
     dac: list[float] = []
@@ -210,7 +211,7 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array], kind:
     records = []
     for t, following in zip(instants, [*instants[1:], None], strict=True):
         if t in row_at:
-            records.append((t, *state[:3], plant.voltage(state, around), dac[-1] if dac else 0.0))
+            records.append((t, *plant.fin(state), state[2], plant.voltage(state, around), dac[-1] if dac else 0.0))
             row = {name: column[row_at[t]] for name, column in columns.items()}
         if following is None:
             break

@@ -25,6 +25,7 @@ from .rigid import Drive, Plant, electrical_mode, resolved, stops, switched
 # The least share of a step that is taken where a flank is left: in less, a slow motion may not get beyond the rounding
 # of its angle. Meanwhile the flank pulls, and takes energy.
 _LEAVING = 1e-3
+_LEAST_LOCKING = 1e-12  # of -e, where a screw does not lock: no bound
 _CONTACT, _ROTOR, _FIN, _UPPER, _LOWER = 0, 2, 3, 4, 5  # places of the margins that are more than an instant
 
 
@@ -106,19 +107,44 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mod
     the cases below have one answer. Friction that falls with speed is that of the rotor's speed `at`: of mid-step, as
     a first solution has it.
     """
-    if at is None and friction.falls(p):
-        at = 0.5 * (s.speed + _advanced(ops, p, c, s, acting, mode, h, s.speed).speed)
+    if at is None:
+        at = _friction_speed(ops, p, c, s, acting, mode, h)
     if not screw.lossy(p):
         return _solved(ops, p, c, s, acting, mode, h, at)[0]
-    # The load L on the screw grows with W, whatever friction does at the fin: its sign is the same by either
-    # efficiency, since e >= 0.
+    # The load L on the screw grows with W, whatever friction does at the fin, and so does what the rotor's row has on
+    # its left by either efficiency e while 2 J/h + b + K_t K_e' + e k > 0: the sign of L is then the same by both. A
+    # screw that locks, e < 0, asks for steps that are short enough (:func:`longest_step`).
+    along = ops.where(at * s.speed < 0.0, 0.0, at) if screw.falls(p) else at  # a speed against the way counts as rest
     (driving, load, way), (driven, _, _) = (
-        _solved(ops, p, c, s, acting, mode, h, at, e) for e in (screw.forward(ops, p), screw.backward(ops, p)))
+        _solved(ops, p, c, s, acting, mode, h, at, e(ops, p, along)) for e in (screw.forward, screw.backward))
     forward = load * way > 0.0
     return Pair(*(ops.where(forward, x, y) for x, y in zip(driving, driven, strict=True)))
 
 
-def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value, at: Value | None,
+def _friction_speed(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value) -> Value:
+    """Return the rotor's speed [rad/s] whose friction holds: where friction depends on it, that of mid-step."""
+    def predicted() -> tuple[Value, ...]:
+        return (0.5 * (s.speed + _advanced(ops, p, c, s, acting, mode, h, s.speed).speed),)
+
+    if friction.falls(p):
+        return predicted()[0]
+    if screw.falls(p):
+        return ops.branch(screw.constant(ops, p), lambda: (s.speed,), predicted)[0]
+    return s.speed
+
+
+def longest_step(ops: Ops, p: Any, c: drive_line.Line, most: float) -> Value:
+    """Return the longest step [s] in which a screw that locks, e < 0, has one acceleration.
+
+    -e k is at most a share `most` of 2 J/h, k = h K/2 + D: the fin may stand.
+    """
+    locking = ops.maximum(-screw.backward(ops, p), _LEAST_LOCKING)
+    inertia = most * screw.rotor_inertia(p)
+    damped = 0.5 * locking * c.damping
+    return 2.0 * inertia / (damped + ops.sqrt(damped * damped + locking * c.stiffness * inertia))
+
+
+def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value, at: Value,
             felt: Value | None = None) -> tuple[Pair, Value, Value]:
     """Return the end of :func:`_advanced`, the load on the screw [N.m] and the rotor's way (-1, 0, 1).
 

@@ -38,8 +38,8 @@ Values = Mapping[str, Any]
 DIRECT_DRIVE = str(Path(__file__).parents[2] / "examples" / "own_actuator" / "direct_drive.py")
 WARM = {"heat.winding_start_rise": 80.0, "heat.case_start_rise": 40.0}
 # With what scales the loop's gain. The nonlinear one has tests of its own.
-GAINS = dict.fromkeys(("linear", "elastic", "habibi", "ozkan", "worm-gear", "clutch", "series-clutch",
-                       "electrohydrostatic", "elastic+heat"),
+GAINS = dict.fromkeys(("linear", "elastic", "habibi", "ozkan", "worm-gear", "worm-gear-elastic", "clutch",
+                       "series-clutch", "electrohydrostatic", "elastic+heat"),
                       ("drive.current_gain",)) | {
     "ristanovic": ("pwm.gain",), "electrohydraulic": ("controller.position.kp", "controller.position.ki"),
     DIRECT_DRIVE: ("controller.kp", "controller.ki", "controller.kd")}

@@ -23,7 +23,8 @@ ELASTIC = "elastic+faults"
 IMPOSSIBLE = {
     "nonlinear": {"backlash_growth"}, "elastic": set(), "habibi": set(), "ozkan": {"backlash_growth"},
     "ristanovic": {"backlash_growth", "current_derating"},
-    "worm-gear": {"backlash_growth"}, "linear": {"backlash_growth", "current_derating", "hard_over"},
+    "worm-gear": {"backlash_growth"}, "worm-gear-elastic": set(),
+    "linear": {"backlash_growth", "current_derating", "hard_over"},
     "clutch": {"backlash_growth", "current_derating"}, "series-clutch": {"backlash_growth"},
     "electrohydrostatic": {"backlash_growth", "free_fin", "friction_rise"},
     "electrohydraulic": {"backlash_growth", "current_derating", "free_fin", "friction_rise"},
