@@ -136,7 +136,7 @@ class ParameterSet:
             warnings.append(f"the {self.actuator.name} actuator has no {', '.join(self.unused)}: not used")
         return tuple(filter(None, warnings))
 
-    def replace(self, overrides: Mapping[str, object] | None = None, /, **more: object) -> ParameterSet:
+    def with_values(self, overrides: Mapping[str, object] | None = None, /, **more: object) -> ParameterSet:
         """Return a new checked set with some values replaced; the old one stays as it is.
 
         Numbers are in the variables' units, strings carry their own ("50 mm"); arrays may be

@@ -154,6 +154,11 @@ class Study:
     requirements: tuple[Requirement, ...]
 
     @property
+    def needs_analysis(self) -> bool:
+        """Whether a requirement is one of linear analysis."""
+        return any(r.test.kind == "linear" for r in self.requirements)
+
+    @property
     def digest(self) -> str:
         """A hash of all that decides what is measured for given gains."""
         tuned = {t.name for t in self.tunables}
