@@ -111,6 +111,10 @@ class ParameterSet:
     model: str = NONLINEAR
     unused: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        differing = [e.variable.name for e in self.entries if e.source not in ("seed", "derived", "estimate")]
+        return f"<ParameterSet of {self.model}: {len(self.entries)} values, {len(differing)} of the user>"
+
     @property
     def actuator(self) -> Actuator:
         """Whose parameters they are."""

@@ -174,6 +174,9 @@ class Response:
                 write(drawn, Path(path), self.excitation.title)
         return drawn
 
+    def __repr__(self) -> str:
+        return f"<Response of {self.unit.model}: {self.excitation.title}, {len(self.time)} rows of {len(self._every)}>"
+
     def _repr_html_(self) -> str:
         rows = "".join(f"<tr><td>{'<td>'.join(map(escape, row))}" for row in self.lines())
         return f"<table><caption>{escape(self.excitation.title)}</caption>{rows}</table>"

@@ -156,8 +156,8 @@ def fin_sets(base: ParameterSet, fins: int, layout: str = "cross", files: Mappin
              ) -> tuple[ParameterSet, ...]:
     """Return each fin's parameters: `base` where the layout puts it, with the fin's file, if there is one, over it.
 
-    `layout` is ``plus`` or ``cross``; `files` are by the fin's number, from 1. Raises EmcasError for a fin, number or layout there is not, and where fins differ in what they share;
-    ParameterError for a file's problems.
+    `layout` is ``plus`` or ``cross``; `files` are by the fin's number, from 1. Raises EmcasError for a fin, number or
+    layout there is not, and where fins differ in what they share; ParameterError for a file's problems.
     """
     FmuInterface(fins)
     places = azimuths(fins, layout)
