@@ -15,8 +15,9 @@ pytestmark = pytest.mark.fmu
 def shown(cells: list[Any]) -> list[str]:
     """What cells print or show as text; sizes in KiB differ with the version in the FMU."""
     outputs = [output for cell in cells for output in cell.get("outputs", [])]
-    texts = [output.get("text") or output["data"].get("text/html") or output["data"]["text/plain"] for output in outputs]
-    return ["".join(text) for text in texts if "KiB" not in "".join(text)]
+    data = [{"text/plain": output.get("text"), **output.get("data", {})} for output in outputs]
+    texts = ["".join(each.get("text/html") or each["text/plain"]) for each in data]
+    return [text for text in texts if "KiB" not in text]
 
 
 @pytest.mark.filterwarnings("ignore")  # of the kernel's machinery

@@ -204,7 +204,7 @@ def _cases(entries: Any, info: ValidationInfo) -> Any:
 
     def read(name: str, entry: Any) -> Case:
         changes = each(entry, change)
-        values = base.replace(changes).values
+        values = base.with_values(changes).values
         return Case(name, {key: values[key] for key in changes})
 
     return each(entries, read)
