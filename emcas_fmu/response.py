@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
 from html import escape
-from math import degrees, isfinite
+from math import degrees, inf, isfinite, pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 _MOST_OWN = 8  # panels of an actuator's own outputs
 _LINES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))  # of outputs in one panel, of several fins
+_ROUNDING = 1e-9  # of a command at its limit
+_LIKE_DEGREES = pi / 2.0  # rad, beyond which no fin is commanded
 _MOST_CHANGES = 4  # of a status, that are listed
 
 
@@ -111,6 +113,19 @@ class Response:
         return {lowest: by * float(np.min(self.columns[level.name])),
                 peak: times * float(np.max(np.abs(self.columns[drawn.name]))),
                 **metrics.displayed(metrics.usage(power))}
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What is worth a look in the commands given, a line each."""
+        found: dict[str, None] = {}
+        for run, parameters in zip(self.fins, self.sets, strict=True):
+            limit = parameters.values.get("command.limit", inf)
+            most = float(np.max(np.abs(run.excitation.command)))
+            if most > limit * (1.0 + _ROUNDING):
+                found[f"{COMMAND} reaches {most:.4g} rad ({degrees(most):.4g} deg); beyond command.limit = "
+                      f"{degrees(limit):.4g} deg it is clipped" + (
+                          ". Commands are in rad: is it given in degrees?" if most > _LIKE_DEGREES else "")] = None
+        return tuple(found)
 
     @property
     def extension_outputs(self) -> tuple[Variable, ...]:
