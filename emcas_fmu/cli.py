@@ -17,6 +17,7 @@ from .commands import (
     envelope,
     fit,
     identify,
+    init,
     parameters,
     reference,
     report,
@@ -38,6 +39,7 @@ app.command(epilog=compare.EPILOG)(compare.compare)
 app.command(epilog=envelope.EPILOG)(envelope.envelope)
 app.command(epilog=fit.EPILOG)(fit.fit)
 app.add_typer(identify.app, name="identify")
+app.command(epilog=init.EPILOG)(init.init)
 app.command(name="parameters", epilog=parameters.EPILOG)(parameters.show_parameters)
 app.command(epilog=reference.EPILOG)(reference.reference)
 app.command(epilog=report.EPILOG)(report.report)
