@@ -45,6 +45,7 @@ def tune(
     The shipped study takes about ten minutes on two processors. Ctrl-C ends the search: the best gains it has found
     are shown and written, and the exit code is 130.
     """
+    from ..studies.overview import stalled
     from ..studies.tuning.evaluate import Journal
     from ..studies.tuning.optimise import tune as run
     from ..studies.tuning.output import at_bounds, summary, verdict, write_json, write_report, write_tuned
@@ -59,6 +60,7 @@ def tune(
             raise EmcasError(f"--pareto is given twice, with two of {', '.join(names)}")
         if any(r.test.kind == "linear" for r in chosen.requirements):
             common.require_extra("analysis", "margins (tests of kind linear) need", "control", "casadi")
+        common.warn(stalled(base, max(abs(getattr(r.test, "torque", 0.0)) for r in chosen.requirements)))
         evaluations = Journal(journal, chosen)
         try:
             with common.progress_bar() as progress:

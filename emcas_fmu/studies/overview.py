@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import groupby
 from math import degrees, pi
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..actuators import capabilities, fin_port, get
+from ..actuators import capabilities, fin_port
 from ..ops.floats import FLOATS
 from ..parameters import Entry, ParameterError, ParameterSet, load_parameters
 from ..physics import kinematics
 from ..simulation import Array, simulate
+
+if TYPE_CHECKING:
+    from .analysis.capability import Capability
 
 CHANGE = 0.1  # of a value whose effect is asked for
 DURATION = 0.5  # s, of the step by which it is measured
@@ -102,16 +106,29 @@ def _effect(parameters: ParameterSet, names: Iterable[str], torque: float, befor
     return None
 
 
+def _capability(parameters: ParameterSet) -> Capability | None:
+    """Return what motor and drive can do, of an actuator whose equations say so."""
+    from .analysis.capability import NEEDS, capability  # here, as the analysis takes a part of a second to import
+
+    able = parameters.actuator.provides.issuperset(NEEDS)
+    return capability(parameters.values, parameters.model) if able else None
+
+
+def stalled(parameters: ParameterSet, torque: float) -> Iterator[str]:
+    """Yield a warning where a hinge moment [N.m] is more than motor, current limit and reduction move."""
+    can = _capability(parameters)
+    if can is not None and torque > (least := float(np.min(can.stall))):
+        yield (f"a hinge moment of {torque:.6g} N.m stalls it: motor.torque_constant and drive.current_limit move "
+               f"{least:.4g} N.m within the range of commands, friction and reduction counted")
+
+
 def amounts_to(parameters: ParameterSet) -> Mapping[str, str]:
     """Return what a set with motor, screw and lever makes of its values, as text by what it is; none of another."""
-    # Imported here: the analysis takes a part of a second.
-    from .analysis.capability import NEEDS, capability
-
-    actuator = get(parameters.model)
-    if not actuator.provides.issuperset({*NEEDS, capabilities.SCREW_AND_LEVER}):
+    actuator, can = parameters.actuator, _capability(parameters)
+    if can is None or capabilities.SCREW_AND_LEVER not in actuator.provides:
         return {}
     p = actuator.plant(parameters.values)
-    can, stop = capability(parameters.values, parameters.model), p.fin.stop_angle
+    stop = p.fin.stop_angle
     travel = [float(kinematics.nut_position(FLOATS, p, kinematics.motor_angle(FLOATS, p, angle)))
               for angle in (-stop, stop)]
     ratio = float(np.min(can.ratio))

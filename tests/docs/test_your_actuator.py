@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from emcas_fmu.cli import app
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.studies.tuning.study import load_study
 from emcas_fmu.toml import tomllib
 
 from .recipes import ROOT, recipes
@@ -49,15 +50,15 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             table = line
         elif line:  # as the reader does it: the # away, the value the sheet's
             key = line.partition(" = ")[0]
-            filled, found = re.subn(rf"({re.escape(table)}\n(?:[^\[].*\n|\n)*?)#{re.escape(key)} = .*",
-                                    lambda match, line=line: match[1] + line, filled)
-            assert found == 1, (table, key)
+            written = re.search(rf"{re.escape(table)}\n(?:[^\[].*\n|\n)*?(#{re.escape(key)} = .*)", filled)
+            assert written, (table, key)
+            filled = filled[:written.start(1)] + line + filled[written.end(1):]
     (tmp_path / "my_actuator" / "actuator.toml").write_text(filled, encoding="utf-8")
     return tmp_path / "my_actuator"
 
 
 def test_every_block_is_run() -> None:
-    assert sorted(BLOCKS) == ["check", "checked", "finish", "sheets", "start"]
+    assert sorted(BLOCKS) == ["bounds", "check", "checked", "finish", "sheets", "start"]
 
 
 def test_the_file_filled_in_is_that_of_the_page(folder: Path) -> None:
@@ -84,8 +85,27 @@ def test_its_fmu_is_built(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert (folder / "MyActuator.fmu").is_file()
 
 
+def widen(folder: Path) -> None:
+    """Put the page's bounds in place of the shipped ones."""
+    path = folder / "tuning.toml"
+    text, bounds = path.read_text(encoding="utf-8"), BLOCKS["bounds"][1]
+    begin = text.index("[tunables]")
+    path.write_text(text[:begin] + bounds + text[text.index("\n\n", begin):], encoding="utf-8")
+
+
+def test_its_bounds_fit_the_study(folder: Path) -> None:
+    base = load_parameters(folder / "actuator.toml")
+    before = load_study(folder / "tuning.toml", base)
+    widen(folder)
+    after = load_study(folder / "tuning.toml", base)
+    assert [t.name for t in after.tunables] == [t.name for t in before.tunables]
+    assert all(new.lower <= new.upper and new != old
+               for new, old in zip(after.tunables, before.tunables, strict=True))
+
+
 @pytest.mark.slow
 def test_gains_fmu_and_report(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    widen(folder)
     run("finish", monkeypatch)
     for name in ("tuned.toml", "tuning.html", "MyActuator.fmu", "report.html"):
         assert (folder / name).is_file()
@@ -117,20 +137,20 @@ def test_a_field_oriented_motor_is_the_equations(flux: float, resistance: float,
     r, inductive, delta = per_star * resistance, per_star * inductance, per_delta * 3.0 * resistance
     i = per_rms * rms
     k = factors("voltage constant, phase (star), amplitude")[0] * emf
-    close = {"rel": 2e-4}  # two factors of four digits
-    assert delta == pytest.approx(r, **close)
-    assert i == pytest.approx(per_amplitude * amplitude, **close)
-    assert k * i == pytest.approx(torque, **close)
+    rel = 2e-4  # two factors of four digits
+    assert delta == pytest.approx(r, rel=rel)
+    assert i == pytest.approx(per_amplitude * amplitude, rel=rel)
+    assert k * i == pytest.approx(torque, rel=rel)
     assert (r * i + k * speed) ** 2 + (pairs * speed * inductive * i) ** 2 == pytest.approx(
         3.0 * (v_q**2 + v_d**2), rel=4e-4)  # of (V/sqrt 3)^2, squared
     assert r * i * i == pytest.approx(1.5 * resistance * amplitude**2, rel=4e-4)
     assert (r * i + k * speed) * i == pytest.approx(1.5 * v_q * amplitude, rel=4e-4)
     gain = factors("gain of the current loop")[0]  # of an error of 1 A of amplitude, 1 V of v_q
-    assert gain * per_amplitude == pytest.approx(sqrt(3.0), **close)
+    assert gain * per_amplitude == pytest.approx(sqrt(3.0), rel=rel)
     for begin, sheet in (("voltage constant, phase (star), rms", emf / sqrt(2.0)),
                          ("voltage constant, line to line, rms", sqrt(1.5) * emf),
                          ("voltage constant, line to line, amplitude", sqrt(3.0) * emf),
                          ("torque constant, N·m/A rms", torque / rms),
                          ("torque constant, N·m/A of amplitude", torque / amplitude)):
         factor, = set(factors(begin))
-        assert factor * sheet == pytest.approx(k, **close), begin
+        assert factor * sheet == pytest.approx(k, rel=rel), begin

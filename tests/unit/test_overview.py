@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from emcas_fmu.cli import app
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
-from emcas_fmu.studies.overview import amounts_to, by_effect, by_group, shipped_estimates
+from emcas_fmu.studies.overview import amounts_to, by_effect, by_group, shipped_estimates, stalled
 
 FILE = """
 [kinematics]
@@ -75,16 +75,26 @@ def test_what_a_set_amounts_to_by_closed_forms() -> None:
     amounts = {what: float(text.split()[0]) for what, text in amounts_to(load_parameters().replace(dry)).items()}
     arm, start, stop, limit = 0.05, radians(5.0), radians(25.0), radians(20.0)
     ratio = 2.0 * pi * arm / 0.005
-    close = {"rel": 6e-4}  # four digits, three of a count
-    assert amounts["no-load speed of the motor at the supply"] == pytest.approx(39.0 / 0.11 * 30.0 / pi, **close)
+    rel = 6e-4  # four digits, three of a count
+    assert amounts["no-load speed of the motor at the supply"] == pytest.approx(39.0 / 0.11 * 30.0 / pi, rel=rel)
     assert amounts["stroke of the nut from stop to stop"] == pytest.approx(
-        1e3 * arm * (tan(stop + start) + tan(stop - start)), **close)
-    assert amounts["motor turns per turn of the fin"] == pytest.approx(ratio, **close)
+        1e3 * arm * (tan(stop + start) + tan(stop - start)), rel=rel)
+    assert amounts["motor turns per turn of the fin"] == pytest.approx(ratio, rel=rel)
     assert amounts["a count of the motor's encoder"] == pytest.approx(360.0 / 8192.0 / ratio, rel=6e-3)
     # Where the lever is square to the screw, at -5 deg; one of 101 points of the range is there.
-    assert amounts["least hinge moment that stalls it"] == pytest.approx(0.11 * 60.0 * ratio, **close)
+    assert amounts["least hinge moment that stalls it"] == pytest.approx(0.11 * 60.0 * ratio, rel=rel)
     assert amounts["least fin rate without load"] == pytest.approx(degrees(300.0 / ratio * np.cos(limit + start)**2),
-                                                                   **close)
+                                                                   rel=rel)
+
+
+def test_a_hinge_moment_that_stalls_it() -> None:
+    """Without friction the least is 6.6 N.m times 62.8, where the lever is square to the screw."""
+    dry = load_parameters().replace({f"friction.coulomb.{side}": [0.0] * 7 for side in ("positive", "negative")})
+    assert [*stalled(dry, 414.0)] == []
+    (said,) = stalled(dry, 415.0)
+    assert "415 N.m stalls it" in said
+    assert "414.7 N.m" in said
+    assert [*stalled(load_parameters(model="second-order"), 1e6)] == []
 
 
 @pytest.mark.parametrize("model", ["second-order", "clutch", "electrohydraulic", "worm-gear"])

@@ -96,7 +96,7 @@ def test_its_studies_are_the_shipped_ones_and_fit(model: str, tmp_path: Path) ->
         assert model in ("linear", "second-order", "ristanovic")
 
 
-@each_model
+@pytest.mark.parametrize("model", ["nonlinear", "second-order", DIRECT_DRIVE], ids=lambda model: Path(model).stem)
 def test_the_commands_of_its_readme_are_the_programs(model: str, tmp_path: Path,
                                                      monkeypatch: pytest.MonkeyPatch) -> None:
     assert init(tmp_path, "--model", model).exit_code == 0
