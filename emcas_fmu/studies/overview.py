@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..actuators import capabilities, fin_port
+from ..actuators.electromechanical import plausibility
 from ..ops.floats import FLOATS
 from ..parameters import Entry, ParameterError, ParameterSet, load_parameters
 from ..physics import kinematics
+from ..reference.cases import LOAD_RISE
 from ..simulation import Array, simulate
 
 if TYPE_CHECKING:
@@ -21,7 +23,6 @@ if TYPE_CHECKING:
 
 CHANGE = 0.1  # of a value whose effect is asked for
 DURATION = 0.5  # s, of the step by which it is measured
-_RISE = 0.02  # s, in which the load comes with the command
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def by_effect(parameters: ParameterSet, torque: float = 0.0) -> tuple[Estimate, 
 def _response(parameters: ParameterSet, torque: float) -> Array:
     command = 0.5 * float(parameters.values["command.limit"])
     run = simulate(parameters.values, DURATION, model=parameters.model, fin_command=command,
-                   aero_torque=lambda time: -torque * min(time / _RISE, 1.0))
+                   aero_torque=lambda time: -torque * min(time / LOAD_RISE, 1.0))
     return run["fin_angle"]
 
 
@@ -132,7 +133,6 @@ def amounts_to(parameters: ParameterSet) -> Mapping[str, str]:
     travel = [float(kinematics.nut_position(FLOATS, p, kinematics.motor_angle(FLOATS, p, angle)))
               for angle in (-stop, stop)]
     ratio = float(np.min(can.ratio))
-    count = 2.0 * pi / (p.encoder.pulses * p.encoder.multiplier)
     free = p.drive.supply_voltage / p.motor.back_emf_constant if p.motor.back_emf_constant else float("inf")
     return {
         "motor turns per turn of the fin": f"{ratio:.4g} to {float(np.max(can.ratio)):.4g}",
@@ -140,5 +140,5 @@ def amounts_to(parameters: ParameterSet) -> Mapping[str, str]:
         "least fin rate without load": f"{degrees(float(np.min(can.rate))):.4g} deg/s",
         "least hinge moment that stalls it": f"{float(np.min(can.stall)):.4g} N.m",
         "stroke of the nut from stop to stop": f"{1e3 * (travel[1] - travel[0]):.4g} mm",
-        "a count of the motor's encoder": f"{degrees(count / ratio):.3g} deg of the fin",
+        "a count of the motor's encoder": f"{degrees(float(plausibility.count(p)) / ratio):.3g} deg of the fin",
     }
