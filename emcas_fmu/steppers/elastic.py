@@ -11,6 +11,7 @@ corrected by another, and the caller steps on.
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import Any, NamedTuple
 
 from ..namespace import Record
@@ -18,7 +19,7 @@ from ..ops.base import Ops, Value
 from ..physics import drive, drive_line, friction, loads, mechanics, screw
 from ..physics.stick import WALL
 from . import current_loop
-from .events import PROGRESS, zero_between
+from .events import PROGRESS, corrected, first_lost
 from .rigid import Drive, Plant, electrical_mode, resolved, stops, switched
 
 # The least share of a step that is taken where a flank is left: in less, a slow motion may not get beyond the rounding
@@ -242,28 +243,20 @@ def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, 
     whole = _advanced(ops, p, c, s, acting, mode, h)
     before, after = _margins(ops, p, c, s, s, mode), _margins(ops, p, c, s, whole, mode)
 
-    first, place, begin, end = h, -1.0, 1.0, 1.0
-    anything: Value = False
-    for i, (y, z) in enumerate(zip(before, after)):
-        stop = i in (_UPPER, _LOWER)
-        outward = (whole.fin_angle - s.fin_angle) * (1.0 if i == _UPPER else -1.0) > 0.0
+    def lost(i: int) -> Value:
         # At a stop the fin may only leave it; any other margin that was lost before is no event.
-        lost = ops.both(z <= 0.0, outward if stop else y > 0.0)
-        time = ops.clip(zero_between(ops, 0.0, y, h, z), 0.0, h)
-        earlier = ops.both(lost, ops.either(time < first, place < 0.0))
-        first, place = ops.where(earlier, time, first), ops.where(earlier, float(i), place)
-        begin, end = ops.where(earlier, y, begin), ops.where(earlier, z, end)
-        anything = ops.either(anything, lost)
+        outward = (whole.fin_angle - s.fin_angle) * (1.0 if i == _UPPER else -1.0) > 0.0
+        return ops.both(after[i] <= 0.0, outward if i in (_UPPER, _LOWER) else before[i] > 0.0)
+
+    gone = tuple(map(lost, range(len(before))))
+    first = first_lost(ops, h, before, after, gone)
+    place = first.place
 
     def to_event() -> tuple[Value, ...]:
         least = h * ops.where(ops.both(mode.pressed, ops.equal(place, float(_CONTACT))), _LEAVING, PROGRESS)
-        guess = ops.maximum(first, least)
+        guess = ops.maximum(first.time, least)
         margins = _margins(ops, p, c, s, _advanced(ops, p, c, s, acting, mode, guess), mode)
-        y = margins[0]
-        for i, margin in enumerate(margins[1:], 1):
-            y = ops.where(ops.equal(place, float(i)), margin, y)
-        late = y <= 0.0
-        better = zero_between(ops, guess, y, ops.where(late, 0.0, h), ops.where(late, begin, end))
+        better, _ = corrected(ops, h, first, guess, margins)
         used = ops.clip(better, least, h)
         part = _advanced(ops, p, c, s, acting, mode, used)
         upper, lower = ops.equal(place, float(_UPPER)), ops.equal(place, float(_LOWER))
@@ -273,5 +266,5 @@ def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, 
                 ops.where(upper, high_stop, ops.where(lower, low_stop, part.fin_angle)),
                 ops.where(fin_stops, 0.0, part.fin_speed), used)
 
-    *state, used = ops.branch(anything, to_event, lambda: (*whole, h))
+    *state, used = ops.branch(reduce(ops.either, gone), to_event, lambda: (*whole, h))
     return Pair(*state), used
