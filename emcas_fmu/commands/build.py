@@ -41,12 +41,18 @@ def build(
     from ..fmi.interface import FmuInterface, fin_files
     from ..fmi.package import build as build_fmu
     from ..parameters import load_parameters
+    from ..studies.overview import shipped_estimates
 
     with common.failures(), common.progress_bar() as progress:
         target, files = output or Path(f"{FmuInterface(fins, model).model}.fmu"), fin_files(fin or [])
         common.check_outputs(target, inputs=(*(parameters or ()), *files.values()))
-        built = build_fmu(load_parameters(parameters, model=model), target, backend, platform, cc,
+        chosen = load_parameters(parameters, model=model)
+        built = build_fmu(chosen, target, backend, platform, cc,
                           common.stepper(progress, "compile"), fins, layout, files)
     common.warn(built.warnings)
     common.out.print(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})", highlight=False, soft_wrap=True)
+    if parameters:
+        count = sum(len(estimate.names) for estimate in shipped_estimates(chosen))
+        common.out.print(f"{count} of {len(chosen.entries)} values are shipped estimates: emcas parameters, with the "
+                         "same options, says which", highlight=False, soft_wrap=True)

@@ -14,7 +14,7 @@ from typer.main import get_command
 # What `emcas --help` lists, by the panels it stands in and in their order. A command is the module here of its name,
 # whose docstring begins with what is listed; in it the function of that name with its EPILOG, or an `app` of several.
 PANELS: Mapping[str, tuple[str, ...]] = {
-    "Use": ("simulate", "build", "parameters", "ssp"),
+    "Use": ("init", "simulate", "build", "parameters", "ssp"),
     "Design": ("analyse", "envelope", "compare", "identify", "tune", "fit"),
     "Check": ("validate", "report", "campaign", "baseline", "thesis", "reference"),
 }

@@ -46,6 +46,7 @@ def tune(
     are shown and written, and the exit code is 130.
     """
     from ..api import tune as run
+    from ..studies.overview import stalled
     from ..studies.tuning.output import at_bounds, summary, verdict, write_json, write_report, write_tuned
     from ..studies.tuning.study import load_study, shipped_study
 
@@ -56,6 +57,7 @@ def tune(
         names = [r.name for r in chosen.requirements]
         if pareto is not None and (len(pareto) != 2 or not set(pareto) <= set(names)):
             raise EmcasError(f"--pareto is given twice, with two of {', '.join(names)}")
+        common.warn(stalled(base, max(abs(getattr(r.test, "torque", 0.0)) for r in chosen.requirements)))
         try:
             with common.progress_bar() as progress:
                 result = run(base, chosen, seed, generations, workers, journal, common.stepper(progress, "tune"))
