@@ -90,7 +90,7 @@ def test_a_light_rotor_with_the_shipped_gains_is_told_to_be_tuned() -> None:
     ("elastic", {"drive.current_limit": 82.0}, "is never asked for"),
 ])
 def test_others_have_those_that_are_theirs(model: str, changes: dict[str, float], said: str) -> None:
-    warnings = load_parameters(model=model).replace(changes).warnings
+    warnings = load_parameters(model=model).with_values(changes).warnings
     assert any(said in warning for warning in warnings)
 
 
