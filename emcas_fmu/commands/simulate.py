@@ -105,7 +105,8 @@ def _stepped(degrees: float, torque: float, interval: float, stop: float) -> Exc
 
 
 def simulate(
-    case: Annotated[str | None, typer.Option(help="Reference case to run, such as step_plus10.", metavar="NAME")] = None,
+    case: Annotated[str | None, typer.Option(help="Reference case to run, such as step_plus10.",
+                                             metavar="NAME")] = None,
     input_file: Annotated[Path | None, typer.Option("--input", "-i", help="CSV of time in s and inputs in SI, as fmpy "
                                                     "reads it.", metavar="FILE")] = None,
     step: Annotated[float | None, typer.Option(help="Step of the fin command, in degrees, at 50 ms.",
