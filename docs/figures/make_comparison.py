@@ -1,5 +1,7 @@
 """Tables and picture of docs/model/comparison.md: kinds of actuation side by side, each with its default parameters.
 
+The table of power of docs/model/worm_gear.md, too.
+
     python docs/figures/make_comparison.py           # writes tables and picture; some minutes
     python docs/figures/make_comparison.py --check   # exit code 1 where a table is stale
 """
@@ -28,12 +30,15 @@ from emcas_fmu.studies.compare import study
 from emcas_fmu.studies.report import mission, stiffness
 from emcas_fmu.studies.report.outcome import Value
 from emcas_fmu.studies.report.rig import Rig
+from emcas_fmu.studies.tuning.measure import Test, measure
 
 KINDS = {NONLINEAR: "ball screw", "worm-gear": "worm gear", "clutch": "clutch, dual", "series-clutch": "clutch, series",
          "electrohydrostatic": "electrohydrostatic", "electrohydraulic": "electrohydraulic"}
+FORMS = {"worm-gear-elastic": ("worm gear, elastic mesh", "worm-gear")}  # of a kind: what fails besides
+FALLING = "worm-falling-friction"
 COLORS = dict(zip(KINDS, plots.COLORS, strict=False))
 LOADS = np.arange(-150.0, 151.0, 50.0)  # N.m along the motion
-SLEW = radians(100.0)  # rad/s, of the ramp by which power is measured
+SLEW, RAMP = radians(100.0), radians(19.0)  # rad/s, and rad either way, of the ramp by which power is measured
 HELD = 100.0  # N.m
 ENABLE = "enable"
 _SETTLED = 1.0  # s after which what is held has settled
@@ -41,14 +46,15 @@ _SETTLED = 1.0  # s after which what is held has settled
 
 @dataclass(frozen=True)
 class Kind:
-    """An actuator with its default parameters, and what is measured of it."""
+    """An actuator with its default parameters, or a shipped set over them, and what is measured of it."""
 
     name: str
+    sets: tuple[str, ...] = ()
 
     @cached_property
     def subject(self) -> ParameterSubject:
         """What is run."""
-        return ParameterSubject(load_parameters(model=self.name))
+        return ParameterSubject(load_parameters(self.sets, model=self.name))
 
     @cached_property
     def rig(self) -> Rig:
@@ -68,19 +74,30 @@ class Kind:
     @cached_property
     def response(self) -> FrequencyResponse:
         """The frequency response at 1 deg."""
-        return sweep_response(self.run(sweep(radians(1.0), 12.0)))
+        return self.swept(1.0)
+
+    def swept(self, size: float) -> FrequencyResponse:
+        """Return the frequency response at an amplitude [deg]."""
+        return sweep_response(self.run(sweep(radians(size), 12.0)))
+
+    @property
+    def margins(self) -> str:
+        """Return gain and phase margin of the loop broken at the drive's reference, in words."""
+        gain, phase = measure(Test("linear"), self.subject, {}, ("gain_margin", "phase_margin"), ("minimum",) * 2)
+        return f"{gain:.1f} dB, {degrees(phase):.0f}°"
 
     def rate(self, load: float) -> float:
         """Return the mean rate [deg/s] of a slew from -20 to 20 deg under a load [N.m] along it; nan if it stalls."""
         return degrees(motion(self.run(slew_to(radians(20.0), 1.0, load)), -1)["sustained_rate"])
 
-    def power(self, load: float) -> float:
-        """Return the mean power [W] drawn in a ramp of 100 deg/s under a load [N.m] along it, over its middle."""
+    def ramp(self, load: float, output: str = "supply_power") -> float:
+        """Return the mean of an output, the power [W] drawn, in a ramp of 100 deg/s under a load [N.m] along it, over
+        its middle."""
         time = np.arange(2001) * 1e-3
-        angle = np.clip(SLEW * (time - 1.5) - radians(15.0), -radians(15.0), radians(15.0))
+        angle = np.clip(SLEW * (time - 1.5) - RAMP, -RAMP, RAMP)
         columns = self.run(Excitation("ramp", {COMMAND: angle, LOAD: np.where(time > 0.5, load, 0.0)}, 1.5)).columns
         inside = np.abs(columns["fin_angle"]) < radians(10.0)
-        return float(np.mean(columns["supply_power"][inside & (time > 1.5)]))
+        return float(np.mean(columns[output][inside & (time > 1.5)]))
 
     @cached_property
     def holding(self) -> Run:
@@ -160,10 +177,13 @@ def motions() -> str:
         "overshoot, step of 1°": lambda k: f"{100.0 * k.step(1.0)['overshoot']:.1f} %",
         "overshoot, step of 10°": lambda k: f"{100.0 * k.step(10.0)['overshoot']:.1f} %",
         "within 2 % of a step of 10° for good": lambda k: f"{1e3 * k.step(10.0)['settling_time']:.0f} ms",
+        "within 0.2° of a step of 20° for good": lambda k: f"{1e3 * k.step(20.0)['time_to_accuracy']:.0f} ms",
+        "−3 dB at 0.1°": lambda k: _upto(k.swept(0.1).bandwidth, k.response.beyond),
         "lag of 90° at (1°)": lambda k: _upto(k.response.phase_bandwidth, k.response.beyond),
         "largest deflection by 100 N·m at once": lambda k: f"{k.dip:.2f}°",
         "least stiffness, 1 to 40 Hz": _least_stiffness,
         "100 N·m, unpowered: in 0.2 s it moves by": lambda k: k.yields,
+        "gain and phase margin at the reference": lambda k: k.margins,
         "delay from a sample to the drive": lambda k: f"{1e3 * k.subject.transport_delay({}):.1f} ms",
         "moves without power from": lambda k: f"{k.breakaway:.3g} N·m" if np.isfinite(k.breakaway) else
                                               f"holds {k.rig.load:g} N·m",
@@ -173,8 +193,8 @@ def motions() -> str:
 def powers() -> str:
     """Power and energy."""
     return _rows({
-        "power, 100°/s against 100 N·m": lambda k: f"{k.power(-HELD):.0f} W",
-        "power, 100°/s with 100 N·m": lambda k: f"{k.power(HELD):.0f} W",
+        "power, 100°/s against 100 N·m": lambda k: f"{k.ramp(-HELD):.0f} W",
+        "power, 100°/s with 100 N·m": lambda k: f"{k.ramp(HELD):.0f} W",
         "heat of holding 100 N·m": lambda k: f"{k.heat:.0f} W",
         "mission: energy drawn": lambda k: f"{k.mission['energy_drawn_j']:.0f} J",
         "mission: energy returned": lambda k: f"{k.mission['energy_regenerated_j']:.0f} J",
@@ -190,7 +210,28 @@ def failures() -> str:
         actuator = get(name)
         rows.append((title, "; ".join(f"`{fault.name}`: {fault.description}" for fault in actuator.faults) or "none",
                      str(len(possible(actuator)))))
+        for form, (title, of) in FORMS.items():
+            if of == name:
+                more = [fault for fault in possible(get(form)) if fault not in possible(actuator)]
+                rows.append((title, f"those of the {KINDS[of]}; "
+                             + "; ".join(f"`{fault.name}`: {fault.description}" for fault in more),
+                             str(len(possible(get(form))))))
     return markdown(("", "of its kind", "faults in all"), rows)
+
+
+def ramps() -> str:
+    """What the worm gear takes where the ball screw and one whose friction falls are moved alike."""
+    kinds = {"`nonlinear`": Kind(NONLINEAR), "`worm-gear`": Kind("worm-gear"),
+             f"`worm-gear`, `-p {FALLING}`": Kind("worm-gear", (FALLING,))}
+    rows = []
+    for title, kind in kinds.items():
+        row = [title]
+        for load in (-HELD, HELD):
+            row += [f"{kind.ramp(load, 'motor_current'):.1f} A", f"{kind.ramp(load):.0f} W",
+                    f"{kind.ramp(load, 'worm_loss'):.0f} W" if "worm_loss" in kind.subject.outputs else ""]
+        rows.append(row)
+    return markdown(("", *(f"{which}{what}" for which in ("against: ", "with: ")
+                           for what in ("current", "supply power", "heat of the flanks"))), rows)
 
 
 def draw(path: Path) -> None:
@@ -227,7 +268,8 @@ def draw(path: Path) -> None:
         figure.savefig(path, dpi=110, facecolor="white", metadata={"Software": None})
 
 
-DOCUMENTS = {"model/comparison.md": {"table2": table2, "motions": motions, "powers": powers, "failures": failures}}
+DOCUMENTS = {"model/comparison.md": {"table2": table2, "motions": motions, "powers": powers, "failures": failures},
+             "model/worm_gear.md": {"ramps": ramps}}
 
 if __name__ == "__main__":
     check = "--check" in sys.argv[1:]

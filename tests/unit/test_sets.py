@@ -19,6 +19,7 @@ from emcas_fmu.cli import app
 from emcas_fmu.commands.common import parameter_arguments
 from emcas_fmu.files import named_sets
 from emcas_fmu.parameters import ParameterError, load_parameters
+from emcas_fmu.toml import tomllib
 
 SETS = named_sets()
 MODELS = {"heat-published-motor": "nonlinear+heat", "hinge-stiffness": "elastic",
@@ -61,17 +62,20 @@ def test_a_name_that_is_none_is_told_the_nearest() -> None:
 
 
 @pytest.mark.parametrize(("name", "model"), [
-    ("proportional-valve", "electrohydrostatic"), ("robust", "worm-gear"), ("drive-pi", "ristanovic"),
+    ("proportional-valve", "electrohydrostatic"), ("robust", "series-clutch"), ("drive-pi", "ristanovic"),
     ("heat-published-motor", "nonlinear"), ("worm-falling-friction", "nonlinear"), ("load-observer", "ristanovic")])
 def test_a_set_made_for_another_actuator_is_refused(name: str, model: str) -> None:
     with pytest.raises(ParameterError, match=rf"^{name}: is made for .* and not for {model}, .*: leave it out, or "):
         load_parameters(name, model=model)
 
 
+MADE_FOR = [(name, model if model[0] != "+" else f"nonlinear{model}") for name, path in SETS.items()
+            for model in tomllib.loads(path.read_text(encoding="utf-8"))["made_for"]]
+
+
 @pytest.mark.parametrize(("name", "model"), [
-    ("robust", "elastic+faults"), ("drive-si", "electrohydrostatic"), ("load-observer", "habibi"),
-    ("heat-published-motor", "ristanovic+heat")])
-def test_a_set_that_makes_sense_elsewhere_is_taken(name: str, model: str) -> None:
+    *MADE_FOR, ("robust", "elastic+faults"), ("heat-published-motor", "ristanovic+heat")])
+def test_a_set_is_taken_by_what_it_is_made_for(name: str, model: str) -> None:
     found = load_parameters(name, model=model)
     assert any(e.file == f"{name}.toml" for e in found.entries)
     assert not found.unused

@@ -17,8 +17,8 @@ the link at the supply's voltage,
 
     supply_power = max(v i + v_c i_c, 0)                braking_power = max(-(v i + v_c i_c), 0)
 
-A link without capacitance needs no parameter, and neither changes a trajectory. Encoder and loops are those of the
-screw, as their motor's.
+A link without capacitance needs no parameter, and neither changes a trajectory. Encoder and loops are the nonlinear
+actuator's, with the screw in place of its motor.
 
 Events (:mod:`emcas_fmu.steppers.events`): the clutch locks or slips, screw or rotor rests or starts, the load comes to
 drive the screw or to oppose it, the fin meets a stop, the coil's amplifier or the drive's voltage meets a limit.

@@ -3,7 +3,7 @@ actuation (Figures 1.7 to 1.12)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import radians
 
 from ...actuators import NONLINEAR
@@ -14,24 +14,25 @@ from .entry import Show, Shown, Table
 from .pictures import Line, Panel, angle, of_run, panels, rate
 from .runs import Runs
 
+_THESIS = "nonlinear actuator"
 _FIGURES = {"rise_time_s": "rise 10-90 % [s]", "settling_time_s": "settling 2 % [s]",
             "overshoot_percent": "overshoot [%]", "sustained_rate_deg_per_s": "mean rate [deg/s]"}
 _OF_AUTHOR = ("The structure of {}'s model with the motor, screw and fin of this unit, as far as it has them.",
               "any number of it: the thesis shows a block diagram. docs/model/models.md says what each model leaves "
               "out.")
-_OF_KIND = ("An actuator with {} that is sized for the same task; all its numbers are estimates.",
+_OF_KIND = ("An actuator with {}, sized for the same task; all its numbers are estimates.",
             "any number of it: the thesis describes this kind in words. docs/model/comparison.md has all kinds in "
             "figures.")
 
 
 def author(model: str, name: str) -> Show:
     """Return what shows a step of an author's model beside one of the nonlinear actuator."""
-    return _beside(model, name, _OF_AUTHOR[0].format(name), _OF_AUTHOR[1])
+    return _beside({name: model}, _OF_AUTHOR[0].format(name), _OF_AUTHOR[1])
 
 
-def kind(model: str, name: str) -> Show:
-    """Return what shows a step of another kind of actuation beside one of the nonlinear actuator."""
-    return _beside(model, model, _OF_KIND[0].format(name), _OF_KIND[1])
+def kind(name: str, *models: str) -> Show:
+    """Return what shows a step of another kind of actuation, in all its forms, beside one of the nonlinear actuator."""
+    return _beside({model: model for model in models}, _OF_KIND[0].format(name), _OF_KIND[1])
 
 
 def circuit(model: str, further: Sequence[tuple[str, str, float]]) -> Show:
@@ -53,18 +54,16 @@ def circuit(model: str, further: Sequence[tuple[str, str, float]]) -> Show:
     return show
 
 
-def _beside(model: str, name: str, caption: str, unknown: str) -> Show:
+def _beside(others: Mapping[str, str], caption: str, unknown: str) -> Show:
     def show(runs: Runs) -> Shown:
         (size,) = runs.levels(10.0)
-        models = {name: model, "nonlinear actuator": NONLINEAR}
+        models = {**others, _THESIS: NONLINEAR}
         responses = {name: runs.of(each).run(step_to(radians(size), 0.5)) for name, each in models.items()}
         for run in responses.values():
             run.finished()
-        of_other = responses[name]
-        rows = [(name, *(displayed(motion(run))[key] for key in _FIGURES))
-                                        for name, run in responses.items()]
+        rows = [(name, *(displayed(motion(run))[key] for key in _FIGURES)) for name, run in responses.items()]
         return Shown(runs.conditions(f"step to {size:g}°"), panels([
-            Panel("fin angle / deg", [of_run(of_other),
+            Panel("fin angle / deg", [of_run(responses[_THESIS]),
                                       *(angle(run.columns, name) for name, run in responses.items())]),
             Panel("fin rate / deg/s", [rate(run.columns) for run in responses.values()])], "time / s", (0.0, 0.35)),
             caption, Table(("", *_FIGURES.values()), rows), unknown)
