@@ -15,6 +15,7 @@ from .commands import (
     campaign,
     compare,
     envelope,
+    explore,
     fit,
     identify,
     parameters,
@@ -36,6 +37,7 @@ app.command(epilog=build.EPILOG)(build.build)
 app.command(epilog=campaign.EPILOG)(campaign.campaign)
 app.command(epilog=compare.EPILOG)(compare.compare)
 app.command(epilog=envelope.EPILOG)(envelope.envelope)
+app.command(epilog=explore.EPILOG)(explore.explore)
 app.command(epilog=fit.EPILOG)(fit.fit)
 app.add_typer(identify.app, name="identify")
 app.command(name="parameters", epilog=parameters.EPILOG)(parameters.show_parameters)
