@@ -79,8 +79,8 @@ FinFilesOption = Annotated[list[str] | None, typer.Option(
     help="Parameter file of one of several fins, over the others' (may be given several times).", metavar="N=FILE")]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.", metavar="FILE")]
 JunitOption = Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.", metavar="FILE")]
-DateOption = Annotated[str | None, typer.Option(help="Date to print, as 2026-03-31; none unless given, so that the same "
-                                                     "inputs give the same bytes.", metavar="DATE")]
+DateOption = Annotated[str | None, typer.Option(help="Date to print, as 2026-03-31; none unless given, so that the "
+                                                     "same inputs give the same bytes.", metavar="DATE")]
 ReportOption = Annotated[Path | None, typer.Option(help="Write a page with pictures to this file.",
                                                    metavar="FILE.html")]
 
