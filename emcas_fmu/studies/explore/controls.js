@@ -36,7 +36,8 @@ class Control {
         this.again = element("button", {type: "button", class: "again", "aria-label": `${title}: back to its start`,
             title: "back to its start"}, "↺");
         this.again.addEventListener("click", () => { this.change(undefined); this.field.focus(); });
-        const label = element("label", {for: id}, slider ? title : element("code", {}, control.name));
+        const parts = control.name.split(/(?<=[._])/).flatMap(part => [part, element("wbr")]);
+        const label = element("label", {for: id}, slider ? title : element("code", {}, ...parts));
         const unit = element("span", {class: "unit"}, DATA.typeset[this.unit] ?? this.unit);
         this.row = element("div", {class: "control", "data-name": control.name}, label,
             element("span", {class: "number"}, this.field, unit, this.again));

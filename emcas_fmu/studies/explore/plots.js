@@ -99,7 +99,8 @@ class Plot {
         return {
             width: this.box.clientWidth || 300, height, legend: {markers: {width: 2}},
             cursor: {sync: shared ? {key: "time"} : undefined, points: {size: 5}, drag: {x: true, y: false}},
-            scales: {x: {time: false, distr: log ? 3 : 1}},
+            scales: {x: {time: false, distr: log ? 3 : 1}, y: {range: (_, least, most) =>
+                least === most ? [least - 1, most + 1] : uPlot.rangeNum(least, most, 0.1, true)}},
             axes: [axis(x, 40), axis(y, 58)],
             series: [{label: x.replace(/ .*/, ""), value}, ...curves.map(curve => ({
                 label: curve.label, stroke: curve.stroke, width: curve.width ?? 1.6, dash: curve.dash, value,
