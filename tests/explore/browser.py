@@ -12,8 +12,10 @@ from typing import Any
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.explore import page
+from tests.docs.recipes import ROOT
 from tests.hosts.host import missing, tool
 
+SHOWN = ROOT / "docs" / "explore" / "nonlinear.html"  # the default actuator's
 PATIENCE = 60.0  # s, on a loaded machine
 
 
@@ -22,6 +24,17 @@ class Browser:
 
     def __init__(self, driver: Any) -> None:
         self.driver = driver
+
+    def keep_open(self) -> None:
+        """Open the default actuator's page, unless it is open."""
+        if not self.driver.current_url.startswith(SHOWN.as_uri()) or not self.run("window.page !== undefined"):
+            self.open(SHOWN)
+
+    def renew(self) -> None:
+        """Let the default actuator's page begin anew."""
+        self.keep_open()
+        self.run("(page => { page.written = null; history.replaceState(null, '', '#'); page.restore(); })(window.page)")
+        self.settled()
 
     def open(self, path: Path, link: str = "", ready: bool = True) -> None:
         """Open a page and wait until it has computed everything."""

@@ -1,8 +1,10 @@
-"""What a page is told of its actuator, and the command that writes it; nothing is compiled."""
+"""What a page knows of its actuator, the command that writes it, and the page in docs; nothing is compiled."""
 
 from __future__ import annotations
 
+import base64
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,10 @@ from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.cli import app
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.explore import page
+from tests.docs.recipes import ROOT
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
+
+from .browser import SHOWN
 
 
 @pytest.fixture
@@ -39,26 +44,26 @@ def data(path: str = "explore.html") -> dict[str, Any]:
                          ids=lambda model: Path(model).stem)
 def test_an_actuator_is_described_whole(model: str) -> None:
     actuator, parameters = get(model), load_parameters(model=model)
-    told = json.loads(json.dumps(page.document(parameters, {}), allow_nan=False))
-    assert [p["name"] for p in told["parameters"]] == [v.name for v in actuator.parameters]
-    assert all(p["value"] == p["shipped"] == parameters.values[p["name"]] for p in told["parameters"])
+    given = json.loads(json.dumps(page.document(parameters, {}), allow_nan=False))
+    assert [p["name"] for p in given["parameters"]] == [v.name for v in actuator.parameters]
+    assert all(p["value"] == p["shipped"] == parameters.values[p["name"]] for p in given["parameters"])
     outputs = {v.name for v in actuator.outputs}
-    assert {name for panel in told["panels"] for name in panel["names"]} <= outputs
-    known = {v["name"] for v in (*told["parameters"], *told["inputs"])}
-    assert {name for names in told["first"].values() for name in names} <= known
-    assert told["first"]["gains"]
-    assert {name for r in told["requirements"] for name in r["needs"]} == told["runs"].keys()
-    assert all(abs(p["value"] / p["shown"][1]) < 1e9 for p in told["parameters"])
+    assert {name for panel in given["panels"] for name in panel["names"]} <= outputs
+    known = {v["name"] for v in (*given["parameters"], *given["inputs"])}
+    assert {name for names in given["first"].values() for name in names} <= known
+    assert given["first"]["gains"]
+    assert {name for r in given["requirements"] for name in r["needs"]} == given["runs"].keys()
+    assert all(abs(p["value"] / p["shown"][1]) < 1e9 for p in given["parameters"])
 
 
 def test_a_parameter_is_shown_in_the_unit_of_its_file() -> None:
-    told = page.document(load_parameters(), {})
-    shown = {p["name"]: (p["shown"][0], p["value"] / p["shown"][1]) for p in told["parameters"]}
+    given = page.document(load_parameters(), {})
+    shown = {p["name"]: (p["shown"][0], p["value"] / p["shown"][1]) for p in given["parameters"]}
     assert shown["drive.transport_delay"] == ("ms", pytest.approx(3.7))
     assert shown["screw.lead"] == ("mm/turn", pytest.approx(5.0))
     assert shown["friction.temperature"] == ("degC", 24.0)
-    assert told["typeset"]["degC"] == "°C"
-    assert told["typeset"]["1/s2"] == "1/s²"
+    assert given["typeset"]["degC"] == "°C"
+    assert given["typeset"]["1/s2"] == "1/s²"
 
 
 def test_a_page_starts_from_what_is_given(explore: Any, tmp_path: Path) -> None:
@@ -66,8 +71,8 @@ def test_a_page_starts_from_what_is_given(explore: Any, tmp_path: Path) -> None:
     done = explore("-p", "mine.toml", "--set", "controller.position.kp=60", "--set", "aero_torque=-20", "--set",
                    "supply_voltage=30", "--date", "2026-03-31", "-o", "mine.html")
     assert done.exit_code == 0, done.output
-    told, text = data("mine.html"), Path("mine.html").read_text(encoding="utf-8")
-    values = {v["name"]: v["value"] for v in (*told["parameters"], *told["inputs"])}
+    given, text = data("mine.html"), Path("mine.html").read_text(encoding="utf-8")
+    values = {v["name"]: v["value"] for v in (*given["parameters"], *given["inputs"])}
     assert (values["motor.resistance"], values["controller.position.kp"]) == (0.3, 60.0)
     assert (values["aero_torque"], values["supply_voltage"]) == (-20.0, 30.0)
     assert "emcas explore --parameters mine.toml --set controller.position.kp=60" in text
@@ -99,3 +104,16 @@ def test_no_text_ends_a_script_element() -> None:
     text = page._embedded({"description": "</script><b>"})
     assert "<" not in text
     assert json.loads(text) == {"description": "</script><b>"}
+
+
+def test_the_page_in_docs_is_not_stale(explore: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The C it was compiled from is held by its sum, so that nothing has to be compiled."""
+    shown = SHOWN.read_text(encoding="utf-8")
+    unit = re.search(r'id="unit">([^<]*)</script>', shown)
+    assert unit is not None
+    monkeypatch.setattr(page, "compiled", lambda model: base64.b64decode(unit[1]))
+    path = SHOWN.relative_to(ROOT)
+    path.parent.mkdir(parents=True)  # in the test's own folder
+    assert explore("-o", path.as_posix()).exit_code == 0
+    assert path.read_text(encoding="utf-8") == shown, f"run emcas explore -o {path.as_posix()}"
+    assert len(shown) < 400_000

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import importlib.util
-import json
 import platform
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
 from math import radians
 from pathlib import Path
 from typing import Any
@@ -27,36 +25,11 @@ from tests.hosts.host import missing
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 from tests.tools.test_every_actuator import TOGETHER
 
-from .browser import Browser, chromium, written
-
-# zig makes its C library for a browser, and for the program beside it: a minute each, once.
-pytestmark = pytest.mark.slow
+from .browser import SHOWN, Browser, written
 
 MODELS = (*NAMES, DIRECT_DRIVE, *TOGETHER)
 SETTING = "excitation.shape=slew&excitation.amplitude=0.15&excitation.load=-40"
 STEP = 1e-3
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    if importlib.util.find_spec("ziglang") is None:
-        missing("there is no ziglang (pip install ziglang)")
-    with chromium() as opened:
-        yield opened
-
-
-@pytest.fixture(scope="module")
-def made(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The default actuator's page."""
-    return written(tmp_path_factory.mktemp("page"), "nonlinear")
-
-
-@pytest.fixture
-def opened(browser: Browser, made: Path) -> Browser:
-    """The default actuator's page, as it opens."""
-    browser.size(1400)
-    browser.open(made)
-    return browser
 
 
 def by_program(model: str, values: Any, table: np.ndarray[Any, Any], folder: Path) -> np.ndarray[Any, Any]:
@@ -75,31 +48,55 @@ def by_program(model: str, values: Any, table: np.ndarray[Any, Any], folder: Pat
     return np.frombuffer(done.stdout).reshape(len(table), -1)
 
 
-@pytest.mark.parametrize("model", MODELS, ids=lambda model: Path(model).stem)
-def test_numbers_are_the_kernel_s(browser: Browser, model: str, tmp_path: Path) -> None:
-    """To the bit of the same C with the same libm; the local libm's last digits grow by the loop's gain."""
-    browser.open(written(tmp_path, model), "#" + "B=" + SETTING.replace("=", "%3D").replace("&", "%26"))
+def computed(browser: Browser, path: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """Return the inputs and the outputs of a slew under load, as a page has them."""
+    browser.open(path, "#" + "B=" + SETTING.replace("=", "%3D").replace("&", "%26"))
     assert browser.complaints == []
     run = browser.run("(({live: {setting, run}}) => { const inputs = setting.inputs(run.excitation); return {rows: "
                       "run.excitation.time.length, inputs: DATA.inputs.map(({name}) => typeof inputs[name] === "
                       "'object' ? [...inputs[name]] : Number(inputs[name])), outputs: DATA.outputs.map(({name}) => "
                       "[...run.outputs[name]])}; })(window.page)")
     table = np.column_stack([np.broadcast_to(column, run["rows"]) for column in run["inputs"]])
-    found, values = np.array(run["outputs"]).T, load_parameters(model=model).values
-    assert np.ptp(found[:, 0]) > radians(1.0) or "homing" in model  # which begins by looking for its zero
-    if sys.platform == "linux":
-        np.testing.assert_array_equal(found, by_program(model, values, table, tmp_path))
-    kernel = run_table(values, STEP, table, model)
+    return table, np.array(run["outputs"]).T
+
+
+def check_kernel(model: str, table: np.ndarray[Any, Any], found: np.ndarray[Any, Any]) -> None:
+    """Fail unless outputs are the compiled kernel's but for last digits of the libm, which grow by the loop's gain."""
+    kernel = run_table(load_parameters(model=model).values, STEP, table, model)
     # Measured up to 3e-11, a pump's voltage; an encoder's count or the end of a stick may fall a row later.
     scale = np.maximum(np.max(np.abs(kernel), axis=0), 1e-300)
     apart = np.max(np.abs(found - kernel) / scale, axis=1)
     assert np.mean(apart < 1e-8) > 0.99
 
 
+def test_numbers_are_the_kernel_s(browser: Browser) -> None:
+    table, found = computed(browser, SHOWN)
+    assert np.ptp(found[:, 0]) > radians(1.0)
+    check_kernel("nonlinear", table, found)
+
+
+@pytest.mark.slow  # zig makes its C library for a browser, and for the program beside it: a minute each, once
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: Path(model).stem)
+def test_numbers_of_every_actuator_are_those_of_its_c(browser: Browser, model: str, tmp_path: Path) -> None:
+    """To the bit of the same C with the same libm."""
+    if importlib.util.find_spec("ziglang") is None:
+        missing("there is no ziglang (pip install ziglang)")
+    path = written(tmp_path, model)
+    assert path.stat().st_size < 1_000_000
+    table, found = computed(browser, path)
+    assert np.ptp(found[:, 0]) > radians(1.0) or "homing" in model  # which begins by looking for its zero
+    if sys.platform == "linux":
+        values = load_parameters(model=model).values
+        np.testing.assert_array_equal(found, by_program(model, values, table, tmp_path))
+    check_kernel(model, table, found)
+
+
+SLOW = pytest.mark.slow
 WRONG = (
-    {"controller.position.kp": -1.0}, {"motor.resistance": 0.0, "drive.kp": 1e9}, {"fin.stop_angle": 0.2},
-    {"friction.coulomb.positive[1]": 0.9}, {"fin.start_angle": 1.2}, {"drive.transport_delay": 0.1},
-    {"controller.sample_time": 0.1, "solver.max_tick": 1e-7}, {"command.latency": 1.9},
+    {"motor.resistance": 0.0, "drive.kp": 1e9}, {"controller.sample_time": 0.1, "solver.max_tick": 1e-7},
+    *(pytest.param(changes, marks=SLOW) for changes in (
+        {"controller.position.kp": -1.0}, {"fin.stop_angle": 0.2}, {"friction.coulomb.positive[1]": 0.9},
+        {"fin.start_angle": 1.2}, {"drive.transport_delay": 0.1}, {"command.latency": 1.9})),
 )
 
 
@@ -125,12 +122,13 @@ def test_warnings_are_the_rules_own(opened: Browser) -> None:
     assert said
 
 
-@pytest.mark.parametrize("width", [320, 400, 768, 1400])
+@pytest.mark.parametrize("width", [pytest.param(320, marks=SLOW), 400, pytest.param(768, marks=SLOW), 1400])
 def test_nothing_is_wider_than_the_window(opened: Browser, width: int) -> None:
     opened.size(width)
     opened.settled()
     opened.driver.find_element("id", "search").send_keys("friction")  # opens a long list
-    opened.rested("document.getElementById('keep').click()")
+    opened.run("document.getElementById('keep').click()")
+    opened.settled()
     wide = opened.run("[...document.querySelectorAll('body *')].filter(e => !e.closest('.wide') && "
                       "e.getBoundingClientRect().right > innerWidth + 0.5).map(e => e.outerHTML.slice(0, 80))")
     assert wide == []
@@ -153,7 +151,48 @@ def test_a_key_moves_a_slider_and_the_response(opened: Browser) -> None:
     assert slider.get_attribute("aria-valuetext").endswith("1/s")
 
 
+SLIDER = ("(s => [s.checkVisibility(), Number(s.min), Number(s.value), Number(s.max)])"
+          "(document.querySelector(`[data-name='${arguments[0]}'] input[type=range]`))")
+
+
+def test_sliders_end_within_the_limits_and_show_their_value(opened: Browser) -> None:
+    values = opened.run("Object.fromEntries(window.page.controls.filter(each => each.range).map("
+                        "({control, factor}) => [control.name, window.page.live.setting.get(control.name) / factor]))")
+    assert {"excitation.load", "supply_voltage", "controller.position.kp"} <= values.keys()
+    for name, value in values.items():
+        visible, least, at, most = opened.run(SLIDER, name)
+        assert least <= value <= most, name
+        assert not visible or at == pytest.approx(value, abs=(most - least) / 200)
+    opened.set("controller.position.kp", -5.0)
+    assert opened.run(SLIDER, "controller.position.kp")[1] == 0.0
+    # Three times nothing is no range; a value that is typed makes one, which stays.
+    assert not opened.run(SLIDER, "controller.load_observer")[0]
+    opened.set("controller.load_observer", 40.0)
+    assert opened.run(SLIDER, "controller.load_observer") == [True, 0.0, pytest.approx(40.0, abs=0.6), 120.0]
+    opened.set("controller.load_observer", 0.0)
+    assert opened.run(SLIDER, "controller.load_observer") == [True, 0.0, 0.0, 120.0]
+
+
+@pytest.mark.parametrize("width", [400, pytest.param(1400, marks=SLOW)])
+def test_a_problem_is_seen_wherever_one_has_scrolled_to(opened: Browser, width: int) -> None:
+    opened.size(width)
+    opened.set("motor.resistance", 0.0)
+    for place in ("0", "document.body.scrollHeight / 2", "document.body.scrollHeight"):
+        opened.run(f"scrollTo(0, {place})")
+        box = opened.run("(b => [b.top, b.bottom, b.height])(document.getElementById('problems')."
+                         "getBoundingClientRect())")
+        assert 0 <= box[0] < box[1] <= 900.5
+        assert box[2] > 10
+
+
+def test_a_kept_setting_that_cannot_be_shown_is_said(opened: Browser) -> None:
+    opened.open(SHOWN, "#A=excitation.shape%3Dcsv&B=")
+    assert "A is not shown: choose a CSV file" in opened.run("document.getElementById('warnings').textContent")
+    assert opened.run("document.getElementById('problems').textContent") == ""
+
+
 def test_every_field_has_a_name_and_a_place_in_order(opened: Browser) -> None:
+    opened.rested("window.page.refresh()")
     unnamed = opened.run("[...document.querySelectorAll('input, select, button')].filter(e => !(e.labels?.length || "
                          "e.getAttribute('aria-label') || e.textContent.trim())).map(e => e.outerHTML)")
     assert unnamed == []
@@ -177,7 +216,7 @@ def test_a_typed_value_acts_and_is_put_back(opened: Browser) -> None:
     assert opened.run("window.page.live.run.excitation.columns.fin_command.at(-1)") == radians(10.0)
 
 
-def test_a_link_restores_both_settings(opened: Browser, made: Path) -> None:
+def test_a_link_restores_both_settings(opened: Browser) -> None:
     opened.set("motor.resistance", 0.3)
     opened.run("window.page.keep()")
     opened.set("excitation.shape", "sine")
@@ -186,12 +225,11 @@ def test_a_link_restores_both_settings(opened: Browser, made: Path) -> None:
     state = ("[window.page.kept, window.page.live].map(each => [each.setting.values, each.figures.peak_current, "
              "each.runs.chirp_1deg.frequency.bandwidth])")
     before, link = opened.run(state), opened.run("location.hash")
-    opened.open(made, link)
+    opened.open(SHOWN, link)
     assert opened.run(state) == before
     assert opened.run("document.getElementById('notes').textContent") == ""
-    opened.open(made, re.sub("of=.{4}", "of=0000", link))
+    opened.open(SHOWN, re.sub("of=.{4}", "of=0000", link), ready=False)
     assert "another page" in opened.run("document.getElementById('notes').textContent")
-    assert opened.complaints == []
 
 
 def test_files_give_the_same_response_in_simulate(opened: Browser, tmp_path: Path,
@@ -238,11 +276,7 @@ def test_two_settings_stand_side_by_side(opened: Browser) -> None:
     assert {"fin angle A", "fin angle B", "command"} <= set(labels)
 
 
-def test_the_page_is_one_file_that_asks_for_nothing(opened: Browser, made: Path) -> None:
-    assert made.stat().st_size < 1_000_000
+def test_the_page_is_one_file_that_asks_for_nothing(opened: Browser) -> None:
+    opened.open(SHOWN)
     assert opened.run("performance.getEntriesByType('resource').map(entry => entry.name)") == []
-    assert opened.complaints == []
-    text = made.read_text(encoding="utf-8")
-    assert not re.search(r"""(src|href)\s*=\s*["']https?:""", text)
-    data = json.loads(text.split('id="data">')[1].split("</script>")[0])
-    assert [p["name"] for p in data["parameters"]] == [v.name for v in get("nonlinear").parameters]
+    assert not re.search(r"""(src|href)\s*=\s*["']https?:""", SHOWN.read_text(encoding="utf-8"))

@@ -9,10 +9,10 @@ function element(tag, attributes = {}, ...children) {
     return made;
 }
 
-/** The range of a slider [SI]; null of a value that says nothing of its scale. */
-function sliderRange({range, kind, value, minimum, maximum}) {
-    if (range || kind === "Boolean") return range ?? null;
-    if (value > 0 && !(maximum - minimum <= 4 * value)) {
+/** The range of a slider [SI]: to three times a value above zero, which °C do not count from; null without a scale. */
+function sliderRange({range, unit, value, minimum, maximum}) {
+    if (range) return range;
+    if (value > 0 && unit !== "degC" && !(maximum - minimum <= 4 * value)) {
         return [Math.max(minimum, 0), Math.min(maximum, 3 * value)];
     }
     return maximum - minimum <= 400 ? [minimum, maximum] : null;
@@ -35,7 +35,11 @@ class Control {
         this.field.addEventListener("change", () => this.entered());
         this.again = element("button", {type: "button", class: "again", "aria-label": `${title}: back to its start`,
             title: "back to its start"}, "↺");
-        this.again.addEventListener("click", () => { this.change(undefined); this.field.focus(); });
+        this.again.addEventListener("click", () => {
+            this.range = null;
+            this.change(undefined);
+            this.field.focus();
+        });
         const parts = control.name.split(/(?<=[._])/).flatMap(part => [part, element("wbr")]);
         const label = element("label", {for: id}, slider ? title : element("code", {}, ...parts));
         const unit = element("span", {class: "unit"}, DATA.typeset[this.unit] ?? this.unit);
@@ -56,15 +60,30 @@ class Control {
     }
 
     addSlider(title) {
-        const range = sliderRange(this.control);
         this.row.title = [this.control.description, this.control.source].filter(Boolean).join(" · ");
-        if (!range) return;
-        [this.least, this.most] = range.map(limit => limit / this.factor);
-        this.slider = element("input", {type: "range", "aria-label": title, min: this.least, max: this.most,
-            step: (this.most - this.least) / 200});
+        if (this.control.kind === "Boolean") return;
+        this.slider = element("input", {type: "range", "aria-label": title});
+        this.ends = [element("span", {class: "end"}), element("span", {class: "end"})];
+        this.slide = element("div", {class: "slide"}, this.ends[0], this.slider, this.ends[1]);
         const moved = () => Number(general(Number(this.slider.value), 4)) * this.factor;
         this.slider.addEventListener("input", () => this.change(moved()));
-        this.row.append(this.slider);
+        this.row.append(this.slide);
+    }
+
+    /** Move the slider to a value, and its ends out to it; hidden until a value says over what to move. */
+    slideTo(value, text) {
+        const over = of => sliderRange({...this.control, value: of});
+        this.range ??= over(this.start) ?? over(value);
+        this.slide.hidden = !this.range;
+        if (!this.range) return;
+        const {minimum, maximum} = this.control, near = Math.min(Math.max(value, minimum), maximum);
+        this.range = [Math.min(this.range[0], near), Math.max(this.range[1], near)];
+        const ends = this.range.map(limit => limit / this.factor);
+        [this.slider.min, this.slider.max] = ends;
+        this.slider.step = (ends[1] - ends[0]) / 200;
+        this.slider.value = value / this.factor;
+        this.slider.setAttribute("aria-valuetext", `${text} ${this.unit}`);
+        this.ends.forEach((end, k) => { end.textContent = shownNumber(ends[k]); });
     }
 
     entered() {
@@ -76,6 +95,8 @@ class Control {
     /** Show a setting's value. */
     show(setting) {
         const value = setting.get(this.control.name), start = setting.default(this.control.name);
+        if (start !== this.start) this.range = null;  // another shape's
+        this.start = start;
         this.row.classList.toggle("changed", value !== start);
         this.again.hidden = value === start;
         if (this.field.type === "checkbox") {
@@ -87,12 +108,7 @@ class Control {
         this.field.setAttribute("aria-invalid", String(!known));
         if (Number.isNaN(value)) return;  // what was written stays, to be corrected
         if (document.activeElement !== this.field || Number(this.field.value) !== Number(text)) this.field.value = text;
-        if (this.slider) {
-            this.slider.max = Math.max(this.most, value / this.factor);
-            this.slider.min = Math.min(this.least, value / this.factor);
-            this.slider.value = value / this.factor;
-            this.slider.setAttribute("aria-valuetext", `${text} ${this.unit}`);
-        }
+        if (this.slider) this.slideTo(value, text);
     }
 }
 

@@ -43,7 +43,7 @@ const SHAPES = {
         build: s => motionTo(s.amplitude, 0, DATA.constants.LEAD_IN, s)},
     slew: {title: "Slew, from − to +", fields: ["amplitude", "load", "duration"], amplitude: Math.PI / 9, duration: 0.5,
         build: s => motionTo(s.amplitude, -s.amplitude, DATA.constants.SETTLE, s)},
-    load: {title: "Load step", fields: ["load", "duration"], amplitude: 0, duration: 0.5, load: -100,
+    load: {title: "Load step", fields: ["load", "duration"], amplitude: 0, duration: 0.5, load: -DATA.load,
         build: s => motionTo(0, 0, DATA.constants.LEAD_IN, s)},
     sine: {title: "Sine", fields: ["amplitude", "frequency", "load", "duration"], amplitude: Math.PI / 180, duration: 1,
         build: s => underLoad(wave(s.amplitude, s.duration, since => 2 * Math.PI * s.frequency * since), s.load)},
@@ -82,12 +82,13 @@ function fromCsv(text, title) {
     const cells = line => line.split(",").map(cell => cell.trim().replace(/^"(.*)"$/, "$1"));
     const names = cells(lines.shift() ?? "");
     const rows = lines.map(line => cells(line).map(cell => cell === "" ? NaN : Number(cell)));
+    const short = listed => listed.join(", ").replace(/[^\x20-\uFFFF]/g, "?").slice(0, 200);
     const known = DATA.inputs.map(v => v.name), unknown = names.filter(n => n !== "time" && !known.includes(n));
     const twice = names.find((name, i) => names.indexOf(name) !== i);
     const given = names.map((_, i) => rows.map(row => row[i])), at = names.indexOf("time"), time = given[at];
-    const problem = at < 0 ? `has no column time; its columns are ${names.join(", ")}` :
+    const problem = at < 0 ? `has no column time; its columns are ${short(names)}` :
         twice ? `column ${twice} is given twice` :
-        unknown.length ? `${unknown.join(", ")} is no input; inputs are ${known.join(", ")}` :
+        unknown.length ? `${short(unknown)} is no input; inputs are ${known.join(", ")}` :
         names.length < 2 ? `has no column of an input; inputs are ${known.join(", ")}` :
         rows.length < 2 ? "needs two rows of numbers or more" :
         rows.some(row => row.length !== names.length || row.some(x => !Number.isFinite(x))) ?

@@ -3,6 +3,7 @@
 
 const $ = id => document.getElementById(id);
 const REST = 300; // ms without a change, after which what takes longer is computed
+const MOST_BYTES = 50e6; // of a CSV file, which a browser reads whole
 
 class Page {
     constructor(unit) {
@@ -12,8 +13,8 @@ class Page {
         const change = (name, value) => this.change(name, value);
         this.controls = [...firstControls(change), ...allControls(change, $("search"), $("all"))];
         this.plots = DATA.panels.map(({title, shown: [unit]}, k) =>
-            new Plot(title, {x: "time [s]", y: `[${typeset(unit) || 1}]`, height: k || innerWidth < 640 ? 190 : 250}));
-        this.plots.forEach((plot, k) => (k ? $("plots") : $("main-plot")).append(plot.figure));
+            new Plot(title, {x: "time [s]", y: `[${typeset(unit) || 1}]`, height: k ? 170 : innerWidth < 640 ? 165 : 235}));
+        this.plots.forEach((plot, k) => k ? $("plots").append(plot.figure) : $("main-plot").prepend(plot.figure));
         this.gain = new Plot("Gain of the fin angle over the command",
             {x: "frequency [Hz]", y: "[dB]", log: true, shared: false});
         this.phase = new Plot("Phase", {x: "frequency [Hz]", y: "[°]", log: true, shared: false});
@@ -59,6 +60,7 @@ class Page {
     async open(file) {
         if (!file) return;
         try {
+            if (file.size > MOST_BYTES) throw new Error(`${file.name}: is larger than ${MOST_BYTES / 1e6} MB`);
             this.live = {setting: this.live.setting.withFile(fromCsv(await file.text(), file.name))};
             this.refresh();
         } catch (error) {
@@ -98,18 +100,18 @@ class Page {
         for (const id of ["drop", "swap"]) $(id).disabled = !this.kept;
         $("keep").setAttribute("aria-pressed", String(this.kept !== null));
         cancelAnimationFrame(this.frame);
+        clearTimeout(this.resting);
         this.frame = requestAnimationFrame(() => this.compute());
     }
 
     compute() {
         const problems = this.answer(this.live);
-        if (this.kept) this.answer(this.kept);
-        this.say(problems, this.live.warnings);
+        const ofKept = this.kept ? this.answer(this.kept) : [];
+        this.say(problems, [...this.live.warnings ?? [], ...ofKept.map(problem => `A is not shown: ${problem}`)]);
         if (problems.length) return;
         this.drawTimes();
         drawFigures($("figures"), this.cases);
         document.body.classList.add("waiting");
-        clearTimeout(this.resting);
         this.resting = setTimeout(() => this.rest(), REST);
     }
 

@@ -13,11 +13,13 @@ from math import isclose
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ... import __version__, rules
 from ...actuators import extension_outputs, full_name, get, parts
 from ...actuators import fin_port as port
 from ...bench import excitation, metrics
-from ...bench.excitation import Excitation
+from ...bench.excitation import LOAD, Excitation
 from ...bench.subject import Identification
 from ...bench.verdict import REQUIREMENTS, table2_excitations
 from ...bench.writers import page, plain, typeset
@@ -66,7 +68,7 @@ def sources(model: str) -> dict[str, str]:
 def document(parameters: ParameterSet, inputs: Mapping[str, float]) -> dict[str, Any]:
     """Return what the scripts need of an actuator with a set of parameters, and of inputs held at other constants."""
     model, actuator = full_name(parameters.model), parameters.actuator
-    shipped = load_parameters(model=model).values
+    shipped, runs = load_parameters(model=model).values, table2_excitations()
     entries = {e.variable.name: e for e in parameters.entries}
     starts = {v.name: inputs.get(v.name, v.initial(parameters.values)) for v in actuator.inputs}
     described: dict[str, Any] = {
@@ -85,20 +87,22 @@ def document(parameters: ParameterSet, inputs: Mapping[str, float]) -> dict[str,
         "requirements": [{"name": r.name, "title": r.title, "sense": r.sense, "limit": r.limit, "unit": r.unit,
                           "how": r.how, "needs": r.needs, "measure": r.measure.__name__.strip("_")}
                          for r in REQUIREMENTS],
-        "runs": {name: _run(name, run) for name, run in table2_excitations().items()},
+        "runs": {name: _run(name, run) for name, run in runs.items()},
+        "load": max(float(np.max(np.abs(run.columns[LOAD]))) for run in runs.values() if LOAD in run.columns),
         "constants": _constants(), "units": {unit: _shown(unit) for unit in ("rad", "rad/s")},
     }
-    units = {each["shown"][0] for each in (*described["parameters"], *described["inputs"], *described["panels"],
+    shown = {each["shown"][0] for each in (*described["parameters"], *described["inputs"], *described["panels"],
                                            *described["figures"].values())}
-    described["typeset"] = {unit: _symbol(unit) for unit in (*units, *(r.unit for r in REQUIREMENTS), "deg", "N.m")}
+    units = sorted({*shown, *(r.unit for r in REQUIREMENTS), "deg", "N.m"})
+    described["typeset"] = {unit: _symbol(unit) for unit in units}
     result: dict[str, Any] = plain(described)
     return result
 
 
 def _symbol(unit: str) -> str:
-    """Return a unit with raised powers: ``1/s2`` gives 1/s²."""
+    """Return a unit with raised powers and products: ``N.m/s2`` gives N·m/s²."""
     raised = re.sub(r"(?<=[a-z])[23]\b", lambda power: "²³"[int(power[0]) - 2], unit)
-    return typeset(raised.replace("degC", "°C"))
+    return typeset(raised).replace("degC", "°C").replace(".", "·")
 
 
 def _as_given(model: str) -> str:
@@ -139,6 +143,7 @@ def _first(parameters: ParameterSet) -> dict[str, list[str]]:
         ports = {v.name for v in port.PARAMETERS}
         gains = [v.name for v in get(parts(parameters.model)[0]).parameters if v.name not in ports][:_MOST_OWN]
     further = [v.name for v in actuator.further_inputs]
+    further += [v.name for v in tunable if v.name == "homing.required"]  # without which nothing moves before homing
     return {"supply": [*([actuator.supply.input.name] if actuator.supply else []), *further],
             "temperature": [v.name for v in tunable if v.unit == "degC"], "gains": gains}
 
@@ -192,10 +197,11 @@ def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) 
     """Return the page. The same parameters, inputs and words about it give the same text. Raises CompilerError."""
     described, code = document(parameters, inputs), compiled(parameters.model)
     digest = hashlib.sha256(_embedded(described).encode() + code).hexdigest()
+    source_digest = hashlib.sha256("".join(sources(parameters.model).values()).encode()).hexdigest()
     return page(
-        "studies/explore/page.html.j2", about=about, digest=digest, entries=parameters.entries,
-        model=described["model"], title=parameters.actuator.title, origin=parameters.actuator.origin,
-        first=described["first"], estimates=parameters.estimates,
+        "studies/explore/page.html.j2", about=about, digest=digest, source_digest=source_digest,
+        entries=parameters.entries, model=described["model"], title=parameters.actuator.title,
+        origin=parameters.actuator.origin, first=described["first"], estimates=parameters.estimates,
         data=_embedded({**described, "digest": digest[:12]}), unit=base64.b64encode(code).decode(),
         plotting=_joined(["uplot/uPlot.iife.min.js"]), plotting_style=_joined(["uplot/uPlot.min.css"]),
         licence=_joined(["uplot/LICENSE"]), style=_joined(["page.css"]), script=_joined(SCRIPTS))

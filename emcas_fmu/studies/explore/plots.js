@@ -7,12 +7,12 @@ const COLORS = Array.from({length: 6}, (_, k) => color(`--curve-${k}`));
 const FONT = "12px system-ui, sans-serif";
 
 function axis(label, size) {
-    return {label, size, stroke: ink, font: FONT, labelFont: FONT, labelSize: 18, labelGap: 0,
+    return {label, size, values: (_, at) => at.map(x => x === null ? "" : general(x, 6).replace("-", "−")), stroke: ink, font: FONT, labelFont: FONT, labelSize: 18, labelGap: 0,
         grid: {stroke: faint, width: 1}, ticks: {stroke: faint, width: 1, size: 4}};
 }
 
-/** A line at a value of a scale, across the plot, with what it is: at its end, or a share of it before that. */
-function rule(u, scale, value, text, before = 0) {
+/** A line at a value of a scale, across the plot, with what it is: at its end, above or below it. */
+function rule(u, scale, value, text, below = false) {
     const {ctx, bbox: {left, top, width, height}} = u, pixel = devicePixelRatio;
     const at = u.valToPos(value, scale, true), across = scale !== "x";
     if (across ? at < top || at > top + height : at < left || at > left + width) return;
@@ -25,8 +25,8 @@ function rule(u, scale, value, text, before = 0) {
     ctx.lineTo(across ? left + width : at, across ? at : top + height);
     ctx.stroke();
     ctx.textAlign = "right";
-    const end = across ? left + width * (1 - before) : at;
-    ctx.fillText(text, end - 4 * pixel, across ? at - 4 * pixel : top + height - 6 * pixel);
+    const end = across ? left + width : at;
+    ctx.fillText(text, end - 4 * pixel, across ? at + (below ? 12 : -4) * pixel : top + height - 6 * pixel);
     ctx.restore();
 }
 
@@ -56,6 +56,19 @@ function band(u, time, command, width) {
     for (let k = time.length - 1; k >= 0; --k) ctx.lineTo(x(time[k]), y(command[k] - width));
     ctx.fillStyle = color("--band")();
     ctx.fill();
+    ctx.restore();
+}
+
+/** Shade where a gain must not be: below `floor` up to the frequency `end`. */
+function forbidden(u, end, floor) {
+    const {ctx, bbox: {left, top, width, height}} = u;
+    const [right, upper] = [u.valToPos(end, "x", true), u.valToPos(floor, "y", true)];
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(left, top, width, height);
+    ctx.clip();
+    ctx.fillStyle = color("--forbidden")();
+    ctx.fillRect(left, upper, right - left, top + height - upper);
     ctx.restore();
 }
 
@@ -97,11 +110,13 @@ class Plot {
         const {x, y, log, height, shared} = this.look;
         const value = (_, v) => v === null || v === undefined ? "–" : shownNumber(v);
         return {
-            width: this.box.clientWidth || 300, height, legend: {markers: {width: 2}},
+            width: this.box.clientWidth || 300, height,
+            legend: {markers: {width: 2, dash: (_, k) => !curves[k - 1]?.dash ? "solid" :
+                curves[k - 1].dash[0] > 2 ? "dashed" : "dotted"}},
             cursor: {sync: shared ? {key: "time"} : undefined, points: {size: 5}, drag: {x: true, y: false}},
             scales: {x: {time: false, distr: log ? 3 : 1}, y: {range: (_, least, most) =>
                 least === most ? [least - 1, most + 1] : uPlot.rangeNum(least, most, 0.1, true)}},
-            axes: [axis(x, 40), axis(y, 58)],
+            axes: [axis(x, 26), axis(y, 58)],
             series: [{label: x.replace(/ .*/, ""), value}, ...curves.map(curve => ({
                 label: curve.label, stroke: curve.stroke, width: curve.width ?? 1.6, dash: curve.dash, value,
                 spanGaps: true, points: {show: false},

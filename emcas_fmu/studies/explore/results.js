@@ -20,7 +20,7 @@ function drawPanel(plot, panel, number, cases) {
         ...(letter === "A" ? {dash: [7, 4], width: 1.3} : {})})));
     const command = number === 0 && columns.fin_command?.map(x => x / factor);
     if (command) {
-        curves.unshift({label: "command", x: time, y: command, stroke: gray, dash: [2, 2], width: 1.1, step: true});
+        curves.push({label: "command", x: time, y: command, stroke: gray, dash: [2, 2], width: 1.1, step: true});
     }
     plot.under = u => {
         if (live.outputs.saturated) shade(u, time, live.outputs.saturated);
@@ -28,7 +28,7 @@ function drawPanel(plot, panel, number, cases) {
     };
     plot.over = u => {
         panel.rules.forEach(([value, text], k) => {
-            rule(u, "y", value, text, k / 2);
+            rule(u, "y", value, text, k > 0);
             rule(u, "y", -value, "");
         });
     };
@@ -100,6 +100,7 @@ function drawBode(gain, phase, cases) {
     const curves = part => found.map(({frequency, ...look}) => (
         {...look, x: frequency.frequency, y: frequency[part].map(part === "phase" ? degrees : x => x)}));
     const required = DATA.requirements.find(({measure}) => measure === "bandwidth");
+    gain.under = u => forbidden(u, required.limit, -3);
     gain.over = u => {
         rule(u, "y", -3, "−3 dB");
         rule(u, "x", required.limit, `required ${shownNumber(required.limit)} Hz`);
@@ -121,6 +122,7 @@ function mark(u, x, y, stroke) {
     const {ctx} = u;
     ctx.save();
     [ctx.strokeStyle, ctx.fillStyle, ctx.lineWidth] = [stroke, color("--back")(), 2 * devicePixelRatio];
+    ctx.setLineDash([]);
     ctx.beginPath();
     ctx.arc(u.valToPos(x, "x", true), u.valToPos(y, "y", true), 4 * devicePixelRatio, 0, 2 * Math.PI);
     ctx.fill();

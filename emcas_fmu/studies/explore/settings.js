@@ -11,7 +11,7 @@ const EXCITATION = [
     {name: "excitation.high", title: "Highest frequency", unit: "Hz", minimum: 0.1, maximum: 200,
         value: DATA.constants.SWEEP[1]},
     {name: "excitation.load", title: "Load torque on the hinge", unit: "N.m", minimum: -1e6, maximum: 1e6,
-        range: [-200, 200], value: DATA.inputs.find(({name}) => name === "aero_torque").value},
+        range: [-2 * DATA.load, 2 * DATA.load], value: DATA.inputs.find(({name}) => name === "aero_torque").value},
     {name: "excitation.duration", title: "Duration", unit: "s", minimum: 0.01, maximum: 60},
 ].map(control => ({kind: "Real", shown: [control.unit, 1], description: "", ...control}));
 /* Command and load are the excitation's. */
