@@ -36,14 +36,13 @@ class Browser:
         self.run("(page => { page.written = null; history.replaceState(null, '', '#'); page.restore(); })(window.page)")
         self.settled()
 
-    def open(self, path: Path, link: str = "", ready: bool = True) -> None:
-        """Open a page and wait until it has computed everything."""
+    def open(self, path: Path, link: str = "") -> None:
+        """Open a page and wait for its first response."""
         self.driver.get("about:blank")
         self.driver.get(path.as_uri() + link)
-        if ready:
-            self.wait("document.body.dataset.ready")
-            self.driver.execute_async_script("const done = arguments[0]; loaded.then(page => {"
-                                             "window.page = page; done(); });")
+        self.driver.execute_async_script("const done = arguments[0]; loaded.then(page => {"
+                                         "window.page = page; done(); });")
+        self.settled()
 
     def run(self, script: str, *arguments: Any) -> Any:
         """Return the value of an expression of JavaScript; NaN and infinities as such."""
@@ -67,8 +66,8 @@ class Browser:
 
     def rested(self, action: str) -> None:
         """Do something, and wait until all that follows is computed."""
-        before = self.run(f"(() => {{ const n = document.body.dataset.ready; {action}; return n; }})()")
-        self.wait(f"document.body.dataset.ready !== '{before}'")
+        before = self.run(f"(() => {{ const n = Number(document.body.dataset.ready ?? 0); {action}; return n; }})()")
+        self.wait(f"Number(document.body.dataset.ready ?? 0) > {before}")
 
     def size(self, width: int, height: int = 900) -> None:
         """Give the window another size."""

@@ -222,13 +222,12 @@ def test_a_link_restores_both_settings(opened: Browser) -> None:
     opened.set("excitation.shape", "sine")
     opened.set("friction.temperature", -6.0)
     opened.rested("window.page.refresh()")
-    state = ("[window.page.kept, window.page.live].map(each => [each.setting.values, each.figures.peak_current, "
-             "each.runs.chirp_1deg.frequency.bandwidth])")
+    state = ("[window.page.kept, window.page.live].map(each => [each.setting.values, each.figures.peak_current])")
     before, link = opened.run(state), opened.run("location.hash")
     opened.open(SHOWN, link)
     assert opened.run(state) == before
     assert opened.run("document.getElementById('notes').textContent") == ""
-    opened.open(SHOWN, re.sub("of=.{4}", "of=0000", link), ready=False)
+    opened.open(SHOWN, re.sub("of=.{4}", "of=0000", link))
     assert "another page" in opened.run("document.getElementById('notes').textContent")
 
 
