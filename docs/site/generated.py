@@ -1,11 +1,11 @@
-"""Pages of the site made from the source: the Python interface, declaring an actuator, the commands, the notebook."""
+"""Pages of the site made from the source: Python interface, declaration, variables of the FMU, commands, notebook."""
 
 from __future__ import annotations
 
 import inspect
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -15,9 +15,13 @@ from rich.text import Text
 from typer.main import get_command
 
 import emcas_fmu.api
+from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR
 from emcas_fmu.actuators.declaration import Actuator
 from emcas_fmu.bench import excitation as excitations
 from emcas_fmu.cli import app
+from emcas_fmu.fmi.interface import FmuInterface
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.variables import Variable
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -55,6 +59,51 @@ def declaration() -> str:
 def _objects(path: str, **options: Any) -> str:
     """Return where a module of the package, or what is in it, is documented."""
     return f"\n::: emcas_fmu.{path}\n    options: {json.dumps(options)}\n"
+
+
+def fmu() -> str:
+    """Return the page of the FMU's variables: of the default actuator all, of every other what it has beside those."""
+    default, four = FmuInterface(1), FmuInterface(4)
+    parts = [
+        "# The FMU, variable by variable\n\nWhat `emcas build` puts into an FMU, with SI units (temperature in degC). "
+        "Its own `documentation/index.html` says the same of the one that was built, with ranges and notes. A value "
+        "whose source is `estimate` is an engineering value, neither measured nor published.\n",
+        "\n## The default actuator\n", *_variables(default, ()),
+        "\n## Four fins\n\nThe names above are behind `fin[1].` to `fin[4].`, but for what all fins share: "
+        f"{', '.join(f'`{name}`' for name in four.shared)}. Beside them:\n",
+        *_variables(four, [v for v in four.variables if v.name.startswith("fin[")] + list(default.inputs)),
+        "\n## Other actuators\n\nFor each what it has that the default one has not; what it lacks of that one is not "
+        "in its FMU.\n"]
+    for name in NAMES:
+        if name == NONLINEAR:
+            continue
+        unit = FmuInterface(1, name)
+        parts += [f"\n### {name}\n\n{unit.actuator.title[0].upper()}{unit.actuator.title[1:]}.\n",
+                  *_variables(unit, default.variables)]
+    parts.append("\n## Extensions\n\nWhat each adds, shown over the default actuator.\n")
+    for name in EXTENSIONS:
+        parts += [f"\n### +{name}\n", *_variables(FmuInterface(1, f"{NONLINEAR}+{name}"), default.variables)]
+    return "".join(parts)
+
+
+def _variables(unit: FmuInterface, known: Sequence[Variable]) -> Iterator[str]:
+    """Give tables of the inputs, outputs and parameters of a unit that are not known by name."""
+    names = {v.name for v in known}
+    entries = {entry.variable.name: entry for entry in load_parameters(model=unit.kind).entries}
+    for title, variables in (("input", unit.inputs), ("output", unit.outputs), ("parameter", unit.parameters)):
+        if shown := [v for v in variables if v.name not in names]:
+            values = "value | source |" if title == "parameter" else ""
+            yield f"\n| {title} | unit | meaning |{values}\n|---|---|---|{'---|---|' if values else ''}\n"
+        for v in shown:
+            entry = entries.get(v.name)
+            value = "" if title != "parameter" else " | |"
+            if entry:
+                value = f" {_value(v, entry.value)} | {entry.source} |"
+            yield f"| `{v.name}` | {v.unit} | {_cell(_plain(v.description))} |{value}\n"
+
+
+def _value(variable: Variable, value: Any) -> str:
+    return str(value).lower() if variable.kind == "Boolean" else variable.in_words(value)
 
 
 def commands() -> str:

@@ -19,6 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 MADE = {
     "emcas_fmu/api.py": ("reference/python.md", generated.python),
     "emcas_fmu/actuators/declaration.py": ("reference/declaration.md", generated.declaration),
+    "emcas_fmu/fmi/interface.py": ("reference/fmu.md", generated.fmu),
     "emcas_fmu/cli.py": ("reference/commands.md", generated.commands),
     "examples/notebook/first_steps.ipynb": ("examples/notebook/first_steps.md", generated.notebook),
 }

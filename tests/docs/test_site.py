@@ -14,10 +14,14 @@ from lxml import etree, html
 from typer.main import get_command
 
 import emcas_fmu
+from emcas_fmu.actuators import NAMES
 from emcas_fmu.cli import app
+from emcas_fmu.fmi.interface import FmuInterface
 from tests.hosts.host import missing
 
 from .recipes import ROOT
+
+pytestmark = pytest.mark.slow  # some 10 s; tests/docs/test_links.py looks for dead links in the files themselves
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +90,12 @@ def test_every_command_is_documented(pages: dict[str, etree._Element]) -> None:
     assert {f"emcas-{name}" for name, _ in commands} <= sections
     for _, command in commands:
         assert all(option in text for param in command.params for option in param.opts if option.startswith("-"))
+
+
+def test_every_variable_of_the_fmus_is_documented(pages: dict[str, etree._Element]) -> None:
+    shown = set(pages["reference/fmu.html"].xpath("//article//td[1]/code/text()"))
+    units = [FmuInterface(1, name) for name in NAMES]
+    assert {variable.name for unit in units for variable in unit.variables} - shown == set()
 
 
 def test_source_files_are_no_links(pages: dict[str, etree._Element]) -> None:
