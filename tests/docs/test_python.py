@@ -30,6 +30,7 @@ def test_every_name_is_imported() -> None:
                                              "Validation"}
 
 
+@pytest.mark.fmu
 @pytest.mark.slow  # some 10 s of computing: it builds, validates, analyses and tunes
 def test_blocks(tmp_path: Path) -> None:
     for module in ("pandas", "casadi", "control"):

@@ -73,6 +73,7 @@ def test_contents(archives: tuple[Path, Path]) -> None:
                     "emcas_fmu", "models", "pyproject.toml"}
 
 
+@pytest.mark.fmu
 @pytest.mark.slow
 def test_commands_where_only_the_wheel_is(archives: tuple[Path, Path], tmp_path: Path) -> None:
     """Installed with what it asks for and no more: no extra, no file of the repository."""
