@@ -106,8 +106,9 @@ def table(model: str, cases: Mapping[str, Runs], ticks: tuple[float, ...]) -> st
         for parameters, inputs in runs.inputs(default):
             expected = reference(parameters.values, inputs)["fin_angle"]
             signals: dict[str, Any] = {name: column for name, column in inputs.items() if name != "time"}
-            angles = (simulate(parameters.with_values({"solver.max_tick": tick}).values, float(inputs["time"][-1]), 1e-3,
-                               model=model, **signals)["fin_angle"] for tick in ticks)
+            ticked = (parameters.with_values({"solver.max_tick": tick}).values for tick in ticks)
+            angles = (simulate(values, float(inputs["time"][-1]), 1e-3, model=model, **signals)["fin_angle"]
+                      for values in ticked)
             errors = np.maximum(errors, [np.degrees(np.abs(angle - expected).max()) for angle in angles])
         rows.append((title, *map(_degrees, errors)))
     shipped = default.values["solver.max_tick"]
