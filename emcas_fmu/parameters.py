@@ -140,6 +140,7 @@ class ParameterSet:
         entries = {e.variable.name: e for e in self.entries}
         warnings = [_apart(entries[name], entries[other]) for name, other in self.actuator.equal_parameters]
         warnings += check_combinations(self.values, self.actuator, warnings=True)
+        warnings += _messages(self.actuator.supply_rules, self.nested(), warnings=True).values()
         if self.unused:
             warnings.append(f"the {self.actuator.name} actuator has no {', '.join(self.unused)}: not used")
         return tuple(filter(None, warnings))
@@ -267,8 +268,11 @@ def check_combinations(values: Mapping[str, Any], actuator: Actuator, warnings: 
 
 def broken_rules(values: Mapping[str, Any], actuator: Actuator, warnings: bool = False) -> dict[Rule, str]:
     """Return those rules with their messages; see `check_combinations`."""
-    p = actuator.namespace(values)
-    return {rule: message for rule in actuator.all_rules
+    return _messages(actuator.all_rules, actuator.namespace(values), warnings)
+
+
+def _messages(rules: Iterable[Rule], p: Any, warnings: bool) -> dict[Rule, str]:
+    return {rule: message for rule in rules
             for message in check_rules([(partial(rule.check, FLOATS, p), *rule[1:])], warnings)}
 
 

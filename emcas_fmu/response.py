@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
 from html import escape
-from math import degrees
+from math import degrees, inf, isfinite, pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 _MOST_OWN = 8  # panels of an actuator's own outputs
 _LINES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))  # of outputs in one panel, of several fins
+_ROUNDING = 1e-9  # of a command at its limit
+_LIKE_DEGREES = pi / 2.0  # rad, beyond which no fin is commanded
 _MOST_CHANGES = 4  # of a status, that are listed
 
 
@@ -112,6 +114,19 @@ class Response:
                 peak: times * float(np.max(np.abs(self.columns[drawn.name]))),
                 **metrics.displayed(metrics.usage(power))}
 
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What is worth a look in the commands given, a line each."""
+        found: dict[str, None] = {}
+        for run, parameters in zip(self.fins, self.sets, strict=True):
+            limit = parameters.values.get("command.limit", inf)
+            most = float(np.max(np.abs(run.excitation.command)))
+            if most > limit * (1.0 + _ROUNDING):
+                found[f"{COMMAND} reaches {most:.4g} rad ({degrees(most):.4g} deg); beyond command.limit = "
+                      f"{degrees(limit):.4g} deg it is clipped" + (
+                          ". Commands are in rad: is it given in degrees?" if most > _LIKE_DEGREES else "")] = None
+        return tuple(found)
+
     @property
     def extension_outputs(self) -> tuple[Variable, ...]:
         """Outputs that the model's extensions add."""
@@ -140,9 +155,17 @@ class Response:
         """Return name and value for each fin of every figure; statuses by name, as they changed."""
         every = [self.metrics(fin) for fin in range(self.unit.fins)]
         discrete = {f"{v.name}_final": v for v in self.extension_outputs if v.items or v.bits}
-        rows = [(name, *(number(each[name]) for each in every)) for name in every[0] if name not in discrete]
+        rows = [(name, *(self._text(name, each[name]) for each in every)) for name in every[0] if name not in discrete]
         return rows + [(v.name, *(_history(v, self.time, run.columns[v.name]) for run in self.fins))
                        for v in discrete.values()]
+
+    def _text(self, name: str, value: float) -> str:
+        """Return a figure for people; of one that the motion does not reach, for how long it was waited for."""
+        moves = self.fins[0].excitation.moves
+        if isfinite(value) or not moves:
+            return number(value)
+        waited = number(moves[0].end - moves[0].start)
+        return f"not within {waited} s" if metrics.unit_of(name) == "s" else "not reached"
 
 
     def write_csv(self, path: Path | str) -> None:

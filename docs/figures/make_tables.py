@@ -259,8 +259,26 @@ def presets() -> str:
     return markdown(("", "required", *(f"`{column.name}`" for column in found.columns)), rows)
 
 
+def sheets() -> str:
+    """Every value that a sheet, drawing or controller has, by where it is read; with who has it, if not the default."""
+    rows: dict[tuple[str, str], tuple[dict[str, str], list[str]]] = {}
+    extended = [(each, v) for each in EXTENSIONS for v in get_extension(each).parameters(get(NONLINEAR))]
+    for owner, v in (*((name, v) for name in NAMES for v in get(name).file_entries), *extended):
+        place, _, term = v.sheet.partition(": ")
+        if term:
+            units, owners = rows.setdefault((place, term), ({}, []))
+            units[v.name.partition("[")[0]] = "" if v.unit in ("", "1") else v.unit
+            owners.append(owner)
+    return markdown(("sheet", "there", "parameter", "unit", "of"), (
+        (place, term.replace("|", "\\|"), ", ".join(f"`{name}`" for name in units),
+         ", ".join(dict.fromkeys(filter(None, units.values()))),
+         "" if NONLINEAR in owners else ", ".join(f"`{owner}`" for owner in dict.fromkeys(owners)))
+        for (place, term), (units, owners) in sorted(rows.items(), key=lambda row: row[0][0])))
+
+
 TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {
     "use/hosts.md": {"single": single, "several": several, "steps": steps}, "use/fins.md": {"bus": bus},
+    "use/your_actuator.md": {"sheets": sheets},
     "tools/ci.md": {"drift": drift},
     "model/models.md": {"provided": provided, "extensions": extensions, "models": models, "linear": linear,
                         "fitted": fitted}, "model/elastic.md": {"structures": structures},

@@ -1,4 +1,4 @@
-"""`emcas simulate`: a response without an FMU."""
+"""`emcas simulate`: simulate a step, a reference case or a file of inputs, without an FMU."""
 
 from __future__ import annotations
 
@@ -105,12 +105,14 @@ def _stepped(degrees: float, torque: float, interval: float, stop: float) -> Exc
 
 
 def simulate(
-    case: Annotated[str | None, typer.Option(help="Reference case to run, such as step_plus10.")] = None,
+    case: Annotated[str | None, typer.Option(help="Reference case to run, such as step_plus10.",
+                                             metavar="NAME")] = None,
     input_file: Annotated[Path | None, typer.Option("--input", "-i", help="CSV of time in s and inputs in SI, as fmpy "
                                                     "reads it.", metavar="FILE")] = None,
     step: Annotated[float | None, typer.Option(help="Step of the fin command, in degrees, at 50 ms.",
                                                metavar="DEG")] = None,
-    torque: Annotated[float | None, typer.Option(help="Constant hinge moment with --step, in N.m.")] = None,
+    torque: Annotated[float | None, typer.Option(help="Constant hinge moment with --step, in N.m.",
+                                                 metavar="MOMENT")] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
     settings: Annotated[list[str] | None, typer.Option(
@@ -124,11 +126,12 @@ def simulate(
                                            "slower.", metavar="N")] = 1,
     layout: common.LayoutOption = "cross",
     fin: common.FinFilesOption = None,
-    stop: Annotated[float | None, typer.Option(help="End in seconds; 0.5 with --step, else that of the input.")] = None,
-    interval: Annotated[float | None, typer.Option(help="Communication step in seconds; 0.001, or the case's "
-                                                        "own.")] = None,
+    stop: Annotated[float | None, typer.Option(help="End; 0.5 with --step, else that of the input.",
+                                               metavar="SECONDS")] = None,
+    interval: Annotated[float | None, typer.Option(help="Communication step; 0.001, or that of the case.",
+                                                   metavar="SECONDS")] = None,
     kernel: Annotated[str, typer.Option(help="compiled, python, or auto: compiled if there is a C compiler. The "
-                                             "numbers are the same.")] = "auto",
+                                             "numbers are the same.", metavar="KERNEL")] = "auto",
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write every signal to this CSV file.",
                                                 metavar="FILE")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the response, the actuator's outputs by their units: .html, "
@@ -176,6 +179,7 @@ def simulate(
         if case:
             chosen = reference_case(case, supply=supply_start(model, sets[0].values))
         response = run(sets, replace(chosen, start_values={}), kernel=kernel, line=line, **constants)
+        common.warn(response.warnings)
         if output:
             response.write_csv(output)
         if plot:

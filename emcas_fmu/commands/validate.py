@@ -1,4 +1,4 @@
-"""`emcas validate`: a model judged by the references and by Table 2."""
+"""`emcas validate`: judge an FMU or a parameter set by the reference responses and the thesis's Table 2."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ EPILOG = ("Examples:\n\n  emcas validate EMCAS.fmu\n\n  emcas validate EMCAS.fmu
 
 def validate(
     article: common.SubjectArgument = None,
-    case: Annotated[list[str] | None, typer.Option(help="Only this case (may be given several times).")] = None,
+    case: Annotated[list[str] | None, typer.Option(help="Only this case (may be given several times).",
+                                                   metavar="NAME")] = None,
     model: common.SubjectModelOption = None,
     fin: common.FinOption = None,
     as_json: common.JsonOption = None,

@@ -10,7 +10,7 @@ from typing import Any
 from uuid import UUID
 
 from .. import __version__
-from ..errors import BuildError
+from ..errors import BuildError, unwritable
 from ..files import write_zip
 from ..parameters import ParameterSet
 from ..progress import Progress
@@ -99,6 +99,6 @@ def build(parameters: ParameterSet, output: Path | str, backend: str = "python",
         # modelDescription.xml first: readers that stream find it at once.
         write_zip(contents, output, lambda name: (name != "modelDescription.xml", name), "binaries/")
     except OSError as error:
-        raise BuildError(f"{output}: cannot be written ({error.strerror or error})") from error
+        raise BuildError(unwritable(output, error)) from error
     warnings = tuple(dict.fromkeys(warning for p in sets for warning in p.warnings))
     return Built(output, output.stat().st_size, guid, built_for, warnings)

@@ -288,7 +288,8 @@ def test_native_contents(native: Path) -> None:
     assert listed == {"sources/fmi2.c"}
     assert {"sources/fmi2.c", "sources/core.h", "sources/kernel.h", "sources/model.h", "sources/interface.h",
             "sources/instance.h", "sources/states.h", "sources/rules.h", "sources/parameter_checks.h",
-            "sources/fmi2Functions.h", "documentation/index.html", "documentation/licenses/LICENSE.txt"} <= names
+            "sources/fmi2Functions.h", "sources/EMCAS.h", "documentation/index.html",
+            "documentation/licenses/LICENSE.txt"} <= names
     assert not any(n.startswith("resources/") or n.endswith(".py") for n in names)
     assert "documentation/externalDependencies.txt" not in names
 

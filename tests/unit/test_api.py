@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from math import radians
@@ -110,6 +111,14 @@ def test_fins_on_a_line() -> None:
     assert response["fin[1].fin_angle"][-1] != response["fin[2].fin_angle"][-1]
     assert response["bus_voltage"].min() < 39.0
     assert response.metrics(fin=1)["peak_current_a"] > 0.0
+
+
+@pytest.mark.parametrize(("command", "warning"), [
+    ("20 deg", ()), ("25 deg", ("is clipped$",)), (10.0, ("573 deg.*is it given in degrees",))])
+def test_warnings(command: float | str, warning: tuple[str, ...]) -> None:
+    found = simulate(stop=0.01, fin_command=command).warnings
+    assert len(found) == len(warning)
+    assert all(re.search(pattern, text) for pattern, text in zip(warning, found))
 
 
 def test_response(tmp_path: Path) -> None:

@@ -235,19 +235,22 @@ class _File(Table):
     requirements: Annotated[dict[str, Requirement], PlainValidator(_requirements), Field(min_length=1)]
 
 
+def shipped_file(model: str) -> Path:
+    """Return the shipped study for an actuator: models/tuning/NAME.toml where there is one, else models/tuning.toml."""
+    folder = models_directory()
+    path = folder / "tuning" / f"{parts(model)[0]}.toml"
+    return path if path.is_file() else folder / "tuning.toml"
+
+
 def shipped_study(base: ParameterSet) -> Study:
-    """Return the shipped study for a parameter set: models/tuning/NAME.toml of an actuator that has one, else the
-    default one, models/tuning.toml.
+    """Return the shipped study for a parameter set.
 
     Raises StudyError, for an actuator that has not what it tunes too.
     """
-    folder = models_directory()
-    path = folder / "tuning" / f"{parts(base.model)[0]}.toml"
-    if not path.is_file():
-        path = folder / "tuning.toml"
+    path = shipped_file(base.model)
 
     def fits(model: str) -> bool:
-        if (folder / "tuning" / f"{model}.toml").is_file():
+        if shipped_file(model).stem == model:
             return True
         try:
             load_study(path, load_parameters(model=model))
