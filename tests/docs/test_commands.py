@@ -76,7 +76,8 @@ def test_commands_and_their_files_are_there(document: str, monkeypatch: pytest.M
                     chosen_model(path.name, model_name(get(made[path]).name), model and get(model).name)
         made |= dict.fromkeys((Path(value) for value in written.values()), model)
         if name == "init":  # and then the page goes into the folder
-            made |= dict.fromkeys(map(Path, (starter.PARAMETERS, starter.TUNING, starter.CAMPAIGN, starter.REQUIREMENTS)))
+            made |= dict.fromkeys(map(Path, (starter.PARAMETERS, starter.TUNING, starter.CAMPAIGN,
+                                             starter.REQUIREMENTS)))
         if name == "build":
             made |= dict.fromkeys({Path(f"{model_name(get(model).name, options['fins'])}.fmu")}, model)
 
