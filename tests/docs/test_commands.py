@@ -15,6 +15,7 @@ from emcas_fmu.actuators import NONLINEAR, get
 from emcas_fmu.bench.fmu import chosen_model
 from emcas_fmu.cli import app
 from emcas_fmu.fmi.interface import model_name
+from emcas_fmu.studies import starter
 
 from .recipes import ROOT, commands
 
@@ -55,7 +56,9 @@ def paths(value: Any) -> Iterator[Path]:
 def test_commands_and_their_files_are_there(document: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     made: dict[Path, Any] = {} if document == "README.md" else dict(BUILT)  # the FMUs with their actuators
-    shown = {Path(name) for name in re.findall(r"^# (\S+\.toml)$", (ROOT / document).read_text("utf-8"), re.MULTILINE)}
+    # Files whose text the page shows, under their name or as a shell writes them.
+    shown = {Path(name) for names in re.findall(r"^(?:# (\S+\.toml)$|cat > (\S+) <<)",
+                                                (ROOT / document).read_text("utf-8"), re.MULTILINE) for name in names}
     for line in commands(document):
         name, options = parsed(line[1:])
         if not options:
@@ -72,6 +75,9 @@ def test_commands_and_their_files_are_there(document: str, monkeypatch: pytest.M
                 if path.suffix == ".fmu" and made.get(path) is not None:
                     chosen_model(path.name, model_name(get(made[path]).name), model and get(model).name)
         made |= dict.fromkeys((Path(value) for value in written.values()), model)
+        if name == "init":  # and then the page goes into the folder
+            made |= dict.fromkeys(map(Path, (starter.PARAMETERS, starter.TUNING, starter.CAMPAIGN,
+                                             starter.REQUIREMENTS)))
         if name == "build":
             made |= dict.fromkeys({Path(f"{model_name(get(model).name, options['fins'])}.fmu")}, model)
 
