@@ -111,15 +111,17 @@ def test_a_load_shakes_the_fin_behind_a_worm_that_is_let_go(gap: float, friction
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "gap", "friction"), [
-    *((name, gap, friction) for name in ("step_plus1", "step_minus20", "load_opposing", "load_aiding")
+@pytest.mark.parametrize(("name", "gap", "friction", "tick"), [
+    *((name, gap, friction, None) for name in ("step_plus1", "step_minus20", "load_opposing", "load_aiding")
       for gap in (0.05, 0.2) for friction in FRICTION),
-    # Without a load a fin falls from flank to flank and multiplies what differs: in the cold through 0.1 deg 1e-4 of
-    # the mesh's stiffness is 0.002 deg. With more than a new gear's backlash such cases are beyond the limit.
-    *((name, 0.05, friction) for name in ("cold", "sag") for friction in FRICTION)])
-def test_reference_cases_with_backlash(name: str, gap: float, friction: str) -> None:
+    # Without a load a fin falls from flank to flank and multiplies what differs: through 0.05 deg 1e-4 of the mesh's
+    # stiffness is 0.0015 deg, and the shipped tick 0.0037 deg. It keeps the limit with the backlash of a new gear,
+    # 0.038 deg, and half of it with 0.05 deg.
+    *((name, gap, friction, tick) for name in ("cold", "sag") for gap, tick in ((0.038, None), (0.05, 1e-5))
+      for friction in FRICTION)])
+def test_reference_cases_with_backlash(name: str, gap: float, friction: str, tick: float | None) -> None:
     case = next(case for case in CASES if case.name == name)
-    (error,) = both({**case.overrides, **FRICTION[friction], **worn(gap)}, case.inputs(), (None,), ELASTIC)
+    (error,) = both({**case.overrides, **FRICTION[friction], **worn(gap)}, case.inputs(), (tick,), ELASTIC)
     assert error < LIMIT
 
 
