@@ -24,8 +24,8 @@ DOCUMENTS = [path.relative_to(ROOT).as_posix() for path in sorted((
     ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md"),
     *(ROOT / "examples").rglob("*.md")))]
 WRITTEN = ("output", "plot", "report", "as_json", "junit", "markdown", "journal")
-# Files of the reader's, the one a workflow expects, and words that stand for a name.
-YOURS = re.compile(r"[Mm]y_?\w*(\.\w+)?|actuator\.toml|FILE\.\w+|[A-Z]+")
+# Files of the reader's, the one a workflow expects, what emcas explore's page saves, and words that stand for a name.
+YOURS = re.compile(r"[Mm]y_?\w*(\.\w+)?|actuator\.toml|inputs\.csv|parameters\.toml|FILE\.\w+|[A-Z]+")
 # What the README builds, and the pages begin with.
 BUILT = {Path("EMCAS.fmu"): NONLINEAR, Path("EMCAS4.fmu"): NONLINEAR}
 
