@@ -8,63 +8,29 @@ from typing import Annotated
 import typer
 
 from . import __version__
-from .commands import (
-    analyse,
-    baseline,
-    build,
-    campaign,
-    compare,
-    envelope,
-    fit,
-    identify,
-    parameters,
-    reference,
-    report,
-    simulate,
-    ssp,
-    thesis,
-    tune,
-    validate,
-)
-from .commands.common import out
+from .commands.group import LazyGroup, load
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="rich",
-                  help="Electromechanical control actuation system as an FMI 2.0 co-simulation FMU.")
-app.command(epilog=analyse.EPILOG)(analyse.analyse)
-app.add_typer(baseline.app, name="baseline")
-app.command(epilog=build.EPILOG)(build.build)
-app.command(epilog=campaign.EPILOG)(campaign.campaign)
-app.command(epilog=compare.EPILOG)(compare.compare)
-app.command(epilog=envelope.EPILOG)(envelope.envelope)
-app.command(epilog=fit.EPILOG)(fit.fit)
-app.add_typer(identify.app, name="identify")
-app.command(name="parameters", epilog=parameters.EPILOG)(parameters.show_parameters)
-app.command(epilog=reference.EPILOG)(reference.reference)
-app.command(epilog=report.EPILOG)(report.report)
-app.command(epilog=simulate.EPILOG)(simulate.simulate)
-app.add_typer(ssp.app, name="ssp")
-app.command(epilog=thesis.EPILOG)(thesis.thesis)
-app.command(epilog=tune.EPILOG)(tune.tune)
-app.command(epilog=validate.EPILOG)(validate.validate)
+app = typer.Typer(cls=LazyGroup, no_args_is_help=True, add_completion=False, rich_markup_mode="rich")
 
 
 def _version(value: bool) -> None:
     if value:
-        out.print(f"emcas {__version__}", highlight=False)
+        print(f"emcas {__version__}")
         raise typer.Exit
 
 
 @app.callback()
 def main(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True,
                                                help="Print the version and exit.")] = False) -> None:
-    """Electromechanical control actuation system as an FMI 2.0 co-simulation FMU."""
+    """Fin actuators for flight simulation: simulated here, or built as FMI 2.0 co-simulation FMUs.
+
+    emcas COMMAND --help has a command's options and examples.
+    """
 
 
 def build_command() -> None:
     """`emcas build` as a program of its own."""
-    program = typer.Typer(add_completion=False, rich_markup_mode="rich")
-    program.command(epilog=build.EPILOG.replace("emcas build", "python build_fmu.py"))(build.build)
-    program()
+    load("build", "python build_fmu.py")()
 
 
 if __name__ == "__main__":

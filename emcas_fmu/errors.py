@@ -2,9 +2,23 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Callable, Iterable
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any
+
+_DENIED = ("permission denied", "change its permissions or give another file", "choose another place")
+_FULL = ("the disk is full", "free some space", "free some space or choose another place")
+# By the operating system's code: what is wrong, the remedy for a file to read, and for one to write.
+_REASONS = {
+    errno.ENOENT: ("there is no such file or folder", "check its name", "choose another place"),
+    errno.EISDIR: ("it is a folder", "give a file", "give a file"),
+    errno.ENOTDIR: ("a part of its path is a file, not a folder", "check the path", "check the path"),
+    errno.EACCES: _DENIED, errno.EPERM: _DENIED, errno.EROFS: _DENIED, errno.ENOSPC: _FULL,
+    errno.ENAMETOOLONG: ("the name is too long", "check its name", "choose a shorter one"),
+}
 
 
 class EmcasError(Exception):
@@ -13,6 +27,34 @@ class EmcasError(Exception):
 
 class BuildError(EmcasError):
     """The FMU cannot be built; the message says why and what to do."""
+
+
+def unreadable(path: Path | str, error: OSError | UnicodeDecodeError) -> str:
+    """Return the message for a file that cannot be read, with the remedy."""
+    if isinstance(error, UnicodeDecodeError):
+        return (f"{path}: cannot be read: it is not a text file in UTF-8 (byte {error.start}); give a text file, or "
+                "save it as UTF-8")
+    reason, remedy, _ = _reason(error)
+    return f"{path}: cannot be read: {reason}; {remedy}"
+
+
+def unwritable(path: Path | str, error: OSError) -> str:
+    """Return the message for a file that cannot be written, with the remedy."""
+    reason, _, remedy = _reason(error)
+    return f"{path}: cannot be written: {reason}; {remedy}"
+
+
+def in_words(error: OSError) -> str:
+    """Return the message for an error of the operating system that names its own file, or none."""
+    if error.filename is None:
+        return error.strerror or str(error)
+    path = os.fsdecode(error.filename)
+    reading = error.errno == errno.ENOENT or (Path(path).exists() and not os.access(path, os.R_OK))
+    return unreadable(path, error) if reading else unwritable(path, error)
+
+
+def _reason(error: OSError) -> tuple[str, str, str]:
+    return _REASONS.get(error.errno or 0, (error.strerror or str(error), "give another file", "choose another place"))
 
 
 def place(function: Callable[..., Any]) -> str:

@@ -115,6 +115,10 @@ class ParameterSet:
     model: str = NONLINEAR
     unused: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        differing = [e.variable.name for e in self.entries if e.source not in ("seed", "derived", "estimate")]
+        return f"<ParameterSet of {self.model}: {len(self.entries)} values, {len(differing)} of the user>"
+
     @property
     def actuator(self) -> Actuator:
         """Whose parameters they are."""
@@ -136,11 +140,12 @@ class ParameterSet:
         entries = {e.variable.name: e for e in self.entries}
         warnings = [_apart(entries[name], entries[other]) for name, other in self.actuator.equal_parameters]
         warnings += check_combinations(self.values, self.actuator, warnings=True)
+        warnings += _messages(self.actuator.supply_rules, self.nested(), warnings=True).values()
         if self.unused:
             warnings.append(f"the {self.actuator.name} actuator has no {', '.join(self.unused)}: not used")
         return tuple(filter(None, warnings))
 
-    def replace(self, overrides: Mapping[str, object] | None = None, /, **more: object) -> ParameterSet:
+    def with_values(self, overrides: Mapping[str, object] | None = None, /, **more: object) -> ParameterSet:
         """Return a new checked set with some values replaced; the old one stays as it is.
 
         Numbers are in the variables' units, strings carry their own ("50 mm"); arrays may be
@@ -263,8 +268,11 @@ def check_combinations(values: Mapping[str, Any], actuator: Actuator, warnings: 
 
 def broken_rules(values: Mapping[str, Any], actuator: Actuator, warnings: bool = False) -> dict[Rule, str]:
     """Return those rules with their messages; see `check_combinations`."""
-    p = actuator.namespace(values)
-    return {rule: message for rule in actuator.all_rules
+    return _messages(actuator.all_rules, actuator.namespace(values), warnings)
+
+
+def _messages(rules: Iterable[Rule], p: Any, warnings: bool) -> dict[Rule, str]:
+    return {rule: message for rule in rules
             for message in check_rules([(partial(rule.check, FLOATS, p), *rule[1:])], warnings)}
 
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, ConfigDict, PlainValidator, ValidationError, model_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError, core_schema
 
-from .errors import EmcasError, hint
+from .errors import EmcasError, hint, unreadable
 from .toml import tomllib
 from .units import describe, quantity
 from .variables import Variable
@@ -182,10 +182,8 @@ def document(path: Path, error: type[EmcasError], number: Callable[[str], Any] =
     try:
         text = path.read_text(encoding="utf-8-sig")
         return text, tomllib.loads(text, parse_float=number)
-    except OSError as problem:
-        raise error(f"{path}: cannot be read: {problem.strerror or problem}") from problem
-    except UnicodeDecodeError as problem:
-        raise error(f"{path}: is not a text file in UTF-8: {problem}") from problem
+    except (OSError, UnicodeDecodeError) as problem:
+        raise error(unreadable(path, problem)) from problem
     except (ValueError, RecursionError) as problem:
         raise error(f"{path}: is not valid TOML: {problem}") from problem
 

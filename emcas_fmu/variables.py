@@ -25,7 +25,8 @@ class Variable:
     ``start`` is an input's; a parameter's value comes from its file, of one that may be missing there it is this.
     ``key`` names the parameter-file entry a start value is taken from, where the
     variable itself is no parameter. ``items`` are an enumeration's from 1 on, each with what it means;
-    ``bits`` name those of an Integer that is a word of flags, the least first.
+    ``bits`` name those of an Integer that is a word of flags, the least first. ``sheet`` says where a user reads the
+    value, and what it is called there, as in "motor: rotor inertia"; empty where no sheet or drawing has it.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Variable:
     key: str | None = None
     items: tuple[tuple[str, str], ...] = ()
     bits: tuple[str, ...] = ()
+    sheet: str = ""
 
     def initial(self, values: Mapping[str, Any]) -> Any:
         """Return the start value of an input of an actuator whose parameters are `values`, by name."""
@@ -69,9 +71,11 @@ class Terminal:
 
 
 def real_input(name: str, unit: str, description: str, *, minimum: float = -inf, maximum: float = inf,
-               nominal: float | None = None, start: float | None = 0.0, key: str | None = None) -> Variable:
+               nominal: float | None = None, start: float | None = 0.0, key: str | None = None,
+               sheet: str = "") -> Variable:
     """Declare a continuous input; its start value is `start`, or the parameter-file entry `key`."""
-    return Variable(name, "Real", "input", "continuous", unit, description, minimum, maximum, nominal, start, key)
+    return Variable(name, "Real", "input", "continuous", unit, description, minimum, maximum, nominal, start, key,
+                    sheet=sheet)
 
 
 def boolean_input(name: str, description: str, start: bool) -> Variable:
@@ -94,24 +98,24 @@ def integer_output(name: str, description: str, bits: tuple[str, ...] = ()) -> V
     return Variable(name, "Integer", "output", "discrete", "", description, bits=bits)
 
 
-def parameter(name: str, unit: str, minimum: float, maximum: float, description: str) -> Variable:
+def parameter(name: str, unit: str, minimum: float, maximum: float, description: str, sheet: str = "") -> Variable:
     """Declare a parameter that is fixed after initialization."""
-    return Variable(name, "Real", "parameter", "fixed", unit, description, minimum, maximum)
+    return Variable(name, "Real", "parameter", "fixed", unit, description, minimum, maximum, sheet=sheet)
 
 
-def tunable(name: str, unit: str, minimum: float, maximum: float, description: str) -> Variable:
+def tunable(name: str, unit: str, minimum: float, maximum: float, description: str, sheet: str = "") -> Variable:
     """Declare a parameter that may change while running."""
-    return Variable(name, "Real", "parameter", "tunable", unit, description, minimum, maximum)
+    return Variable(name, "Real", "parameter", "tunable", unit, description, minimum, maximum, sheet=sheet)
 
 
-def integer_parameter(name: str, minimum: int, maximum: int, description: str) -> Variable:
+def integer_parameter(name: str, minimum: int, maximum: int, description: str, sheet: str = "") -> Variable:
     """Declare an Integer parameter that is fixed after initialization."""
-    return Variable(name, "Integer", "parameter", "fixed", "1", description, minimum, maximum)
+    return Variable(name, "Integer", "parameter", "fixed", "1", description, minimum, maximum, sheet=sheet)
 
 
-def switch(name: str, description: str) -> Variable:
+def switch(name: str, description: str, sheet: str = "") -> Variable:
     """Declare a Boolean parameter that is fixed after initialization."""
-    return Variable(name, "Boolean", "parameter", "fixed", "", description)
+    return Variable(name, "Boolean", "parameter", "fixed", "", description, sheet=sheet)
 
 
 def in_group(group: str, *variables: Variable) -> tuple[Variable, ...]:

@@ -146,7 +146,7 @@ def drift() -> str:
     folder, gain = DOCS, "controller.position.kp"
     shipped = load_parameters()
     approved = record(read(TEMPLATE), ParameterSubject(shipped), folder, "")
-    changed = shipped.replace({gain: round(1.01 * float(shipped.values[gain]), 6)})
+    changed = shipped.with_values({gain: round(1.01 * float(shipped.values[gain]), 6)})
     found = compare(approved, ParameterSubject(changed), folder)
     parameters = [(c.name, c.approved, c.now) for c in found.parameters]
     return (markdown(HEADER, [cells(row) for row in selected(found)][:SHOWN])
@@ -159,7 +159,7 @@ def _angle(model: str, chosen: Excitation) -> np.ndarray:
     parameters = load_parameters(model=model)
     signals: dict[str, Any] = {v.name.replace(".", "__"): chosen.columns[v.name] for v in get(model).inputs
                                if v.name in chosen.columns}
-    return simulate(parameters.replace(parameters.having(chosen.start_values)).values, chosen.stop, chosen.step,
+    return simulate(parameters.with_values(parameters.having(chosen.start_values)).values, chosen.stop, chosen.step,
                     model=model, **signals)["fin_angle"]
 
 
@@ -214,7 +214,7 @@ def _step(model: str, size: float, *, encoder: bool = True) -> np.ndarray:
     """Fin angle [rad] in 0.4 s after an unloaded step of `size` [deg]."""
     parameters = load_parameters(model=model)
     values = {"encoder.enabled": False} if not encoder and "encoder.enabled" in parameters.values else {}
-    return simulate(parameters.replace(values).values, 0.4, model=model, fin_command=radians(size))["fin_angle"]
+    return simulate(parameters.with_values(values).values, 0.4, model=model, fin_command=radians(size))["fin_angle"]
 
 
 def linear() -> str:
@@ -259,8 +259,26 @@ def presets() -> str:
     return markdown(("", "required", *(f"`{column.name}`" for column in found.columns)), rows)
 
 
+def sheets() -> str:
+    """Every value that a sheet, drawing or controller has, by where it is read; with who has it, if not the default."""
+    rows: dict[tuple[str, str], tuple[dict[str, str], list[str]]] = {}
+    extended = [(each, v) for each in EXTENSIONS for v in get_extension(each).parameters(get(NONLINEAR))]
+    for owner, v in (*((name, v) for name in NAMES for v in get(name).file_entries), *extended):
+        place, _, term = v.sheet.partition(": ")
+        if term:
+            units, owners = rows.setdefault((place, term), ({}, []))
+            units[v.name.partition("[")[0]] = "" if v.unit in ("", "1") else v.unit
+            owners.append(owner)
+    return markdown(("sheet", "there", "parameter", "unit", "of"), (
+        (place, term.replace("|", "\\|"), ", ".join(f"`{name}`" for name in units),
+         ", ".join(dict.fromkeys(filter(None, units.values()))),
+         "" if NONLINEAR in owners else ", ".join(f"`{owner}`" for owner in dict.fromkeys(owners)))
+        for (place, term), (units, owners) in sorted(rows.items(), key=lambda row: row[0][0])))
+
+
 TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {
     "use/hosts.md": {"single": single, "several": several, "steps": steps}, "use/fins.md": {"bus": bus},
+    "use/your_actuator.md": {"sheets": sheets},
     "tools/ci.md": {"drift": drift},
     "model/models.md": {"provided": provided, "extensions": extensions, "models": models, "linear": linear,
                         "fitted": fitted}, "model/elastic.md": {"structures": structures},

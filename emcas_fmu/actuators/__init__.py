@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING
 
 from ..errors import EmcasError, hint
 from ..files import models_directory
-from ..variables import Variable
-from .declaration import Actuator
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # the names of models, of which every command's help has need, are no reason to load one
     from ..extensions.declaration import Extension
+    from ..variables import Variable
+    from .declaration import Actuator
 
 NONLINEAR = "nonlinear"
 _MODULES = {

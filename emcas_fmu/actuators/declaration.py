@@ -181,6 +181,8 @@ class Actuator:
     terminals: tuple[Terminal, ...] = ()
     # Rules besides the port's; and pairs that are equal in SI units, of which one follows from the other.
     rules: tuple[Rule, ...] = ()
+    # Warnings that need start values of inputs, such as the supply's, too: of a loaded set, not of the equations.
+    supply_rules: tuple[Rule, ...] = ()
     equal_parameters: tuple[tuple[str, str], ...] = ()
     # Parameter files with the defaults, the later over the earlier, all over ``models/emcas.toml``.
     files: tuple[Path, ...] = ()
@@ -273,7 +275,7 @@ class Actuator:
     @cached_property
     def file_entries(self) -> tuple[Variable, ...]:
         """What a parameter file may give: the parameters, and start values of inputs."""
-        starts = (parameter(v.key, v.unit, v.minimum, v.maximum, f"start value of {v.name}")
+        starts = (parameter(v.key, v.unit, v.minimum, v.maximum, f"start value of {v.name}", v.sheet)
                   for v in self.inputs if v.key is not None)
         return (*self.parameters, *starts)
 

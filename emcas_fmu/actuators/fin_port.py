@@ -62,27 +62,34 @@ def described(descriptions: Mapping[str, str], outputs: tuple[Variable, ...] = O
 
 # -- parameters --------------------------------------------------------------------
 
-INERTIAS = tuple(parameter(f"inertia.{part}", "kg.m2", minimum, 1e3, f"{name} inertia about the hinge")
+INERTIAS = tuple(parameter(f"inertia.{part}", "kg.m2", minimum, 1e3, f"{name} inertia about the hinge",
+                           sheet=f"drawing: inertia of the {name} about the hinge")
                  for part, name, minimum in (("fin", "fin", 1e-9), ("shaft", "fin shaft", 0.0), ("fork", "fork", 0.0)))
-MASSES = tuple(parameter(f"mass.{part}", "kg", 0.0, 1e3, f"{name} mass")
+MASSES = tuple(parameter(f"mass.{part}", "kg", 0.0, 1e3, f"{name} mass", sheet=f"drawing: mass of the {name}")
                for part, name in (("fin", "fin"), ("shaft", "fin shaft"), ("fork", "fork")))
 CENTERS = tuple(
     parameter(f"center_of_mass.{part}.{axis}", "m", -5.0, 5.0,
-              f"centre of mass of the {part} from the hinge at fin_angle 0, along {axis}")
+              f"centre of mass of the {part} from the hinge at fin_angle 0, along {axis}",
+              sheet=f"drawing: centre of mass of the {part} from the hinge")
     for part in ("fin", "shaft", "fork") for axis in ("x", "z"))
-SAMPLE_TIME = parameter("controller.sample_time", "s", 5e-5, 0.1, "sample time of the digital controllers")
+SAMPLE_TIME = parameter("controller.sample_time", "s", 5e-5, 0.1, "sample time of the digital controllers",
+                        sheet="controller: sample time (cycle time)")
 TRAVEL = (
-    parameter("command.limit", "rad", radians(0.1), radians(80), "largest fin command"),
-    parameter("fin.stop_angle", "rad", radians(0.1), radians(80), "mechanical stop, both sides, inelastic"),
+    parameter("command.limit", "rad", radians(0.1), radians(80), "largest fin command",
+              sheet="specification: operating range of the fin, to each side"),
+    parameter("fin.stop_angle", "rad", radians(0.1), radians(80), "mechanical stop, both sides, inelastic",
+              sheet="drawing: mechanical stop, to each side"),
     parameter("fin.start_angle", "rad", radians(-80), radians(80), "fin angle at the start, at rest"),
 )
 BUS = (
     parameter("command.latency", "s", 0.0, 2.0, "delay of the command on its way to the controllers, in whole sample "
-              f"times (rounded), at most {bus.LONGEST} of them"),
+              f"times (rounded), at most {bus.LONGEST} of them",
+              sheet="specification: delay of the command on the data bus"),
     parameter("command.resolution", "rad", 0.0, radians(10), "step of the command, which is rounded to a multiple of "
               "it (0: none)"),
     parameter("command.update_time", "s", 0.0, 10.0, "interval at which a command is taken from the bus, in whole "
-              "sample times (rounded; 0: at every sample)"),
+              "sample times (rounded; 0: at every sample)",
+              sheet="specification: interval between commands on the data bus"),
 )
 MOUNTING = (
     switch("loads.gravity", "true: gravity acts on the moving parts (wire the attitude inputs)"),

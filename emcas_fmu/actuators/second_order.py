@@ -20,10 +20,14 @@ from .declaration import Acting, Actuator, Asked, State, Values
 
 PARAMETERS = (
     *fin_port.PARAMETERS,
-    parameter("drive.transport_delay", "s", 0.0, 0.1, "delay from the sampled command to the fin"),
-    parameter("second_order.natural_frequency", "rad/s", 1e-3, 1e5, "natural frequency, w_n"),
-    parameter("second_order.damping", "1", 0.0, 100.0, "damping ratio, zeta"),
-    parameter("second_order.rate_limit", "rad/s", 1e-6, 1e6, "largest fin rate"),
+    parameter("drive.transport_delay", "s", 0.0, 0.1, "delay from the sampled command to the fin",
+              sheet="specification: delay of the actuator"),
+    parameter("second_order.natural_frequency", "rad/s", 1e-3, 1e5, "natural frequency, w_n",
+              sheet="specification: natural frequency of the actuator"),
+    parameter("second_order.damping", "1", 0.0, 100.0, "damping ratio, zeta",
+              sheet="specification: damping ratio of the actuator"),
+    parameter("second_order.rate_limit", "rad/s", 1e-6, 1e6, "largest fin rate",
+              sheet="specification: largest fin rate"),
 )
 # Of the damping from 1, relative: closer the two roots are one to the closed form.
 _DOUBLE = 1e-9
@@ -104,6 +108,8 @@ def _transport_delay(ops: Ops, p: Any) -> Value:
 ACTUATOR = Actuator(
     name="second-order",
     title="second-order actuator with limits of rate and position",
+    origin="No load moves it: hinge moment, gravity and the vehicle's motion appear in hinge_torque alone. It has no "
+           "motor and no supply.",
     states=(State("fin_angle", "rad"), State("fin_rate", "rad/s")),
     outputs=fin_port.described({
         "measured_fin_angle": "fin angle at the last sample",

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..actuators import NONLINEAR, get
-from ..errors import EmcasError
+from ..errors import EmcasError, unreadable
 from ..fmi.interface import FmuInterface
 from ..reference.cases import CASES, LEAD_IN, LOAD_RISE, SUPPLY, SWEEP, with_supply
 from ..simulation import MOST_POINTS, Array
@@ -215,11 +215,13 @@ def _read(path: Path) -> dict[str, Array]:
     """Return the columns of a CSV file with one line of names, quoted or not."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            header, *lines = [row for row in csv.reader(file, skipinitialspace=True) if row]
+            header, *lines = [row for row in csv.reader(file, skipinitialspace=True) if row] or [[]]
         table = np.array([[float(cell) for cell in row] for row in lines])
         if not lines or table.ndim != 2 or table.shape[1] != len(header):
             raise ValueError("it needs a line of names, and below it lines of as many numbers")
-    except (OSError, ValueError) as error:
+    except (OSError, UnicodeDecodeError) as error:
+        raise EmcasError(unreadable(path, error)) from error
+    except (csv.Error, ValueError) as error:
         raise EmcasError(f"{path}: cannot be read as a table of numbers: {error}") from error
     names = [name.strip() for name in header]
     if twice := sorted({name for name in names if names.count(name) > 1}):

@@ -87,7 +87,7 @@ class Judged:
                          time=time)
 
     def __str__(self) -> str:
-        measured = "no value" if self.measured is None else f"{self.more}{self.measured:.4g} {self.unit}"
+        measured = "no value" if self.measured is None else f"{self.more}{number(self.measured)} {self.unit}"
         text = f"{self.title}: {measured}, required {self.sense} {self.limit:g} {self.unit}"
         return f"{text} ({self.note})" if self.note else text
 

@@ -55,6 +55,14 @@ def write_junit(name: str, suites: Mapping[str, Iterable[TestCase]], path: Path)
     document.write(str(path), pretty=True)
 
 
+def rounded(value: float, form: str) -> str:
+    """Return a number in a format such as ``+.3f`` for people: 0 has no sign, a dash stands for inf and nan."""
+    if not isfinite(value):
+        return "–"
+    text = format(value, form)
+    return text if any(digit in text for digit in "123456789") else text.lstrip("+-")
+
+
 def number(value: float | bool | None) -> str:
     """Return a figure for people: four digits, a dash for none, infinity as a word."""
     if isinstance(value, bool):
@@ -63,7 +71,7 @@ def number(value: float | bool | None) -> str:
         return "–"
     if not isfinite(value):
         return "not reached" if value > 0.0 else "-∞"
-    return f"{value:.0f}" if abs(value) >= 1e4 else f"{value:.4g}"
+    return rounded(value, ".0f" if abs(value) >= 1e4 else ".4g")
 
 
 def with_unit(value: float | bool | None, unit: str) -> str:
@@ -83,7 +91,8 @@ def typeset(unit: str) -> str:
 def _environment() -> Environment:
     made = Environment(loader=PackageLoader("emcas_fmu", ""), undefined=StrictUndefined, trim_blocks=True,
                        lstrip_blocks=True, autoescape=select_autoescape(["html.j2", "xml.j2"]))
-    made.filters.update(number=lambda value: number(value).replace("-", "−"), quantity=with_unit, unit=typeset)
+    made.filters.update(number=lambda value: number(value).replace("-", "−"), quantity=with_unit, unit=typeset,
+                        rounded=lambda value, form: rounded(value, form).replace("-", "−"))
     made.globals["version"] = __version__
     return made
 

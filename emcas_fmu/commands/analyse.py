@@ -1,4 +1,4 @@
-"""`emcas analyse`: linear and describing-function analysis of a parameter set."""
+"""`emcas analyse`: linear and describing-function analysis: bandwidth, margins, limits, capability."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..actuators import NONLINEAR
-from ..bench.writers import number
 from ..errors import EmcasError
 from .common import (
     ModelOption,
@@ -22,7 +21,6 @@ from .common import (
     parameter_set,
     print_written,
     progress_bar,
-    require_extra,
     stepper,
 )
 
@@ -36,7 +34,7 @@ def analyse(
     parameters: ParametersOption = None,
     model: ModelOption = NONLINEAR,
     at: Annotated[float, typer.Option(help="Fin angle of the operating point, in degrees.", metavar="ANGLE")] = 0.0,
-    torque: Annotated[float, typer.Option(help="Constant hinge moment there, in N.m.")] = 0.0,
+    torque: Annotated[float, typer.Option(help="Constant hinge moment there, in N.m.", metavar="MOMENT")] = 0.0,
     locus: Annotated[str | None, typer.Option(help="Parameter of the root locus; the first gain of the controller "
                                                    "unless given.", metavar="NAME")] = None,
     rod: Annotated[Path | None, typer.Option(help="Shaft and screw for the natural frequencies (TOML); overrides any "
@@ -47,18 +45,18 @@ def analyse(
                                                 metavar="FILE.html")] = None,
 ) -> None:
     """Linearise at an operating point: bandwidth, margins, final values, limits, natural frequencies, capability."""
+    from ..api import analyse as run
+
     with failures():
         check_outputs(as_json, report, inputs=(*(parameters or ()), rod))
         for name, value in (("--at", at), ("--torque", torque)):
             if not isfinite(value):
                 raise EmcasError(f"{name} {value}: give a finite number")
         chosen = parameter_set(parameters, model)
-        require_extra("analysis", "emcas analyse needs", "control", "casadi")
-        from ..studies.analysis import output
-        from ..studies.analysis.analyse import analyse as run
-
         with progress_bar() as progress:
-            analysis = run(chosen, radians(at), torque, rod, locus, stepper(progress, "analyse"))
+            analysis = run(chosen, radians(at), torque, locus, rod, stepper(progress, "analyse"))
+        from ..studies.analysis import output  # needs the extra
+
         if as_json:
             output.write_json(analysis, as_json)
         if report:
@@ -76,9 +74,11 @@ def analyse(
 
 
 def _tables(f: dict[str, Any], reference: str) -> list[Table]:
+    from ..bench.writers import number
+
     models = {"here": f["linear"]} | ({} if "thesis_linear" in f["left_out"] else {"thesis": f["thesis_linear"]})
     at, rod = f["operating_point"], f["modes"]
-    first = Table("linear", *models, title=f"at {at['fin_angle_deg']:.4g} deg, {at['aero_torque_nm']:.4g} N.m",
+    first = Table("linear", *models, title=f"at {number(at['fin_angle_deg'])} deg, {number(at['aero_torque_nm'])} N.m",
                   title_justify="left")
     for key, label in (("bandwidth_3db_hz", "bandwidth -3 dB / Hz"), ("bandwidth_90deg_hz", "bandwidth -90 deg / Hz"),
                        ("gain_margin_db", f"gain margin at {reference} / dB"),

@@ -1,4 +1,4 @@
-"""`emcas baseline`: an approved response, recorded once and checked at every change."""
+"""`emcas baseline`: record the approved response of an actuator, and check that a change does not move it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`emcas build`: parameter file in, FMU out."""
+"""`emcas build`: build the FMU of a parameter set, in Python or in C."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ import typer
 from rich.markup import escape
 
 from ..actuators import NONLINEAR
-from ..fmi.interface import FmuInterface, fin_files
-from ..parameters import load_parameters
 from . import common
 
 EPILOG = ("Examples:\n\n  emcas build\n\n  emcas build --parameters my_actuator.toml --output MyActuator.fmu"
@@ -28,7 +26,7 @@ def build(
                                          metavar="python|native")] = "python",
     platform: Annotated[list[str] | None, typer.Option(
         help="Only for this platform (may be given several times): linux64, win64, darwin64, aarch64-linux, "
-             "aarch64-darwin; native only.")] = None,
+             "aarch64-darwin; native only.", metavar="NAME")] = None,
     cc: Annotated[str | None, typer.Option("--cc", help="System C compiler instead of zig, for this platform; "
                                                         "native only.", metavar="PROGRAM")] = None,
     model: common.ModelOption = NONLINEAR,
@@ -40,13 +38,21 @@ def build(
                                                 "with --fins 4, if not given.", metavar="FILE")] = None,
 ) -> None:
     """Build the FMU of a parameter set."""
+    from ..fmi.interface import FmuInterface, fin_files
     from ..fmi.package import build as build_fmu
+    from ..parameters import load_parameters
+    from ..studies.overview import shipped_estimates
 
     with common.failures(), common.progress_bar() as progress:
         target, files = output or Path(f"{FmuInterface(fins, model).model}.fmu"), fin_files(fin or [])
         common.check_outputs(target, inputs=(*(parameters or ()), *files.values()))
-        built = build_fmu(load_parameters(parameters, model=model), target, backend, platform, cc,
+        chosen = load_parameters(parameters, model=model)
+        built = build_fmu(chosen, target, backend, platform, cc,
                           common.stepper(progress, "compile"), fins, layout, files)
     common.warn(built.warnings)
     common.out.print(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})", highlight=False, soft_wrap=True)
+    if parameters:
+        count = sum(len(estimate.names) for estimate in shipped_estimates(chosen))
+        common.out.print(f"{count} of {len(chosen.entries)} values are shipped estimates: emcas parameters, with the "
+                         "same options, says which", highlight=False, soft_wrap=True)

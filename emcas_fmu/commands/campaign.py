@@ -1,4 +1,4 @@
-"""`emcas campaign`: Monte Carlo and grids, run by Dask, kept in Parquet."""
+"""`emcas campaign`: run samples over parameters, commands, loads and faults, and summarise them."""
 
 from __future__ import annotations
 
@@ -11,8 +11,19 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from .. import extras
 from ..errors import EmcasError
-from .common import INTERRUPTED, check_outputs, err, failures, model_option, out, progress_bar, require_extra, warn
+from .common import (
+    INTERRUPTED,
+    check_outputs,
+    err,
+    failures,
+    model_option,
+    out,
+    print_written,
+    progress_bar,
+    warn,
+)
 
 EPILOG = ("Examples:\n\n  emcas campaign models/campaign.toml --output results"
           "\n\n  emcas campaign models/campaign_faults.toml --model elastic+faults"
@@ -20,7 +31,7 @@ EPILOG = ("Examples:\n\n  emcas campaign models/campaign.toml --output results"
           "\n\n  emcas campaign mine.toml --fmu EMCAS.fmu --workers 8"
           "\n\n  emcas campaign mine.toml --fmu EMCAS4.fmu --fin 2"
           "\n\n  emcas campaign mine.toml --scheduler tcp://head:8786"
-          "\n\n  emcas campaign mine.toml --only 17"
+          "\n\n  emcas campaign mine.toml --only 17 --plot history.html --output history.csv"
           "\n\nA run that was stopped, goes on with the same command. Exit codes: 0 done (failed samples are "
           "results too), 1 every sample failed or some are missing, 2 the request cannot be carried out, 130 stopped "
           "by Ctrl-C.")
@@ -30,7 +41,8 @@ def campaign(
     file: Annotated[Path, typer.Argument(help="What varies, what is done, how often (TOML); see "
                                               "models/campaign.toml.", metavar="FILE")],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder of the results; FILE_results beside "
-                                                "you unless given.", metavar="FOLDER")] = None,
+                                                "you unless given. With --only, a CSV file of the sample's signals.",
+                                                metavar="FOLDER")] = None,
     fmu: Annotated[Path | None, typer.Option(help="Run this FMU instead of the kernel: slower, same figures.",
                                              metavar="FILE.fmu")] = None,
     fin: Annotated[int | None, typer.Option(help="Which fin of an FMU of several; the first unless given.", min=1,
@@ -38,12 +50,15 @@ def campaign(
     model: Annotated[str | None, model_option("Which actuator, instead of the file's", " Of an FMU it is the FMU's; "
                                               "name it for one of a file of yours.")] = None,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given. 0: in "
-                                                     "this process, without Dask.", min=0)] = None,
-    scheduler: Annotated[str | None, typer.Option(help="Of a Dask cluster that is running, instead of processes "
+                                                     "this process, without Dask.", min=0, metavar="N")] = None,
+    scheduler: Annotated[str | None, typer.Option(help="Address of a running Dask cluster, instead of processes "
                                                        "here.", metavar="ADDRESS")] = None,
     chunk: Annotated[int | None, typer.Option(help="Samples in a task and a part of the results; chosen unless "
-                                                   "given.", min=1)] = None,
+                                                   "given.", min=1, metavar="N")] = None,
     only: Annotated[int | None, typer.Option(help="Run this one sample here, and print it.", metavar="INDEX")] = None,
+    plot: Annotated[Path | None, typer.Option(help="With --only, draw the sample's time history: .html, .svg, .png or "
+                                                   ".pdf. Of several experiments each has a file, as in "
+                                                   "FILE_step.html; those of --output too.", metavar="FILE")] = None,
     report: Annotated[Path | None, typer.Option(help="Write the summary page here; summary.html in the folder unless "
                                                      "given.", metavar="FILE.html")] = None,
     as_json: Annotated[Path | None, typer.Option("--json", help="Write the summary here; summary.json in the folder "
@@ -55,16 +70,22 @@ def campaign(
 
         if workers is not None and scheduler is not None:
             raise EmcasError("--workers are processes here, --scheduler is another cluster: give one of them")
+        if only is not None:
+            if report is not None:
+                raise EmcasError(f"--report {report}: is of all samples; --plot draws the one of --only")
+            check_outputs(as_json, inputs=(file, fmu))
+            study = load_study(file, fmu, fin, model)
+            warn(study.warnings)
+            _one(study, only, as_json, output, plot, (file, fmu))
+            return
+        if plot is not None:
+            raise EmcasError(f"--plot {plot}: draws one sample; name it with --only")
         folder = output or Path(f"{file.stem}_results")
         page, figures = report or folder / "summary.html", as_json or folder / "summary.json"
-        check_outputs(*((page, figures) if only is None else (as_json,)), folders=(folder,) if only is None else (),
-                      inputs=(file, fmu))
+        check_outputs(page, figures, folders=(folder,), inputs=(file, fmu))
         study = load_study(file, fmu, fin, model)
         warn(study.warnings)
-        if only is not None:
-            _one(study, only, as_json)
-            return
-        require_extra("campaign", "campaigns need", "filelock", "pyarrow", *(["distributed"] if workers != 0 else []))
+        extras.require("campaign", "campaigns need", "filelock", "pyarrow", *(["distributed"] if workers != 0 else []))
         from ..studies.campaign.store import Store
         from ..studies.campaign.summary import as_dict, summarise
 
@@ -128,30 +149,45 @@ def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chu
     return False
 
 
-def _one(study: Any, index: int, as_json: Path | None) -> None:
-    """One sample again, here."""
-    from ..bench.writers import write_json
+def _one(study: Any, index: int, as_json: Path | None, output: Path | None, plot: Path | None,
+         inputs: tuple[Path | None, ...]) -> None:
+    """Run one sample again, here; print it, and write its signals and pictures."""
+    from ..bench.writers import rounded, write_json
+    from ..plots import check_ending
     from ..studies.campaign.extension_outputs import in_words
-    from ..studies.campaign.sample import columns, observed, rows
+    from ..studies.campaign.history import history
+    from ..studies.campaign.sample import columns, observed, rows, subject_of
     from ..studies.campaign.sampling import Sampler
 
     if not 0 <= index < study.samples:
         raise EmcasError(f"--only {index}: samples are numbered from 0 to {study.samples - 1}")
-    row = rows(study.plan.packed(), [index], Sampler(study).draw([index]))[0]
+    plan, outputs = study.plan, observed(study.plan)
+    check_ending(plot)
+    files = {e: tuple(path and (path if len(plan.experiments) == 1 else path.with_stem(f"{path.stem}_{e.name}"))
+                      for path in (output, plot)) for e in plan.experiments}
+    check_outputs(as_json, *(path for each in files.values() for path in each), inputs=inputs)
+    drawn = Sampler(study).draw([index])
+    row = rows(plan.packed(), [index], drawn)[0]
     if as_json:
         write_json(row, as_json)
-    plan, outputs = study.plan, observed(study.plan)
+    for experiment, (table_file, picture) in files.items() if output or plot else ():
+        response = history(plan, experiment, drawn[0].tolist(), subject_of(plan))
+        if table_file:
+            response.write_csv(table_file)
+        if picture:
+            response.plot(picture)
     units = {**{v.name: v.unit for v in plan.actuator.file_entries}, **{f.name: f.unit for f in plan.factors},
              **{name: figure.unit for name, figure in columns(plan).items()}}
     table = Table("", "value", "unit", title=f"Sample {index} of {study.path.name}", title_justify="left")
     table.columns[1].justify = "right"
     for name, value in row.items():
         if value != "":
-            text = (f"{value:.8g}" if isinstance(value, float) else
+            text = (rounded(value, ".8g") if isinstance(value, float) else
                     in_words(outputs[name], value) if name in outputs else str(value))
             unit = units.get(name, "1")
             table.add_row(escape(name), escape(text), "" if unit == "1" else unit)
     out.print(table)
+    print_written(*(path for each in files.values() for path in each))
     if row["error"]:
         raise typer.Exit(1)
 
@@ -176,11 +212,11 @@ def _table(summary: Any) -> Table:
 
 
 def _faults(summary: Any) -> Table:
-    """Return what was injected, and what was found."""
+    """Return what was injected, and what was detected."""
     from ..studies.campaign.report import seconds
 
-    table = Table("fault, alone", "samples", "found", "after", "before", "by", title_justify="left",
-                  title="Faults, and what the built-in test found")
+    table = Table("fault, alone", "samples", "detected", "after", "before", "by", title_justify="left",
+                  title="Faults, and what the built-in test detected")
     table.columns[0].no_wrap = True
     several = len({f.experiment for f in summary.findings}) > 1
     for f in summary.findings:

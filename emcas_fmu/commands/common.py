@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,17 +12,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
 
 from ..actuators import EXTENSIONS, NAMES, NONLINEAR
-from ..errors import EmcasError
+from ..errors import EmcasError, in_words, unwritable
 from ..files import named_sets
-from ..parameters import ParameterError, ParameterSet, load_parameters, parameter_file
-from ..progress import Progress
+from ..progress import LOG, Progress
 
 if TYPE_CHECKING:
     from ..bench.subject import Subject
+    from ..parameters import ParameterSet
 
 out = Console()
 err = Console(stderr=True)
@@ -31,25 +31,39 @@ INTERRUPTED = 130
 """Exit code of a run that was stopped by Ctrl-C."""
 
 
+class _Notes(logging.Handler):
+    """Prints what takes long as it begins, on standard error."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        err.print(escape(record.getMessage()), style="dim", highlight=False, soft_wrap=True)
+
+
 @contextmanager
 def failures() -> Iterator[None]:
-    """Print expected failures as a message and exit with 2, never with a traceback."""
+    """Print expected failures as a message and exit with 2, never with a traceback; announce what takes long."""
+    if not LOG.handlers:
+        LOG.addHandler(_Notes())
+        LOG.setLevel(logging.INFO)
     try:
         yield
-    except (EmcasError, ParameterError, OSError) as error:
-        err.print(f"[bold red]error:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
+    except (EmcasError, OSError) as error:
+        said = in_words(error) if isinstance(error, OSError) else str(error)
+        err.print(f"[bold red]error:[/] {escape(said)}", highlight=False, soft_wrap=True)
         raise typer.Exit(2) from error
 
 
 def _file(given: Path | None) -> Path | None:
     """Return the file that an argument means, which may be a shipped set's name: commands get files."""
+    if given is None:
+        return None
+    from ..parameters import parameter_file
+
     with failures():
-        return given and parameter_file(given)
+        return parameter_file(given)
 
 
 def _files(given: list[Path] | None) -> list[Path] | None:
-    with failures():
-        return given and [parameter_file(each) for each in given]
+    return given and [file for each in given if (file := _file(each))]
 
 
 def model_option(what: str, more: str = "") -> Any:
@@ -64,15 +78,16 @@ SubjectArgument = Annotated[Path | None, typer.Argument(
     help="FMU (.fmu), parameter file (.toml) or the name of a shipped set (emcas parameters --sets); the shipped "
          "parameters unless given.", metavar="[FMU|TOML|SET]", show_default=False, callback=_file)]
 SubjectModelOption = Annotated[str | None, model_option(
-    "Which actuator a parameter file is of", " Unless given, nonlinear; an FMU tells it by its name, but for one of a "
-                                               "file of yours.")]
+    "Which actuator a parameter file is of", " Unless given, nonlinear; an FMU has it in its name, except for an "
+                                               "actuator in a file of yours.")]
 ParametersOption = Annotated[list[Path] | None, typer.Option(
     "--parameters", "-p", help="Parameter file (TOML), or the name of a shipped set (emcas parameters --sets); "
                                "overrides any subset of the defaults (may be given several times: a later one goes "
                                "over those before it).", metavar="FILE|SET", callback=_files)]
 FinOption = Annotated[int | None, typer.Option(help="Which fin of a unit of several; the first unless given.",
                                                metavar="N")]
-LayoutOption = Annotated[str, typer.Option(help="Where several fins are: one along body y, or half a space further.",
+LayoutOption = Annotated[str, typer.Option(help="Placement of several fins: plus has one along body y, cross is half a "
+                                                "pitch further.",
                                            metavar="plus|cross")]
 FinFilesOption = Annotated[list[str] | None, typer.Option(
     help="Parameter file of one of several fins, over the others' (may be given several times).", metavar="N=FILE")]
@@ -90,6 +105,8 @@ def warn(warnings: Iterable[str]) -> None:
 
 def parameter_set(files: Iterable[Path] | None, model: str = NONLINEAR) -> ParameterSet:
     """Return what `load_parameters` does, and print its warnings. Raises ParameterError."""
+    from ..parameters import load_parameters
+
     chosen = load_parameters(files, model=model)
     warn(chosen.warnings)
     return chosen
@@ -120,16 +137,6 @@ def parameter_arguments(files: Iterable[Path] | None) -> list[str]:
 def as_given(file: Path) -> str:
     """Return what names a file on the command line: its path, or the name of a shipped set."""
     return next((name for name, path in named_sets().items() if path == file), str(file))
-
-
-def require_extra(extra: str, what: str, *modules: str) -> None:
-    """Import the modules of one of the package's extras. Raises EmcasError, naming it, where one is not installed."""
-    for module in modules:
-        try:
-            import_module(module)
-        except ImportError as error:
-            raise EmcasError(f"{what} the Python package {module}, which is not installed: "
-                             f"pip install 'emcas-fmu[{extra}]'") from error
 
 
 def check_outputs(*files: Path | None, folders: Iterable[Path] = (), inputs: Iterable[Path | None] = ()) -> None:
@@ -174,13 +181,15 @@ def _refused(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise EmcasError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise EmcasError(unwritable(path, error)) from error
 
 
 def progress_bar() -> Bars:
-    """Return a progress bar on standard error that vanishes when it is done."""
+    """Return a progress bar with the time left, on standard error, that vanishes when it is done."""
+    # Steps may take minutes: the time left is estimated from those of the last hour.
     return Bars(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
-                console=err, transient=True)
+                TextColumn("left about"), TimeRemainingColumn(), console=err, transient=True,
+                speed_estimate_period=3600.0)
 
 
 def stepper(bars: Bars, label: str) -> Progress:

@@ -1,4 +1,4 @@
-"""`emcas compare`: parameter sets and actuators side by side."""
+"""`emcas compare`: measure parameter sets or actuators by the same requirements, side by side."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def compare(
 ) -> None:
     """Measure parameter sets, or actuators, by the requirements of the thesis's Table 2, a column each.
 
-    Exit code 0 whatever is met, for to compare is not to judge (that is emcas validate); 2: it cannot be carried out.
+    Exit code 0 whether the requirements are met or not (emcas validate judges); 2: it cannot be carried out.
     Files of --parameters lie below every set.
     """
     from ..studies.compare.output import summary, write_json, write_report

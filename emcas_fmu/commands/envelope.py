@@ -1,4 +1,4 @@
-"""`emcas envelope`: torque against speed, for any time and for a while."""
+"""`emcas envelope`: torque against speed of motor and drive, continuous and for a short time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
-from ..bench.writers import write_json
 from ..errors import EmcasError
 from .common import ModelOption, ParametersOption, check_outputs, failures, out, parameter_set, print_written
 
@@ -36,6 +35,7 @@ def envelope(
                                                  metavar="FILE")] = None,
 ) -> None:
     """Torque-speed envelopes of motor and drive: within winding temperature, I2t, peak current and voltage."""
+    from ..bench.writers import write_json
     from ..units import UnitError, quantity
 
     with failures():
@@ -80,6 +80,8 @@ def _write_csv(e: Envelope, path: Path) -> None:
 
 
 def _table(e: Envelope) -> Table:
+    from ..bench.writers import number
+
     preload = f", from {e.preload:g} of the continuous current" if e.preload else ""
     table = Table("", "continuous", f"{e.duration:g} s{preload}", title="torque-speed envelope", title_justify="left")
     curves = e.curves.values()
@@ -92,7 +94,7 @@ def _table(e: Envelope) -> Table:
         "no-load speed / rpm": [e.speed[-1] * 30.0 / pi] * 2,
         "winding, case then / degC": [f"{c.winding:.4g}, {c.case:.4g}" for c in curves]}
     for label, values in rows.items():
-        table.add_row(label, *(value if isinstance(value, str) else f"{value:.4g}" for value in values))
+        table.add_row(label, *(value if isinstance(value, str) else number(value) for value in values))
     for column in table.columns[1:]:
         column.justify = "right"
     return table

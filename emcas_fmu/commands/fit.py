@@ -1,18 +1,16 @@
-"""`emcas fit`: the second-order model that comes nearest to an actuator."""
+"""`emcas fit`: fit the second-order model that comes nearest to the nonlinear actuator."""
 
 from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
 
 from ..actuators import NONLINEAR, full_name
-from ..bench.writers import write_json
 from ..errors import EmcasError
-from ..parameters import ParameterError, ParameterSet
 from .common import (
     ParametersOption,
     check_outputs,
@@ -23,6 +21,9 @@ from .common import (
     print_written,
     warn,
 )
+
+if TYPE_CHECKING:
+    from ..parameters import ParameterSet
 
 EPILOG = ("Examples:\n\n  emcas fit\n\n  emcas fit -p my_actuator.toml --output my_second_order.toml"
           "\n\n  python build_fmu.py --model second-order -p my_second_order.toml")
@@ -37,6 +38,7 @@ def fit(
                                                  metavar="FILE")] = None,
 ) -> None:
     """Fit natural frequency, damping, rate limit and delay of the second-order model to the nonlinear one."""
+    from ..bench.writers import write_json
     from ..studies import fitting
 
     with failures():
@@ -59,6 +61,8 @@ def fit(
 
 def _nonlinear(files: list[Path] | None, model: str) -> ParameterSet:
     """Return the nonlinear actuator's parameters. Raises EmcasError, one line where model or file is of another."""
+    from ..parameters import ParameterError
+
     needs = "emcas fit needs the parameters of the nonlinear actuator"
     if full_name(model) != NONLINEAR:
         raise EmcasError(f"--model {model}: {needs}; leave --model out")

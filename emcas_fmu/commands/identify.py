@@ -1,4 +1,4 @@
-"""`emcas identify`: measurements in, parameter file out."""
+"""`emcas identify`: identify parameters from bench measurements."""
 
 from __future__ import annotations
 

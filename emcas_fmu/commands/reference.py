@@ -1,4 +1,4 @@
-"""`emcas reference`: responses by independent integration."""
+"""`emcas reference`: regenerate the reference responses by independent integration, or compare with them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ EPILOG = ("Examples:\n\n  emcas reference --check\n\n  emcas reference --case st
 def reference(
     directory: Annotated[Path | None, typer.Option(help="Folder of the reference files; with --check "
                                                                  "those shipped unless given.", metavar="DIR")] = None,
-    case: Annotated[list[str] | None, typer.Option(help="Only this case (may be given several times).")] = None,
+    case: Annotated[list[str] | None, typer.Option(help="Only this case (may be given several times).",
+                                                   metavar="NAME")] = None,
     parameters: ParametersOption = None,
     model: ModelOption = NONLINEAR,
     check: Annotated[bool, typer.Option("--check", help="Compare with the files there instead of writing.")] = False,

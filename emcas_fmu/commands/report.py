@@ -1,4 +1,4 @@
-"""`emcas report`: the acceptance test of an actuator, as a page to sign."""
+"""`emcas report`: carry out an actuator's acceptance test and write the report to sign."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def report(
     mission: Annotated[Path | None, typer.Option(help="Mission profile instead of the synthetic one: CSV of time (s) "
                                                       "and inputs in SI.", metavar="FILE.csv")] = None,
     load: Annotated[float | None, typer.Option(help="Rated hinge moment of the article in N.m; 100, that of Table 2, "
-                                                    "unless given.")] = None,
+                                                    "unless given.", metavar="MOMENT")] = None,
     date: Annotated[str | None, typer.Option(help="Date to print, as 2026-03-31; none unless given, so that the same "
                                                   "inputs give the same bytes.", metavar="DATE")] = None,
     as_json: common.JsonOption = None,

@@ -1,4 +1,4 @@
-"""`emcas simulate`: a response without an FMU."""
+"""`emcas simulate`: simulate a step, a reference case or a file of inputs, without an FMU."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _settings(texts: Iterable[str], unit: FmuInterface) -> tuple[
 def _changed(base: ParameterSet, changes: Mapping[str, object]) -> ParameterSet:
     """Return a set with what --set gives. Raises ParameterError."""
     try:
-        return base.replace(changes)
+        return base.with_values(changes)
     except ParameterError as error:
         raise ParameterError(f"--set {problem.removeprefix('replaced value: ')}"
                              for problem in error.problems) from error
@@ -105,12 +105,14 @@ def _stepped(degrees: float, torque: float, interval: float, stop: float) -> Exc
 
 
 def simulate(
-    case: Annotated[str | None, typer.Option(help="Reference case to run, such as step_plus10.")] = None,
+    case: Annotated[str | None, typer.Option(help="Reference case to run, such as step_plus10.",
+                                             metavar="NAME")] = None,
     input_file: Annotated[Path | None, typer.Option("--input", "-i", help="CSV of time in s and inputs in SI, as fmpy "
                                                     "reads it.", metavar="FILE")] = None,
     step: Annotated[float | None, typer.Option(help="Step of the fin command, in degrees, at 50 ms.",
                                                metavar="DEG")] = None,
-    torque: Annotated[float | None, typer.Option(help="Constant hinge moment with --step, in N.m.")] = None,
+    torque: Annotated[float | None, typer.Option(help="Constant hinge moment with --step, in N.m.",
+                                                 metavar="MOMENT")] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
     settings: Annotated[list[str] | None, typer.Option(
@@ -124,11 +126,12 @@ def simulate(
                                            "slower.", metavar="N")] = 1,
     layout: common.LayoutOption = "cross",
     fin: common.FinFilesOption = None,
-    stop: Annotated[float | None, typer.Option(help="End in seconds; 0.5 with --step, else that of the input.")] = None,
-    interval: Annotated[float | None, typer.Option(help="Communication step in seconds; 0.001, or the case's "
-                                                        "own.")] = None,
+    stop: Annotated[float | None, typer.Option(help="End; 0.5 with --step, else that of the input.",
+                                               metavar="SECONDS")] = None,
+    interval: Annotated[float | None, typer.Option(help="Communication step; 0.001, or that of the case.",
+                                                   metavar="SECONDS")] = None,
     kernel: Annotated[str, typer.Option(help="compiled, python, or auto: compiled if there is a C compiler. The "
-                                             "numbers are the same.")] = "auto",
+                                             "numbers are the same.", metavar="KERNEL")] = "auto",
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write every signal to this CSV file.",
                                                 metavar="FILE")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the response, the actuator's outputs by their units: .html, "
@@ -137,13 +140,11 @@ def simulate(
     as_json: common.JsonOption = None,
 ) -> None:
     """Run the actuator on a case, a file of inputs or a step, without an FMU."""
+    from ..api import simulate as run
     from ..bench.excitation import STEP, csv_file, reference_case
     from ..bench.writers import number, write_json
     from ..plots import check_ending
     from ..reference.files import supply_start
-    from ..response import Response, write_csv, write_picture
-    from ..simulation import simulate as run
-    from ..simulation import simulate_fins, spread
 
     with common.failures():
         if [case, input_file, step].count(None) != 2:
@@ -170,28 +171,19 @@ def simulate(
         if twice := [name for name in constants if name in chosen.columns]:
             raise EmcasError(f"--set {twice[0]}: is given by {chosen.title} already")
         base = load_parameters(parameters, model=model)
-        base = base.replace(base.having(chosen.start_values))
+        base = base.with_values(base.having(chosen.start_values))
         sets = fin_sets(base, fins, layout, files) if fins > 1 else (base,)
         sets = tuple(_changed(each, {**changes[0], **changes[k]}) for k, each in enumerate(sets, 1))
         require_shared(sets, "--set")
         common.warn(warning for each in sets for warning in each.warnings)
         if case:
             chosen = reference_case(case, supply=supply_start(model, sets[0].values))
-        # What is of one fin goes over what is every fin's.
-        columns = dict(sorted(chosen.columns.items(), key=lambda item: item[0].startswith("fin[")))
-        chosen = replace(chosen, columns=columns).holding(constants)
-        chosen = replace(chosen, columns=spread(chosen.columns, unit))
-        try:
-            outputs = (simulate_fins([each.values for each in sets], chosen.stop, chosen.step, unit.kind, line,
-                                     **chosen.columns) if fins > 1 else
-                       run(sets[0].values, chosen.stop, chosen.step, kernel, unit.kind, **chosen.columns))
-        except (ArithmeticError, TypeError, ValueError) as error:
-            raise EmcasError(f"the response cannot be computed: {error}") from error
-        response = Response(unit, sets, chosen, outputs)
+        response = run(sets, replace(chosen, start_values={}), kernel=kernel, line=line, **constants)
+        common.warn(response.warnings)
         if output:
-            write_csv(output, response)
+            response.write_csv(output)
         if plot:
-            write_picture(plot, response)
+            response.plot(plot)
         if as_json:
             write_json(response.as_dict(), as_json)
     table = Table(Column("figure", overflow="fold"), title=f"{chosen.title}, {chosen.stop:g} s", title_justify="left")

@@ -1,4 +1,4 @@
-"""`emcas ssp`: four fins as an SSP archive, and a check of any archive with our FMU in it."""
+"""`emcas ssp`: write several fins as an SSP 1.0 archive, or check one."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def write(
                                          metavar="FILE.ssp")] = Path("EMCAS.ssp"),
     model: SubjectModelOption = None,
     parameters: ParametersOption = None,
-    fins: Annotated[int, typer.Option(help="Number of fins, evenly about the body, 1 to 8.")] = 4,
+    fins: Annotated[int, typer.Option(help="Number of fins, evenly about the body, 1 to 8.", metavar="N")] = 4,
     layout: Annotated[str, typer.Option(help="cross: the first fin half a pitch from body y (45 deg with four); plus: "
                                              "on it.", metavar="cross|plus")] = "cross",
     fin: Annotated[list[str] | None, typer.Option(help="Parameter file of one fin, over the others' (may be given "
@@ -40,7 +40,8 @@ def write(
                                                            "is like models/degraded.toml.",
                                                       metavar="NAME=FILE")] = None,
     prefix: Annotated[str, typer.Option("--connections-prefix", help="XML prefix of Connections. Tools that look for "
-                                        "'ssd' letter by letter need ssd; libcosim and Ecos refuse that.")] = "wiring",
+                                        "'ssd' letter by letter need ssd; libcosim and Ecos refuse that.",
+                                       metavar="PREFIX")] = "wiring",
 ) -> None:
     """Write an SSP 1.0 archive with variants nominal, cold and degraded.
 
@@ -75,7 +76,7 @@ def check(
                                         metavar="FILE.ssp")],
     fmu: Annotated[Path | None, typer.Option(help="The FMU the archive should have; another one is an error.",
                                              metavar="FMU")] = None,
-    guid: Annotated[str | None, typer.Option(help="Its GUID, instead of the file.")] = None,
+    guid: Annotated[str | None, typer.Option(help="Its GUID, instead of the file.", metavar="GUID")] = None,
     model: SubjectModelOption = None,
     as_json: Annotated[Path | None, typer.Option("--json", help="Write all findings to this file.",
                                                  metavar="FILE")] = None,

@@ -1,4 +1,4 @@
-"""`emcas thesis`: the thesis figure by figure, on one page."""
+"""`emcas thesis`: reproduce the thesis figure by figure and table by table."""
 
 from __future__ import annotations
 

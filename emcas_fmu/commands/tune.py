@@ -1,8 +1,7 @@
-"""`emcas tune`: controller gains that meet requirements, of any actuator."""
+"""`emcas tune`: find controller gains that meet requirements, limits, friction and delay included."""
 
 from __future__ import annotations
 
-import os
 import shlex
 from pathlib import Path
 from typing import Annotated
@@ -30,23 +29,24 @@ def tune(
                                                 metavar="FILE")] = None,
     report: common.ReportOption = None,
     as_json: common.JsonOption = None,
-    seed: Annotated[int, typer.Option(help="Of the random search; the same seed gives the same gains.",
-                                         min=0)] = 1,
-    generations: Annotated[int, typer.Option(help="Of the global search.", min=1)] = 12,
+    seed: Annotated[int, typer.Option(help="Seed of the random search; the same seed gives the same gains.",
+                                         min=0, metavar="N")] = 1,
+    generations: Annotated[int, typer.Option(help="Generations of the global search.", min=1, metavar="N")] = 12,
     workers: Annotated[int | None, typer.Option(help="Processes; as many as there are processors unless given.",
-                                                min=1)] = None,
+                                                min=1, metavar="N")] = None,
     journal: Annotated[Path | None, typer.Option(help="Keep every evaluation in this file, and go on from what is "
                                                       "there.", metavar="FILE")] = None,
     pareto: Annotated[list[str] | None, typer.Option(help="Draw what one requirement costs another (give two); the "
-                                                          "two that conflict most unless given.")] = None,
+                                                          "two that conflict most unless given.",
+                                                     metavar="REQUIREMENT")] = None,
 ) -> None:
     """Find controller gains that meet requirements in every case at once, limits, friction and delay included.
 
     The shipped study takes about ten minutes on two processors. Ctrl-C ends the search: the best gains it has found
     are shown and written, and the exit code is 130.
     """
-    from ..studies.tuning.evaluate import Journal
-    from ..studies.tuning.optimise import tune as run
+    from ..api import tune as run
+    from ..studies.overview import stalled
     from ..studies.tuning.output import at_bounds, summary, verdict, write_json, write_report, write_tuned
     from ..studies.tuning.study import load_study, shipped_study
 
@@ -57,13 +57,10 @@ def tune(
         names = [r.name for r in chosen.requirements]
         if pareto is not None and (len(pareto) != 2 or not set(pareto) <= set(names)):
             raise EmcasError(f"--pareto is given twice, with two of {', '.join(names)}")
-        if any(r.test.kind == "linear" for r in chosen.requirements):
-            common.require_extra("analysis", "margins (tests of kind linear) need", "control", "casadi")
-        evaluations = Journal(journal, chosen)
+        common.warn(stalled(base, max(abs(getattr(r.test, "torque", 0.0)) for r in chosen.requirements)))
         try:
             with common.progress_bar() as progress:
-                result = run(chosen, seed, generations, workers or os.cpu_count() or 1, evaluations,
-                             common.stepper(progress, "tune"))
+                result = run(base, chosen, seed, generations, workers, journal, common.stepper(progress, "tune"))
         except KeyboardInterrupt:
             common.err.print("stopped before there were gains to write")
             raise typer.Exit(common.INTERRUPTED) from None

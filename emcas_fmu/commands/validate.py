@@ -1,4 +1,4 @@
-"""`emcas validate`: a model judged by the references and by Table 2."""
+"""`emcas validate`: judge an FMU or a parameter set by the reference responses and the thesis's Table 2."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ EPILOG = ("Examples:\n\n  emcas validate EMCAS.fmu\n\n  emcas validate EMCAS.fmu
 
 def validate(
     article: common.SubjectArgument = None,
-    case: Annotated[list[str] | None, typer.Option(help="Only this case (may be given several times).")] = None,
+    case: Annotated[list[str] | None, typer.Option(help="Only this case (may be given several times).",
+                                                   metavar="NAME")] = None,
     model: common.SubjectModelOption = None,
     fin: common.FinOption = None,
     as_json: common.JsonOption = None,
@@ -32,8 +33,8 @@ def validate(
     1: a criterion is not met, or nothing was judged and a case did not run to its end; 2: it cannot be carried out.
     In a gate leave --case out: Table 2 is then judged.
     """
+    from ..api import validate as run
     from ..studies.validate.output import summary, write_json, write_junit, write_report
-    from ..studies.validate.study import validate as run
 
     with common.failures():
         common.check_outputs(as_json, junit, report, inputs=(article, directory))

@@ -33,11 +33,14 @@ I2T_LOAD = State("i2t_load", "1")
 
 PARAMETERS = in_group(
     "heat",
-    parameter("winding_capacity", "J/K", 1e-2, 1e6, "heat capacity of the winding"),
-    parameter("case_capacity", "J/K", 1e-2, 1e7, "heat capacity of the case with stator iron and magnets"),
-    parameter("winding_to_case", "K/W", 1e-4, 1e4, "thermal resistance between winding and case"),
+    parameter("winding_capacity", "J/K", 1e-2, 1e6, "heat capacity of the winding",
+              sheet="motor: heat capacity of the winding, its time constant over its thermal resistance"),
+    parameter("case_capacity", "J/K", 1e-2, 1e7, "heat capacity of the case with stator iron and magnets",
+              sheet="motor: heat capacity of the case, its time constant over its thermal resistance"),
+    parameter("winding_to_case", "K/W", 1e-4, 1e4, "thermal resistance between winding and case",
+              sheet="motor: thermal resistance, winding to case"),
     parameter("case_to_ambient", "K/W", 1e-4, 1e4, "thermal resistance between case and ambient "
-              "(friction.temperature)"),
+              "(friction.temperature)", sheet="motor: thermal resistance, case to ambient"),
     parameter("winding_start_rise", "K", -100.0, 250.0, "winding temperature at the start above ambient"),
     parameter("case_start_rise", "K", -100.0, 250.0, "case temperature at the start above ambient"),
     parameter("reference_temperature", "degC", -100.0, 200.0, "temperature that resistance and constants of motor.* "
@@ -46,15 +49,17 @@ PARAMETERS = in_group(
     parameter("torque_coefficient", "1/K", -0.01, 0.0, "change of torque and back-EMF constant with the case "
               "temperature (magnets)"),
     parameter("winding_limit", "degC", -100.0, 400.0, "largest winding temperature, for the torque-speed envelope: "
-              "nothing acts on it in the simulation"),
+              "nothing acts on it in the simulation", sheet="motor: permitted winding temperature"),
 )
 AMBIENT = replace(tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature"), start=24.0)
 """Of an actuator that depends on none."""
 I2T_PARAMETERS = in_group(
     "heat",
     parameter("continuous_current", "A", 1e-3, 1e4, "current the drive allows for any time (I2t); that and above "
-              "drive.current_limit: no I2t limit"),
-    parameter("peak_time", "s", 0.05, 1e4, "time for which I2t allows drive.current_limit, from rest"),
+              "drive.current_limit: no I2t limit",
+              sheet="drive: continuous (rated) current, or the motor's where that is less"),
+    parameter("peak_time", "s", 0.05, 1e4, "time for which I2t allows drive.current_limit, from rest",
+              sheet="drive: time at peak current"),
 )
 OUTPUTS = (
     real_output("winding_temperature", "degC", "winding temperature", 100.0),

@@ -33,16 +33,19 @@ _PHASE = 0.25
 
 PARAMETERS = in_group(
     "supply",
-    parameter("source_resistance", "Ohm", 1e-6, 1e3, "resistance of source and line up to the DC link"),
+    parameter("source_resistance", "Ohm", 1e-6, 1e3, "resistance of source and line up to the DC link",
+              sheet="supply: resistance of battery and cable"),
     switch("one_way", "true: a diode lets nothing back into the source; false: it takes what is regenerated"),
-    parameter("capacitance", "F", 1e-6, 10.0, "capacitance of the DC link"),
+    parameter("capacitance", "F", 1e-6, 10.0, "capacitance of the DC link", sheet="drive: capacitance of the DC link"),
     parameter("chopper_voltage", "V", 1.0, 1e5, "link voltage above which the brake chopper conducts (out of reach: "
-              "none)"),
+              "none)", sheet="drive: voltage at which the brake chopper switches on"),
     parameter("chopper_resistance", "Ohm", 1e-3, 1e6, "brake resistor: the chopper draws (v - chopper_voltage) over "
-              "it"),
-    parameter("trip_voltage", "V", 1.0, 1e3, "link voltage below which the bridge opens"),
+              "it", sheet="drive: brake resistor"),
+    parameter("trip_voltage", "V", 1.0, 1e3, "link voltage below which the bridge opens",
+              sheet="drive: under-voltage trip"),
     parameter("recovery_voltage", "V", 1.0, 1e3, "link voltage above which it works again"),
-    parameter("quiescent_power", "W", 0.0, 1e4, "power of the electronics; below trip_voltage in proportion to v^2"),
+    parameter("quiescent_power", "W", 0.0, 1e4, "power of the electronics; below trip_voltage in proportion to v^2",
+              sheet="drive: power of the electronics"),
     parameter("device_voltage", "V", 0.0, 100.0, "loss of the inverter per current: fixed drop and switching"),
     parameter("device_resistance", "Ohm", 0.0, 100.0, "loss of the inverter per square of the current: on-state "
               "resistance"),

@@ -14,8 +14,8 @@ from pythonfmu import Fmi2Slave
 from .. import rules
 from ..compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local_platform
 from ..errors import BuildError
-from ..progress import Progress
-from ..runtime.c_sources import c_number, c_text, core_sources, handwritten, header
+from ..progress import LOG, Progress
+from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, handwritten, header
 from .interface import MIXING, FmuInterface
 from .model_description import element
 
@@ -41,7 +41,8 @@ OPTIONS = {"needsExecutionTool": "false", "canHandleVariableCommunicationStepSiz
 
 # For the page in the FMU: how this back end answers its host.
 NOTES = (
-    "This unit is compiled from C and needs nothing in its host; <code>sources</code> has the code.",
+    "This unit is compiled from C and needs nothing in its host; <code>sources</code> has the code, and for a host in "
+    "C a header with the GUID and the value references.",
     "Inputs are held over a step, or ramp through it with the first derivatives that "
     "<code>fmi2SetRealInputDerivatives</code> gives; derivatives hold for one step.",
     "A call out of place or with an unknown reference is answered with <code>fmi2Error</code> at once, nothing "
@@ -87,6 +88,25 @@ def _sizes(unit: FmuInterface) -> str:
             f"static const unsigned char PLACE[FINS][{len(unit.actuator.inputs)}] = {{\n{rows}\n}};\n")
 
 
+def names_header(unit: FmuInterface, guid: str) -> str:
+    """Return MODEL.h, for a host in C: model identifier, GUID and every variable's value reference as macros.
+
+    ``fin_command`` of EMCAS is ``EMCAS_VR_FIN_COMMAND``, ``fin[2].fin_angle`` of EMCAS4 ``EMCAS4_VR_FIN_2_FIN_ANGLE``.
+    """
+    prefix = enumerator(unit.model)
+    lines = [f"#define {prefix}_MODEL {c_text(unit.model)}", f"#define {prefix}_GUID {c_text(guid)}"]
+    taken: set[str] = set()
+    for place, v in enumerate(unit.variables):
+        name = enumerator(v.name)
+        name = f"{name}_{place}" if name in taken else name  # a.b_c and a_b.c are two variables
+        taken.add(name)
+        kind = "Integer" if v.items else v.kind
+        about = ", ".join(filter(None, (v.causality, kind, v.unit if v.kind == "Real" else "")))
+        lines.append(f"#define {prefix}_VR_{name} {place}u /* {v.name}: {about} */")
+    return header(f"{unit.model}_names", f"{unit.model}: model identifier, GUID and value references for a host",
+                  "\n".join(lines) + "\n")
+
+
 def sources(unit: FmuInterface, starts: Sequence[Any], guid: str) -> dict[str, str]:
     """Return everything needed to compile the unit: file name to text; only `MAIN` is handed to the compiler."""
     headers = Path(fmpy.__file__).parent / "c-code"
@@ -97,7 +117,8 @@ def sources(unit: FmuInterface, starts: Sequence[Any], guid: str) -> dict[str, s
     code = {**{name: handwritten(name, "emcas_fmu.fmi.fmi2") for name in _WRITTEN},
             "multi_fin.h": handwritten("multi_fin.h"), **core_sources(unit.fins > 1, unit.kind)}
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(code.items())).encode()).hexdigest()[:16]
-    return {**code, **standard, "interface.h": interface_header(unit, starts, guid, digest)}
+    return {**code, **standard, "interface.h": interface_header(unit, starts, guid, digest),
+            f"{unit.model}.h": names_header(unit, guid)}
 
 
 def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
@@ -126,6 +147,7 @@ def binaries(model: str, files: Mapping[str, str], platforms: Sequence[Platform]
     Raises CompilerError if there is no compiler or it refuses.
     """
     compiler: Compiler = find(cc)
+    LOG.info(f"compiling {model} for {', '.join(p.name for p in platforms)} (the first time up to a minute each) ...")
     libraries = {}
     for i, target in enumerate(platforms):
         if progress:

@@ -22,6 +22,7 @@ from ..compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers
 from ..files import cache_directory
 from ..parameters import ParameterError, check_parameters
 from ..physics.loads import LOADS, Carried
+from ..progress import LOG
 from . import core
 from .c_sources import core_sources, handwritten
 
@@ -47,7 +48,7 @@ def _library(model: str) -> ct.CDLL | str:
     for compiler in local_compilers():
         described = hashlib.sha256(f"{compiler.version}\0{text}".encode()).hexdigest()[:20]
         try:
-            path = _cached(described, target.suffix) or _compile(compiler, sources, target, described)
+            path = _cached(described, target.suffix) or _compile(compiler, sources, target, described, model)
             return _declare(ct.CDLL(str(path)))
         except (OSError, CompilerError) as error:
             problem = str(error)
@@ -82,7 +83,9 @@ def _cached(described: str, suffix: str) -> Path | None:
     return None
 
 
-def _compile(compiler: Compiler, sources: Mapping[str, str], target: Platform, described: str) -> Path:
+def _compile(compiler: Compiler, sources: Mapping[str, str], target: Platform, described: str,
+             model: str) -> Path:
+    LOG.info(f"compiling the actuator {model} (once, up to a minute) ...")
     # A rebuilt library at the same path would give the old one to a process that has it loaded.
     content = compiler.library(sources, _MAIN, target, "kernel")
     path = cache_directory() / f"kernel_{described}_{hashlib.sha256(content).hexdigest()[:16]}{target.suffix}"

@@ -7,7 +7,7 @@ import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
-from ..errors import EmcasError
+from ..errors import EmcasError, unreadable, unwritable
 from ..files import write_zip
 from .schema import DEFAULT, SspError
 
@@ -26,7 +26,7 @@ class Archive:
         except zipfile.BadZipFile as error:
             raise SspError(f"{path}: is not a ZIP archive, so not an SSP") from error
         except OSError as error:
-            raise EmcasError(f"{path}: cannot be read: {error.strerror or error}") from error
+            raise EmcasError(unreadable(path, error)) from error
 
     def read(self, name: str) -> bytes:
         """Return the contents of a file. Raises SspError if it is not there or damaged."""
@@ -55,7 +55,7 @@ def file_content(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise SspError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise SspError(unreadable(path, error)) from error
 
 
 def write_archive(contents: Mapping[str, bytes], target: Path) -> None:
@@ -63,4 +63,4 @@ def write_archive(contents: Mapping[str, bytes], target: Path) -> None:
     try:
         write_zip(contents, target, lambda name: (name != DEFAULT, "/" in name, name))
     except OSError as error:
-        raise SspError(f"{target}: cannot be written ({error.strerror or error})") from error
+        raise SspError(unwritable(target, error)) from error

@@ -1,6 +1,6 @@
 /* Runs the native FMU: a step of the fin command under a restoring hinge moment, printed as CSV.
  *
- *     unzip -q EMCAS.fmu -d emcas
+ *     unzip -qo EMCAS.fmu -d emcas
  *     cc -std=c11 -I emcas/sources host.c -o host -ldl
  *     ./host emcas > response.csv
  *

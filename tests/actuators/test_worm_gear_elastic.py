@@ -33,8 +33,8 @@ def shipped() -> Mapping[str, Any]:
 
 def run(overrides: Mapping[str, Any], stop: float, step: float = 1e-3, model: str = MODEL, **inputs: Any
         ) -> dict[str, Any]:
-    return simulate(load_parameters(model=model).replace({"encoder.enabled": False, **overrides}).values, stop, step,
-                    model=model, **inputs)
+    values = load_parameters(model=model).with_values({"encoder.enabled": False, **overrides}).values
+    return simulate(values, stop, step, model=model, **inputs)
 
 
 def stiffness(v: Mapping[str, Any]) -> float:

@@ -27,12 +27,12 @@ LIMIT = 0.002
 def both(overrides: Mapping[str, Any], inputs: Mapping[str, Any], ticks: tuple[float | None, ...],
          model: str = MODEL) -> list[float]:
     """Largest differences of the fin angle [deg] with each tick [s], None the shipped one."""
-    parameters = load_parameters(model=model).replace({**EXACT, **overrides})
+    parameters = load_parameters(model=model).with_values({**EXACT, **overrides})
     expected = REFERENCES[model](parameters.values, inputs)["fin_angle"]
     time = inputs["time"]
     signals = {name: column for name, column in inputs.items() if name != "time"}
     return [float(np.degrees(np.abs(simulate(
-        parameters.replace({"solver.max_tick": tick} if tick else {}).values, float(time[-1]), float(time[1]),
+        parameters.with_values({"solver.max_tick": tick} if tick else {}).values, float(time[-1]), float(time[1]),
         model=model, **signals)["fin_angle"] - expected).max())) for tick in ticks]
 
 

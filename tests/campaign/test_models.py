@@ -89,7 +89,7 @@ def test_a_fault_shows_in_words_state_and_time(write: Write) -> None:
     rows = sample.rows(study.plan.packed(), [0, 1], np.array([[0.15, 1000.0], [0.15, 0.0]]))
     jammed, sound = rows
     angle = radians(10.0)
-    values = load_parameters(model="nonlinear+faults").replace(
+    values = load_parameters(model="nonlinear+faults").with_values(
         {"fault.jam.begin": 0.15, "fault.jam.end": 1000.0}).values
     direct = simulate(values, LEAD_IN + 1.0, model="nonlinear+faults",
                       fin_command=lambda t: angle * np.sin(4.0 * np.pi * max(t - LEAD_IN, 0.0)))
@@ -242,12 +242,12 @@ def test_the_shipped_campaign(tmp_path: Path) -> None:
     file.write_text(text.replace("samples = 2000", "samples = 30"), encoding="utf-8")
     done = campaign(file, "--output", folder, "--workers", 0, "--model", "nonlinear+heat+faults")
     assert done.exit_code == 0, done.output
-    assert "what the built-in test found" in done.output
+    assert "what the built-in test detected" in done.output
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     assert summary["model"] == "nonlinear+heat+faults"
     assert sum(f["samples"] for f in summary["findings"]) == 30
     assert {t["name"] for t in summary["tallies"]} >= {"fly.status_last", "fly.built_in_test_ever"}
     assert "512 (encoder_reversed)" in campaign(file, "--only", 3).output
     page = (folder / "summary.html").read_text(encoding="utf-8")
-    assert "Faults, and what the built-in test found" in page
+    assert "Faults, and what the built-in test detected" in page
     assert "--model nonlinear+heat+faults" in page

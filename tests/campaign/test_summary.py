@@ -158,7 +158,8 @@ def test_failures_by_reason(summarised: Summarised) -> None:
 def test_page_and_json(summarised: Summarised, tmp_path: Path) -> None:
     status = ["failed" if i == 4 else "ok" for i in range(100)]
     times = [nan if i == 3 else 0.05 + i / 1000 for i in range(100)]
-    found = summarised(status=status, error=[f"<b>{s}" for s in status], **{"step.rise_time": times})
+    found = summarised(SMALL.replace("samples = 24", "samples = 100"), status=status,
+                       error=[f"<b>{s}" for s in status], **{"step.rise_time": times})
     pages = [tmp_path / "a.html", tmp_path / "b.html"]
     for page in pages:
         write_report(found, page, "emcas campaign small.toml")

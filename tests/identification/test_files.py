@@ -122,3 +122,11 @@ def test_help_has_examples(command: str) -> None:
     done = emcas("identify", command, "--help")
     assert done.exit_code == 0
     assert f"emcas identify {command}" in done.stdout
+
+
+def test_the_note_on_backlash_has_the_gap_along_the_screw() -> None:
+    """The bench put 0.06 deg between the encoders; models/actuators/elastic.toml has 0.05 mm as 0.057 deg."""
+    (note,) = (n for n in backlash.identify(shipped("backlash"), load_parameters()).notes if "elastic" in n)
+    gap = float(note.partition("backlash = ")[2].partition(" mm")[0])
+    # Two digits are shown of both (1 % each), and the estimate is within 0.0007 deg (1 %).
+    assert gap == pytest.approx(0.05 * 0.06 / 0.057, rel=0.03)

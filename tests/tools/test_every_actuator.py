@@ -66,6 +66,7 @@ def empty(folder: Path) -> str:
 
 TOOLS: dict[str, Callable[[Path, str], list[str]]] = {
     "parameters": lambda folder, model: [],
+    "init": lambda folder, model: [str(folder / "mine")],
     "build": lambda folder, model: ["-o", str(folder / "one.fmu")],
     "build --fins": lambda folder, model: ["--fins", "4", "-o", str(folder / "four.fmu")],
     "simulate": lambda folder, model: ["--step", "2", "--stop", "0.1", "-o", str(folder / "a.csv")],

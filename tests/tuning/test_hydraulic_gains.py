@@ -56,7 +56,7 @@ def test_the_pump_follows_small_sines_as_its_friction_is_fed_forward() -> None:
 def test_the_pump_does_not_hunt_where_less_rubs_than_is_fed_forward() -> None:
     """30 %, the spread of units of a lot: at rest under load and without the fin stays within a step of the transducer.
     """
-    values = load_parameters(model=PUMP).replace({"deviation.friction.coulomb": -0.3}).values
+    values = load_parameters(model=PUMP).with_values({"deviation.friction.coulomb": -0.3}).values
     for torque in (0.0, 50.0):
         run = simulate(values, 2.0, model=PUMP, fin_command=radians(5.0), aero_torque=torque)
         rest = run["fin_angle"][run["time"] > 1.0]

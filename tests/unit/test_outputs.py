@@ -61,7 +61,7 @@ def test_files_are_tried_first(command: str, option: str) -> None:
     Path(f"folder{ending}").mkdir()
     for output, said in ((f"folder{ending}", "is a folder"), (f"none/x{ending}", "there is no folder none"),
                          (f"bad.toml/x{ending}", "there is no folder bad.toml"),
-                         (f"{'x' * 300}{ending}", "cannot be written: File name too long")):
+                         (f"{'x' * 300}{ending}", "cannot be written: the name is too long; choose a shorter one")):
         assert said in refused(command, name, output)
 
 

@@ -31,19 +31,26 @@ MOTOR = (
     parameter("motor.viscous_friction", "N.m.s/rad", 0.0, 10.0, "viscous friction of the motor's side"),
 )
 CLUTCH = (
-    parameter("clutch.rated_torque", "N.m", 1e-6, 1e4, "torque at which a clutch slips at its rated current, T_r"),
-    parameter("clutch.rated_current", "A", 1e-6, 1e3, "coil current for the rated torque, I_r"),
+    parameter("clutch.rated_torque", "N.m", 1e-6, 1e4, "torque at which a clutch slips at its rated current, T_r",
+              sheet="clutch: rated torque"),
+    parameter("clutch.rated_current", "A", 1e-6, 1e3, "coil current for the rated torque, I_r",
+              sheet="clutch: rated coil current"),
     parameter("clutch.residual", "1", 0.0, 0.99, "share of the rated torque that is left without current, r"),
     parameter("clutch.eddy_time", "s", 1e-6, 10.0, "time constant of eddy currents, t_e"),
-    parameter("clutch.driving_inertia", "kg.m2", 0.0, 10.0, "inertia of the driving side besides the rotor's"),
-    parameter("clutch.driven_inertia", "kg.m2", 0.0, 10.0, "inertia of the driven side besides the screw's"),
+    parameter("clutch.driving_inertia", "kg.m2", 0.0, 10.0, "inertia of the driving side besides the rotor's",
+              sheet="clutch: inertia of the driving side, with the gear"),
+    parameter("clutch.driven_inertia", "kg.m2", 0.0, 10.0, "inertia of the driven side besides the screw's",
+              sheet="clutch: inertia of the driven side"),
     parameter("clutch.temperature_coefficient", "1/K", -0.1, 0.1, "relative rise of the torque with temperature, a"),
     parameter("clutch.reference_temperature", "degC", -100.0, 1e3, "temperature of the rated torque, T_0"),
     parameter("clutch.heat_capacity", "J/K", 1e-3, 1e6, "heat capacity of what slipping heats, C_th"),
     parameter("clutch.thermal_resistance", "K/W", 1e-6, 1e6, "from there to the ambient, R_th"),
-    parameter("coil.resistance", "Ohm", 1e-6, 1e6, "coil resistance"),
-    parameter("coil.inductance", "H", 1e-7, 1e3, "coil inductance"),
-    parameter("coil.suppression_voltage", "V", 0.0, 1e4, "voltage of the suppressor that takes a coil's energy, V_c"),
+    parameter("coil.resistance", "Ohm", 1e-6, 1e6, "coil resistance",
+              sheet="clutch: coil resistance"),
+    parameter("coil.inductance", "H", 1e-7, 1e3, "coil inductance",
+              sheet="clutch: coil inductance"),
+    parameter("coil.suppression_voltage", "V", 0.0, 1e4, "voltage of the suppressor that takes a coil's energy, V_c",
+              sheet="drive: clamping voltage of the coil's suppressor"),
 )
 _BLOCKED = 1e6  # N.m, of dry friction
 

@@ -37,7 +37,7 @@ DESCRIPTIONS = {
 AXIAL = in_group(
     "drive_line",
     parameter("axial_compliance", "m/N", 0.0, 1e-3, "compliance of screw, nut and thrust bearing in tension (0: "
-              "rigid)"),
+              "rigid)", sheet="screw: compliance, 1 over the axial rigidity of screw, nut and bearing"),
     parameter("axial_damping", "N.s/m", 0.0, 1e7, "structural damping of screw, nut and thrust bearing"),
 )
 TORSIONAL = in_group(
@@ -49,7 +49,8 @@ TORSIONAL = in_group(
 HINGE = in_group(
     "drive_line",
     parameter("fork_stiffness", "N.m/rad", 0.0, 1e9, "stiffness of the fork about the hinge (0: rigid)"),
-    parameter("shaft_stiffness", "N.m/rad", 0.0, 1e9, "stiffness of the fin shaft in torsion (0: rigid)"),
+    parameter("shaft_stiffness", "N.m/rad", 0.0, 1e9, "stiffness of the fin shaft in torsion (0: rigid)",
+              sheet="drawing: stiffness of the fin's shaft in torsion"),
     parameter("structure_stiffness", "N.m/rad", 0.0, 1e9, "stiffness about the hinge of what bears shaft and screw (0: "
               "rigid)"),
     parameter("hinge_damping", "N.m.s/rad", 0.0, 1e6, "structural damping of fork, shaft and structure about "
@@ -57,7 +58,8 @@ HINGE = in_group(
 )
 GAP = in_group(
     "drive_line",
-    parameter("backlash", "m", 0.0, 0.01, "whole gap between nut and fork along the screw (0: preloaded, no contact)"),
+    parameter("backlash", "m", 0.0, 0.01, "whole gap between nut and fork along the screw (0: preloaded, no contact)",
+              sheet="screw: axial play"),
     parameter("contact_stiffness", "N/m", 1e4, 1e10, "stiffness of the flanks of nut and fork"),
     parameter("contact_damping", "N.s/m", 0.0, 1e7, "damping of the flanks of nut and fork"),
 )

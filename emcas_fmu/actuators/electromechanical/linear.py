@@ -18,7 +18,7 @@ from ...physics.structure import Structure
 from ...variables import without
 from .. import capabilities
 from ..declaration import Acting, Values
-from . import interface, nonlinear
+from . import interface, nonlinear, plausibility
 from .interface import with_parameters
 
 _CONSTANTS = {
@@ -56,7 +56,8 @@ ACTUATOR = replace(
         "friction.table.coulomb", "friction.fin_coulomb", "deviation.friction.coulomb", "compensation.",
         "encoder.", "motor.pole_pairs"),
     rules=(interface.LEVER_RULE, interface.INERTIA_RULE, interface.OBSERVER_RULE, interface.WEIGHT_RULE,
-           *interface.TEMPERATURE_RULES),
+           *interface.TEMPERATURE_RULES, plausibility.INERTIA_RULE, plausibility.VELOCITY_RULE),
+    supply_rules=(),
     descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; limits nothing here"},
     provides=frozenset({capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP, capabilities.RIGID_DRIVE_LINE,
                         capabilities.SCREW_DRIVE, capabilities.SCREW_AND_LEVER, capabilities.POSITION_LOOP,

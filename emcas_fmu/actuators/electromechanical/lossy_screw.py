@@ -17,9 +17,11 @@ from ..declaration import Acting, Actuator, Values
 from .interface import MOST_JAMMING, jams
 
 PARAMETERS = (
-    parameter("efficiency.forward", "1", 0.01, 1.0, "efficiency of the screw where the motor drives the load"),
+    parameter("efficiency.forward", "1", 0.01, 1.0, "efficiency of the screw where the motor drives the load",
+              sheet="screw: efficiency, turning into thrust"),
     parameter("efficiency.backward", "1", -10.0, 1.0,
-              "efficiency of the screw where the load drives the motor (0 or less: it cannot)"),
+              "efficiency of the screw where the load drives the motor (0 or less: it cannot)",
+              sheet="screw: efficiency, thrust into turning"),
 )
 LOSS = real_output("screw_loss", "W", "power that the loaded screw turns into heat", 100.0)
 

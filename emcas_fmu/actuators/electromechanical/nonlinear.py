@@ -13,7 +13,7 @@ from ...steppers import rigid
 from ...steppers.rigid import Plant, advance
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, Values
-from . import interface
+from . import interface, plausibility
 from .as_built import NOMINAL, as_built
 
 # The drive's integral is taken at mid-tick; this keeps its oscillation resolved.
@@ -142,7 +142,8 @@ ACTUATOR = Actuator(
     parameters=interface.PARAMETERS,
     supply=interface.SUPPLY,
     descriptions=interface.INPUT_DESCRIPTIONS,
-    rules=interface.RULES,
+    rules=(*interface.RULES, *plausibility.RULES),
+    supply_rules=plausibility.SUPPLY_RULES,
     equal_parameters=interface.EQUAL,
     terminals=interface.TERMINALS,
     provides=frozenset({

@@ -22,13 +22,14 @@ from ...physics.structure import Structure
 from ...variables import parameter, without
 from .. import capabilities, fin_port
 from ..declaration import Acting, Values
-from . import interface, nonlinear
+from . import interface, nonlinear, plausibility
 from .as_built import as_built
 from .interface import with_parameters
 
 PARAMETERS = (
     *without(interface.PARAMETERS, "drive.kp", "drive.ki", "drive.current_", "motor.pole_pairs", "compensation."),
-    parameter("pwm.gain", "1", 1e-6, 1e4, "motor voltage per volt of reference, K_pwm"),
+    parameter("pwm.gain", "1", 1e-6, 1e4, "motor voltage per volt of reference, K_pwm",
+              sheet="drive: motor voltage per volt of command"),
     parameter("load.torsion_bar", "N.m/rad", 0.0, 1e6, "stiffness of the torsion bar, k_bar"),
 )
 
@@ -70,6 +71,8 @@ ACTUATOR = replace(
     }, interface.LOOPLESS_OUTPUTS),
     terminals=interface.LOOPLESS_TERMINALS,
     parameters=PARAMETERS,
+    rules=(*interface.RULES, plausibility.INERTIA_RULE, plausibility.COUNT_RULE),
+    supply_rules=plausibility.SUPPLY_RULES[:1],
     provides=nonlinear.ACTUATOR.provides - {capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT},
     structure=Structure(constant_ratio=True, current="pwm", torsion_bar=True),
     sample=with_parameters(nonlinear.sample, _uncompensated),

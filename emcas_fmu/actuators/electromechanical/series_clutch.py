@@ -41,7 +41,7 @@ from ...steppers import current_loop, events, rigid
 from ...variables import Terminal, only, parameter, real_output, tunable
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, PlantFault, State, Supply, Values
-from . import clutches, interface, lossy_screw, nonlinear
+from . import clutches, interface, lossy_screw, nonlinear, plausibility
 from .as_built import NOMINAL, as_built
 
 STATES = (*clutches.SCREW, *interface.DRIVE, State("coil_current", "A"),
@@ -280,7 +280,9 @@ ACTUATOR = Actuator(
     terminals=(Terminal("motor", "motor, clutch and screw",
                         ("screw_angle", "screw_speed", "motor_speed", "motor_current", "motor_voltage", "motor_torque",
                          "drive_reference", "nut_position", "current_error", *(v.name for v in _CLUTCH))),),
-    rules=(*interface.RULES, Rule(_jams, lossy_screw.jamming_text("clutch and screw"))),
+    rules=(*interface.RULES, Rule(_jams, lossy_screw.jamming_text("clutch and screw")),
+           *plausibility.of_screw(lambda ops, p: _as_one(p))),
+    supply_rules=plausibility.SUPPLY_RULES,
     faults=FAULTS,
     equal_parameters=interface.EQUAL,
     provides=nonlinear.ACTUATOR.provides - {

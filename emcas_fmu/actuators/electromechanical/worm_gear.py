@@ -23,7 +23,7 @@ from ...rules import Rule, when
 from ...variables import Variable, in_group, integer_parameter, parameter, real_output, tunable, without
 from .. import capabilities
 from ..declaration import Acting, PlantFault, Values
-from . import interface, nonlinear
+from . import interface, nonlinear, plausibility
 from .as_built import as_built
 from .interface import MOST_JAMMING, with_parameters
 
@@ -34,12 +34,16 @@ TERMINALS = tuple(replace(t, members=(*(m for m in t.members if m != "nut_positi
 
 WORM = in_group(
     "worm",
-    integer_parameter("starts", 1, 12, "starts of the worm, z_1"),
-    integer_parameter("teeth", 10, 1000, "teeth of the whole wheel, z_2; the ratio is teeth/starts"),
-    parameter("diameter_quotient", "1", 4.0, 40.0, "pitch diameter of the worm over its module, q"),
-    parameter("module", "m", 1e-4, 0.1, "module in the worm's axial section, m"),
-    parameter("pressure_angle", "rad", radians(5.0), radians(45.0), "pressure angle in the normal section"),
-    parameter("friction", "1", 0.0, 1.0, "friction coefficient of the flanks in motion, mu"),
+    integer_parameter("starts", 1, 12, "starts of the worm, z_1", sheet="gear: starts of the worm"),
+    integer_parameter("teeth", 10, 1000, "teeth of the whole wheel, z_2; the ratio is teeth/starts",
+                      sheet="gear: teeth of the wheel, as if whole"),
+    parameter("diameter_quotient", "1", 4.0, 40.0, "pitch diameter of the worm over its module, q",
+              sheet="gear: diameter quotient q, pitch diameter of the worm over its module"),
+    parameter("module", "m", 1e-4, 0.1, "module in the worm's axial section, m", sheet="gear: axial module"),
+    parameter("pressure_angle", "rad", radians(5.0), radians(45.0), "pressure angle in the normal section",
+              sheet="gear: pressure angle"),
+    parameter("friction", "1", 0.0, 1.0, "friction coefficient of the flanks in motion, mu",
+              sheet="gear: friction coefficient, or from the efficiency"),
     parameter("static_ratio", "1", 1.0, 10.0, "friction coefficient at rest over that in motion, s (1: it does not "
               "depend on the speed)"),
     parameter("stribeck_speed", "m/s", 1e-3, 100.0, "sliding speed of the flanks at which the excess of friction at "
@@ -54,7 +58,8 @@ def _of_wheel(v: Variable) -> Variable:
 
 PARAMETERS = (
     *WORM,
-    parameter("inertia.worm", "kg.m2", 0.0, 10.0, "inertia of worm and coupling about the motor's axis"),
+    parameter("inertia.worm", "kg.m2", 0.0, 10.0, "inertia of worm and coupling about the motor's axis",
+              sheet="gear: inertia of worm and coupling"),
     *map(_of_wheel, without(interface.PARAMETERS, "kinematics.", "screw.", "inertia.screw", "mass.nut",
                             "deviation.kinematics.", "deviation.screw.")),
     parameter("deviation.worm.friction", "1", -0.9, 10.0,
@@ -132,7 +137,7 @@ def _jams(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 RULES = (
     *interface.FRICTION_RULES, interface.ENCODER_RULE, interface.OBSERVER_RULE, *interface.ANTIWINDUP_RULES,
-    interface.WEIGHT_RULE, *interface.TEMPERATURE_RULES,
+    interface.WEIGHT_RULE, *interface.TEMPERATURE_RULES, *plausibility.of_screw(geared),
     Rule(_drives, "the flanks' friction coefficient at rest, worm.friction times worm.static_ratio as built, is %.6g; "
                   "above %.6g = 0.99 cos(worm.pressure_angle) worm.diameter_quotient/worm.starts no motor turns the "
                   "worm under load"),

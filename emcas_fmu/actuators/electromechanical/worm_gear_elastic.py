@@ -29,15 +29,16 @@ from . import elastic, nonlinear, worm_gear
 from .interface import MOST_JAMMING, with_parameters
 
 _WORDS = {"screw, nut and thrust": "worm and thrust", "in tension": "along its axis", "along the screw": "along the "
-          "pitch circle", "nut and fork": "worm and wheel", "fork": "worm wheel", "shaft and screw": "shaft and worm"}
+          "pitch circle", "nut and fork": "worm and wheel", "fork": "worm wheel", "shaft and screw": "shaft and worm",
+          "screw: ": "gear: ", "screw, nut and bearing": "worm, mesh and bearing", "axial play": "play of the mesh"}
 
 
 def _of_worm(v: Variable) -> Variable:
     """Return a parameter of screw, nut and fork as one of worm and wheel."""
-    described = v.description
+    described, sheet = v.description, v.sheet
     for word, other in _WORDS.items():
-        described = described.replace(word, other)
-    return replace(v, description=described)
+        described, sheet = described.replace(word, other), sheet.replace(word, other)
+    return replace(v, description=described, sheet=sheet)
 
 
 LINE = tuple(map(_of_worm, elastic.AXIAL + elastic.GAP + elastic.HINGE))

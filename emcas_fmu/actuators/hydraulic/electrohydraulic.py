@@ -28,7 +28,8 @@ from ..electromechanical.interface import LEVER_RULE, transport_delay
 from . import as_built, interface
 
 SUPPLY_PRESSURE = real_input("supply_pressure", "Pa", "pressure of the line that feeds the valve", minimum=0.0,
-                             maximum=1e9, nominal=1e7, start=None, key="hydraulic_supply.pressure")
+                             maximum=1e9, nominal=1e7, start=None, key="hydraulic_supply.pressure",
+                             sheet="supply: line pressure")
 SUPPLY_POWER = real_output("supply_power", "W", "hydraulic power drawn from the pressure line", 100.0)
 DEVIATIONS = (*as_built.LEVER_AND_FRICTION, as_built.RATED_FLOW)
 VALVE = (State("spool_position", "1", "of its stroke"), State("spool_speed", "1/s"))
@@ -36,12 +37,17 @@ PARAMETERS = (
     *fin_port.described({"drive.transport_delay": "delay from a sample to the coil of the valve"},
                         interface.PARAMETERS),
     parameter("cylinder.start_pressure", "Pa", 0.0, 1e9, "pressure in both chambers at the start"),
-    parameter("tank.pressure", "Pa", 0.0, 1e8, "pressure of the return line, p_t"),
-    parameter("valve.rated_flow", "m3/s", 1e-9, 1.0, "flow of the open valve at valve.rated_pressure, Q_r"),
-    parameter("valve.rated_pressure", "Pa", 1e3, 1e9, "pressure drop across both edges for valve.rated_flow"),
-    parameter("valve.natural_frequency", "rad/s", 1.0, 1e5, "natural frequency of the spool"),
-    parameter("valve.damping", "1", 0.0, 100.0, "damping ratio of the spool"),
-    parameter("valve.stroke_time", "s", 1e-5, 10.0, "least time from the centre to the end of the stroke"),
+    parameter("tank.pressure", "Pa", 0.0, 1e8, "pressure of the return line, p_t", sheet="supply: return pressure"),
+    parameter("valve.rated_flow", "m3/s", 1e-9, 1.0, "flow of the open valve at valve.rated_pressure, Q_r",
+              sheet="servovalve: rated flow"),
+    parameter("valve.rated_pressure", "Pa", 1e3, 1e9, "pressure drop across both edges for valve.rated_flow",
+              sheet="servovalve: pressure drop of the rated flow, across both edges"),
+    parameter("valve.natural_frequency", "rad/s", 1.0, 1e5, "natural frequency of the spool",
+              sheet="servovalve: natural frequency of the spool"),
+    parameter("valve.damping", "1", 0.0, 100.0, "damping ratio of the spool",
+              sheet="servovalve: damping ratio of the spool"),
+    parameter("valve.stroke_time", "s", 1e-5, 10.0, "least time from the centre to the end of the stroke",
+              sheet="servovalve: least time to full stroke"),
     parameter("valve.lap", "1", 0.0, 1.0, "rounding of the edges, as an underlap, of the stroke: the larger, the more "
               "leaks at null"),
     parameter("valve.laminar_pressure", "Pa", 1.0, 1e8, "pressure drop below which an edge's flow is laminar"),

@@ -32,7 +32,7 @@ from ...variables import Terminal, only, parameter, switch, tunable, without
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, State, Values
 from ..electromechanical import interface as electromechanical
-from ..electromechanical import nonlinear
+from ..electromechanical import nonlinear, plausibility
 from . import as_built, interface
 from .electrohydrostatic_faults import FAULTS
 
@@ -43,15 +43,19 @@ PARAMETERS = (
     *interface.PARAMETERS,
     *without(only(electromechanical.PARAMETERS, "inertia.motor", "motor.", "drive.", "controller.velocity.kp",
                   "controller.speed_limit", "compensation."), "drive.transport_delay"),
-    parameter("pump.displacement", "m3/rad", 1e-10, 1e-3, "displacement of the pump per radian, D_p"),
-    parameter("pump.leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of the pump from side to side, xi_p"),
+    parameter("pump.displacement", "m3/rad", 1e-10, 1e-3, "displacement of the pump per radian, D_p",
+              sheet="pump: displacement per revolution"),
+    parameter("pump.leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of the pump from side to side, xi_p",
+              sheet="pump: leakage over pressure, from the volumetric efficiency"),
     parameter("pump.case_leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of each side to the case, C_ep"),
     parameter("pump.coulomb_friction", "N.m", 0.0, 1e3, "dry friction of pump and motor without pressure, T_c"),
     parameter("pump.pressure_friction", "N.m/Pa", 0.0, 1e-3, "dry friction for each unit of pressure difference, k"),
     parameter("pump.viscous_friction", "N.m.s/rad", 0.0, 10.0, "viscous friction of pump and motor, B_m"),
-    parameter("reservoir.pressure", "Pa", 0.0, 1e8, "absolute pressure of reservoir and case, p_a"),
+    parameter("reservoir.pressure", "Pa", 0.0, 1e8, "absolute pressure of reservoir and case, p_a",
+              sheet="reservoir: charge pressure, absolute"),
     parameter("check_valve.cracking_pressure", "Pa", 0.0, 1e8, "pressure difference at which a check valve opens"),
-    parameter("relief_valve.pressure", "Pa", 1e3, 1e9, "pressure difference at which a relief valve opens, p_rv"),
+    parameter("relief_valve.pressure", "Pa", 1e3, 1e9, "pressure difference at which a relief valve opens, p_rv",
+              sheet="relief valve: setting"),
     parameter("relief_valve.conductance", "m3/(s.Pa)", 0.0, 1e-6, "conductance of an open relief valve, K_rv"),
     parameter("bypass_valve.conductance", "m3/(s.Pa)", 0.0, 1e-6, "conductance of the open bypass valve"),
     tunable("bypass_valve.opening", "1", 0.0, 1.0, "share by which the bypass valve is open (0: closed)"),
@@ -236,7 +240,9 @@ ACTUATOR = Actuator(
     terminals=(Terminal("motor", "motor and drive", ("motor_speed", "motor_current", "motor_voltage", "motor_torque",
                                                      "drive_reference", "current_error")),
                Terminal("hydraulics", "cylinder", ("piston_position", "pressure_1", "pressure_2"))),
-    rules=(electromechanical.LEVER_RULE, interface.STROKE_RULE),
+    rules=(electromechanical.LEVER_RULE, interface.STROKE_RULE, plausibility.CURRENT_RULE,
+           plausibility.velocity_rule(lambda p: p.inertia.motor)),
+    supply_rules=plausibility.SUPPLY_RULES,
     faults=FAULTS,
     equal_parameters=electromechanical.EQUAL,
     provides=frozenset({

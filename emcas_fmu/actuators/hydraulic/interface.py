@@ -26,17 +26,24 @@ OUTPUTS = (
     real_output("pressure_2", "Pa", "pressure in the chamber that turns the fin to negative angles", 1e7),
 )
 CYLINDER = (
-    parameter("cylinder.area", "m2", 1e-7, 1.0, "area of the piston on both sides, A"),
-    parameter("cylinder.dead_volume", "m3", 1e-9, 1.0, "volume of a chamber with its line at fin_angle 0, V_0"),
-    parameter("cylinder.moving_mass", "kg", 0.0, 1e3, "mass that moves with the piston"),
+    parameter("cylinder.area", "m2", 1e-7, 1.0, "area of the piston on both sides, A",
+              sheet="cylinder: effective piston area"),
+    parameter("cylinder.dead_volume", "m3", 1e-9, 1.0, "volume of a chamber with its line at fin_angle 0, V_0",
+              sheet="cylinder: volume of a chamber with its line, at mid-stroke"),
+    parameter("cylinder.moving_mass", "kg", 0.0, 1e3, "mass that moves with the piston",
+              sheet="cylinder: mass of piston, rod and what moves along"),
     parameter("cylinder.viscous_friction", "N.s/m", 0.0, 1e7, "viscous friction of the piston, b_p"),
-    parameter("cylinder.coulomb_friction", "N", 0.0, 1e6, "dry friction of the piston's seals"),
-    parameter("cylinder.internal_leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage across the piston, C_ip"),
-    parameter("oil.bulk_modulus", "Pa", 1e6, 1e11, "effective bulk modulus of oil, air and walls, beta"),
+    parameter("cylinder.coulomb_friction", "N", 0.0, 1e6, "dry friction of the piston's seals",
+              sheet="cylinder: breakaway force, without pressure"),
+    parameter("cylinder.internal_leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage across the piston, C_ip",
+              sheet="cylinder: leakage across the piston over pressure"),
+    parameter("oil.bulk_modulus", "Pa", 1e6, 1e11, "effective bulk modulus of oil, air and walls, beta",
+              sheet="oil: bulk modulus, with the air and the walls"),
 )
 CHECK_VALVE = parameter("check_valve.conductance", "m3/(s.Pa)", 0.0, 1e-6,
                         "conductance of the check valve that refills a chamber, K_cv")
-TRANSDUCER = parameter("transducer.resolution", "rad", 0.0, 0.1, "step of the transducer of the fin angle (0: none)")
+TRANSDUCER = parameter("transducer.resolution", "rad", 0.0, 0.1, "step of the transducer of the fin angle (0: none)",
+                       sheet="encoder: resolution of the fin's angle")
 PARAMETERS = (
     *fin_port.described(
         {"kinematics.moment_arm": "distance of the hinge from the piston's axis, d"},

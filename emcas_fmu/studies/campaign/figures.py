@@ -10,12 +10,17 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...bench.metrics import shown
-from ...plots import BLUE, GRAY, INK, VERMILLION, Drawing, figure
+from ...plots import BLUE, COLORS, COMMAND, GRAY, INK, VERMILLION, Drawing, figure, legend_above
+from .experiments import Experiment
+from .history import history
+from .sample import subject_of
+from .sampling import Sampler
 from .summary import Spread, Summary
 
 _COLUMNS = 3
 _MOST_FACTORS = 12
 _BINS = 40
+_MOST_WORST = 6  # samples in a picture
 
 
 def drawings(summary: Summary) -> Iterator[Drawing]:
@@ -27,6 +32,8 @@ def drawings(summary: Summary) -> Iterator[Drawing]:
             yield histograms(experiment.name, spreads)
         if dependent := [s for s in spreads if s.effects]:
             yield dependence(experiment.name, dependent)
+        if drawing := worst(summary, experiment, spreads):
+            yield drawing
 
 
 def _panels(spreads: Sequence[Spread], height: float, **more: Any) -> tuple[Figure, list[Any]]:
@@ -79,3 +86,30 @@ def dependence(name: str, spreads: Sequence[Spread]) -> Drawing:
         f"Experiment {name}: what it depends on", drawn,
         "Spearman's rank correlation with each factor; the line is its 95 % interval, grey where that holds zero. Of "
         "the factors without any effect, one in twenty is coloured by chance.")
+
+
+def worst(summary: Summary, experiment: Experiment, spreads: Sequence[Spread]) -> Drawing | None:
+    """Draw the samples that are the worst by a figure over each other, run again; None where there is none."""
+    by_sample: dict[int, list[str]] = {}
+    for s in spreads:
+        for index, _ in s.worst[:1]:
+            by_sample.setdefault(index, []).append(s.name.partition(".")[2])
+    if not by_sample:
+        return None
+    plan, sampler = summary.study.plan, Sampler(summary.study)
+    ranked = sorted(by_sample.items(), key=lambda item: -len(item[1]))[:_MOST_WORST]
+    drawn, grid = figure(2, 1, width=10.0, height=2.4, sharex=True)
+    angle, error = grid[:, 0]
+    for k, (index, names) in enumerate(ranked):
+        response = history(plan, experiment, sampler.draw([index])[0].tolist(), subject_of(plan))
+        time = response.time - response.excitation.begin
+        look = {"color": COLORS[k % len(COLORS)], "label": f"{index}: {', '.join(names)}"}
+        if not k:
+            angle.step(time, np.degrees(response.excitation.command), where="post", **COMMAND)
+        angle.plot(time, response.in_unit("fin_angle", "deg"), **look)
+        error.plot(time, response.in_unit("tracking_error", "deg"), **look)
+    angle.set_ylabel("fin angle [deg]")
+    error.set(ylabel="tracking error [deg]", xlabel="time from the command [s]")
+    legend_above(angle, 1)
+    return Drawing(f"Experiment {experiment.name}: worst samples", drawn,
+                   "The samples that are the worst of all by the figures named; the command (dashed) is the first's.")

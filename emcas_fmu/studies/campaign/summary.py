@@ -15,6 +15,7 @@ from scipy import stats
 from ... import __version__
 from ...actuators import NONLINEAR
 from ...bench.metrics import Figure, shown
+from ...bench.writers import rounded
 from ...simulation import Array
 from . import fault_detection
 from .measure import lacking
@@ -173,7 +174,7 @@ def _regression(figure: Array, factors: Mapping[str, Array]) -> tuple[list[float
 def text(figure: Figure, value: float) -> str:
     """Return a figure for people, without its unit; one beyond all of the samples in words."""
     if isfinite(value):
-        return f"{value * shown(figure.unit)[1]:.4g}"
+        return rounded(value * shown(figure.unit)[1], ".4g")
     if value * figure.bad > 0.0:
         return "not reached"
     return "–" if value != value else "beyond the sweep" if value > 0.0 else "no response"

@@ -3,7 +3,8 @@
 Slow sweeps both ways. The indirect fin angle is the motor angle through lever and screw. The direct one
 lags it by half the gap in whichever direction the motor drives, so that their difference jumps by the gap at
 reversals. What is common to both directions (zero, errors of the geometry) is a cubic in the fin angle.
-The model has no backlash: the figure is reported, and no parameter is made of it.
+The nonlinear actuator has no backlash: the figure is reported, with the ``drive_line.backlash`` it is in the
+actuators that have one, and no parameter is written.
 """
 
 from __future__ import annotations
@@ -39,6 +40,11 @@ class Sweep(NamedTuple):
     difference: Array
 
 
+def _per_angle(p: Any) -> float:
+    """Return travel along the screw over the fin's angle [m/rad], at 0 deg."""
+    return float(p.kinematics.moment_arm / np.cos(p.kinematics.initial_angle) ** 2)
+
+
 def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
     """Identify the backlash at the fin from records with motor_angle and fin_angle. Raises RecordError."""
     records = read_records(paths, ("motor_angle", "fin_angle"))
@@ -60,7 +66,8 @@ def identify(paths: Sequence[Path], base: ParameterSet) -> Identification:
         f"{len(sweeps)} sweeps over {degrees(min(float(s.fin.min()) for s in sweeps)):.3g} to "
         f"{degrees(max(float(s.fin.max()) for s in sweeps)):.3g} deg; the first {degrees(_CLEAR):g} deg after each "
         "reversal are left out.",
-        "The model has no backlash: this is no parameter and nothing computes with it.",
+        f"The nonlinear actuator has no backlash, so no parameter is written. In elastic and habibi it is "
+        f"drive_line.backlash = {1e3 * max(gap, 0.0) * _per_angle(p):.2g} mm.",
         f"Zero of one encoder against the other: {degrees(float(fit.values[1])):.3g} deg; part of it may be half "
         "a count.",
     ]

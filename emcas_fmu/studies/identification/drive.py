@@ -257,11 +257,11 @@ def _require_answer(parameters: Sequence[Estimate], fit: Fit, runs: Sequence[_Ru
 def _notes(runs: Sequence[_Run], fit: Fit, values: Mapping[str, Any]) -> list[str]:
     _, _, delay, kp, ki = fit.values[:5]
     resistance, inductance = values["motor.resistance"], values["motor.inductance"]
-    slow = (resistance + kp) / ki if ki > 0.0 else float("inf")
+    slow = f"then {(resistance + kp) / ki:.3g} s for the integral" if ki > 0.0 else "without an integral"
     lines = [
         f"The delay is {delay / min(r.record.step for r in runs):.2f} samples of the fastest record; it includes "
         "whatever the two channels of the logger differ in, and counts from the row at which a reference first stands.",
-        f"Current loop: {inductance / (resistance + kp) * 1e3:.3g} ms, then {slow:.3g} s for the integral; right after "
+        f"Current loop: {inductance / (resistance + kp) * 1e3:.3g} ms, {slow}; right after "
         f"a step {kp / (resistance + kp):.1%} of the current demanded flow.",
         "Kp scales with motor.inductance and motor.resistance, whose own uncertainty is not included.",
     ]

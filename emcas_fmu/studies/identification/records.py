@@ -19,7 +19,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import EmcasError
+from ...errors import EmcasError, unreadable
 from ...units import UnitError, convert
 
 Array = NDArray[np.float64]
@@ -116,10 +116,8 @@ def _cells(path: Path) -> tuple[list[str], list[list[str]], str]:
     try:
         raw = path.read_bytes()
         text = raw.decode("utf-8-sig")
-    except OSError as error:
-        raise RecordError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise RecordError(f"{path}: is not a text file in UTF-8; export the measurements as CSV") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordError(unreadable(path, error)) from error
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     if not lines:
         raise RecordError(f"{path}: is empty; expected a header such as  time [s],motor_current [A]  and rows")

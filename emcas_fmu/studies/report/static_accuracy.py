@@ -80,8 +80,8 @@ def measure(rig: Rig) -> Outcome:
     return Outcome(
         f"{len(targets)} angles evenly over ±{rig.limit:g} deg, {CYCLES} times up and down, no load. Each is held "
         f"for {HOLD:g} s; its angle is the mean of the last {HELD:g} s. The ends of the range can be approached "
-        "from one side only and are no part of the hysteresis. With tolerances the unit as built deviates from what "
-        "its controllers know, by the estimates of models/tuning.toml.", QUANTITIES, figures,
+        "from one side only and are no part of the hysteresis. With tolerances the unit as built deviates from the "
+        "parameters in its controllers, by the estimates of models/tuning.toml.", QUANTITIES, figures,
         (*(f"grid.{key}" for key in ("largest_error_deg", "hysteresis_deg", "repeatability_deg")),
          *(f"{name}.largest_error_deg" for name in cases if name != "grid")),
         {**labels, "grid": f"{len(targets)} angles"},

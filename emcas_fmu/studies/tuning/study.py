@@ -154,6 +154,11 @@ class Study:
     requirements: tuple[Requirement, ...]
 
     @property
+    def needs_analysis(self) -> bool:
+        """Whether a requirement is one of linear analysis."""
+        return any(r.test.kind == "linear" for r in self.requirements)
+
+    @property
     def digest(self) -> str:
         """A hash of all that decides what is measured for given gains."""
         tuned = {t.name for t in self.tunables}
@@ -199,7 +204,7 @@ def _cases(entries: Any, info: ValidationInfo) -> Any:
 
     def read(name: str, entry: Any) -> Case:
         changes = each(entry, change)
-        values = base.replace(changes).values
+        values = base.with_values(changes).values
         return Case(name, {key: values[key] for key in changes})
 
     return each(entries, read)
@@ -230,19 +235,22 @@ class _File(Table):
     requirements: Annotated[dict[str, Requirement], PlainValidator(_requirements), Field(min_length=1)]
 
 
+def shipped_file(model: str) -> Path:
+    """Return the shipped study for an actuator: models/tuning/NAME.toml where there is one, else models/tuning.toml."""
+    folder = models_directory()
+    path = folder / "tuning" / f"{parts(model)[0]}.toml"
+    return path if path.is_file() else folder / "tuning.toml"
+
+
 def shipped_study(base: ParameterSet) -> Study:
-    """Return the shipped study for a parameter set: models/tuning/NAME.toml of an actuator that has one, else the
-    default one, models/tuning.toml.
+    """Return the shipped study for a parameter set.
 
     Raises StudyError, for an actuator that has not what it tunes too.
     """
-    folder = models_directory()
-    path = folder / "tuning" / f"{parts(base.model)[0]}.toml"
-    if not path.is_file():
-        path = folder / "tuning.toml"
+    path = shipped_file(base.model)
 
     def fits(model: str) -> bool:
-        if (folder / "tuning" / f"{model}.toml").is_file():
+        if shipped_file(model).stem == model:
             return True
         try:
             load_study(path, load_parameters(model=model))

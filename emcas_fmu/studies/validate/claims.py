@@ -11,6 +11,7 @@ import numpy as np
 from ...bench import metrics
 from ...bench.subject import Run
 from ...bench.verdict import HOLD
+from ...bench.writers import rounded
 from ...reference.cases import LEAD_IN
 
 # "Linear against nonlinear": amplitudes [deg] and the angle below which the thesis finds both alike.
@@ -65,7 +66,8 @@ def claims(comparisons: Sequence[Comparison]) -> list[Finding]:
                              f"Below {ALIKE_BELOW:g} deg, this model and the linear one differ by at most {ALIKE:g} % "
                              f"of the step: {each}", all(c.largest_difference <= ALIKE for c in small)))
     if large:
-        each = ", ".join(f"{c.rise_time_fmu * 1e3:.1f} ms against {c.rise_time_linear * 1e3:.1f} ms "
+        each = ", ".join(f"{rounded(c.rise_time_fmu * 1e3, '.1f')} ms against "
+                         f"{rounded(c.rise_time_linear * 1e3, '.1f')} ms "
                          f"at {c.amplitude:g} deg" for c in large)
         findings.append(Finding("nonlinear_slower_above_3deg",
                              f"Above {ALIKE_BELOW:g} deg, this model rises more slowly: {each}",
@@ -80,7 +82,7 @@ def accuracy(runs: Mapping[str, Run]) -> list[Finding]:
         if name in runs and runs[name].stopped is None:
             took = metrics.motion(runs[name])["time_to_accuracy"]
             when = f"not within {HOLD:g} s" if took == inf else f"{took:.3f} s after the command"
-            left = f"{degrees(metrics.held_error(runs[name])):+.4f} deg are left after {HOLD:g} s"
+            left = f"{rounded(degrees(metrics.held_error(runs[name])), '+.4f')} deg are left after {HOLD:g} s"
             findings.append(Finding(f"time_to_accuracy_{name}", "The error stays within "
                                  f"±{degrees(metrics.ACCURACY):.6g} deg after {what}: {when}; {left}"))
     return findings

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
-from math import isnan, nan
+from math import isfinite, isnan, nan
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,8 @@ def _cases(result: Result) -> Table:
     units = {"max": "mdeg", "rms": "mdeg", "rise": "ms", "settle": "ms", "over": "%", "end": "deg", "rate": "deg/s",
              "-3dB": "Hz", "-90°": "Hz"}
     table = Table("case", *units, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, title_justify="left",
-                  title="error to the reference; rise, settling, overshoot, error at the end, peak rate; bandwidth")
+                  title="error to the reference; rise, settling, overshoot, error at the end, peak rate; bandwidth. "
+                        "> not settled, or not down, by then; – not reached")
     table.add_row("", *units.values(), style="dim")
     for column in table.columns:
         column.no_wrap = True
@@ -48,11 +49,15 @@ def _cases(result: Result) -> Table:
 
 
 def _figure(figures: Mapping[str, float], key: str, scale: float) -> str:
-    """Return a figure with three digits, the sweep's end of a bandwidth beyond it, a dash for one that is none."""
-    value, end = figures[key], figures["swept_to_hz"] if key.endswith("bandwidth_hz") else nan
-    if isnan(value):
-        return "–" if isnan(end) else f">{end:.3g}"
-    return f"{value * scale:#.3g}".rstrip(".")
+    """Return a figure with three digits, a dash for none.
+
+    Of a bandwidth beyond the sweep it is the sweep's end, of a settling time the time it was waited for, behind a >.
+    """
+    value, ends = figures[key], {"bandwidth_hz": "swept_to_hz", "settling_time_s": "judged_for_s"}
+    if not isfinite(value):
+        end = next((figures[end] for ending, end in ends.items() if key.endswith(ending)), nan)
+        return "–" if isnan(end) else f">{end * scale:.3g}"
+    return writers.rounded(value * scale, "#.3g").rstrip(".")
 
 
 def summary(result: Result) -> Iterator[RenderableType]:
@@ -62,7 +67,7 @@ def summary(result: Result) -> Iterator[RenderableType]:
     yield summary_table("criterion", result.criteria)
     yield _cases(result)
     for finding in result.findings:
-        held = {True: " So it is.", False: " It is not so.", None: ""}[finding.holds]
+        held = {True: " Confirmed.", False: " Not confirmed.", None: ""}[finding.holds]
         yield escape(f"{finding.text}.{held}")
     unmeasured = [f"{j.name}: {j.note}" for j in result.criteria if j.measured is None and not j.skipped]
     for note in (*unmeasured, *result.notes):
@@ -106,4 +111,4 @@ def write_report(result: Result, path: Path) -> None:
     """Write the page; the same result gives the same bytes."""
     writers.write_page(path, "studies/validate/page.html.j2", result=result, about=result.about,
                        trajectory={j.name: j for j in result.trajectory}, trajectory_limit=TRAJECTORY_LIMIT,
-                       pictures=pictures(drawings(result)))
+                       pictures=pictures(drawings(result)), figure=_figure)

@@ -49,7 +49,7 @@ def drawings(result: Result) -> Iterator[Drawing]:
                                "Levels of 5, 10, 15 and 20 deg, edges at 400 deg/s.", dots=30)
     if "cold" in complete:
         yield _angle_and_error(result, "cold", "Cold", plots.SKY, "Steps at -6 degC, where friction is higher than the "
-                               "controller knows.", dots=15)
+                               "controller compensates for.", dots=15)
     if "sag" in complete:
         yield sag(result)
     if result.linear_series:

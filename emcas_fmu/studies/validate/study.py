@@ -223,10 +223,11 @@ def _figures(kind: str, run: Run) -> dict[str, float]:
                 "lowest_coherence": float(np.min(response.coherence, initial=1.0))}
     if kind not in ("step", "cold", "sag", "load"):
         return {}
-    figures = metrics.displayed(metrics.motion(run, 1 if kind == "load" else 0))
-    figures["end_error_deg"] = figures["steady_error_deg"]
+    number = 1 if kind == "load" else 0
+    figures, move = metrics.displayed(metrics.motion(run, number)), run.excitation.moves[number]
+    figures |= {"end_error_deg": figures["steady_error_deg"], "judged_for_s": move.end - move.start}
     return {key: figures[key] for key in ("rise_time_s", "settling_time_s", "overshoot_percent", "end_error_deg",
-                                          "peak_rate_deg_per_s", "sustained_rate_deg_per_s")}
+                                          "peak_rate_deg_per_s", "sustained_rate_deg_per_s", "judged_for_s")}
 
 
 def _trajectory(case: CaseResult, series: Series) -> Judged:

@@ -1,0 +1,129 @@
+"""Warnings where values of a file contradict one another: a unit mistaken, a winding of another motor, a slow drive.
+
+Their limits are rules of thumb, far from the shipped actuators. What needs the supply is no rule of the equations,
+to which it is an input: it is judged where a set of parameters is loaded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import degrees, pi
+from typing import Any
+
+from ...ops.base import Ops, Value
+from ...physics.friction import coulomb
+from ...rules import Rule, in_degrees, when
+from .interface import inertias, with_parameters
+
+# Of a servo drive the load is seldom beyond 30 times the rotor at the motor; a rotor of a thousand loads is a mistake.
+MOST_LOAD, MOST_ROTOR = 100.0, 1000.0
+MOST_FRICTION = 0.5  # of the motor's torque at its current limit
+COARSEST_COUNT = 0.01  # of command.limit: the accuracy that Table 2 asks for, over its range
+MOST_JUMP = 0.1  # of the current limit, asked for by a count in a sample
+# Phase [rad] that delay and sampling may take at the velocity loop's crossover: 30 deg of margin are left.
+MOST_LAG = pi / 3.0
+
+
+def _inertia(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    load, rotor = inertias(p, 0.0)
+    return when(ops, ops.either(load > MOST_LOAD * rotor, rotor > MOST_ROTOR * load)), load, rotor
+
+
+def _friction(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    torque = p.motor.torque_constant * p.drive.current_limit
+    dry = ops.maximum(coulomb(ops, p, 1.0, 0.0), coulomb(ops, p, -1.0, 0.0))
+    dry = dry + p.friction.fin_coulomb * p.screw.lead / p.kinematics.moment_arm
+    return when(ops, dry > MOST_FRICTION * torque), dry, torque
+
+
+def _asked(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    most = p.drive.current_gain * p.drive.reference_limit
+    return when(ops, most < p.drive.current_limit), p.drive.current_limit, most
+
+
+def count(p: Any) -> Value:
+    """Return what a count of the encoder is [rad]."""
+    return 2.0 * pi / (p.encoder.pulses * p.encoder.multiplier)
+
+
+def _counts(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    step = count(p) * ops.where(p.encoder.on_fin, 1.0, p.screw.lead / p.kinematics.moment_arm)
+    coarse = ops.both(p.encoder.enabled, step > COARSEST_COUNT * p.command.limit)
+    return when(ops, coarse), in_degrees(step), in_degrees(p.command.limit)
+
+
+def _jump(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    speed = count(p) / p.controller.sample_time
+    current = speed * p.controller.velocity.kp * p.drive.current_gain
+    return (when(ops, ops.both(p.encoder.enabled, current > MOST_JUMP * p.drive.current_limit)), speed, current,
+            p.drive.current_limit)
+
+
+def velocity_rule(inertia: Callable[[Any], Value]) -> Rule:
+    """Return the rule for the velocity loop's crossover; `inertia` gives what the motor turns [kg.m2].
+
+    The gain falls as 1/s from an ideal current loop: w_c = K_v k_p K_t/J; delay and sample time take w_c (t_d + T) of
+    phase, half a sample time for the hold and half for a speed that is a difference.
+    """
+    def check(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+        crossover = p.controller.velocity.kp * p.drive.current_gain * p.motor.torque_constant / inertia(p)
+        late = p.drive.transport_delay + p.controller.sample_time
+        return when(ops, crossover * late > MOST_LAG), crossover, late, in_degrees(crossover * late)
+
+    return Rule(check, "the velocity loop crosses over at about %.6g rad/s (controller.velocity.kp times "
+                       "drive.current_gain times motor.torque_constant over the inertia), where drive.transport_delay "
+                       "and controller.sample_time, %.6g s together, take %.3g deg of phase, over "
+                       f"{degrees(MOST_LAG):.3g}: it will ring or be unstable; tune the gains (emcas tune)",
+                warning=True)
+
+
+def _total(p: Any) -> Value:
+    return sum(inertias(p, 0.0))
+
+
+INERTIA_RULE = Rule(
+    _inertia, "the load's inertia at the motor is %.6g kg.m2 and that of motor and screw %.6g kg.m2: beyond "
+              f"{MOST_LOAD:g} times, or under 1/{MOST_ROTOR:g}; check the units of inertia.* (1 g.cm2 is 1e-7 kg.m2) "
+              "and the reduction", warning=True)
+FRICTION_RULE = Rule(
+    _friction, "dry friction at the motor, %.6g N.m at fin angle 0, takes over half of motor.torque_constant times "
+               "drive.current_limit = %.6g N.m: little is left for a load", warning=True)
+CURRENT_RULE = Rule(
+    _asked, "drive.current_limit = %.6g A is never asked for: drive.current_gain times drive.reference_limit is %.6g A",
+    warning=True)
+COUNT_RULE = Rule(
+    _counts, f"a count of the encoder is %.6g deg of the fin, over {COARSEST_COUNT:g} of command.limit = %.6g deg: "
+             "check encoder.pulses and encoder.multiplier", warning=True)
+JUMP_RULE = Rule(
+    _jump, "a count of the encoder in a sample is %.6g rad/s, for which controller.velocity.kp asks for %.6g A of "
+           "drive.current_limit = %.6g A: the current will be noise; more encoder.pulses, a longer "
+           "controller.sample_time or less gain", warning=True)
+VELOCITY_RULE = velocity_rule(_total)
+RULES = (INERTIA_RULE, FRICTION_RULE, CURRENT_RULE, COUNT_RULE, JUMP_RULE, VELOCITY_RULE)
+
+
+def of_screw(change: Callable[[Ops, Any], Any]) -> tuple[Rule, ...]:
+    """Return these rules for an actuator whose parameters `change` makes those of a screw and lever."""
+    return tuple(rule._replace(check=with_parameters(rule.check, change)) for rule in RULES)
+
+
+# -- with the supply ---------------------------------------------------------------
+
+
+def _speed(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    supply, back_emf, limit = p.drive.supply_voltage, p.motor.back_emf_constant, p.controller.speed_limit
+    free = supply / ops.maximum(back_emf, 1e-12)
+    return when(ops, supply < back_emf * limit), supply, free, 30.0 / pi * free, limit
+
+
+def _standstill(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    supply, limit, resistance = p.drive.supply_voltage, p.drive.current_limit, p.motor.resistance
+    return when(ops, supply < resistance * limit), limit, resistance * limit, supply
+
+
+SUPPLY_RULES = (
+    Rule(_speed, "drive.supply_voltage = %.6g V over motor.back_emf_constant is a no-load speed of %.6g rad/s "
+                 "(%.6g rpm), below controller.speed_limit = %.6g rad/s, which the motor never reaches", warning=True),
+    Rule(_standstill, "drive.current_limit = %.6g A needs %.6g V across motor.resistance at standstill, more than "
+                      "drive.supply_voltage = %.6g V: the motor never has that current", warning=True),
+)

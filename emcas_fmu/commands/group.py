@@ -1,0 +1,92 @@
+"""The group of commands: each is imported when it is called, so that help and version come at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from importlib.resources import files
+from typing import Any, cast
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_command
+
+# What `emcas --help` lists, by the panels it stands in and in their order. A command is the module here of its name,
+# whose docstring begins with what is listed; in it the function of that name with its EPILOG, or an `app` of several.
+PANELS: Mapping[str, tuple[str, ...]] = {
+    "Use": ("init", "simulate", "build", "parameters", "ssp"),
+    "Design": ("analyse", "envelope", "compare", "identify", "tune", "fit"),
+    "Check": ("validate", "report", "campaign", "baseline", "thesis", "reference"),
+}
+
+
+def summary(name: str) -> str:
+    """Return what a command does, in a sentence: the first line of its file, without its name, unread but for that."""
+    with files(__package__).joinpath(f"{name}.py").open(encoding="utf-8") as file:
+        text = file.readline().strip().strip('"').rpartition("`: ")[2]
+    return text[:1].upper() + text[1:]
+
+
+def load(name: str, program: str = "") -> Any:
+    """Import a command and return it; its examples call it `program`, or emcas and its name."""
+    module = import_module(f".{name}", __package__)
+    if (app := getattr(module, "app", None)) is None:
+        app = typer.Typer(add_completion=False, rich_markup_mode="rich")
+        called = f"emcas {name}"
+        app.command(name, epilog=module.EPILOG.replace(called, program or called))(getattr(module, name))
+    command = get_command(app)
+    command.name = name
+    return without_types(command)
+
+
+def without_types(command: Any) -> Any:
+    """Return a command whose help shows what a value means, not its Python type: no <bool>, <path> or <list[str]>."""
+    for parameter in command.get_params(typer.Context(command)):  # --help is among them
+        if parameter.param_type_name == "argument":
+            parameter.display_type_rich = lambda ctx: None  # its metavar stands before it
+        elif parameter.metavar is None:
+            parameter.metavar = "" if parameter.is_flag else "VALUE"
+    for each in getattr(command, "commands", {}).values():
+        without_types(each)
+    return command
+
+
+class _Loaded(Mapping[str, Any]):
+    """Commands by name, each imported when it is asked for."""
+
+    def __init__(self) -> None:
+        self._names = [name for names in PANELS.values() for name in names]
+        self._made: dict[str, Any] = {}
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._names:
+            raise KeyError(name)
+        if name not in self._made:
+            self._made[name] = load(name)
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
+class LazyGroup(TyperGroup):
+    """The commands of `PANELS`."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        self.commands = cast(Any, _Loaded())
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of the commands, in the order of the panels."""
+        return list(self.commands)
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """List the commands by their summaries, without importing them."""
+        listed: dict[str, Any] = {name: TyperCommand(name, help=summary(name), rich_help_panel=panel)
+                                  for panel, names in PANELS.items() for name in names}
+        shown = TyperGroup(name=self.name, commands=listed, params=self.params, help=self.help,
+                           rich_markup_mode=self.rich_markup_mode)
+        without_types(shown).format_help(ctx, formatter)

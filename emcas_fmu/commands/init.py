@@ -1,0 +1,48 @@
+"""`emcas init`: files to begin an actuator of your own from."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from ..actuators import NONLINEAR
+from ..errors import EmcasError
+from ..parameters import load_parameters
+from . import common
+
+EPILOG = ("Examples:\n\n  emcas init my_actuator\n\n  emcas init my_actuator --model electrohydrostatic"
+          "\n\n  emcas init my_actuator --model elastic+heat --force")
+
+
+def init(
+    folder: Annotated[Path, typer.Argument(help="Folder to write to; made if it is not there.",
+                                           metavar="FOLDER")] = Path(),
+    model: common.ModelOption = NONLINEAR,
+    force: Annotated[bool, typer.Option("--force", help="Write over files that are there.")] = False,
+) -> None:
+    """Write a parameter file to fill in from datasheets, with studies for tuning, campaign and report.
+
+    Each value that a datasheet, drawing or controller has stands there as a comment, with its unit, what it is called
+    there, what is shipped and what that rests on.
+    """
+    from ..studies.starter import commands, starter_files
+
+    with common.failures():
+        base = load_parameters(model=model)
+        files = starter_files(base)
+        paths = {folder / name: text for name, text in files.items()}
+        common.check_outputs(folders=(folder,))
+        if (there := [str(path) for path in paths if path.exists()]) and not force:
+            raise EmcasError(f"{', '.join(there)}: there already; give another folder, or --force to write over them")
+        folder.mkdir(parents=True, exist_ok=True)
+        common.check_outputs(*paths)
+        for path, text in paths.items():
+            path.write_text(text, encoding="utf-8", newline="\n")
+    common.print_written(*paths)
+    first = commands(base, files)[0][0]
+    go = "" if folder.resolve() == Path().resolve() else f"cd {shlex.quote(str(folder))} && "
+    common.out.print(f"next: fill in what you have, then {escape(go + first)}", highlight=False, soft_wrap=True)

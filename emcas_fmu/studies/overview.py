@@ -1,0 +1,144 @@
+"""What a user's set leaves at shipped estimates, how much each of them matters, and what the set amounts to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import groupby
+from math import degrees, pi
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..actuators import capabilities, fin_port
+from ..actuators.electromechanical import plausibility
+from ..ops.floats import FLOATS
+from ..parameters import Entry, ParameterError, ParameterSet, load_parameters
+from ..physics import kinematics
+from ..reference.cases import LOAD_RISE
+from ..simulation import Array, simulate
+
+if TYPE_CHECKING:
+    from .analysis.capability import Capability
+
+CHANGE = 0.1  # of a value whose effect is asked for
+DURATION = 0.5  # s, of the step by which it is measured
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A shipped estimate, or several that go together: an array, or a pair that is equal in SI units.
+
+    `effect` [rad] is the largest change of the fin's angle; None where it was not asked for, or 10 % say nothing: a
+    value of 0, a switch, a whole number, a temperature.
+    """
+
+    names: tuple[str, ...]
+    effect: float | None = None
+
+    @property
+    def label(self) -> str:
+        """The name, that of an array without its indices."""
+        return " with ".join(dict.fromkeys(name.partition("[")[0] for name in self.names))
+
+
+def offered(base: ParameterSet) -> dict[str, list[Entry]]:
+    """Return the entries that a user is likely to have values for, arrays whole, by the name in a file.
+
+    Those whose declaration says where they are read, and of a user's own actuator all that it adds to the fin port.
+    """
+    port = {v.name for v in fin_port.PARAMETERS}
+    chosen = [e for e in base.entries if e.variable.sheet or (
+        base.actuator.source is not None and e.variable.name not in port)]
+    return {name: list(group) for name, group in groupby(chosen, lambda e: e.variable.name.partition("[")[0])}
+
+
+def shipped_estimates(parameters: ParameterSet) -> tuple[Estimate, ...]:
+    """Return the estimates of the actuator's default set that a set still has, in the actuator's order."""
+    shipped = {e.variable.name: e for e in load_parameters(model=parameters.model).entries}
+    left = [e.variable.name for e in parameters.entries
+            if e.source == "estimate" and e == shipped[e.variable.name]]
+    follows = {other: name for name, other in parameters.actuator.equal_parameters if {name, other} <= {*left}}
+    groups = [tuple(names) for _, names in groupby((name for name in left if name not in follows),
+                                                   lambda name: name.partition("[")[0])]
+    paired = {name: other for other, name in follows.items()}
+    return tuple(Estimate((*names, *(paired[name] for name in names if name in paired))) for names in groups)
+
+
+def by_group(estimates: Iterable[Estimate]) -> dict[str, list[str]]:
+    """Return the labels of estimates without their group, by group, such as ``motor``."""
+    groups: dict[str, list[str]] = {}
+    for estimate in estimates:
+        group, dot, name = estimate.label.partition(".")
+        groups.setdefault(group if dot else "", []).append(name if dot else group)
+    return groups
+
+
+def by_effect(parameters: ParameterSet, torque: float = 0.0) -> tuple[Estimate, ...]:
+    """Return the shipped estimates with what 10 % of each changes, the largest first.
+
+    It is the largest difference of the fin's angle within 0.5 s of a step to half of command.limit against a hinge
+    moment `torque` [N.m]. Plant and controllers have the changed value; where 10 % more are refused, it is 10 % less.
+    """
+    before = _response(parameters, torque)
+    changed = [Estimate(e.names, _effect(parameters, e.names, torque, before)) for e in shipped_estimates(parameters)]
+    return tuple(sorted(changed, key=lambda e: -1.0 if e.effect is None else e.effect, reverse=True))
+
+
+def _response(parameters: ParameterSet, torque: float) -> Array:
+    command = 0.5 * float(parameters.values["command.limit"])
+    run = simulate(parameters.values, DURATION, model=parameters.model, fin_command=command,
+                   aero_torque=lambda time: -torque * min(time / LOAD_RISE, 1.0))
+    return run["fin_angle"]
+
+
+def _effect(parameters: ParameterSet, names: Iterable[str], torque: float, before: Array) -> float | None:
+    variables = {e.variable.name: e.variable for e in parameters.entries}
+    values = {name: float(parameters.values[name]) for name in names
+              if variables[name].kind == "Real" and variables[name].unit != "degC"}
+    if not any(values.values()):
+        return None
+    for factor in (1.0 + CHANGE, 1.0 - CHANGE):
+        try:
+            changed = parameters.with_values({name: factor * value for name, value in values.items()})
+            return float(np.max(np.abs(_response(changed, torque) - before)))
+        except (ParameterError, ArithmeticError):
+            continue
+    return None
+
+
+def _capability(parameters: ParameterSet) -> Capability | None:
+    """Return what motor and drive can do, of an actuator whose equations say so."""
+    from .analysis.capability import NEEDS, capability  # here, as the analysis takes a part of a second to import
+
+    able = parameters.actuator.provides.issuperset(NEEDS)
+    return capability(parameters.values, parameters.model) if able else None
+
+
+def stalled(parameters: ParameterSet, torque: float) -> Iterator[str]:
+    """Yield a warning where a hinge moment [N.m] is more than motor, current limit and reduction move."""
+    can = _capability(parameters)
+    if can is not None and torque > (least := float(np.min(can.stall))):
+        yield (f"a hinge moment of {torque:.6g} N.m stalls it: motor.torque_constant and drive.current_limit move "
+               f"{least:.4g} N.m within the range of commands, friction and reduction counted")
+
+
+def amounts_to(parameters: ParameterSet) -> Mapping[str, str]:
+    """Return what a set with motor, screw and lever makes of its values, as text by what it is; none of another."""
+    actuator, can = parameters.actuator, _capability(parameters)
+    if can is None or capabilities.SCREW_AND_LEVER not in actuator.provides:
+        return {}
+    p = actuator.plant(parameters.values)
+    stop = p.fin.stop_angle
+    travel = [float(kinematics.nut_position(FLOATS, p, kinematics.motor_angle(FLOATS, p, angle)))
+              for angle in (-stop, stop)]
+    ratio = float(np.min(can.ratio))
+    free = p.drive.supply_voltage / p.motor.back_emf_constant if p.motor.back_emf_constant else float("inf")
+    return {
+        "motor turns per turn of the fin": f"{ratio:.4g} to {float(np.max(can.ratio)):.4g}",
+        "no-load speed of the motor at the supply": f"{30.0 / pi * free:.4g} rpm",
+        "least fin rate without load": f"{degrees(float(np.min(can.rate))):.4g} deg/s",
+        "least hinge moment that stalls it": f"{float(np.min(can.stall)):.4g} N.m",
+        "stroke of the nut from stop to stop": f"{1e3 * (travel[1] - travel[0]):.4g} mm",
+        "a count of the motor's encoder": f"{degrees(float(plausibility.count(p)) / ratio):.3g} deg of the fin",
+    }

@@ -1,0 +1,131 @@
+"""Files to begin an actuator of one's own from: parameters to fill in, and the shipped studies for them.
+
+Nothing here is a second copy: names, units and what a datasheet calls a value come from the actuator's declaration,
+values with their sources from its default set, studies from the files in models.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from textwrap import wrap
+
+from ..actuators import NONLINEAR
+from ..files import models_directory
+from ..parameters import Entry, ParameterSet
+from .overview import offered
+from .tuning.study import StudyError, shipped_file, shipped_study
+
+PARAMETERS, TUNING, CAMPAIGN, REQUIREMENTS = "actuator.toml", "tuning.toml", "campaign.toml", "requirements.toml"
+README = "README.md"
+SOURCES = {"seed": "read in the thesis", "derived": "derived", "estimate": "an estimate"}
+_WIDTH = 116
+_HOW = ("Take away the # before a value that you have, and write it in the unit of your sheet: \"4 mm/turn\", "
+        "\"35 ozf*in/A\", \"420 g*cm^2\". What stays commented keeps the shipped value; with nothing uncommented this "
+        "is the shipped actuator. docs/use/your_actuator.md says how datasheets and these values go together; "
+        "`emcas parameters -p FILE` checks the file and lists what is still a shipped estimate.")
+_BARE = re.compile("[A-Za-z0-9_-]+")
+_VARIED = re.compile(r'^\[vary\."(.+?)"\]', re.MULTILINE)
+_INPUT = re.compile(r"^\[experiments\.(\w+)\.inputs\.([\w.]+)\]", re.MULTILINE)
+
+
+def starter_files(base: ParameterSet) -> dict[str, str]:
+    """Return the files for an actuator by name; `base` is its default set. Tuning only where there is a study of it."""
+    files = {PARAMETERS: parameter_text(base), CAMPAIGN: campaign_text(base),
+             REQUIREMENTS: (models_directory() / REQUIREMENTS).read_text(encoding="utf-8")}
+    try:
+        shipped_study(base)
+        files[TUNING] = shipped_file(base.model).read_text(encoding="utf-8")
+    except StudyError:
+        pass
+    return {**files, README: _readme(base, files)}
+
+
+def parameter_text(base: ParameterSet) -> str:
+    """Return a parameter file with every offered value as a comment, to be uncommented and changed."""
+    lines = [f"# Parameters of your {base.actuator.name} actuator, over the shipped ones.", "#"]
+    lines += _comment(_HOW, "# ")
+    tables: dict[str, list[str]] = {}
+    for name, entries in offered(base).items():
+        table, dot, key = name.partition(".")
+        if not dot:
+            table, key = "", name
+        tables.setdefault(table, []).extend(["", *_described(entries), f"#{_key(key)} = {_value(entries)}"])
+    for table, text in sorted(tables.items(), key=lambda item: item[0] != ""):  # names without a table come first
+        lines += ["", *([f"[{_key(table)}]"] if table else []), *(text if not table else text[1:])]
+    return "\n".join([*lines, ""])
+
+
+def _described(entries: Sequence[Entry]) -> Iterator[str]:
+    """Yield lines of comment on a value: what it is, where it is read, what is shipped and what that rests on."""
+    first, variable = entries[0], entries[0].variable
+    number = f" (and so on: {len(entries)} values)" if len(entries) > 1 else ""
+    yield from _comment(f"{variable.description}{number}", "# ")
+    if variable.sheet:
+        place, _, term = variable.sheet.partition(": ")
+        yield from _comment(f"{place}: {term}", "#   read in  ")
+    unit = "" if variable.unit in ("", "1") else f" (unit: {variable.unit}, or another of its kind)"
+    shipped = ", ".join(e.text for e in entries)
+    yield from _comment(f"{shipped}{unit}, {SOURCES.get(first.source, first.source)}. {first.note}", "#   shipped  ")
+
+
+def _comment(text: str, begin: str) -> list[str]:
+    return wrap(text, _WIDTH, initial_indent=begin, subsequent_indent="#" + " " * (len(begin) - 1),
+                break_long_words=False, break_on_hyphens=False)
+
+
+def _key(name: str) -> str:
+    return ".".join(part if _BARE.fullmatch(part) else json.dumps(part) for part in name.split("."))
+
+
+def _value(entries: Sequence[Entry]) -> str:
+    """Return what stands behind the = for a value, or an array: as its default file has it, with its unit."""
+    texts = [e.text if e.variable.unit in ("", "1") else json.dumps(e.text, ensure_ascii=False) for e in entries]
+    return texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"
+
+
+def campaign_text(base: ParameterSet) -> str:
+    """Return the shipped campaign on the user's file, without what the actuator has no parameter or input for."""
+    parameters, inputs = set(base.values), {v.name for v in base.actuator.inputs}
+    model = "" if base.model == NONLINEAR else f"\nmodel = {json.dumps(base.model)}"
+    kept, without = [], set()
+    for paragraph in (models_directory() / CAMPAIGN).read_text(encoding="utf-8").split("\n\n"):
+        varied, acting = _VARIED.search(paragraph), _INPUT.search(paragraph)
+        if acting and acting[2] not in inputs:
+            without.add(acting[1])
+        elif paragraph.startswith("# [base]"):
+            kept.append(f'[base]{model}\nparameters = "{PARAMETERS}"')
+        elif not varied or varied[1] in parameters:
+            kept.append(paragraph.replace("models/", ""))
+    return "\n\n".join(p for p in kept if not any(p.startswith(f"[experiments.{name}]") for name in without)) + "\n"
+
+
+def commands(base: ParameterSet, files: Mapping[str, str]) -> list[list[str]]:
+    """Return the commands to go on with, each with what it is for."""
+    model = [] if base.model == NONLINEAR else ["--model", base.model]
+    tuned = "tuned.toml" if TUNING in files else PARAMETERS
+    lines = [(["parameters", "-p", PARAMETERS, *model], "checks, and what is still a shipped estimate"),
+             (["simulate", "-p", PARAMETERS, *model, "--step", "5", "--plot", "step.html"], "a first step")]
+    if TUNING in files:
+        lines.append((["tune", TUNING, "-p", PARAMETERS, *model, "-o", tuned, "--report", "tuning.html"],
+                      "gains; some ten minutes, less with fewer --generations"))
+    lines += [(["build", "-p", tuned, *model, "-o", "MyActuator.fmu"], "the FMU; --backend native: as C"),
+              (["report", tuned, *model, "--requirements", REQUIREMENTS, "-o", "report.html"], "the acceptance test"),
+              (["campaign", CAMPAIGN, "--output", "results"], "production scatter")]
+    return [[shlex.join(["emcas", *arguments]), purpose] for arguments, purpose in lines]
+
+
+def _readme(base: ParameterSet, files: Mapping[str, str]) -> str:
+    listed = commands(base, files)
+    width = max(len(command) for command, _ in listed)
+    about = {PARAMETERS: "your values go here", TUNING: "what the gains must meet: `emcas tune`",
+             CAMPAIGN: "scatter, cold and load: `emcas campaign`",
+             REQUIREMENTS: "what the acceptance test judges beside Table 2: `emcas report`"}
+    return "\n".join([
+        f"# An actuator of the model {base.actuator.name}", "",
+        *(f"- `{name}`: {what}" for name, what in about.items() if name in files), "",
+        "Limits in the studies are those of the shipped actuator: write your own. In this folder:", "", "```sh",
+        *(f"{command:<{width}}  # {purpose}" for command, purpose in listed), "```", "",
+        "How a datasheet's terms become these values: docs/use/your_actuator.md of the project.", ""])

@@ -1,0 +1,55 @@
+"""docs/use/simulate.md: a jam among four fins, from the command line and in JSBSim, as it stands there."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.hosts.host import missing
+
+from .recipes import recipes
+
+pytestmark = pytest.mark.fmu
+BLOCKS = recipes("use/simulate.md")
+JAM = 0.2  # s
+
+
+def run(name: str, folder: Path) -> None:
+    """Run a block of the page in a folder, with this environment's programs first."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    subprocess.run(["sh", "-euc", BLOCKS[name][1]], cwd=folder, check=True, env={**os.environ, "PATH": path},
+                   stdout=subprocess.DEVNULL, timeout=120)
+
+
+def check(time: np.ndarray, jammed: np.ndarray, others: np.ndarray) -> None:
+    """From the jam on, but for the millisecond in which it comes to rest, one fin stands and the others go on."""
+    after = time > JAM + 1e-3
+    assert np.ptp(jammed[after]) == 0.0
+    assert np.ptp(others[after]) > 0.1
+
+
+def test_by_command(tmp_path: Path) -> None:
+    run("jam", tmp_path)
+    table = np.genfromtxt(tmp_path / "jam.csv", delimiter=",", names=True, deletechars="")
+    check(table["time"], table["fin[2].fin_angle"], table["fin[1].fin_angle"])
+    assert (tmp_path / "jam.html").stat().st_size > 10_000
+    assert table["fin[1].fin_angle"].tolist() == table["fin[4].fin_angle"].tolist()
+
+
+def test_in_a_rocket(tmp_path: Path) -> None:
+    if importlib.util.find_spec("jsbsim") is None:
+        missing("there is no jsbsim (pip install jsbsim)")
+    from examples.jsbsim.flight import Manoeuvre, Turn
+    from examples.jsbsim.fmu import Fmu
+    from tests.examples.flying import flown
+
+    run("jam_unit", tmp_path)
+    turns = Manoeuvre("turns", "Pitch up and down", 0.4, (Turn(0.02, (0, 8, 0)), Turn(0.18, (0, -8, 0))))
+    flight = flown(Fmu(tmp_path / "Jam.fmu"), turns)
+    check(flight["time"], flight["fin2_rad"], flight["fin1_rad"])

@@ -1,0 +1,156 @@
+"""What docs/use/your_actuator.md says runs as it stands there, and its conversions are those of a motor in d and q."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+from math import sqrt
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from emcas_fmu.cli import app
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.studies.tuning.study import load_study
+from emcas_fmu.toml import tomllib
+
+from .recipes import ROOT, recipes
+
+PAGE = "use/your_actuator.md"
+BLOCKS = recipes(PAGE)
+TEXT = (ROOT / "docs" / PAGE).read_text(encoding="utf-8")
+
+
+def run(name: str, monkeypatch: pytest.MonkeyPatch, only: str = "") -> str:
+    """What the commands of a block print, or those that begin with `only`; exit code 1 is a verdict."""
+    said = ""
+    for line in BLOCKS[name][1].splitlines():
+        program, *arguments = shlex.split(line, comments=True)
+        if program == "cd":
+            monkeypatch.chdir(arguments[0])
+        elif not only or arguments[0] == only:
+            done = CliRunner().invoke(app, arguments)
+            assert done.exit_code in ((0, 1) if arguments[0] in ("tune", "report") else (0,)), done.output + done.stderr
+            assert "warning" not in done.stderr, done.stderr
+            said += done.stdout
+    return said
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The reader's folder, with the sheets' values in its file; it is where commands run."""
+    monkeypatch.chdir(tmp_path)
+    run("start", monkeypatch)
+    filled = (tmp_path / "my_actuator" / "actuator.toml").read_text(encoding="utf-8")
+    table = ""
+    for line in BLOCKS["sheets"][1].splitlines():
+        if line.startswith("["):
+            table = line
+        elif line:  # as the reader does it: the # away, the value the sheet's
+            key = line.partition(" = ")[0]
+            written = re.search(rf"{re.escape(table)}\n(?:[^\[].*\n|\n)*?(#{re.escape(key)} = .*)", filled)
+            assert written, (table, key)
+            filled = filled[:written.start(1)] + line + filled[written.end(1):]
+    (tmp_path / "my_actuator" / "actuator.toml").write_text(filled, encoding="utf-8")
+    return tmp_path / "my_actuator"
+
+
+def test_every_block_is_run() -> None:
+    assert sorted(BLOCKS) == ["bounds", "check", "checked", "finish", "sheets", "start"]
+
+
+def test_the_file_filled_in_is_that_of_the_page(folder: Path) -> None:
+    given = {e.variable.name for e in load_parameters(folder / "actuator.toml").entries if e.source == "user"}
+    (folder / "page.toml").write_text(BLOCKS["sheets"][1], encoding="utf-8")
+    page = load_parameters(folder / "page.toml")
+    assert page.values == load_parameters(folder / "actuator.toml").values
+    assert page.warnings == ()
+    assert len(given) == sum(7 if isinstance(value, dict) and "value" in value else 1
+                             for table in tomllib.loads(BLOCKS["sheets"][1]).values()
+                             for value in (table.get("coulomb", table) if isinstance(table, dict) else {}).values())
+
+
+def test_its_checks_print_what_the_page_shows(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said = run("check", monkeypatch)
+    for line in BLOCKS["checked"][1].splitlines():
+        assert line in said, said
+    assert (folder / "step.html").is_file()
+
+
+def test_its_fmu_is_built(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copy("actuator.toml", "tuned.toml")  # in place of the search, which the slow test does
+    assert "59 of 101 values are shipped estimates" in run("finish", monkeypatch, "build")
+    assert (folder / "MyActuator.fmu").is_file()
+
+
+def widen(folder: Path) -> None:
+    """Put the page's bounds in place of the shipped ones."""
+    path = folder / "tuning.toml"
+    text, bounds = path.read_text(encoding="utf-8"), BLOCKS["bounds"][1]
+    begin = text.index("[tunables]")
+    path.write_text(text[:begin] + bounds + text[text.index("\n\n", begin):], encoding="utf-8")
+
+
+def test_its_bounds_fit_the_study(folder: Path) -> None:
+    base = load_parameters(folder / "actuator.toml")
+    before = load_study(folder / "tuning.toml", base)
+    widen(folder)
+    after = load_study(folder / "tuning.toml", base)
+    assert [t.name for t in after.tunables] == [t.name for t in before.tunables]
+    assert all(new.lower <= new.upper and new != old
+               for new, old in zip(after.tunables, before.tunables, strict=True))
+
+
+@pytest.mark.slow
+def test_gains_fmu_and_report(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    widen(folder)
+    run("finish", monkeypatch)
+    for name in ("tuned.toml", "tuning.html", "MyActuator.fmu", "report.html"):
+        assert (folder / name).is_file()
+    tuned, given = (load_parameters(folder / name).values for name in ("tuned.toml", "actuator.toml"))
+    changed = {name for name, value in tuned.items() if value != given[name]}
+    assert changed
+    assert all(name.startswith("controller.") for name in changed)
+
+
+# -- conversions -------------------------------------------------------------------
+
+
+def factors(begin: str) -> list[float]:
+    """The factors of the page's rows that begin so."""
+    return [float(number) for number in re.findall(rf"^\| {re.escape(begin)}.*?\| × ([\d.]+)", TEXT, re.MULTILINE)]
+
+
+@pytest.mark.parametrize(("flux", "resistance", "inductance", "pairs", "amplitude", "speed"), [
+    (0.0136, 0.11, 2.25e-4, 4, 70.0, 330.0), (0.05, 0.4, 1e-3, 1, 3.0, 20.0)])
+def test_a_field_oriented_motor_is_the_equations(flux: float, resistance: float, inductance: float, pairs: int,
+                                                 amplitude: float, speed: float) -> None:
+    """In steady motion, of a star with values of a phase, amplitude-invariant; the page's factors have four digits."""
+    v_q = resistance * amplitude + pairs * speed * flux
+    v_d = -pairs * speed * inductance * amplitude
+    torque = 1.5 * pairs * flux * amplitude
+    rms, emf = amplitude / sqrt(2.0), pairs * flux  # of a phase, per rad/s of the shaft
+    per_star, per_delta = factors("resistance, inductance of a phase")
+    per_rms, per_amplitude = factors("current, or A/V, rms")[0], factors("current, or A/V, amplitude")[0]
+    r, inductive, delta = per_star * resistance, per_star * inductance, per_delta * 3.0 * resistance
+    i = per_rms * rms
+    k = factors("voltage constant, phase (star), amplitude")[0] * emf
+    rel = 2e-4  # two factors of four digits
+    assert delta == pytest.approx(r, rel=rel)
+    assert i == pytest.approx(per_amplitude * amplitude, rel=rel)
+    assert k * i == pytest.approx(torque, rel=rel)
+    assert (r * i + k * speed) ** 2 + (pairs * speed * inductive * i) ** 2 == pytest.approx(
+        3.0 * (v_q**2 + v_d**2), rel=4e-4)  # of (V/sqrt 3)^2, squared
+    assert r * i * i == pytest.approx(1.5 * resistance * amplitude**2, rel=4e-4)
+    assert (r * i + k * speed) * i == pytest.approx(1.5 * v_q * amplitude, rel=4e-4)
+    gain = factors("gain of the current loop")[0]  # of an error of 1 A of amplitude, 1 V of v_q
+    assert gain * per_amplitude == pytest.approx(sqrt(3.0), rel=rel)
+    for begin, sheet in (("voltage constant, phase (star), rms", emf / sqrt(2.0)),
+                         ("voltage constant, line to line, rms", sqrt(1.5) * emf),
+                         ("voltage constant, line to line, amplitude", sqrt(3.0) * emf),
+                         ("torque constant, N·m/A rms", torque / rms),
+                         ("torque constant, N·m/A of amplitude", torque / amplitude)):
+        factor, = set(factors(begin))
+        assert factor * sheet == pytest.approx(k, rel=rel), begin

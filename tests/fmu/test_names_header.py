@@ -1,0 +1,60 @@
+"""The header with GUID and value references for a host in C, of one fin and of four, of any actuator."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from emcas_fmu.actuators import NAMES
+from emcas_fmu.fmi.interface import FmuInterface, start_values
+from emcas_fmu.fmi.model_description import model_description
+from emcas_fmu.fmi.native import names_header
+from emcas_fmu.fmi.package import interface_guid
+from emcas_fmu.parameters import load_parameters
+from tests.hosts.host import STRICT, tool
+
+MACRO = re.compile(r"#define (\w+)_VR_(\w+) (\d+)u /\* (\S+): (\w+), (\w+)(?:, (\S+))? \*/")
+
+
+@pytest.mark.parametrize("fins", [1, 4])
+@pytest.mark.parametrize("model", [*NAMES, "nonlinear+homing+faults"])
+def test_it_says_what_the_model_description_says(model: str, fins: int, tmp_path: Path) -> None:
+    unit = FmuInterface(fins, model)
+    starts = start_values(unit, [load_parameters(model=model).values] * fins)
+    guid = interface_guid(starts, unit)
+    text = names_header(unit, guid)
+    described = model_description(starts, guid, options={}, tool="", unit=unit)
+    found = {name: (int(place), causality, kind, of) for _, _, place, name, causality, kind, of in MACRO.findall(text)}
+    expected = {}
+    for scalar in described.iter("ScalarVariable"):
+        kind = "Integer" if scalar[0].tag == "Enumeration" else scalar[0].tag
+        expected[scalar.attrib["name"]] = (int(scalar.attrib["valueReference"]), scalar.attrib["causality"], kind,
+                                           scalar[0].attrib.get("unit", ""))
+    assert found == expected
+    prefix = unit.model.upper()
+    assert f'#define {prefix}_GUID "{described.attrib["guid"]}"' in text
+    assert f'#define {prefix}_MODEL "{unit.model}"' in text
+    names = re.findall(r"#define (\w+)", text)
+    assert len(names) == len(set(names)) == len(expected) + 3  # guard, model and GUID
+
+
+def test_names_of_one_fin_and_of_four() -> None:
+    one, four = (names_header(FmuInterface(fins), "{}") for fins in (1, 4))
+    assert "#define EMCAS_VR_FIN_COMMAND 0u /* fin_command: input, Real, rad */" in one
+    assert re.search(r"#define EMCAS4_VR_FIN_2_FIN_ANGLE \d+u /\* fin\[2\]\.fin_angle: output, Real, rad \*/", four)
+
+
+def test_c_and_cpp_take_both_in_one_program(tmp_path: Path) -> None:
+    for fins, name in ((1, "EMCAS"), (4, "EMCAS4")):
+        (tmp_path / f"{name}.h").write_text(names_header(FmuInterface(fins), "{x}"), encoding="utf-8")
+    (tmp_path / "both.c").write_text(
+        '#include "EMCAS.h"\n#include "EMCAS4.h"\n#include "EMCAS.h"\n'
+        "const unsigned both[] = {EMCAS_VR_FIN_ANGLE, EMCAS4_VR_FIN_4_FIN_ANGLE};\n"
+        "const char *const guid = EMCAS_GUID;\n", encoding="utf-8")
+    for language in (STRICT, ("-x", "c++", *STRICT[1:])):
+        made = subprocess.run([tool("gcc", "gcc"), *language, "-c", "both.c", "-o", "both.o"], cwd=tmp_path,
+                              capture_output=True, text=True)
+        assert made.returncode == 0, made.stderr

@@ -1,0 +1,179 @@
+"""Help, version and messages of the command line: at once, in words, without types or negative zeros."""
+
+from __future__ import annotations
+
+import errno
+import logging
+import subprocess
+import sys
+from math import inf, nan
+from pathlib import Path
+
+import pytest
+import typer
+from hypothesis import given
+from hypothesis import strategies as st
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from emcas_fmu.bench.writers import number, rounded
+from emcas_fmu.cli import app
+from emcas_fmu.commands import common
+from emcas_fmu.commands.group import PANELS, summary
+from emcas_fmu.compiler import PLATFORMS
+from emcas_fmu.errors import in_words, unreadable
+from emcas_fmu.progress import LOG
+from emcas_fmu.runtime import compiled
+from emcas_fmu.studies.validate.output import _figure
+
+HEAVY = ("numpy", "scipy", "matplotlib", "pydantic", "pint", "jinja2", "fmpy", "emcas_fmu.actuators.declaration")
+NAMES = [name for names in PANELS.values() for name in names]
+
+
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_help_and_version_import_no_library_that_computes(option: str) -> None:
+    """By the modules loaded, not by the time it takes."""
+    program = ("import sys\nfrom emcas_fmu.cli import app\ntry:\n    app([sys.argv[1]])\nfinally:\n"
+               "    print('loaded', *sorted(sys.modules), file=sys.stderr)\n")
+    done = subprocess.run([sys.executable, "-c", program, option], capture_output=True, text=True)
+    loaded = next(line for line in done.stderr.splitlines() if line.startswith("loaded ")).split()
+    assert "emcas_fmu.cli" in loaded
+    assert not set(HEAVY) & set(loaded)
+    assert "emcas" in done.stdout
+
+
+def test_every_command_is_listed_in_a_panel_by_its_summary() -> None:
+    shown = CliRunner(env={"COLUMNS": "200"}).invoke(app, ["--help"]).output
+    files = [path.stem for path in Path(common.__file__).parent.glob("*.py")
+             if path.read_text(encoding="utf-8").startswith(f'"""`emcas {path.stem}`: ')]
+    assert sorted(NAMES) == sorted(files)
+    for panel, names in PANELS.items():
+        assert f" {panel} " in shown
+        for name in names:
+            assert len(summary(name)) > 10
+            assert summary(name) in shown
+
+
+def words(command: object, path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+    """The words of every command, groups and their commands among them."""
+    inside = getattr(command, "commands", {})
+    return [path, *(found for name, each in inside.items() for found in words(each, (*path, name)))]
+
+
+@pytest.mark.parametrize("command", words(get_command(app)), ids=" ".join)
+def test_help_shows_what_a_value_means_and_no_type(command: tuple[str, ...]) -> None:
+    done = CliRunner(env={"COLUMNS": "200"}).invoke(app, [*command, "--help"])
+    assert done.exit_code == 0, done.output
+    assert "--help" in done.output
+    assert "<" not in done.output
+
+
+def test_an_unknown_command_is_refused() -> None:
+    refused = CliRunner().invoke(app, ["simulat"])
+    assert refused.exit_code == 2
+    assert "No such command" in refused.output
+
+
+@given(st.floats(-1e5, 1e5), st.sampled_from(["+.4f", ".3g", "#.3g", ".0f", "+.0f"]))
+def test_nothing_has_no_sign(value: float, form: str) -> None:
+    text = rounded(value, form)
+    assert float(text) == float(format(value, form))
+    assert float(text) != 0.0 or text[0] not in "+-"
+
+
+def test_what_is_no_number_is_shown_in_words() -> None:
+    assert [rounded(x, ".3g") for x in (inf, -inf, nan)] == ["–"] * 3
+    assert [number(x) for x in (-0.0, -1e-5, inf, nan, None)] == ["0", "-1e-05", "not reached", "–", "–"]
+
+
+def test_a_step_that_does_not_settle_says_for_how_long_it_was_waited_for() -> None:
+    done = CliRunner(env={"COLUMNS": "120"}).invoke(app, ["simulate", "--step", "10", "--stop", "0.08", "--model",
+                                                          "second-order", "--kernel", "python"])
+    assert done.exit_code == 0, done.output
+    rows = dict(line.strip("│ ").split(" │ ") for line in done.output.splitlines() if " │ " in line)
+    shown = {name.strip(): value.strip() for name, value in rows.items()}
+    assert shown["settling_time_s"] == shown["rise_time_s"] == "not within 0.03 s"  # of 80 ms: it comes at 50 ms
+    assert shown["sustained_rate_deg_per_s"] == "not reached"
+
+
+@pytest.mark.parametrize(("code", "said"), [
+    (errno.EACCES, "x.csv: cannot be written: permission denied; choose another place"),
+    (errno.ENOSPC, "x.csv: cannot be written: the disk is full; free some space or choose another place"),
+    (errno.EISDIR, "x.csv: cannot be written: it is a folder; give a file"),
+    (errno.ENOENT, "x.csv: cannot be read: there is no such file or folder; check its name"),
+    (errno.EIO, "x.csv: cannot be written: Input/output error; choose another place")])
+def test_errors_of_the_system_name_file_and_remedy(code: int, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(typer.Exit), common.failures():
+        raise OSError(code, "Input/output error", "x.csv")
+    shown = " ".join(capsys.readouterr().err.split())
+    assert shown == f"error: {said}"
+
+
+def test_an_error_without_a_file_is_shown_as_it_is() -> None:
+    assert in_words(OSError("no more")) == "no more"
+
+
+@pytest.mark.parametrize("command", ["parameters -p {}", "simulate --input {}", "report --mission {}",
+                                     "identify backlash {}", "ssp check {}", "tune {}"])
+def test_inputs_that_cannot_be_read_are_named_with_the_remedy(command: str, tmp_path: Path) -> None:
+    binary = tmp_path / "b.toml"
+    binary.write_bytes(b"\xb1\x00" * 50)
+    inputs = [(tmp_path, "is a folder"), (tmp_path / "none.toml", "there is no such file")]
+    if not command.startswith("ssp"):  # an archive is no text
+        inputs.append((binary, "is not a text file in UTF-8 (byte 0)"))
+    for path, said in inputs:
+        done = CliRunner().invoke(app, command.format(path).split())
+        shown = done.stderr.replace("\n", "")
+        assert done.exit_code == 2
+        assert f"{path}: cannot be read: it {said}".replace("it there", "there") in shown
+        assert "Errno" not in shown
+        assert "codec" not in shown
+
+
+def test_a_decoding_error_has_its_place() -> None:
+    with pytest.raises(UnicodeDecodeError) as caught:
+        b"ab\xff".decode("utf-8")
+    assert "(byte 2)" in unreadable("x", caught.value)
+
+
+def test_what_takes_long_is_announced_on_standard_error(capsys: pytest.CaptureFixture[str]) -> None:
+    with common.failures():
+        LOG.info("compiling the actuator x (once, up to a minute) ...")
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "compiling the actuator x" in printed.err
+    logging.getLogger("another").info("not shown")
+    assert capsys.readouterr().err == ""
+
+
+def test_progress_shows_the_time_left() -> None:
+    with common.progress_bar() as bars:
+        step = common.stepper(bars, "test")
+        step("one", 1, 4)
+        assert bars.tasks[0].total == 4
+        assert any(type(column).__name__ == "TimeRemainingColumn" for column in bars.columns)
+
+
+def test_compiling_a_kernel_is_announced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                         capsys: pytest.CaptureFixture[str]) -> None:
+    class Fake:
+        version = "fake"
+
+        def library(self, *given: object) -> bytes:
+            assert "compiling the actuator elastic" in capsys.readouterr().err  # before the wait, not after it
+            return b"library"
+
+    monkeypatch.setattr(compiled, "cache_directory", lambda: tmp_path)
+    with common.failures():
+        target = compiled._compile(Fake(), {}, PLATFORMS["linux64"], "x", "elastic")  # type: ignore[arg-type]
+    assert target.read_bytes() == b"library"
+
+
+@pytest.mark.parametrize(("figures", "key", "shown"), [
+    ({"settling_time_s": inf, "judged_for_s": 0.45}, "settling_time_s", ">450"),
+    ({"settling_time_s": 0.0664, "judged_for_s": 0.45}, "settling_time_s", "66.4"),
+    ({"bandwidth_hz": nan, "swept_to_hz": 24.0}, "bandwidth_hz", ">24"),
+    ({"rise_time_s": nan}, "rise_time_s", "–"), ({"end_error_deg": -0.0}, "end_error_deg", "0.00")])
+def test_the_table_of_emcas_validate_has_a_bound_for_what_is_not_reached(figures: dict[str, float], key: str,
+                                                                         shown: str) -> None:
+    assert _figure(figures, key, 1e3 if key.endswith("time_s") else 1.0) == shown

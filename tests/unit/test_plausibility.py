@@ -1,0 +1,114 @@
+"""Warnings of values that contradict one another, each by itself; none of what is shipped."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from emcas_fmu.actuators import EXTENSIONS, NAMES, get
+from emcas_fmu.actuators.electromechanical import plausibility
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.files import named_sets
+from emcas_fmu.ops.floats import FLOATS
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime import codegen
+from emcas_fmu.trace.python_source import python_source
+from tests.own_actuator.example import MODEL as DIRECT_DRIVE
+from tests.unit.test_sets import MODELS
+
+RULES = (*plausibility.RULES, *plausibility.SUPPLY_RULES)
+
+
+@pytest.mark.parametrize("model", [*NAMES, DIRECT_DRIVE], ids=lambda model: Path(model).stem)
+def test_no_shipped_set_warns(model: str) -> None:
+    assert load_parameters(model=model).warnings == ()
+    for extension in EXTENSIONS:
+        try:
+            extended = load_parameters(model=f"{model}+{extension}")
+        except EmcasError:
+            continue
+        assert extended.warnings == ()
+
+
+@pytest.mark.parametrize("name", sorted(named_sets()))
+def test_no_named_set_warns(name: str) -> None:
+    warnings = load_parameters(name, model=MODELS.get(name, "nonlinear")).warnings
+    assert not [warning for warning in warnings if not warning.endswith("not used")]
+
+
+# On either side of each rule's limit, by hand from the default set: one change each, and what alone is said.
+@pytest.mark.parametrize(("changes", "said"), [
+    ({"inertia.motor": 1.6e-2}, "check the units of inertia"),  # 1e3 times the load's 1.551e-5 kg.m2
+    ({"inertia.motor": 1.5e-2}, ""),
+    ({"inertia.fin": 113.0}, "check the units of inertia"),  # (l/d)^2 113 kg.m2 is 100.3 times 2.855e-4 kg.m2
+    ({"inertia.fin": 112.0}, ""),
+    ({"drive.current_limit": 3.7}, "takes over half"),  # 0.205 N.m of 0.407 N.m
+    ({"drive.current_limit": 3.8}, ""),
+    ({"friction.fin_coulomb": 200.0}, "takes over half"),  # 200 N.m l/d = 3.18 N.m, and 0.205 N.m, of 6.6 N.m
+    ({"friction.fin_coulomb": 190.0}, ""),
+    ({"drive.current_limit": 82.0}, "is never asked for"),  # of 81.9 A
+    ({"encoder.pulses": 7}, "deg of the fin"),  # 360 deg/28 l/d = 0.2046 deg of 0.2 deg
+    ({"encoder.pulses": 8}, ""),
+    ({"encoder.pulses": 450, "encoder.on_fin": True}, ""),
+    ({"encoder.pulses": 440, "encoder.on_fin": True}, "deg of the fin"),  # 0.2045 deg
+    ({"controller.velocity.kp": 0.074}, ""),
+    ({"controller.velocity.kp": 0.0753}, "take 60.7 deg of phase"),  # 60 deg at 0.07444 of 131.4 rad/s at 0.0439
+    ({"drive.transport_delay": 7.1e-3}, "will ring"),
+    ({"controller.speed_limit": 354.0}, ""),
+    ({"controller.speed_limit": 355.0}, "never reaches"),  # 39 V over 0.11 V.s/rad is 354.5 rad/s
+    ({"motor.resistance": 0.64}, ""),
+    ({"motor.resistance": 0.66}, "needs 39.6 V across motor.resistance"),  # 0.65 Ohm times 60 A is 39 V
+])
+def test_a_contradiction_is_said_once(changes: dict[str, float], said: str) -> None:
+    warnings = load_parameters().with_values(changes).warnings
+    if "encoder.pulses" in changes:  # coarse counts are noise in the current as well
+        warnings = tuple(w for w in warnings if "will be noise" not in w)
+    assert [said in warning for warning in warnings] == ([True] if said else [])
+
+
+def test_counts_are_noise_in_the_current() -> None:
+    # 2 pi/(4 n) a millisecond times 0.0439 V.s/rad and 8.19 A/V is 565 A/n: a tenth of 60 A at n = 94.1.
+    for pulses, warned in ((94, True), (95, False)):
+        warnings = load_parameters().with_values({"encoder.pulses": pulses}).warnings
+        assert [("will be noise" in warning) for warning in warnings] == [True] * warned
+
+
+def test_a_light_rotor_with_the_shipped_gains_is_told_to_be_tuned() -> None:
+    warnings = load_parameters().with_values({"inertia.motor": "300 g*cm^2"}).warnings
+    assert [("tune the gains" in warning) for warning in warnings] == [True]
+
+
+@pytest.mark.parametrize(("model", "changes", "said"), [
+    ("worm-gear", {"inertia.motor": 5e-5}, "the velocity loop"),
+    ("worm-gear", {"encoder.pulses": 7}, "deg of the fin"),  # 360 deg/28/60 = 0.214 deg
+    ("worm-gear", {"controller.speed_limit": 355.0}, "never reaches"),
+    ("electrohydrostatic", {"inertia.motor": 1e-4}, "the velocity loop"),
+    ("electrohydrostatic", {"motor.resistance": 0.66}, "at standstill"),
+    ("linear", {"inertia.motor": 1e-4}, "the velocity loop"),
+    ("ristanovic", {"inertia.motor": 1e-7, "inertia.screw": 0.0}, "check the units of inertia"),
+    ("series-clutch", {"drive.current_limit": 82.0}, "is never asked for"),
+    ("elastic", {"drive.current_limit": 82.0}, "is never asked for"),
+])
+def test_others_have_those_that_are_theirs(model: str, changes: dict[str, float], said: str) -> None:
+    warnings = load_parameters(model=model).with_values(changes).warnings
+    assert any(said in warning for warning in warnings)
+
+
+@pytest.mark.parametrize("changes", [{}, {"inertia.motor": 1.6e-2, "encoder.pulses": 7}, {
+    "drive.current_limit": 3.0, "controller.velocity.kp": 0.1, "encoder.on_fin": True, "friction.temperature": -20.0}])
+def test_the_rules_traced_are_the_rules(changes: dict[str, float]) -> None:
+    """To the bit: the Python FMU's own source; the native one is printed from the same trace."""
+    chosen, rules = load_parameters().with_values(changes), get("nonlinear").all_rules
+    space: dict[str, Any] = {}
+    exec(python_source(codegen.traced_rules("nonlinear"), "Rules"), space)
+    checks = space["make"](dict(chosen.values))
+    for rule, check in zip(rules, checks, strict=True):
+        assert check(0.0) == rule.check(FLOATS, chosen.nested(), 0.0), rule.message
+
+
+def test_both_back_ends_have_the_rules_without_supply() -> None:
+    assert set(plausibility.RULES) <= set(get("nonlinear").all_rules)
+    assert not set(plausibility.SUPPLY_RULES) & set(get("nonlinear").all_rules)
+    assert all(rule.warning for rule in RULES)

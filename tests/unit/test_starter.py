@@ -1,0 +1,165 @@
+"""`emcas init`: the files it writes, for every actuator, and what it refuses."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from typer.main import get_command
+from typer.testing import CliRunner, Result
+
+from emcas_fmu.actuators import NAMES
+from emcas_fmu.bench.verdict import load_requirements
+from emcas_fmu.cli import app
+from emcas_fmu.files import models_directory
+from emcas_fmu.parameters import ParameterSet, load_parameters
+from emcas_fmu.studies import starter
+from emcas_fmu.studies.campaign import study as campaign
+from emcas_fmu.studies.overview import offered
+from emcas_fmu.studies.tuning.study import load_study
+from tests.own_actuator.example import MODEL as DIRECT_DRIVE
+
+MODELS = (*NAMES, "nonlinear+lugre+heat+homing+supply+faults", "elastic+stribeck+efficiency+heat+homing+supply+faults",
+          DIRECT_DRIVE)
+each_model = pytest.mark.parametrize("model", MODELS, ids=lambda model: Path(model).stem)
+_VALUE = re.compile(r"^#([\w.]+ = )", re.MULTILINE)
+
+
+def init(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["init", *map(str, arguments)])
+
+
+@cache
+def shipped(model: str) -> ParameterSet:
+    return load_parameters(model=model)
+
+
+@each_model
+def test_the_file_as_it_is_is_the_shipped_set(model: str, tmp_path: Path) -> None:
+    path = tmp_path / "actuator.toml"
+    path.write_text(starter.parameter_text(shipped(model)), encoding="utf-8")
+    assert load_parameters(path, model=model) == shipped(model)
+
+
+@each_model
+@given(st.data())
+@settings(max_examples=4, deadline=None)
+def test_any_of_its_values_uncommented_are_the_shipped_ones(model: str, tmp_path_factory: pytest.TempPathFactory,
+                                                            data: st.DataObject) -> None:
+    text = starter.parameter_text(shipped(model))
+    lines = len(_VALUE.findall(text))
+    assert lines == len(offered(shipped(model))) > 0
+    kept = data.draw(st.one_of(st.just(set(range(lines))), st.sets(st.integers(0, lines - 1))))
+    number = iter(range(lines))
+    path = tmp_path_factory.mktemp("filled") / "actuator.toml"
+    path.write_text(_VALUE.sub(lambda match: match[1] if next(number) in kept else match[0], text), encoding="utf-8")
+    filled = load_parameters(path, model=model)
+    assert filled.values == shipped(model).values
+    assert filled.warnings == shipped(model).warnings
+    given = {e.variable.name.partition("[")[0] for e in filled.entries if e.source == "user"}
+    assert given == {name for i, name in enumerate(names(text)) if i in kept}
+
+
+def names(text: str) -> list[str]:
+    """The values' names in their order, with their tables."""
+    found, table = [], ""
+    for line in text.splitlines():
+        if line.startswith("["):
+            table = line.strip("[]") + "."
+        elif match := _VALUE.match(line):
+            found.append(table + match[1].removesuffix(" = "))
+    return found
+
+
+# Loading a campaign takes a second or two of each.
+@pytest.mark.parametrize("model", [
+    pytest.param(model, marks=() if model in ("electrohydraulic", DIRECT_DRIVE) else pytest.mark.slow)
+    for model in MODELS], ids=lambda model: Path(model).stem)
+def test_its_studies_are_the_shipped_ones_and_fit(model: str, tmp_path: Path) -> None:
+    base = shipped(model)
+    assert init(tmp_path, "--model", model).exit_code == 0
+    assert load_requirements(tmp_path / "requirements.toml")
+    assert campaign.load_study(tmp_path / "campaign.toml").plan.factors
+    tuned = tmp_path / "tuning.toml"
+    if tuned.exists():
+        assert load_study(tuned, base).requirements
+        assert tuned.read_bytes() in {path.read_bytes() for path in (*(models_directory() / "tuning").iterdir(),
+                                                                     models_directory() / "tuning.toml")}
+    elif model in NAMES:
+        assert model in ("linear", "second-order", "ristanovic")
+
+
+@pytest.mark.parametrize("model", ["nonlinear", "second-order", DIRECT_DRIVE], ids=lambda model: Path(model).stem)
+def test_the_commands_of_its_readme_are_the_programs(model: str, tmp_path: Path,
+                                                     monkeypatch: pytest.MonkeyPatch) -> None:
+    assert init(tmp_path, "--model", model).exit_code == 0
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tuned.toml").touch()
+    block = re.findall(r"```sh\n(.*?)```", (tmp_path / "README.md").read_text(encoding="utf-8"), re.DOTALL)[0]
+    program: Any = get_command(app)
+    for line in block.splitlines():
+        _, name, *arguments = shlex.split(line, comments=True)
+        command = program.commands[name]
+        assert command.make_context(name, arguments).params
+
+
+def test_a_campaign_is_without_what_an_actuator_has_not() -> None:
+    text = starter.campaign_text(shipped("electrohydraulic"))
+    assert "supply_voltage" not in text
+    assert "[experiments.sag]" not in text
+    assert '[vary."inertia.fin"]' in text
+    assert '[vary."motor.resistance"]' in starter.campaign_text(shipped("nonlinear"))
+
+
+def test_what_was_written_is_said_with_the_next_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = init("mine")
+    assert done.exit_code == 0
+    for name in ("actuator.toml", "tuning.toml", "campaign.toml", "requirements.toml", "README.md"):
+        assert f"written mine/{name}" in done.output
+        assert (tmp_path / "mine" / name).is_file()
+    assert "cd mine && emcas parameters -p actuator.toml" in done.output
+
+
+def test_nothing_is_written_over(tmp_path: Path) -> None:
+    (tmp_path / "actuator.toml").write_text("mine", encoding="utf-8")
+    refused = init(tmp_path)
+    assert refused.exit_code == 2
+    assert "actuator.toml: there already" in refused.stderr
+    assert "README.md" not in refused.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["actuator.toml"]
+    assert (tmp_path / "actuator.toml").read_text(encoding="utf-8") == "mine"
+    assert init(tmp_path, "--force").exit_code == 0
+    assert load_parameters(tmp_path / "actuator.toml") == shipped("nonlinear")
+
+
+def test_refusals(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.touch()
+    for arguments, said in (((file,), "is a file"), ((file / "below",), "is a file"),
+                            ((tmp_path / "new", "--model", "nonlinaer"), "did you mean nonlinear?")):
+        refused = init(*arguments)
+        assert refused.exit_code == 2
+        assert said in refused.stderr
+        assert len(refused.stderr.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="nothing is closed to this user")
+def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    refused = init(tmp_path / "new")
+    assert refused.exit_code == 2
+    assert "cannot be written" in refused.stderr
+    tmp_path.chmod(0o700)
+
+
+def test_help_has_examples() -> None:
+    assert "emcas init my_actuator" in init("--help").output
