@@ -33,7 +33,7 @@ class CompilerError(EmcasError):
 
 @dataclass(frozen=True)
 class Platform:
-    """An FMI platform: suffix of its libraries, zig's name for it, and flags to link with."""
+    """A platform: suffix of its libraries, zig's name for it, and flags to link with."""
 
     name: str
     suffix: str
@@ -48,6 +48,10 @@ PLATFORMS = {p.name: p for p in (
     Platform("aarch64-linux", ".so", "aarch64-linux-gnu.2.17", ("-shared", "-fPIC", "-Wl,--build-id=none", "-lm")),
     Platform("aarch64-darwin", ".dylib", "aarch64-macos.11.0", ("-dynamiclib", "-Wl,-install_name,@rpath/{}")),
 )}
+
+# For a browser. Traps there are none there, and clang says so; musl's libm needs nothing of the page.
+WEB = Platform("wasm", ".wasm", "wasm32-wasi", (
+    "-Wno-unsupported-floating-point-opt", "-mexec-model=reactor", "-Wl,--export-dynamic", "-Wl,--export=__heap_base"))
 
 
 def local_platform() -> Platform | None:

@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from .actuators import extension_outputs, fin_port
+from .actuators import extension_outputs, fin_port, get
 from .bench import metrics
 from .bench.excitation import COMMAND, Excitation
 from .bench.subject import Columns, Run
@@ -220,15 +220,15 @@ def draw(response: Response) -> Figure:
     An actuator's own outputs of one unit share a panel. Takes effect inside `style()`.
     """
     time, fins, extensions = response.time, response.fins, response.extension_outputs
-    panels = _panels(response)
+    own = panels(response.unit.kind)
     shared = response.unit.line.outputs if response.unit.line else ()
-    count = len(panels) + len(shared) + len(extensions)
+    count = len(own) + len(shared) + len(extensions)
     made, grid = figure((count + 1) // 2, 2, width=10.0, sharex=True)
     first, places = grid[0, 0], iter(grid.ravel())
     commands = [run.excitation.command for run in fins if COMMAND in run.excitation.columns]
     for k, command in enumerate(commands):
         first.step(time, np.degrees(command), where="post", label=None if k else "command", **COMMAND_LINE)
-    for panel, axes in zip(panels, places, strict=False):
+    for panel, axes in zip(own, places, strict=False):
         _draw_panel(axes, panel, time, fins)
     first.set_title(response.excitation.title)
     first.legend(loc="best", ncols=1 + len(fins) // 5)
@@ -250,11 +250,11 @@ def draw(response: Response) -> Figure:
     return made
 
 
-def _panels(response: Response) -> list[list[Variable]]:
+def panels(model: str) -> list[list[Variable]]:
     """Return the outputs of each panel: the port's one by one, then the actuator's own Real ones by their units."""
-    aside = {v.name for v in (*fin_port.OUTPUTS, *response.extension_outputs)}
+    aside = {v.name for v in (*fin_port.OUTPUTS, *extension_outputs(model))}
     own: dict[str, list[Variable]] = {}
-    for v in response.unit.actuator.outputs:
+    for v in get(model).outputs:
         if v.kind == "Real" and v.name not in aside:
             own.setdefault(v.unit, []).append(v)
     port = (fin_port.FIN_ANGLE, fin_port.TRACKING_ERROR, fin_port.FIN_RATE, fin_port.HINGE_TORQUE)

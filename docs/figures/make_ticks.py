@@ -43,11 +43,11 @@ class Runs:
         if self.columns:
             exact = {"encoder.enabled": False, "transducer.resolution": 0.0}
             rows = len(next(iter(self.columns.values())))
-            yield (default.replace({**default.having(exact), **self.changes}),
+            yield (default.with_values({**default.having(exact), **self.changes}),
                    {"time": np.arange(rows) * 1e-3, **self.columns})
         there = {case.name: case for case in files.cases(default)}
         for case in (there[name] for name in self.cases):
-            yield default.replace({**case.overrides, **self.changes}), case.inputs()
+            yield default.with_values({**case.overrides, **self.changes}), case.inputs()
 
 
 @cache
@@ -106,8 +106,9 @@ def table(model: str, cases: Mapping[str, Runs], ticks: tuple[float, ...]) -> st
         for parameters, inputs in runs.inputs(default):
             expected = reference(parameters.values, inputs)["fin_angle"]
             signals: dict[str, Any] = {name: column for name, column in inputs.items() if name != "time"}
-            angles = (simulate(parameters.replace({"solver.max_tick": tick}).values, float(inputs["time"][-1]), 1e-3,
-                               model=model, **signals)["fin_angle"] for tick in ticks)
+            ticked = (parameters.with_values({"solver.max_tick": tick}).values for tick in ticks)
+            angles = (simulate(values, float(inputs["time"][-1]), 1e-3, model=model, **signals)["fin_angle"]
+                      for values in ticked)
             errors = np.maximum(errors, [np.degrees(np.abs(angle - expected).max()) for angle in angles])
         rows.append((title, *map(_degrees, errors)))
     shipped = default.values["solver.max_tick"]

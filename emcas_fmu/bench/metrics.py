@@ -243,7 +243,7 @@ def usage(run: Run) -> dict[str, float]:
     at = dict(zip(run.columns, since(run.excitation.begin, *run.columns.values()), strict=True))
     reductions: Mapping[str, Callable[[Array], Any]] = {
         "peak": lambda column: np.max(np.abs(column)), "rms": rms, "share": lambda column: np.mean(column > 0.5)}
-    figures = {name: float(reductions[reduction](at[output])) for name, (reduction, output) in _USAGE.items()
+    figures = {name: float(reductions[reduction](at[output])) for name, (reduction, output) in REDUCED.items()
                if output in at}
     if "supply_power" in at:
         power = at["supply_power"]
@@ -253,12 +253,12 @@ def usage(run: Run) -> dict[str, float]:
     return figures
 
 
-_USAGE: Mapping[str, tuple[str, str]] = {
+REDUCED: Mapping[str, tuple[str, str]] = {
     "peak_angle": ("peak", "fin_angle"), "peak_rate": ("peak", "fin_rate"), "peak_current": ("peak", "motor_current"),
     "peak_tracking_error": ("peak", "tracking_error"), "rms_current": ("rms", "motor_current"),
     "rms_tracking_error": ("rms", "tracking_error"), "saturated_share": ("share", "saturated"),
     "at_stop_share": ("share", "at_stop")}
-USAGE = (*_USAGE, "peak_power", "energy_drawn", "energy_returned", "peak_returned_power")
+USAGE = (*REDUCED, "peak_power", "energy_drawn", "energy_returned", "peak_returned_power")
 """The figures of `usage`."""
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from datetime import date as calendar
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Annotated, Any
@@ -93,8 +94,18 @@ FinFilesOption = Annotated[list[str] | None, typer.Option(
     help="Parameter file of one of several fins, over the others' (may be given several times).", metavar="N=FILE")]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.", metavar="FILE")]
 JunitOption = Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.", metavar="FILE")]
+DateOption = Annotated[str | None, typer.Option(help="Date to print, as 2026-03-31; none unless given, so that the "
+                                                     "same inputs give the same bytes.", metavar="DATE")]
 ReportOption = Annotated[Path | None, typer.Option(help="Write a page with pictures to this file.",
                                                    metavar="FILE.html")]
+
+
+def calendar_date(text: str) -> str:
+    """Return a date as it is printed. Raises EmcasError."""
+    try:
+        return calendar.fromisoformat(text).isoformat()
+    except ValueError as error:
+        raise EmcasError(f"--date {text}: expected a date such as 2026-03-31") from error
 
 
 def warn(warnings: Iterable[str]) -> None:

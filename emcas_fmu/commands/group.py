@@ -15,7 +15,7 @@ from typer.main import get_command
 # whose docstring begins with what is listed; in it the function of that name with its EPILOG, or an `app` of several.
 PANELS: Mapping[str, tuple[str, ...]] = {
     "Use": ("init", "simulate", "build", "parameters", "ssp"),
-    "Design": ("analyse", "envelope", "compare", "identify", "tune", "fit"),
+    "Design": ("explore", "analyse", "envelope", "compare", "identify", "tune", "fit"),
     "Check": ("validate", "report", "campaign", "baseline", "thesis", "reference"),
 }
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import date as calendar
 from pathlib import Path
 from typing import Annotated
 
@@ -30,8 +29,7 @@ def report(
                                                       "and inputs in SI.", metavar="FILE.csv")] = None,
     load: Annotated[float | None, typer.Option(help="Rated hinge moment of the article in N.m; 100, that of Table 2, "
                                                     "unless given.", metavar="MOMENT")] = None,
-    date: Annotated[str | None, typer.Option(help="Date to print, as 2026-03-31; none unless given, so that the same "
-                                                  "inputs give the same bytes.", metavar="DATE")] = None,
+    date: common.DateOption = None,
     as_json: common.JsonOption = None,
     junit: common.JunitOption = None,
 ) -> None:
@@ -46,7 +44,7 @@ def report(
         common.check_outputs(output, as_json, junit, inputs=(article, *(parameters or ()), requirements, mission))
         if load is not None and not 0.0 < load < float("inf"):
             raise EmcasError(f"--load {load:g}: must be above 0, in N.m")
-        printed = _date(date) if date else ""
+        printed = common.calendar_date(date) if date else ""
         specified = load_requirements(requirements) if requirements else []
         with common.progress_bar() as progress, common.open_subject(article, model, fin, parameters) as subject:
             profile = csv_file(mission, model=subject.model) if mission else None
@@ -62,10 +60,3 @@ def report(
     common.print_written(output, as_json, junit)
     if not result.passed:
         raise typer.Exit(1)
-
-
-def _date(text: str) -> str:
-    try:
-        return calendar.fromisoformat(text).isoformat()
-    except ValueError as error:
-        raise EmcasError(f"--date {text}: expected a date such as 2026-03-31") from error

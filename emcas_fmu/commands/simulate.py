@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from collections import defaultdict
-from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from math import radians
 from pathlib import Path
@@ -15,18 +12,16 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 from ..actuators import NONLINEAR
-from ..actuators.line import LINES
-from ..errors import EmcasError, hint
+from ..errors import EmcasError
 from ..fmi.interface import FmuInterface, fin_files, fin_sets, require_shared
-from ..parameters import ParameterError, ParameterSet, load_parameters
+from ..parameters import load_parameters
 from ..reference.cases import LEAD_IN
-from ..schema import In
 from . import common
+from .settings import changed, read_settings
 
 if TYPE_CHECKING:
     from ..bench.excitation import Excitation
 
-_FIN = re.compile(r"fin\[(\d+)\]\.(.+)")
 EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.html"
                    "\n\n  emcas simulate --case chirp_3p5deg --plot chirp.png --output chirp.csv"
                    "\n\n  emcas simulate --step 15 --set angular_rate.x='60 rad/s' --set mounting.station=-1.5"
@@ -35,61 +30,6 @@ EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.
                    "--set fault.jam.end='1 s' --plot jam.png"
                    "\n\n  emcas simulate --fins 4 --fin 2=my_actuator.toml --step 10 --set bus.source_resistance=0.02 "
                    "--plot fins.html")
-
-
-def _settings(texts: Iterable[str], unit: FmuInterface) -> tuple[
-        Mapping[int, dict[str, object]], dict[str, float], dict[str, float]]:
-    """Return what --set gives: parameters by fin (0: of every fin), those of the line, and constants of inputs.
-
-    Raises EmcasError.
-    """
-    inputs = {v.name: v for v in (*unit.actuator.inputs, *unit.inputs)}
-    line = {v.name: v for each in LINES.values() for v in each.parameters} if unit.fins > 1 else {}
-    known = {part for v in unit.actuator.file_entries for part in (v.name, v.name.partition("[")[0])}
-    parameters: dict[int, dict[str, object]] = defaultdict(dict)
-    of_line: dict[str, float] = {}
-    constants: dict[str, float] = {}
-    for text in texts:
-        name, separator, entry = (part.strip() for part in text.partition("="))
-        if not (name and separator and entry):
-            raise EmcasError(f"--set {text}: expected a name and a value, as in --set controller.position.kp=70")
-        value = _value(entry)
-        if variable := inputs.get(name) or line.get(name):
-            try:
-                plain = not isinstance(value, (bool, str)) and variable.unit not in ("", "1")
-                number = In(variable.unit, variable.minimum, variable.maximum, type=variable.kind).limited(
-                    f"{value} {variable.unit}" if plain else value)
-            except ValueError as error:
-                raise EmcasError(f"--set {text}: {error}") from error
-            (constants if name in inputs else of_line)[name] = float(number)
-            continue
-        fin = _FIN.fullmatch(name)
-        number, own = (int(fin[1]), fin[2]) if fin and 1 <= int(fin[1]) <= unit.fins > 1 else (0, name)
-        if own not in known:
-            remedy = hint(own, [*inputs, *line, *known]) or (
-                f"; its inputs are {', '.join(inputs)}; emcas parameters lists its parameters")
-            raise EmcasError(f"--set {text}: the {unit.actuator.name} actuator has no such parameter or input{remedy}")
-        parameters[number][own] = value
-    return parameters, of_line, constants
-
-
-def _changed(base: ParameterSet, changes: Mapping[str, object]) -> ParameterSet:
-    """Return a set with what --set gives. Raises ParameterError."""
-    try:
-        return base.with_values(changes)
-    except ParameterError as error:
-        raise ParameterError(f"--set {problem.removeprefix('replaced value: ')}"
-                             for problem in error.problems) from error
-
-
-def _value(entry: str) -> bool | float | str:
-    """Return true, false, a number that is in the variable's unit, or text with a unit of its own."""
-    if entry.lower() in ("true", "false"):
-        return entry.lower() == "true"
-    try:
-        return float(entry)
-    except ValueError:
-        return entry
 
 
 def _stepped(degrees: float, torque: float, interval: float, stop: float) -> Excitation:
@@ -167,13 +107,13 @@ def simulate(
         chosen = (reference_case(case) if case else
                   csv_file(input_file, interval or STEP, stop, model, fins) if input_file
                   else _stepped(step or 0.0, torque or 0.0, interval or STEP, stop or 0.5))
-        changes, line, constants = _settings(settings or [], unit)
+        changes, line, constants = read_settings(settings or [], unit)
         if twice := [name for name in constants if name in chosen.columns]:
             raise EmcasError(f"--set {twice[0]}: is given by {chosen.title} already")
         base = load_parameters(parameters, model=model)
         base = base.with_values(base.having(chosen.start_values))
         sets = fin_sets(base, fins, layout, files) if fins > 1 else (base,)
-        sets = tuple(_changed(each, {**changes[0], **changes[k]}) for k, each in enumerate(sets, 1))
+        sets = tuple(changed(each, {**changes[0], **changes[k]}) for k, each in enumerate(sets, 1))
         require_shared(sets, "--set")
         common.warn(warning for each in sets for warning in each.warnings)
         if case:

@@ -14,7 +14,7 @@ from ..physics.loads import LOADS
 from ..trace.c_source import c_source
 from . import codegen, core
 
-_MOST_NUMBERS = 12  # of a rule's message: as many as instance.h hands to printf
+MOST_NUMBERS = 12  # of a rule's message: as many as instance.h hands to printf
 
 # gcc does not know the pragma and does not contract under -std=c11; the flag -ffp-contract=off says it to all.
 _NO_CONTRACTION = "#if !defined __GNUC__ || defined __clang__\n#pragma STDC FP_CONTRACT OFF\n#endif\n"
@@ -105,15 +105,15 @@ def rules_header(model: str) -> str:
     actuator, tracer = get(model), codegen.traced_rules(model)
     rows = []
     for i, (rule, function) in enumerate(zip(actuator.all_rules, tracer.functions, strict=True)):
-        if len(function.results) - 1 > _MOST_NUMBERS:
-            raise ValueError(f"instance.h prints {_MOST_NUMBERS} numbers of a rule, not those of {rule.message!r}")
+        if len(function.results) - 1 > MOST_NUMBERS:
+            raise ValueError(f"instance.h prints {MOST_NUMBERS} numbers of a rule, not those of {rule.message!r}")
         rows.append(f"    {{rules_check_{i}, {int(rule.scanned)}, {int(rule.warning)}, {c_text(rule.message)}}}")
     limits = ",\n".join(f"    {{{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in actuator.parameters)
     return header(
         "rules", "What parameters must fulfil",
         "#include <math.h>\n\nstatic const struct {\n    double minimum, maximum;\n"
         f"}} LIMIT[] = {{\n{limits}\n}};\n\n{c_source(tracer, 'rules')}\n"
-        f"enum {{ RULE_NUMBERS = {_MOST_NUMBERS}, RULE_SCAN = {rules.SCAN}, RULES = {len(rows)} }};\n\n"
+        f"enum {{ RULE_NUMBERS = {MOST_NUMBERS}, RULE_SCAN = {rules.SCAN}, RULES = {len(rows)} }};\n\n"
         "typedef struct {\n    void (*check)(const double *restrict, const double *restrict, double, "
         "double *restrict);\n    int scanned, warning;\n    const char *message;\n} rule;\n\n"
         "static const rule RULE[RULES] = {\n" + ",\n".join(rows) + "\n};\n")

@@ -28,7 +28,7 @@ from .c_sources import core_sources, handwritten
 
 _MAIN = "batch.c"
 _DOUBLES = ct.POINTER(ct.c_double)
-_REASONS = ("", "the state is no longer finite", f"more than {core.MOST_EVENTS} events in a tick",
+REASONS = ("", "the state is no longer finite", f"more than {core.MOST_EVENTS} events in a tick",
             f"more than {core.MOST_TICKS} ticks in one step")
 Array = NDArray[Any]
 
@@ -197,7 +197,7 @@ class CompiledCore:
         change = None if ramp is None else (ct.c_double * (1 + len(ramp[1])))(ramp[0], *ramp[1])
         result = self._library.actuator_run(self._at, end, self._in, change, self._out)
         if result:
-            raise ArithmeticError(_REASONS[result])
+            raise ArithmeticError(REASONS[result])
         return self._results()
 
     def _results(self) -> tuple[Any, ...]:
@@ -247,7 +247,7 @@ class Batch:
         if failed:
             which = np.flatnonzero(self._results)
             listed = ", ".join(map(str, which[:10])) + (", ..." if len(which) > 10 else "")
-            raise ArithmeticError(f"actuators {listed}: {_REASONS[self._results[which[0]]]}")
+            raise ArithmeticError(f"actuators {listed}: {REASONS[self._results[which[0]]]}")
         return self.outputs
 
 
@@ -266,7 +266,7 @@ def run_table(values: Mapping[str, Any], step: float, inputs: Array, model: str 
     reached = library.actuator_simulate(ct.addressof(memory), len(rows), step, rows.ctypes.data, outputs.ctypes.data,
                                         ct.addressof(result))
     if reached < len(rows):
-        raise ArithmeticError(f"at {reached * step:.6g} s: {_REASONS[result.value]}")
+        raise ArithmeticError(f"at {reached * step:.6g} s: {REASONS[result.value]}")
     return outputs
 
 

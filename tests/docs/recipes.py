@@ -22,7 +22,7 @@ def commands(document: str) -> list[list[str]]:
     Those in the text count where they have an option or a file.
     """
     text = (ROOT / document).read_text(encoding="utf-8")
-    blocks = "\n".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL)).replace("&&", "\n")
+    blocks = "\n".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL)).replace("\\\n", " ").replace("&&", "\n")
     inline = [line for line in re.findall(r"`(emcas [^`|]*)`", text) if re.search(r" -(?!-help)|\.\w", line)]
     words = [shlex.split(line, comments=True) for line in [*blocks.splitlines(), *inline]]
     found = []

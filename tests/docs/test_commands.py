@@ -1,4 +1,4 @@
-"""Commands in README.md and examples/own_actuator/README.md are ones the program takes, and their files are there."""
+"""Commands in the pages and READMEs are ones the program takes, and their files are there."""
 
 from __future__ import annotations
 
@@ -11,24 +11,35 @@ import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from emcas_fmu.actuators import get
+from emcas_fmu.actuators import NONLINEAR, get
 from emcas_fmu.bench.fmu import chosen_model
 from emcas_fmu.cli import app
 from emcas_fmu.fmi.interface import model_name
+from emcas_fmu.studies import starter
 
 from .recipes import ROOT, commands
 
-DOCUMENTS = ("README.md", "examples/own_actuator/README.md")
-WRITTEN = ("output", "plot", "report", "as_json", "junit", "markdown")
-# Files of the reader's, and words that stand for a name.
-YOURS = re.compile(r"[Mm]y_?\w*(\.\w+)?|[A-Z]+")
+OWN = "examples/own_actuator/README.md"
+DOCUMENTS = [path.relative_to(ROOT).as_posix() for path in sorted((
+    ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md"),
+    *(ROOT / "examples").rglob("*.md")))]
+WRITTEN = ("output", "plot", "report", "as_json", "junit", "markdown", "journal")
+# Files of the reader's, the one a workflow expects, what emcas explore's page saves, and words that stand for a name.
+YOURS = re.compile(r"[Mm]y_?\w*(\.\w+)?|actuator\.toml|inputs\.csv|parameters\.toml|FILE\.\w+|[A-Z]+")
+# What the README builds, and the pages begin with.
+BUILT = {Path("EMCAS.fmu"): NONLINEAR, Path("EMCAS4.fmu"): NONLINEAR}
 
 
 def parsed(arguments: list[str]) -> tuple[str, dict[str, Any]]:
-    """The command that a line calls, and its options as the program's own parser has them."""
+    """The command that a line calls, and its options as the program's own parser has them.
+
+    Of an option alone, as in a text that names it, there are none.
+    """
     command: Any = get_command(app)
     while arguments and arguments[0] in getattr(command, "commands", {}):
         command = command.commands[arguments.pop(0)]
+    if len(arguments) == 1 and arguments[0] in [option for each in command.params for option in each.opts]:
+        return command.name, {}
     return command.name, command.make_context(command.name, arguments).params
 
 
@@ -44,30 +55,41 @@ def paths(value: Any) -> Iterator[Path]:
 @pytest.mark.parametrize("document", DOCUMENTS)
 def test_commands_and_their_files_are_there(document: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    made: dict[Path, Any] = {}  # the FMUs with their actuators
-    lines = commands(document)
-    assert len(lines) > 5
-    for line in lines:
+    made: dict[Path, Any] = {} if document == "README.md" else dict(BUILT)  # the FMUs with their actuators
+    # Files whose text the page shows, under their name or as a shell writes them.
+    shown = {Path(name) for names in re.findall(r"^(?:# (\S+\.toml)$|cat > (\S+) <<)",
+                                                (ROOT / document).read_text("utf-8"), re.MULTILINE) for name in names}
+    for line in commands(document):
         name, options = parsed(line[1:])
+        if not options:
+            continue
         model: Any = options.get("model")
         written = {"directory": options["directory"]} if name == "reference" and not options["check"] else {}
         written |= {key: options[key] for key in WRITTEN if options.get(key)}
         for key, value in options.items():
             for path in paths(value) if key not in written else ():
                 # A folder of results there is only once a command has made it, and is not asked for.
-                known = path in made or path.exists() or YOURS.fullmatch(path.name)
+                known = (path in made or path in shown or path.exists() or any(map(YOURS.fullmatch, path.parts))
+                         or ("*" in path.name and any(path.parent.glob(path.name))))
                 assert known or key == "baseline", f"{document}: {' '.join(line)}: {path}"
                 if path.suffix == ".fmu" and made.get(path) is not None:
                     chosen_model(path.name, model_name(get(made[path]).name), model and get(model).name)
         made |= dict.fromkeys((Path(value) for value in written.values()), model)
+        if name == "init":  # and then the page goes into the folder
+            made |= dict.fromkeys(map(Path, (starter.PARAMETERS, starter.TUNING, starter.CAMPAIGN,
+                                             starter.REQUIREMENTS)))
         if name == "build":
             made |= dict.fromkeys({Path(f"{model_name(get(model).name, options['fins'])}.fmu")}, model)
+
+
+def test_commands_are_seen() -> None:
+    assert min(len(commands(document)) for document in ("README.md", "docs/tools/ci.md", OWN)) > 5
 
 
 @pytest.mark.parametrize("name", ["parameters", "simulate"])
 def test_those_of_an_own_actuator_run(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    chosen = [line[1:] for line in commands(DOCUMENTS[1]) if line[1] == name and "direct-drive" not in line]
+    chosen = [line[1:] for line in commands(OWN) if line[1] == name and "direct-drive" not in line]
     for line in chosen:
         done = CliRunner().invoke(app, [text.replace("examples/", f"{ROOT}/examples/") for text in line])
         assert done.exit_code == 0, done.output

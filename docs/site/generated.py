@@ -1,0 +1,157 @@
+"""Pages of the site made from the source: Python interface, declaration, variables of the FMU, commands, notebook."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+import typer
+from rich.text import Text
+from typer.main import get_command
+
+import emcas_fmu.api
+from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR
+from emcas_fmu.actuators.declaration import Actuator
+from emcas_fmu.bench import excitation as excitations
+from emcas_fmu.cli import app
+from emcas_fmu.fmi.interface import FmuInterface
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.variables import Variable
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def python() -> str:
+    """Return the page of the Python interface: every name of `emcas_fmu.__all__`."""
+    about = (emcas_fmu.api.__doc__ or "").partition("\n\n")[2]
+    members = {"actuators": ["NAMES", "EXTENSIONS", "get"],
+               "excitations": [name for name, each in vars(excitations).items() if isinstance(each, FunctionType)
+                               and each.__annotations__.get("return") == "Excitation" and not name.startswith("_")]}
+    return f"# Python interface, name by name\n\n{about}\n" + "".join(
+        _objects(f"api.{name}", heading_level=2, **{"members": members[name], "show_if_no_docstring": True}
+                 if name in members else {}) for name in sorted(emcas_fmu.api.__all__, key=str.lower))
+
+
+def declaration() -> str:
+    """Return the page of what a user's actuator is declared with."""
+    fields = inspect.getsource(Actuator).partition('"""\n\n')[2].partition("    def ")[0]
+    bare = {"show_root_heading": False, "show_root_toc_entry": False}
+    values = {**bare, "show_if_no_docstring": True}
+    return "# Declaring an actuator, name by name\n" + "".join((
+        _objects("actuators.declaration", **bare, members=False),
+        _objects("actuators.declaration.Actuator", heading_level=2, members=False, show_signature=False),
+        f"\n```python\n{inspect.cleandoc(fields)}\n```\n",
+        *(_objects(f"actuators.declaration.{name}", heading_level=2)
+          for name in ("State", "Supply", "Acting", "Asked")),
+        "\n## Variables\n", _objects("variables", **bare),
+        "\n## Rules\n", _objects("rules", **bare, members=["Rule", "when", "in_degrees"]),
+        "\n## Fin port\n", _objects("actuators.fin_port", **values),
+        "\n## Operations\n", _objects("ops.base", **values),
+        "\n## Faults\n", _objects("actuators.plant_fault", **bare, members=["PlantFault"]),
+        "\n## Capabilities\n", _objects("actuators.capabilities", **values)))
+
+
+def _objects(path: str, **options: Any) -> str:
+    """Return where a module of the package, or what is in it, is documented."""
+    return f"\n::: emcas_fmu.{path}\n    options: {json.dumps(options)}\n"
+
+
+def fmu() -> str:
+    """Return the page of the FMU's variables: of the default actuator all, of every other what it has beside those."""
+    default, four = FmuInterface(1), FmuInterface(4)
+    parts = [
+        "# The FMU, variable by variable\n\nWhat `emcas build` puts into an FMU, with SI units (temperature in degC). "
+        "Its own `documentation/index.html` says the same of the one that was built, with ranges and notes. A value "
+        "whose source is `estimate` is an engineering value, neither measured nor published.\n",
+        "\n## The default actuator\n", *_variables(default, ()),
+        "\n## Four fins\n\nThe names above are behind `fin[1].` to `fin[4].`, but for what all fins share: "
+        f"{', '.join(f'`{name}`' for name in four.shared)}. Beside them:\n",
+        *_variables(four, [v for v in four.variables if v.name.startswith("fin[")] + list(default.inputs)),
+        "\n## Other actuators\n\nFor each what it has that the default one has not; what it lacks of that one is not "
+        "in its FMU.\n"]
+    for name in NAMES:
+        if name == NONLINEAR:
+            continue
+        unit = FmuInterface(1, name)
+        parts += [f"\n### {name}\n\n{unit.actuator.title[0].upper()}{unit.actuator.title[1:]}.\n",
+                  *_variables(unit, default.variables)]
+    parts.append("\n## Extensions\n\nWhat each adds, shown over the default actuator.\n")
+    for name in EXTENSIONS:
+        parts += [f"\n### +{name}\n", *_variables(FmuInterface(1, f"{NONLINEAR}+{name}"), default.variables)]
+    return "".join(parts)
+
+
+def _variables(unit: FmuInterface, known: Sequence[Variable]) -> Iterator[str]:
+    """Give tables of the inputs, outputs and parameters of a unit that are not known by name."""
+    names = {v.name for v in known}
+    entries = {entry.variable.name: entry for entry in load_parameters(model=unit.kind).entries}
+    for title, variables in (("input", unit.inputs), ("output", unit.outputs), ("parameter", unit.parameters)):
+        if shown := [v for v in variables if v.name not in names]:
+            values = "value | source |" if title == "parameter" else ""
+            yield f"\n| {title} | unit | meaning |{values}\n|---|---|---|{'---|---|' if values else ''}\n"
+        for v in shown:
+            entry = entries.get(v.name)
+            value = "" if title != "parameter" else " | |"
+            if entry:
+                value = f" {_value(v, entry.value)} | {entry.source} |"
+            yield f"| `{v.name}` | {v.unit} | {_cell(_plain(v.description))} |{value}\n"
+
+
+def _value(variable: Variable, value: Any) -> str:
+    return str(value).lower() if variable.kind == "Boolean" else variable.in_words(value)
+
+
+def commands() -> str:
+    """Return the page of the commands: what each does, its arguments and options, and examples."""
+    return "# Commands\n\n" + "".join(_command(get_command(app), "emcas", None))
+
+
+def _command(command: Any, name: str, parent: Any) -> Iterator[str]:
+    context = typer.Context(command, info_name=name.split()[-1], parent=parent)
+    yield f"\n## {name}\n\n" if parent else ""
+    yield f"{_plain(command.help)}\n\n```text\n{name} {' '.join(command.collect_usage_pieces(context))}\n```\n"
+    records = [param.get_help_record(context) for param in command.get_params(context)]
+    if rows := [row for row in records if row and row[0] != "--help"]:
+        yield "\n| | |\n|---|---|\n"
+        yield from (f"| `{option}` | {_cell(_plain(meaning))} |\n" for option, meaning in rows)
+    if command.epilog:
+        examples = "\n".join(line.strip() for line in command.epilog.splitlines()[1:] if line.strip())
+        yield f"\n```sh\n{examples}\n```\n"
+    for sub in getattr(command, "commands", {}).values():
+        yield from _command(sub, f"{name} {sub.name}", context)
+
+
+def _plain(text: str | None) -> str:
+    """Return a help text without its markup for the terminal, and sound as Markdown."""
+    return re.sub(r"([*_<\[])", r"\\\1", Text.from_markup(text or "").plain)
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", r"\|")
+
+
+def notebook() -> str:
+    """Return the page of the notebook, with what its cells showed when it was stored."""
+    cells = json.loads((ROOT / "examples/notebook/first_steps.ipynb").read_text(encoding="utf-8"))["cells"]
+    return "\n\n".join(part for cell in cells for part in _cell_parts(cell))
+
+
+def _cell_parts(cell: dict[str, Any]) -> Iterator[str]:
+    source = "".join(cell["source"])
+    if cell["cell_type"] == "markdown":
+        yield source
+        return
+    yield f"```python\n{source}\n```"
+    for output in cell["outputs"]:
+        data = output.get("data", {})
+        if "image/png" in data:
+            yield f"![What the lines above draw](data:image/png;base64,{''.join(data['image/png']).strip()})"
+        elif "text/html" in data:
+            yield f"<div>{''.join(data['text/html'])}</div>"
+        else:
+            yield f"```text\n{''.join(output.get('text') or data['text/plain']).rstrip()}\n```"

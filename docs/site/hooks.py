@@ -1,0 +1,84 @@
+"""Hooks of MkDocs: what the site has beside the files of docs/, where links lead there, and the navigation.
+
+The navigation is docs/README.md's: a group for each heading `## Group: ...`, a page for each row of its table.
+"""
+
+from __future__ import annotations
+
+import posixpath
+import re
+from pathlib import Path
+
+import generated
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).resolve().parents[2]
+# Files that a page is made from, with the page; a link to the file leads to it.
+MADE = {
+    "emcas_fmu/api.py": ("reference/python.md", generated.python),
+    "emcas_fmu/actuators/declaration.py": ("reference/declaration.md", generated.declaration),
+    "emcas_fmu/fmi/interface.py": ("reference/fmu.md", generated.fmu),
+    "emcas_fmu/cli.py": ("reference/commands.md", generated.commands),
+    "examples/notebook/first_steps.ipynb": ("examples/notebook/first_steps.md", generated.notebook),
+}
+# Pages outside docs/, with their files; the front page is docs/README.md.
+OUTSIDE = {"overview.md": "README.md", "CONTRIBUTING.md": "CONTRIBUTING.md", "CHANGELOG.md": "CHANGELOG.md", **{
+    name: name for name in (file.relative_to(ROOT).as_posix() for file in ROOT.glob("examples/*/README.md"))}}
+PAGES = {file: page for page, file in OUTSIDE.items()} | {file: page for file, (page, _) in MADE.items()}
+FILES = {page: file for file, page in PAGES.items()}
+_ROW = re.compile(r"^\| \[.*?\]\((.*?)\)", re.MULTILINE)
+_CODE_OR_LINK = re.compile(r"```.*?```|(!?)\[((?:`[^`]*`|[^\]`])*)\]\(([^)\s]+)\)|`[^`\n]*`", re.DOTALL)
+# Marks of docstrings that are no Markdown: roles, and literals within blocks of code.
+_MARKS = re.compile(r":(?:class|data|func|meth|mod):(?:(<code>)[~.]*|`([^`]*)`)|``([^`<]*)``")
+
+
+def place(path: str) -> str | None:
+    """Return where a file or folder of the repository is in the site; None for one that is not."""
+    path = posixpath.normpath(path)
+    return path.removeprefix("docs/") if path.startswith("docs/") else PAGES.get(path, PAGES.get(f"{path}/README.md"))
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Take the navigation from docs/README.md."""
+    groups = re.split(r"^## (\w+)", (ROOT / "docs/README.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+    config.nav = [{"Start": ["README.md", "overview.md"]}]
+    for name, rows in zip(groups[::2], groups[1::2], strict=True):
+        config.nav.append({name: [place(f"docs/{link}") for link in _ROW.findall(rows)]})
+    return config
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the pages outside docs/ and those that are made."""
+    for page, file in OUTSIDE.items():
+        files.append(File.generated(config, page, abs_src_path=str(ROOT / file)))
+    for page, make in MADE.values():
+        files.append(File.generated(config, page, content=make()))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Let links lead to pages of the site, and show their titles for names of files; other files become code."""
+    here = page.file.src_uri
+    folder = posixpath.dirname(FILES.get(here, f"docs/{here}"))
+
+    def leading(match: re.Match[str]) -> str:
+        picture, text, link = match.groups()
+        path, mark, heading = (link or "").partition("#")
+        if not path or ":" in path:
+            return match[0]
+        target = place(posixpath.join(folder, path))
+        if target is None:
+            return text if "`" in text else f"`{text}`"
+        file = files.get_file_from_path(target)
+        if file and text.endswith((".md", ".py", ".ipynb")) and not mark:
+            text = re.findall(r"^# (.*)$", file.content_string, re.MULTILINE)[0]
+        return f"{picture}[{text}]({posixpath.relpath(target, posixpath.dirname(here) or '.')}{mark}{heading})"
+
+    return _CODE_OR_LINK.sub(leading, markdown)
+
+
+def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Take marks out of what docstrings say."""
+    return _MARKS.sub(lambda match: "".join(filter(None, match.groups())), html)

@@ -1,0 +1,156 @@
+"use strict";
+/* The fields of the page: a slider beside a number for what matters first, a searchable list for all there is. */
+
+/** An element of a tag, with attributes and children. */
+function element(tag, attributes = {}, ...children) {
+    const made = document.createElement(tag);
+    for (const [name, value] of Object.entries(attributes)) if (value !== null) made.setAttribute(name, value);
+    made.append(...children);
+    return made;
+}
+
+/** The range of a slider [SI]: to three times a value above zero, which °C do not count from; null without a scale. */
+function sliderRange({range, unit, value, minimum, maximum}) {
+    if (range) return range;
+    if (value > 0 && unit !== "degC" && !(maximum - minimum <= 4 * value)) {
+        return [Math.max(minimum, 0), Math.min(maximum, 3 * value)];
+    }
+    return maximum - minimum <= 400 ? [minimum, maximum] : null;
+}
+
+/** A control's title: its own, or its name in words. */
+function titleOf({name, title}) {
+    return title ?? name.replace(/^controller\./, "").replace(/[._]/g, " ").replace(/^./, first => first.toUpperCase());
+}
+
+class Control {
+    /** `change(name, value)` is called with what the user sets, in SI. */
+    constructor(control, change, {slider = false, title = titleOf(control)} = {}) {
+        this.control = control;
+        this.change = value => change(control.name, value);
+        [this.unit, this.factor] = control.shown;
+        const id = `${slider ? "first" : "all"}-${control.name}`;
+        this.field = control.kind === "Boolean" ? element("input", {id, type: "checkbox"}) :
+            element("input", {id, type: "text", inputmode: "decimal", autocomplete: "off", spellcheck: "false"});
+        this.field.addEventListener("change", () => this.entered());
+        this.again = element("button", {type: "button", class: "again", "aria-label": `${title}: back to its start`,
+            title: "back to its start"}, "↺");
+        this.again.addEventListener("click", () => {
+            this.range = null;
+            this.change(undefined);
+            this.field.focus();
+        });
+        const parts = control.name.split(/(?<=[._])/).flatMap(part => [part, element("wbr")]);
+        const label = element("label", {for: id}, slider ? title : element("code", {}, ...parts));
+        const unit = element("span", {class: "unit"}, DATA.typeset[this.unit] ?? this.unit);
+        this.row = element("div", {class: "control", "data-name": control.name}, label,
+            element("span", {class: "number"}, this.field, unit, this.again));
+        if (slider) this.addSlider(title);
+        else this.row.append(element("p", {class: "about"}, ...this.about()));
+    }
+
+    /** What it is, its limits and its source. */
+    about() {
+        const {description, minimum, maximum, source} = this.control, parts = [description];
+        const limits = [minimum, maximum].map(limit => shownNumber(limit / this.factor));
+        if (Number.isFinite(minimum) && Number.isFinite(maximum)) parts.push(` · ${limits[0]} to ${limits[1]}`);
+        if (source === "estimate") parts.push(" · ", element("em", {}, "estimate"));
+        else if (source) parts.push(` · ${source}`);
+        return parts;
+    }
+
+    addSlider(title) {
+        this.row.title = [this.control.description, this.control.source].filter(Boolean).join(" · ");
+        if (this.control.kind === "Boolean") return;
+        this.slider = element("input", {type: "range", "aria-label": title});
+        this.ends = [element("span", {class: "end"}), element("span", {class: "end"})];
+        this.slide = element("div", {class: "slide"}, this.ends[0], this.slider, this.ends[1]);
+        const moved = () => Number(general(Number(this.slider.value), 4)) * this.factor;
+        this.slider.addEventListener("input", () => this.change(moved()));
+        this.row.append(this.slide);
+    }
+
+    /** Move the slider to a value, and its ends out to it; hidden until a value says over what to move. */
+    slideTo(value, text) {
+        const over = of => sliderRange({...this.control, value: of});
+        this.range ??= over(this.start) ?? over(value);
+        this.slide.hidden = !this.range;
+        if (!this.range) return;
+        const {minimum, maximum} = this.control, near = Math.min(Math.max(value, minimum), maximum);
+        this.range = [Math.min(this.range[0], near), Math.max(this.range[1], near)];
+        const ends = this.range.map(limit => limit / this.factor);
+        [this.slider.min, this.slider.max] = ends;
+        this.slider.step = (ends[1] - ends[0]) / 200;
+        this.slider.value = value / this.factor;
+        this.slider.setAttribute("aria-valuetext", `${text} ${this.unit}`);
+        this.ends.forEach((end, k) => { end.textContent = shownNumber(ends[k]); });
+    }
+
+    entered() {
+        if (this.field.type === "checkbox") return this.change(this.field.checked);
+        const text = this.field.value.trim().replace(",", ".").replace("−", "-");
+        return this.change(text === "" ? undefined : Number(text) * this.factor);
+    }
+
+    /** Show a setting's value. */
+    show(setting) {
+        const value = setting.get(this.control.name), start = setting.default(this.control.name);
+        if (start !== this.start) this.range = null;  // another shape's
+        this.start = start;
+        this.row.classList.toggle("changed", value !== start);
+        this.again.hidden = value === start;
+        if (this.field.type === "checkbox") {
+            this.field.checked = value;
+            return;
+        }
+        const {minimum, maximum} = this.control, known = value >= minimum && value <= maximum;
+        const text = general(value / this.factor, 9);
+        this.field.setAttribute("aria-invalid", String(!known));
+        if (Number.isNaN(value)) return;  // what was written stays, to be corrected
+        if (document.activeElement !== this.field || Number(this.field.value) !== Number(text)) this.field.value = text;
+        if (this.slider) this.slideTo(value, text);
+    }
+}
+
+/** What matters first: the excitation's fields, supply, temperature, gains, in groups. */
+function firstControls(change) {
+    const made = [];
+    for (const [group, names] of Object.entries({command: EXCITATION.map(({name}) => name), ...DATA.first})) {
+        const place = document.getElementById(`group-${group}`);
+        for (const name of names) {
+            const control = new Control(CONTROLS.get(name), change, {slider: true});
+            made.push(control);
+            place.append(control.row);
+        }
+        place.hidden = !names.length;
+    }
+    return made;
+}
+
+/** All parameters and inputs held, in groups by what their names begin with; what is searched for is shown. */
+function allControls(change, search, place) {
+    const groups = new Map();
+    for (const control of [...DATA.parameters, ...HELD]) {
+        const group = HELD.includes(control) ? "inputs held" : control.name.split(".")[0];
+        if (!groups.has(group)) groups.set(group, []);
+        groups.get(group).push(new Control(control, change));
+    }
+    const details = [...groups].map(([group, controls]) => {
+        const made = element("details", {}, element("summary", {}, group, element("span", {class: "quiet"},
+            ` ${controls.length}`)), ...controls.map(({row}) => row));
+        place.append(made);
+        return [made, controls];
+    });
+    search.addEventListener("input", () => {
+        const words = search.value.toLowerCase().split(/\s+/).filter(Boolean);
+        for (const [made, controls] of details) {
+            for (const {row} of controls) {
+                const text = row.textContent.toLowerCase();
+                row.hidden = !words.every(word => text.includes(word));
+            }
+            made.hidden = controls.every(({row}) => row.hidden);
+            made.open = words.length > 0 && !made.hidden;
+        }
+    });
+    return [...groups.values()].flat();
+}

@@ -1,0 +1,231 @@
+"use strict";
+/* The page: what the user sets goes to the actuator, its response to plots and tables. B is live, A is kept. */
+
+const $ = id => document.getElementById(id);
+const REST = 300; // ms without a change, after which what takes longer is computed
+const MOST_BYTES = 50e6; // of a CSV file, which a browser reads whole
+
+class Page {
+    constructor(unit) {
+        this.unit = unit;
+        this.live = {setting: new Setting()};
+        this.kept = null;
+        const change = (name, value) => this.change(name, value);
+        this.controls = [...firstControls(change), ...allControls(change, $("search"), $("all"))];
+        this.plots = DATA.panels.map(({title, shown: [unit]}, k) =>
+            new Plot(title, {x: "time [s]", y: `[${typeset(unit) || 1}]`, height: k ? 170 : innerWidth < 640 ? 165 : 235}));
+        this.plots.forEach((plot, k) => k ? $("plots").append(plot.figure) : $("main-plot").prepend(plot.figure));
+        this.gain = new Plot("Gain of the fin angle over the command",
+            {x: "frequency [Hz]", y: "[dB]", log: true, shared: false});
+        this.phase = new Plot("Phase", {x: "frequency [Hz]", y: "[°]", log: true, shared: false});
+        $("bode").append(this.gain.figure, this.phase.figure);
+        this.listen();
+        this.restore();
+    }
+
+    listen() {
+        $("shape").append(...Object.entries(SHAPES).map(([value, {title}]) => element("option", {value}, title)));
+        $("shape").addEventListener("change", () => {
+            if ($("shape").value === "csv") $("file").click();
+            this.change("excitation.shape", $("shape").value);
+        });
+        $("file").addEventListener("change", () => this.open($("file").files[0]));
+        $("keep").addEventListener("click", () => this.keep());
+        $("drop").addEventListener("click", () => { this.kept = null; this.refresh(); });
+        $("swap").addEventListener("click", () => { [this.live, this.kept] = [this.kept, this.live]; this.refresh(); });
+        $("reset").addEventListener("click", () => { this.live = {setting: new Setting()}; this.refresh(); });
+        $("link").addEventListener("click", () => this.copyLink());
+        $("save-parameters").addEventListener("click", () => save("parameters.toml", parameterFile(this.live.setting)));
+        $("save-inputs").addEventListener("click", () => save("inputs.csv", csv(this.inputs())));
+        $("save-response").addEventListener("click", () => save("response.csv", csv(this.response())));
+        window.addEventListener("hashchange", () => this.restore());
+        for (const media of ["(prefers-color-scheme: dark)", "print"]) {
+            window.matchMedia(media).addEventListener("change", () => this.redraw());
+        }
+        window.addEventListener("beforeprint", () => this.redraw());
+    }
+
+    change(name, value) {
+        const {setting} = this.live;
+        this.live = {setting: setting.with(name, value === undefined ? setting.default(name) : value)};
+        this.refresh();
+    }
+
+    keep() {
+        this.kept = this.live;
+        this.live = {...this.live};
+        this.refresh();
+    }
+
+    async open(file) {
+        if (!file) return;
+        try {
+            if (file.size > MOST_BYTES) throw new Error(`${file.name}: is larger than ${MOST_BYTES / 1e6} MB`);
+            this.live = {setting: this.live.setting.withFile(fromCsv(await file.text(), file.name))};
+            this.refresh();
+        } catch (error) {
+            this.say([error.message]);
+        }
+        $("file").value = "";
+    }
+
+    /** Take the settings of the address, if it has any. */
+    restore() {
+        if (location.hash === this.written) return;
+        const link = new URLSearchParams(location.hash.slice(1)), notes = [];
+        const read = text => {
+            const [setting, unknown] = Setting.parse(text);
+            if (unknown.length) notes.push(`The link has ${unknown.join(", ")}, unknown to this page: left out.`);
+            return {setting};
+        };
+        this.kept = link.has("A") ? read(link.get("A")) : null;
+        this.live = read(link.get("B") ?? "");
+        const other = link.has("of") && link.get("of") !== DATA.digest;
+        if (other) notes.push("The link is from another page: what it does not set may differ.");
+        $("notes").textContent = notes.join(" ");
+        this.refresh();
+    }
+
+    /** Show what is set, and compute it before the next frame. */
+    refresh() {
+        const {setting} = this.live, shape = SHAPES[setting.shape];
+        $("shape").value = setting.shape;
+        $("file-row").hidden = setting.shape !== "csv";
+        $("file-name").textContent = setting.file ? setting.file.title : "none chosen";
+        for (const control of this.controls) {
+            control.show(setting);
+            const [, field] = control.control.name.split("excitation.");
+            if (field) control.row.hidden = !shape.fields.includes(field);
+        }
+        for (const id of ["drop", "swap"]) $(id).disabled = !this.kept;
+        $("keep").setAttribute("aria-pressed", String(this.kept !== null));
+        cancelAnimationFrame(this.frame);
+        clearTimeout(this.resting);
+        this.frame = requestAnimationFrame(() => this.compute());
+    }
+
+    compute() {
+        const problems = this.answer(this.live);
+        const ofKept = this.kept ? this.answer(this.kept) : [];
+        this.say(problems, [...this.live.warnings ?? [], ...ofKept.map(problem => `A is not shown: ${problem}`)]);
+        if (problems.length) return;
+        this.drawTimes();
+        drawFigures($("figures"), this.cases);
+        document.body.classList.add("waiting");
+        this.resting = setTimeout(() => this.rest(), REST);
+    }
+
+    /** Compute the response of a case {setting} in place, if it is not there; gives what is wrong. */
+    answer(each) {
+        if (each.run || each.problems) return each.problems ?? [];
+        const {setting} = each, {parameters} = setting;
+        const problems = [...setting.problems, ...this.unit.problems(parameters)];
+        try {
+            if (!problems.length) {
+                each.run = this.respond(setting, setting.excite());
+                each.figures = figures(each.run);
+                each.warnings = this.unit.broken(parameters, true);
+            }
+        } catch (error) {
+            problems.push(error.message);
+        }
+        if (problems.length) each.problems = problems;
+        return problems;
+    }
+
+    respond(setting, excitation) {
+        const rows = excitation.time.length;
+        return {excitation, outputs: this.unit.run(setting.parameters, setting.inputs(excitation), rows, STEP)};
+    }
+
+    say(problems, warnings = []) {
+        $("problems").replaceChildren(...problems.map(problem => element("p", {}, problem)));
+        $("warnings").replaceChildren(...warnings.map(warning => element("p", {}, warning)));
+        document.body.classList.toggle("stale", problems.length > 0);
+    }
+
+    get cases() {
+        const shown = [["B", this.live]];
+        return this.kept?.run ? [["A", this.kept], ...shown] : shown;
+    }
+
+    drawTimes() {
+        DATA.panels.forEach((panel, number) => drawPanel(this.plots[number], panel, number, this.cases));
+    }
+
+    /** What takes longer, run by run, unless something changes meanwhile: Table 2, the Bode plot, words, the link. */
+    async rest() {
+        const {live, kept} = this;
+        const link = new URLSearchParams({of: DATA.digest, ...(kept ? {A: kept.setting} : {}), B: live.setting});
+        history.replaceState(null, "", `#${link}`);
+        this.written = location.hash;
+        this.tell();
+        for (const [, each] of this.cases) {
+            each.runs ??= {};
+            for (const [name, run] of Object.entries(DATA.runs)) {
+                if (each.runs[name]) continue;
+                await new Promise(resolve => setTimeout(resolve));
+                if (this.live !== live || this.kept !== kept) return;
+                each.runs[name] = this.ofTable2(each.setting, run);
+            }
+        }
+        drawRequirements($("requirements"), this.cases);
+        drawBode(this.gain, this.phase, this.cases);
+        $("bode-summary").textContent = bodeSummary(this.cases);
+        document.body.classList.remove("waiting");
+        document.body.dataset.ready = String(Number(document.body.dataset.ready ?? 0) + 1);
+    }
+
+    ofTable2(setting, run) {
+        try {
+            const made = this.respond(setting, ofTable2(run));
+            return run.sweep ? {...made, frequency: frequencyResponse(made)} : made;
+        } catch (error) {
+            return {stopped: error.message};
+        }
+    }
+
+    /** The response in words, for who does not see it. */
+    tell() {
+        const listed = Object.entries(this.live.figures).filter(([name]) => DATA.headlines.includes(name));
+        $("summary").textContent = listed.map(([name, value]) => `${words(name)} ${inUnit(name, value)}`).join(", ");
+        DATA.panels.forEach((panel, k) => this.plots[k].describe(panel.names.map(name => {
+            const column = this.live.run.outputs[name], [unit, factor] = panel.shown;
+            const [least, most, last] = [-largest(column.map(x => -x)), largest(column), column[column.length - 1]];
+            return `${words(name)} from ${shownNumber(least / factor)} to ${shownNumber(most / factor)} ${unit}, ` +
+                `at the end ${shownNumber(last / factor)} ${unit}`;
+        }).join("; ")));
+    }
+
+    inputs() {
+        return givenInputs(this.live.setting, this.live.run.excitation);
+    }
+
+    response() {
+        return {...this.inputs(), ...this.live.run.outputs};
+    }
+
+    async copyLink() {
+        try {
+            await navigator.clipboard.writeText(location.href);
+            $("copied").textContent = "link copied";
+        } catch {
+            $("copied").textContent = "the address of this page is the link: copy it from above";
+        }
+    }
+
+    redraw() {
+        for (const plot of [...this.plots, this.gain, this.phase]) plot.redraw();
+    }
+}
+
+function save(name, text) {
+    const blob = new Blob([text], {type: "text/plain"});
+    const link = element("a", {href: URL.createObjectURL(blob), download: name});
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}
+
+const loaded = Unit.load($("unit").textContent.trim()).then(unit => new Page(unit), error => {
+    $("problems").textContent = `This browser does not run the page's unit: ${error.message}`;
+});

@@ -1,0 +1,213 @@
+"""The page of one actuator: its C as WebAssembly, and all that the scripts beside it need to know."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from math import isclose
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ... import __version__, rules
+from ...actuators import extension_outputs, full_name, get, parts
+from ...actuators import fin_port as port
+from ...bench import excitation, metrics
+from ...bench.excitation import LOAD, Excitation
+from ...bench.subject import Identification
+from ...bench.verdict import REQUIREMENTS, table2_excitations
+from ...bench.writers import page, plain, typeset
+from ...compiler import WEB, zig
+from ...errors import EmcasError
+from ...parameters import Entry, ParameterSet, load_parameters
+from ...reference import cases
+from ...response import panels
+from ...runtime.c_sources import MOST_NUMBERS, core_sources, handwritten
+from ...runtime.compiled import REASONS
+from ...units import factor
+from ...variables import Variable
+
+_HERE = "emcas_fmu.studies.explore"
+_MAIN = "explore.c"
+SCRIPTS = ("unit.js", "excitations.js", "metrics.js", "settings.js", "plots.js", "results.js", "controls.js", "page.js")
+MOST_ROWS = 60_000  # of a CSV file; a minute
+_MOST_OWN = 12  # parameters of an actuator without gains that stand first
+_HEADLINES = ("rise_time", "settling_time", "overshoot", "steady_error", "peak_rate", "peak_current", "energy_drawn")
+# Figures of metrics.motion and metrics.usage, in the order of the table.
+_FIGURES = tuple(name for name in metrics.FIGURES if name in (*metrics.MOTION, *metrics.USAGE))
+
+
+@dataclass(frozen=True)
+class About:
+    """What a page says of itself: the command that made it, the set it starts from, and a date if one is given."""
+
+    command: str
+    identification: Identification
+    date: str = ""
+
+
+def compiled(model: str) -> bytes:
+    """Return the WebAssembly of an actuator. Raises CompilerError."""
+    compiler = zig()
+    if compiler is None:
+        raise EmcasError("emcas explore needs zig, which is not installed: pip install 'emcas-fmu[native]'")
+    return compiler.library(sources(model), _MAIN, WEB, "unit")
+
+
+def sources(model: str) -> dict[str, str]:
+    """Return the C of an actuator's page: file name to text."""
+    return {_MAIN: handwritten(_MAIN, _HERE), "batch.c": handwritten("batch.c"), **core_sources(model=model)}
+
+
+def document(parameters: ParameterSet, inputs: Mapping[str, float]) -> dict[str, Any]:
+    """Return what the scripts need of an actuator with a set of parameters, and of inputs held at other constants."""
+    model, actuator = full_name(parameters.model), parameters.actuator
+    shipped, runs = load_parameters(model=model).values, table2_excitations()
+    entries = {e.variable.name: e for e in parameters.entries}
+    starts = {v.name: inputs.get(v.name, v.initial(parameters.values)) for v in actuator.inputs}
+    described: dict[str, Any] = {
+        "tool": f"emcas {__version__}", "model": _as_given(model), "command_limit": parameters.values["command.limit"],
+        "parameters": [{**_parameter(entries[v.name]), "shipped": shipped[v.name]} for v in actuator.parameters],
+        "inputs": [{**_quantity(v), "value": starts[v.name], "start": v.initial(parameters.values), "key": v.key,
+                    "shipped": shipped[v.key] if v.key else None} for v in actuator.inputs],
+        "outputs": [{"name": v.name, "description": v.description} for v in actuator.outputs],
+        "first": _first(parameters), "panels": _panels(model), "equal": actuator.equal_parameters,
+        "rules": [{"message": rule.message, "warning": rule.warning} for rule in actuator.all_rules],
+        "limits": {"not_finite": rules.NOT_FINITE, "below": rules.BELOW, "above": rules.ABOVE},
+        "most_numbers": MOST_NUMBERS + 1, "reasons": REASONS,
+        "figures": {name: {"title": metrics.FIGURES[name].title, "shown": _shown(metrics.FIGURES[name].unit)}
+                    for name in _FIGURES},
+        "headlines": _HEADLINES, "usage": metrics.REDUCED,
+        "requirements": [{"name": r.name, "title": r.title, "sense": r.sense, "limit": r.limit, "unit": r.unit,
+                          "how": r.how, "needs": r.needs, "measure": r.measure.__name__.strip("_")}
+                         for r in REQUIREMENTS],
+        "runs": {name: _run(name, run) for name, run in runs.items()},
+        "load": max(float(np.max(np.abs(run.columns[LOAD]))) for run in runs.values() if LOAD in run.columns),
+        "constants": _constants(), "units": {unit: _shown(unit) for unit in ("rad", "rad/s")},
+    }
+    shown = {each["shown"][0] for each in (*described["parameters"], *described["inputs"], *described["panels"],
+                                           *described["figures"].values())}
+    units = sorted({*shown, *(r.unit for r in REQUIREMENTS), "deg", "N.m"})
+    described["typeset"] = {unit: _symbol(unit) for unit in units}
+    result: dict[str, Any] = plain(described)
+    return result
+
+
+def _symbol(unit: str) -> str:
+    """Return a unit with raised powers and products: ``N.m/s2`` gives N·m/s²."""
+    raised = re.sub(r"(?<=[a-z])[23]\b", lambda power: "²³"[int(power[0]) - 2], unit)
+    return typeset(raised).replace("degC", "°C").replace(".", "·")
+
+
+def _as_given(model: str) -> str:
+    """Return a model's name without the folder of a user's file."""
+    return "+".join((Path(parts(model)[0]).name, *parts(model)[1]))
+
+
+def _quantity(v: Variable) -> dict[str, Any]:
+    return {"name": v.name, "kind": v.kind, "unit": v.unit, "minimum": v.minimum, "maximum": v.maximum,
+            "description": v.description, "shown": _shown(v.unit)}
+
+
+def _shown(unit: str) -> tuple[str, float]:
+    """Return the unit people read, and how much in SI one of it is."""
+    shown, times = metrics.shown(unit)
+    return shown, 1.0 / times
+
+
+def _parameter(entry: Entry) -> dict[str, Any]:
+    """Return a parameter in the unit that its file gives it in."""
+    v, unit = entry.variable, entry.text.partition(" ")[2]
+    shown: tuple[str, float] = (v.unit, 1.0)
+    if v.kind == "Real" and unit and not entry.text.startswith("as ") and v.unit != "degC":
+        size = factor(unit, v.unit)
+        if not isclose(size, 1.0):
+            shown = (unit.replace("*", "·").replace("^2", "²").replace("^3", "³"), size)
+    return {**_quantity(v), "value": entry.value, "source": entry.source, "shown": shown}
+
+
+def _first(parameters: ParameterSet) -> dict[str, list[str]]:
+    """Return the names of what stands first, in groups: supply and what else is an input of this actuator alone,
+    temperature, and gains, or else all of its own.
+    """
+    actuator = parameters.actuator
+    tunable = [v for v in actuator.parameters if v.variability == "tunable"]
+    gains = [v.name for v in tunable if v.name.startswith("controller.")]
+    if not gains:
+        ports = {v.name for v in port.PARAMETERS}
+        gains = [v.name for v in get(parts(parameters.model)[0]).parameters if v.name not in ports][:_MOST_OWN]
+    further = [v.name for v in actuator.further_inputs]
+    further += [v.name for v in tunable if v.name == "homing.required"]  # without which nothing moves before homing
+    return {"supply": [*([actuator.supply.input.name] if actuator.supply else []), *further],
+            "temperature": [v.name for v in tunable if v.unit == "degC"], "gains": gains}
+
+
+def _panels(model: str) -> list[dict[str, Any]]:
+    """Return the panels over time: the response's own, then one for each output of an extension."""
+    further = [[v] for v in extension_outputs(model)]
+    return [{"title": _title(panel), "names": [v.name for v in panel], "shown": _shown(panel[0].unit),
+             "discrete": panel[0].kind != "Real", "rules": _lines(panel[0])} for panel in (*panels(model), *further)]
+
+
+def _title(panel: Sequence[Variable]) -> str:
+    names = [v.name.replace("_", " ") for v in panel]
+    return ", ".join(names).capitalize()
+
+
+def _lines(v: Variable) -> list[tuple[float, str]]:
+    """Return the requirements that are lines in a panel: value as shown, and words."""
+    return [(r.limit, f"required {r.limit:g} °/s{', loaded' if r.name == 'loaded_rate' else ''}")
+            for r in REQUIREMENTS if r.unit == "deg/s" and v == port.FIN_RATE]
+
+
+def _run(name: str, run: Excitation) -> dict[str, Any]:
+    """Return a run of Table 2: its sweep, or its columns as values with their counts."""
+    case = next((case for case in cases.CASES if case.name == name and case.kind == "chirp"), None)
+    if case:
+        low, high = cases.SWEEP
+        return {"stop": run.stop, "sweep": {"amplitude": case.amplitude, "low": low, "high": high}}
+    counted = {column: [(float(value), len(list(rows))) for value, rows in groupby(values)]
+               for column, values in run.columns.items()}
+    return {"stop": run.stop, "begin": run.begin, "columns": counted}
+
+
+def _constants() -> dict[str, Any]:
+    named = {excitation: ("STEP", "SETTLE"), cases: ("LEAD_IN", "LOAD_RISE", "SWEEP", "SIGNIFICANT_DIGITS"),
+             metrics: ("ACCURACY", "TAIL", "HELD", "SEGMENT", "OVERLAP", "EXCITED", "SWEPT")}
+    return {"MOST_ROWS": MOST_ROWS, **{name: getattr(module, name) for module, names in named.items()
+                                       for name in names}}
+
+
+def _embedded(value: Any) -> str:
+    """Return JSON that may stand in a script element."""
+    return json.dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _joined(names: Iterable[str]) -> str:
+    return "\n".join(handwritten(name, _HERE) for name in names)
+
+
+def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) -> str:
+    """Return the page. The same parameters, inputs and words about it give the same text. Raises CompilerError."""
+    described, code = document(parameters, inputs), compiled(parameters.model)
+    digest = hashlib.sha256(_embedded(described).encode() + code).hexdigest()
+    source_digest = hashlib.sha256("".join(sources(parameters.model).values()).encode()).hexdigest()
+    return page(
+        "studies/explore/page.html.j2", about=about, digest=digest, source_digest=source_digest,
+        entries=parameters.entries, model=described["model"], title=parameters.actuator.title,
+        origin=parameters.actuator.origin, first=described["first"], estimates=parameters.estimates,
+        data=_embedded({**described, "digest": digest[:12]}), unit=base64.b64encode(code).decode(),
+        plotting=_joined(["uplot/uPlot.iife.min.js"]), plotting_style=_joined(["uplot/uPlot.min.css"]),
+        licence=_joined(["uplot/LICENSE"]), style=_joined(["page.css"]), script=_joined(SCRIPTS))
+
+
+def write(path: Path, parameters: ParameterSet, inputs: Mapping[str, float], about: About) -> int:
+    """Write the page, and return its size [bytes]. Raises CompilerError."""
+    text = render(parameters, inputs, about)
+    return path.write_text(text, encoding="utf-8", newline="\n")

@@ -1,0 +1,142 @@
+"use strict";
+/* Curves over time and over frequency, drawn by uPlot in the page's own colours. */
+
+const color = name => () => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const faint = color("--grid"), ink = color("--text"), gray = color("--gray");
+const COLORS = Array.from({length: 6}, (_, k) => color(`--curve-${k}`));
+const FONT = "12px system-ui, sans-serif";
+
+function axis(label, size) {
+    return {label, size, values: (_, at) => at.map(x => x === null ? "" : general(x, 6).replace("-", "−")), stroke: ink, font: FONT, labelFont: FONT, labelSize: 18, labelGap: 0,
+        grid: {stroke: faint, width: 1}, ticks: {stroke: faint, width: 1, size: 4}};
+}
+
+/** A line at a value of a scale, across the plot, with what it is: at its end, above or below it. */
+function rule(u, scale, value, text, below = false) {
+    const {ctx, bbox: {left, top, width, height}} = u, pixel = devicePixelRatio;
+    const at = u.valToPos(value, scale, true), across = scale !== "x";
+    if (across ? at < top || at > top + height : at < left || at > left + width) return;
+    ctx.save();
+    ctx.strokeStyle = ctx.fillStyle = gray();
+    ctx.setLineDash([2, 3]);
+    ctx.font = `${11 * pixel}px system-ui, sans-serif`;
+    ctx.beginPath();
+    ctx.moveTo(across ? left : at, across ? at : top);
+    ctx.lineTo(across ? left + width : at, across ? at : top + height);
+    ctx.stroke();
+    ctx.textAlign = "right";
+    const end = across ? left + width : at;
+    ctx.fillText(text, end - 4 * pixel, across ? at + (below ? 12 : -4) * pixel : top + height - 6 * pixel);
+    ctx.restore();
+}
+
+/** A shade over the times at which a flag is up. */
+function shade(u, time, flag) {
+    const {ctx, bbox: {top, height}} = u, x = k => u.valToPos(time[k], "x", true);
+    ctx.save();
+    ctx.fillStyle = color("--shade")();
+    for (let k = 0; k < flag.length; ++k) {
+        if (flag[k] <= 0.5) continue;
+        const first = k;
+        while (k + 1 < flag.length && flag[k + 1] > 0.5) ++k;
+        ctx.fillRect(x(first), top, Math.max(x(k) - x(first), devicePixelRatio), height);
+    }
+    ctx.restore();
+}
+
+/** The band around a command within which the accuracy asks the fin to be. */
+function band(u, time, command, width) {
+    const {ctx, bbox} = u, x = t => u.valToPos(t, "x", true), y = v => u.valToPos(v, "y", true);
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+    ctx.clip();
+    ctx.beginPath();
+    for (let k = 0; k < time.length; ++k) ctx.lineTo(x(time[k]), y(command[k] + width));
+    for (let k = time.length - 1; k >= 0; --k) ctx.lineTo(x(time[k]), y(command[k] - width));
+    ctx.fillStyle = color("--band")();
+    ctx.fill();
+    ctx.restore();
+}
+
+/** Shade where a gain must not be: below `floor` up to the frequency `end`. */
+function forbidden(u, end, floor) {
+    const {ctx, bbox: {left, top, width, height}} = u;
+    const [right, upper] = [u.valToPos(end, "x", true), u.valToPos(floor, "y", true)];
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(left, top, width, height);
+    ctx.clip();
+    ctx.fillStyle = color("--forbidden")();
+    ctx.fillRect(left, upper, right - left, top + height - upper);
+    ctx.restore();
+}
+
+/** A plot in a figure of the page, which follows its width. */
+class Plot {
+    constructor(title, {x, y, log = false, height = 190, shared = true}) {
+        this.figure = document.createElement("figure");
+        this.figure.innerHTML = `<figcaption></figcaption><div class="plot" role="img"></div>`;
+        this.figure.firstChild.textContent = title;
+        this.box = this.figure.lastChild;
+        this.title = title;
+        this.look = {x, y, log, height, shared};
+        this.names = "";
+        this.under = this.over = () => undefined;
+        new ResizeObserver(() => this.resize()).observe(this.box);
+    }
+
+    resize() {
+        const width = this.box.clientWidth;
+        if (this.chart && width) this.chart.setSize({width, height: this.look.height});
+    }
+
+    /** Draw curves {label, x, y, stroke, dash, width, step}, of which those of another x have their own rows. */
+    draw(curves) {
+        const xs = [...new Set(curves.map(curve => curve.x))], by = x => curves.filter(curve => curve.x === x);
+        const ordered = xs.flatMap(by), names = ordered.map(({label}) => label).join("\n");
+        const tables = xs.map(x => [x, ...by(x).map(({y}) => y)]);
+        const data = tables.length > 1 ? uPlot.join(tables) : tables[0];
+        if (names === this.names) {
+            this.chart.setData(data);
+            return;
+        }
+        this.chart?.destroy();
+        this.names = names;
+        this.chart = new uPlot(this.options(ordered), data, this.box);
+    }
+
+    options(curves) {
+        const {x, y, log, height, shared} = this.look;
+        const value = (_, v) => v === null || v === undefined ? "–" : shownNumber(v);
+        return {
+            width: this.box.clientWidth || 300, height,
+            legend: {markers: {width: 2, dash: (_, k) => !curves[k - 1]?.dash ? "solid" :
+                curves[k - 1].dash[0] > 2 ? "dashed" : "dotted"}},
+            cursor: {sync: shared ? {key: "time"} : undefined, points: {size: 5}, drag: {x: true, y: false}},
+            scales: {x: {time: false, distr: log ? 3 : 1}, y: {range: (_, least, most) =>
+                least === most ? [least - 1, most + 1] : uPlot.rangeNum(least, most, 0.1, true)}},
+            axes: [axis(x, 26), axis(y, 58)],
+            series: [{label: x.replace(/ .*/, ""), value}, ...curves.map(curve => ({
+                label: curve.label, stroke: curve.stroke, width: curve.width ?? 1.6, dash: curve.dash, value,
+                spanGaps: true, points: {show: false},
+                paths: curve.step ? uPlot.paths.stepped({align: 1}) : undefined}))],
+            hooks: {drawAxes: [u => this.under(u)], draw: [u => this.over(u)]},
+        };
+    }
+
+    redraw() {
+        this.chart?.redraw(false, true);
+    }
+
+    describe(text) {
+        this.box.setAttribute("aria-label", `${this.title}: ${text}`);
+    }
+}
+
+/** A number for people: four digits. */
+function shownNumber(x) {
+    if (x === null || Number.isNaN(x)) return "–";
+    if (!Number.isFinite(x)) return "not reached";
+    return (Math.abs(x) >= 1e4 ? x.toFixed(0) : general(x, 4)).replace("-", "−");
+}

@@ -1,0 +1,95 @@
+"use strict";
+/* The actuator: its generated C as WebAssembly, limits and rules of its parameters, runs of it. SI throughout. */
+
+/** A number as C's %.{digits}g has it. */
+function general(x, digits) {
+    if (!Number.isFinite(x)) return Number.isNaN(x) ? "nan" : x > 0 ? "inf" : "-inf";
+    if (x === 0) return "0";
+    const [mantissa, exponent] = x.toExponential(digits - 1).split("e");
+    const power = Number(exponent), plain = power >= -4 && power < digits;
+    const text = plain ? x.toFixed(digits - 1 - power) : mantissa;
+    const short = text.includes(".") ? text.replace(/\.?0+$/, "") : text;
+    return plain ? short : `${short}e${power < 0 ? "-" : "+"}${String(Math.abs(power)).padStart(2, "0")}`;
+}
+
+/** A message with its numbers, of which the formats are those of rules.py: %.6g, %s. */
+function formatted(message, values) {
+    let next = 0;
+    return message.replace(/%(?:\.(\d+))?([gs%])/g, (_, digits, kind) =>
+        kind === "%" ? "%" : kind === "s" ? values[next++] : general(values[next++], Number(digits ?? 6)));
+}
+
+class Unit {
+    static async load(base64) {
+        const bytes = Uint8Array.from(atob(base64), character => character.charCodeAt(0));
+        const {instance} = await WebAssembly.instantiate(bytes);
+        return new Unit(instance.exports);
+    }
+
+    constructor(code) {
+        this.code = code;
+        code._initialize();
+        this.top = code.__heap_base.value;
+        this.actuator = this.reserve(code.actuator_size());
+        this.parameters = this.reserve(8 * DATA.parameters.length);
+        this.numbers = this.reserve(8 * DATA.most_numbers);
+        this.result = this.reserve(8);
+    }
+
+    /** The address of so many bytes more. */
+    reserve(size) {
+        const address = (this.top + 15) & ~15;
+        this.top = address + size;
+        const missing = this.top - this.code.memory.buffer.byteLength;
+        if (missing > 0) this.code.memory.grow(Math.ceil(missing / 65536));
+        return address;
+    }
+
+    doubles(address, count) {
+        return new Float64Array(this.code.memory.buffer, address, count);
+    }
+
+    put(values) {
+        this.doubles(this.parameters, DATA.parameters.length).set(DATA.parameters.map(p => Number(values[p.name])));
+    }
+
+    /** What is wrong with parameters, in the words of rules.py: single values, or if these are sound combinations. */
+    problems(values) {
+        const single = DATA.parameters.filter(p => p.kind !== "Boolean").flatMap(p => {
+            const value = values[p.name], of = DATA.limits;
+            return !Number.isFinite(value) ? [formatted(of.not_finite, [p.name, value])] :
+                value < p.minimum ? [formatted(of.below, [p.name, value, p.minimum])] :
+                value > p.maximum ? [formatted(of.above, [p.name, value, p.maximum])] : [];
+        });
+        return single.length ? single : this.broken(values, false);
+    }
+
+    /** Messages of the rules that parameters within their limits break: those that refuse, or the warnings. */
+    broken(values, warnings) {
+        this.put(values);
+        return DATA.rules.flatMap((rule, i) => {
+            if (rule.warning !== warnings || !this.code.rule_broken(i, this.parameters, this.numbers)) return [];
+            return [formatted(rule.message, [...this.doubles(this.numbers, DATA.most_numbers)].slice(1))];
+        });
+    }
+
+    /** Outputs by name at rows `step` [s] apart, of inputs by name: a column, or a value that is held. */
+    run(values, inputs, rows, step) {
+        this.put(values);
+        if (!this.code.actuator_start(this.actuator, this.parameters)) throw new Error("the parameters are refused");
+        const before = this.top, width = DATA.inputs.length, wide = DATA.outputs.length;
+        const table = this.reserve(8 * rows * width), out = this.reserve(8 * rows * wide);
+        this.top = before;
+        const cells = this.doubles(table, rows * width);
+        DATA.inputs.forEach(({name}, place) => {
+            const column = inputs[name], held = typeof column === "object" ? null : Number(column);
+            for (let k = 0; k < rows; ++k) cells[k * width + place] = held ?? column[k];
+        });
+        const reached = this.code.actuator_simulate(this.actuator, rows, step, table, out, this.result);
+        const reason = new Int32Array(this.code.memory.buffer, this.result, 1)[0];
+        if (reached < rows) throw new Error(`at ${general(reached * step, 6)} s: ${DATA.reasons[reason]}`);
+        const found = this.doubles(out, rows * wide);
+        return Object.fromEntries(DATA.outputs.map(({name}, place) =>
+            [name, Float64Array.from({length: rows}, (_, k) => found[k * wide + place])]));
+    }
+}

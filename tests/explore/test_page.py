@@ -1,0 +1,281 @@
+"""The page in a browser: the same numbers as the kernel's, and usable by hand, keyboard, link and file."""
+
+from __future__ import annotations
+
+import importlib.util
+import platform
+import re
+import subprocess
+import sys
+from math import radians
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from emcas_fmu.actuators import NAMES, get
+from emcas_fmu.cli import app
+from emcas_fmu.compiler import Platform, zig
+from emcas_fmu.parameters import check_combinations, check_parameters, load_parameters
+from emcas_fmu.runtime.compiled import run_table
+from emcas_fmu.studies.explore import page
+from tests.hosts.host import missing
+from tests.own_actuator.example import MODEL as DIRECT_DRIVE
+from tests.tools.test_every_actuator import TOGETHER
+
+from .browser import SHOWN, Browser, written
+
+MODELS = (*NAMES, DIRECT_DRIVE, *TOGETHER)
+SETTING = "excitation.shape=slew&excitation.amplitude=0.15&excitation.load=-40"
+STEP = 1e-3
+
+
+def by_program(model: str, values: Any, table: np.ndarray[Any, Any], folder: Path) -> np.ndarray[Any, Any]:
+    """Return the outputs of the same C as a program of this machine, with musl's libm as the page's."""
+    compiler = zig()
+    assert compiler is not None
+    sources = {"run.c": (Path(__file__).parent / "run.c").read_text(encoding="utf-8"), **page.sources(model)}
+    machine = {"AMD64": "x86_64", "arm64": "aarch64"}.get(platform.machine(), platform.machine())
+    target = Platform("musl", "", f"{machine}-linux-musl", ("-static",))
+    program = folder / "run"
+    program.write_bytes(compiler.library(sources, "run.c", target, "run"))
+    program.chmod(0o700)
+    numbers = [float(values[v.name]) for v in get(model).parameters] + table.ravel().tolist()
+    given = " ".join([str(len(table)), *(x.hex() for x in (STEP, *numbers))])
+    done = subprocess.run([program], input=given.encode(), capture_output=True, check=True)
+    return np.frombuffer(done.stdout).reshape(len(table), -1)
+
+
+def computed(browser: Browser, path: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """Return the inputs and the outputs of a slew under load, as a page has them."""
+    browser.open(path, "#" + "B=" + SETTING.replace("=", "%3D").replace("&", "%26"))
+    assert browser.complaints == []
+    run = browser.run("(({live: {setting, run}}) => { const inputs = setting.inputs(run.excitation); return {rows: "
+                      "run.excitation.time.length, inputs: DATA.inputs.map(({name}) => typeof inputs[name] === "
+                      "'object' ? [...inputs[name]] : Number(inputs[name])), outputs: DATA.outputs.map(({name}) => "
+                      "[...run.outputs[name]])}; })(window.page)")
+    table = np.column_stack([np.broadcast_to(column, run["rows"]) for column in run["inputs"]])
+    return table, np.array(run["outputs"]).T
+
+
+def check_kernel(model: str, table: np.ndarray[Any, Any], found: np.ndarray[Any, Any]) -> None:
+    """Fail unless outputs are the compiled kernel's but for last digits of the libm, which grow by the loop's gain."""
+    kernel = run_table(load_parameters(model=model).values, STEP, table, model)
+    # Measured up to 3e-11, a pump's voltage; an encoder's count or the end of a stick may fall a row later.
+    scale = np.maximum(np.max(np.abs(kernel), axis=0), 1e-300)
+    apart = np.max(np.abs(found - kernel) / scale, axis=1)
+    assert np.mean(apart < 1e-8) > 0.99
+
+
+def test_numbers_are_the_kernel_s(browser: Browser) -> None:
+    table, found = computed(browser, SHOWN)
+    assert np.ptp(found[:, 0]) > radians(1.0)
+    check_kernel("nonlinear", table, found)
+
+
+@pytest.mark.slow  # zig makes its C library for a browser, and for the program beside it: a minute each, once
+@pytest.mark.parametrize("model", MODELS, ids=lambda model: Path(model).stem)
+def test_numbers_of_every_actuator_are_those_of_its_c(browser: Browser, model: str, tmp_path: Path) -> None:
+    """To the bit of the same C with the same libm."""
+    if importlib.util.find_spec("ziglang") is None:
+        missing("there is no ziglang (pip install ziglang)")
+    path = written(tmp_path, model)
+    assert path.stat().st_size < 1_000_000
+    table, found = computed(browser, path)
+    assert np.ptp(found[:, 0]) > radians(1.0) or "homing" in model  # which begins by looking for its zero
+    if sys.platform == "linux":
+        values = load_parameters(model=model).values
+        np.testing.assert_array_equal(found, by_program(model, values, table, tmp_path))
+    check_kernel(model, table, found)
+
+
+SLOW = pytest.mark.slow
+WRONG = (
+    {"motor.resistance": 0.0, "drive.kp": 1e9}, {"controller.sample_time": 0.1, "solver.max_tick": 1e-7},
+    *(pytest.param(changes, marks=SLOW) for changes in (
+        {"controller.position.kp": -1.0}, {"fin.stop_angle": 0.2}, {"friction.coulomb.positive[1]": 0.9},
+        {"fin.start_angle": 1.2}, {"drive.transport_delay": 0.1}, {"command.latency": 1.9})),
+)
+
+
+@pytest.mark.parametrize("changes", WRONG, ids=lambda changes: next(iter(changes)))
+def test_what_the_kernel_refuses_is_refused_in_its_words(opened: Browser, changes: dict[str, float]) -> None:
+    for name, value in changes.items():
+        opened.set(name, value)
+    said = opened.run("[...document.querySelectorAll('#problems p')].map(p => p.textContent)")
+    expected = check_parameters({**load_parameters().values, **changes})
+    assert expected
+    assert said == expected
+    assert opened.run("document.body.classList.contains('stale')")
+    for name in changes:
+        opened.set(name, None)
+    assert opened.run("document.getElementById('problems').textContent") == ""
+
+
+def test_warnings_are_the_rules_own(opened: Browser) -> None:
+    opened.set("friction.temperature", -40.0)
+    values = {**load_parameters().values, "friction.temperature": -40.0}
+    said = opened.run("[...document.querySelectorAll('#warnings p')].map(p => p.textContent)")
+    assert said == check_combinations(values, get("nonlinear"), warnings=True)
+    assert said
+
+
+@pytest.mark.parametrize("width", [pytest.param(320, marks=SLOW), 400, pytest.param(768, marks=SLOW), 1400])
+def test_nothing_is_wider_than_the_window(opened: Browser, width: int) -> None:
+    opened.size(width)
+    opened.settled()
+    opened.driver.find_element("id", "search").send_keys("friction")  # opens a long list
+    opened.run("document.getElementById('keep').click()")
+    opened.settled()
+    wide = opened.run("[...document.querySelectorAll('body *')].filter(e => !e.closest('.wide') && "
+                      "e.getBoundingClientRect().right > innerWidth + 0.5).map(e => e.outerHTML.slice(0, 80))")
+    assert wide == []
+    assert opened.run("document.documentElement.scrollWidth") <= width
+
+
+def test_a_key_moves_a_slider_and_the_response(opened: Browser) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    name = "controller.position.kp"
+    before = opened.run("[window.page.live.setting.get(arguments[0]), window.page.live.figures.rise_time]", name)
+    slider = opened.driver.find_element("css selector", f"[data-name='{name}'] input[type=range]")
+    opened.run("arguments[0].focus()", slider)
+    slider.send_keys(Keys.ARROW_RIGHT * 20)
+    opened.settled()
+    after = opened.run("[window.page.live.setting.get(arguments[0]), window.page.live.figures.rise_time]", name)
+    step = 3 * before[0] / 200  # a slider ends at three times the start; the first key goes to the next step there is
+    assert after[0] == pytest.approx(before[0] + 20 * step, abs=step)
+    assert after[1] < before[1]
+    assert slider.get_attribute("aria-valuetext").endswith("1/s")
+
+
+SLIDER = ("(s => [s.checkVisibility(), Number(s.min), Number(s.value), Number(s.max)])"
+          "(document.querySelector(`[data-name='${arguments[0]}'] input[type=range]`))")
+
+
+def test_sliders_end_within_the_limits_and_show_their_value(opened: Browser) -> None:
+    values = opened.run("Object.fromEntries(window.page.controls.filter(each => each.range).map("
+                        "({control, factor}) => [control.name, window.page.live.setting.get(control.name) / factor]))")
+    assert {"excitation.load", "supply_voltage", "controller.position.kp"} <= values.keys()
+    for name, value in values.items():
+        visible, least, at, most = opened.run(SLIDER, name)
+        assert least <= value <= most, name
+        assert not visible or at == pytest.approx(value, abs=(most - least) / 200)
+    opened.set("controller.position.kp", -5.0)
+    assert opened.run(SLIDER, "controller.position.kp")[1] == 0.0
+    # Three times nothing is no range; a value that is typed makes one, which stays.
+    assert not opened.run(SLIDER, "controller.load_observer")[0]
+    opened.set("controller.load_observer", 40.0)
+    assert opened.run(SLIDER, "controller.load_observer") == [True, 0.0, pytest.approx(40.0, abs=0.6), 120.0]
+    opened.set("controller.load_observer", 0.0)
+    assert opened.run(SLIDER, "controller.load_observer") == [True, 0.0, 0.0, 120.0]
+
+
+@pytest.mark.parametrize("width", [400, pytest.param(1400, marks=SLOW)])
+def test_a_problem_is_seen_wherever_one_has_scrolled_to(opened: Browser, width: int) -> None:
+    opened.size(width)
+    opened.set("motor.resistance", 0.0)
+    for place in ("0", "document.body.scrollHeight / 2", "document.body.scrollHeight"):
+        opened.run(f"scrollTo(0, {place})")
+        box = opened.run("(b => [b.top, b.bottom, b.height])(document.getElementById('problems')."
+                         "getBoundingClientRect())")
+        assert 0 <= box[0] < box[1] <= 900.5
+        assert box[2] > 10
+
+
+def test_a_kept_setting_that_cannot_be_shown_is_said(opened: Browser) -> None:
+    opened.open(SHOWN, "#A=excitation.shape%3Dcsv&B=")
+    assert "A is not shown: choose a CSV file" in opened.run("document.getElementById('warnings').textContent")
+    assert opened.run("document.getElementById('problems').textContent") == ""
+
+
+def test_every_field_has_a_name_and_a_place_in_order(opened: Browser) -> None:
+    opened.rested("window.page.refresh()")
+    unnamed = opened.run("[...document.querySelectorAll('input, select, button')].filter(e => !(e.labels?.length || "
+                         "e.getAttribute('aria-label') || e.textContent.trim())).map(e => e.outerHTML)")
+    assert unnamed == []
+    assert opened.run("[...document.querySelectorAll('[tabindex]')].every(e => e.tabIndex <= 0)")
+    assert opened.run("[...document.querySelectorAll('[role=img]')].every("
+                      "e => e.getAttribute('aria-label').length > 20)")
+    assert opened.run("document.querySelector('[aria-live]').textContent").startswith("rise time")
+
+
+def test_a_typed_value_acts_and_is_put_back(opened: Browser) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    row = opened.driver.find_element("css selector", "[data-name='excitation.amplitude']")
+    field = row.find_element("css selector", "input[type=text]")
+    field.send_keys(Keys.CONTROL + "a")
+    field.send_keys("5,5" + Keys.TAB)
+    opened.settled()
+    assert opened.run("window.page.live.run.excitation.columns.fin_command.at(-1)") == pytest.approx(radians(5.5))
+    row.find_element("css selector", ".again").click()
+    opened.settled()
+    assert opened.run("window.page.live.run.excitation.columns.fin_command.at(-1)") == radians(10.0)
+
+
+def test_a_link_restores_both_settings(opened: Browser) -> None:
+    opened.set("motor.resistance", 0.3)
+    opened.run("window.page.keep()")
+    opened.set("excitation.shape", "sine")
+    opened.set("friction.temperature", -6.0)
+    opened.rested("window.page.refresh()")
+    state = ("[window.page.kept, window.page.live].map(each => [each.setting.values, each.figures.peak_current])")
+    before, link = opened.run(state), opened.run("location.hash")
+    opened.open(SHOWN, link)
+    assert opened.run(state) == before
+    assert opened.run("document.getElementById('notes').textContent") == ""
+    opened.open(SHOWN, re.sub("of=.{4}", "of=0000", link))
+    assert "another page" in opened.run("document.getElementById('notes').textContent")
+
+
+def test_files_give_the_same_response_in_simulate(opened: Browser, tmp_path: Path,
+                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, value in {"excitation.shape": "slew", "excitation.load": -60.0, "controller.position.kp": 70.0,
+                        "supply_voltage": 34.0, "angular_rate.x": 1.0, "encoder.enabled": False}.items():
+        opened.set(name, value)
+    for name, script in {"parameters.toml": "parameterFile(window.page.live.setting)",
+                         "inputs.csv": "csv(window.page.inputs())",
+                         "response.csv": "csv(window.page.response())"}.items():
+        Path(name).write_text(opened.run(script), encoding="utf-8")
+    done = CliRunner().invoke(app, ["simulate", "--input", "inputs.csv", "-p", "parameters.toml", "-o", "again.csv"])
+    assert done.exit_code == 0, done.output
+    found, again = (Path(name).read_text(encoding="utf-8").splitlines() for name in ("response.csv", "again.csv"))
+    assert found[0] == again[0]
+    one, other = (np.array([line.split(",") for line in lines[1:]], dtype=float) for lines in (found, again))
+    # Another libm, as above; without an encoder there is no count that could fall a row later.
+    assert np.all(np.abs(one - other) <= 1e-8 * np.max(np.abs(other), axis=0))
+
+
+def test_a_csv_file_is_flown(opened: Browser, tmp_path: Path) -> None:
+    path = tmp_path / "mine.csv"
+    path.write_text("time,fin_command,aero_torque\n0,0,0\n0.1,0.1,-20\n0.4,0.1,-20\n", encoding="utf-8")
+    opened.driver.find_element("id", "file").send_keys(str(path))
+    opened.wait("window.page.live.setting.shape === 'csv' && window.page.live.run")
+    assert opened.run("document.getElementById('file-name').textContent") == "mine.csv"
+    assert opened.run("window.page.live.run.outputs.fin_angle.at(-1)") == pytest.approx(0.1, abs=radians(0.5))
+    path.write_text("time,nonsense\n0,0\n1,1\n", encoding="utf-8")
+    opened.driver.find_element("id", "file").send_keys(str(path))
+    opened.wait("document.getElementById('problems').textContent")
+    assert "mine.csv: nonsense is no input" in opened.run("document.getElementById('problems').textContent")
+
+
+def test_two_settings_stand_side_by_side(opened: Browser) -> None:
+    opened.run("window.page.keep()")
+    opened.set("excitation.load", -80.0)
+    opened.rested("window.page.refresh()")
+    heads = opened.run("[...document.querySelectorAll('#figures-head th')].map(e => e.textContent)")
+    assert heads == ["figure", "A, kept", "B, live", "definition"]
+    kept, live = opened.run("[window.page.kept, window.page.live].map(each => each.figures.steady_error)")
+    assert abs(kept) < abs(live)
+    labels = opened.run("[...document.querySelectorAll('#main-plot .u-label')].map(e => e.textContent)")
+    assert {"fin angle A", "fin angle B", "command"} <= set(labels)
+
+
+def test_the_page_is_one_file_that_asks_for_nothing(opened: Browser) -> None:
+    opened.open(SHOWN)
+    assert opened.run("performance.getEntriesByType('resource').map(entry => entry.name)") == []
+    assert not re.search(r"""(src|href)\s*=\s*["']https?:""", SHOWN.read_text(encoding="utf-8"))

@@ -1,0 +1,96 @@
+"""Wheel and source archive: complete, nothing else in them, and enough where nothing of the repository is."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from emcas_fmu import __version__
+from tests.hosts.host import missing
+
+ROOT = Path(__file__).resolve().parents[2]
+PROGRAMS = "Scripts" if os.name == "nt" else "bin"
+# Those of the README that the base install is enough for; MODELS is the installed folder of data.
+COMMANDS = (
+    "emcas --help", "emcas parameters --sets", "emcas parameters -p drive-pi",
+    "emcas build", "emcas validate EMCAS.fmu --report report.html",
+    "fmpy validate EMCAS.fmu", "fmpy info EMCAS.fmu",
+    "fmpy simulate EMCAS.fmu --input-file MODELS/reference/EMCAS_step_in.csv --output-file out.csv",
+    "emcas simulate --step 10 --torque -50 --plot response.html",
+    "emcas build --backend native --cc CC --output Native.fmu", "fmpy validate Native.fmu",
+    "emcas build --model electrohydraulic+faults --output Valve.fmu",
+    "emcas identify backlash MODELS/bench/backlash.csv --report backlash.html")
+
+
+def test_the_changelog_begins_with_the_version() -> None:
+    headings = re.findall(r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert re.fullmatch(rf"{re.escape(__version__)} \((unreleased|\d{{4}}-\d\d-\d\d)\)", headings[0])
+
+
+@pytest.fixture(scope="module")
+def archives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Return the source archive, and the wheel that is built from it."""
+    if importlib.util.find_spec("build") is None:
+        missing("there is no build (pip install build)")
+    folder = tmp_path_factory.mktemp("dist")
+    run([sys.executable, "-m", "build", "--outdir", folder, ROOT], folder)
+    (source,), (wheel,) = folder.glob("*.tar.gz"), folder.glob("*.whl")
+    return source, wheel
+
+
+def run(command: list[str | Path], folder: Path) -> str:
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, f"{command}: {done.stdout}{done.stderr}"
+    return done.stdout
+
+
+def shipped(folder: str) -> set[str]:
+    """Return the files of a folder of the repository, as the wheel has them."""
+    paths = (path for path in (ROOT / folder).rglob("*") if path.is_file() and "__pycache__" not in path.parts)
+    names = {path.relative_to(ROOT).as_posix() for path in paths}
+    return names if folder == "emcas_fmu" else {f"emcas_fmu/{name}" for name in names}
+
+
+@pytest.mark.slow
+def test_contents(archives: tuple[Path, Path]) -> None:
+    source, wheel = archives
+    with zipfile.ZipFile(wheel) as archive:
+        names = {name for name in archive.namelist() if not name.startswith(f"emcas_fmu-{__version__}.dist-info/")}
+    assert names == shipped("emcas_fmu") | shipped("models")
+    with tarfile.open(source) as tar:
+        tops = {Path(name).parts[1] for name in tar.getnames()}
+    assert tops == {".gitignore", "CHANGELOG.md", "CITATION.cff", "LICENSE", "PKG-INFO", "README.md", "build_fmu.py",
+                    "emcas_fmu", "models", "pyproject.toml"}
+
+
+@pytest.mark.fmu
+@pytest.mark.slow
+def test_commands_where_only_the_wheel_is(archives: tuple[Path, Path], tmp_path: Path) -> None:
+    """Installed with what it asks for and no more: no extra, no file of the repository."""
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None:
+        missing("there is no C compiler (Debian: apt-get install gcc)")
+    programs = tmp_path / "environment" / PROGRAMS
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    run([sys.executable, "-m", "venv", tmp_path / "environment"], elsewhere)
+    run([programs / "python", "-m", "pip", "install", "--quiet", "--no-compile", archives[1]], elsewhere)
+    models = run([programs / "python", "-c", "from emcas_fmu.files import models_directory as m; print(m())"],
+                 elsewhere).strip()
+    assert Path(models).is_relative_to(tmp_path)
+    assert run([programs / "emcas", "--version"], elsewhere).split() == ["emcas", __version__]
+    for line in COMMANDS:
+        program, *arguments = line.replace("MODELS", models).replace("CC", str(compiler)).split()
+        run([programs / program, *arguments], elsewhere)
+    made = {path.name for path in elsewhere.iterdir() if path.stat().st_size}
+    assert made == {"EMCAS.fmu", "Native.fmu", "Valve.fmu", "report.html", "out.csv", "response.html", "backlash.html"}
