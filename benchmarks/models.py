@@ -16,7 +16,7 @@ COUNT, STEPS, ROUNDS = 200, 400, 5
 def cost(model: str) -> float:
     """Least CPU time [ns] of a step, of several rounds; a square wave of 5 deg at 5 Hz."""
     parameters = load_parameters(model=model)
-    values = (parameters.replace({"homing.required": False}) if "homing" in model else parameters).values
+    values = (parameters.with_values({"homing.required": False}) if "homing" in model else parameters).values
     names = [v.name for v in get(model).inputs]
     inputs = np.tile([float(v.initial(values)) for v in get(model).inputs], (COUNT, 1))
     best = np.inf

@@ -1,3 +1,30 @@
-"""Nonlinear electromechanical control actuation system as an FMI 2.0 co-simulation unit."""
+"""Fin actuators for flight simulation: load, simulate and build them as FMI 2.0 co-simulation units.
+
+What a program uses is in :mod:`emcas_fmu.api` and imported from here, as in ``from emcas_fmu import load_parameters``.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .api import *  # noqa: F403  # __all__ is there
 
 __version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> Any:
+    """Return a name of the interface when it is first used: commands that need none of it start without it."""
+    if not name.startswith("_") and find_spec(f"{__name__}.{name}"):
+        return import_module(f"{__name__}.{name}")
+    if name == "__all__" or not name.startswith("_"):
+        api = import_module(".api", __name__)
+        if name == "__all__" or name in api.__all__:
+            return getattr(api, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__getattr__("__all__")})

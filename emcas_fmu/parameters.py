@@ -111,6 +111,10 @@ class ParameterSet:
     model: str = NONLINEAR
     unused: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        differing = [e.variable.name for e in self.entries if e.source not in ("seed", "derived", "estimate")]
+        return f"<ParameterSet of {self.model}: {len(self.entries)} values, {len(differing)} of the user>"
+
     @property
     def actuator(self) -> Actuator:
         """Whose parameters they are."""
@@ -136,7 +140,7 @@ class ParameterSet:
             warnings.append(f"the {self.actuator.name} actuator has no {', '.join(self.unused)}: not used")
         return tuple(filter(None, warnings))
 
-    def replace(self, overrides: Mapping[str, object] | None = None, /, **more: object) -> ParameterSet:
+    def with_values(self, overrides: Mapping[str, object] | None = None, /, **more: object) -> ParameterSet:
         """Return a new checked set with some values replaced; the old one stays as it is.
 
         Numbers are in the variables' units, strings carry their own ("50 mm"); arrays may be

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from functools import cached_property
+from html import escape
 from math import degrees
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,12 +21,18 @@ from .bench import metrics
 from .bench.excitation import COMMAND, Excitation
 from .bench.subject import Columns, Run
 from .bench.writers import number
+from .errors import EmcasError, hint
 from .fmi.interface import MIXING, FmuInterface
 from .ops.floats import FLOATS
 from .parameters import ParameterSet
 from .plots import COLORS, figure, shade, style, write
 from .plots import COMMAND as COMMAND_LINE
+from .simulation import Array
+from .units import UnitError, convert
 from .variables import Variable
+
+if TYPE_CHECKING:
+    import pandas
 
 _MOST_OWN = 8  # panels of an actuator's own outputs
 _LINES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))  # of outputs in one panel, of several fins
@@ -41,9 +49,37 @@ class Response:
     columns: Columns
 
     @property
-    def time(self) -> Any:
+    def time(self) -> Array:
         """Times of the rows [s]."""
         return self.columns["time"]
+
+    @cached_property
+    def _every(self) -> Columns:
+        return {**self.excitation.columns, **self.columns}
+
+    def __getitem__(self, name: str) -> Array:
+        """Return an output, an input that was given, or ``time``, in its unit, a value for each row.
+
+        Raises EmcasError for a name there is not.
+        """
+        if name not in self._every:
+            raise EmcasError(f"there is no {name}{hint(name, self._every)}; there is {', '.join(self._every)}")
+        return self._every[name]
+
+    @cached_property
+    def units(self) -> Mapping[str, str]:
+        """Unit of each of these, empty for Booleans and counts."""
+        of = {v.name: v.unit for v in (*self.unit.inputs, *self.unit.outputs)}
+        return {"time": "s", **{name: of[name] for name in self._every if name != "time"}}
+
+    def in_unit(self, name: str, unit: str) -> Array:
+        """Return one of these in another unit: ``response.in_unit("fin_angle", "deg")``. Raises EmcasError."""
+        column = self[name]
+        try:
+            zero, one = (convert(Decimal(amount), self.units[name], unit) for amount in (0, 1))
+        except UnitError as error:
+            raise EmcasError(f"{name}: {error}") from error
+        return zero + (one - zero) * column
 
     @cached_property
     def fins(self) -> tuple[Run, ...]:
@@ -81,10 +117,10 @@ class Response:
         """Outputs that the model's extensions add."""
         return extension_outputs(self.unit.kind)
 
-    def figures(self, fin: int = 0) -> dict[str, float]:
-        """Return figures of the bench as far as a fin has the outputs, units in the names, and last values.
+    def metrics(self, fin: int = 0) -> dict[str, float]:
+        """Return figures of merit as far as a fin (from 0) has the outputs, units in the names, and last values.
 
-        Those of a motion where the command jumps once.
+        Those of a motion, such as ``rise_time_s`` and ``overshoot_percent``, where the command jumps once.
         """
         run = self.fins[fin]
         motion = metrics.motion(run) if len(run.excitation.moves) == 1 else {}
@@ -95,18 +131,55 @@ class Response:
     def as_dict(self) -> dict[str, Any]:
         """Return the figures for JSON: of several fins a list, and their line's."""
         if self.unit.fins == 1:
-            return {"title": self.excitation.title, **self.figures()}
+            return {"title": self.excitation.title, **self.metrics()}
         line = {self.unit.line.group: self.line} if self.unit.line else {}
         return {"title": self.excitation.title, **line,
-                "fins": [self.figures(fin) for fin in range(self.unit.fins)]}
+                "fins": [self.metrics(fin) for fin in range(self.unit.fins)]}
 
     def lines(self) -> list[tuple[str, ...]]:
         """Return name and value for each fin of every figure; statuses by name, as they changed."""
-        every = [self.figures(fin) for fin in range(self.unit.fins)]
+        every = [self.metrics(fin) for fin in range(self.unit.fins)]
         discrete = {f"{v.name}_final": v for v in self.extension_outputs if v.items or v.bits}
         rows = [(name, *(number(each[name]) for each in every)) for name in every[0] if name not in discrete]
         return rows + [(v.name, *(_history(v, self.time, run.columns[v.name]) for run in self.fins))
                        for v in discrete.values()]
+
+
+    def write_csv(self, path: Path | str) -> None:
+        """Write time, the inputs given and every output, SI, with 17 digits: what was computed, to the bit."""
+        names = ["time", *(name for name in self._every if name != "time")]
+        np.savetxt(path, np.column_stack([self._every[name] for name in names]), fmt="%.17g", delimiter=",",
+                   comments="", header=",".join(names))
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """Return a pandas DataFrame of these over time [s]; ``attrs["units"]`` has the units. Needs pandas."""
+        try:
+            import pandas
+        except ImportError as error:
+            raise EmcasError("to_dataframe() needs the Python package pandas, which is not installed: "
+                             "pip install pandas") from error
+        frame = pandas.DataFrame({name: column for name, column in self._every.items() if name != "time"},
+                                 index=pandas.Index(self.time, name="time"))
+        frame.attrs["units"] = dict(self.units)
+        return frame
+
+    def plot(self, path: Path | str | None = None) -> Figure:
+        """Draw command, outputs and limits over time; write them to a ``.html``, ``.svg``, ``.png`` or ``.pdf``.
+
+        Returns the Matplotlib figure, which a notebook shows. Raises EmcasError for another ending.
+        """
+        with style():
+            drawn = draw(self)
+            if path is not None:
+                write(drawn, Path(path), self.excitation.title)
+        return drawn
+
+    def __repr__(self) -> str:
+        return f"<Response of {self.unit.model}: {self.excitation.title}, {len(self.time)} rows of {len(self._every)}>"
+
+    def _repr_html_(self) -> str:
+        rows = "".join(f"<tr><td>{'<td>'.join(map(escape, row))}" for row in self.lines())
+        return f"<table><caption>{escape(self.excitation.title)}</caption>{rows}</table>"
 
 
 def _history(v: Variable, time: Any, column: Any) -> str:
@@ -116,14 +189,6 @@ def _history(v: Variable, time: Any, column: Any) -> str:
     if len(changes) > _MOST_CHANGES:
         changes = [f"{len(changes) - 1} changes", changes[-1]]
     return ", ".join([v.in_words(column[0]), *changes])
-
-
-def write_csv(path: Path, response: Response) -> None:
-    """Write time, the inputs given and every output, SI, with 17 digits: what was computed, to the bit."""
-    outputs = {name: column for name, column in response.columns.items() if name != "time"}
-    table = np.column_stack([response.time, *response.excitation.columns.values(), *outputs.values()])
-    np.savetxt(path, table, fmt="%.17g", delimiter=",", comments="",
-               header=",".join(["time", *response.excitation.columns, *outputs]))
 
 
 def draw(response: Response) -> Figure:
@@ -208,9 +273,3 @@ def _draw_output(axes: Axes, v: Variable, time: Any, columns: Sequence[Any]) -> 
         axes.set(yticks=(0, 1), ylim=(-0.1, 1.1))
     elif v.kind != "Real":
         axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-
-
-def write_picture(path: Path, response: Response) -> None:
-    """Write the response as ``.html``, ``.svg``, ``.png`` or ``.pdf``. Raises EmcasError for another ending."""
-    with style():
-        write(draw(response), path, response.excitation.title)

@@ -40,7 +40,7 @@ def _plain(power: Any, step: float) -> dict[str, float]:
 def differences(experiment: Experiment, given: Mapping[str, float], delay: float
                 ) -> tuple[dict[str, float], dict[str, float]]:
     """A campaign's figures over those of rows of 20 us, less 1; and those of rows 1 ms apart."""
-    subject = ParameterSubject(load_parameters().replace({"drive.transport_delay": delay}))
+    subject = ParameterSubject(load_parameters().with_values({"drive.transport_delay": delay}))
     numbers = {f"{experiment.prefix}.{name}": value for name, value in given.items()}
     made = excitation(experiment, subject.values, numbers, subject.model)
     run = subject.run(made, substeps=measure.POWER_ROWS, fine=[measure.POWER])

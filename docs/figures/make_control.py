@@ -17,7 +17,7 @@ PAGE = Path(__file__).resolve().parents[1] / "model" / "control.md"
 THESIS = {"controller.position.setpoint_weight": 1.0}
 SETS: Mapping[str, ParameterSet] = {
     "shipped": load_parameters(),
-    "shipped, setpoint weight 1": load_parameters().replace(THESIS),
+    "shipped, setpoint weight 1": load_parameters().with_values(THESIS),
     "robust": load_parameters("robust"),
     "shipped with a load observer": load_parameters("load-observer"),
     "robust with a load observer": load_parameters(["robust", "load-observer"]),
@@ -58,7 +58,7 @@ def figures(parameters: ParameterSet) -> dict[str, float]:
 def between(share: float) -> ParameterSet:
     """Return the shipped set with gains between those of the robust set (0) and its own (1)."""
     low, high = SETS["robust"].values, SETS["shipped"].values
-    return load_parameters().replace({name: low[name] ** (1.0 - share) * high[name] ** share for name in GAINS})
+    return load_parameters().with_values({name: low[name] ** (1.0 - share) * high[name] ** share for name in GAINS})
 
 
 def main() -> None:
@@ -78,7 +78,7 @@ def main() -> None:
                                        (OBSERVER, plots.VERMILLION, "with a load observer")):
             points = []
             for share in np.linspace(-0.4, 1.4, 10):
-                subject = ParameterSubject(between(float(share)).replace({"controller.load_observer": observer}))
+                subject = ParameterSubject(between(float(share)).with_values({"controller.load_observer": observer}))
                 phase, = measure(LINEAR, subject, {}, ("phase_margin",), ("minimum",))
                 angle, = measure(LOAD, subject, {}, ("peak_angle",), ("maximum",))
                 points.append((degrees(phase), degrees(angle)))

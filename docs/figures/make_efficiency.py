@@ -32,7 +32,7 @@ _MARKED = re.compile(r"(<!-- strokes -->\n).*?(<!-- /strokes -->)", re.DOTALL)
 
 def _run(screw: tuple[float, float], command: Any, torque: float, stop: float, **more: Any) -> dict[str, Any]:
     forward, backward = screw
-    values = BASE.replace({"efficiency.forward": forward, "efficiency.backward": backward, **more}).values
+    values = BASE.with_values({"efficiency.forward": forward, "efficiency.backward": backward, **more}).values
     return simulate(values, stop, 1e-4, model=MODEL, fin_command=command, aero_torque=torque)
 
 
@@ -62,7 +62,7 @@ def _rate(screw: tuple[float, float]) -> str:
     """Rate of the reference case's slew against 100 N.m, as `emcas validate` judges it by Table 2."""
     chosen = reference_case("load_opposing")
     forward, backward = screw
-    values = BASE.replace({"efficiency.forward": forward, "efficiency.backward": backward}).values
+    values = BASE.with_values({"efficiency.forward": forward, "efficiency.backward": backward}).values
     inputs: dict[str, Any] = {name: chosen.columns[name] for name in ("fin_command", "aero_torque")}
     run = simulate(values, chosen.stop, chosen.step, model=MODEL, **inputs)
     slew = chosen.moves[-1]

@@ -32,7 +32,7 @@ def _draw() -> None:
     with plots.style():
         figure, axes = plots.figure(1, 2, height=3.4)
         for gap, color in ((0.0, plots.GREEN), (50e-6, plots.BLUE), (100e-6, plots.VERMILLION)):
-            values = BASE.replace({"drive_line.backlash": gap, "friction.fin_coulomb": 5.0, **DAMPED}).values
+            values = BASE.with_values({"drive_line.backlash": gap, "friction.fin_coulomb": 5.0, **DAMPED}).values
             run = simulate(values, 8.0, model=MODEL, fin_command=lambda t: 0.035 * sin(0.5 * pi * t))
             cycle = slice(4000, None)
             direct, indirect = (np.degrees(a[cycle]) for a in (run["fin_angle"], _indirect(run["motor_angle"])))
@@ -64,7 +64,7 @@ def _limit_cycles() -> None:
         for gap in GAPS:
             row = []
             for gain in GAINS:
-                values = BASE.replace({
+                values = BASE.with_values({
                     "drive_line.backlash": gap, "encoder.on_fin": on_fin, "encoder.enabled": False, **DAMPED,
                     "controller.position.kp": gain * BASE.values["controller.position.kp"]}).values
                 row.append(f"{max(_width(values, step) for step in STEPS):.3f}")

@@ -42,7 +42,7 @@ def _has(model: str, fault: str) -> bool:
 
 def _run(model: str, fault: str, begin: float = BEGIN, end: float = END) -> dict[str, Any]:
     window = {f"fault.{fault}.begin": begin, f"fault.{fault}.end": end}
-    values = load_parameters(model=f"{model}+faults").replace(window).values
+    values = load_parameters(model=f"{model}+faults").with_values(window).values
     return simulate(values, STOP, model=f"{model}+faults", fin_command=_command, aero_torque=_load)
 
 
@@ -67,7 +67,7 @@ def found() -> str:
     """What the built-in test of the nonlinear model finds, and when."""
     rows = []
     for fault in possible(get("nonlinear")):
-        values = load_parameters(model="nonlinear+faults").replace({
+        values = load_parameters(model="nonlinear+faults").with_values({
             f"fault.{fault.name}.begin": BEGIN, f"fault.{fault.name}.end": 1e9}).values
         run = simulate(values, FOUND_STOP, model="nonlinear+faults",
                        fin_command=lambda t: radians(10.0 if t % 1.0 < 0.5 else -10.0))

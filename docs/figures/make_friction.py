@@ -47,7 +47,7 @@ def _sine(t: float) -> float:
 
 
 def _run(model: str, overrides: Mapping[str, Any], stop: float, step: float = 1e-3, **inputs: Any) -> dict[str, Any]:
-    return simulate(load_parameters(model=model).replace(overrides).values, stop, step, model=model, **inputs)
+    return simulate(load_parameters(model=model).with_values(overrides).values, stop, step, model=model, **inputs)
 
 
 def _row(title: str, model: str, overrides: Mapping[str, float], gain: float) -> list[str]:
@@ -135,7 +135,7 @@ def _cost() -> None:
     for title, model, overrides, _ in CHOICES:
         taken = []
         for kernel, stop in (("compiled", 10.0), ("python", 2.0)):
-            values = load_parameters(model=model).replace(overrides).values
+            values = load_parameters(model=model).with_values(overrides).values
             runs = []
             for _ in range(3):
                 begun = time.process_time()

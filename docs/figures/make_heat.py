@@ -65,7 +65,7 @@ def _warm() -> None:
     """A step of 20 deg against 60 N.m, cold and with winding and case warm."""
     runs = []
     for winding, case in ((0.0, 0.0), (100.0, 60.0)):
-        values = BASE.replace({"heat.winding_start_rise": winding, "heat.case_start_rise": case}).values
+        values = BASE.with_values({"heat.winding_start_rise": winding, "heat.case_start_rise": case}).values
         runs.append(simulate(values, 0.4, model=MODEL, fin_command=0.349, aero_torque=-60.0))
     for name, run in zip(("cold", "warm"), runs, strict=True):
         print(f"step of 20 deg against 60 N.m, {name}: peak rate {degrees(run['fin_rate'].max()):.1f} deg/s, "

@@ -26,7 +26,7 @@ STARTS = np.radians(np.linspace(-25.0, 25.0, 41))
 
 def _run(obstacle: Callable[[float, float], float], stop: float) -> dict[str, Any]:
     """Outputs every 1 ms under a torque [N.m] of time [s] and fin angle [rad]; `home` rises at the times `HOME`."""
-    core = codegen.core(load_parameters(model=MODEL).replace({"fin.start_angle": START}).values, MODEL)
+    core = codegen.core(load_parameters(model=MODEL).with_values({"fin.start_angle": START}).values, MODEL)
     rows = []
     angle = START
     for k in range(round(stop / 1e-3)):
@@ -80,7 +80,7 @@ def _zeros() -> None:
         for verify in (True, False):
             errors = []
             for start in STARTS:
-                values = load_parameters(model=f"{name}+homing").replace({
+                values = load_parameters(model=f"{name}+homing").with_values({
                     "fin.start_angle": start, "homing.verify": verify}).values
                 run = simulate(values, 7.2, model=f"{name}+homing", home=True)
                 assert run["status"][-1] == OPERATIONAL, (name, start)
@@ -95,7 +95,7 @@ def _zeros() -> None:
 def _homes(name: str, temperature: float, load: float) -> bool:
     """Whether it homes from zero under a constant load [N.m] at a temperature [degC], either way round."""
     for first in (True, False):
-        values = load_parameters(model=f"{name}+homing").replace({
+        values = load_parameters(model=f"{name}+homing").with_values({
             "friction.temperature": temperature, "homing.positive_first": first}).values
         if simulate(values, 15.1, model=f"{name}+homing", home=True, aero_torque=load)["status"][-1] != OPERATIONAL:
             return False
@@ -116,7 +116,7 @@ def _loads() -> None:
 def _cost() -> None:
     """CPU of a second in closed loop, in Python [ms]."""
     for model, more in (("nonlinear", {}), (MODEL, {"homing.required": False})):
-        values = load_parameters(model=model).replace(more).values
+        values = load_parameters(model=model).with_values(more).values
         least = []
         for _ in range(5):
             begun = time.process_time()

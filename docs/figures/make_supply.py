@@ -23,7 +23,7 @@ STOP, STEP = 0.4, 1e-4  # s
 
 def _run(model: str, command: Any, load: float = 0.0, **overrides: Any) -> Mapping[str, Any]:
     changes = {f"supply.{name}": value for name, value in overrides.items()}
-    values = load_parameters(model=model).replace(changes).values
+    values = load_parameters(model=model).with_values(changes).values
     return simulate(values, STOP, STEP, model=model, fin_command=command, aero_torque=load)
 
 

@@ -146,7 +146,7 @@ def drift() -> str:
     folder, gain = DOCS, "controller.position.kp"
     shipped = load_parameters()
     approved = record(read(TEMPLATE), ParameterSubject(shipped), folder, "")
-    changed = shipped.replace({gain: round(1.01 * float(shipped.values[gain]), 6)})
+    changed = shipped.with_values({gain: round(1.01 * float(shipped.values[gain]), 6)})
     found = compare(approved, ParameterSubject(changed), folder)
     parameters = [(c.name, c.approved, c.now) for c in found.parameters]
     return (markdown(HEADER, [cells(row) for row in selected(found)][:SHOWN])
@@ -159,7 +159,7 @@ def _angle(model: str, chosen: Excitation) -> np.ndarray:
     parameters = load_parameters(model=model)
     signals: dict[str, Any] = {v.name.replace(".", "__"): chosen.columns[v.name] for v in get(model).inputs
                                if v.name in chosen.columns}
-    return simulate(parameters.replace(parameters.having(chosen.start_values)).values, chosen.stop, chosen.step,
+    return simulate(parameters.with_values(parameters.having(chosen.start_values)).values, chosen.stop, chosen.step,
                     model=model, **signals)["fin_angle"]
 
 
@@ -214,7 +214,7 @@ def _step(model: str, size: float, *, encoder: bool = True) -> np.ndarray:
     """Fin angle [rad] in 0.4 s after an unloaded step of `size` [deg]."""
     parameters = load_parameters(model=model)
     values = {"encoder.enabled": False} if not encoder and "encoder.enabled" in parameters.values else {}
-    return simulate(parameters.replace(values).values, 0.4, model=model, fin_command=radians(size))["fin_angle"]
+    return simulate(parameters.with_values(values).values, 0.4, model=model, fin_command=radians(size))["fin_angle"]
 
 
 def linear() -> str:

@@ -22,7 +22,6 @@ from .common import (
     parameter_set,
     print_written,
     progress_bar,
-    require_extra,
     stepper,
 )
 
@@ -47,18 +46,18 @@ def analyse(
                                                 metavar="FILE.html")] = None,
 ) -> None:
     """Linearise at an operating point: bandwidth, margins, final values, limits, natural frequencies, capability."""
+    from ..api import analyse as run
+
     with failures():
         check_outputs(as_json, report, inputs=(*(parameters or ()), rod))
         for name, value in (("--at", at), ("--torque", torque)):
             if not isfinite(value):
                 raise EmcasError(f"{name} {value}: give a finite number")
         chosen = parameter_set(parameters, model)
-        require_extra("analysis", "emcas analyse needs", "control", "casadi")
-        from ..studies.analysis import output
-        from ..studies.analysis.analyse import analyse as run
-
         with progress_bar() as progress:
-            analysis = run(chosen, radians(at), torque, rod, locus, stepper(progress, "analyse"))
+            analysis = run(chosen, radians(at), torque, locus, rod, stepper(progress, "analyse"))
+        from ..studies.analysis import output  # needs the extra
+
         if as_json:
             output.write_json(analysis, as_json)
         if report:

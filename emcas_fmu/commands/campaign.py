@@ -11,8 +11,9 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from .. import extras
 from ..errors import EmcasError
-from .common import INTERRUPTED, check_outputs, err, failures, model_option, out, progress_bar, require_extra, warn
+from .common import INTERRUPTED, check_outputs, err, failures, model_option, out, progress_bar, warn
 
 EPILOG = ("Examples:\n\n  emcas campaign models/campaign.toml --output results"
           "\n\n  emcas campaign models/campaign_faults.toml --model elastic+faults"
@@ -64,7 +65,7 @@ def campaign(
         if only is not None:
             _one(study, only, as_json)
             return
-        require_extra("campaign", "campaigns need", "filelock", "pyarrow", *(["distributed"] if workers != 0 else []))
+        extras.require("campaign", "campaigns need", "filelock", "pyarrow", *(["distributed"] if workers != 0 else []))
         from ..studies.campaign.store import Store
         from ..studies.campaign.summary import as_dict, summarise
 

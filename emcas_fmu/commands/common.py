@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import date as calendar
-from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Annotated, Any
@@ -131,16 +130,6 @@ def parameter_arguments(files: Iterable[Path] | None) -> list[str]:
 def as_given(file: Path) -> str:
     """Return what names a file on the command line: its path, or the name of a shipped set."""
     return next((name for name, path in named_sets().items() if path == file), str(file))
-
-
-def require_extra(extra: str, what: str, *modules: str) -> None:
-    """Import the modules of one of the package's extras. Raises EmcasError, naming it, where one is not installed."""
-    for module in modules:
-        try:
-            import_module(module)
-        except ImportError as error:
-            raise EmcasError(f"{what} the Python package {module}, which is not installed: "
-                             f"pip install 'emcas-fmu[{extra}]'") from error
 
 
 def check_outputs(*files: Path | None, folders: Iterable[Path] = (), inputs: Iterable[Path | None] = ()) -> None:

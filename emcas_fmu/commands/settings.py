@@ -54,7 +54,7 @@ def read_settings(texts: Iterable[str], unit: FmuInterface) -> tuple[
 def changed(base: ParameterSet, changes: Mapping[str, object]) -> ParameterSet:
     """Return a set with what --set gives. Raises ParameterError."""
     try:
-        return base.replace(changes)
+        return base.with_values(changes)
     except ParameterError as error:
         raise ParameterError(f"--set {problem.removeprefix('replaced value: ')}"
                              for problem in error.problems) from error

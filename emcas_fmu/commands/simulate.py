@@ -77,13 +77,11 @@ def simulate(
     as_json: common.JsonOption = None,
 ) -> None:
     """Run the actuator on a case, a file of inputs or a step, without an FMU."""
+    from ..api import simulate as run
     from ..bench.excitation import STEP, csv_file, reference_case
     from ..bench.writers import number, write_json
     from ..plots import check_ending
     from ..reference.files import supply_start
-    from ..response import Response, write_csv, write_picture
-    from ..simulation import simulate as run
-    from ..simulation import simulate_fins, spread
 
     with common.failures():
         if [case, input_file, step].count(None) != 2:
@@ -110,28 +108,18 @@ def simulate(
         if twice := [name for name in constants if name in chosen.columns]:
             raise EmcasError(f"--set {twice[0]}: is given by {chosen.title} already")
         base = load_parameters(parameters, model=model)
-        base = base.replace(base.having(chosen.start_values))
+        base = base.with_values(base.having(chosen.start_values))
         sets = fin_sets(base, fins, layout, files) if fins > 1 else (base,)
         sets = tuple(changed(each, {**changes[0], **changes[k]}) for k, each in enumerate(sets, 1))
         require_shared(sets, "--set")
         common.warn(warning for each in sets for warning in each.warnings)
         if case:
             chosen = reference_case(case, supply=supply_start(model, sets[0].values))
-        # What is of one fin goes over what is every fin's.
-        columns = dict(sorted(chosen.columns.items(), key=lambda item: item[0].startswith("fin[")))
-        chosen = replace(chosen, columns=columns).holding(constants)
-        chosen = replace(chosen, columns=spread(chosen.columns, unit))
-        try:
-            outputs = (simulate_fins([each.values for each in sets], chosen.stop, chosen.step, unit.kind, line,
-                                     **chosen.columns) if fins > 1 else
-                       run(sets[0].values, chosen.stop, chosen.step, kernel, unit.kind, **chosen.columns))
-        except (ArithmeticError, TypeError, ValueError) as error:
-            raise EmcasError(f"the response cannot be computed: {error}") from error
-        response = Response(unit, sets, chosen, outputs)
+        response = run(sets, replace(chosen, start_values={}), kernel=kernel, line=line, **constants)
         if output:
-            write_csv(output, response)
+            response.write_csv(output)
         if plot:
-            write_picture(plot, response)
+            response.plot(plot)
         if as_json:
             write_json(response.as_dict(), as_json)
     table = Table(Column("figure", overflow="fold"), title=f"{chosen.title}, {chosen.stop:g} s", title_justify="left")

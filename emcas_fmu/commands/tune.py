@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 from pathlib import Path
 from typing import Annotated
@@ -45,8 +44,7 @@ def tune(
     The shipped study takes about ten minutes on two processors. Ctrl-C ends the search: the best gains it has found
     are shown and written, and the exit code is 130.
     """
-    from ..studies.tuning.evaluate import Journal
-    from ..studies.tuning.optimise import tune as run
+    from ..api import tune as run
     from ..studies.tuning.output import at_bounds, summary, verdict, write_json, write_report, write_tuned
     from ..studies.tuning.study import load_study, shipped_study
 
@@ -57,13 +55,9 @@ def tune(
         names = [r.name for r in chosen.requirements]
         if pareto is not None and (len(pareto) != 2 or not set(pareto) <= set(names)):
             raise EmcasError(f"--pareto is given twice, with two of {', '.join(names)}")
-        if any(r.test.kind == "linear" for r in chosen.requirements):
-            common.require_extra("analysis", "margins (tests of kind linear) need", "control", "casadi")
-        evaluations = Journal(journal, chosen)
         try:
             with common.progress_bar() as progress:
-                result = run(chosen, seed, generations, workers or os.cpu_count() or 1, evaluations,
-                             common.stepper(progress, "tune"))
+                result = run(base, chosen, seed, generations, workers, journal, common.stepper(progress, "tune"))
         except KeyboardInterrupt:
             common.err.print("stopped before there were gains to write")
             raise typer.Exit(common.INTERRUPTED) from None

@@ -32,8 +32,8 @@ def validate(
     1: a criterion is not met, or nothing was judged and a case did not run to its end; 2: it cannot be carried out.
     In a gate leave --case out: Table 2 is then judged.
     """
+    from ..api import validate as run
     from ..studies.validate.output import summary, write_json, write_junit, write_report
-    from ..studies.validate.study import validate as run
 
     with common.failures():
         common.check_outputs(as_json, junit, report, inputs=(article, directory))

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from ..actuators import NONLINEAR, fin_port, get
@@ -151,18 +152,19 @@ def fin_files(given: Sequence[str]) -> dict[int, Path]:
     return files
 
 
-def fin_sets(base: ParameterSet, fins: int, layout: str, files: Mapping[int, Path]) -> tuple[ParameterSet, ...]:
-    """Each fin's parameters: `base` where the layout puts it, and the file of its own, if there is one, over that.
+def fin_sets(base: ParameterSet, fins: int, layout: str = "cross", files: Mapping[int, Path] = MappingProxyType({}),
+             ) -> tuple[ParameterSet, ...]:
+    """Return each fin's parameters: `base` where the layout puts it, with the fin's file, if there is one, over it.
 
-    Raises EmcasError for a fin, number or layout there is not, and where fins differ in what they share;
-    ParameterError for a file's problems.
+    `layout` is ``plus`` or ``cross``; `files` are by the fin's number, from 1. Raises EmcasError for a fin, number or
+    layout there is not, and where fins differ in what they share; ParameterError for a file's problems.
     """
     FmuInterface(fins)
     places = azimuths(fins, layout)
     for fin in files:
         if not 1 <= fin <= fins:
             raise EmcasError(f"--fin {fin}={files[fin]}: the unit has fins 1 to {fins}")
-    sets = tuple(load_parameters(files.get(fin), base.replace({AZIMUTH: f"{azimuth} deg"}))
+    sets = tuple(load_parameters(files.get(fin), base.with_values({AZIMUTH: f"{azimuth} deg"}))
                  for fin, azimuth in enumerate(places, 1))
     require_shared(sets, ", ".join(map(str, files.values())))
     return sets

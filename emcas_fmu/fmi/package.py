@@ -70,7 +70,7 @@ def _contents(unit: FmuInterface, sets: Sequence[ParameterSet], backend: str, pl
     return contents, guid, built_for
 
 
-def build(parameters: ParameterSet, output: Path, backend: str = "python", platforms: Sequence[str] | None = None,
+def build(parameters: ParameterSet, output: Path | str, backend: str = "python", platforms: Sequence[str] | None = None,
           cc: str | None = None, progress: Progress | None = None, fins: int = 1, layout: str = "cross",
           files: Mapping[int, Path] | None = None) -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
@@ -86,6 +86,7 @@ def build(parameters: ParameterSet, output: Path, backend: str = "python", platf
         raise BuildError(f"--backend {backend}: there is {' and '.join(BACKENDS)}")
     if backend == "python" and (platforms is not None or cc is not None):
         raise BuildError("--platform and --cc are for --backend native: the Python back end compiles nothing")
+    output = Path(output)
     if output.suffix != ".fmu":
         raise BuildError(f"{output}: the output must end in .fmu")
     if output.is_dir() or not output.parent.is_dir():

@@ -106,7 +106,7 @@ def _changed(base: ParameterSet, entries: Mapping[str, Any], where: str) -> Para
                 raise ParameterError([f"{where}: {name} = {text}: {error}"]) from error
             changes[name] = {**fields, "value": repr(value), "unit": units[name]}
     try:
-        return base.replace(changes)
+        return base.with_values(changes)
     except ParameterError as error:
         raise ParameterError([f"{where}: {problem.removeprefix('replaced value: ')}"
                               for problem in error.problems]) from error

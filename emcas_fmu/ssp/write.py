@@ -72,7 +72,7 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
     base = load_parameters(parameters, model=model or NONLINEAR)
     if fmu is not None and not parameters:
         starts = _starts(interface, str(fmu), base.model)
-        base = base.replace({name: value for name, value in starts.items() if value != base.values[name]})
+        base = base.with_values({name: value for name, value in starts.items() if value != base.values[name]})
     built = Variant(NOMINAL, fin_sets(base, fins, layout, fin_files or {}))
     files, left_out = without_shipped(variant_files or {}, base)
     variants = [built, *(derived(name, file, built) for name, file in files.items())]

@@ -77,7 +77,7 @@ def fit(nonlinear: ParameterSet) -> Fit:
     solution = least_squares(residuals, np.ones(len(NAMES)), bounds=(_LOWEST / _BEGIN, _HIGHEST / _BEGIN),
                              diff_step=_DIFFERENCE, xtol=1e-10, ftol=1e-10)
     units = {e.variable.name: e.variable.unit for e in base.entries}
-    fitted = base.replace({name: file_entry([float(f"{x:.4g}")], units[name], "estimate", _NOTE)
+    fitted = base.with_values({name: file_entry([float(f"{x:.4g}")], units[name], "estimate", _NOTE)
                            for name, x in zip(NAMES, solution.x * _BEGIN, strict=True)})
     left = 100.0 * np.abs(_responses(fitted.values, MODEL, sizes) - nonlinear_steps)
     return Fit(fitted, sizes, tuple(left.max(axis=1).tolist()), tuple(np.sqrt(np.mean(left**2, axis=1)).tolist()))

@@ -25,7 +25,8 @@ def parameters_of(path: Path) -> ParameterSet:
     """The nonlinear model's parameters that an FMU starts with; of a unit of four those of fin 1."""
     with opened(path) as unit:
         starts = {_KEYS.get(name, name): value for name, value in unit.starts.items()}
-    return load_parameters().replace({v.name: starts[v.name] for v in get(NONLINEAR).file_entries if v.name in starts})
+    return load_parameters().with_values(
+        {v.name: starts[v.name] for v in get(NONLINEAR).file_entries if v.name in starts})
 
 
 def fit(path: Path) -> Fit:
@@ -35,7 +36,7 @@ def fit(path: Path) -> Fit:
 
 def undelayed(parameters: ParameterSet) -> ParameterSet:
     """The same second-order model without its delay."""
-    return parameters.replace({"drive.transport_delay": 0.0})
+    return parameters.with_values({"drive.transport_delay": 0.0})
 
 
 class SecondOrder:

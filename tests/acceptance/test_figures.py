@@ -136,7 +136,7 @@ def _ratio(values: Mapping[str, Any]) -> float:
 
 
 def test_breakaway_is_the_friction_at_the_hinge_and_below_it_the_fin_is_locked() -> None:
-    parameters = load_parameters().replace({"friction.fin_coulomb": 3.0})
+    parameters = load_parameters().with_values({"friction.fin_coulomb": 3.0})
     values = parameters.values
     found = stiffness.measure(Rig(ParameterSubject(parameters)))
     for side in ("positive", "negative"):
@@ -150,7 +150,7 @@ def test_breakaway_is_the_friction_at_the_hinge_and_below_it_the_fin_is_locked()
 
 
 def test_unpowered_without_friction_is_an_inertia() -> None:
-    parameters = load_parameters().replace(FRICTIONLESS)
+    parameters = load_parameters().with_values(FRICTIONLESS)
     values = parameters.values
     found = stiffness.measure(Rig(ParameterSubject(parameters)))
     assert "unpowered_below_breakaway" not in found.figures
@@ -166,7 +166,7 @@ def test_unpowered_without_friction_is_an_inertia() -> None:
 
 
 def test_self_locking_is_told() -> None:
-    parameters = load_parameters().replace({"friction.fin_coulomb": 500.0})
+    parameters = load_parameters().with_values({"friction.fin_coulomb": 500.0})
     found = stiffness.measure(Rig(ParameterSubject(parameters)))
     assert all(isnan(value) for value in found.figures["breakaway"].values())
     assert "unpowered_above_breakaway" not in found.figures

@@ -321,7 +321,7 @@ def test_command_on_an_article_that_stops(tmp_path: Path, monkeypatch: pytest.Mo
 @pytest.mark.parametrize("entry", [{"controller.position.kp": 0.0, "controller.position.ki": 0.0},
                                    {"friction.fin_coulomb": 9e3}], ids=["dead", "stuck"])
 def test_article_that_does_not_move_fails_without_a_crash(entry: dict[str, float], tmp_path: Path) -> None:
-    found = carry_out(ParameterSubject(load_parameters().replace(entry)))
+    found = carry_out(ParameterSubject(load_parameters().with_values(entry)))
     assert {j.name for j in found.judged if j.passed} == set()
     figures = dict(flat(found.outcomes))
     assert isnan(figures["threshold.from_rest.positive_deg"])

@@ -23,7 +23,7 @@ HINGE = {"drive_line.fork_stiffness": 4e4, "drive_line.shaft_stiffness": 2e4, "d
 
 def values_of(overrides: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
     """Its default values with others over them."""
-    return BASE.replace(overrides or {}).values
+    return BASE.with_values(overrides or {}).values
 
 
 def run_of(overrides: Mapping[str, Any], stop: float, step: float = 1e-3, **inputs: Any) -> dict[str, Any]:

@@ -22,7 +22,7 @@ TIMES = np.arange(301) * 1e-3
 def _run(model: str, command: Any, kernel: str = "auto", **changes: float) -> dict[str, Any]:
     given: dict[str, object] = {f"command.{name}": x for name, x in changes.items()}
     base = load_parameters(model=model)
-    values = base.replace(given | base.having({"homing.required": False})).values
+    values = base.with_values(given | base.having({"homing.required": False})).values
     return simulate(values, TIMES[-1], model=model, kernel=kernel, fin_command=command)
 
 
@@ -57,7 +57,7 @@ def test_update_time_and_resolution_are_steps_of_the_command(model: str, late: i
 
 
 def test_before_the_first_command_it_is_the_start_angle() -> None:
-    values = load_parameters().replace({"fin.start_angle": 0.1, "command.latency": 0.02}).values
+    values = load_parameters().with_values({"fin.start_angle": 0.1, "command.latency": 0.02}).values
     angle = simulate(values, 0.1)["fin_angle"]
     # The command of 0 arrives at 20 ms, its reference in the drive at 23.7 ms; friction holds the fin till then.
     assert np.ptp(angle[:24]) == 0.0
@@ -66,8 +66,8 @@ def test_before_the_first_command_it_is_the_start_angle() -> None:
 
 def test_too_late_is_refused() -> None:
     with pytest.raises(ParameterError, match=r"command.latency = 0.021 s must be at most 20 times controller.sample"):
-        load_parameters().replace({"command.latency": 0.021})
-    load_parameters().replace({"command.latency": 0.02})
+        load_parameters().with_values({"command.latency": 0.021})
+    load_parameters().with_values({"command.latency": 0.02})
 
 
 def test_five_milliseconds_are_nine_degrees_at_five_hertz() -> None:

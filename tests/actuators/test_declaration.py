@@ -87,7 +87,7 @@ def test_both_kernels_under_signals() -> None:
 
 
 def _cores(model: str = DRIVEN, **changes: Any) -> tuple[Core, CompiledCore]:
-    values = load_parameters(model=model).replace(changes).values
+    values = load_parameters(model=model).with_values(changes).values
     return codegen.core(values, model), CompiledCore(values, model)
 
 

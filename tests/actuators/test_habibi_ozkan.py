@@ -15,7 +15,7 @@ def test_habibi_has_the_same_gap_everywhere() -> None:
     """At a constant ratio; the fin is moved by hand, as far as friction at the motor holds, at 0 and at 15 deg."""
     plays = []
     for start in (0.0, 15.0):
-        values = load_parameters(model="habibi").replace({"fin.start_angle": radians(start),
+        values = load_parameters(model="habibi").with_values({"fin.start_angle": radians(start),
                                                           "friction.fin_viscous": 50.0}).values
         run = simulate(values, 1.0, model="habibi", enable=False, aero_torque=lambda t: 2.0 if t < 0.5 else -2.0)
         plays.append(run["fin_angle"][499] - run["fin_angle"][999])
@@ -40,7 +40,7 @@ def test_ozkan_has_its_current_at_once_whatever_the_supply() -> None:
 @pytest.mark.parametrize("compliance", [0.0, 1.71e-3])
 def test_ozkan_shaft_twists_under_load(compliance: float) -> None:
     """By its compliance times the load at the motor, at a constant ratio."""
-    parameters = load_parameters(model="ozkan").replace({"drive_line.torsional_compliance": compliance})
+    parameters = load_parameters(model="ozkan").with_values({"drive_line.torsional_compliance": compliance})
     run = simulate(parameters.values, 1.0, model="ozkan", aero_torque=-60.0)
     ratio = parameters.values["kinematics.moment_arm"] / parameters.values["screw.lead"]
     twist = run["motor_angle"][-1] - ratio * run["fin_angle"][-1]

@@ -82,7 +82,7 @@ def test_in_series_with_the_screw() -> None:
 @pytest.mark.parametrize("model", ["elastic", "elastic+efficiency"])
 def test_kernels_agree(model: str) -> None:
     hinge = {**HINGE, "drive_line.hinge_damping": 5.0}
-    values = load_parameters(model=model).replace(hinge).values
+    values = load_parameters(model=model).with_values(hinge).values
     inputs: dict[str, Any] = {"fin_command": lambda t: 0.3 if t < 0.1 else -0.2, "aero_torque": -60.0}
     runs = [simulate(values, 0.2, 3.7e-4, kernel, model, **inputs) for kernel in ("python", "compiled")]
     for name, expected in runs[0].items():

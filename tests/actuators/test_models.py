@@ -39,7 +39,7 @@ def test_linear_is_the_thesis_linear_model() -> None:
     command = np.full(301, 0.1)
     errors = []
     for tick in (5e-4, 2.5e-4, 1.25e-4):  # which halves the parts of a sample time too
-        values = load_parameters(model="linear").replace({
+        values = load_parameters(model="linear").with_values({
             "solver.max_tick": tick, "drive.transport_delay": 3.5e-3}).values
         found = simulate(values, 0.3, model="linear", fin_command=command)["fin_angle"]
         errors.append(np.abs(found - LinearModel(values).simulate(command)).max())
@@ -62,7 +62,7 @@ def test_linear_is_linear_in_commands_and_loads() -> None:
 
 def test_linear_with_p_control_leaves_the_load_s_error() -> None:
     """Final value, section 4.1: T_f/N over K_pos K_vel K_v K_t times what of the drive's current flows promptly."""
-    values = load_parameters(model="linear").replace({"controller.position.ki": 0.0, "drive.ki": 0.0}).values
+    values = load_parameters(model="linear").with_values({"controller.position.ki": 0.0, "drive.ki": 0.0}).values
     run = simulate(values, 1.0, model="linear", aero_torque=-30.0)
     ratio = values["kinematics.moment_arm"] / values["screw.lead"]
     share = values["drive.kp"] / (values["drive.kp"] + values["motor.resistance"])
@@ -74,7 +74,7 @@ def test_linear_with_p_control_leaves_the_load_s_error() -> None:
 
 @pytest.mark.parametrize("damping", [0.0, 0.2, 0.7, 1.0, 1.0 + 1e-10, 1.5, 30.0])
 def test_second_order_is_its_closed_form(damping: float) -> None:
-    values = load_parameters(model=MODEL).replace({
+    values = load_parameters(model=MODEL).with_values({
         "second_order.damping": damping, "second_order.rate_limit": 1e5, "drive.transport_delay": 0.0}).values
     frequency = values["second_order.natural_frequency"]
     run = simulate(values, 0.2, model=MODEL, fin_command=0.05)
@@ -101,7 +101,7 @@ def test_second_order_keeps_its_limits() -> None:
 def test_second_order_rate_limit_converges() -> None:
     """The onset of the limit within a tick is met to second order."""
     def run(tick: float) -> Any:
-        values = load_parameters(model=MODEL).replace({"solver.max_tick": tick}).values
+        values = load_parameters(model=MODEL).with_values({"solver.max_tick": tick}).values
         return simulate(values, 0.2, model=MODEL, fin_command=0.3)["fin_angle"]
 
     finest = run(1e-6)
@@ -133,7 +133,7 @@ def test_second_order_shows_the_fin_port_alone() -> None:
 
 
 def test_second_order_stops() -> None:
-    values = load_parameters(model=MODEL).replace({
+    values = load_parameters(model=MODEL).with_values({
         "fin.stop_angle": radians(20.0), "second_order.damping": 0.1, "second_order.rate_limit": 1e3}).values
     run = simulate(values, 0.5, 1e-4, model=MODEL, fin_command=radians(19.5))
     assert run["fin_angle"].max() == radians(20.0)
@@ -154,7 +154,7 @@ def test_fit_finds_what_is_known() -> None:
 def test_a_fit_at_a_bound_is_warned_of() -> None:
     found = fit(load_parameters())
     assert (found.at_bound, found.warnings) == ({}, ())
-    found = replace(found, parameters=found.parameters.replace({"second_order.damping": 3.0}))
+    found = replace(found, parameters=found.parameters.with_values({"second_order.damping": 3.0}))
     assert found.figures()["at_bound"] == {"second_order.damping": "upper"}
     warning, = found.warnings
     assert warning.startswith("second_order.damping = 3 is at the upper bound of the fit")
@@ -162,7 +162,7 @@ def test_a_fit_at_a_bound_is_warned_of() -> None:
 
 def test_fit_keeps_the_actuator(tmp_path: Path) -> None:
     """The file holds all that the set has changed: it is the fitted set again."""
-    mine = load_parameters().replace({"command.limit": radians(25.0), "fin.stop_angle": radians(28.0),
+    mine = load_parameters().with_values({"command.limit": radians(25.0), "fin.stop_angle": radians(28.0),
                                       "kinematics.moment_arm": 0.06, "encoder.pulses": 1024,
                                       "friction.coulomb.positive[1]": 0.02, "loads.gravity": True})
     found = fit(mine)
@@ -182,9 +182,9 @@ def test_registry_and_files() -> None:
         assert meant.setdefault(v.name, same) == same, v.name
     assert {"second_order.damping", "pwm.gain"} <= set(meant)
     with pytest.raises(ParameterError, match="the nonlinear actuator has no such parameter"):
-        load_parameters().replace({"second_order.damping": 0.5})
+        load_parameters().with_values({"second_order.damping": 0.5})
     with pytest.raises(ParameterError, match=r"second_order.damping = -1\.0"):
-        load_parameters(model=MODEL).replace({"second_order.damping": -1.0})
+        load_parameters(model=MODEL).with_values({"second_order.damping": -1.0})
 
 
 # -- FMUs -------------------------------------------------------------------------

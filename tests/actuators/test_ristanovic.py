@@ -48,7 +48,7 @@ def exact(values: Mapping[str, Any], command: float, torque: float, rows: int) -
 def test_smooth_motion_is_the_linear_loops(command: float, torque: float, bar: float) -> None:
     errors = []
     for tick in (5e-4, 2.5e-4, 1.25e-4):
-        values = load_parameters(model=MODEL).replace({
+        values = load_parameters(model=MODEL).with_values({
             **SMOOTH, "load.torsion_bar": bar, "solver.max_tick": tick}).values
         found = simulate(values, 0.2, model=MODEL, fin_command=command, aero_torque=torque)["fin_angle"]
         errors.append(np.abs(found - exact(values, command, torque, 201)).max())
@@ -59,7 +59,7 @@ def test_smooth_motion_is_the_linear_loops(command: float, torque: float, bar: f
 
 def test_bar_is_held_by_the_voltage() -> None:
     """At rest the winding's drop is all the voltage, and its torque the bar's."""
-    values = load_parameters(model=MODEL).replace({**SMOOTH, "load.torsion_bar": 300.0}).values
+    values = load_parameters(model=MODEL).with_values({**SMOOTH, "load.torsion_bar": 300.0}).values
     run = {name: column[-1] for name, column in simulate(values, 3.0, model=MODEL, fin_command=0.1).items()}
     ratio = values["kinematics.moment_arm"] / values["screw.lead"]
     # The slowest mode has decayed by exp(-3 s x ki/kp) = 0.7 % of the load's error, itself a hundredth of the angle.

@@ -21,7 +21,7 @@ _COUNT = 2.0 * pi / 8192
 
 def _values(model: str = "nonlinear", **changes: object) -> Mapping[str, Any]:
     given = {name.replace("__", "."): value for name, value in changes.items()}
-    return load_parameters(model=model).replace({**ON_FIN, **given}).values
+    return load_parameters(model=model).with_values({**ON_FIN, **given}).values
 
 
 def test_a_slow_sine_and_rest_take_no_more_current_than_they_need() -> None:

@@ -38,7 +38,7 @@ def dunder(inputs: Mapping[str, Any]) -> dict[str, Any]:
 def set_of(model: str = "nonlinear", **changes: Any) -> dict[str, Any]:
     """An actuator's parameters without an encoder, with changes where it has them."""
     parameters = load_parameters(model=model)
-    return dict(parameters.replace(parameters.having({"encoder.enabled": False, **changes})).values)
+    return dict(parameters.with_values(parameters.having({"encoder.enabled": False, **changes})).values)
 
 
 def test_nonlinear_against_its_independent_integration() -> None:
@@ -54,7 +54,7 @@ def test_nonlinear_against_its_independent_integration() -> None:
 
 def test_a_user_s_actuator_against_its_independent_integration() -> None:
     """Within 0.0002 deg, as its cases without rotation (tests/own_actuator); measured 8e-5 deg."""
-    values = dict(load_parameters(model=MODEL).replace(PLACE).values)
+    values = dict(load_parameters(model=MODEL).with_values(PLACE).values)
     found = simulate(values, 0.3, 1e-3, model=MODEL, **dunder(WILD))
     expected = simulator(MODEL)(values, {"time": TIME, **WILD})["fin_angle"]
     assert degrees(np.abs(found["fin_angle"] - expected).max()) < 2e-4

@@ -218,8 +218,8 @@ def test_both_back_ends_to_the_bit(overrides: Mapping[str, Any]) -> None:
 def test_a_worm_that_is_shaken_lets_the_load_drive_it() -> None:
     """While its friction is halved; it then holds where it stands."""
     model = f"{MODEL}+faults"
-    shaken = load_parameters(model=model).replace({"fault.lost_lock.begin": 0.1, "fault.lost_lock.end": 0.14}).values
-    fin = simulate(shaken, 0.5, model=model, enable=False, aero_torque=100.0)["fin_angle"]
+    shaken = load_parameters(model=model).with_values({"fault.lost_lock.begin": 0.1, "fault.lost_lock.end": 0.14})
+    fin = simulate(shaken.values, 0.5, model=model, enable=False, aero_torque=100.0)["fin_angle"]
     assert not fin[:101].any()
     assert radians(1.0) < fin[-1] < radians(25.0)
     assert len(set(fin[-50:])) == 1
@@ -232,7 +232,7 @@ def test_dry_flanks_stay_dry_and_take_torque() -> None:
     forward = [efficiencies(shipped(), mu)[0] for mu in (0.10, 0.15)]
     # Between the stalls of both, 60 eta_f 6.5 N.m less 2 N.m.
     load = -0.5 * sum(60.0 * each * 6.5 - 2.0 for each in forward)
-    moved = [simulate(load_parameters(model=model).replace({**values_, **changes}).values, 0.5, model=model,
+    moved = [simulate(load_parameters(model=model).with_values({**values_, **changes}).values, 0.5, model=model,
                       fin_command=0.2, aero_torque=load)["fin_angle"][-1] for changes in ({}, dry)]
     assert moved[0] > 0.1
     assert moved[1] == 0.0
@@ -261,7 +261,7 @@ def test_anything_goes(levels: list[Any], starts: int, mu: float, ratio: float) 
 ])
 def test_refuses(overrides: Mapping[str, Any], said: str) -> None:
     with pytest.raises(ParameterError, match=said):
-        load_parameters(model=MODEL).replace(overrides)
+        load_parameters(model=MODEL).with_values(overrides)
 
 
 @pytest.mark.slow

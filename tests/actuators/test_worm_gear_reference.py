@@ -24,12 +24,12 @@ LIMIT = 0.002
 
 def both(overrides: Mapping[str, Any], inputs: Mapping[str, Any], ticks: tuple[float, ...]) -> list[float]:
     """Largest differences of the fin angle [deg] with each tick [s]."""
-    parameters = load_parameters(model=MODEL).replace({**EXACT, **overrides})
+    parameters = load_parameters(model=MODEL).with_values({**EXACT, **overrides})
     expected = reference_of(parameters.values, inputs)["fin_angle"]
     time = inputs["time"]
     signals = {name: column for name, column in inputs.items() if name != "time"}
     return [float(np.degrees(np.abs(simulate(
-        parameters.replace({"solver.max_tick": tick}).values, float(time[-1]), float(time[1]), model=MODEL,
+        parameters.with_values({"solver.max_tick": tick}).values, float(time[-1]), float(time[1]), model=MODEL,
         **signals)["fin_angle"] - expected).max())) for tick in ticks]
 
 

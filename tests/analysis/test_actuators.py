@@ -181,7 +181,7 @@ def test_heat_gives_the_motor_its_temperatures_at_the_start() -> None:
 
 
 def test_faults_and_homing_are_laid_aside() -> None:
-    whole = load_parameters(model="elastic+heat+homing+faults").replace({"fault.jam.active": True})
+    whole = load_parameters(model="elastic+heat+homing+faults").with_values({"fault.jam.active": True})
     aside = sound(whole)
     assert aside.model == "elastic+heat"
     assert dict(aside.values) == dict(load_parameters(model="elastic+heat").values)
@@ -235,7 +235,7 @@ def test_points_out_of_reach_of_a_users_actuator(at: float, torque: float, says:
 
 
 def test_an_unstable_loop_of_a_users_actuator() -> None:
-    values = load_parameters(model=DIRECT_DRIVE).replace({"controller.kp": 4e4})
+    values = load_parameters(model=DIRECT_DRIVE).with_values({"controller.kp": 4e4})
     with pytest.raises(EmcasError, match="lower the gains of its controller"):
         analyse(values)
 
@@ -250,7 +250,7 @@ CHAMBERS = (('State("current", "A")', 'State("current", "A"), State("one", "Pa")
 
 
 def test_thesis_model_that_has_no_such_bus_is_left_out_and_told() -> None:
-    values = load_parameters().replace({"command.resolution": radians(0.1)}).values
+    values = load_parameters().with_values({"command.resolution": radians(0.1)}).values
     assert _left_out("nonlinear", values) == {
         "thesis_linear": "the thesis's linear model left out: command.resolution = 0.00174533 rad: the linear model "
         "takes every command as it is; set it to 0"}
@@ -278,7 +278,7 @@ def test_a_mode_that_nothing_shows_is_left_out_and_told(tmp_path: Path) -> None:
 
 
 def test_a_mode_at_one_that_shows_is_no_stable_one(tmp_path: Path) -> None:
-    parameters = load_parameters(model=DIRECT_DRIVE).replace(
+    parameters = load_parameters(model=DIRECT_DRIVE).with_values(
         {"controller.kp": 0.0, "controller.ki": 0.0, "spring.stiffness": 0.0})
     with pytest.raises(EmcasError, match=r"unstable \(a mode neither decays nor grows\)"):
         analyse(parameters)

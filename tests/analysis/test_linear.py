@@ -227,7 +227,7 @@ def test_locus_crosses_at_the_gain_margin() -> None:
                                             ("mass.fin", "moves no pole"), ("friction.fin_viscous", "is 0"),
                                             ("encoder.enabled", "no such parameter")])
 def test_locus_refuses_what_scales_nothing(name: str, says: str) -> None:
-    parameters = load_parameters().replace({"friction.fin_viscous": 0.0})
+    parameters = load_parameters().with_values({"friction.fin_viscous": 0.0})
     with pytest.raises(EmcasError, match=says):
         locus(parameters, name)
 

@@ -25,7 +25,7 @@ from .conftest import SHORT, check, edit, emcas, record
 
 def drift(shipped: Path, changes: Mapping[str, object]) -> list[Row]:
     """What drifts when parameters of the shipped set are changed."""
-    subject = ParameterSubject(load_parameters().replace(changes))
+    subject = ParameterSubject(load_parameters().with_values(changes))
     return list(compare(read(shipped / "baseline"), subject, shipped / "baseline").drifted)
 
 
@@ -44,7 +44,7 @@ def test_what_matters_is_drift(shipped: Path, values: Mapping[str, Any], name: s
 
 def test_a_finer_tick_leaves_most_of_every_limit(shipped: Path) -> None:
     """docs/tools/ci.md: 47 % of the nearest limit, of a power peak's; the kernel gives the same on every machine."""
-    subject = ParameterSubject(load_parameters().replace({"solver.max_tick": 3.5e-4}))
+    subject = ParameterSubject(load_parameters().with_values({"solver.max_tick": 3.5e-4}))
     shares = [row.share for row in compare(read(shipped / "baseline"), subject, shipped / "baseline").rows]
     assert 0.0 < max(shares) < 0.5
 

@@ -52,7 +52,7 @@ def test_recorded_checked_and_left_out(base: Path, model: str, electrical: bool,
 
 def test_a_sag_is_a_share_of_the_supply(base: Path) -> None:
     case = read(TEMPLATE).cases["supply_sag"]
-    small = ParameterSubject(load_parameters().replace({"drive.supply_voltage": 28.0}))
+    small = ParameterSubject(load_parameters().with_values({"drive.supply_voltage": 28.0}))
     lower = case.model_copy(update={"start": {"drive.supply_voltage": 19.5}})
     assert set(case.excitation(base, small).columns["supply_voltage"]) == {28.0, 20.1025641}
     assert set(lower.excitation(base, small).columns["supply_voltage"]) == {19.5, 14.0}

@@ -89,7 +89,7 @@ def test_a_fault_shows_in_words_state_and_time(write: Write) -> None:
     rows = sample.rows(study.plan.packed(), [0, 1], np.array([[0.15, 1000.0], [0.15, 0.0]]))
     jammed, sound = rows
     angle = radians(10.0)
-    values = load_parameters(model="nonlinear+faults").replace(
+    values = load_parameters(model="nonlinear+faults").with_values(
         {"fault.jam.begin": 0.15, "fault.jam.end": 1000.0}).values
     direct = simulate(values, LEAD_IN + 1.0, model="nonlinear+faults",
                       fin_command=lambda t: angle * np.sin(4.0 * np.pi * max(t - LEAD_IN, 0.0)))

@@ -40,7 +40,7 @@ def test_second_order_is_the_packages_own(four: Path, native: Path, model: Param
     sets = [model, second_order.fit(native).parameters, fitting.fit(load_parameters()).parameters]
     own, single, shipped = ([s.values[name] for name in fitting.NAMES] for s in sets)
     assert own == single == shipped
-    changed = load_parameters().replace({"drive.transport_delay": 0.005, "drive.supply_voltage": 30.0,
+    changed = load_parameters().with_values({"drive.transport_delay": 0.005, "drive.supply_voltage": 30.0,
                                          "encoder.enabled": False})
     path = build(changed, tmp_path / "other.fmu").path
     assert dict(second_order.parameters_of(path).values) == dict(changed.values)
@@ -115,7 +115,7 @@ def test_higher_gains_show_the_delay(four: Path, model: ParameterSet) -> None:
 
     With its delay and no limit of rate the second-order one keeps it, too.
     """
-    fast = model.replace({"second_order.rate_limit": 50.0})  # rad/s, out of reach
+    fast = model.with_values({"second_order.rate_limit": 50.0})  # rad/s, out of reach
     prompt = Fmu(four, parameters={**WIRED, "drive.transport_delay": 0.0})
     last = [turn_between(angles(f), angles(f, "wanted_"))[-500:].max()
             for f in (flown(a, TIGHT) for a in (Ideal(), SecondOrder(second_order.undelayed(model)), SecondOrder(fast),

@@ -45,7 +45,7 @@ def test_the_supply_is_the_units(tmp_path: Path) -> None:
     """A unit of 28 V flies on 28 V, one of four fins, four of one or in an archive, unless another voltage is given."""
     local = local_platform()
     assert local is not None
-    parameters = load_parameters().replace({"drive.supply_voltage": 28.0})
+    parameters = load_parameters().with_values({"drive.supply_voltage": 28.0})
     single, whole = (build(parameters, tmp_path / f"{n}.fmu", "native", [local.name], fins=n).path for n in (1, 4))
     archive = write_archive(tmp_path / "EMCAS.ssp", single)
     manoeuvre = replace(SHORT, duration=0.2)

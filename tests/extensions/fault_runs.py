@@ -38,7 +38,7 @@ def gust(t: float) -> float:
 def scheduled(model: str, *faults: str, begin: float = 0.0, end: float = 1e9, **more: Any) -> Mapping[str, Any]:
     """A model's values with faults in a window; more values by name, ``__`` for the dot."""
     windows = {f"fault.{name}.{edge}": time for name in faults for edge, time in (("begin", begin), ("end", end))}
-    return load_parameters(model=model).replace(
+    return load_parameters(model=model).with_values(
         windows | {name.replace("__", "."): value for name, value in more.items()}).values
 
 

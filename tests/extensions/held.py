@@ -19,7 +19,7 @@ NO_COEFFICIENTS = {"heat.resistance_coefficient": 0.0, "heat.torque_coefficient"
 
 def values_of(overrides: Mapping[str, Any] | None = None, model: str = MODEL) -> Mapping[str, Any]:
     """Values of a model with heat, some replaced."""
-    return load_parameters(model=model).replace(overrides or {}).values
+    return load_parameters(model=model).with_values(overrides or {}).values
 
 
 def held(current: float, stop: float, step: float, overrides: Mapping[str, Any]) -> tuple[Mapping[str, Any], Any]:

@@ -30,7 +30,7 @@ def motor(fin: Any) -> Any:
 
 
 def run_of(overrides: Mapping[str, Any], stop: float, model: str = MODEL, **inputs: Any) -> dict[str, Any]:
-    return simulate(load_parameters(model=model).replace(overrides).values, stop, model=model, **inputs)
+    return simulate(load_parameters(model=model).with_values(overrides).values, stop, model=model, **inputs)
 
 
 def phases(run: Mapping[str, Any]) -> list[float]:
@@ -59,7 +59,7 @@ def assert_sound(run: Mapping[str, Any]) -> None:
 def blocked(torque: Callable[[float, float], float], stop: float, home: Callable[[float], bool],
             overrides: Mapping[str, Any] | None = None) -> dict[str, Any]:
     """A run under a torque [N.m] of time [s] and fin angle [rad], at steps of 1 ms."""
-    core = codegen.core(BASE.replace(overrides or {}).values, MODEL)
+    core = codegen.core(BASE.with_values(overrides or {}).values, MODEL)
     rows = []
     angle = 0.0
     for k in range(round(stop / 1e-3)):

@@ -15,7 +15,7 @@ DRY = {f"friction.coulomb.{way}[{n}]": 0.0 for way in ("positive", "negative") f
 
 
 def values(overrides: Mapping[str, Any] | None = None, model: str = MODEL) -> Mapping[str, Any]:
-    return load_parameters(model=model).replace(overrides or {}).values
+    return load_parameters(model=model).with_values(overrides or {}).values
 
 
 def efficiencies(forward: float, backward: float) -> dict[str, float]:

@@ -55,7 +55,7 @@ def test_no_false_alarm_in_any_model(model: str) -> None:
 @pytest.mark.parametrize(("gain", "share"), [(250.0, 0.25), (1000.0, 1.0), (1500.0, 1.0)])
 def test_the_modelled_response_never_passes_its_command(gain: float, share: float) -> None:
     """From -0.1 to 0.2 rad; with Kp_pos Ts beyond 1 Euler's rule alone would go past the command."""
-    p = BASE.replace({
+    p = BASE.with_values({
         "controller.position.kp": gain, "controller.sample_time": 1e-3, "monitor.rate": 1e3}).nested()
     watched = Watched(command=0.2, measured=0.0, before=0.0, modelled=-0.1, reference=0.0, current=0.0, supply=39.0,
                       enabled=True)
@@ -65,7 +65,7 @@ def test_the_modelled_response_never_passes_its_command(gain: float, share: floa
 def test_persistence_is_whole_samples() -> None:
     """Undervoltage from 0.1 to 0.3 s: tripped and cleared a persistence later, to the sample."""
     for persistence in (0.0, 0.05, 0.0333):
-        values = BASE.replace({"monitor.persistence": persistence}).values
+        values = BASE.with_values({"monitor.persistence": persistence}).values
         run = simulate(values, 0.6, model=MODEL, supply_voltage=lambda t: 20.0 if 0.0999 < t < 0.2999 else 39.0)
         tripped = np.flatnonzero(run["built_in_test"] == TRIPPED["supply"])
         samples = max(ceil(persistence / 1e-3 - 1e-6), 1)

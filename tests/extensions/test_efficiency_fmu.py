@@ -42,7 +42,7 @@ def _hosted(path: Path, names: list[str], *starts: str) -> np.ndarray:
 def test_kernels_are_one(model: str) -> None:
     if not compiled.available(model):
         pytest.skip("no C compiler")
-    values = load_parameters(model=model).replace({"friction.fin_coulomb": 3.0}).values
+    values = load_parameters(model=model).with_values({"friction.fin_coulomb": 3.0}).values
     python, c = (simulate(values, 0.15, model=model, kernel=kernel, fin_command=lambda t: 0.3 * sin(30.0 * t),
                           aero_torque=lambda t: 100.0 * sin(70.0 * t), enable=lambda t: not 0.05 < t < 0.08,
                           acceleration__x=50.0) for kernel in ("python", "compiled"))
@@ -69,7 +69,7 @@ def test_back_ends_are_one(built: tuple[str, Path, Path]) -> None:
         assert validate_fmu(str(path)) == []
         found.append(_hosted(path, names, "fin_command=0.2", "aero_torque=80", "efficiency.backward=0.5"))
     assert np.array_equal(found[0], found[1])
-    here = simulate(load_parameters(model=model).replace({"efficiency.backward": 0.5}).values, 0.1, model=model,
+    here = simulate(load_parameters(model=model).with_values({"efficiency.backward": 0.5}).values, 0.1, model=model,
                     fin_command=0.2, aero_torque=80.0)
     # 1e-9 is the contract between kernels built by other compilers, in rad; powers are up to 1e3 W a rad.
     assert np.abs(found[0] - np.array([here[name] for name in names])).max() < 1e-6

@@ -31,7 +31,7 @@ def _emcas(*arguments: str) -> Result:
 
 
 def _set(overrides: Mapping[str, Any]) -> ParameterSet:
-    return BASE.replace(overrides)
+    return BASE.with_values(overrides)
 
 
 def test_continuous_at_standstill_is_the_closed_form() -> None:

@@ -172,10 +172,10 @@ def test_the_drive_is_rid_of_a_broken_fin() -> None:
     loads = {"loads.gravity": True, "mass.fin": 8.0, "mass.shaft": 2.0, "center_of_mass.fin.x": 0.3,
              "friction.fin_coulomb": 4.0}
     window = {"fault.free_fin.active": True}
-    found = simulate(BASE.replace({**loads, **window}).values, 0.3, model=MODEL, fin_command=wave, aero_torque=gust)
+    found = simulate(BASE.with_values({**loads, **window}).values, 0.3, model=MODEL, fin_command=wave, aero_torque=gust)
     fork = {"mass.fin": 0.0, "mass.shaft": 0.0, "friction.fin_coulomb": 0.0, "inertia.shaft": 0.0,
             "inertia.fin": 1e-3 * PLAIN.values["inertia.fin"]}
-    plain = simulate(PLAIN.replace({**loads, **fork}).values, 0.3, fin_command=wave)
+    plain = simulate(PLAIN.with_values({**loads, **fork}).values, 0.3, fin_command=wave)
     assert np.array_equal(found["motor_angle"], plain["motor_angle"])
     assert np.array_equal(found["motor_current"], plain["motor_current"])
 

@@ -44,7 +44,7 @@ def test_never_a_jump(model: str, windows: Mapping[str, tuple[float, float]], si
     for name, (begin, length) in windows.items():
         changes |= {f"fault.{name}.begin": begin, f"fault.{name}.end": begin + length}
     parameters = load_parameters(model=f"{model}+faults")
-    values = parameters.replace(parameters.having(changes)).values  # of the faults that it can have
+    values = parameters.with_values(parameters.having(changes)).values  # of the faults that it can have
     step, acceleration = (1e-5, ELASTIC) if model in ("elastic", "ozkan") else (5e-5, RIGID)
     run = simulate(values, 0.25, step, model=f"{model}+faults", fin_command=lambda t: command * sin(40.0 * t),
                    aero_torque=lambda t: load if t < 0.12 else -load, enable=lambda t: enabled or t > 0.1)
@@ -67,7 +67,7 @@ def test_both_kernels_and_kept_states(model: str) -> None:
         changes |= {f"fault.{fault.name}.begin": 0.01 + 0.01 * i, f"fault.{fault.name}.end": 0.025 + 0.01 * i}
     name = f"{model}+faults"
     parameters = load_parameters(model=name)
-    values = parameters.replace(parameters.having(changes)).values
+    values = parameters.with_values(parameters.having(changes)).values
     slow, fast = codegen.core(values, name), CompiledCore(values, name)
     for k in range(1, 161):
         inputs = codegen.inputs_at_rest(wave(k * 1e-3), gust(k * 1e-3), 39.0)

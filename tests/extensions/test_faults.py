@@ -66,7 +66,7 @@ def test_without_a_fault_it_is_the_model(model: str) -> None:
 @pytest.mark.parametrize("fault", [f.name for f in FAULTS])
 def test_switched_on_or_scheduled(fault: str) -> None:
     model = ELASTIC if fault == "backlash_growth" else MODEL
-    on = load_parameters(model=model).replace({f"fault.{fault}.active": True}).values
+    on = load_parameters(model=model).with_values({f"fault.{fault}.active": True}).values
     one = simulate(on, 0.15, model=model, fin_command=wave, aero_torque=gust)
     other = simulate(scheduled(model, fault), 0.15, model=model, fin_command=wave, aero_torque=gust)
     assert all(np.array_equal(one[name], other[name]) for name in one)
@@ -96,7 +96,7 @@ def test_derating_is_a_lower_limit() -> None:
     without = {"controller.drive_antiwindup": 0.0}
     found = simulate({**scheduled(MODEL, "current_derating", fault__current_derating__share=0.2), **without}, 0.3,
                      model=MODEL, fin_command=radians(15.0))
-    lower = PLAIN.replace({"drive.current_limit": 0.2 * PLAIN.values["drive.current_limit"], **without}).values
+    lower = PLAIN.with_values({"drive.current_limit": 0.2 * PLAIN.values["drive.current_limit"], **without}).values
     assert equal(found, simulate(lower, 0.3, fin_command=radians(15.0)))
 
 
@@ -116,8 +116,8 @@ def test_friction_rise_is_more_friction() -> None:
     both = {"compensation.gain": 0.0}
     fin = {"friction.fin_viscous": 2.0, "friction.fin_coulomb": 2.0}
     window = {"fault.friction_rise.end": 1e9, "fault.friction_rise.factor": factor}
-    found = simulate(BASE.replace({**both, **fin, **window}).values, 0.3, model=MODEL, fin_command=wave)
-    assert equal(found, simulate(PLAIN.replace({**more, **both}).values, 0.3, fin_command=wave))
+    found = simulate(BASE.with_values({**both, **fin, **window}).values, 0.3, model=MODEL, fin_command=wave)
+    assert equal(found, simulate(PLAIN.with_values({**more, **both}).values, 0.3, fin_command=wave))
 
 
 def test_backlash_growth_is_a_wider_gap() -> None:
@@ -126,7 +126,7 @@ def test_backlash_growth_is_a_wider_gap() -> None:
     gap = plain.values["drive_line.backlash"]
     found = simulate(scheduled(f"{model}+faults", "backlash_growth", fault__backlash_growth__gap=0.2e-3), 0.2,
                      model=f"{model}+faults", fin_command=wave)
-    wider = plain.replace({"drive_line.backlash": gap + 0.2e-3}).values
+    wider = plain.with_values({"drive_line.backlash": gap + 0.2e-3}).values
     assert equal(found, simulate(wider, 0.2, model=model, fin_command=wave))
 
 
@@ -176,9 +176,9 @@ def test_delay_of_the_command(delay: float, samples: int) -> None:
 ])
 def test_bad_values_are_refused(name: Any, value: Any, said: str) -> None:
     with pytest.raises(ParameterError, match=said):
-        BASE.replace({name: value} if isinstance(name, str) else name)
+        BASE.with_values({name: value} if isinstance(name, str) else name)
 
 
 def test_faults_are_of_models_with_faults() -> None:
     with pytest.raises(ParameterError, match="the nonlinear actuator has no such parameter"):
-        PLAIN.replace({"fault.jam.active": True})
+        PLAIN.with_values({"fault.jam.active": True})

@@ -34,7 +34,7 @@ def model(request: pytest.FixtureRequest) -> str:
 @pytest.fixture(scope="module")
 def built(model: str, tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
     # These runs are of closed loop: the angle is known.
-    parameters = load_parameters(model=model).replace({"homing.required": False})
+    parameters = load_parameters(model=model).with_values({"homing.required": False})
     return both(parameters, tmp_path_factory.mktemp("options"))
 
 

@@ -129,7 +129,7 @@ def test_a_disabled_drive_loses_nothing(model: str) -> None:
 
 
 def test_below_a_tenth_the_lines_are_left() -> None:
-    p = BASE.replace({"heat.torque_coefficient": -0.01, "heat.resistance_coefficient": 0.01}).nested()
+    p = BASE.with_values({"heat.torque_coefficient": -0.01, "heat.resistance_coefficient": 0.01}).nested()
     assert heat.magnets(FLOATS, p, 500.0) == 0.1
     assert heat.resistance(FLOATS, p, -90.0) == pytest.approx(0.25 * 0.1)
     assert heat.resistance(FLOATS, p, 74.0) == pytest.approx(0.25 * 1.5)
@@ -212,11 +212,11 @@ def test_second_order_is_refused() -> None:
     ("heat.winding_start_rise", "80 degC"), ("heat.winding_to_case", "0.2 W/K"), ("heat.winding_limit", 1000.0)])
 def test_bad_values_are_refused(name: str, value: object) -> None:
     with pytest.raises(ParameterError, match=name):
-        BASE.replace({name: value})
+        BASE.with_values({name: value})
 
 
 def test_units_of_files() -> None:
-    given = BASE.replace({"heat.resistance_coefficient": "0.39 %/K", "heat.winding_capacity": "0.2 kJ/K",
+    given = BASE.with_values({"heat.resistance_coefficient": "0.39 %/K", "heat.winding_capacity": "0.2 kJ/K",
                           "heat.winding_to_case": "200 mK/W", "heat.winding_limit": "266 degF"}).values
     assert given["heat.resistance_coefficient"] == 0.0039
     assert given["heat.winding_capacity"] == 200.0

@@ -130,7 +130,7 @@ def test_not_asked_it_stays_unreferenced_and_still() -> None:
 @pytest.mark.parametrize("more", [{}, {"encoder.enabled": False}, {"encoder.on_fin": True}])
 @pytest.mark.parametrize("model", ["nonlinear", "elastic"])
 def test_without_need_it_is_the_plain_model(model: str, more: Mapping[str, Any]) -> None:
-    values = load_parameters(model=model).replace({"fin.start_angle": 0.1, **more}).values
+    values = load_parameters(model=model).with_values({"fin.start_angle": 0.1, **more}).values
     inputs: dict[str, Any] = {"fin_command": lambda t: 0.3 if t < 0.2 else -0.5, "aero_torque": -50.0,
                               "enable": lambda t: not 0.3 < t < 0.32}
     plain = simulate(values, 0.5, model=model, **inputs)
@@ -179,7 +179,7 @@ def test_disabled_in_a_run_it_knows_nothing() -> None:
 ])
 def test_bad_values_are_refused(overrides: Mapping[str, Any], said: list[str]) -> None:
     with pytest.raises(ParameterError) as refused:
-        BASE.replace(overrides)
+        BASE.with_values(overrides)
     assert all(word in str(refused.value) for word in said), refused.value
 
 
@@ -192,9 +192,9 @@ def test_the_least_time_and_stall_accepted_are_enough(model: str, speed: float) 
         given = {"homing.speed": radians(speed), "fin.start_angle": -first * STOP, "homing.positive_first": first > 0.0,
                  "homing.stall_time": {2.0: 0.0049, 20.0: 0.0147}[speed]}
         with pytest.raises(ParameterError) as refused:
-            own.replace({**given, "homing.timeout": 0.1})
+            own.with_values({**given, "homing.timeout": 0.1})
         least = float(str(refused.value).split("above ")[1].split(" s:")[0])
-        run = simulate(own.replace({**given, "homing.timeout": least + 1e-3}).values, least + 0.1,
+        run = simulate(own.with_values({**given, "homing.timeout": least + 1e-3}).values, least + 0.1,
                        model=f"{model}+homing", home=True)
         assert run["status"][-1] == OPERATIONAL
 
@@ -232,4 +232,4 @@ def test_models_it_is_not_for() -> None:
     with pytest.raises(EmcasError, match="homing needs a drive whose reference has a limit; linear has none"):
         get("linear+homing")
     with pytest.raises(ParameterError, match="no such parameter"):
-        load_parameters(model=NONLINEAR).replace({"homing.speed": 0.1})
+        load_parameters(model=NONLINEAR).with_values({"homing.speed": 0.1})

@@ -110,7 +110,7 @@ def _shown(overrides: Mapping[str, Any], angle: Callable[[int], float], while_in
     """Reference [V], phase and number of the first sample whose phase is none of `while_in`, or of the last; the
     samples are shown motor angles [rad] that no plant moves."""
     actuator = get(MODEL)
-    made = codegen.make(model=MODEL)(BASE.replace(overrides).values)
+    made = codegen.make(model=MODEL)(BASE.with_values(overrides).values)
     initial, sample = made[2](), made[3]
     states = len(actuator.states)
     plant, kept = initial[1:states], initial[states:states + len(actuator.controller_states)]

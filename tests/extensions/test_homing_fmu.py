@@ -117,5 +117,5 @@ def test_four_fins_home_each_for_itself(tmp_path: Path) -> None:
     assert ends == [OPERATIONAL, OPERATIONAL, UNREFERENCED, OPERATIONAL]
     for start, asked, row in zip(starts, times, rows, strict=True):
         signal = np.arange(801) * 0.01 > asked - 1e-9
-        alone = simulate(BASE.replace({"fin.start_angle": start}).values, 8.0, 0.01, model=MODEL, home=signal)
+        alone = simulate(BASE.with_values({"fin.start_angle": start}).values, 8.0, 0.01, model=MODEL, home=signal)
         assert row == alone["fin_angle"][1:].tolist()

@@ -138,7 +138,7 @@ def test_kernels_agree_on_a_derated_drive() -> None:
        h=st.floats(1e-5, 1e-3), each=st.integers(1, 50))
 def test_the_load_never_passes_one(demands: list[float], continuous: float, h: float, each: int) -> None:
     """Where the current is what the drive asks for, however demands go; at the shortest peak time."""
-    p = BASE.replace({"heat.continuous_current": continuous, "heat.peak_time": 0.05}).nested()
+    p = BASE.with_values({"heat.continuous_current": continuous, "heat.peak_time": 0.05}).nested()
     load = 0.0
     for demand in (demand for demand in demands for _ in range(each)):
         limit = heat.current_limit(FLOATS, p, load)

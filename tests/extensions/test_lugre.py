@@ -36,7 +36,7 @@ PLAIN = {**DRY, **{f"friction.coulomb.{way}[0]": LEVEL for way in WAYS},
 
 
 def _values(overrides: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
-    return BASE.replace(overrides or {}).values
+    return BASE.with_values(overrides or {}).values
 
 
 def _pushed(overrides: Mapping[str, Any], stop: float, torque: Any) -> dict[str, Any]:

@@ -31,7 +31,7 @@ def test_a_screw_of_95_percent_loses_a_nineteenth_of_what_it_drives() -> None:
     parameters = loaded("screw-efficiency-095", model)
     assert parameters.values["efficiency.backward"] == pytest.approx(2.0 - 1.0 / 0.95, abs=1e-4)
     # A ramp against a load: what the fin takes up is aero_torque times rate, without friction of its own.
-    run = simulate(parameters.replace({"friction.fin_coulomb": 0.0, "friction.fin_viscous": 0.0}).values, 0.4,
+    run = simulate(parameters.with_values({"friction.fin_coulomb": 0.0, "friction.fin_viscous": 0.0}).values, 0.4,
                    model=model, fin_command=lambda t: radians(50.0) * t, aero_torque=-60.0)
     late = run["time"] > 0.2
     driven = 60.0 * run["fin_rate"][late].mean()
@@ -48,7 +48,7 @@ def test_the_published_motor_holds_a_fifth_for_long() -> None:
     assert values["heat.winding_capacity"] * values["heat.winding_to_case"] == pytest.approx(90.0141, rel=1e-4)
     assert values["heat.case_capacity"] * values["heat.case_to_ambient"] == pytest.approx(3781.17, rel=1e-4)
     no_i2t = {"heat.continuous_current": 60.0}
-    found, before = (envelope(p.replace(no_i2t), 10.0).continuous for p in (published, shipped))
+    found, before = (envelope(p.with_values(no_i2t), 10.0).continuous for p in (published, shipped))
     loss = (155.0 - 24.0) / (1.6372 + 15.2925)
     current = sqrt(loss / (0.25 * (1.0 + 0.00387 * 131.0)))
     torque = 0.11 * current * (1.0 - 0.0011 * 15.2925 * loss)
@@ -65,7 +65,7 @@ def test_a_hinge_of_15_kilonewton_metres_per_radian() -> None:
     assert parameters.values["drive_line.hinge_damping"] == pytest.approx(0.04 * sqrt(stiffness * 0.06), rel=0.01)
     held = {"friction.coulomb.positive[0]": 9.0, "friction.coulomb.negative[0]": 9.0, "drive_line.backlash": 0.0,
             "friction.fin_viscous": 50.0}
-    stiff, soft = (simulate(p.replace(held).values, 0.4, model="elastic", enable=False, aero_torque=50.0)
+    stiff, soft = (simulate(p.with_values(held).values, 0.4, model="elastic", enable=False, aero_torque=50.0)
                    for p in (load_parameters(model="elastic"), parameters))
     more = soft["fin_angle"][-1] - stiff["fin_angle"][-1]
     assert more == pytest.approx(50.0 / stiffness, rel=3e-3)

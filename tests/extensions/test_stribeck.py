@@ -30,7 +30,7 @@ BASE = load_parameters(model=MODEL)
 
 
 def _values(overrides: Mapping[str, Any] | None = None) -> Mapping[str, Any]:
-    return BASE.replace(overrides or {}).values
+    return BASE.with_values(overrides or {}).values
 
 
 def _ramp(rate: float) -> Any:
@@ -42,7 +42,7 @@ def _ramp(rate: float) -> Any:
 def test_a_static_ratio_of_one_is_coulomb_friction(base: str) -> None:
     """C_m times exactly 1: bit for bit."""
     model = f"{base}+stribeck"
-    values = load_parameters(model=model).replace({"stribeck.static_ratio": 1.0}).values
+    values = load_parameters(model=model).with_values({"stribeck.static_ratio": 1.0}).values
     plain = {name: value for name, value in values.items() if not name.startswith("stribeck.")}
     inputs: dict[str, Any] = {"fin_command": lambda t: 0.1 if sin(25.0 * t) > 0.0 else -0.1,
                               "aero_torque": lambda t: 30.0 * sin(60.0 * t), "enable": lambda t: not 0.1 < t < 0.13}
@@ -126,7 +126,7 @@ def test_a_narrow_excess_is_of_second_order_at_fine_ticks() -> None:
 def test_elastic_is_of_second_order() -> None:
     """Against its own finest: through flanks, rest and start of both sides."""
     model = "elastic+stribeck"
-    values = load_parameters(model=model).replace({"encoder.enabled": False, "stribeck.static_ratio": 2.0}).values
+    values = load_parameters(model=model).with_values({"encoder.enabled": False, "stribeck.static_ratio": 2.0}).values
 
     def run(tick: float) -> Any:
         return simulate({**values, "solver.max_tick": tick}, 0.15, model=model, aero_torque=-30.0,
@@ -178,7 +178,7 @@ def test_anything_goes(base: str, levels: list[Any], ratio: float, speed: float,
     """Finite and within the stops, whatever is asked of it."""
     model = f"{base}+stribeck"
     commands, torques, enables = (np.repeat(column, 20) for column in zip(*levels, strict=True))
-    values = load_parameters(model=model).replace({
+    values = load_parameters(model=model).with_values({
         "stribeck.static_ratio": ratio, "stribeck.speed": speed, "friction.fin_coulomb": dry,
         "solver.max_tick": tick}).values
     run = simulate(values, (len(commands) - 1) * 1e-3, model=model, fin_command=commands, aero_torque=torques,

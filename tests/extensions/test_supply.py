@@ -40,7 +40,7 @@ DRY = {f"friction.coulomb.{way}[{n}]": 0.0 for way in ("positive", "negative") f
 
 def values_of(overrides: Mapping[str, Any] | None = None, model: str = MODEL) -> Mapping[str, Any]:
     """Values of a model with the supply, some replaced."""
-    return load_parameters(model=model).replace(overrides or {}).values
+    return load_parameters(model=model).with_values(overrides or {}).values
 
 
 def run_of(overrides: Mapping[str, Any], stop: float, step: float = 1e-3, **inputs: Any) -> dict[str, Any]:
@@ -280,7 +280,7 @@ def test_a_good_supply_is_nearly_none() -> None:
     stiff = {**LOSSLESS, **NO_CHOPPER, "supply.one_way": False, "supply.source_resistance": 1e-6}
     inputs: dict[str, Any] = {"fin_command": 0.3, "aero_torque": -60.0}
     run = run_of(stiff, 0.3, **inputs)
-    plain = simulate(load_parameters().replace({"solver.max_tick": 2.5e-4}).values, 0.3, **inputs)
+    plain = simulate(load_parameters().with_values({"solver.max_tick": 2.5e-4}).values, 0.3, **inputs)
     # 60 uV, and a tick that is not quite the same; a count of the encoder is 7e-4 deg.
     assert np.degrees(np.abs(run["fin_angle"] - plain["fin_angle"]).max()) < 2e-3
     assert run["supply_power"] == pytest.approx(plain["supply_power"], abs=0.1 * np.abs(plain["supply_power"]).max())
@@ -314,16 +314,16 @@ def test_who_cannot_have_it(model: str, missing: str) -> None:
     ("supply.device_voltage", -0.1), ("supply.quiescent_power", float("nan")), ("supply.capacitance", "2 mH")])
 def test_bad_values_are_refused(name: str, value: object) -> None:
     with pytest.raises(ParameterError, match=name):
-        BASE.replace({name: value})
+        BASE.with_values({name: value})
 
 
 def test_recovery_below_the_trip_is_refused() -> None:
     with pytest.raises(ParameterError, match=r"supply\.recovery_voltage = 17 V must not be below"):
-        BASE.replace({"supply.recovery_voltage": 17.0})
+        BASE.with_values({"supply.recovery_voltage": 17.0})
 
 
 def test_units_of_files() -> None:
-    given = BASE.replace({"supply.capacitance": "2200 uF", "supply.source_resistance": "50 mohm"}).values
+    given = BASE.with_values({"supply.capacitance": "2200 uF", "supply.source_resistance": "50 mohm"}).values
     assert given["supply.capacitance"] == 2.2e-3
     assert given["supply.source_resistance"] == 0.05
 

@@ -45,7 +45,7 @@ def run(model: str, overrides: Mapping[str, Any], kernel: str = "python") -> Map
     line = get(model).supply
     full = float(line.input.initial(parameters.values)) if line else 0.0
     supply: dict[str, Any] = {line.input.name: lambda t: full * (1.0 if t < 0.2 else 24.0 / 39.0)} if line else {}
-    return simulate(parameters.replace(overrides).values, 0.3, model=model, kernel=kernel,
+    return simulate(parameters.with_values(overrides).values, 0.3, model=model, kernel=kernel,
                     fin_command=lambda t: 0.2 * sin(25.0 * t), aero_torque=lambda t: 60.0 * sin(40.0 * t),
                     enable=lambda t: not 0.1 < t < 0.12, **supply)
 
@@ -91,7 +91,7 @@ def test_steps_of_the_host_do_not_matter(model: str) -> None:
                for edge, late in (("begin", 0.0), ("end", 0.02))}
     known = {"homing.required": False} if "homing" in model else {}
     parameters = load_parameters(model=model)
-    values = parameters.replace(parameters.having({**windows, **known})).values
+    values = parameters.with_values(parameters.having({**windows, **known})).values
     inputs = inputs_at_rest(0.1, -30.0, 39.0, True, *(False,) * len(get(model).further_inputs))
     found = []
     for size in (10e-3, 1e-3, 0.37e-3):
@@ -128,7 +128,7 @@ def test_what_there_is_not(name: str, said: str) -> None:
 def test_homing_after_missed_counts() -> None:
     """What an encoder has missed another run finds again: the fin is then where it is asked to, to a count or two."""
     model = "nonlinear+homing+faults"
-    values = load_parameters(model=model).replace({
+    values = load_parameters(model=model).with_values({
         "homing.required": False, "fault.encoder_dropped.share": 0.3, "fault.encoder_dropped.end": 0.5,
     }).values
     result = simulate(values, 9.0, model=model, home=lambda t: t > 1.0,

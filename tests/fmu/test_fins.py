@@ -425,7 +425,7 @@ def test_a_fin_may_differ(tmp_path: Path) -> None:
     """Its file goes over what all have, azimuth of the layout included."""
     (tmp_path / "worn.toml").write_text('[motor]\ntorque_constant = "0.09 N*m/A"\n'
                                         '[mounting]\nazimuth = "100 deg"\n')
-    base = load_parameters().replace({"motor.resistance": 0.3, AZIMUTH: 1.0})
+    base = load_parameters().with_values({"motor.resistance": 0.3, AZIMUTH: 1.0})
     made = build(base, tmp_path / "EMCAS3.fmu", fins=3, layout="plus", files={2: tmp_path / "worn.toml"})
     with zipfile.ZipFile(made.path) as archive:
         root = fromstring(archive.read("modelDescription.xml"))

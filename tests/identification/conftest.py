@@ -57,7 +57,7 @@ def recover(kind: str, seeds: range, folder: Path, **choice: Any) -> Recovery:
         for name, columns in bench.data_sets(truth.values, seed, kinds=(kind,), backlash=gap, **choice):
             paths.append(folder / f"{seed}_{name}.csv")
             bench.write_record(paths[-1], columns)
-        base = load_parameters().replace({name: truth.values[name] for name in KNOWN})
+        base = load_parameters().with_values({name: truth.values[name] for name in KNOWN})
         result = IDENTIFY[kind](paths, base)
         estimates = [e for e in result.estimates if e.parameter or kind == "backlash"]
         names = [e.name for e in estimates]

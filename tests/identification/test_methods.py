@@ -68,7 +68,7 @@ def test_logged_means_are_not_late(every: int, slope: float, offset: float) -> N
 
 @pytest.mark.parametrize("delay", [3.7e-3, 3.7133e-3, 2.0101e-3, 4.0e-3])
 def test_current_loop_is_the_kernels(delay: float) -> None:
-    parameters = load_parameters().replace({"drive.transport_delay": delay, "drive.ki": 30.0})
+    parameters = load_parameters().with_values({"drive.transport_delay": delay, "drive.ki": 30.0})
     levels = (0.0, 0.3, -0.2, 0.25, 0.1, -0.3)
     log = rig.run(parameters.values, lambda t: levels[int(t / 4e-3) % 6], 0.06, 5e-5, open_loop=True, clamped=True)
     v = parameters.values

@@ -34,7 +34,7 @@ def draw_truth(parameters: ParameterSet, rng: np.random.Generator) -> ParameterS
     change["friction.table.viscous[1]"] = float(rng.uniform(1.2, 2.0))
     change["friction.table.coulomb[1]"] = float(rng.uniform(1.1, 1.5))
     change["kinematics.initial_angle"] = float(radians(rng.uniform(-8.0, 8.0)))
-    return parameters.replace(change)
+    return parameters.with_values(change)
 
 
 def largest_difference(parameters: ParameterSet, other: ParameterSet) -> float:

@@ -30,7 +30,7 @@ CASES = {case.name: case for case in cases(PARAMETERS)}
 
 def largest_error(case: Case, tick: float) -> float:
     """Of the fin angle [deg], with ticks of that length [s]."""
-    inputs, values = case.inputs(), PARAMETERS.replace({"solver.max_tick": tick, **case.overrides}).values
+    inputs, values = case.inputs(), PARAMETERS.with_values({"solver.max_tick": tick, **case.overrides}).values
     there_are = get(MODEL).inputs
     table = np.empty((len(inputs["time"]), len(there_are)))
     for v, column in zip(there_are, table.T, strict=True):

@@ -50,7 +50,7 @@ def during(fault: str, begin: float = 0.0, end: float = 1e9, **amounts: float) -
 
 def run(values: Mapping[str, Any], model: str = FAULTY, stop: float = 0.3, **inputs: Any) -> Mapping[str, Any]:
     """A run on the wave under the gust, inputs replaced."""
-    chosen = load_parameters(model=model).replace(values).values
+    chosen = load_parameters(model=model).with_values(values).values
     return simulate(chosen, stop, model=model, **{"fin_command": wave, "aero_torque": gust, **inputs})
 
 
@@ -123,7 +123,7 @@ def test_switched_while_it_runs() -> None:
     """Told between samples, the switch acts with the next one; how much of it there is acts at once."""
     word, current = ([v.name for v in get(FAULTY).outputs].index(name) for name in ("fault_word", "motor_current"))
     inputs = codegen.inputs_at_rest(0.1, -30.0, 39.0)
-    on = BASE.replace({"fault.demagnetised.active": True})
+    on = BASE.with_values({"fault.demagnetised.active": True})
     core, sound = CompiledCore(BASE.values, FAULTY), CompiledCore(BASE.values, FAULTY)
     core.run(0.0204, inputs)
     core.bind(on.values)
@@ -132,7 +132,7 @@ def test_switched_while_it_runs() -> None:
     assert core.run(0.0304, inputs)[current] != sound.run(0.0304, inputs)[current]
     other = CompiledCore(on.values, FAULTY)
     other.state = core.state
-    other.bind(on.replace({"fault.demagnetised.share": 0.3}).values)
+    other.bind(on.with_values({"fault.demagnetised.share": 0.3}).values)
     assert core.run(0.0308, inputs)[current] != other.run(0.0308, inputs)[current]
 
 
@@ -190,7 +190,7 @@ def test_both_kernels_and_kept_states(several: str) -> None:
     changes: dict[str, float] = {"fault.corroded.area": 0.5}
     for i, fault in enumerate(possible(get(several))):
         changes |= during(fault.name, 0.01 + 0.01 * i, 0.025 + 0.01 * i)
-    values = load_parameters(model=several).replace(changes).values
+    values = load_parameters(model=several).with_values(changes).values
     slow, fast = codegen.core(values, several), CompiledCore(values, several)
     for k in range(1, 181):
         inputs = codegen.inputs_at_rest(wave(k * 1e-3), gust(k * 1e-3), 39.0)

@@ -42,7 +42,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def warm(model: str, stop: float, values: Mapping[str, Any], **inputs: Any) -> tuple[Mapping[str, Any], Any]:
-    chosen = load_parameters(model=f"{model}+heat").replace(values).values
+    chosen = load_parameters(model=f"{model}+heat").with_values(values).values
     return chosen, simulate(chosen, stop, model=f"{model}+heat", **inputs)
 
 
@@ -80,7 +80,7 @@ def test_resistance_and_constants_follow(model: str) -> None:
     plain = load_parameters(model=model)
     scale = {"motor.resistance": 1.0 + 0.00387 * 80.0, "motor.torque_constant": 1.0 - 0.0011 * 50.0,
              "motor.back_emf_constant": 1.0 - 0.0011 * 50.0}
-    hot = plain.replace({name: plain.values[name] * factor for name, factor in scale.items()})
+    hot = plain.with_values({name: plain.values[name] * factor for name, factor in scale.items()})
     told = simulate(hot.values, 0.1, model=model, fin_command=0.1)
     assert np.abs(run["fin_angle"] - told["fin_angle"]).max() < 1e-7
     cold = simulate(plain.values, 0.1, model=model, fin_command=0.1)
@@ -90,9 +90,9 @@ def test_resistance_and_constants_follow(model: str) -> None:
 def test_with_faults_over_it(model: str) -> None:
     """Both change the motor's constants: of half the flux what heat leaves of it."""
     name = f"{model}+heat+faults"
-    both = load_parameters(model=name).replace({"heat.case_start_rise": 50.0, "fault.demagnetised.active": True,
+    both = load_parameters(model=name).with_values({"heat.case_start_rise": 50.0, "fault.demagnetised.active": True,
                                                 "fault.demagnetised.share": 0.5})
-    weak = load_parameters(model=f"{model}+heat").replace({
+    weak = load_parameters(model=f"{model}+heat").with_values({
         "heat.case_start_rise": 50.0, **{each: 0.5 * both.values[each] for each in (
             "motor.torque_constant", "motor.back_emf_constant")}})
     found, told = (simulate(p.values, 0.1, model=p.model, fin_command=0.1) for p in (both, weak))

@@ -37,7 +37,7 @@ CASES: Mapping[str, Mapping[str, Any]] = {
 
 
 def changed(changes: Mapping[str, Any], model: str = "nonlinear") -> Mapping[str, Any]:
-    return load_parameters(model=model).replace({"encoder.enabled": False, **changes}).values
+    return load_parameters(model=model).with_values({"encoder.enabled": False, **changes}).values
 
 
 @pytest.mark.parametrize("case", [
@@ -56,7 +56,7 @@ def test_independent_integration_agrees(case: str) -> None:
 
 def test_linear_reference_has_the_same_controllers() -> None:
     loops = {name: value for name, value in LOOPS.items() if name != "controller.drive_antiwindup"}
-    linear = load_parameters(model="linear").replace({**loops, "kinematics.initial_angle": 0.0}).values
+    linear = load_parameters(model="linear").with_values({**loops, "kinematics.initial_angle": 0.0}).values
     command = np.radians(np.where(np.arange(301) > 10, 2.0, 0.0))
     ours = simulate(linear, 0.3, 1e-3, model="linear", fin_command=command)["fin_angle"]
     theirs = LinearModel({**load_parameters().values, **linear}).simulate(command)
@@ -73,7 +73,7 @@ def test_linear_reference_has_the_same_controllers() -> None:
     *({"command.latency": late} for late in (0.5e-3, 2.5e-3, 4.5e-3, 3.4e-3))])
 def test_linear_reference_deviates_and_waits_as_the_product_does(changes: Mapping[str, float]) -> None:
     parameters = load_parameters(model="linear")
-    linear = parameters.replace({"drive.transport_delay": 3.5e-3, **parameters.having(changes)}).values
+    linear = parameters.with_values({"drive.transport_delay": 3.5e-3, **parameters.having(changes)}).values
     command = np.radians(np.where(np.arange(301) > 10, 2.0, 0.0))
     ours = simulate(linear, 0.3, 1e-3, model="linear", fin_command=command)["fin_angle"]
     theirs = LinearModel(linear).simulate(command)

@@ -349,7 +349,7 @@ def test_names_of_cases_are_unique() -> None:
 
 def test_a_sag_is_a_share_of_the_supply() -> None:
     """The default's to the bit: from 39 to 28 V, as stored."""
-    small = load_parameters().replace({"drive.supply_voltage": 28.0})
+    small = load_parameters().with_values({"drive.supply_voltage": 28.0})
     default, other = ({case.name: case for case in files.cases(each)} for each in (load_parameters(), small))
     assert set(default["sag"].inputs()["supply_voltage"]) == {39.0, 28.0}
     assert default["sag"].title == CASES[-1].title == "Supply sags from 39 to 28 V during a 40 deg slew and recovers"

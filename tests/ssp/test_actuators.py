@@ -80,7 +80,7 @@ def test_files_are_valid_and_inputs_those_of_the_actuator(model: str, written: t
 
 def test_a_unit_of_several_starts_each_fins_own_input_at_its_value(model: str) -> None:
     base = load_parameters(model=model)
-    both = (base, base.replace(base.having({"spring.preload": 10.0})))
+    both = (base, base.with_values(base.having({"spring.preload": 10.0})))
     require_shared(both, "here")  # which they do not share
     found = simulate_fins([each.values for each in both], 0.03, model=model)
     for i, each in enumerate(both, 1):
@@ -102,6 +102,6 @@ def test_fmpy_computes_what_the_kernel_does(model: str, written: tuple[Path, str
     base, columns = load_parameters(model=model), dict[str, Any](excitation.columns)
     for i, start in ((1, 0.0), (2, np.radians(3.0))):
         preload = base.having({"spring.preload": 10.0}) if i == 2 else {}
-        values = base.replace({"fin.start_angle": start, **preload}).values
+        values = base.with_values({"fin.start_angle": start, **preload}).values
         alone = simulate(values, excitation.stop, excitation.step, model=model, **columns)
         assert np.max(np.abs(alone["fin_angle"][1:] - found[i])) < SAME

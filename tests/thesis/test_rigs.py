@@ -50,7 +50,7 @@ def test_slow_sweeps_read_coulomb_friction_at_both_temperatures(direction: int) 
     {"deviation.screw.lead": -0.04, "deviation.kinematics.initial_angle": radians(3.0)}])
 def test_the_lever_as_built_changes_no_reading_at_the_screw(deviations: Mapping[str, float]) -> None:
     """Friction is the screw's, and the rig is on it: whatever lever is behind."""
-    values = load_parameters().replace(deviations).values
+    values = load_parameters().with_values(deviations).values
     sweep = friction_rig.sweep(values, 25, WARM)
     fin = sweep.fin_angle[sweep.steady[1]]
     expected = coulomb(values, "positive", fin) + values["friction.viscous.positive"] * 25.0 * 2.0 * np.pi / 60.0

@@ -183,7 +183,7 @@ def test_percentages_of_a_case_are_of_the_set_tuned(tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
     path.write_text((SMALL % "20 ms").replace("[cases.nominal]", '[cases.nominal]\n"inertia.fin" = "150 %"'),
                     encoding="utf-8")
-    base = load_parameters().replace({"inertia.fin": "0.1 kg*m^2"})
+    base = load_parameters().with_values({"inertia.fin": "0.1 kg*m^2"})
     assert load_study(path, base).cases[0].values["inertia.fin"] == pytest.approx(0.15, rel=1e-12)
 
 
@@ -236,7 +236,7 @@ def test_finds_better_gains_and_the_same_again(study: Study) -> None:
     assert first.history == again.history
     assert first.history == tuple(np.minimum.accumulate(first.history))
     assert tune(study, seed=4, generations=4).history != first.history
-    other = replace(study, base=study.base.replace({"controller.position.kp": 100.0}))
+    other = replace(study, base=study.base.with_values({"controller.position.kp": 100.0}))
     assert tune(other, seed=3, generations=4).best == first.best  # wherever it begins
     assert all(type(j.measured) is type(j.share) is float for j in first.best.judgements)  # what JSON can hold
     checked = evaluate(study, first.best.gains)
@@ -426,7 +426,7 @@ def test_a_sag_is_a_share_of_the_supply() -> None:
         return float(next(c for c in study.cases if c.name == "sag").values["drive.supply_voltage"])
 
     assert sag(load_parameters()) == 35.0  # to the bit: the shipped gains were tuned with it
-    small = load_parameters().replace({"drive.supply_voltage": 28.0})
+    small = load_parameters().with_values({"drive.supply_voltage": 28.0})
     assert sag(small) == pytest.approx(28.0 * 35.0 / 39.0, rel=1e-12)  # the digits of the percentage
 
 

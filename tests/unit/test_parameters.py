@@ -225,7 +225,7 @@ def test_a_constant_of_an_earlier_file_stays(tmp_path: Path) -> None:
 
 def test_a_program_changes_what_it_names_alone() -> None:
     """Cases of a tuning study and samples of a campaign say which parameters they change."""
-    changed = DEFAULTS.replace({"motor.torque_constant": 0.1})
+    changed = DEFAULTS.with_values({"motor.torque_constant": 0.1})
     assert changed.values["motor.back_emf_constant"] == DEFAULTS.values["motor.back_emf_constant"]
 
 
@@ -409,7 +409,7 @@ def test_any_text_is_a_value_or_a_parameter_error(text: str, name: str) -> None:
         found: tuple[str, ...] = ()
         chosen = DEFAULTS
         try:
-            chosen = DEFAULTS.replace({name: written})
+            chosen = DEFAULTS.with_values({name: written})
         except ParameterError as error:
             found = error.problems
         # A combination names all its parameters, an array by its name.
@@ -476,7 +476,7 @@ def test_a_quantity_means_the_same_in_every_unit(units: tuple[str, str], value: 
 def test_a_parameter_means_the_same_in_every_unit(data: st.DataObject, variable: Variable) -> None:
     value = data.draw(st.floats(variable.minimum, variable.maximum))
     written, factor = data.draw(st.sampled_from(sorted(FACTORS[variable.unit].items())))
-    chosen = DEFAULTS.replace({variable.name: f"{value / factor!r} {written}"})
+    chosen = DEFAULTS.with_values({variable.name: f"{value / factor!r} {written}"})
     assert chosen.values[variable.name] == pytest.approx(value, rel=1e-12, abs=1e-300)
 
 
@@ -514,7 +514,7 @@ def test_limits_are_inclusive_in_any_unit(load: Load) -> None:
 
 
 def test_replace_takes_table_units_strings_and_arrays() -> None:
-    chosen = DEFAULTS.replace(
+    chosen = DEFAULTS.with_values(
         {"command.limit": 0.3, "kinematics.moment_arm": "60 mm", "encoder.pulses": 1000,
          "friction.coulomb.positive": (0.3, 0, 0, 0, 0, 0, "10 mN*m")},
         **{"encoder.enabled": False, "friction.temperature": -6},
@@ -545,7 +545,7 @@ def test_replace_takes_table_units_strings_and_arrays() -> None:
 ])
 def test_replace_checks(overrides: dict[str, object], fragment: str) -> None:
     with pytest.raises(ParameterError, match=re.escape(fragment)):
-        DEFAULTS.replace(overrides)
+        DEFAULTS.with_values(overrides)
 
 
 def test_a_set_cannot_be_changed_and_can_be_pickled() -> None:

@@ -23,7 +23,7 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.plots import style
 from emcas_fmu.reference.files import read_csv
-from emcas_fmu.response import Response, draw, write_picture
+from emcas_fmu.response import Response, draw
 from emcas_fmu.simulation import simulate, simulate_fins, spread
 
 DIRECT_DRIVE = str(Path(__file__).parents[2] / "examples/own_actuator/direct_drive.py")
@@ -140,7 +140,7 @@ def response(model: str, changes: list[Mapping[str, Any]], stop: float = 0.2) ->
     """A step of 5 degrees of fins with changes of parameters."""
     excitation, unit = step_to(radians(5.0), stop - 0.05), FmuInterface(len(changes), model)
     columns: dict[str, Any] = dict(excitation.columns)
-    sets = [load_parameters(model=model).replace(change) for change in changes]
+    sets = [load_parameters(model=model).with_values(change) for change in changes]
     if unit.fins == 1:
         return Response(unit, sets, excitation, simulate(sets[0].values, stop, model=model, **columns))
     moved = simulate_fins([each.values for each in sets], stop, model=model, **columns)
@@ -151,8 +151,8 @@ def response(model: str, changes: list[Mapping[str, Any]], stop: float = 0.2) ->
 @pytest.mark.parametrize("model", MODELS)
 def test_figures_are_those_of_the_bench(model: str) -> None:
     changes = {"homing.required": False} if "homing" in model else {}
-    ours = response(model, [changes]).figures()
-    subject = ParameterSubject(load_parameters(model=model).replace(changes))
+    ours = response(model, [changes]).metrics()
+    subject = ParameterSubject(load_parameters(model=model).with_values(changes))
     run = subject.run(step_to(radians(5.0), 0.15))
     for key, value in metrics.displayed(metrics.motion(run)).items():
         assert ours[key] == pytest.approx(value, rel=1e-12, nan_ok=True)
@@ -203,7 +203,7 @@ def test_a_boolean_is_drawn_between_0_and_1() -> None:
 
 
 def test_a_page_of_the_picture_is_as_wide_as_the_screen(tmp_path: Path) -> None:
-    write_picture(tmp_path / "r.html", response("second-order", [{}], 0.05))
+    response("second-order", [{}], 0.05).plot(tmp_path / "r.html")
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "svg{width:100%" in page
     assert page.count("<figure>") == 1

@@ -137,7 +137,7 @@ def test_command_writes_all_files_and_says_what_failed(fmu: Path, tmp_path: Path
 def test_another_parameter_fails(tmp_path: Path) -> None:
     defaults = load_parameters()
     # 2 % of torque constant: some 0.1 ms of a 25 ms rise, at 60 deg/s several times the 0.002 deg allowed.
-    changed = defaults.replace({"motor.torque_constant": 1.02 * float(defaults.values["motor.torque_constant"])})
+    changed = defaults.with_values({"motor.torque_constant": 1.02 * float(defaults.values["motor.torque_constant"])})
     fmu = build(changed, tmp_path / "Other.fmu").path
     done = emcas(fmu, "--case", "step_plus1", "--json", tmp_path / "result.json")
     assert done.exit_code == 1, done.output
@@ -318,7 +318,7 @@ def test_case_an_actuator_has_no_input_for_is_left_out_and_said() -> None:
 
 
 def test_linear_model_that_has_no_such_bus_is_left_out_and_said() -> None:
-    found = validate(ParameterSubject(load_parameters().replace({"command.update_time": 5e-3})))
+    found = validate(ParameterSubject(load_parameters().with_values({"command.update_time": 5e-3})))
     assert not found.comparisons
     assert not found.linear_series
     assert found.notes[0].startswith("The comparison with the linear model is left out: command.update_time = 0.005 s")

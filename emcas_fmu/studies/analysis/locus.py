@@ -54,7 +54,7 @@ def locus(parameters: ParameterSet, name: str | None = None, fin_angle: float = 
 
     def at(value: float) -> LinearActuator | None:
         try:
-            return LinearActuator(parameters.replace({name: value}).values, fin_angle, aero_torque, model)
+            return LinearActuator(parameters.with_values({name: value}).values, fin_angle, aero_torque, model)
         except EmcasError:  # beyond what the parameter, or the operating point, allows
             return None
 

@@ -139,7 +139,7 @@ def _base(path: Path, entry: _Base, fmu: Path | None, fin: int | None,
         raise CampaignError(f"{unit}: is no FMU by its name; give a file that ends in .fmu")
     with open_subject(unit, kind, chosen) as subject:
         identification, base = subject.identification, load_parameters(files, model=subject.model)
-        base = base if files else base.replace(dict(subject.values))
+        base = base if files else base.with_values(dict(subject.values))
     return base, identification.guid, str(unit.resolve()), identification.sha256, chosen
 
 

@@ -30,7 +30,7 @@ def write_identified(result: Identification, path: Path, base_files: Iterable[Pa
         for name, members in {array: elements}.items() if whole else {e.name: [e] for e in elements}.items():
             changes[name] = file_entry([_rounded(e) for e in members], members[0].unit, SOURCE, _note(result, members))
     first = f"Identified by emcas {__version__} ({result.kind}); values, units, 1-sigma uncertainties in the notes."
-    write_parameters(result.base.replace(changes), path, [first, *_remarks(result, base_files)])
+    write_parameters(result.base.with_values(changes), path, [first, *_remarks(result, base_files)])
 
 
 def _array(name: str) -> str:

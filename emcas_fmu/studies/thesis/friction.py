@@ -33,7 +33,7 @@ def _conditions(temperature: float | str, speed: str) -> str:
 
 
 def _parameters(runs: Runs, temperature: float) -> Any:
-    return runs.parameters.replace({"friction.temperature": temperature}).nested()
+    return runs.parameters.with_values({"friction.temperature": temperature}).nested()
 
 
 def _coulomb(runs: Runs, temperature: float, direction: int, fin: Any) -> Any:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import differential_evolution, minimize
 
+from ...parameters import ParameterSet
 from ...progress import Progress, silent
 from .evaluate import Evaluation, Journal, evaluate
 from .study import Study
@@ -51,6 +52,11 @@ class Result:
     def unimproved(self) -> bool:
         """Whether the search was stopped before it came to anything better than the set begun with."""
         return self.stopped and self.best == self.before
+
+    @property
+    def tuned(self) -> ParameterSet:
+        """The parameter set that was tuned, with the best gains."""
+        return self.study.base.with_values(self.best.gains)
 
     @property
     def at_bound(self) -> dict[str, str]:

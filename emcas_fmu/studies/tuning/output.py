@@ -74,7 +74,7 @@ def write_tuned(result: Result, path: Path, command: str) -> None:
     units = {e.variable.name: e.variable.unit for e in result.study.base.entries}
     gains = {name: file_entry([value], units[name], "tuned", note)
              for name, value in result.best.gains.items() if not result.unimproved}
-    write_parameters(result.study.base.replace(gains), path,
+    write_parameters(result.study.base.with_values(gains), path,
                      [f"Gains tuned by emcas {__version__}: {command}", verdict(result),
                       *filter(None, [at_bounds(result)])])
 

@@ -154,6 +154,11 @@ class Study:
     requirements: tuple[Requirement, ...]
 
     @property
+    def needs_analysis(self) -> bool:
+        """Whether a requirement is one of linear analysis."""
+        return any(r.test.kind == "linear" for r in self.requirements)
+
+    @property
     def digest(self) -> str:
         """A hash of all that decides what is measured for given gains."""
         tuned = {t.name for t in self.tunables}
@@ -199,7 +204,7 @@ def _cases(entries: Any, info: ValidationInfo) -> Any:
 
     def read(name: str, entry: Any) -> Case:
         changes = each(entry, change)
-        values = base.replace(changes).values
+        values = base.with_values(changes).values
         return Case(name, {key: values[key] for key in changes})
 
     return each(entries, read)

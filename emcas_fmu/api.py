@@ -1,0 +1,225 @@
+"""What ``import emcas_fmu`` offers: load, change, simulate, build, validate, analyse and tune fin actuators.
+
+These names, their parameters and the attributes that their documentation names are the stable interface: a change that
+breaks a program comes with a new minor version and a line in the changelog. Everything else of the package may change.
+The commands of `emcas` are made of these functions. Values are in SI units (temperature in degC); text carries its
+unit, as in ``"10 deg"``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from . import actuators, extras
+from .bench import excitation as excitations
+from .bench.excitation import COMMAND, STEP, Excitation, check_span
+from .bench.subject import ParameterSubject, Subject, open_subject
+from .errors import EmcasError, hint
+from .fmi.interface import FmuInterface, fin_sets, require_shared
+from .fmi.package import Built, build
+from .parameters import ParameterError, ParameterSet, load_parameters
+from .progress import Progress, silent
+from .response import Response
+from .runtime import compiled
+from .simulation import Array, Signal, simulate_fins, spread
+from .simulation import simulate as simulate_one
+from .studies.validate.study import Result as Validation
+from .studies.validate.study import validate as _validate
+from .units import quantity
+from .variables import Variable
+
+if TYPE_CHECKING:
+    from .studies.analysis.analyse import Analysis
+    from .studies.tuning.optimise import Result as Tuning
+    from .studies.tuning.study import Study
+
+__all__ = ["Batch", "Built", "EmcasError", "Excitation", "ParameterError", "ParameterSet", "Response", "Validation",
+           "actuators", "analyse", "build", "excitations", "fin_sets", "load_parameters", "simulate", "tune",
+           "validate"]
+
+_DURATION = 0.5  # s
+
+
+def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, excitation: Excitation | None = None, *,
+             stop: float | str | None = None, step: float | str | None = None, kernel: str = "auto",
+             line: Mapping[str, float] | None = None, **inputs: Signal | str) -> Response:
+    """Simulate an actuator, or several on one supply, without an FMU.
+
+    `parameters` are the default set unless given; several (see `fin_sets`) share the supply, whose `line` may have
+    parameters such as ``bus.source_resistance``. Excited is it by an `excitation` (``excitations.step_to(0.1, 0.4)``),
+    or by inputs from 0 to `stop` (0.5 s) at communication steps of `step` (1 ms), held over each. Inputs are given by
+    name with ``__`` for the dot (``attitude__roll``): as a constant, as text with a unit (``"10 deg"``), as a function
+    of time [s], or as an array of a value for each communication point. Those that are not given stay at their start;
+    beside an excitation they are added to its columns. `kernel` is ``compiled``, ``python``, or ``auto``: compiled if
+    there is a C compiler, which it waits for the first time; the numbers are the same.
+
+    Raises EmcasError for what cannot be simulated; a ParameterSet is sound already.
+    """
+    given = load_parameters() if parameters is None else parameters
+    sets = (given,) if isinstance(given, ParameterSet) else tuple(given)
+    if not sets or len({each.model for each in sets}) > 1:
+        raise EmcasError("simulate: give one parameter set, or several of one actuator")
+    unit = FmuInterface(len(sets), sets[0].model)
+    if excitation is None:
+        excitation = _at_rest(_in("s", stop, _DURATION), _in("s", step, STEP), inputs)
+    elif stop is not None or step is not None:
+        raise EmcasError(f"simulate: stop and step are those of the excitation, {excitation.title}")
+    excitation = _with_inputs(excitation, inputs, unit)
+    sets = tuple(each.with_values(each.having(excitation.start_values)) for each in sets)
+    require_shared(sets, "simulate")
+    try:
+        columns = (simulate_fins([each.values for each in sets], excitation.stop, excitation.step, unit.kind, line,
+                                 **excitation.columns) if unit.fins > 1 else
+                   simulate_one(sets[0].values, excitation.stop, excitation.step, kernel, unit.kind,
+                                **excitation.columns))
+    except EmcasError:
+        raise
+    except (ArithmeticError, TypeError, ValueError) as error:
+        raise EmcasError(f"the response cannot be computed: {error}") from error
+    return Response(unit, sets, excitation, columns)
+
+
+def _in(unit: str, given: float | str | None, otherwise: float) -> float:
+    """Return a value in a unit, from a number in it or from text. Raises EmcasError."""
+    if given is None:
+        return otherwise
+    try:
+        return quantity(given, "", unit) if isinstance(given, str) else float(given)
+    except ValueError as error:
+        raise EmcasError(f"{given!r} {error}") from error
+
+
+def _at_rest(stop: float, step: float, inputs: Mapping[str, Signal | str]) -> Excitation:
+    """Return rows of a command of zero, named after what is given besides."""
+    if not (0.0 < step < float("inf") and 0.0 < stop < float("inf")):
+        raise EmcasError(f"simulate: stop = {stop:g} s and step = {step:g} s must be above 0")
+    check_span("simulate", step, stop)
+    title = ", ".join(f"{name} {signal}" if isinstance(signal, (str, float, int)) else name
+                      for name, signal in inputs.items())
+    return Excitation(title or "at rest", {COMMAND: np.zeros(round(stop / step) + 1)}, step=step)
+
+
+def _with_inputs(excitation: Excitation, inputs: Mapping[str, Signal | str], unit: FmuInterface) -> Excitation:
+    """Return an excitation with further inputs, by the names of a unit; what is of one fin goes over every fin's."""
+    there_are = {v.name: v for v in (*unit.actuator.inputs, *unit.inputs)}
+    columns = dict(excitation.columns)
+    for given, signal in inputs.items():
+        name = given.replace("__", ".")
+        if name not in there_are:
+            raise EmcasError(f"there is no input {name}{hint(name, there_are)}; inputs are {', '.join(there_are)}")
+        columns[name] = _column(signal, there_are[name], excitation.time)
+    columns = dict(sorted(columns.items(), key=lambda item: item[0].startswith("fin[")))
+    return Excitation(excitation.title, spread(columns, unit), excitation.begin, excitation.step,
+                      excitation.start_values, excitation.spring)
+
+
+def _column(signal: Signal | str, variable: Variable, time: Array) -> Array:
+    """Return an input at the communication points, in its unit. Raises EmcasError."""
+    if callable(signal):
+        return np.array([signal(t) for t in time.tolist()], dtype=float)
+    try:
+        values = quantity(signal, "", variable.unit) if isinstance(signal, str) else signal
+        column: Array = np.broadcast_to(np.asarray(values, dtype=float), time.shape).copy()
+    except (TypeError, ValueError) as error:
+        reason = (f"{signal!r} {error}" if isinstance(signal, str) else
+                  f"expected a number, text, a function of time, or an array of {len(time)} values, one for each point")
+        raise EmcasError(f"input {variable.name}: {reason}") from error
+    return column
+
+
+def validate(subject: Subject | ParameterSet | Path | str | None = None, cases: Sequence[str] | None = None,
+             directory: Path | str | None = None, progress: Progress = silent) -> Validation:
+    """Judge a parameter set, or an FMU by its path, by the reference cases and by Table 2 of the thesis.
+
+    `cases` are all unless given by name, `directory` holds the references (``emcas reference`` makes them), those
+    shipped unless given. Of the result: `passed`, `verdict` (in words), `judged` and `failed` (each with what was
+    measured and its limit). Raises EmcasError.
+    """
+    folder = None if directory is None else Path(directory)
+    if isinstance(subject, ParameterSet):
+        subject = ParameterSubject(subject)
+    if isinstance(subject, Subject):
+        return _validate(subject, cases, folder, progress)
+    with open_subject(None if subject is None else Path(subject)) as opened:
+        return _validate(opened, cases, folder, progress)
+
+
+def analyse(parameters: ParameterSet | None = None, fin_angle: float | str = 0.0, aero_torque: float | str = 0.0,
+            locus: str | None = None, rod: Path | None = None, progress: Progress = silent) -> Analysis:
+    """Linearise an actuator about rest at a fin angle [rad] under a hinge moment [N.m], and analyse its loops.
+
+    Of the result: `linear.command` (the frequency response, with `bandwidth` [Hz]), `linear.margins` (of each loop),
+    `actuator` (the linear model, python-control's StateSpace at `actuator.closed`), `sweeps` (bandwidth against
+    amplitude), `locus` (of a parameter, the first gain unless named). Needs the extra ``analysis``. Raises EmcasError.
+    """
+    extras.require("analysis", "analyse needs", "control", "casadi")
+    from .studies.analysis.analyse import analyse as run
+
+    return run(load_parameters() if parameters is None else parameters, _in("rad", fin_angle, 0.0),
+               _in("N.m", aero_torque, 0.0), rod, locus, progress)
+
+
+def tune(parameters: ParameterSet | None = None, study: Study | Path | str | None = None, seed: int = 1,
+         generations: int = 12, workers: int | None = None, journal: Path | None = None,
+         progress: Progress = silent) -> Tuning:
+    """Search controller gains that meet requirements in every case at once, limits, friction and delay included.
+
+    `study` is a file of requirements, cases and what may be tuned; the actuator's shipped one unless given. Of the
+    result: `met`, `tuned` (the parameter set with the gains), `best` (with `gains` and `judgements`), `binding` (the
+    requirements that stand in the way of more). As many processes work as there are processors unless `workers` is
+    given; a script that calls this needs ``if __name__ == "__main__":``. Takes minutes. Raises EmcasError.
+    """
+    from .studies.tuning.evaluate import Journal
+    from .studies.tuning.optimise import tune as run
+    from .studies.tuning.study import Study, load_study, shipped_study
+
+    base = load_parameters() if parameters is None else parameters
+    chosen = (shipped_study(base) if study is None else study if isinstance(study, Study) else
+              load_study(Path(study), base))
+    if chosen.needs_analysis:
+        extras.require("analysis", "margins (tests of kind linear) need", "control", "casadi")
+    return run(chosen, seed, generations, workers or os.cpu_count() or 1, Journal(journal, chosen), progress)
+
+
+class Batch:
+    """Many actuators of one model side by side, stepped by the compiled kernel: for a 6-DOF's Monte Carlo.
+
+    A call gives up the interpreter's lock, so that batches may be stepped by several threads at once. Raises
+    CompilerError (an EmcasError) where there is no C compiler.
+    """
+
+    def __init__(self, sets: Sequence[ParameterSet]) -> None:
+        if not sets or len({each.model for each in sets}) > 1:
+            raise EmcasError("Batch: give at least one parameter set, all of one actuator")
+        self._kernel = compiled.Batch([each.values for each in sets], sets[0].model)
+        actuator = sets[0].actuator
+        self._inputs = np.array([[v.initial(each.values) for v in actuator.inputs] for each in sets], dtype=float)
+        self._columns = {v.name: i for i, v in enumerate(actuator.inputs)}
+        self._names = [v.name for v in actuator.outputs]
+        self.time = 0.0
+        """Time that was reached [s]."""
+
+    def __len__(self) -> int:
+        return len(self._inputs)
+
+    def run(self, end: float, **inputs: float | Array) -> dict[str, Array]:
+        """Move every actuator on to `end` [s] and return its outputs by name, SI, an array of one for each actuator.
+
+        Inputs, SI, by name with ``__`` for the dot, are a number for all or an array of one for each, and stay as they
+        are until given anew. Raises EmcasError for an unknown input, and ArithmeticError naming the actuators that
+        cannot be followed; these stay where they were.
+        """
+        for given, value in inputs.items():
+            name = given.replace("__", ".")
+            if name not in self._columns:
+                raise EmcasError(f"there is no input {name}{hint(name, self._columns)}; "
+                                 f"inputs are {', '.join(self._columns)}")
+            self._inputs[:, self._columns[name]] = value
+        rows = self._kernel.run(end, self._inputs)
+        self.time = end
+        return {name: rows[:, i].copy() for i, name in enumerate(self._names)}

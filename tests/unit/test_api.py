@@ -1,0 +1,171 @@
+"""The Python interface: what is imported from `emcas_fmu`."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from math import radians
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import emcas_fmu
+from emcas_fmu import (
+    Batch,
+    EmcasError,
+    ParameterSet,
+    analyse,
+    excitations,
+    fin_sets,
+    load_parameters,
+    simulate,
+    tune,
+    validate,
+)
+from emcas_fmu.runtime import compiled
+from emcas_fmu.simulation import simulate as of_kernel
+
+BASE = load_parameters()
+compiled_only = pytest.mark.skipif(not compiled.available("nonlinear"), reason="there is no C compiler")
+
+
+def test_names() -> None:
+    """All of them are there, with documentation; what is none of them is refused as Python does."""
+    for name in emcas_fmu.__all__:
+        assert getattr(emcas_fmu, name).__doc__, name
+    assert set(emcas_fmu.__all__) <= set(dir(emcas_fmu))
+    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
+        _ = emcas_fmu.simulat
+
+
+def test_import_is_light() -> None:
+    """The package itself loads none of what computes."""
+    code = "import sys, emcas_fmu; assert not {'numpy', 'pydantic', 'matplotlib'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("command", [0.1, "0.1 rad", lambda t: 0.1, np.full(101, 0.1), [0.1] * 101],
+                         ids=["number", "text", "function", "array", "list"])
+def test_inputs(command: float | str) -> None:
+    """However an input is given, the outputs are those of the kernel, to the bit."""
+    response = simulate(BASE, fin_command=command, stop="100 ms")
+    expected = of_kernel(BASE.values, 0.1, fin_command=0.1)
+    for name, column in expected.items():
+        assert np.array_equal(response[name], column)
+    assert np.array_equal(response["fin_command"], np.full(101, 0.1))
+
+
+def test_excitation_with_inputs() -> None:
+    excitation = excitations.step_to(radians(10.0), 0.2)
+    response = simulate(excitation=excitation, aero_torque="-50 N*m", attitude__roll="30 deg")
+    assert response["aero_torque"][-1] == -50.0
+    assert response.excitation.columns["attitude.roll"][0] == pytest.approx(radians(30.0), abs=1e-15)
+    assert response.metrics()["overshoot_percent"] < 5.0  # Table 2's steps are to keep this
+    assert response.time[-1] == excitation.stop
+
+
+def test_start_values_of_an_excitation() -> None:
+    """A reference case has the encoder's resolution out of the way: its start values are parameters of the run."""
+    response = simulate(excitation=excitations.reference_case("step_plus1"))
+    (used,) = response.sets
+    changed = {name for name, value in used.values.items() if value != BASE.values[name]}
+    assert changed
+    assert changed <= set(response.excitation.start_values)
+
+
+@pytest.mark.parametrize(("ask", "message"), [
+    (lambda: simulate(fin_comand=0.1), "no input fin_comand; did you mean fin_command?"),
+    (lambda: simulate(fin_command="10 deg/s"), "fin_command.*expected a number with a unit such as rad"),
+    (lambda: simulate(fin_command=[1.0, 2.0]), "array of 501 values"),
+    (lambda: simulate(fin_command=float("nan")), "fin_command is nan"),
+    (lambda: simulate(stop=0.0), "must be above 0"),
+    (lambda: simulate(stop="1 kg"), "expected a number with a unit such as s"),
+    (lambda: simulate([]), "give one parameter set"),
+    (lambda: simulate([BASE, load_parameters(model="linear")]), "of one actuator"),
+    (lambda: simulate(BASE, excitations.step_to(0.1, 0.1), stop=1.0), "are those of the excitation"),
+    (lambda: simulate(BASE, kernel="fast"), "kernel fast"),
+    (lambda: simulate(fin_sets(BASE, 2), line={"bus.resistance": 1.0}), "bus.resistance"),
+    (lambda: tune(study="missing.toml"), "missing.toml"),
+    (lambda: validate("EMCAS.zip"), "neither an FMU nor a parameter file"),
+    (lambda: BASE.with_values({"motor.kp": 1.0}), "no such parameter"),
+])
+def test_refusals(ask: object, message: str) -> None:
+    with pytest.raises(EmcasError, match=message):
+        ask()  # type: ignore[operator]
+
+
+def test_with_values() -> None:
+    """Units as in a file; the set it is of stays."""
+    changed = BASE.with_values({"kinematics.moment_arm": "42 mm", "controller.position.kp": 70.0})
+    assert isinstance(changed, ParameterSet)
+    assert changed.values["kinematics.moment_arm"] == 0.042
+    assert BASE.values["kinematics.moment_arm"] != 0.042
+
+
+def test_fins_on_a_line() -> None:
+    """Four on a bus that sags, mixed: each fin's outputs by their names in a unit of four."""
+    response = simulate(fin_sets(BASE, 4), stop=0.05, line={"bus.source_resistance": 0.05}, pitch_command="5 deg",
+                        **{"fin[2].fin_command": "1 deg"})  # type: ignore[arg-type]  # one of the inputs
+    assert response["fin[1].fin_angle"][-1] != response["fin[2].fin_angle"][-1]
+    assert response["bus_voltage"].min() < 39.0
+    assert response.metrics(fin=1)["peak_current_a"] > 0.0
+
+
+def test_response(tmp_path: Path) -> None:
+    response = simulate(BASE, excitations.step_to(radians(5.0), 0.1))
+    assert response.units["fin_angle"] == "rad"
+    assert response.units["saturated"] == ""
+    assert response.in_unit("fin_angle", "deg")[-1] == pytest.approx(np.degrees(response["fin_angle"][-1]), abs=1e-12)
+    with pytest.raises(EmcasError, match="no fin_angel; did you mean fin_angle"):
+        _ = response["fin_angel"]
+    with pytest.raises(EmcasError, match=r"fin_angle.*does not measure"):
+        response.in_unit("fin_angle", "kg")
+    response.write_csv(tmp_path / "r.csv")
+    header = (tmp_path / "r.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
+    read = np.loadtxt(tmp_path / "r.csv", delimiter=",", skiprows=1)
+    assert np.array_equal(read[:, header.index("fin_angle")], response["fin_angle"])
+    assert response.plot(tmp_path / "r.png").axes
+    assert (tmp_path / "r.png").stat().st_size > 1000
+    with pytest.raises(EmcasError, match="gif"):
+        response.plot(tmp_path / "r.gif")
+    assert "fin_angle_final_deg" in response._repr_html_()
+
+
+def test_dataframe() -> None:
+    pytest.importorskip("pandas")
+    response = simulate(stop=0.01)
+    frame = response.to_dataframe()
+    assert frame.index.name == "time"
+    assert frame.attrs["units"]["fin_rate"] == "rad/s"
+    assert np.array_equal(frame["fin_angle"].to_numpy(), response["fin_angle"])
+
+
+def test_dataframe_without_pandas(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(EmcasError, match="pip install pandas"):
+        simulate(stop=0.01).to_dataframe()
+
+
+@compiled_only
+def test_batch() -> None:
+    """Each of a batch moves as it does alone, to the bit; inputs stay until they are given anew."""
+    sets = [BASE, BASE.with_values({"friction.temperature": "-6 degC"})]
+    batch = Batch(sets)
+    batch.run(0.01, fin_command=0.1)
+    outputs = batch.run(0.02, aero_torque=np.array([0.0, -20.0]))
+    assert (len(batch), batch.time) == (2, 0.02)
+    for k, (each, load) in enumerate(zip(sets, (0.0, -20.0))):
+        alone = of_kernel(each.values, 0.02, 0.01, fin_command=0.1, aero_torque=[0.0, load, load])
+        assert outputs["fin_angle"][k] == alone["fin_angle"][-1]
+    with pytest.raises(EmcasError, match="no input torque"):
+        batch.run(0.03, torque=1.0)
+    with pytest.raises(EmcasError, match="at least one"):
+        Batch([])
+
+
+def test_validate_and_analyse() -> None:
+    judged = validate(BASE, cases=["step_plus1"])
+    assert judged.passed
+    analysis = analyse(BASE, fin_angle="5 deg")
+    assert 10.0 < analysis.linear.command.bandwidth < 30.0  # Table 2's least, and the sampled loop's most
