@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from . import __version__
+from .bench.provenance import made_by
 from .commands import (
     analyse,
     baseline,
@@ -29,7 +31,17 @@ from .commands import (
 )
 from .commands.common import out
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="rich",
+
+class Commands(TyperGroup):
+    """The commands; what a command writes can say how it was called."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Keep the arguments as they were given, for as long as the command runs."""
+        ctx.with_resource(made_by(["emcas", *args]))
+        return super().parse_args(ctx, args)
+
+
+app = typer.Typer(cls=Commands, no_args_is_help=True, add_completion=False, rich_markup_mode="rich",
                   help="Electromechanical control actuation system as an FMI 2.0 co-simulation FMU.")
 app.command(epilog=analyse.EPILOG)(analyse.analyse)
 app.add_typer(baseline.app, name="baseline")

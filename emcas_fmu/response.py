@@ -19,13 +19,14 @@ from matplotlib.ticker import MaxNLocator
 from .actuators import extension_outputs, fin_port, get
 from .bench import metrics
 from .bench.excitation import COMMAND, Excitation
+from .bench.provenance import conditions
 from .bench.subject import Columns, Run
-from .bench.writers import number
+from .bench.writers import number, write_page
 from .errors import EmcasError, hint
 from .fmi.interface import MIXING, FmuInterface
 from .ops.floats import FLOATS
 from .parameters import ParameterSet
-from .plots import COLORS, figure, shade, style, write
+from .plots import COLORS, figure, picture, shade, style, write
 from .plots import COMMAND as COMMAND_LINE
 from .simulation import Array
 from .units import UnitError, convert
@@ -171,8 +172,30 @@ class Response:
         with style():
             drawn = draw(self)
             if path is not None:
-                write(drawn, Path(path), self.excitation.title)
+                self._write(drawn, Path(path))
         return drawn
+
+    def _write(self, drawn: Figure, path: Path) -> None:
+        """Write the picture, or a page with figures of merit and the picture; takes effect inside `style()`."""
+        if path.suffix != ".html":
+            write(drawn, path)
+            return
+        shown = picture(drawn, self.excitation.title, "Command, outputs and limits over time; shaded where a limit is "
+                                                      "active.")
+        write_page(path, "response.html.j2", list(dict.fromkeys(self.sets)), r=self, picture=shown, rows=self._rows(),
+                   given=self._given(), conditions=conditions(self.unit.kind, self.sets[0].values))
+
+    def _rows(self) -> list[tuple[str, str, list[str]]]:
+        """Return the figures in words, their units, and a value for each fin."""
+        units = {f"{v.name}_final": v.unit for v in self.extension_outputs}
+        return [(metrics.in_words(name), units.get(name, metrics.unit_of(name)), values)
+                for name, *values in self.lines()]
+
+    def _given(self) -> list[tuple[str, str, float, float]]:
+        """Return name, unit, smallest and largest value of each input that was given."""
+        every = ((name, *metrics.shown(self.units[name]), column) for name, column in self.excitation.columns.items())
+        return [(name, unit, float(np.min(column)) * scale, float(np.max(column)) * scale)
+                for name, unit, scale, column in every]
 
     def __repr__(self) -> str:
         return f"<Response of {self.unit.model}: {self.excitation.title}, {len(self.time)} rows of {len(self._every)}>"
