@@ -48,6 +48,10 @@ class ParameterError(EmcasError, ValueError):
         return type(self), (self.problems,)
 
 
+MADE_FOR = "made_for"
+"""Of a parameter file: for which actuators, or with which +extensions, its values are meant."""
+
+
 class _Known:
     """Names that may be given, and what to say of one that is none of them."""
 
@@ -190,10 +194,30 @@ def load_parameters(files: Path | str | Iterable[Path | str] | None = None, base
     chosen = base if base is not None else _defaults(full_name(model))
     for given in [files] if isinstance(files, (str, Path)) else files or ():
         path = parameter_file(given)
-        chosen = _overridden(chosen, _document(path), str(path), path.name)
+        document = _document(path)
+        _require_made_for(document.pop(MADE_FOR, None), path, chosen.model)
+        chosen = _overridden(chosen, document, str(path), path.name)
         read = as_given(path), hashlib.sha256(path.read_bytes()).hexdigest()
         chosen = dataclass_replace(chosen, files=(*chosen.files, read))
     return chosen
+
+
+def _require_made_for(made_for: Any, path: Path, model: str) -> None:
+    """Raise ParameterError where a file says that it is for actuators, or +extensions, other than this shipped one.
+
+    Whether it suits an actuator of the user's the user knows.
+    """
+    if made_for is None:
+        return
+    if not isinstance(made_for, list) or not made_for or not all(isinstance(each, str) for each in made_for):
+        raise ParameterError(f"{path}: {MADE_FOR} = {made_for!r}: expected a list of names of actuators, or of "
+                             'extensions with a +, such as ["elastic", "+heat"]')
+    actuator, extensions = parts(model)
+    if actuator in NAMES and not {actuator, *(f"+{each}" for each in extensions)} & set(made_for):
+        name = path.stem if named_sets().get(path.stem) == path else str(path)
+        raise ParameterError(f"{name}: is made for {', '.join(made_for)} ({MADE_FOR}) and not for {model}, where its "
+                             "values mean nothing or were found for another actuator: leave it out, or give such a "
+                             "--model")
 
 
 def _defaults(model: str) -> ParameterSet:

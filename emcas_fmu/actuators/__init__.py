@@ -26,13 +26,14 @@ _MODULES = {
     NONLINEAR: "electromechanical.nonlinear", "linear": "electromechanical.linear", "second-order": "second_order",
     "ristanovic": "electromechanical.ristanovic", "elastic": "electromechanical.elastic",
     "habibi": "electromechanical.habibi", "ozkan": "electromechanical.ozkan",
-    "worm-gear": "electromechanical.worm_gear",
+    "worm-gear": "electromechanical.worm_gear", "worm-gear-elastic": "electromechanical.worm_gear_elastic",
     "clutch": "electromechanical.clutch",
     "series-clutch": "electromechanical.series_clutch",
     "electrohydrostatic": "hydraulic.electrohydrostatic",
     "electrohydraulic": "hydraulic.electrohydraulic",
 }
 NAMES = tuple(_MODULES)
+_OVER = {"worm-gear-elastic": "worm-gear"}  # shipped ones whose parameter file goes over that of another
 # In the order in which one is laid over the other, the first next to the actuator.
 EXTENSIONS: tuple[str, ...] = ("stribeck", "lugre", "efficiency", "heat", "homing", "supply", "faults")
 _SEPARATOR = "+"
@@ -141,5 +142,6 @@ def default_files(name: str) -> tuple[Path, ...]:
     folder = models_directory()
     files = get(base).files
     if base in _MODULES and base != NONLINEAR:
-        files = (folder / "actuators" / f"{base}.toml",)
+        names = (_OVER[base], base) if base in _OVER else (base,)
+        files = tuple(folder / "actuators" / f"{each}.toml" for each in names)
     return (*files, *(folder / "extensions" / f"{each}.toml" for each in extensions))

@@ -8,6 +8,7 @@ MOTOR_CURRENT = "a motor current"
 CURRENT_LOOP = "a current loop"
 CURRENT_LIMIT = "a limit of the motor current"
 VOLTAGE_LIMIT = "a supply that limits the motor voltage"
+RETURNS_POWER = "a motor that returns power to its supply"
 COULOMB_FRICTION = "Coulomb friction at the motor"
 RIGID_DRIVE_LINE = "a rigid drive line"
 BACKLASH = "backlash"
@@ -28,6 +29,7 @@ NEEDED_VARIABLES: Mapping[str, tuple[str, ...]] = {
     CURRENT_LOOP: ("drive.kp", "drive.ki", "drive.current_gain"),
     CURRENT_LIMIT: ("drive.current_limit",),
     VOLTAGE_LIMIT: ("supply_voltage", "motor_voltage"),
+    RETURNS_POWER: ("motor_current", "motor_voltage"),
     COULOMB_FRICTION: ("friction.coulomb.positive[0]", "friction.coulomb.negative[0]"),
     RIGID_DRIVE_LINE: (),
     BACKLASH: ("drive_line.backlash",),

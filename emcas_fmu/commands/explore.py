@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from .. import extras
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
 from ..parameters import load_parameters
@@ -24,18 +25,19 @@ def explore(
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
     settings: Annotated[list[str] | None, typer.Option(
-        "--set", help="Another value of a parameter, or a constant of an input, with a unit or in its own, that the page "
-                      "starts from (may be given several times).", metavar="NAME=VALUE")] = None,
+        "--set", help="Another value of a parameter, or a constant of an input, with a unit or in its own, that the "
+                      "page starts from (may be given several times).", metavar="NAME=VALUE")] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="The page.", metavar="FILE.html")] = Path(
         "explore.html"),
     date: common.DateOption = None,
 ) -> None:
     """Write one page in which command, load, supply, temperature and gains are moved, and the unit answers at once.
 
-    The unit in it is its own generated C, compiled for the browser by zig (the extra native): nothing is installed where
-    the page is opened, and nothing leaves it.
+    The unit in it is its own generated C, compiled for the browser by zig (the extra native): nothing is installed
+    where the page is opened, and nothing leaves it.
     """
     from ..bench.excitation import COMMAND
+    from ..bench.provenance import today
     from ..bench.subject import ParameterSubject
     from ..fmi.interface import FmuInterface
     from ..studies.explore.page import About, write
@@ -43,7 +45,7 @@ def explore(
     with common.failures():
         files = parameters or []
         common.check_outputs(output, inputs=files)
-        common.require_extra("native", "emcas explore needs", "ziglang")
+        extras.require("native", "emcas explore needs", "ziglang")
         printed = common.calendar_date(date) if date else ""
         changes, _, constants = read_settings(settings or [], FmuInterface(1, model))
         if COMMAND in constants:
@@ -54,7 +56,7 @@ def explore(
             "emcas", "explore", *(("--model", model) if model != NONLINEAR else ()),
             *common.parameter_arguments(files), *(part for each in settings or () for part in ("--set", each)),
             "--output", str(output), *(("--date", printed) if printed else ())])
-        about = About(command, ParameterSubject(chosen, files).identification, printed)
+        about = About(command, ParameterSubject(chosen, files).identification, printed or today())
         with common.err.status("compiling the unit for the browser; the first time zig makes its C library, a minute"):
             size = write(output, chosen, constants, about)
     common.print_written(output)

@@ -71,9 +71,14 @@ def friction_compensation(ops: Ops, p: Any, fin_measured: Value, speed_reference
         lambda: (friction.coulomb_reference(ops, polynomials.positive, fin_measured),),
         lambda: (friction.coulomb_reference(ops, polynomials.negative, fin_measured),),
     )
+    return fed_forward(ops, p, estimate, speed_reference)
+
+
+def fed_forward(ops: Ops, p: Any, dry: Value, speed_reference: Value) -> Value:
+    """Return reference [V] for a Coulomb friction at the motor [N.m], faded in with the speed asked for [rad/s]."""
     per_volt = drive.stall_torque(p, 1.0)
     share = ops.clip(speed_reference / p.compensation.speed_band, -1.0, 1.0)
-    return p.compensation.gain / per_volt * estimate * share
+    return p.compensation.gain / per_volt * dry * share
 
 
 def _momentum(ops: Ops, p: Any, measured: Measurement) -> Value:

@@ -19,11 +19,13 @@ from .controllers import clipped_command, resting_integral
 
 
 class Output(NamedTuple):
-    """Reference of the piston's speed [m/s], whether a limit was met, and the integral [m/s] for the next sample."""
+    """Reference of the piston's speed [m/s], whether a limit was met, the integral [m/s] for the next sample, and what
+    it is where it is held."""
 
     speed: Value
     limited: Value
     integral: Value
+    held: Value
 
 
 def measured(ops: Ops, p: Any, fin_angle: Value) -> Value:
@@ -38,11 +40,11 @@ def at_rest(ops: Ops, p: Any, fin_measured: Value) -> Value:
     return resting_integral(p, cylinder.piston_position(ops, p, fin_measured))
 
 
-def sample(ops: Ops, p: Any, integral: Value, fin_measured: Value, command: Value, limit: Value,
-           before: Value | None = None) -> Output:
+def sample(ops: Ops, p: Any, integral: Value, before: Value, fin_measured: Value, command: Value, limit: Value
+           ) -> Output:
     """Return a sample of the loop within a speed of the piston [m/s]; `command` [rad] before its limit.
 
-    `before` is where the piston was read at the last sample [m]; without it the integral is held at limits as it is.
+    `before` is where the piston was read at the last sample [m].
     """
     position = p.controller.position
     target = cylinder.piston_position(ops, p, clipped_command(ops, p, command))
@@ -50,8 +52,8 @@ def sample(ops: Ops, p: Any, integral: Value, fin_measured: Value, command: Valu
     error = target - piston
     raw = position.kp * (error - (1.0 - position.setpoint_weight) * target) + integral
     beyond = ops.fabs(raw) > limit
-    held = ops.both(beyond, raw * error > 0.0)
-    moved = integral + ops.where(held, 0.0 if before is None else resting_integral(p, piston - before),
+    followed = resting_integral(p, piston - before)
+    moved = integral + ops.where(ops.both(beyond, raw * error > 0.0), followed,
                                  p.controller.sample_time * position.ki * error)
     limited = ops.either(beyond, ops.fabs(command) > p.command.limit)
-    return Output(ops.clip(raw, -limit, limit), ops.where(limited, 1.0, 0.0), moved)
+    return Output(ops.clip(raw, -limit, limit), ops.where(limited, 1.0, 0.0), moved, integral + followed)

@@ -61,7 +61,7 @@ FAULTS = (
     Fault("friction_rise", "friction at motor and fin rises", (
         tunable("factor", "1", 1.0, 1e4, "by which it rises"),),
         (capabilities.SCREW_DRIVE,)),
-    Fault("backlash_growth", "the gap between nut and fork grows, for good", (
+    Fault("backlash_growth", "the gap in the drive line grows by wear, for good", (
         tunable("gap", "m", 0.0, 0.01, "by which it grows"),),
         (capabilities.BACKLASH,)),
 )

@@ -236,6 +236,11 @@ def extend(actuator: Actuator) -> Actuator:
         q = actuator.plant_parameters(ops, p)
         under, around = faulted(ops, q, actuator, f, declared(u)), acting(ops, p, actuator, f, u)
         outputs = dict(actuator.output_values(ops, under, x, around))
+        if actuator.supply is not None:
+            # Current or flow is the same before and behind what a brown-out drops: the line gives it at its own level.
+            power = outputs[actuator.supply.power.name]
+            (outputs[actuator.supply.power.name],) = ops.branch(
+                f.supply > 0.0, lambda: (power / f.supply,), lambda: (0.0,))
         if geared:
             outputs |= off_shaft(ops, q, x, u, outputs)
         verdict = ops.where(u.enabled, f.verdict, DISABLED)

@@ -24,7 +24,7 @@ from ..ops.base import Ops, Value
 from ..physics import course, heat
 from ..physics.structure import Structure
 from ..steppers.rigid import Plant, electrical_mode
-from ..variables import Variable, in_group, parameter, real_output
+from ..variables import Variable, in_group, parameter, real_output, tunable
 from .declaration import Extension
 
 STATES = (State("winding_temperature", "degC"), State("case_temperature", "degC"))
@@ -48,6 +48,8 @@ PARAMETERS = in_group(
     parameter("winding_limit", "degC", -100.0, 400.0, "largest winding temperature, for the torque-speed envelope: "
               "nothing acts on it in the simulation"),
 )
+AMBIENT = replace(tunable("friction.temperature", "degC", -100.0, 200.0, "ambient temperature"), start=24.0)
+"""Of an actuator that depends on none."""
 I2T_PARAMETERS = in_group(
     "heat",
     parameter("continuous_current", "A", 1e-3, 1e4, "current the drive allows for any time (I2t); that and above "
@@ -72,6 +74,7 @@ def _limits_current(actuator: Actuator) -> bool:
 def extend(actuator: Actuator) -> Actuator:
     """Return `actuator` with heat, and with the I2t limit where it limits its current."""
     limits = _limits_current(actuator)
+    ambient = () if capabilities.AMBIENT_TEMPERATURE in actuator.provides else (AMBIENT,)
     stepped = isinstance(actuator.structure, Structure)  # by the equations of steppers.rigid
 
     def at(ops: Ops, p: Any, u: Acting, winding: Value, case: Value, load: Value) -> Any:
@@ -141,7 +144,9 @@ def extend(actuator: Actuator) -> Actuator:
 
     return replace(
         actuator, states=(*actuator.states, *STATES, *((I2T_LOAD,) if limits else ())),
-        outputs=actuator.outputs + (OUTPUTS + I2T_OUTPUTS if limits else OUTPUTS), initial=initial,
+        outputs=actuator.outputs + (OUTPUTS + I2T_OUTPUTS if limits else OUTPUTS),
+        parameters=(*actuator.parameters, *ambient), provides=actuator.provides | {capabilities.AMBIENT_TEMPERATURE},
+        initial=initial,
         sample=sample if limits else actuator.sample, derivatives=derivatives if actuator.derivatives else None,
         step=step, output_values=output_values)
 
@@ -151,5 +156,5 @@ def _parameters(actuator: Actuator) -> tuple[Variable, ...]:
 
 
 EXTENSION = Extension(
-    "heat", "motor heat and I2t limit", extend, needs=(capabilities.MOTOR_CURRENT, capabilities.AMBIENT_TEMPERATURE),
-    parameters=_parameters, module=sys.modules[__name__])
+    "heat", "motor heat and I2t limit", extend, needs=(capabilities.MOTOR_CURRENT,), parameters=_parameters,
+    module=sys.modules[__name__])

@@ -162,6 +162,7 @@ def _hysteresis(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 RULES = (Rule(_hysteresis, "supply.recovery_voltage = %.6g V must not be below supply.trip_voltage = %.6g V"),)
 EXTENSION = Extension(
     "supply", "source, DC link and brake chopper, inverter losses and under-voltage trip", extend,
-    needs=(capabilities.MOTOR_CURRENT, capabilities.VOLTAGE_LIMIT, capabilities.SCREW_DRIVE),
+    needs=(capabilities.MOTOR_CURRENT, capabilities.VOLTAGE_LIMIT, capabilities.RETURNS_POWER,
+           capabilities.SCREW_DRIVE),
     parameters=lambda actuator: PARAMETERS, outputs=(STATUS, *OUTPUTS), rules=lambda actuator: RULES,
     module=sys.modules[__name__])

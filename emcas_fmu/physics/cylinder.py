@@ -51,7 +51,18 @@ def linkage(ops: Ops, p: Any, fin_angle: Value, u: Any) -> Linkage:
     moment = u.aero_torque + loads.hinge_moment(ops, p, tangent, u) + ratio * mass * u.f_x
     return Linkage(ratio, 2.0 * ratio * tangent, p.cylinder.dead_volume + swept, p.cylinder.dead_volume - swept,
                    loads.fin_inertia(p) + mass * ratio * ratio,
-                   p.friction.fin_coulomb + ratio * p.cylinder.coulomb_friction, moment)
+                   dry(p, ratio), moment)
+
+
+def dry(p: Any, ratio: Value) -> Value:
+    """Return the dry friction [N.m] of fin and piston about the hinge at a lever's `ratio` R [m]."""
+    return p.friction.fin_coulomb + ratio * p.cylinder.coulomb_friction
+
+
+def dry_drop(ops: Ops, p: Any, fin_angle: Value) -> Value:
+    """Return the pressure difference [Pa] that moves fin and piston against dry friction alone."""
+    ratio = kinematics.reduction_ratio(ops, _piston(p), ops.tan(fin_angle + p.kinematics.initial_angle))
+    return dry(p, ratio) / (ratio * p.cylinder.area)
 
 
 def pressing(p: Any, c: Linkage, pressure_1: Value, pressure_2: Value) -> Value:

@@ -59,6 +59,12 @@ def hold(ops: Ops, p: Any, transmitted: Value, direction: Value) -> Value:
     return (share(ops, p, transmitted, direction) - 1.0) * transmitted * direction
 
 
+def held(ops: Ops, p: Any, m: Mechanics, high: Value, low: Value) -> tuple[Value, Value]:
+    """Return the torques [N.m] that move a rotor at rest, with the friction of a loaded screw."""
+    hinge = p.friction.fin_coulomb / m.ratio
+    return high + hold(ops, p, hinge - behind(m), 1.0), low - hold(ops, p, -hinge - behind(m), -1.0)
+
+
 def rotor_inertia(p: Any) -> Value:
     """Return J_r [kg.m2] on the motor's side of the screw."""
     return p.inertia.motor + p.inertia.screw

@@ -66,3 +66,18 @@ def nowhere(ops: Ops, s: Slide, begin: Value, end: Value) -> Value:
 def speed_after(ops: Ops, s: Slide, begin: Value, end: Value, halted: Value) -> Value:
     """Return the speed at the end of a step: 0 where it was `halted`, or where a start from rest leads nowhere."""
     return ops.where(ops.either(halted, nowhere(ops, s, begin, end)), 0.0, end)
+
+
+def landed(ops: Ops, s: Slide, stop: Value, begin: tuple[Value, Value], end: tuple[Value, Value], halted: Value,
+           struck: Value) -> tuple[Value, Value]:
+    """Return place and speed of a body between stops at +-`stop`, from those where a step began and ended.
+
+    Its speed was lost in the step (`halted`) or it was `struck` by the stop ahead. Another event may be placed a
+    rounding behind that of the stop; and a body that leaves it and turns back within a step gets as far beyond.
+    """
+    (from_place, from_speed), (place, speed) = begin, end
+    moving = ops.negate(ops.equal(s.direction, 0.0))
+    met = ops.either(struck, ops.both(moving, s.direction * place >= stop))
+    inside = ops.where(met, s.direction * stop, ops.clip(place, -stop, stop))
+    return (ops.where(nowhere(ops, s, from_speed, speed), from_place, inside),
+            speed_after(ops, s, from_speed, speed, ops.either(met, ops.both(moving, halted))))

@@ -11,16 +11,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from .plant import Plant, Surroundings, Value
-from .simulate import Array, Bus, Controllers, columns_of, electric_starts, schedule
+from .coil import Coil, warming
+from .plant import Guard, Plant, Surroundings, Value
+from .simulate import Array, Bus, Controllers, advance, columns_of, electric_starts, schedule
 
-RTOL = 1e-10
+_RTOL = 1e-10
 # Fin angle and rate, motor speed, coil currents, fluxes, temperature.
-SCALES = np.array([1e-2, 1.0, 10.0, 0.1, 0.1, 0.1, 0.1, 10.0])
+_HOW = {"rtol": _RTOL, "atol": _RTOL * np.array([1e-2, 1.0, 10.0, 0.1, 0.1, 0.1, 0.1, 10.0]), "max_step": 5e-4}
 OUTPUTS = ("fin_angle", "fin_rate", "motor_speed", "coil_current_1", "coil_current_2", "clutch_temperature",
            "drive_reference")
 State = list[float]
@@ -48,11 +48,11 @@ class Clutches:
 
     def __init__(self, parameters: Mapping[str, Value]):
         p = self.p = {name: float(value) for name, value in parameters.items()}
-        self.rated = p["clutch.rated_torque"]
-        self.slope_of_torque = self.rated * (1.0 - p["clutch.residual"]) / p["clutch.rated_current"]
+        self.coils = [Coil(p, "drive.kp", f"clutch.share_{k}") for k in (1, 2)]
+        per_ampere = p["clutch.rated_torque"] * (1.0 - p["clutch.residual"]) / p["clutch.rated_current"]
         # Lever, screw, fin and loads of the thesis's actuator: the driven halves turn where its rotor does.
         self.nominal = Plant({**p, "inertia.motor": p["clutch.driven_inertia"],
-                              "motor.torque_constant": self.slope_of_torque, "motor.inductance": 1.0,
+                              "motor.torque_constant": per_ampere, "motor.inductance": 1.0,
                               "motor.pole_pairs": 0.0, "drive.ki": 0.0})
         self.screw = self.nominal.as_built()
         flux = 1.0 + p["deviation.motor.torque_constant"]
@@ -74,10 +74,7 @@ class Clutches:
 
     def limits(self, y: Sequence[float]) -> tuple[float, float]:
         """Return the torques [N.m] at which the clutches slip."""
-        warm = max(1.0 + self.p["clutch.temperature_coefficient"] * (y[7] - self.p["clutch.reference_temperature"]),
-                   0.1)
-        first, second = (warm * self.p[f"clutch.share_{k}"]
-                         * (self.rated * self.p["clutch.residual"] + self.slope_of_torque * y[4 + k]) for k in (1, 2))
+        first, second = (coil.limit(y[5 + k], y[7]) for k, coil in enumerate(self.coils))
         return first, second
 
     def asked(self, around: Surroundings) -> tuple[float, float]:
@@ -86,11 +83,6 @@ class Clutches:
             return 0.0, 0.0
         net, bias = around.current_reference, self.p["clutch.bias_current"]
         return self.p["coil.connected_1"] * (bias + max(net, 0.0)), bias + max(-net, 0.0)
-
-    def demand(self, y: Sequence[float], k: int, around: Surroundings) -> float:
-        """Return the voltage [V] that the amplifier of coil k would give."""
-        asked = self.asked(around)[k]
-        return self.p["coil.resistance"] * asked + self.p["drive.kp"] * (asked - y[3 + k])
 
     def surplus(self, y: Sequence[float], around: Surroundings) -> float:
         """Return the voltage [V] left for the motor's winding."""
@@ -131,7 +123,7 @@ class Clutches:
 
     def slope(self, y: Sequence[float], mode: Mode, around: Surroundings) -> list[float]:
         """Return the time derivative of the state in a mode."""
-        p, heat, slips, limits = self.p, 0.0, self.slips(y), self.limits(y)
+        heat, slips, limits = 0.0, self.slips(y), self.limits(y)
         if 0 in mode.slip:
             k = mode.slip.index(0)
             rate, faster, _ = self.locked(y, mode, k, around)
@@ -142,15 +134,10 @@ class Clutches:
             rate = 0.0
         for k in (0, 1):
             heat += limits[k] * mode.slip[k] * slips[k]
-        coils = []
-        for k in (0, 1):
-            side = mode.coils[k]
-            voltage = (self.demand(y, k, around) if side == 0 else
-                       around.supply if side > 0 else -p["coil.suppression_voltage"])
-            coils.append((voltage - p["coil.resistance"] * y[3 + k]) / p["coil.inductance"])
-        warming = heat - (y[7] - p["friction.temperature"]) / p["clutch.thermal_resistance"]
-        return [y[1] if mode.screw else 0.0, rate, faster, *coils,
-                *((y[3 + k] - y[5 + k]) / p["clutch.eddy_time"] for k in (0, 1)), warming / p["clutch.heat_capacity"]]
+        (first, flux_1), (second, flux_2) = (
+            coil.slopes(asked, side, y[3 + k], y[5 + k], around.supply) for k, (coil, asked, side) in enumerate(
+                zip(self.coils, self.asked(around), mode.coils, strict=True)))
+        return [y[1] if mode.screw else 0.0, rate, faster, first, second, flux_1, flux_2, warming(self.p, heat, y[7])]
 
     # Modes --------------------------------------------------------------------------------------------------
 
@@ -169,25 +156,30 @@ class Clutches:
         slip[k] = 0 if abs(torque) <= self.limits(y)[k] else sign(torque)
         return replace(mode, slip=(slip[0], slip[1]))
 
-    def coil(self, y: Sequence[float], k: int, around: Surroundings) -> int:
-        """Return where the amplifier of coil k stands; within 1e-9 V of a limit it is free."""
-        demand = self.demand(y, k, around)
-        return 1 if demand > around.supply + 1e-9 else -1 if demand < -self.p["coil.suppression_voltage"] - 1e-9 else 0
+    def amplifiers(self, y: Sequence[float], around: Surroundings) -> tuple[int, int]:
+        """Return where the amplifiers of both coils stand."""
+        first, second = (coil.side(asked, y[3 + k], around.supply)
+                         for k, (coil, asked) in enumerate(zip(self.coils, self.asked(around), strict=True)))
+        return first, second
 
     def admit(self, y: State, mode: Mode, around: Surroundings) -> Mode:
         """Return the mode after the surroundings have jumped."""
-        mode = replace(mode, coils=(self.coil(y, 0, around), self.coil(y, 1, around)),
-                       feeds=self.surplus(y, around) > 0.0)
+        mode = replace(mode, coils=self.amplifiers(y, around), feeds=self.surplus(y, around) > 0.0)
         if mode.screw == 0:
             mode = replace(mode, screw=self.rest(y, mode, around))
         return self.stuck(y, mode, mode.slip.index(0), around) if 0 in mode.slip else mode
 
-    def guards(self, mode: Mode, around: Surroundings) -> list[tuple[Callable[..., float], int, Callable[..., Mode]]]:
-        """Return what ends a mode: a function of the state, the direction in which its zero counts, what follows."""
-        guards: list[tuple[Callable[..., float], int, Callable[..., Mode]]] = []
+    def guards(self, mode: Mode, around: Surroundings) -> list[Guard]:
+        """Return what ends a mode."""
+        guards: list[Guard] = []
 
         def lose(value: Callable[[Sequence[float]], float], then: Callable[[State], Mode]) -> None:
-            guards.append((value, -1, then))
+            guards.append(Guard(value, -1, then))
+
+        def motor_rests(y: State) -> Mode:
+            raise ValueError("the motor comes to rest, which this reference does not follow")
+
+        lose(lambda y: y[2], motor_rests)
 
         if mode.screw:
             side = mode.screw
@@ -221,17 +213,16 @@ class Clutches:
 
                     lose(lambda y, k=k, side=side: self.limits(y)[k]  # type: ignore[misc]
                          - side * self.locked(y, mode, k, around)[2], slide)
-        clamp = self.p["coil.suppression_voltage"]
-        for k, at in enumerate(mode.coils):
-            def switched(at: int, k: int = k) -> Callable[[State], Mode]:
-                return lambda y: replace(mode, coils=(at, mode.coils[1]) if k == 0 else (mode.coils[0], at))
+        for k, (coil, asked, at) in enumerate(zip(self.coils, self.asked(around), mode.coils, strict=True)):
+            def left(y: Sequence[float], k: int = k, coil: Coil = coil, asked: float = asked, at: int = at
+                     ) -> dict[int, float]:
+                return coil.left(asked, at, y[3 + k], around.supply)
 
-            if at == 0:
-                lose(lambda y, k=k: around.supply - self.demand(y, k, around), switched(1))  # type: ignore[misc]
-                lose(lambda y, k=k: self.demand(y, k, around) + clamp, switched(-1))  # type: ignore[misc]
-            else:
-                edge = around.supply if at > 0 else clamp
-                lose(lambda y, k=k, at=at, edge=edge: at * self.demand(y, k, around) - edge, switched(0))  # type: ignore[misc]
+            def switched(to: int, k: int = k) -> Callable[[State], Mode]:
+                return lambda y: replace(mode, coils=(to, mode.coils[1]) if k == 0 else (mode.coils[0], to))
+
+            for to in (0,) if at else (1, -1):
+                lose(lambda y, left=left, to=to: left(y)[to], switched(to))  # type: ignore[misc]
         feeding = 1.0 if mode.feeds else -1.0
         lose(lambda y: feeding * self.surplus(y, around), lambda y: replace(mode, feeds=not mode.feeds))
         return guards
@@ -240,36 +231,6 @@ class Clutches:
         """Return a mode in which no clutch holds a screw that stands to a motor that turns."""
         first, second = self.slips(y)
         return replace(mode, slip=(sign(first) or 1, sign(second) or -1))
-
-    def advance(self, y: State, mode: Mode, around: Surroundings, begin: float, end: float) -> tuple[State, Mode]:
-        """Integrate from `begin` to `end` [s] through every change of mode; return state and mode there."""
-        from scipy.integrate import solve_ivp
-
-        time, idle = begin, 0
-        while time < end:
-            guards = self.guards(mode, around)
-            events = []
-            for value, direction, _ in guards:
-                def event(_: float, y: Any, value: Callable[..., float] = value) -> float:
-                    return value(y.tolist()) or 1e-300  # a zero is not crossed yet
-
-                event.terminal, event.direction = True, direction  # type: ignore[attr-defined]
-                events.append(event)
-            run = solve_ivp(lambda _, y, mode=mode: self.slope(y.tolist(), mode, around), (time, end), np.array(y),
-                            method="DOP853", events=events, rtol=RTOL, atol=RTOL * SCALES, max_step=5e-4)
-            if run.status < 0:
-                raise ArithmeticError(f"integration failed after {time} s in {mode}: {run.message}")
-            y, reached = [float(v) for v in run.y[:, -1]], float(run.t[-1])
-            if y[2] <= 0.0:
-                raise ValueError(f"the motor comes to rest at {reached:.4g} s, which this reference does not follow")
-            if run.status == 1:
-                then = next(then for (_, _, then), times in zip(guards, run.t_events, strict=True) if times.size)
-                mode = then(y)
-            idle = 0 if reached > time else idle + 1
-            if idle > 10:
-                raise ArithmeticError(f"modes chatter at {time} s in {mode}")
-            time = reached
-        return y, mode
 
 
 def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> dict[str, Array]:
@@ -301,5 +262,5 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array]) -> di
             active = dac[1 + arrival_at[t]]
         around = nominal.surroundings(row, active)
         mode = plant.admit(y, mode, around)
-        y, mode = plant.advance(y, mode, around, t, following)
+        y, mode = advance(plant, y, mode, around, t, following, _HOW)
     return dict(zip(("time", *OUTPUTS), np.array(records).T, strict=True))

@@ -258,18 +258,14 @@ class Controller(PistonLoop):
     """PI on the piston that the fin's transducer stands for."""
 
     def __init__(self, p: Mapping[str, float], angle: float):
-        super().__init__(p)
+        super().__init__(p, angle)
         self.full = p["valve.rated_flow"] / p["cylinder.area"]
-        self._reset(self.read(angle))
-
-    def _reset(self, piston: float) -> None:
-        self.before, self.integral = piston, self.resting(piston)
 
     def sample(self, angle: float, command: float, enable: bool) -> float:
         """Return the valve's command [1] at a fin angle [rad] under a command [rad]."""
         p, piston = self.p, self.read(angle)
         if not enable:
-            self._reset(piston)
+            self.reset(piston)
             return 0.0
         target = self.piston(clip(command, p["command.limit"]))
         weighted = p["controller.position.setpoint_weight"] * target - piston
@@ -277,8 +273,7 @@ class Controller(PistonLoop):
         if abs(asked) <= self.full or asked * (target - piston) <= 0.0:
             self.integral += p["controller.sample_time"] * p["controller.position.ki"] * (target - piston)
         else:
-            share = 1.0 - p["controller.position.setpoint_weight"]
-            self.integral += p["controller.position.kp"] * share * (piston - self.before)
+            self.hold(piston)
         self.before = piston
         return clip(asked, self.full) / self.full
 

@@ -6,6 +6,7 @@ It takes nothing of the package but the tools of the other reference; the plant 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -25,32 +26,42 @@ _MOST_STALLS = 20
 
 
 class Loop(PistonLoop):
-    """PI on the piston that the fin's transducer stands for, P on the motor's speed."""
+    """PI on the piston that the fin's transducer stands for, P on the motor's speed, Coulomb friction fed forward."""
 
-    def __init__(self, p: Mapping[str, float], angle: float):
-        super().__init__(p)
-        self.integral = self.resting(self.read(angle))  # m/s
+    def friction(self, piston: float) -> float:
+        """Return the Coulomb friction [N.m] that moving fin, piston and pump without load take of the motor."""
+        p = self.p
+        arm = p["kinematics.moment_arm"]
+        tangent = piston / arm + math.tan(p["kinematics.initial_angle"])
+        force = p["cylinder.coulomb_friction"] + p["friction.fin_coulomb"] / (arm * (1.0 + tangent * tangent))
+        drop = force / p["cylinder.area"]
+        return p["pump.coulomb_friction"] + (p["pump.displacement"] + p["pump.pressure_friction"]) * drop
 
     def sample(self, angle: float, speed: float, command: float, enable: bool) -> float:
         """Return the drive's reference [V] of one sample."""
         p, read = self.p, self.read(angle)
         if not enable:
-            self.integral = self.resting(read)
+            self.reset(read)
             return 0.0
         target = self.piston(clip(command, p["command.limit"]))
         turns = p["cylinder.area"] / p["pump.displacement"]  # of the motor, for the piston's travel
         fastest = p["controller.speed_limit"] / turns
         asked = (p["controller.position.kp"] * (p["controller.position.setpoint_weight"] * target - read)
                  + self.integral)
-        raw = p["controller.velocity.kp"] * (turns * clip(asked, fastest) - speed)
-        sent = clip(raw, p["drive.reference_limit"])
         gain, offset = p["drive.current_gain"], p["drive.current_offset"]
+        wanted = turns * clip(asked, fastest)
+        torque = p["compensation.gain"] * self.friction(read) * clip(wanted / p["compensation.speed_band"], 1.0)
+        raw = p["controller.velocity.kp"] * (wanted - speed) + torque / (p["motor.torque_constant"] * gain)
+        sent = clip(raw, p["drive.reference_limit"])
         possible = (clip(gain * sent + offset, p["drive.current_limit"]) - offset) / gain
         change = p["controller.sample_time"] * p["controller.position.ki"] * (target - read)
         beyond_speed = abs(asked) > fastest and asked * change > 0.0
         beyond_drive = abs(raw - possible) > 1e-9 and (raw - possible) * change > 0.0
-        if not (beyond_speed or beyond_drive):
+        if beyond_speed or beyond_drive:
+            self.hold(read)
+        else:
             self.integral += change
+        self.before = read
         return sent
 
 

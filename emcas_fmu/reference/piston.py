@@ -7,10 +7,19 @@ from collections.abc import Mapping
 
 
 class PistonLoop:
-    """The nominal lever, its transducer, and the integral of a PI position loop at rest."""
+    """The nominal lever, its transducer, and the integral of a PI position loop at rest and where it is held."""
 
-    def __init__(self, p: Mapping[str, float]):
+    def __init__(self, p: Mapping[str, float], angle: float):
         self.p = p
+        self.reset(self.read(angle))
+
+    def reset(self, piston: float) -> None:
+        """Start at rest at a piston position [m] as it was read."""
+        self.before, self.integral = piston, self.resting(piston)  # m, m/s
+
+    def hold(self, piston: float) -> None:
+        """Let the integral of a loop at a limit follow the piston [m]."""
+        self.integral += self.resting(piston - self.before)
 
     def piston(self, angle: float) -> float:
         """Return the piston [m] at a fin angle [rad]."""

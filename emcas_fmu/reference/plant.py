@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,11 +30,14 @@ FREE, ON_LIMIT, OPEN = 0, 2, 9  # drive modes beside +1 and -1, which mean clipp
 class Mode(NamedTuple):
     """One smooth piece: `motion` is the direction of sliding, or 0 while friction or a stop holds the fin.
 
-    `drive` is FREE, +1/-1 (voltage clipped), +2/-2 (gliding along the limit) or OPEN (bridge disabled).
+    `drive` is FREE, +1/-1 (voltage clipped), +2/-2 (gliding along the limit) or OPEN (bridge disabled). Where the fin
+    turns by itself, `fin` is its direction, and `flank` the side on which what moves it presses.
     """
 
     motion: int
     drive: int
+    fin: int = 0
+    flank: int = 0
 
 
 class Surroundings(NamedTuple):
@@ -54,7 +57,7 @@ class Guard:
 
     terminal = True
 
-    def __init__(self, value: Callable[[Vector], float], direction: int, successor: Callable[[list[float]], Mode]):
+    def __init__(self, value: Callable[[Vector], float], direction: int, successor: Callable[[list[float]], Any]):
         self.value, self.direction, self.successor = value, float(direction), successor
 
     def __call__(self, _time: float, state: Vector) -> float:
@@ -127,6 +130,14 @@ class Plant:
                 if name.startswith((f"friction.{kind}.", f"friction.fin_{kind}")):
                     changes[name] = value * off(f"friction.{kind}")
         return type(self)({**self.parameters, **changes})
+
+    def start(self, delta: float) -> list[float]:
+        """Return the state at rest at a fin angle [rad]."""
+        return [delta, 0.0, 0.0, 0.0]
+
+    def fin(self, state: Vector) -> tuple[float, float]:
+        """Return angle [rad] and rate [rad/s] of the fin."""
+        return state[0], state[1]
 
     # Kinematics -------------------------------------------------------------------------------------------
 
@@ -233,7 +244,7 @@ class Plant:
 
     def _limit_slope(self, state: Vector, slopes: Sequence[float], around: Surroundings) -> float:
         """Return the limit's time derivative [V/s] for those of the state."""
-        delta, omega, current, _ = state
+        delta, omega, current = state[:3]
         ratio, limit = self.ratio(delta), self.limit(state, around)
         if limit == 0.0 or self.electrical_inductance == 0.0:
             return 0.0
@@ -248,10 +259,10 @@ class Plant:
 
     # Smooth pieces ----------------------------------------------------------------------------------------
 
-    def slope(self, state: Vector, mode: Mode, around: Surroundings) -> tuple[float, float, float, float]:
+    def slope(self, state: Vector, mode: Mode, around: Surroundings) -> tuple[float, ...]:
         """Return time derivative of the state in `mode`: rad/s, rad/s2, A/s, V/s."""
         _, omega, current, _ = state
-        motion, drive = mode
+        motion, drive, *_ = mode
         current_slope = integral_slope = 0.0
         if drive == FREE:
             current_slope = self._current_slope(state, self.demand(state, around))
@@ -331,7 +342,7 @@ class Plant:
         return self._motion_guards(mode, around) + self._drive_guards(mode, around)
 
     def _motion_guards(self, mode: Mode, around: Surroundings) -> list[Guard]:
-        s, drive = mode
+        s, drive, *_ = mode
         if s:
 
             def halt(state: list[float]) -> Mode:
@@ -356,7 +367,7 @@ class Plant:
         return [breakaway(1), breakaway(-1)]
 
     def _drive_guards(self, mode: Mode, around: Surroundings) -> list[Guard]:
-        motion, drive = mode
+        motion, drive, *_ = mode
         if drive == OPEN:
             return []
 

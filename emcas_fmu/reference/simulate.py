@@ -7,13 +7,13 @@ is integrated by SciPy's DOP853 with terminal events; at each instant the discre
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .plant import Mode, Plant, Surroundings, Value, clip, whole_samples
+from .plant import Guard, Mode, Plant, Surroundings, Value, Vector, clip, whole_samples
 
 Array = NDArray[np.floating[Any]]
 
@@ -24,7 +24,8 @@ _AT_REST = ("fin_command", "aero_torque", "acceleration.x", "acceleration.y", "a
 INPUTS = {**dict.fromkeys(_AT_REST, 0.0), "supply_voltage": 39.0, "enable": 1.0}
 OUTPUTS = ("fin_angle", "fin_rate", "motor_current", "motor_voltage", "drive_reference")
 RTOL = 1e-11
-# Absolute tolerance = rtol * scale: a hundredth of a radian, and one rad/s, one ampere, one volt.
+# Absolute tolerance = rtol * scale: a hundredth of a radian, and one rad/s, one ampere, one volt; again for a further
+# angle and speed.
 SCALES = np.array([1e-2, 1.0, 1.0, 1.0])
 # Events are looked for at the ends of a step, so a step must be too short to hide two zeros of a guard:
 # it stays below the time constant of the current loop, L/(R + Kp) = 0.11 ms, the fastest thing there is.
@@ -146,16 +147,30 @@ class Controllers:
         return limited
 
 
-def advance(plant: Plant, state: list[float], mode: Mode, around: Surroundings, start: float, end: float
-            ) -> tuple[list[float], Mode]:
-    """Integrate from `start` to `end` [s] through every change of mode; return the state and mode at `end`."""
+class Modes(Protocol):
+    """What moves in modes: d/dt of its state in one of them, and the guards that end it."""
+
+    def slope(self, state: Vector, mode: Any, around: Surroundings) -> Sequence[float]:
+        """Return the time derivative of the state."""
+
+    def guards(self, mode: Any, around: Surroundings) -> list[Guard]:
+        """Return the events that end a mode."""
+
+
+def advance(plant: Modes, state: list[float], mode: Any, around: Surroundings, start: float, end: float,
+            how: Mapping[str, Any] | None = None) -> tuple[list[float], Any]:
+    """Integrate from `start` to `end` [s] through every change of mode; return the state and mode at `end`.
+
+    `how` gives rtol, atol and max_step of another state than the thesis's actuator has.
+    """
     from scipy.integrate import solve_ivp  # would be a third of the start of every command
 
+    how = how or {"rtol": RTOL, "atol": RTOL * np.resize(SCALES, len(state)), "max_step": MAX_STEP}
     time, events_without_progress = start, 0
     while time < end:
         guards = plant.guards(mode, around)
         run = solve_ivp(lambda _t, y, mode=mode: plant.slope(y.tolist(), mode, around), (time, end), state,
-                        method="DOP853", events=guards, rtol=RTOL, atol=RTOL * SCALES, max_step=MAX_STEP)
+                        method="DOP853", events=guards, **how)
         if run.status < 0:
             raise ArithmeticError(f"integration failed after {time} s in {mode}: {run.message}")
         state = [float(x) for x in run.y[:, -1]]
@@ -187,7 +202,7 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array], kind:
     nominal = kind(parameters)
     plant, p = nominal.as_built(), nominal.parameters
     instants, row_at, sample_at, arrival_at = schedule(inputs["time"], p)
-    state = [p["fin.start_angle"], 0.0, 0.0, 0.0]
+    state = plant.start(p["fin.start_angle"])
     controllers, bus = Controllers(plant, nominal, state[0]), Bus(p)
     row = {name: column[0] for name, column in columns.items()}
     dac: list[float] = []
@@ -196,7 +211,7 @@ def simulate(parameters: Mapping[str, Value], inputs: Mapping[str, Array], kind:
     records = []
     for t, following in zip(instants, [*instants[1:], None], strict=True):
         if t in row_at:
-            records.append((t, *state[:3], plant.voltage(state, around), dac[-1] if dac else 0.0))
+            records.append((t, *plant.fin(state), state[2], plant.voltage(state, around), dac[-1] if dac else 0.0))
             row = {name: column[row_at[t]] for name, column in columns.items()}
         if following is None:
             break

@@ -11,6 +11,7 @@ corrected by another, and the caller steps on.
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import Any, NamedTuple
 
 from ..namespace import Record
@@ -18,12 +19,13 @@ from ..ops.base import Ops, Value
 from ..physics import drive, drive_line, friction, loads, mechanics, screw
 from ..physics.stick import WALL
 from . import current_loop
-from .events import PROGRESS, zero_between
+from .events import PROGRESS, corrected, first_lost
 from .rigid import Drive, Plant, electrical_mode, resolved, stops, switched
 
 # The least share of a step that is taken where a flank is left: in less, a slow motion may not get beyond the rounding
 # of its angle. Meanwhile the flank pulls, and takes energy.
 _LEAVING = 1e-3
+_LEAST_LOCKING = 1e-12  # of -e, where a screw does not lock: no bound
 _CONTACT, _ROTOR, _FIN, _UPPER, _LOWER = 0, 2, 3, 4, 5  # places of the margins that are more than an instant
 
 
@@ -105,19 +107,44 @@ def _advanced(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mod
     the cases below have one answer. Friction that falls with speed is that of the rotor's speed `at`: of mid-step, as
     a first solution has it.
     """
-    if at is None and friction.falls(p):
-        at = 0.5 * (s.speed + _advanced(ops, p, c, s, acting, mode, h, s.speed).speed)
+    if at is None:
+        at = _friction_speed(ops, p, c, s, acting, mode, h)
     if not screw.lossy(p):
         return _solved(ops, p, c, s, acting, mode, h, at)[0]
-    # The load L on the screw grows with W, whatever friction does at the fin: its sign is the same by either
-    # efficiency, since e >= 0.
+    # The load L on the screw grows with W, whatever friction does at the fin, and so does what the rotor's row has on
+    # its left by either efficiency e while 2 J/h + b + K_t K_e' + e k > 0: the sign of L is then the same by both. A
+    # screw that locks, e < 0, asks for steps that are short enough (:func:`longest_step`).
+    along = ops.where(at * s.speed < 0.0, 0.0, at) if screw.falls(p) else at  # a speed against the way counts as rest
     (driving, load, way), (driven, _, _) = (
-        _solved(ops, p, c, s, acting, mode, h, at, e) for e in (screw.forward(ops, p), screw.backward(ops, p)))
+        _solved(ops, p, c, s, acting, mode, h, at, e(ops, p, along)) for e in (screw.forward, screw.backward))
     forward = load * way > 0.0
     return Pair(*(ops.where(forward, x, y) for x, y in zip(driving, driven, strict=True)))
 
 
-def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value, at: Value | None,
+def _friction_speed(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value) -> Value:
+    """Return the rotor's speed [rad/s] whose friction holds: where friction depends on it, that of mid-step."""
+    def predicted() -> tuple[Value, ...]:
+        return (0.5 * (s.speed + _advanced(ops, p, c, s, acting, mode, h, s.speed).speed),)
+
+    if friction.falls(p):
+        return predicted()[0]
+    if screw.falls(p):
+        return ops.branch(screw.constant(ops, p), lambda: (s.speed,), predicted)[0]
+    return s.speed
+
+
+def longest_step(ops: Ops, p: Any, c: drive_line.Line, most: float) -> Value:
+    """Return the longest step [s] in which a screw that locks, e < 0, has one acceleration.
+
+    -e k is at most a share `most` of 2 J/h, k = h K/2 + D: the fin may stand.
+    """
+    locking = ops.maximum(-screw.backward(ops, p), _LEAST_LOCKING)
+    inertia = most * screw.rotor_inertia(p)
+    damped = 0.5 * locking * c.damping
+    return 2.0 * inertia / (damped + ops.sqrt(damped * damped + locking * c.stiffness * inertia))
+
+
+def _solved(ops: Ops, p: Any, c: drive_line.Line, s: Pair, acting: Record, mode: _Mode, h: Value, at: Value,
             felt: Value | None = None) -> tuple[Pair, Value, Value]:
     """Return the end of :func:`_advanced`, the load on the screw [N.m] and the rotor's way (-1, 0, 1).
 
@@ -242,28 +269,20 @@ def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, 
     whole = _advanced(ops, p, c, s, acting, mode, h)
     before, after = _margins(ops, p, c, s, s, mode), _margins(ops, p, c, s, whole, mode)
 
-    first, place, begin, end = h, -1.0, 1.0, 1.0
-    anything: Value = False
-    for i, (y, z) in enumerate(zip(before, after)):
-        stop = i in (_UPPER, _LOWER)
-        outward = (whole.fin_angle - s.fin_angle) * (1.0 if i == _UPPER else -1.0) > 0.0
+    def lost(i: int) -> Value:
         # At a stop the fin may only leave it; any other margin that was lost before is no event.
-        lost = ops.both(z <= 0.0, outward if stop else y > 0.0)
-        time = ops.clip(zero_between(ops, 0.0, y, h, z), 0.0, h)
-        earlier = ops.both(lost, ops.either(time < first, place < 0.0))
-        first, place = ops.where(earlier, time, first), ops.where(earlier, float(i), place)
-        begin, end = ops.where(earlier, y, begin), ops.where(earlier, z, end)
-        anything = ops.either(anything, lost)
+        outward = (whole.fin_angle - s.fin_angle) * (1.0 if i == _UPPER else -1.0) > 0.0
+        return ops.both(after[i] <= 0.0, outward if i in (_UPPER, _LOWER) else before[i] > 0.0)
+
+    gone = tuple(map(lost, range(len(before))))
+    first = first_lost(ops, h, before, after, gone)
+    place = first.place
 
     def to_event() -> tuple[Value, ...]:
         least = h * ops.where(ops.both(mode.pressed, ops.equal(place, float(_CONTACT))), _LEAVING, PROGRESS)
-        guess = ops.maximum(first, least)
+        guess = ops.maximum(first.time, least)
         margins = _margins(ops, p, c, s, _advanced(ops, p, c, s, acting, mode, guess), mode)
-        y = margins[0]
-        for i, margin in enumerate(margins[1:], 1):
-            y = ops.where(ops.equal(place, float(i)), margin, y)
-        late = y <= 0.0
-        better = zero_between(ops, guess, y, ops.where(late, 0.0, h), ops.where(late, begin, end))
+        better, _ = corrected(ops, h, first, guess, margins)
         used = ops.clip(better, least, h)
         part = _advanced(ops, p, c, s, acting, mode, used)
         upper, lower = ops.equal(place, float(_UPPER)), ops.equal(place, float(_LOWER))
@@ -273,5 +292,5 @@ def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, 
                 ops.where(upper, high_stop, ops.where(lower, low_stop, part.fin_angle)),
                 ops.where(fin_stops, 0.0, part.fin_speed), used)
 
-    *state, used = ops.branch(anything, to_event, lambda: (*whole, h))
+    *state, used = ops.branch(reduce(ops.either, gone), to_event, lambda: (*whole, h))
     return Pair(*state), used

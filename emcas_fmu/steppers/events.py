@@ -12,10 +12,10 @@ A margin that is 0 where the step starts, as that of a body at rest which now sl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..namespace import Record
 from ..ops.base import Ops, Value
@@ -70,30 +70,50 @@ def advance(ops: Ops, p: Any, system: Switched, x: Record, u: Record, h: Value) 
     lost = {name: ops.both(after[name] <= 0.0, y > 0.0) for name, y in before.items()}
 
     def to_event() -> tuple[Value, ...]:
-        first, place, begin, end = h, -1.0, 1.0, 1.0
-        for i, name in enumerate(before):
-            y, z = before[name], after[name]
-            time = ops.clip(zero_between(ops, 0.0, y, h, z), 0.0, h)
-            earlier = ops.both(lost[name], ops.either(time < first, place < 0.0))
-            first, place = ops.where(earlier, time, first), ops.where(earlier, float(i), place)
-            begin, end = ops.where(earlier, y, begin), ops.where(earlier, z, end)
+        first = first_lost(ops, h, tuple(before.values()), tuple(after.values()), tuple(lost.values()))
         least = PROGRESS * h
-        guess = ops.maximum(first, least)
-        left: Value = 0.0
-        for i, margin in enumerate(margins(moved(guess)).values()):
-            left = ops.where(ops.equal(place, float(i)), margin, left)
-        late = left <= 0.0
-        better = zero_between(ops, guess, left, ops.where(late, 0.0, h), ops.where(late, begin, end))
+        guess = ops.maximum(first.time, least)
+        better, left = corrected(ops, h, first, guess, tuple(margins(moved(guess)).values()))
         used = ops.clip(better, least, h)
         # A margin that first grows, or hardly falls, is zero nowhere near: the step looks further, without an event.
-        far = left > _FAR * begin
+        far = left > _FAR * first.begin
         used = ops.where(far, ops.maximum(used, _FURTHER * h), used)
-        events = {name: ops.both(ops.equal(place, float(i)), ops.negate(far)) for i, name in enumerate(before)}
+        events = {name: ops.both(ops.equal(first.place, float(i)), ops.negate(far)) for i, name in enumerate(before)}
         return *landed(moved(used), events), used
 
     *states, used = ops.branch(reduce(ops.either, lost.values()), to_event,
                                lambda: (*landed(whole, dict.fromkeys(before, False)), h))
     return Record(**dict(zip(vars(x), states, strict=True))), used
+
+
+class First(NamedTuple):
+    """The margin that is lost first: when, by the line between its ends [s], its place among them (-1: none), and what
+    it is at the step's begin and end."""
+
+    time: Value
+    place: Value
+    begin: Value
+    end: Value
+
+
+def first_lost(ops: Ops, h: Value, before: Sequence[Value], after: Sequence[Value], lost: Sequence[Value]) -> First:
+    """Return which of the margins that are `lost` in a step of `h` [s] is so first."""
+    first = First(h, -1.0, 1.0, 1.0)
+    for i, (y, z, gone) in enumerate(zip(before, after, lost, strict=True)):
+        time = ops.clip(zero_between(ops, 0.0, y, h, z), 0.0, h)
+        earlier = ops.both(gone, ops.either(time < first.time, first.place < 0.0))
+        found = First(time, float(i), y, z)
+        first = First(*(ops.where(earlier, new, old) for new, old in zip(found, first, strict=True)))
+    return first
+
+
+def corrected(ops: Ops, h: Value, first: First, guess: Value, margins: Sequence[Value]) -> tuple[Value, Value]:
+    """Return a better time [s] of the event than a `guess`, from the `margins` there, and the event's own there."""
+    left: Value = 0.0
+    for i, margin in enumerate(margins):
+        left = ops.where(ops.equal(first.place, float(i)), margin, left)
+    late = left <= 0.0
+    return zero_between(ops, guess, left, ops.where(late, 0.0, h), ops.where(late, first.begin, first.end)), left
 
 
 def zero_between(ops: Ops, x: Value, y: Value, other_x: Value, other_y: Value) -> Value:

@@ -20,13 +20,15 @@ from ..namespace import Record, with_values
 from ..ops.base import Ops, Value
 from ..physics import drive, friction, kinematics, mechanics, screw
 from ..physics.stick import WALL, overcome
-from .events import PROGRESS
+from .events import PROGRESS, zero_between
 
 # The demanded voltage counts as at its limit this close to it, for the same reason.
 _BAND = 1e-6
 # Where the voltage is at a limit that falls with the current, which is a resistance, steps are at most this share of
 # the time constant that makes of the winding's inductance; and at least this share of the longest tick.
 _RESOLVED, _SHORTEST = 0.1, 0.03
+# A time constant that is a smaller share of a step: the current has long settled on a course of its own with the speed.
+_SETTLED = 1.0 / 16.0
 _TINY = 1e-300
 
 
@@ -118,7 +120,7 @@ def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at:
         high = ops.where(s.angle >= high_stop, WALL, mechanics.breakaway(ops, p, m, 1.0))
         low = -ops.where(s.angle <= low_stop, WALL, mechanics.breakaway(ops, p, m, -1.0))
         if screw.lossy(p):
-            high, low = _held_by_screw(ops, p, m, high, low)
+            high, low = screw.held(ops, p, m, high, low)
         applied = drive.torque(p, s.current) + m.load
         up, down = overcome(ops, applied, high, low)
         direction = ops.where(up, 1.0, ops.where(down, -1.0, 0.0))
@@ -135,13 +137,6 @@ def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at:
     inertia = m.inertia + 0.5 * h * damping - h * w * m.centrifugal
     torque = m.load - dry - damping * w + m.centrifugal * w * w
     return Motion(direction, inertia, torque, high, low, load)
-
-
-def _held_by_screw(ops: Ops, p: Any, m: mechanics.Mechanics, high: Value, low: Value) -> tuple[Value, Value]:
-    """Return the torques [N.m] that move a motor at rest, with the friction of a loaded screw."""
-    hinge = p.friction.fin_coulomb / m.ratio
-    return (high + screw.hold(ops, p, hinge - screw.behind(m), 1.0),
-            low - screw.hold(ops, p, -hinge - screw.behind(m), -1.0))
 
 
 def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: Drive, h: Value, heading: float, at: Value) -> Motion:
@@ -364,8 +359,13 @@ def _events(ops: Ops, p: Any, s: Plant, step: Step, heading: float) -> Events:
                   ops.both(ops.negate(stuck), stopping))
 
 
-def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: Value) -> Value:
-    """Return when the demanded voltage crosses the limit [s], `h` if it does not."""
+def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: Value, part: Callable[[Value], Step]
+                 ) -> Value:
+    """Return when the demanded voltage crosses the limit [s], `h` if it does not; `part` gives a shorter step.
+
+    Where the current settles in much less than the step, it follows the speed to the limit: what its course meets at
+    once, with the back-EMF of mid-step, it may meet much later. A secant from there to the step's end gives when.
+    """
     if p.structure.current == "pwm":
         return h
     _, _, d, c = step
@@ -390,7 +390,19 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
         return (ops.where(on_course, ops.minimum(time, even), even),)
 
     (time,) = ops.branch(p.motor.pole_pairs > 0.0, moving, lambda: (time,))
-    return ops.where(ops.either(*crossing), time, h)
+
+    def reserve(end: Plant) -> Value:
+        beyond = side * drive.voltage_demand(p, d.i_ref, end.current, end.integral) - d.limit_at(
+            ops, p, end.speed, end.current)
+        return ops.where(crossing.entering, -beyond, beyond)
+
+    def later() -> tuple[Value, ...]:
+        left = reserve(part(time).end)
+        return (ops.where(left > 0.0, ops.clip(zero_between(ops, time, left, h, reserve(step.end)), time, h), time),)
+
+    met = ops.either(*crossing)
+    (time,) = ops.branch(ops.both(met, d.tau < _SETTLED * h), later, lambda: (time,))
+    return ops.where(met, time, h)
 
 
 def _breakaway_time(ops: Ops, p: Any, step: Step, e: Events, h: Value) -> Value:
@@ -414,7 +426,8 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events
                     heading: float) -> tuple[Value, ...]:
     """Return the state at the first event, and the time that took [s]."""
     stop = _stop_ahead(ops, p, step.motion.direction)
-    voltage = voltage_time(ops, p, s, step, e.crossing, h)
+    voltage = voltage_time(ops, p, s, step, e.crossing, h, lambda time: _step(
+        ops, p, s, u, ops.maximum(time, PROGRESS * h), heading))
     stopping = stop_time(ops, s, step, e.stopping, stop, h)
     if heading:
         # First where the line between the speeds is zero, then on the line to that point.

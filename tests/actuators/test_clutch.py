@@ -20,6 +20,8 @@ from emcas_fmu.physics import coupled
 from emcas_fmu.reference import clutch as reference
 from tests.simulation import acting, simulate
 
+from .hammers import hammered
+
 MODEL = "clutch"
 ACTUATOR = get(MODEL)
 
@@ -263,24 +265,10 @@ def test_disabled_it_lets_go_and_turns_on(values: Mapping[str, Any]) -> None:
 # -- an independent integration ----------------------------------------------------
 
 
-def _hammered(seed: int, rows: int) -> dict[str, Any]:
-    """Commands, loads, supply and enable that jump at random: locks, slips, stops, blocked diode, limited coils."""
-    rng = np.random.default_rng(seed)
-
-    def held(low: float, high: float, count: int) -> Any:
-        column = np.zeros(rows + 1)
-        for at in np.sort(rng.integers(0, rows, count)):
-            column[at:] = rng.uniform(low, high)
-        return column
-
-    return {"fin_command": held(-0.4, 0.4, 6), "aero_torque": held(-350.0, 350.0, 8),
-            "supply_voltage": 39.0 + held(-20.0, 10.0, 3), "enable": (held(-1.0, 4.0, 4) >= 0.0).astype(float)}
-
-
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
 def test_it_is_an_independent_integration_to_second_order(values: Mapping[str, Any], seed: int) -> None:
     rows, values = 200, {**values, "clutch.share_1": 0.9, "clutch.temperature_coefficient": -0.01}
-    inputs = _hammered(seed, rows)
+    inputs = hammered(seed, rows)
     exact = reference.simulate(values, {"time": np.arange(rows + 1) * 1e-3, **inputs})
     ticks, errors = [8e-4, 4e-4, 2e-4, 1e-4, 5e-5], []
     for tick in ticks:

@@ -319,9 +319,7 @@ def _read(model: str) -> set[str]:
 def test_every_parameter_is_read(model: str) -> None:
     idle = {v.name for v in get(model).parameters} - _read(model)
     # Of the torque-speed envelope, as its description says; and a loop's gain that an ideal one has for heat alone.
-    # The ambient temperature of an actuator whose friction does not depend on it is the extension's.
-    ambient = {"friction.temperature"} if model == "electrohydrostatic" else set()
-    assert idle == ({"heat.winding_limit"} if "heat" in model else ambient)
+    assert idle == ({"heat.winding_limit"} if "heat" in model else set())
 
 
 @pytest.mark.parametrize("model", WITH_EXTENSIONS)

@@ -38,8 +38,8 @@ Values = Mapping[str, Any]
 DIRECT_DRIVE = str(Path(__file__).parents[2] / "examples" / "own_actuator" / "direct_drive.py")
 WARM = {"heat.winding_start_rise": 80.0, "heat.case_start_rise": 40.0}
 # With what scales the loop's gain. The nonlinear one has tests of its own.
-GAINS = dict.fromkeys(("linear", "elastic", "habibi", "ozkan", "worm-gear", "clutch", "series-clutch",
-                       "electrohydrostatic", "elastic+heat"),
+GAINS = dict.fromkeys(("linear", "elastic", "habibi", "ozkan", "worm-gear", "worm-gear-elastic", "clutch",
+                       "series-clutch", "electrohydrostatic", "elastic+heat"),
                       ("drive.current_gain",)) | {
     "ristanovic": ("pwm.gain",), "electrohydraulic": ("controller.position.kp", "controller.position.ki"),
     DIRECT_DRIVE: ("controller.kp", "controller.ki", "controller.kd")}
@@ -55,7 +55,8 @@ def smooth(model: str, **more: Any) -> dict[str, Any]:
     parameters = load_parameters(model=model)
     changes = without_friction(parameters.values, encoder__enabled=False, drive_line__backlash=0.0,
                                load__torsion_bar=30.0, friction__fin_viscous=2.0, worm__friction=0.0,
-                               efficiency__forward=1.0, efficiency__backward=1.0, **HYDRAULIC, **more) | WARM
+                               efficiency__forward=1.0, efficiency__backward=1.0,
+                               motor__coulomb_friction=0.0, **HYDRAULIC, **more) | WARM
     return {**parameters.values, **parameters.having(changes)}
 
 

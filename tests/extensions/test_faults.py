@@ -13,7 +13,7 @@ from emcas_fmu.actuators.capabilities import BACKLASH
 from emcas_fmu.extensions.fault_list import FAULTS, LONGEST_COMMAND_DELAY
 from emcas_fmu.extensions.status import OPERATIONAL
 from emcas_fmu.parameters import ParameterError, load_parameters
-from emcas_fmu.simulation import simulate
+from emcas_fmu.simulation import simulate, simulate_fins
 from tests.default_actuator import EVERY
 
 from .fault_runs import BASE, BIT, MODEL, PLAIN, SHARED, bits_of, equal, gust, scheduled, wave
@@ -23,7 +23,8 @@ ELASTIC = "elastic+faults"
 IMPOSSIBLE = {
     "nonlinear": {"backlash_growth"}, "elastic": set(), "habibi": set(), "ozkan": {"backlash_growth"},
     "ristanovic": {"backlash_growth", "current_derating"},
-    "worm-gear": {"backlash_growth"}, "linear": {"backlash_growth", "current_derating", "hard_over"},
+    "worm-gear": {"backlash_growth"}, "worm-gear-elastic": set(),
+    "linear": {"backlash_growth", "current_derating", "hard_over"},
     "clutch": {"backlash_growth", "current_derating"}, "series-clutch": {"backlash_growth"},
     "electrohydrostatic": {"backlash_growth", "free_fin", "friction_rise"},
     "electrohydraulic": {"backlash_growth", "current_derating", "free_fin", "friction_rise"},
@@ -103,7 +104,36 @@ def test_derating_is_a_lower_limit() -> None:
 def test_brown_out_is_a_lower_supply() -> None:
     found = simulate(scheduled(MODEL, "brown_out", fault__brown_out__share=0.5), 0.3, model=MODEL,
                      fin_command=radians(15.0))
-    assert equal(found, simulate(PLAIN.values, 0.3, fin_command=radians(15.0), supply_voltage=19.5))
+    lower = simulate(PLAIN.values, 0.3, fin_command=radians(15.0), supply_voltage=19.5)
+    # The line gives the drive's current at its own voltage. The first row is before the first sample and the fault.
+    lower["supply_power"][1:] *= 2.0
+    assert equal(found, lower)
+
+
+def test_a_line_gives_the_whole_of_what_fins_in_a_brown_out_draw() -> None:
+    """Of one sound fin and one whose supply is halved: flows that add up, and power at the line's own pressure."""
+    model = "electrohydraulic+faults"
+    values = load_parameters(model=model).values
+    weak = {**values, "fault.brown_out.active": True, "fault.brown_out.share": 0.5}
+    run = simulate_fins([values, weak], 0.05, model=model, line={"line.accumulator_volume": 1e-4},
+                        fin_command=lambda t: radians(10.0) if t > 0.005 else 0.0)
+    flows = [run[f"fin[{k}].supply_flow"] for k in (1, 2)]
+    assert max(flows[1]) > 1e-5
+    # Sums and quotients of a few numbers, in another order: rounding.
+    np.testing.assert_allclose(run["line_flow"], flows[0] + flows[1], rtol=1e-12)
+    np.testing.assert_allclose(run["supply_power"], run["line_pressure"] * run["line_flow"], rtol=1e-12)
+    np.testing.assert_allclose(run["fin[2].supply_power"], run["line_pressure"] * flows[1], rtol=1e-12)
+
+
+def test_a_bus_gives_the_current_of_a_drive_in_a_brown_out() -> None:
+    values = load_parameters(model=MODEL).values
+    weak = {**values, "fault.brown_out.active": True, "fault.brown_out.share": 0.6}
+    run = simulate_fins([values, weak], 0.05, model=MODEL, line={"bus.source_resistance": 0.02},
+                        fin_command=lambda t: radians(10.0) if t > 0.005 else 0.0)
+    in_bridge = [run[f"fin[{k}].motor_voltage"] * run[f"fin[{k}].motor_current"] / (share * run["bus_voltage"])
+                 for k, share in ((1, 1.0), (2, 0.6))]
+    assert max(in_bridge[1]) > 1.0
+    np.testing.assert_allclose(run["bus_current"][1:], np.add(*in_bridge)[1:], rtol=1e-12)
 
 
 def test_friction_rise_is_more_friction() -> None:

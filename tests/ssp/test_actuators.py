@@ -17,6 +17,7 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate, simulate_fins
 from emcas_fmu.ssp.archive import Archive
+from emcas_fmu.ssp.variants import variant_files, without_shipped
 from examples.ssp_hosts import hosts
 from tests.own_actuator.example import changed
 
@@ -105,3 +106,11 @@ def test_fmpy_computes_what_the_kernel_does(model: str, written: tuple[Path, str
         values = base.with_values({"fin.start_angle": start, **preload}).values
         alone = simulate(values, excitation.stop, excitation.step, model=model, **columns)
         assert np.max(np.abs(alone["fin_angle"][1:] - found[i])) < SAME
+
+
+@pytest.mark.parametrize(("of", "kept"), [("electrohydrostatic", False), ("electrohydrostatic+heat", True),
+                                          ("electrohydraulic", False), ("linear", True)])
+def test_a_variant_that_would_change_nothing_is_left_out(of: str, kept: bool) -> None:
+    chosen, left_out = without_shipped(variant_files(()), load_parameters(model=of))
+    assert ("cold" in chosen) is kept
+    assert ("variant cold: this actuator has no friction.temperature" in left_out) is not kept

@@ -78,6 +78,7 @@ TOOLS: dict[str, Callable[[Path, str], list[str]]] = {
     "analyse": lambda folder, model: ["--json", str(folder / "analysis.json")],
     "campaign": lambda folder, model: [written(folder, CAMPAIGN, model), "-o", str(folder / "c"), "--workers", "1"],
     "ssp": lambda folder, model: ["-o", str(folder / "four.ssp")],
+    "explore": lambda folder, model: ["-o", str(folder / "e.html")],
     "reference": lambda folder, model: ["--directory", str(folder), "--case", "step_plus1"],
 }
 
@@ -89,8 +90,9 @@ def reasons(tool: str) -> list[str]:
     return re.findall(r"“([^”]+)”", " ".join(rows))
 
 
-# ssp compiles for every platform.
-@pytest.mark.parametrize("tool", [pytest.param(t, marks=pytest.mark.slow if t == "ssp" else ()) for t in TOOLS])
+# ssp compiles for every platform, explore for browsers.
+@pytest.mark.parametrize("tool", [pytest.param(t, marks=pytest.mark.slow if t in ("explore", "ssp") else ())
+                                  for t in TOOLS])
 @pytest.mark.parametrize("model", [pytest.param(model, marks=() if model in ALWAYS else pytest.mark.slow)
                                    for model in ACTUATORS], ids=lambda model: Path(model).stem)
 def test_a_tool_serves_an_actuator_or_says_why_not(model: str, tool: str, tmp_path: Path,

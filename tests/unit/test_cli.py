@@ -22,7 +22,7 @@ def emcas(*arguments: str) -> Result:
     return CliRunner().invoke(app, list(arguments))
 
 
-@pytest.mark.parametrize("command", ["build", "parameters", "reference", "simulate", "validate"])
+@pytest.mark.parametrize("command", ["build", "explore", "parameters", "reference", "simulate", "validate"])
 def test_help_has_examples(command: str) -> None:
     done = emcas(command, "--help")
     assert done.exit_code == 0

@@ -15,7 +15,7 @@ EXTRAS = {"analysis": ("control", "casadi"), "campaign": ("filelock", "pyarrow",
 EVERY = [module for modules in EXTRAS.values() for module in modules]
 MODELS = models_directory()
 NEEDED = {"analyse": "analysis", "tune": "analysis", f"campaign {MODELS}/campaign.toml": "campaign",
-          "build --backend native": "native", "ssp": "native"}
+          "build --backend native": "native", "explore": "native", "ssp": "native"}
 BASE = ("parameters", "build", "envelope --plot e.svg --json e.json -o e.csv", "simulate --step 5 --plot s.html",
         "fit", f"identify backlash {MODELS}/bench/backlash.csv --report b.html",
         "reference --case step_plus1 --directory made", f"campaign {MODELS}/campaign.toml --only 3")

@@ -45,7 +45,7 @@ RANGES: dict[str, tuple[float, float]] = {
     **{f"attitude_{name}": (-1.5, 1.5) for name in ("roll", "pitch", "yaw")},
     "supply": (0.0, 45.0), "h": (1e-5, 3e-4),
     "roll": (-3.0, 3.0), "pitch": (-1.5, 1.5), "counts": (-1e4, 1e4), "motor_counts": (-1e4, 1e4),
-    "i_ref": (-60.0, 60.0), "time": (0.0, 2.0),
+    "dry": (-0.2, 0.2), "i_ref": (-60.0, 60.0), "time": (0.0, 2.0),
     "yaw": (-3.0, 3.0), "source": (0.0, 45.0), "sag": (-5.0, 50.0), "power": (-1e3, 9e3), "at": (-5.0, 45.0),
     "resistance": (0.0, 1.0), "drawn": (-50.0, 200.0), "admittance": (0.0, 2.0),
     "static_ratio": (1.0, 2.0), "stribeck_speed": (0.5, 300.0),

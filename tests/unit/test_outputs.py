@@ -19,6 +19,7 @@ FILES = {
     "campaign bad.toml --only 1": ("--json",),
     "compare bad.toml": ("--json", "--report"),
     "envelope -p bad.toml": ("-o", "--plot .svg", "--json"),
+    "explore -p bad.toml": ("-o",),
     "fit -p bad.toml": ("-o", "--json"),
     **{f"identify {kind} bad.csv -p bad.toml": ("-o", "--report", "--json")
        for kind in ("friction", "drive", "backlash", "inertia")},

@@ -17,7 +17,7 @@ from emcas_fmu.studies.campaign.study import load_study
 BENCH = models_directory() / "bench"
 COMMANDS = (
     "parameters", "build", "simulate --step 1", "reference --directory refs", "analyse", "compare", "envelope", "tune",
-    "fit", "report", "report unit.toml", "baseline record unit.toml -o base", "ssp",
+    "explore", "fit", "report", "report unit.toml", "baseline record unit.toml -o base", "ssp",
     *(f"identify {kind} {BENCH}/{kind}*.csv" for kind in (
         "friction", "drive", "backlash", "inertia")))
 

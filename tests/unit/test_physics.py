@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.ops.floats import FLOATS
-from emcas_fmu.physics import drive, friction, kinematics, loads, mechanics
+from emcas_fmu.physics import drive, friction, kinematics, loads, mechanics, stick
 from emcas_fmu.steppers.rigid import Plant, electrical_mode
 from tests.default_actuator import namespace
 
@@ -256,4 +258,19 @@ def test_the_current_error_is_what_the_reference_within_its_limit_lacks(values: 
 
 def test_an_actuator_without_a_current_loop_has_no_current_error() -> None:
     having = [name for name in NAMES if "current_error" in {v.name for v in get(name).outputs}]
-    assert having == ["nonlinear", "linear", "elastic", "habibi", "worm-gear", "series-clutch", "electrohydrostatic"]
+    assert having == ["nonlinear", "linear", "elastic", "habibi", "worm-gear", "worm-gear-elastic",
+                      "series-clutch", "electrohydrostatic"]
+
+
+@given(st.sampled_from([-1.0, 0.0, 1.0]), st.floats(-0.6, 0.6), st.floats(-9.0, 9.0), st.booleans(), st.booleans())
+def test_what_lands_is_between_its_stops_and_rests_against_one(direction: float, place: float, speed: float,
+                                                               halted: bool, struck: bool) -> None:
+    slide = stick.Slide(direction, 1.0, -1.0)
+    where, rate = stick.landed(FLOATS, slide, 0.5, (0.4, 1.0), (place, speed), halted, struck and direction != 0.0)
+    assert abs(where) <= 0.5
+    if direction and (struck or direction * place >= 0.5):
+        assert (where, rate) == (direction * 0.5, 0.0)
+    elif direction and halted:
+        assert (where, rate) == (min(max(place, -0.5), 0.5), 0.0)
+    else:
+        assert rate == speed

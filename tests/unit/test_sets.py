@@ -22,7 +22,8 @@ from emcas_fmu.parameters import ParameterError, load_parameters
 
 SETS = named_sets()
 MODELS = {"heat-published-motor": "nonlinear+heat", "hinge-stiffness": "elastic",
-          "screw-efficiency-095": "nonlinear+efficiency", "worm-falling-friction": "worm-gear"}
+          "screw-efficiency-095": "nonlinear+efficiency", "worm-falling-friction": "worm-gear",
+          "proportional-valve": "electrohydraulic"}
 
 
 @pytest.mark.parametrize("name", SETS)
@@ -57,6 +58,34 @@ def test_a_name_that_is_none_is_told_the_nearest() -> None:
         load_parameters("drive-p")
     with pytest.raises(ParameterError, match=r"none\.toml: cannot be read"):
         load_parameters("none.toml")
+
+
+@pytest.mark.parametrize(("name", "model"), [
+    ("proportional-valve", "electrohydrostatic"), ("robust", "worm-gear"), ("drive-pi", "ristanovic"),
+    ("heat-published-motor", "nonlinear"), ("worm-falling-friction", "nonlinear"), ("load-observer", "ristanovic")])
+def test_a_set_made_for_another_actuator_is_refused(name: str, model: str) -> None:
+    with pytest.raises(ParameterError, match=rf"^{name}: is made for .* and not for {model}, .*: leave it out, or "):
+        load_parameters(name, model=model)
+
+
+@pytest.mark.parametrize(("name", "model"), [
+    ("robust", "elastic+faults"), ("drive-si", "electrohydrostatic"), ("load-observer", "habibi"),
+    ("heat-published-motor", "ristanovic+heat")])
+def test_a_set_that_makes_sense_elsewhere_is_taken(name: str, model: str) -> None:
+    found = load_parameters(name, model=model)
+    assert any(e.file == f"{name}.toml" for e in found.entries)
+    assert not found.unused
+
+
+def test_a_file_says_what_it_is_made_for(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.toml"
+    mine.write_text("made_for = ['elastic']\ndrive.kp = '4 V/A'\n", encoding="utf-8")
+    assert load_parameters(mine, model="elastic").values["drive.kp"] == 4.0
+    with pytest.raises(ParameterError, match=r"mine\.toml: is made for elastic \(made_for\) and not for nonlinear"):
+        load_parameters(mine)
+    mine.write_text("made_for = 'elastic'\n", encoding="utf-8")
+    with pytest.raises(ParameterError, match=r"made_for = 'elastic': expected a list"):
+        load_parameters(mine)
 
 
 def test_commands_take_a_name() -> None:

@@ -20,7 +20,7 @@ stop, a coil's amplifier meets a limit, the motor's diode opens.
 from __future__ import annotations
 
 import sys
-from typing import Any, NamedTuple
+from typing import Any
 
 from ...control import controllers, sensors
 from ...namespace import Record, with_values
@@ -30,32 +30,30 @@ from ...physics.coupled import Bodies, Dry
 from ...physics.stick import WALL
 from ...physics.structure import Structure
 from ...steppers import events, rigid
-from ...variables import Terminal, only, parameter, real_output, tunable, without
+from ...variables import Terminal, only, parameter, real_output, without
 from .. import capabilities, fin_port
 from ..declaration import Acting, Actuator, Asked, PlantFault, State, Supply, Values
-from . import interface, nonlinear
+from . import clutches, interface, nonlinear
 from .as_built import NOMINAL, as_built
 
-STATES = (State("screw_angle", "rad"), State("screw_speed", "rad/s"), State("motor_speed", "rad/s"),
-          State("coil_current_1", "A"), State("coil_current_2", "A"),
+STATES = (*clutches.SCREW, State("coil_current_1", "A"), State("coil_current_2", "A"),
           State("flux_1", "A", "as the current that holds it"), State("flux_2", "A", "as the current that holds it"),
-          State("clutch_temperature", "degC"))
+          clutches.TEMPERATURE)
 SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn by motor and coils; never negative", 100.0)
+_WAYS = ((1, "with"), (2, "against"))
 OUTPUTS = (
-    *only(interface.OUTPUTS, "fin_angle", "fin_rate"),
-    real_output("screw_angle", "rad", "screw angle", 10.0),
-    real_output("screw_speed", "rad/s", "screw speed", 100.0),
-    *only(interface.OUTPUTS, "motor_speed", "motor_torque", "drive_reference", "nut_position", "hinge_torque"),
+    *clutches.MOTION,
+    *only(interface.OUTPUTS, "motor_torque", "drive_reference", "nut_position", "hinge_torque"),
     SUPPLY_POWER,
     *fin_port.described({"saturated": "any limit active: command, speed, DAC or an amplifier's voltage"},
                         only(interface.OUTPUTS, "tracking_error", "measured_fin_angle", "saturated", "at_stop")),
     *(real_output(f"coil_current_{k}", "A", f"coil current of the clutch that turns the screw {way} the motor", 1.0)
-      for k, way in ((1, "with"), (2, "against"))),
+      for k, way in _WAYS),
     *(real_output(f"clutch_torque_{k}", "N.m", f"torque on the screw of the clutch that turns it {way} the motor", 1.0)
-      for k, way in ((1, "with"), (2, "against"))),
+      for k, way in _WAYS),
     *(real_output(f"slip_power_{k}", "W", f"heat of slip of the clutch that turns the screw {way} the motor", 100.0)
-      for k, way in ((1, "with"), (2, "against"))),
-    real_output("clutch_temperature", "degC", "temperature of the clutches", 100.0),
+      for k, way in _WAYS),
+    clutches.CLUTCH_TEMPERATURE,
 )
 _OF_SCREW = {
     "drive.current_limit": "largest net current of both coils that is asked for",
@@ -63,56 +61,21 @@ _OF_SCREW = {
     "drive.current_offset": "net coil current demanded at zero reference",
     "drive.transport_delay": "delay from DAC to the current asked of the coils",
     "drive.kp": "proportional gain of the coils' amplifiers",
-    "encoder.on_fin": "true: the position comes from an encoder on the fin shaft; false: from the screw's, as the "
-                      "speed always does",
-    **{v.name: v.description.replace("at the motor", "at the screw")
-       for v in only(interface.PARAMETERS, "friction.viscous", "friction.coulomb")},
+    **clutches.OF_SCREW,
 }
 PARAMETERS = (
     *fin_port.described(_OF_SCREW, without(interface.PARAMETERS, "motor.inductance", "motor.pole_pairs", "drive.ki")),
-    parameter("motor.coulomb_friction", "N.m", 0.0, 10.0, "dry friction of motor and gear"),
-    parameter("motor.viscous_friction", "N.m.s/rad", 0.0, 10.0, "viscous friction of motor and gear"),
+    *clutches.MOTOR,
     parameter("motor.start_speed", "rad/s", 0.0, 1e5, "motor speed at the start"),
-    parameter("clutch.rated_torque", "N.m", 1e-6, 1e4, "torque at which a clutch slips at its rated current, T_r"),
-    parameter("clutch.rated_current", "A", 1e-6, 1e3, "coil current for the rated torque, I_r"),
-    *(parameter(f"clutch.share_{k}", "1", 0.0, 10.0, f"torque of the clutch that turns the screw {way} the motor, over "
-                "the rated one") for k, way in ((1, "with"), (2, "against"))),
-    parameter("clutch.residual", "1", 0.0, 0.99, "share of the rated torque that is left without current, r"),
+    *clutches.CLUTCH,
+    *(clutches.share(f"clutch.share_{k}", f" that turns the screw {way} the motor") for k, way in _WAYS),
     parameter("clutch.bias_current", "A", 0.0, 1e3, "least current asked of both coils while enabled, I_b"),
-    parameter("clutch.eddy_time", "s", 1e-6, 10.0, "time constant of eddy currents, t_e"),
-    parameter("clutch.driving_inertia", "kg.m2", 0.0, 10.0, "inertia of gear and driving halves at the motor"),
-    parameter("clutch.driven_inertia", "kg.m2", 0.0, 10.0, "inertia of the driven halves at the screw"),
-    parameter("clutch.temperature_coefficient", "1/K", -0.1, 0.1, "relative rise of the torque with temperature, a"),
-    parameter("clutch.reference_temperature", "degC", -100.0, 1e3, "temperature of the rated torque, T_0"),
-    parameter("clutch.heat_capacity", "J/K", 1e-3, 1e6, "heat capacity of the clutches, C_th"),
-    parameter("clutch.thermal_resistance", "K/W", 1e-6, 1e6, "from the clutches to the ambient, R_th"),
-    parameter("coil.resistance", "Ohm", 1e-6, 1e6, "coil resistance"),
-    parameter("coil.inductance", "H", 1e-7, 1e3, "coil inductance"),
-    parameter("coil.connected_1", "1", 0.0, 1.0, "share of the current asked for that the coil of the clutch that "
-              "turns the screw with the motor gets (0: open)"),
-    parameter("coil.suppression_voltage", "V", 0.0, 1e4, "voltage of the suppressor that takes a coil's energy, V_c"),
+    clutches.connected("coil.connected_1", " of the clutch that turns the screw with the motor"),
 )
-_BLOCKED = 1e6  # N.m, of dry friction
 FAULTS = (
-    PlantFault("jam", "the screw is blocked; the motor goes on turning in its clutches", lambda ops, p, amounts: {
-        "friction.fin_coulomb": _BLOCKED}),
-    PlantFault("drag", "the open clutches drag", lambda ops, p, amounts: {"clutch.residual": amounts.share}, (
-        tunable("share", "1", 0.0, 0.9, "of the rated torque that is left without current"),)),
-    PlantFault("powder_loss", "both clutches have lost powder, for good", lambda ops, p, amounts: {
-        "clutch.share_1": amounts.share * p.clutch.share_1, "clutch.share_2": amounts.share * p.clutch.share_2}, (
-            tunable("share", "1", 0.0, 1.0, "of the torque that is left"),), lasting=True),
-    PlantFault("coil_open", "the coil of the clutch that turns the screw with the motor is open: its residual torque "
-               "is left", lambda ops, p, amounts: {"coil.connected_1": 0.0}),
-    PlantFault("coil_short", "turns of both coils are shorted", lambda ops, p, amounts: {
-        "coil.resistance": amounts.share * p.coil.resistance,
-        "coil.inductance": amounts.share * amounts.share * p.coil.inductance,
-        "clutch.share_1": amounts.share * p.clutch.share_1, "clutch.share_2": amounts.share * p.clutch.share_2}, (
-            tunable("share", "1", 0.05, 1.0, "of the turns that are left"),)),
-    PlantFault("overheating", "the clutches lose torque as they heat", lambda ops, p, amounts: {
-        "clutch.temperature_coefficient": -amounts.slope,
-        "clutch.heat_capacity": amounts.capacity * p.clutch.heat_capacity}, (
-            tunable("slope", "1/K", 0.0, 0.1, "relative fall of the torque with temperature"),
-            tunable("capacity", "1", 0.01, 1.0, "of the heat capacity that takes the heat"))),
+    *clutches.faults("the motor goes on turning in its clutches",
+                     ("coil.connected_1", "the clutch that turns the screw with the motor"),
+                     ("clutch.share_1", "clutch.share_2")),
     PlantFault("both_engaged", "both clutches are engaged", lambda ops, p, amounts: {
         "clutch.bias_current": p.clutch.rated_current}),
 )
@@ -124,17 +87,6 @@ def _screw_side(p: Any) -> Any:
     and the clutches what makes torque of a current, as screw and loops see them."""
     return with_values(p, {"inertia.motor": p.clutch.driven_inertia,
                            "motor.torque_constant": clutch.torque_per_ampere(p)})
-
-
-def _rotor_inertia(p: Any) -> Value:
-    """Return the inertia [kg.m2] of motor, gear and driving halves."""
-    return p.inertia.motor + p.clutch.driving_inertia
-
-
-def _as_cascade(x: Record) -> Record:
-    """Return states as the loops of motor and screw know them: the screw is the motor, the coils' net current its."""
-    return Record(**{**vars(x), "motor_angle": x.screw_angle, "motor_speed": x.screw_speed,
-                     "motor_current": x.coil_current_1 - x.coil_current_2})
 
 
 def initial(ops: Ops, p: Any, start: Record) -> Values:
@@ -149,7 +101,9 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
 
 def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
     """Return a sample of the controllers. While disabled they are held in reset."""
-    return nonlinear.sample(ops, _screw_side(p), _as_cascade(x), asked)
+    # The net current of both coils is what makes torque, as a motor's.
+    cascade = clutches.as_cascade(x, x.coil_current_1 - x.coil_current_2)
+    return nonlinear.sample(ops, _screw_side(p), cascade, asked)
 
 
 def coil_references(ops: Ops, p: Any, u: Acting) -> tuple[Value, Value]:
@@ -161,32 +115,10 @@ def coil_references(ops: Ops, p: Any, u: Acting) -> tuple[Value, Value]:
             ops.where(u.enabled, bias + (larger - 0.5 * net), 0.0))
 
 
-class _Coil(NamedTuple):
-    """A coil in a mode: the current asked for [A], the limit at which its amplifier stands, the supply [V]."""
-
-    asked: Value
-    side: Value
-    supply: Value
-
-    def demand(self, p: Any, current: Value) -> Value:
-        return clutch.amplifier_demand(p, self.asked, current)
-
-    def voltage(self, ops: Ops, p: Any, current: Value) -> Value:
-        return clutch.coil_voltage(ops, p, self.demand(p, current), self.side, self.supply)
-
-    def margin(self, ops: Ops, p: Any, current: Value) -> Value:
-        return clutch.amplifier_margin(ops, p, self.demand(p, current), self.side, self.supply)
-
-
-def _coils(ops: Ops, p: Any, x: Record, u: Acting) -> tuple[_Coil, _Coil]:
-    supply = ops.maximum(u.supply, 0.0)
-
-    def one(asked: Value, current: Value) -> _Coil:
-        demand = clutch.amplifier_demand(p, asked, current)
-        return _Coil(asked, clutch.amplifier_side(ops, p, demand, supply), supply)
-
+def _coils(ops: Ops, p: Any, x: Record, u: Acting) -> tuple[clutch.Coil, clutch.Coil]:
     first, second = coil_references(ops, p, u)
-    return one(first, x.coil_current_1), one(second, x.coil_current_2)
+    return (clutch.coil(ops, p, first, p.drive.kp, x.coil_current_1, u.supply),
+            clutch.coil(ops, p, second, p.drive.kp, x.coil_current_2, u.supply))
 
 
 def _surplus(ops: Ops, p: Any, speed: Value, u: Acting) -> Value:
@@ -202,10 +134,10 @@ def _bodies(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Bodies:
     current = ops.where(m.feeds, _surplus(ops, p, x.motor_speed, u) / p.motor.resistance, 0.0)
     motor = drive.torque(p, current) - p.motor.viscous_friction * x.motor_speed
     warm = clutch.share_at(ops, p, x.clutch_temperature)
-    clutches = (clutch.capacity(p, flux, warm * share) for flux, share in (
+    capacities = (clutch.capacity(p, flux, warm * share) for flux, share in (
         (x.flux_1, p.clutch.share_1), (x.flux_2, p.clutch.share_2)))
-    return Bodies((c.inertia, _rotor_inertia(p)), (screw, motor),
-                  (m.dry, Dry(p.motor.coulomb_friction, p.motor.coulomb_friction), *(Dry(t, t) for t in clutches)))
+    return Bodies((c.inertia, clutches.rotor_inertia(p)), (screw, motor),
+                  (m.dry, Dry(p.motor.coulomb_friction, p.motor.coulomb_friction), *(Dry(t, t) for t in capacities)))
 
 
 def _surroundings(ops: Ops, p: Any, x: Record, u: Acting, angle: Value) -> Record:
@@ -237,7 +169,7 @@ def _slip_powers(ops: Ops, b: Bodies, signs: tuple[Value, ...], x: Record) -> tu
 def _rates(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
     b = _bodies(ops, p, x, u, m)
     screw, motor = coupled.accelerations(ops, b, m.signs)
-    first, second = (clutch.coil_rate(p, coil.voltage(ops, p, current), current)
+    first, second = (coil.rate(ops, p, current)
                      for coil, current in zip(m.coils, (x.coil_current_1, x.coil_current_2), strict=True))
     return {"screw_angle": x.screw_speed, "screw_speed": screw, "motor_speed": motor, "coil_current_1": first,
             "coil_current_2": second, "flux_1": clutch.flux_rate(p, x.coil_current_1, x.flux_1),
@@ -294,7 +226,7 @@ def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     current = ops.maximum(_surplus(ops, p, x.motor_speed, u), 0.0) / p.motor.resistance
     drawn, limited = supply * current, u.limited > 0.0
     for coil, flowing in zip(m.coils, (x.coil_current_1, x.coil_current_2), strict=True):
-        drawn = drawn + ops.maximum(coil.voltage(ops, p, flowing), 0.0) * flowing
+        drawn = drawn + coil.drawn(ops, p, flowing)
         limited = ops.either(limited, ops.negate(ops.equal(coil.side, 0.0)))
     # Of a unit that rests as a whole friction is not determined: what is shown is within the clutch's torque.
     torques = [ops.clip(torque, -dry.low, dry.high)

@@ -24,6 +24,12 @@ PARAMETERS = (
 LOSS = real_output("screw_loss", "W", "power that the loaded screw turns into heat", 100.0)
 
 
+def jamming_text(turning: str) -> str:
+    """Return what a rule says of a backward efficiency with which a screw jams, by what turns with it."""
+    return (f"efficiency.backward = %.6g must not be below minus {MOST_JAMMING:g} times the inertia of {turning} over "
+            "that of the load at the motor, %.6g over %.6g kg.m2")
+
+
 def with_losses(actuator: Actuator) -> Actuator:
     """Return the actuator with such a screw: steps see its parameters."""
     def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
@@ -41,8 +47,7 @@ def rules(actuator: Actuator) -> tuple[Rule, ...]:
     def jamming_line(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         return when(ops, p.efficiency.backward < 0.0), p.efficiency.backward
 
-    rigid = Rule(jamming, f"efficiency.backward = %.6g must not be below minus {MOST_JAMMING:g} times the inertia of "
-                          "motor and screw over that of the load at the motor, %.6g over %.6g kg.m2")
+    rigid = Rule(jamming, jamming_text("motor and screw"))
     line = Rule(jamming_line, "efficiency.backward = %.6g must not be below 0 with an elastic drive line; 0 is a screw "
                               "that the load cannot drive")
     return (rigid, line) if actuator.structure.drive_line else (rigid,)

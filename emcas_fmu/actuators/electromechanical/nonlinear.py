@@ -148,7 +148,7 @@ ACTUATOR = Actuator(
     provides=frozenset({
         capabilities.SCREW_DRIVE, capabilities.SCREW_AND_LEVER, capabilities.RIGID_DRIVE_LINE, capabilities.SCREW_LOAD,
         capabilities.COULOMB_FRICTION, capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP,
-        capabilities.CURRENT_LIMIT, capabilities.SUPPLY_VOLTAGE, capabilities.VOLTAGE_LIMIT,
+        capabilities.CURRENT_LIMIT, capabilities.SUPPLY_VOLTAGE, capabilities.VOLTAGE_LIMIT, capabilities.RETURNS_POWER,
         capabilities.REFERENCE_LIMIT, capabilities.POSITION_LOOP, capabilities.CASCADE, capabilities.ENCODER,
         capabilities.AMBIENT_TEMPERATURE}),
     structure=Structure(),

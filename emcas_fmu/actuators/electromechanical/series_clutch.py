@@ -1,43 +1,302 @@
-"""Clutch actuator, series: the nonlinear actuator with a load-holding clutch between motor and screw.
+"""Clutch actuator, series: the nonlinear actuator's motor, one electromagnetic clutch, a screw with a no-back.
 
-    J_r dw/dt = T_m - C_m sgn w - b_m w - e L        e = 1/forward where L w > 0, else backward = 0
+    J_m m' = K_t i - C_m sgn m - b_m m - F              |F| <= C(phi), F = C sgn(m - w) while the clutch slips
+    J_s w' = F - C_s sgn w - b_s w - e L                e = 1/forward where L w > 0, else backward = 0
 
-The clutch passes the motor's torque both ways and opens for what comes from the load: that it takes to the housing,
-with friction (a bidirectional no-back). A load that acts with the motion thus meets a screw that follows the motor,
-without any torque on it: L is what the screw turns against, and the clutch makes heat of L w. In the equations it is a
-screw whose efficiency in backward drive is 0 (:mod:`emcas_fmu.physics.screw`), with its exact stick and slip. The
-rotor's kinetic energy, which is no load's, still comes back where the drive brakes it. A clutch that slips under too
-much torque, and the lost motion of one that turns over, are left out.
+The motor in its current loop turns the screw through one friction clutch (:mod:`emcas_fmu.physics.clutch`), whose coil
+has its rated current while the drive is enabled and none while it is not. The clutch is the torque limiter: a shock
+from stop, jam or load slips it, and the rotor keeps its speed. What stands between the load and the motor is another
+device, a load-proportional no-back as on the screws of flaps and stabilisers: the nut's axial force presses friction
+discs between screw and housing, and a ratchet lets them turn freely where the load opposes the motion. They take the
+torque of a load that acts with the motion, at once and without power; to the motor that is a screw of a backward
+efficiency of 0 (:mod:`emcas_fmu.physics.screw`). With that, "loads which act with the motor return no energy", as the
+thesis asks. A fin without power holds any load.
+
+The drive is fed through a diode: what motor and coil do not draw together, a resistor brakes, by a chopper that holds
+the link at the supply's voltage,
+
+    supply_power = max(v i + v_c i_c, 0)                braking_power = max(-(v i + v_c i_c), 0)
+
+A link without capacitance needs no parameter, and neither changes a trajectory. Encoder and loops are those of the
+screw, as their motor's.
+
+Events (:mod:`emcas_fmu.steppers.events`): the clutch locks or slips, screw or rotor rests or starts, the load comes to
+drive the screw or to oppose it, the fin meets a stop, the coil's amplifier or the drive's voltage meets a limit.
 """
 
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
+from typing import Any
 
-from ...variables import tunable
-from .. import capabilities
-from ..declaration import PlantFault, with_outputs
-from . import lossy_screw, nonlinear
+from ...control import controllers, sensors
+from ...namespace import Record, with_values
+from ...ops.base import Ops, Value
+from ...physics import clutch, clutched_screw, drive, friction, kinematics, loads, mechanics, screw
+from ...physics.clutched_screw import Train
+from ...physics.stick import WALL
+from ...physics.structure import Structure
+from ...rules import Rule
+from ...steppers import current_loop, events, rigid
+from ...variables import Terminal, only, parameter, real_output, tunable
+from .. import capabilities, fin_port
+from ..declaration import Acting, Actuator, Asked, PlantFault, State, Supply, Values
+from . import clutches, interface, lossy_screw, nonlinear
+from .as_built import NOMINAL, as_built
 
-LOSS = replace(lossy_screw.LOSS, description="power that clutch and screw turn into heat under load")
-FAULTS = (
-    PlantFault("clutch_engaged", "the clutch does not open: the load drives the motor", lambda ops, p, amounts: {
-        "efficiency.backward": amounts.share}, (
-            tunable("share", "1", 0.0, 1.0, "of the load's torque that gets through to the motor"),)),
+STATES = (*clutches.SCREW, *interface.DRIVE, State("coil_current", "A"),
+          State("flux", "A", "as the current that holds it"), clutches.TEMPERATURE)
+SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn by motor and coil; never negative", 100.0)
+_CLUTCH = (
+    real_output("coil_current", "A", "coil current of the clutch", 1.0),
+    real_output("clutch_torque", "N.m", "torque of the clutch on the screw", 1.0),
+    real_output("slip_power", "W", "heat of slip of the clutch", 100.0),
+    clutches.CLUTCH_TEMPERATURE,
 )
-ACTUATOR = replace(
-    lossy_screw.with_losses(nonlinear.ACTUATOR),
+OUTPUTS = (
+    *clutches.MOTION,
+    *only(interface.OUTPUTS, "motor_current", "motor_voltage", "motor_torque", "drive_reference", "nut_position",
+          "hinge_torque"),
+    SUPPLY_POWER,
+    real_output("braking_power", "W", "power that motor and coil return, into the drive's braking resistor", 100.0),
+    *fin_port.described({
+        "saturated": "any limit active: command, speed, DAC, current, the drive's voltage or the coil amplifier's"},
+        only(interface.OUTPUTS, "tracking_error", "measured_fin_angle", "saturated", "at_stop")),
+    *only(interface.OUTPUTS, "current_error"),
+    *_CLUTCH,
+    real_output("screw_loss", "W", "power that no-back and screw turn into heat under load", 100.0),
+)
+PARAMETERS = (
+    *fin_port.described(clutches.OF_SCREW, interface.PARAMETERS),
+    *clutches.MOTOR,
+    *clutches.CLUTCH,
+    clutches.share("clutch.share", ""),
+    parameter("coil.kp", "V/A", 1e-6, 1e4, "proportional gain of the coil's amplifier"),
+    clutches.connected("coil.connected", ""),
+    *lossy_screw.PARAMETERS,
+)
+FAULTS = (
+    *clutches.faults("the clutch slips", ("coil.connected", "the clutch"), ("clutch.share",)),
+    PlantFault("clutch_engaged", "the no-back fails: through the engaged clutch the load drives the motor",
+               lambda ops, p, amounts: {"efficiency.backward": amounts.share}, (
+                   tunable("share", "1", 0.0, 1.0, "of the load's torque that gets through the screw"),)),
+)
+MODULES = (clutched_screw, screw, clutch, kinematics, mechanics, friction, loads, drive, sensors, controllers,
+           current_loop, events)
+
+
+def _screw_side(p: Any) -> Any:
+    """Return parameters in which the driven side of the clutch is what turns with the screw, in place of a rotor."""
+    return with_values(p, {"inertia.motor": p.clutch.driven_inertia})
+
+
+def _as_one(p: Any) -> Any:
+    """Return parameters of a motor with all that turns with it behind a clutch that holds: what the loops know."""
+    dry, wet, one = p.friction.coulomb, p.friction.viscous, p.motor
+    return with_values(p, {
+        "inertia.motor": p.inertia.motor + p.clutch.driving_inertia + p.clutch.driven_inertia,
+        **{f"friction.coulomb.{way}": (c[0] + one.coulomb_friction, *c[1:]) for way, c in vars(dry).items()},
+        **{f"friction.viscous.{way}": b + one.viscous_friction for way, b in vars(wet).items()}})
+
+
+def initial(ops: Ops, p: Any, start: Record) -> Values:
+    """Return plant and controller at rest at a fin angle, the clutch engaged."""
+    begun = dict(nonlinear.initial(ops, _as_one(p), start))
+    angle, current = begun.pop("motor_angle"), p.coil.connected * p.clutch.rated_current
+    return {**begun, "screw_angle": angle, "coil_current": current, "flux": current,
+            "clutch_temperature": p.friction.temperature}
+
+
+def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
+    """Return a sample of the controllers. While disabled they are held in reset."""
+    return nonlinear.sample(ops, _as_one(p), clutches.as_cascade(x, x.motor_current), asked)
+
+
+def _coil(ops: Ops, p: Any, x: Record, u: Acting) -> clutch.Coil:
+    asked = ops.where(u.enabled, p.coil.connected * p.clutch.rated_current, 0.0)
+    return clutch.coil(ops, p, asked, p.coil.kp, x.coil_current, u.supply)
+
+
+def _electrical(x: Record) -> rigid.Plant:
+    return rigid.Plant(0.0, x.motor_speed, x.motor_current, x.drive_integral)
+
+
+def _surroundings(ops: Ops, p: Any, x: Record, u: Acting, angle: Value) -> Record:
+    """Return what a mode has before it is known what sticks; the linkage is that at a screw angle [rad]."""
+    c = mechanics.coefficients(ops, _screw_side(p), angle, u)
+    high, low = (way * mechanics.breakaway(ops, p, c, way) for way in (1.0, -1.0))
+    high, low = screw.held(ops, p, c, high, low)
+    least, most = rigid.stops(ops, p)
+    return Record(mechanics=c, stops=(least, most), alpha_x=u.alpha_x, coil=_coil(ops, p, x, u),
+                  sliding=tuple(friction.coulomb(ops, p, way, c.fin) for way in (1.0, -1.0)),
+                  wet=tuple(friction.viscous(ops, p, way) for way in (1.0, -1.0)),
+                  high=ops.where(x.screw_angle >= most, WALL, high), low=ops.where(x.screw_angle <= least, -WALL, low))
+
+
+def _train(ops: Ops, p: Any, x: Record, m: Record) -> Train:
+    """Return rotor, clutch and screw in a mode."""
+    side, c, rotor = _screw_side(p), m.mechanics, clutches.rotor_inertia(p)
+    wet = ops.where(x.screw_speed > 0.0, m.wet[0], m.wet[1])
+    share = p.clutch.share * clutch.share_at(ops, p, x.clutch_temperature)
+    return Train(
+        rotor=rotor, screw=screw.rotor_inertia(side), behind_inertia=screw.load_inertia(side, c.ratio),
+        rotor_torque=drive.torque(p, x.motor_current) - p.motor.viscous_friction * x.motor_speed - rotor * m.alpha_x,
+        screw_torque=c.rotor - wet * x.screw_speed, dry=p.motor.coulomb_friction,
+        capacity=clutch.capacity(p, x.flux, share), sliding=m.sliding,
+        load=(screw.load(p, c, x.screw_speed, 1.0), screw.load(p, c, x.screw_speed, -1.0)), behind=screw.behind(c),
+        high=m.high, low=m.low, forward=screw.forward(ops, p), backward=screw.backward(ops, p))
+
+
+def mode(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> Record:
+    """Return what holds through a step of `h` [s]; the linkage is that of its middle."""
+    m = _surroundings(ops, p, x, u, x.screw_angle + 0.5 * h * x.screw_speed)
+    t = _train(ops, p, x, m)
+    motion = clutched_screw.motion(ops, t, x.screw_speed, x.motor_speed)
+    moving = Record(**vars(m), motion=motion)
+    return Record(**vars(moving), drive=rigid.electrical_mode(
+        ops, p, _electrical(x), u, h, lambda: clutched_screw.accelerations(ops, t, motion)[1]))
+
+
+def _slip_power(t: Train, m: Record, x: Record) -> Value:
+    return m.motion.clutch * t.capacity * (x.motor_speed - x.screw_speed)
+
+
+def _mechanical(ops: Ops, p: Any, x: Record, m: Record) -> Values:
+    """Return d/dt of the states of screw, rotor and clutch."""
+    t = _train(ops, p, x, m)
+    turning, rotor = clutched_screw.accelerations(ops, t, m.motion)
+    return {"screw_angle": x.screw_speed, "screw_speed": turning, "motor_speed": rotor,
+            "coil_current": m.coil.rate(ops, p, x.coil_current), "flux": clutch.flux_rate(p, x.coil_current, x.flux),
+            "clutch_temperature": clutch.warming(p, _slip_power(t, m, x), x.clutch_temperature)}
+
+
+def _rates(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
+    rise, integral = current_loop.rates(ops, p, m.drive, x.motor_speed, x.motor_current, x.drive_integral)
+    return {**_mechanical(ops, p, x, m), "motor_current": rise, "drive_integral": integral}
+
+
+def derivatives(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return d/dt of the states, (2.17), (2.46), (2.47): of a clutch that holds, without no-back and dry friction;
+    viscous friction is the mean of both directions."""
+    given = dict(nonlinear.derivatives(ops, _as_one(p), clutches.as_cascade(x, x.motor_current), u))
+    angle = given.pop("motor_angle")
+    return {**given, "screw_angle": angle, "screw_speed": given["motor_speed"]}
+
+
+def _margins(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
+    way, (least, most) = m.motion.screw, m.stops
+    ahead = ops.where(way > 0.0, most - x.screw_angle, x.screw_angle - least)
+    return {**clutched_screw.margins(ops, _train(ops, p, x, m), m.motion, x.screw_speed, x.motor_speed),
+            "stop": ops.where(ops.equal(way, 0.0), 1.0, ahead), "coil": m.coil.margin(ops, p, x.coil_current),
+            "voltage": current_loop.reserve(ops, p, m.drive, x.motor_speed, x.motor_current, x.drive_integral)}
+
+
+def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, events: Values) -> Values:
+    turning, rotor = clutched_screw.landed(ops, m.motion, (begin.screw_speed, begin.motor_speed),
+                                           (x.screw_speed, x.motor_speed), events)
+    # Another event may be placed a rounding behind that of the stop.
+    way, (least, most) = m.motion.screw, m.stops
+    beyond = ops.either(ops.both(way > 0.0, x.screw_angle >= most), ops.both(way < 0.0, x.screw_angle <= least))
+    struck = ops.either(events["stop"], beyond)
+    # A stop takes the screw's speed at once; the rotor goes on, and the clutch slips.
+    return {"screw_speed": ops.where(struck, 0.0, turning), "motor_speed": ops.where(struck, x.motor_speed, rotor),
+            "screw_angle": ops.where(struck, ops.where(way > 0.0, most, least), x.screw_angle),
+            "drive_integral": current_loop.integral_end(ops, p, m.drive, x.motor_speed, x.motor_current,
+                                                        x.drive_integral)}
+
+
+_SYSTEM = events.Switched(mode, _rates, _margins, _landed)
+
+
+def step(ops: Ops, p: Any, x: Record, u: Acting, h: Value) -> tuple[Values, Value]:
+    """Return the plant after h [s] or at the first event before, and the time that took."""
+    p = as_built(ops, p)
+    now = rigid.switched(ops, _electrical(x), u.enabled)
+    x = x.replace(motor_current=now.current, drive_integral=now.integral)
+    moved, used = events.advance(ops, p, _SYSTEM, x, u, rigid.resolved(ops, p, now, u, h))
+    return vars(moved), used
+
+
+def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
+    """Return every output."""
+    p = as_built(ops, p)
+    voltage, current, clipped = nonlinear.electrical(ops, p, x.motor_speed, x, u)
+    x = x.replace(motor_current=current)
+    m = _surroundings(ops, p, x, u, x.screw_angle)
+    t = _train(ops, p, x, m)
+    motion = clutched_screw.motion(ops, t, x.screw_speed, x.motor_speed)
+    m = Record(**vars(m), motion=motion)
+    limited = ops.either(u.limited > 0.0, ops.negate(ops.equal(m.coil.side, 0.0)))
+    drawn = voltage * current + m.coil.drawn(ops, p, x.coil_current)
+    tangent = kinematics.lever_tangent(ops, p, x.screw_angle)
+    fin = kinematics.fin_angle(ops, p, tangent)
+    error = drive.current_reference(ops, p, u.reference) - current
+    loss = (motion.felt - 1.0) * clutched_screw.transmitted(ops, t, motion) * x.screw_speed
+    return {
+        "fin_angle": fin,
+        "fin_rate": x.screw_speed / kinematics.reduction_ratio(ops, p, tangent),
+        "screw_angle": x.screw_angle,
+        "screw_speed": x.screw_speed,
+        "motor_speed": x.motor_speed,
+        "motor_current": current,
+        "motor_voltage": voltage,
+        "motor_torque": drive.torque(p, current),
+        "drive_reference": u.sampled_reference,
+        "nut_position": kinematics.nut_position(ops, p, x.screw_angle),
+        "hinge_torque": mechanics.external_moment(ops, p, tangent, u),
+        "supply_power": ops.maximum(drawn, 0.0),
+        "braking_power": ops.maximum(-drawn, 0.0),
+        "tracking_error": fin_port.clipped_command(ops, p, u.command) - fin,
+        "measured_fin_angle": u.measured_fin_angle,
+        "saturated": ops.either(clipped > 0.0, limited),
+        "at_stop": ops.fabs(fin) >= fin_port.stop_edge(p),
+        "current_error": ops.where(u.enabled, error, 0.0),
+        "coil_current": x.coil_current,
+        "clutch_torque": clutched_screw.torque(ops, t, motion),
+        "slip_power": _slip_power(t, m, x),
+        "clutch_temperature": x.clutch_temperature,
+        "screw_loss": loss,
+    }
+
+
+def _jams(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    return interface.jams(ops, _screw_side(p), p.efficiency.backward, nonlinear.longest_tick(ops, p))
+
+
+ACTUATOR = Actuator(
     name="series-clutch",
-    title="clutch actuator: the nonlinear one with a clutch between motor and screw that no load drives",
+    title="clutch actuator: the nonlinear one with a clutch between motor and screw, and a no-back on the screw",
     origin="Section 1.1.1.2 of the thesis of Yerlikaya (2016): the first actuator with a clutch, so that loads which "
-           "act with the motor return no energy. It gives no numbers: those of the clutch are engineering estimates, "
-           "the others are the nonlinear set's.",
-    outputs=with_outputs(nonlinear.ACTUATOR.outputs, (LOSS,)),
-    parameters=nonlinear.ACTUATOR.parameters + lossy_screw.PARAMETERS,
-    rules=nonlinear.ACTUATOR.rules + lossy_screw.rules(nonlinear.ACTUATOR),
+           "act with the motor return no energy. It gives no numbers: those of clutch and no-back are engineering "
+           "estimates, the others are the nonlinear set's.",
+    states=STATES,
+    controller_states=interface.CONTROLLER,
+    encoder=("screw_angle", "screw_speed"),
+    outputs=OUTPUTS,
+    parameters=PARAMETERS,
+    supply=Supply(interface.SUPPLY_VOLTAGE, SUPPLY_POWER, interface.SUPPLY.inverse_inductance),
+    descriptions={**interface.INPUT_DESCRIPTIONS,
+                  "enable": "false opens drive's bridge and clutch: the no-back holds the fin under any load"},
+    terminals=(Terminal("motor", "motor, clutch and screw",
+                        ("screw_angle", "screw_speed", "motor_speed", "motor_current", "motor_voltage", "motor_torque",
+                         "drive_reference", "nut_position", "current_error", *(v.name for v in _CLUTCH))),),
+    rules=(*interface.RULES, Rule(_jams, lossy_screw.jamming_text("clutch and screw"))),
     faults=FAULTS,
-    provides=nonlinear.ACTUATOR.provides - {capabilities.SCREW_LOAD},
-    reference=None,
-    modules=(sys.modules[__name__], lossy_screw, *nonlinear.EQUATIONS),
+    equal_parameters=interface.EQUAL,
+    provides=nonlinear.ACTUATOR.provides - {
+        capabilities.SCREW_LOAD, capabilities.COULOMB_FRICTION, capabilities.RIGID_DRIVE_LINE,
+        capabilities.RETURNS_POWER},
+    structure=Structure(),
+    as_built=as_built,
+    nominal=NOMINAL,
+    initial=initial,
+    sample=sample,
+    derivatives=derivatives,
+    step=step,
+    output_values=output_values,
+    longest_tick=nonlinear.longest_tick,
+    tick_remedy=interface.TICK_REMEDY,
+    transport_delay=interface.transport_delay,
+    reference="emcas_fmu.reference.series_clutch",
+    modules=(sys.modules[__name__], *MODULES),
 )

@@ -73,12 +73,16 @@ def geared(_: Ops, p: Any) -> Any:
         "deviation.kinematics.moment_arm": 0.0, "deviation.kinematics.initial_angle": 0.0, "deviation.screw.lead": 0.0})
 
 
+def shown(ops: Ops, p: Any, x: Record, u: Acting, values: Values) -> Values:
+    """Return every output from those of a screw and the parameters that it has."""
+    without_nut = {name: value for name, value in values.items() if name != "nut_position"}
+    return {**without_nut, LOSS.name: screw_loss.loss(ops, as_built(ops, p), x, u, values)}
+
+
 def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     """Return every output."""
     p = geared(ops, p)
-    values = dict(nonlinear.output_values(ops, p, x, u))
-    del values["nut_position"]
-    return {**values, LOSS.name: screw_loss.loss(ops, as_built(ops, p), x, u, values)}
+    return shown(ops, p, x, u, nonlinear.output_values(ops, p, x, u))
 
 
 # -- faults ------------------------------------------------------------------------

@@ -83,7 +83,7 @@ def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
     """Return a sample of the controller; it is held in reset while disabled."""
     measured = fluid_power.measured(ops, p, asked.position)
     full = full_speed(ops, p)
-    out = fluid_power.sample(ops, p, x.integral, measured, asked.command, full, x.piston)
+    out = fluid_power.sample(ops, p, x.integral, x.piston, measured, asked.command, full)
     at_rest = fluid_power.at_rest(ops, p, measured)
     return {"reference": ops.where(asked.enable, out.speed / full, 0.0),
             "integral": ops.where(asked.enable, out.integral, at_rest),
@@ -153,20 +153,15 @@ def _margins(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
 
 
 def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, events: Values) -> Values:
-    moving = ops.negate(ops.equal(m.slide.direction, 0.0))
-    stop = p.fin.stop_angle
-    # Where something else ended the step a hair behind a stop, that is one all the same.
-    against = ops.both(ops.fabs(x.fin_angle) >= stop, x.fin_angle * x.fin_rate > 0.0)
-    halted = ops.either(against, ops.both(moving, ops.either(events["fin"], events["stop"])))
+    angle, rate = stick.landed(ops, m.slide, p.fin.stop_angle, (begin.fin_angle, begin.fin_rate),
+                               (x.fin_angle, x.fin_rate), events["fin"], events["stop"])
     fastest, side = servovalve.fastest(p), ops.where(x.spool_position > 0.0, 1.0, -1.0)
     at_end = ops.fabs(x.spool_position) >= 1.0
     end = ops.either(events["stroke"], at_end)
     outward = ops.either(events["stroke"], x.spool_speed * side > 0.0)
     met = ops.both(events["speed"], ops.negate(m.at_speed))
     speed = ops.where(met, ops.where(x.spool_speed > 0.0, fastest, -fastest), x.spool_speed)
-    return {"fin_rate": stick.speed_after(ops, m.slide, begin.fin_rate, x.fin_rate, halted),
-            "fin_angle": ops.where(stick.nowhere(ops, m.slide, begin.fin_rate, x.fin_rate), begin.fin_angle, ops.where(
-                events["stop"], m.slide.direction * stop, ops.clip(x.fin_angle, -stop, stop))),
+    return {"fin_rate": rate, "fin_angle": angle,
             "pressure_1": ops.where(events["void_1"], 0.0, ops.maximum(x.pressure_1, 0.0)),
             "pressure_2": ops.where(events["void_2"], 0.0, ops.maximum(x.pressure_2, 0.0)),
             "spool_position": ops.where(end, side, x.spool_position),
@@ -212,7 +207,7 @@ ACTUATOR = Actuator(
     origin="The structure is that of section 1.1.3 of the thesis of Yerlikaya (2016), which gives no numbers: every "
            "value is an engineering estimate.",
     states=(*interface.FIN, *interface.CHAMBERS, *VALVE),
-    controller_states=(interface.INTEGRAL, State("piston", "m", "as read at the last sample")),
+    controller_states=interface.CONTROLLER,
     outputs=(*interface.OUTPUTS,
              real_output("valve_reference", "1", "position asked of the spool, of its stroke", 1.0),
              real_output("valve_position", "1", "position of the spool, of its stroke", 1.0),

@@ -5,7 +5,11 @@ Pump and valves :mod:`emcas_fmu.physics.pump`, cylinder :mod:`emcas_fmu.physics.
 fin, as a leaking pump turns on under load; the speed that it asks of the piston is that of a pump without leakage. The
 velocity loop works on the motor's speed, of a resolver taken as exact:
 
-    w_ref = A/D v_ref        u = clip(K_v (w_ref - w), +-u_max)        integral held where the drive cannot follow u
+    w_ref = A/D v_ref        u = clip(K_v (w_ref - w) + u_fc, +-u_max)
+
+The position loop's integral is also held where the drive cannot follow u. u_fc feeds forward the Coulomb friction of
+pump, piston and fin as it is at the motor without load (:func:`emcas_fmu.control.controllers.fed_forward`): no pressure
+is measured.
 
 Without `enable` the bridge opens, and the fin is held by friction and leakage of the pump, unless the bypass opens.
 
@@ -16,10 +20,9 @@ valve or a relief valve opens or closes, a void begins or ends, the drive's volt
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from typing import Any
 
-from ...control import fluid_power
+from ...control import controllers, fluid_power
 from ...namespace import Record, with_values
 from ...ops.base import Ops, Value
 from ...physics import cylinder, drive, pump, stick
@@ -39,9 +42,7 @@ _ROUNDING = 1e-9  # V
 PARAMETERS = (
     *interface.PARAMETERS,
     *without(only(electromechanical.PARAMETERS, "inertia.motor", "motor.", "drive.", "controller.velocity.kp",
-                  "controller.speed_limit"), "drive.transport_delay"),
-    *(replace(v, description="ambient temperature; the extension heat alone reads it")
-      for v in only(electromechanical.PARAMETERS, "friction.temperature")),
+                  "controller.speed_limit", "compensation."), "drive.transport_delay"),
     parameter("pump.displacement", "m3/rad", 1e-10, 1e-3, "displacement of the pump per radian, D_p"),
     parameter("pump.leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of the pump from side to side, xi_p"),
     parameter("pump.case_leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage of each side to the case, C_ep"),
@@ -66,7 +67,8 @@ def initial(ops: Ops, p: Any, start: Record) -> Values:
     """Return plant and controller at rest at a fin angle, both chambers at the reservoir's pressure."""
     measured, filled = fluid_power.measured(ops, p, start.fin_angle), pump.at_rest(ops, p)
     return {"fin_angle": start.fin_angle, "pressure_1": filled, "pressure_2": filled,
-            "integral": fluid_power.at_rest(ops, p, measured), "measured_fin_angle": measured}
+            "integral": fluid_power.at_rest(ops, p, measured),
+            "piston": cylinder.piston_position(ops, p, measured), "measured_fin_angle": measured}
 
 
 def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
@@ -76,18 +78,28 @@ def sample(ops: Ops, p: Any, x: Record, asked: Asked) -> Values:
 
     def running() -> tuple[Value, ...]:
         per_speed = p.pump.displacement / p.cylinder.area
-        out = fluid_power.sample(ops, p, x.integral, measured, asked.command, p.controller.speed_limit * per_speed)
-        raw = p.controller.velocity.kp * (out.speed / per_speed - x.motor_speed)
+        out = fluid_power.sample(ops, p, x.integral, x.piston, measured, asked.command,
+                                 p.controller.speed_limit * per_speed)
+        asked_speed = out.speed / per_speed
+        compensation = controllers.fed_forward(ops, p, _dry_at_motor(ops, p, measured), asked_speed)
+        raw = p.controller.velocity.kp * (asked_speed - x.motor_speed) + compensation
         largest = p.drive.reference_limit
         reference = ops.clip(raw, -largest, largest)
         # What the drive cannot follow: beyond the DAC's or the current's limit.
         beyond = raw - drive.followed(ops, p, reference)
         held = ops.both(ops.fabs(beyond) > _ROUNDING, beyond * (out.integral - x.integral) > 0.0)
         limited = ops.either(out.limited > 0.0, ops.fabs(raw) > largest)
-        return reference, ops.where(held, x.integral, out.integral), ops.where(limited, 1.0, 0.0)
+        return reference, ops.where(held, out.held, out.integral), ops.where(limited, 1.0, 0.0)
 
     reference, integral, limited = ops.branch(asked.enable, running, lambda: (0.0, at_rest, 0.0))
-    return {"reference": reference, "integral": integral, "measured_fin_angle": measured, "limited": limited}
+    return {"reference": reference, "integral": integral, "piston": cylinder.piston_position(ops, p, measured),
+            "measured_fin_angle": measured, "limited": limited}
+
+
+def _dry_at_motor(ops: Ops, p: Any, fin_angle: Value) -> Value:
+    """Return the Coulomb friction [N.m] at the motor of pump, piston and fin that move without load."""
+    drop = cylinder.dry_drop(ops, p, fin_angle)
+    return p.pump.displacement * drop + pump.dry(ops, p, drop)
 
 
 def _electrical(x: Record) -> rigid.Plant:
@@ -155,21 +167,14 @@ def _margins(ops: Ops, p: Any, x: Record, u: Acting, m: Record) -> Values:
 
 
 def _landed(ops: Ops, p: Any, begin: Record, x: Record, u: Acting, m: Record, events: Values) -> Values:
-    def moving(slide: stick.Slide) -> Value:
-        return ops.negate(ops.equal(slide.direction, 0.0))
-
     def borne(pressure: Value, void: Value) -> Value:
         # A void begins with nothing: under its modulus what a step is beyond that would be thousands of times as much.
         return ops.where(void, pressure, ops.maximum(pressure, p.oil.cavitation_pressure))
 
-    # Another event may be placed a rounding behind that of the stop; and a fin that leaves it and turns back within a
-    # step gets as far beyond.
-    stop = p.fin.stop_angle
-    struck = ops.either(events["stop"], ops.both(moving(m.fin), m.fin.direction * x.fin_angle >= stop))
-    fin, shaft = ops.either(struck, ops.both(moving(m.fin), events["fin"])), ops.both(moving(m.shaft), events["shaft"])
-    return {"fin_rate": stick.speed_after(ops, m.fin, begin.fin_rate, x.fin_rate, fin),
-            "fin_angle": ops.where(stick.nowhere(ops, m.fin, begin.fin_rate, x.fin_rate), begin.fin_angle, ops.where(
-                struck, m.fin.direction * stop, ops.clip(x.fin_angle, -stop, stop))),
+    angle, rate = stick.landed(ops, m.fin, p.fin.stop_angle, (begin.fin_angle, begin.fin_rate),
+                               (x.fin_angle, x.fin_rate), events["fin"], events["stop"])
+    shaft = ops.both(ops.negate(ops.equal(m.shaft.direction, 0.0)), events["shaft"])
+    return {"fin_rate": rate, "fin_angle": angle,
             "pressure_1": borne(x.pressure_1, m.valves.void_1), "pressure_2": borne(x.pressure_2, m.valves.void_2),
             "motor_speed": stick.speed_after(ops, m.shaft, begin.motor_speed, x.motor_speed, shaft),
             "drive_integral": current_loop.integral_end(ops, p, m.drive, x.motor_speed, x.motor_current,
@@ -220,7 +225,7 @@ ACTUATOR = Actuator(
     origin="The structure is that of section 1.1.2 of the thesis of Yerlikaya (2016), which gives no numbers: motor, "
            "drive and supply are those of the electromechanical actuator, all other values are engineering estimates.",
     states=(*interface.FIN, *interface.CHAMBERS, State("motor_speed", "rad/s"), *electromechanical.DRIVE),
-    controller_states=(interface.INTEGRAL,),
+    controller_states=interface.CONTROLLER,
     outputs=(*interface.OUTPUTS,
              *only(electromechanical.OUTPUTS, "motor_speed", "motor_current", "motor_voltage", "motor_torque",
                    "drive_reference", "supply_power", "current_error")),
@@ -236,8 +241,8 @@ ACTUATOR = Actuator(
     equal_parameters=electromechanical.EQUAL,
     provides=frozenset({
         capabilities.MOTOR_CURRENT, capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT, capabilities.SUPPLY_VOLTAGE,
-        capabilities.VOLTAGE_LIMIT, capabilities.REFERENCE_LIMIT, capabilities.POSITION_LOOP, capabilities.CASCADE,
-        capabilities.AMBIENT_TEMPERATURE}),
+        capabilities.VOLTAGE_LIMIT, capabilities.RETURNS_POWER, capabilities.REFERENCE_LIMIT,
+        capabilities.POSITION_LOOP, capabilities.CASCADE}),
     structure=Structure(),
     as_built=as_built.with_pump,
     nominal=as_built.nominal(*DEVIATIONS),

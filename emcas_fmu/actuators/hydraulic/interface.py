@@ -15,7 +15,8 @@ from ..electromechanical import interface as electromechanical
 FIN = (State("fin_angle", "rad"), State("fin_rate", "rad/s"))
 CHAMBERS = (State("pressure_1", "Pa", "in the chamber that turns the fin to positive angles"),
             State("pressure_2", "Pa", "in the other one"))
-INTEGRAL = State("integral", "m/s", "of the position controller")
+CONTROLLER = (State("integral", "m/s", "of the position controller"),
+              State("piston", "m", "as read at the last sample"))
 
 OUTPUTS = (
     *fin_port.described({

@@ -10,8 +10,8 @@ function element(tag, attributes = {}, ...children) {
 }
 
 /** The range of a slider [SI]; null of a value that says nothing of its scale. */
-function sliderRange({range, value, minimum, maximum}) {
-    if (range) return range;
+function sliderRange({range, kind, value, minimum, maximum}) {
+    if (range || kind === "Boolean") return range ?? null;
     if (value > 0 && !(maximum - minimum <= 4 * value)) {
         return [Math.max(minimum, 0), Math.min(maximum, 3 * value)];
     }
@@ -36,7 +36,8 @@ class Control {
         this.again = element("button", {type: "button", class: "again", "aria-label": `${title}: back to its start`,
             title: "back to its start"}, "↺");
         this.again.addEventListener("click", () => { this.change(undefined); this.field.focus(); });
-        const label = element("label", {for: id}, slider ? title : element("code", {}, control.name));
+        const parts = control.name.split(/(?<=[._])/).flatMap(part => [part, element("wbr")]);
+        const label = element("label", {for: id}, slider ? title : element("code", {}, ...parts));
         const unit = element("span", {class: "unit"}, DATA.typeset[this.unit] ?? this.unit);
         this.row = element("div", {class: "control", "data-name": control.name}, label,
             element("span", {class: "number"}, this.field, unit, this.again));
@@ -83,8 +84,9 @@ class Control {
         }
         const {minimum, maximum} = this.control, known = value >= minimum && value <= maximum;
         const text = general(value / this.factor, 9);
-        if (document.activeElement !== this.field || Number(this.field.value) !== Number(text)) this.field.value = text;
         this.field.setAttribute("aria-invalid", String(!known));
+        if (Number.isNaN(value)) return;  // what was written stays, to be corrected
+        if (document.activeElement !== this.field || Number(this.field.value) !== Number(text)) this.field.value = text;
         if (this.slider) {
             this.slider.max = Math.max(this.most, value / this.factor);
             this.slider.min = Math.min(this.least, value / this.factor);

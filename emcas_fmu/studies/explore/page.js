@@ -12,7 +12,7 @@ class Page {
         const change = (name, value) => this.change(name, value);
         this.controls = [...firstControls(change), ...allControls(change, $("search"), $("all"))];
         this.plots = DATA.panels.map(({title, shown: [unit]}, k) =>
-            new Plot(title, {x: "time [s]", y: `[${typeset(unit) || "1"}]`, height: k ? 190 : 250}));
+            new Plot(title, {x: "time [s]", y: `[${typeset(unit) || 1}]`, height: k || innerWidth < 640 ? 190 : 250}));
         this.plots.forEach((plot, k) => (k ? $("plots") : $("main-plot")).append(plot.figure));
         this.gain = new Plot("Gain of the fin angle over the command",
             {x: "frequency [Hz]", y: "[dB]", log: true, shared: false});
@@ -23,7 +23,7 @@ class Page {
     }
 
     listen() {
-        for (const [shape, {title}] of Object.entries(SHAPES)) $("shape").append(element("option", {value: shape}, title));
+        $("shape").append(...Object.entries(SHAPES).map(([value, {title}]) => element("option", {value}, title)));
         $("shape").addEventListener("change", () => {
             if ($("shape").value === "csv") $("file").click();
             this.change("excitation.shape", $("shape").value);
@@ -73,7 +73,7 @@ class Page {
         const link = new URLSearchParams(location.hash.slice(1)), notes = [];
         const read = text => {
             const [setting, unknown] = Setting.parse(text);
-            if (unknown.length) notes.push(`The link has ${unknown.join(", ")}, which this page does not have: left out.`);
+            if (unknown.length) notes.push(`The link has ${unknown.join(", ")}, unknown to this page: left out.`);
             return {setting};
         };
         this.kept = link.has("A") ? read(link.get("A")) : null;
@@ -107,7 +107,8 @@ class Page {
         this.say(problems, this.live.warnings);
         if (problems.length) return;
         this.drawTimes();
-        this.table();
+        drawFigures($("figures"), this.cases);
+        document.body.classList.add("waiting");
         clearTimeout(this.resting);
         this.resting = setTimeout(() => this.rest(), REST);
     }
@@ -150,16 +151,11 @@ class Page {
         DATA.panels.forEach((panel, number) => drawPanel(this.plots[number], panel, number, this.cases));
     }
 
-    table() {
-        drawFigures($("figures"), this.cases);
-        document.body.classList.toggle("two", this.cases.length > 1);
-    }
-
     /** What takes longer, run by run, unless something changes meanwhile: Table 2, the Bode plot, words, the link. */
     async rest() {
         const {live, kept} = this;
-        this.written = `#${new URLSearchParams({of: DATA.digest, ...(kept ? {A: kept.setting} : {}), B: live.setting})}`;
-        history.replaceState(null, "", this.written);
+        const link = new URLSearchParams({of: DATA.digest, ...(kept ? {A: kept.setting} : {}), B: live.setting});
+        history.replaceState(null, "", `#${link}`);
         this.written = location.hash;
         this.tell();
         for (const [, each] of this.cases) {
@@ -174,6 +170,7 @@ class Page {
         drawRequirements($("requirements"), this.cases);
         drawBode(this.gain, this.phase, this.cases);
         $("bode-summary").textContent = bodeSummary(this.cases);
+        document.body.classList.remove("waiting");
         document.body.dataset.ready = String(Number(document.body.dataset.ready ?? 0) + 1);
     }
 
@@ -206,9 +203,13 @@ class Page {
         return {...this.inputs(), ...this.live.run.outputs};
     }
 
-    copyLink() {
-        navigator.clipboard?.writeText(location.href).then(() => { $("copied").textContent = "link copied"; },
-            () => { $("copied").textContent = "the address of the page is the link"; });
+    async copyLink() {
+        try {
+            await navigator.clipboard.writeText(location.href);
+            $("copied").textContent = "link copied";
+        } catch {
+            $("copied").textContent = "the address of this page is the link: copy it from above";
+        }
     }
 
     redraw() {
@@ -217,7 +218,8 @@ class Page {
 }
 
 function save(name, text) {
-    const link = element("a", {href: URL.createObjectURL(new Blob([text], {type: "text/plain"})), download: name});
+    const blob = new Blob([text], {type: "text/plain"});
+    const link = element("a", {href: URL.createObjectURL(blob), download: name});
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }

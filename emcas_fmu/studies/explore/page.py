@@ -69,7 +69,7 @@ def document(parameters: ParameterSet, inputs: Mapping[str, float]) -> dict[str,
     shipped = load_parameters(model=model).values
     entries = {e.variable.name: e for e in parameters.entries}
     starts = {v.name: inputs.get(v.name, v.initial(parameters.values)) for v in actuator.inputs}
-    described = {
+    described: dict[str, Any] = {
         "tool": f"emcas {__version__}", "model": _as_given(model), "command_limit": parameters.values["command.limit"],
         "parameters": [{**_parameter(entries[v.name]), "shipped": shipped[v.name]} for v in actuator.parameters],
         "inputs": [{**_quantity(v), "value": starts[v.name], "start": v.initial(parameters.values), "key": v.key,
@@ -88,8 +88,8 @@ def document(parameters: ParameterSet, inputs: Mapping[str, float]) -> dict[str,
         "runs": {name: _run(name, run) for name, run in table2_excitations().items()},
         "constants": _constants(), "units": {unit: _shown(unit) for unit in ("rad", "rad/s")},
     }
-    units = {v["shown"][0] for key in ("parameters", "inputs", "figures", "panels")
-             for v in (described[key].values() if isinstance(described[key], dict) else described[key])}
+    units = {each["shown"][0] for each in (*described["parameters"], *described["inputs"], *described["panels"],
+                                           *described["figures"].values())}
     described["typeset"] = {unit: _symbol(unit) for unit in (*units, *(r.unit for r in REQUIREMENTS), "deg", "N.m")}
     result: dict[str, Any] = plain(described)
     return result
@@ -129,14 +129,17 @@ def _parameter(entry: Entry) -> dict[str, Any]:
 
 
 def _first(parameters: ParameterSet) -> dict[str, list[str]]:
-    """Return the names of what stands first, in groups: supply, temperature, and gains, or else all of its own."""
+    """Return the names of what stands first, in groups: supply and what else is an input of this actuator alone,
+    temperature, and gains, or else all of its own.
+    """
     actuator = parameters.actuator
     tunable = [v for v in actuator.parameters if v.variability == "tunable"]
     gains = [v.name for v in tunable if v.name.startswith("controller.")]
     if not gains:
         ports = {v.name for v in port.PARAMETERS}
         gains = [v.name for v in get(parts(parameters.model)[0]).parameters if v.name not in ports][:_MOST_OWN]
-    return {"supply": [actuator.supply.input.name] if actuator.supply else [],
+    further = [v.name for v in actuator.further_inputs]
+    return {"supply": [*([actuator.supply.input.name] if actuator.supply else []), *further],
             "temperature": [v.name for v in tunable if v.unit == "degC"], "gains": gains}
 
 

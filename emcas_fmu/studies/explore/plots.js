@@ -13,20 +13,20 @@ function axis(label, size) {
 
 /** A line at a value of a scale, across the plot, with what it is: at its end, or a share of it before that. */
 function rule(u, scale, value, text, before = 0) {
-    const {ctx, bbox: {left, top, width, height}} = u, at = u.valToPos(value, scale, true), across = scale !== "x";
-    const outside = across ? at < top || at > top + height : at < left || at > left + width;
-    if (outside) return;
+    const {ctx, bbox: {left, top, width, height}} = u, pixel = devicePixelRatio;
+    const at = u.valToPos(value, scale, true), across = scale !== "x";
+    if (across ? at < top || at > top + height : at < left || at > left + width) return;
     ctx.save();
     ctx.strokeStyle = ctx.fillStyle = gray();
     ctx.setLineDash([2, 3]);
-    ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
+    ctx.font = `${11 * pixel}px system-ui, sans-serif`;
     ctx.beginPath();
     ctx.moveTo(across ? left : at, across ? at : top);
     ctx.lineTo(across ? left + width : at, across ? at : top + height);
     ctx.stroke();
     ctx.textAlign = "right";
-    const pixel = devicePixelRatio;
-    ctx.fillText(text, (across ? left + width * (1 - before) : at) - 4 * pixel, across ? at - 4 * pixel : top + height - 6 * pixel);
+    const end = across ? left + width * (1 - before) : at;
+    ctx.fillText(text, end - 4 * pixel, across ? at - 4 * pixel : top + height - 6 * pixel);
     ctx.restore();
 }
 
@@ -82,7 +82,8 @@ class Plot {
     draw(curves) {
         const xs = [...new Set(curves.map(curve => curve.x))], by = x => curves.filter(curve => curve.x === x);
         const ordered = xs.flatMap(by), names = ordered.map(({label}) => label).join("\n");
-        const tables = xs.map(x => [x, ...by(x).map(({y}) => y)]), data = xs.length > 1 ? uPlot.join(tables) : tables[0];
+        const tables = xs.map(x => [x, ...by(x).map(({y}) => y)]);
+        const data = tables.length > 1 ? uPlot.join(tables) : tables[0];
         if (names === this.names) {
             this.chart.setData(data);
             return;
@@ -98,7 +99,8 @@ class Plot {
         return {
             width: this.box.clientWidth || 300, height, legend: {markers: {width: 2}},
             cursor: {sync: shared ? {key: "time"} : undefined, points: {size: 5}, drag: {x: true, y: false}},
-            scales: {x: {time: false, distr: log ? 3 : 1}},
+            scales: {x: {time: false, distr: log ? 3 : 1}, y: {range: (_, least, most) =>
+                least === most ? [least - 1, most + 1] : uPlot.rangeNum(least, most, 0.1, true)}},
             axes: [axis(x, 40), axis(y, 58)],
             series: [{label: x.replace(/ .*/, ""), value}, ...curves.map(curve => ({
                 label: curve.label, stroke: curve.stroke, width: curve.width ?? 1.6, dash: curve.dash, value,

@@ -15,8 +15,9 @@ function drawPanel(plot, panel, number, cases) {
     const [, factor] = panel.shown, live = cases[cases.length - 1][1].run, {time, columns} = live.excitation;
     const curves = cases.flatMap(([letter, {run}]) => panel.names.map((name, k) => ({
         label: words(name) + (cases.length > 1 ? ` ${letter}` : ""),
-        x: run.excitation.time, y: run.outputs[name].map(x => x / factor), stroke: COLORS[k % COLORS.length],
-        step: panel.discrete, ...(letter === "A" ? {dash: [7, 4], width: 1.3} : {})})));
+        x: run.excitation.time, y: run.outputs[name].map(x => x / factor),
+        step: panel.discrete, stroke: COLORS[(k + Number(letter === "A" && panel.names.length === 1)) % COLORS.length],
+        ...(letter === "A" ? {dash: [7, 4], width: 1.3} : {})})));
     const command = number === 0 && columns.fin_command?.map(x => x / factor);
     if (command) {
         curves.unshift({label: "command", x: time, y: command, stroke: gray, dash: [2, 2], width: 1.1, step: true});
@@ -94,7 +95,8 @@ const DASHES = [undefined, [7, 4], [2, 3]];
 function drawBode(gain, phase, cases) {
     const two = cases.length > 1;
     const found = cases.flatMap(([letter, each]) => sweeps(each).map(([label, {frequency}], k) => ({
-        label: two ? `${label} ${letter}` : label, frequency, dash: DASHES[k], stroke: COLORS[letter === "A" ? 1 : 0]})));
+        label: two ? `${label} ${letter}` : label, frequency, dash: DASHES[k],
+        stroke: COLORS[letter === "A" ? 1 : 0]})));
     const curves = part => found.map(({frequency, ...look}) => (
         {...look, x: frequency.frequency, y: frequency[part].map(part === "phase" ? degrees : x => x)}));
     const required = DATA.requirements.find(({measure}) => measure === "bandwidth");

@@ -86,10 +86,10 @@ class Setting {
     static parse(text) {
         const values = {}, unknown = [];
         for (const [name, written] of new URLSearchParams(text)) {
-            const control = CONTROLS.get(name);
-            const value = control?.kind === "Boolean" ? written === "true" : Number(written);
+            const control = CONTROLS.get(name), flag = control?.kind === "Boolean";
+            const sound = flag ? ["true", "false"].includes(written) : control && Number.isFinite(Number(written));
             if (name === "excitation.shape" && written in SHAPES) values[name] = written;
-            else if (control && Number.isFinite(value)) values[name] = value;
+            else if (sound) values[name] = flag ? written === "true" : Number(written);
             else unknown.push(name);
         }
         return [new Setting(values), unknown];
@@ -101,7 +101,9 @@ function parameterFile(setting) {
     const entries = [...DATA.parameters, ...HELD.filter(v => v.key)];
     const differing = new Set(entries.filter(v => setting.get(v.name) !== v.shipped).map(v => v.name));
     /* Of two that are equal in SI units a file with one would move the other. */
-    for (const pair of DATA.equal) if (pair.some(name => differing.has(name))) pair.forEach(name => differing.add(name));
+    for (const pair of DATA.equal.filter(pair => pair.some(name => differing.has(name)))) {
+        pair.forEach(name => differing.add(name));
+    }
     const lines = entries.filter(v => differing.has(v.name)).map(v => {
         const unit = v.kind === "Boolean" ? "" : `, unit = ${JSON.stringify(v.unit)}`;
         return `${JSON.stringify(v.key ?? v.name)} = { value = ${setting.get(v.name)}${unit} }`;

@@ -1,0 +1,103 @@
+"""What the actuators with electromagnetic clutches between motor and screw share: variables, faults, loops' states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from ...namespace import Record
+from ...ops.base import Ops, Value
+from ...variables import Variable, only, parameter, real_output, tunable
+from ..declaration import PlantFault, State
+from . import interface
+
+SCREW = (State("screw_angle", "rad"), State("screw_speed", "rad/s"), State("motor_speed", "rad/s"))
+TEMPERATURE = State("clutch_temperature", "degC")
+MOTION = (
+    *only(interface.OUTPUTS, "fin_angle", "fin_rate"),
+    real_output("screw_angle", "rad", "screw angle", 10.0),
+    real_output("screw_speed", "rad/s", "screw speed", 100.0),
+    *only(interface.OUTPUTS, "motor_speed"),
+)
+CLUTCH_TEMPERATURE = real_output("clutch_temperature", "degC", "temperature of the slipping surfaces", 100.0)
+OF_SCREW = {
+    "encoder.on_fin": "true: the position comes from an encoder on the fin shaft; false: from the screw's, as the "
+                      "speed always does",
+    **{v.name: v.description.replace("at the motor", "at the screw")
+       for v in only(interface.PARAMETERS, "friction.viscous", "friction.coulomb")},
+}
+MOTOR = (
+    parameter("motor.coulomb_friction", "N.m", 0.0, 10.0, "dry friction of the motor's side"),
+    parameter("motor.viscous_friction", "N.m.s/rad", 0.0, 10.0, "viscous friction of the motor's side"),
+)
+CLUTCH = (
+    parameter("clutch.rated_torque", "N.m", 1e-6, 1e4, "torque at which a clutch slips at its rated current, T_r"),
+    parameter("clutch.rated_current", "A", 1e-6, 1e3, "coil current for the rated torque, I_r"),
+    parameter("clutch.residual", "1", 0.0, 0.99, "share of the rated torque that is left without current, r"),
+    parameter("clutch.eddy_time", "s", 1e-6, 10.0, "time constant of eddy currents, t_e"),
+    parameter("clutch.driving_inertia", "kg.m2", 0.0, 10.0, "inertia of the driving side besides the rotor's"),
+    parameter("clutch.driven_inertia", "kg.m2", 0.0, 10.0, "inertia of the driven side besides the screw's"),
+    parameter("clutch.temperature_coefficient", "1/K", -0.1, 0.1, "relative rise of the torque with temperature, a"),
+    parameter("clutch.reference_temperature", "degC", -100.0, 1e3, "temperature of the rated torque, T_0"),
+    parameter("clutch.heat_capacity", "J/K", 1e-3, 1e6, "heat capacity of what slipping heats, C_th"),
+    parameter("clutch.thermal_resistance", "K/W", 1e-6, 1e6, "from there to the ambient, R_th"),
+    parameter("coil.resistance", "Ohm", 1e-6, 1e6, "coil resistance"),
+    parameter("coil.inductance", "H", 1e-7, 1e3, "coil inductance"),
+    parameter("coil.suppression_voltage", "V", 0.0, 1e4, "voltage of the suppressor that takes a coil's energy, V_c"),
+)
+_BLOCKED = 1e6  # N.m, of dry friction
+
+
+def share(name: str, which: str) -> Variable:
+    """Declare the torque of a clutch over the rated one, by which one differs from another."""
+    return parameter(name, "1", 0.0, 10.0, f"torque of the clutch{which}, over the rated one")
+
+
+def connected(name: str, which: str) -> Variable:
+    """Declare how much of its current a coil gets."""
+    return parameter(name, "1", 0.0, 1.0, f"share of the current asked for that the coil{which} gets (0: open)")
+
+
+def faults(jammed: str, opened: tuple[str, str], shares: Iterable[str]) -> tuple[PlantFault, ...]:
+    """Return the faults that all such actuators have.
+
+    `jammed` says what the motor does behind a blocked screw; `opened` are the parameter that an open coil sets to 0,
+    and whose coil it is; `shares` are the parameters of the clutches' torque.
+    """
+    parts = {name: name.split(".")[1] for name in shares}
+
+    def weaker(p: Any, left: Value) -> Mapping[str, Value]:
+        return {name: left * getattr(p.clutch, part) for name, part in parts.items()}
+
+    def shorted(ops: Ops, p: Any, amounts: Any) -> Mapping[str, Value]:
+        return {"coil.resistance": amounts.share * p.coil.resistance,
+                "coil.inductance": amounts.share * amounts.share * p.coil.inductance, **weaker(p, amounts.share)}
+
+    return (
+        PlantFault("jam", f"the screw is blocked; {jammed}", lambda ops, p, amounts: {
+            "friction.fin_coulomb": _BLOCKED}),
+        PlantFault("drag", "an open clutch drags", lambda ops, p, amounts: {"clutch.residual": amounts.share}, (
+            tunable("share", "1", 0.0, 0.9, "of the rated torque that is left without current"),)),
+        PlantFault("powder_loss", "friction surfaces are worn, or powder is lost, for good", lambda ops, p, amounts:
+                   weaker(p, amounts.share), (tunable("share", "1", 0.0, 1.0, "of the torque that is left"),),
+                   lasting=True),
+        PlantFault("coil_open", f"the coil of {opened[1]} is open: its residual torque is left",
+                   lambda ops, p, amounts: {opened[0]: 0.0}),
+        PlantFault("coil_short", "turns of every coil are shorted", shorted, (
+            tunable("share", "1", 0.05, 1.0, "of the turns that are left"),)),
+        PlantFault("overheating", "clutches lose torque as they heat", lambda ops, p, amounts: {
+            "clutch.temperature_coefficient": -amounts.slope,
+            "clutch.heat_capacity": amounts.capacity * p.clutch.heat_capacity}, (
+                tunable("slope", "1/K", 0.0, 0.1, "relative fall of the torque with temperature"),
+                tunable("capacity", "1", 0.01, 1.0, "of the heat capacity that takes the heat"))),
+    )
+
+
+def rotor_inertia(p: Any) -> Value:
+    """Return the inertia [kg.m2] of the motor and the driving side of its clutches."""
+    return p.inertia.motor + p.clutch.driving_inertia
+
+
+def as_cascade(x: Record, current: Value) -> Record:
+    """Return states as the loops of motor and screw know them: the screw is the motor, with a `current` [A]."""
+    return Record(**{**vars(x), "motor_angle": x.screw_angle, "motor_speed": x.screw_speed, "motor_current": current})

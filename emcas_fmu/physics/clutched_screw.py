@@ -1,0 +1,162 @@
+"""A rotor that drives a loaded screw through one friction clutch: what sticks, what slides, what the load lets through.
+
+    J_m m' = t_m - C_m sgn m - F                        |F| <= C, and F = C sgn(m - w) while the clutch slips
+    J_s w' = t_s - C_s sgn w + F - e L                  L = J_l w' + L_0        e of :mod:`emcas_fmu.physics.screw`
+
+m and w are the speeds of rotor and screw, L the load behind the screw. Three dry frictions are set-valued: the rotor's,
+the screw's with what a loaded one adds at rest, and the clutch. w' does not fall with F, and m' does not rise: whether
+the clutch holds is whether |F| <= C for the F with which both go on alike, and there is one answer to every state.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from ..ops.base import Ops, Value
+from .stick import overcome
+
+
+class Train(NamedTuple):
+    """Rotor, clutch and screw at one moment: inertias [kg.m2] and torques [N.m] of the module's equations.
+
+    `dry` is C_m; `sliding`, `load` are C_s and L_0 of motion up and down; `behind` is what acts through the screw at
+    rest without friction; from rest it takes more than `high`, or less than `low`, on the screw to move it; `forward`
+    and `backward` are the values of e.
+    """
+
+    rotor: Value
+    screw: Value
+    behind_inertia: Value
+    rotor_torque: Value
+    screw_torque: Value
+    dry: Value
+    capacity: Value
+    sliding: tuple[Value, Value]
+    load: tuple[Value, Value]
+    behind: Value
+    high: Value
+    low: Value
+    forward: Value
+    backward: Value
+
+
+class Motion(NamedTuple):
+    """Directions (-1, 1, or 0: sticks) of screw, rotor and clutch, whose slip is the rotor's speed over the screw's;
+    and e."""
+
+    screw: Value
+    rotor: Value
+    clutch: Value
+    felt: Value
+
+
+def _sign(ops: Ops, x: Value) -> Value:
+    return ops.where(x > 0.0, 1.0, ops.where(x < 0.0, -1.0, 0.0))
+
+
+def _chosen(ops: Ops, pair: tuple[Value, Value], direction: Value) -> Value:
+    return ops.where(direction > 0.0, pair[0], pair[1])
+
+
+def _start(ops: Ops, torque: Value, high: Value, low: Value) -> Value:
+    up, down = overcome(ops, torque, high, low)
+    return ops.where(up, 1.0, ops.where(down, -1.0, 0.0))
+
+
+def _driving(ops: Ops, t: Train, m: Motion) -> tuple[Value, Value, Value]:
+    """Return the torque [N.m] and the inertia [kg.m2] that move the screw, and the rotor's torque but the clutch's."""
+    rotor = t.rotor_torque - m.rotor * t.dry
+    joined = ops.equal(m.clutch, 0.0)
+    net = t.screw_torque - m.screw * _chosen(ops, t.sliding, m.screw) + ops.where(joined, rotor, m.clutch * t.capacity)
+    return net, t.screw + ops.where(joined, t.rotor, 0.0), rotor
+
+
+def _felt(ops: Ops, t: Train, m: Motion) -> Motion:
+    """Return the motion with the e that its load asks for, forward where the screw drives it."""
+    net, inertia, _ = _driving(ops, t, m)
+    against = (t.behind_inertia * net + inertia * _chosen(ops, t.load, m.screw)) * m.screw > 0.0
+    return m._replace(felt=ops.where(against, t.forward, t.backward))
+
+
+def accelerations(ops: Ops, t: Train, m: Motion) -> tuple[Value, Value]:
+    """Return d/dt of the speeds of screw and rotor [rad/s2]; of a clutch that holds they are one."""
+    net, inertia, rotor = _driving(ops, t, m)
+    both = (net - m.felt * _chosen(ops, t.load, m.screw)) / (inertia + m.felt * t.behind_inertia)
+    both = ops.where(ops.equal(m.screw, 0.0), 0.0, both)
+    slipping = ops.where(ops.equal(m.rotor, 0.0), 0.0, (rotor - m.clutch * t.capacity) / t.rotor)
+    return both, ops.where(ops.equal(m.clutch, 0.0), both, slipping)
+
+
+def transmitted(ops: Ops, t: Train, m: Motion) -> Value:
+    """Return L [N.m] of a screw that turns."""
+    rate, _ = accelerations(ops, t, m)
+    return t.behind_inertia * rate + _chosen(ops, t.load, m.screw)
+
+
+def _between(ops: Ops, t: Train) -> tuple[Value, Value]:
+    """Return the least and the largest torque [N.m] from rotor to screw with which both stay at rest."""
+    applied = t.screw_torque + t.behind
+    return (ops.maximum(t.rotor_torque - t.dry, t.low - applied), ops.minimum(t.rotor_torque + t.dry, t.high - applied))
+
+
+def held(ops: Ops, t: Train, m: Motion) -> Value:
+    """Return F [N.m] of a clutch that holds; of bodies at rest, of which it is not determined, the least."""
+    rate, _ = accelerations(ops, t, m)
+    least, most = _between(ops, t)
+    resting = ops.maximum(least, ops.minimum(most, 0.0))
+    return ops.where(ops.equal(m.screw, 0.0), resting, t.rotor_torque - m.rotor * t.dry - t.rotor * rate)
+
+
+def torque(ops: Ops, t: Train, m: Motion) -> Value:
+    """Return F [N.m]."""
+    return ops.where(ops.equal(m.clutch, 0.0), ops.clip(held(ops, t, m), -t.capacity, t.capacity),
+                     m.clutch * t.capacity)
+
+
+def motion(ops: Ops, t: Train, screw_speed: Value, rotor_speed: Value) -> Motion:
+    """Return what sticks and what slides at speeds [rad/s]."""
+    turns, slip = _sign(ops, screw_speed), _sign(ops, rotor_speed - screw_speed)
+    # As one: from rest the rotor's friction and the screw's hold together.
+    applied = t.screw_torque + t.behind + t.rotor_torque
+    starts = _start(ops, applied, t.high + t.dry, t.low - t.dry)
+    way = ops.where(ops.equal(turns, 0.0), starts, turns)
+    joined = _felt(ops, t, Motion(way, way, 0.0, 0.0))
+    slip = ops.where(ops.equal(slip, 0.0), _start(ops, held(ops, t, joined), t.capacity, -t.capacity), slip)
+    # Each by itself, under the torque of the clutch.
+    pushed = slip * t.capacity
+    screw_way = ops.where(ops.equal(turns, 0.0), _start(ops, t.screw_torque + t.behind + pushed, t.high, t.low), turns)
+    rotor_way = _sign(ops, rotor_speed)
+    rotor_way = ops.where(ops.equal(rotor_way, 0.0), _start(ops, t.rotor_torque - pushed, t.dry, -t.dry), rotor_way)
+    apart = _felt(ops, t, Motion(screw_way, rotor_way, slip, 0.0))
+    return Motion(*(ops.where(ops.equal(slip, 0.0), one, other) for one, other in zip(joined, apart, strict=True)))
+
+
+def margins(ops: Ops, t: Train, m: Motion, screw_speed: Value, rotor_speed: Value) -> dict[str, Value]:
+    """Return by name what is above 0 while all goes on as it does: a speed, what is left to hold, the load."""
+    joined = ops.equal(m.clutch, 0.0)
+    screw_rests, rotor_rests = ops.equal(m.screw, 0.0), ops.equal(m.rotor, 0.0)
+    rests = ops.both(joined, screw_rests)
+    pushed, (least, most) = m.clutch * t.capacity, _between(ops, t)
+    together = ops.minimum(most, t.capacity) - ops.maximum(least, -t.capacity)
+    applied = t.screw_torque + t.behind + pushed
+    screw = ops.where(screw_rests, ops.minimum(t.high - applied, applied - t.low), m.screw * screw_speed)
+    rotor = ops.where(rotor_rests, t.dry - ops.fabs(t.rotor_torque - pushed), m.rotor * rotor_speed)
+    clutch = ops.where(joined, t.capacity - ops.fabs(held(ops, t, m)), m.clutch * (rotor_speed - screw_speed))
+    load = m.screw * transmitted(ops, t, m) * ops.where(ops.equal(m.felt, t.forward), 1.0, -1.0)
+    return {"screw": ops.where(rests, together, screw), "rotor": ops.where(joined, 1.0, rotor),
+            "clutch": ops.where(rests, 1.0, clutch), "load": ops.where(screw_rests, 1.0, load)}
+
+
+def landed(ops: Ops, m: Motion, begin: tuple[Value, Value], end: tuple[Value, Value], events: Any
+           ) -> tuple[Value, Value]:
+    """Return the speeds of screw and rotor at the end of a step: what sticks, comes to rest or starts in vain is equal
+    to the bit. `events` says by name which margin was lost there."""
+    def stops(direction: Value, before: Value, after: Value, event: Value) -> Value:
+        vain = ops.both(ops.equal(before, 0.0), after * direction <= 0.0)
+        return ops.where(ops.equal(direction, 0.0), True, ops.either(event, vain))
+
+    still = stops(m.screw, begin[0], end[0], events["screw"])
+    halted = stops(m.rotor, begin[1], end[1], events["rotor"])
+    joined = stops(m.clutch, begin[1] - begin[0], end[1] - end[0], events["clutch"])
+    screw_speed = ops.where(ops.either(still, ops.both(joined, halted)), 0.0, end[0])
+    return screw_speed, ops.where(joined, screw_speed, ops.where(halted, 0.0, end[1]))

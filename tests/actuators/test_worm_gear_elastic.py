@@ -1,0 +1,200 @@
+"""The worm gear with an elastic mesh: closed forms, energy, the rigid worm gear, both back ends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from math import cos, degrees, pi, radians, sin, sqrt
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from emcas_fmu.actuators import get
+from emcas_fmu.extensions.status import OPERATIONAL
+from emcas_fmu.ops.floats import FLOATS
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime import compiled
+from emcas_fmu.simulation import simulate
+
+MODEL = "worm-gear-elastic"
+RIM, RATIO = 0.045, 60.0  # m, radius of the wheel's pitch circle; turns of the worm in one of the wheel
+FALLING = {"worm.friction": 0.04, "worm.static_ratio": 3.75}
+UNDAMPED = {"drive_line.axial_damping": 0.0, "drive_line.contact_damping": 0.0}
+QUICK = settings(deadline=None, derandomize=True, max_examples=20)
+
+
+@cache
+def shipped() -> Mapping[str, Any]:
+    return load_parameters(model=MODEL).values
+
+
+def run(overrides: Mapping[str, Any], stop: float, step: float = 1e-3, model: str = MODEL, **inputs: Any
+        ) -> dict[str, Any]:
+    parameters = load_parameters(model=model).with_values({"encoder.enabled": False, **overrides})
+    return simulate(parameters.values, stop, step, model=model, **inputs)
+
+
+def stiffness(v: Mapping[str, Any]) -> float:
+    """About the hinge [N.m/rad], of worm and bearing and, with a gap, the flanks."""
+    contact = 1.0 / v["drive_line.contact_stiffness"] if v["drive_line.backlash"] else 0.0
+    return float(RIM**2 / (v["drive_line.axial_compliance"] + contact))
+
+
+def test_rigid_it_is_the_worm_gear() -> None:
+    """The same step is taken, bit for bit: 60 times the lead over the lead is 60."""
+    rigid = {"drive_line.axial_compliance": 0.0, "drive_line.backlash": 0.0}
+    values = {**shipped(), **FALLING, **rigid}
+    plain = {name: value for name, value in values.items() if not name.startswith("drive_line.")}
+    inputs: dict[str, Any] = {"fin_command": lambda t: 0.2 if sin(20.0 * t) > 0.0 else -0.2,
+                              "aero_torque": lambda t: 60.0 * sin(50.0 * t), "enable": lambda t: not 0.3 < t < 0.35}
+    one, other = (simulate(v, 0.5, model=model, **inputs) for v, model in ((values, MODEL), (plain, "worm-gear")))
+    for name, expected in other.items():
+        np.testing.assert_array_equal(one[name], expected, err_msg=name)
+
+
+@pytest.mark.parametrize("gap", [2e-5, 1e-4, 4e-4])
+def test_lost_motion_of_a_motor_that_reverses(gap: float) -> None:
+    """The band between worm and fin in a slow cycle: the gap, and the give under the fin's friction both ways."""
+    overrides = {"drive_line.backlash": gap, "friction.fin_viscous": 5.0}
+    rate = radians(4.0)
+    shown = run(overrides, 3.0, fin_command=lambda t: rate * (1.0 - abs(t % 2.0 - 1.0)))
+    behind = shown["motor_angle"] / RATIO - shown["fin_angle"]
+    give = 2.0 * (2.0 + 5.0 * rate) / stiffness({**shipped(), **overrides})
+    # Half-way up and down; the loop still settles, by 0.1 % of its rate.
+    assert behind[2600] - behind[1600] == pytest.approx(gap / RIM + give, rel=1e-3)
+
+
+@QUICK
+@given(load=st.floats(-300.0, 300.0), gap=st.floats(1e-6, 4e-4), start=st.floats(-0.3, 0.3), mu=st.floats(0.0941, 0.3))
+def test_a_locked_worm_holds_the_fin_within_half_the_backlash(load: float, gap: float, start: float, mu: float) -> None:
+    """And the give of the mesh, under a load of either sign; the worm itself stands to the bit."""
+    overrides = {"drive_line.backlash": gap, "worm.friction": mu, "fin.start_angle": start,
+                 "friction.fin_viscous": 40.0}
+    shown = run(overrides, 0.4, enable=False, aero_torque=lambda t: load if t < 0.2 else -load)
+    assert len(set(shown["motor_angle"])) == 1
+    half, k = 0.5 * gap / RIM, stiffness({**shipped(), **overrides})
+    for sign, at in ((1.0, 200), (-1.0, 400)):
+        moved = sign * np.copysign(1.0, load) * (shown["fin_angle"][at] - start)
+        # The fin's own friction of 2 N.m stops it on the way; 1e-7 rad of the swing are left.
+        assert moved <= half + (abs(load) + 2.0) / k + 1e-7
+        if abs(load) > 2.1:
+            assert moved >= half + (abs(load) - 2.0) / k - 1e-7
+
+
+def test_natural_frequency_of_the_fin_on_the_mesh() -> None:
+    """sqrt(k/J) of the fin alone, as the worm stands; and nothing of the swing is lost to a worm that stands."""
+    overrides = {**UNDAMPED, "drive_line.backlash": 0.0, "friction.fin_coulomb": 0.0}
+    step = 2e-5
+    shown = run(overrides, 0.1, step, enable=False, aero_torque=lambda t: 100.0 if t < 2e-4 else 0.0)
+    assert not shown["motor_angle"].any()
+    fin = shown["fin_angle"][20:]
+    rising = np.flatnonzero((fin[:-1] < 0.0) & (fin[1:] >= 0.0))
+    times = rising - fin[rising] / (fin[rising + 1] - fin[rising])
+    found = 2.0 * pi * (len(times) - 1) / ((times[-1] - times[0]) * step)
+    expected = sqrt(stiffness({**shipped(), **overrides}) / 0.06)
+    # The midpoint rule lengthens a period by (w h)^2/12 = 1.1e-4.
+    assert found == pytest.approx(expected * (1.0 - (expected * step)**2 / 12.0), rel=1e-5)
+    half = len(fin) // 2
+    energy = [np.max(np.abs(shown["fin_rate"][20:][part])) for part in (slice(half), slice(half, None))]
+    assert energy[1] == pytest.approx(energy[0], rel=1e-3)  # samples meet the crest to (w h/2)^2/2 = 2e-4
+
+
+@pytest.mark.parametrize("overrides", [{}, {"worm.friction": 0.05}, FALLING])
+@pytest.mark.parametrize("torque", [60.0, -60.0])
+def test_energy(overrides: Mapping[str, Any], torque: float) -> None:
+    """Work of motor and load = losses of worm, friction, hinge and mesh + what is stored; none is below 0."""
+    step = 1e-5
+    changed = {**overrides, "solver.max_tick": step, "friction.fin_viscous": 1.0, "drive_line.backlash": 1e-4}
+    v = {**shipped(), **changed}
+    shown = run(changed, 0.15, step, fin_command=lambda t: 0.05 * sin(40.0 * t), aero_torque=torque)
+    speed, rate = shown["motor_speed"], shown["fin_rate"]
+    entered = shown["motor_angle"] / RATIO - shown["fin_angle"]
+    entered = np.sign(entered) * np.maximum(np.abs(entered) - 0.5e-4 / RIM, 0.0)
+    k = stiffness(v)
+    contact = k / (v["drive_line.contact_stiffness"] * RIM**2)  # share of the flanks in the give
+    damping = RIM**2 * (v["drive_line.axial_damping"] * (1.0 - contact)**2
+                        + v["drive_line.contact_damping"] * contact**2)
+    sliding = speed / RATIO - rate
+    pressed = entered * (k * entered + damping * sliding) > 0.0
+    powers = {"motor": shown["motor_torque"] * speed, "load": shown["hinge_torque"] * rate, "worm": shown["worm_loss"],
+              "friction": 0.1 * np.abs(speed) + 5e-4 * speed**2, "hinge": 2.0 * np.abs(rate) + rate**2,
+              "mesh": np.where(pressed, damping * sliding**2, 0.0)}
+    work = {name: float(np.trapezoid(power, dx=step)) for name, power in powers.items()}
+    stored = 0.5 * ((v["inertia.motor"] + v["inertia.worm"]) * speed**2 + 0.06 * rate**2 + k * entered**2)
+    spent = sum(work[name] for name in ("worm", "friction", "hinge", "mesh"))
+    # Of 7 J; torques and the worm's share jump within a step at reversals and impacts.
+    assert work["motor"] + work["load"] == pytest.approx(spent + stored[-1] - stored[0], abs=2e-3)
+    assert shown["worm_loss"].min() >= 0.0
+    assert work["worm"] > 1.0
+
+
+@pytest.mark.skipif(not compiled.available(MODEL), reason="no C compiler")
+@pytest.mark.parametrize("overrides", [{}, FALLING])
+def test_both_back_ends_to_the_bit(overrides: Mapping[str, Any]) -> None:
+    v = {**shipped(), **overrides, "worm.starts": 2, "worm.teeth": 61, "drive_line.shaft_stiffness": 3e4,
+         "solver.max_tick": 2e-4}
+    inputs = {"fin_command": lambda t: 0.2 * sin(25.0 * t), "aero_torque": lambda t: 120.0 * sin(60.0 * t),
+              "enable": lambda t: t < 0.07}
+    both = [simulate(v, 0.1, 0.37e-3, kernel, model=MODEL, **inputs) for kernel in ("compiled", "python")]
+    for name, column in both[0].items():
+        np.testing.assert_array_equal(column, both[1][name], err_msg=name)
+
+
+_LEVELS = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-300.0, 300.0), st.booleans()), min_size=2, max_size=8)
+
+
+@pytest.mark.skipif(not compiled.available(MODEL), reason="no C compiler")
+@settings(QUICK, max_examples=40)
+@given(levels=_LEVELS, starts=st.integers(1, 12), mu=st.floats(0.0, 0.3), ratio=st.floats(1.0, 3.0),
+       axial=st.sampled_from([0.0, 1e-12, 1e-8, 1e-6]), gap=st.sampled_from([0.0, 1e-7, 3e-5, 1e-3]),
+       damping=st.sampled_from([0.0, 2e4, 1e6]), shaft=st.sampled_from([0.0, 1e3, 1e5]),
+       dry=st.sampled_from([0.0, 2.0]), on_fin=st.booleans(), tick=st.sampled_from([2e-5, 1e-4, 1e-3]))
+def test_anything_goes(levels: list[Any], starts: int, mu: float, ratio: float, axial: float, gap: float,
+                       damping: float, shaft: float, dry: float, on_fin: bool, tick: float) -> None:
+    """Finite, within the stops, and a worm that gives no power."""
+    commands, torques, enables = (np.repeat(column, 20) for column in zip(*levels, strict=True))
+    shown = run({"worm.starts": starts, "worm.friction": mu, "worm.static_ratio": ratio,
+                 "drive_line.axial_compliance": axial, "drive_line.backlash": gap, "friction.fin_coulomb": dry,
+                 "drive_line.contact_damping": damping, "drive_line.shaft_stiffness": shaft, "encoder.on_fin": on_fin,
+                 "solver.max_tick": tick}, (len(commands) - 1) * 1e-3, fin_command=commands, aero_torque=torques,
+                enable=enables)
+    assert all(np.isfinite(column).all() for column in shown.values())
+    assert shown["worm_loss"].min() >= 0.0
+    assert np.abs(shown["fin_angle"]).max() <= radians(25.0) * (1.0 + 1e-12)
+
+
+@pytest.mark.parametrize("mu", [0.1, 0.3])
+def test_a_tick_leaves_a_locking_worm_one_acceleration(mu: float) -> None:
+    """-eta_b (K h^2/4 + D h/2) <= 0.9 J_r on a fin that stands: else its worm's row of the step has no least."""
+    actuator, v = get(MODEL), {**shipped(), "worm.friction": mu, "drive_line.axial_compliance": 1e-11,
+                               "drive_line.backlash": 0.0, "solver.max_tick": 0.1, "drive.ki": 0.0}
+    h = actuator.longest_tick(FLOATS, actuator.namespace(v))
+    backward = (cos(radians(20.0)) - 10.0 * mu) / (cos(radians(20.0)) + 0.1 * mu)
+    k, d = (x * RIM**2 / RATIO**2 for x in (1e11, v["drive_line.axial_damping"]))
+    rotor = v["inertia.motor"] + v["inertia.worm"]
+    assert -backward * (0.25 * k * h * h + 0.5 * d * h) == pytest.approx(0.9 * rotor, rel=1e-9)
+    assert h < 1e-3
+
+
+@pytest.mark.slow
+def test_wear_is_more_lost_motion_for_good_which_the_built_in_test_does_not_see() -> None:
+    """0.3 mm on the rim are 0.38 deg of the fin; the encoder is at the motor."""
+    model = f"{MODEL}+faults"
+    worn = {"fault.backlash_growth.begin": 0.0, "fault.backlash_growth.end": 0.01, "fault.backlash_growth.gap": 3e-4}
+    bands, rate = [], radians(4.0)
+    for changes in ({}, worn):
+        shown = run({**changes, "friction.fin_viscous": 5.0}, 3.0, model=model,
+                    fin_command=lambda t: rate * (1.0 - abs(t % 2.0 - 1.0)))
+        behind = shown["motor_angle"] / RATIO - shown["fin_angle"]
+        bands.append(behind[2600] - behind[1600])
+        assert (shown["status"][10:] == OPERATIONAL).all()
+    assert degrees(bands[1] - bands[0]) == pytest.approx(degrees(3e-4 / RIM), rel=1e-3)
+
+
+def test_has_nothing_of_screw_nut_and_fork() -> None:
+    actuator = get(MODEL)
+    described = " ".join(v.description for v in (*actuator.outputs, *actuator.parameters))
+    assert not [word for word in ("screw", "nut ", "fork", "lever") if word in described]

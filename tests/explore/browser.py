@@ -1,0 +1,101 @@
+"""A headless Chromium that opens a page, and the pages it opens."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from emcas_fmu.bench.subject import ParameterSubject
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.studies.explore import page
+from tests.hosts.host import missing, tool
+
+PATIENCE = 60.0  # s, on a loaded machine
+
+
+class Browser:
+    """A page in a window; scripts see the page's own functions by their names."""
+
+    def __init__(self, driver: Any) -> None:
+        self.driver = driver
+
+    def open(self, path: Path, link: str = "", ready: bool = True) -> None:
+        """Open a page and wait until it has computed everything."""
+        self.driver.get("about:blank")
+        self.driver.get(path.as_uri() + link)
+        if ready:
+            self.wait("document.body.dataset.ready")
+            self.driver.execute_async_script("const done = arguments[0]; loaded.then(page => {"
+                                             "window.page = page; done(); });")
+
+    def run(self, script: str, *arguments: Any) -> Any:
+        """Return the value of an expression of JavaScript; NaN and infinities as such."""
+        return self.driver.execute_script(f"return ({script});", *arguments)
+
+    def wait(self, condition: str) -> None:
+        """Wait until an expression is true."""
+        end = time.monotonic() + PATIENCE
+        while not self.run(condition):
+            assert time.monotonic() < end, condition
+            time.sleep(0.02)
+
+    def set(self, name: str, value: Any) -> None:
+        """Set a value [SI] as a control does, and wait for the response."""
+        self.run("window.page.change(...arguments)", name, value)
+        self.settled()
+
+    def settled(self) -> None:
+        """Wait for the frame in which the response is computed."""
+        self.driver.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
+
+    def rested(self, action: str) -> None:
+        """Do something, and wait until all that follows is computed."""
+        before = self.run(f"(() => {{ const n = document.body.dataset.ready; {action}; return n; }})()")
+        self.wait(f"document.body.dataset.ready !== '{before}'")
+
+    def size(self, width: int, height: int = 900) -> None:
+        """Give the window another size."""
+        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", {
+            "width": width, "height": height, "deviceScaleFactor": 1, "mobile": False})
+
+    @property
+    def complaints(self) -> list[str]:
+        """What the console got since it was read last."""
+        return [line["message"] for line in self.driver.get_log("browser")]
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """Start a browser that asks nothing of a network. Skips the test where there is none."""
+    try:
+        from selenium import webdriver
+    except ImportError:
+        missing("there is no selenium (pip install selenium)")
+    program, server = tool("chromium", "chromium"), tool("chromedriver", "chromium-driver")
+    with TemporaryDirectory(prefix="emcas_browser_", ignore_cleanup_errors=True) as profile:
+        options = webdriver.ChromeOptions()
+        options.binary_location = program
+        for argument in ("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+                         "--disable-background-networking", "--disable-component-update", "--disable-sync",
+                         "--disable-dev-shm-usage", f"--user-data-dir={profile}"):
+            options.add_argument(argument)
+        options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+        driver = webdriver.Chrome(options, webdriver.ChromeService(server))
+        driver.set_script_timeout(PATIENCE)
+        try:
+            yield Browser(driver)
+        finally:
+            driver.quit()
+
+
+def written(folder: Path, model: str, name: str = "explore") -> Path:
+    """The page of an actuator with its default parameters."""
+    parameters = load_parameters(model=model)
+    path = folder / f"{name}.html"
+    about = page.About("emcas explore", ParameterSubject(parameters).identification)
+    page.write(path, parameters, {}, about)
+    return path

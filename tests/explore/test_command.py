@@ -1,0 +1,101 @@
+"""What a page is told of its actuator, and the command that writes it; nothing is compiled."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from emcas_fmu.actuators import NAMES, get
+from emcas_fmu.cli import app
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.studies.explore import page
+from tests.own_actuator.example import MODEL as DIRECT_DRIVE
+
+
+@pytest.fixture
+def explore(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The command without its compiler."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(page, "compiled", lambda model: b"unit")
+
+    def run(*arguments: str) -> Result:
+        return CliRunner().invoke(app, ["explore", *arguments])
+
+    return run
+
+
+def data(path: str = "explore.html") -> dict[str, Any]:
+    """What the scripts of a page are given."""
+    text = Path(path).read_text(encoding="utf-8")
+    read: dict[str, Any] = json.loads(text.split('id="data">')[1].split("</script>")[0])
+    return read
+
+
+@pytest.mark.parametrize("model", [*NAMES, DIRECT_DRIVE, "elastic+stribeck+heat+homing+supply+faults"],
+                         ids=lambda model: Path(model).stem)
+def test_an_actuator_is_described_whole(model: str) -> None:
+    actuator, parameters = get(model), load_parameters(model=model)
+    told = json.loads(json.dumps(page.document(parameters, {}), allow_nan=False))
+    assert [p["name"] for p in told["parameters"]] == [v.name for v in actuator.parameters]
+    assert all(p["value"] == p["shipped"] == parameters.values[p["name"]] for p in told["parameters"])
+    outputs = {v.name for v in actuator.outputs}
+    assert {name for panel in told["panels"] for name in panel["names"]} <= outputs
+    known = {v["name"] for v in (*told["parameters"], *told["inputs"])}
+    assert {name for names in told["first"].values() for name in names} <= known
+    assert told["first"]["gains"]
+    assert {name for r in told["requirements"] for name in r["needs"]} == told["runs"].keys()
+    assert all(abs(p["value"] / p["shown"][1]) < 1e9 for p in told["parameters"])
+
+
+def test_a_parameter_is_shown_in_the_unit_of_its_file() -> None:
+    told = page.document(load_parameters(), {})
+    shown = {p["name"]: (p["shown"][0], p["value"] / p["shown"][1]) for p in told["parameters"]}
+    assert shown["drive.transport_delay"] == ("ms", pytest.approx(3.7))
+    assert shown["screw.lead"] == ("mm/turn", pytest.approx(5.0))
+    assert shown["friction.temperature"] == ("degC", 24.0)
+    assert told["typeset"]["degC"] == "°C"
+    assert told["typeset"]["1/s2"] == "1/s²"
+
+
+def test_a_page_starts_from_what_is_given(explore: Any, tmp_path: Path) -> None:
+    Path("mine.toml").write_text('motor.resistance = "0.3 Ohm"\n', encoding="utf-8")
+    done = explore("-p", "mine.toml", "--set", "controller.position.kp=60", "--set", "aero_torque=-20", "--set",
+                   "supply_voltage=30", "--date", "2026-03-31", "-o", "mine.html")
+    assert done.exit_code == 0, done.output
+    told, text = data("mine.html"), Path("mine.html").read_text(encoding="utf-8")
+    values = {v["name"]: v["value"] for v in (*told["parameters"], *told["inputs"])}
+    assert (values["motor.resistance"], values["controller.position.kp"]) == (0.3, 60.0)
+    assert (values["aero_torque"], values["supply_voltage"]) == (-20.0, 30.0)
+    assert "emcas explore --parameters mine.toml --set controller.position.kp=60" in text
+    assert "2026-03-31" in text
+    assert "2 differ from the shipped ones" in text
+    again = explore("-p", "mine.toml", "--set", "controller.position.kp=60", "--set", "aero_torque=-20", "--set",
+                    "supply_voltage=30", "--date", "2026-03-31", "-o", "mine.html")
+    assert again.exit_code == 0
+    assert Path("mine.html").read_text(encoding="utf-8") == text
+
+
+@pytest.mark.parametrize(("arguments", "said"), [
+    (("--set", "fin_command=0.1"), "--set fin_command: is moved in the page"),
+    (("--set", "controller.position.kq=1"), "controller.position.kp"),
+    (("--set", "fin.stop_angle=0.1"), "fin.stop_angle"),
+    (("--date", "tomorrow"), "--date tomorrow: expected a date"),
+    (("--model", "no-such"), "there is no actuator"),
+    (("-o", "none/page.html"), "there is no folder none"),
+])
+def test_what_cannot_be_is_said_and_nothing_written(explore: Any, arguments: tuple[str, ...], said: str,
+                                                    tmp_path: Path) -> None:
+    done = explore(*arguments)
+    assert done.exit_code == 2
+    assert said in " ".join(done.stderr.split())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_text_ends_a_script_element() -> None:
+    text = page._embedded({"description": "</script><b>"})
+    assert "<" not in text
+    assert json.loads(text) == {"description": "</script><b>"}
