@@ -1,26 +1,10 @@
 "use strict";
 /* Pictures of a page drawn anew by uPlot: zoom by dragging, values under the cursor, curves on and off by their names.
    Without this script, and in print, the pictures that are in the page stand in their place. */
-(() => {
 const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const ink = () => css("--text"), faint = () => css("--line");
+const INCH = 112;  // pixels of an inch of the picture
 const FONT = "12px 'DejaVu Sans', Verdana, system-ui, sans-serif";
-const NEAR = 40;  // pixels from a loop within which its value is told
-
-/** Values as they are in the page: decimals and differences in that place, or, along a logarithmic axis, numbers. */
-function unpacked(packed, log) {
-    if (log) return packed;
-    const unit = 10 ** -packed[0];
-    let sum = 0;
-    return packed.slice(1).map(step => step === null ? null : (sum += step) * unit);
-}
-
-/** A number for people: five digits and no more places than it has. */
-function shown(value) {
-    if (!Number.isFinite(value)) return "–";
-    const text = Math.abs(value) >= 1e5 || (value && Math.abs(value) < 1e-4) ? value.toExponential(3) : String(Number(value.toPrecision(5)));
-    return text.replace("-", "−");
-}
 
 function element(tag, attributes = {}, ...children) {
     const made = document.createElement(tag);
@@ -77,7 +61,7 @@ class Panel {
         const enough = (u, k, min, max) => words || fixed(u, k, min, max).length > 1;
         const plain = log ? {} : {splits: undefined};
         const axis = {
-            label: label || undefined, labelSize: 20, labelGap: 0, labelFont: FONT, font: FONT, stroke: ink, size: side ? 30 : this.wide(),
+            label: label || undefined, labelSize: 20, labelGap: 0, labelFont: FONT, font: FONT, stroke: ink, size: side ? 30 : this.chart.room(this.data.place[1]),
             gap: 4, grid: {stroke: faint, width: 0.5}, ticks: {stroke: faint, width: 0.5, size: 4}, space: side ? 56 : 26, ...plain,
             values: (u, splits) => splits.map(at => at === null ? "" : shownTick(at, log)),
         };
@@ -131,7 +115,7 @@ class Panel {
     }
 
     room() {
-        return {width: Math.max(this.box.clientWidth, 200), height: Math.round(Math.max(this.data.height * chart_scale, 120)) + (this.data.x.label ? 20 : 0)};
+        return {width: Math.max(this.box.clientWidth, 200), height: Math.round(Math.max(this.data.height * INCH, 120)) + (this.data.x.label ? 20 : 0)};
     }
 
     resize() {
@@ -235,59 +219,6 @@ class Panel {
     }
 }
 
-const chart_scale = 112;  // pixels of an inch of the picture
-
-/** Marks of a zoomed logarithmic axis: 1, 2, 5 of every decade. */
-function decades(min, max) {
-    const marks = [];
-    for (let power = Math.floor(Math.log10(min)); power <= Math.log10(max); ++power) {
-        for (const digit of Math.log10(max / min) > 2.5 ? [1] : [1, 2, 5]) {
-            const at = Number((digit * 10 ** power).toPrecision(6));
-            if (at >= min * 0.999 && at <= max * 1.001) marks.push(at);
-        }
-    }
-    return marks.length > 1 ? marks : even(min, max);
-}
-
-/** Marks at even steps. */
-function even(min, max) {
-    const rough = (max - min) / 5, power = 10 ** Math.floor(Math.log10(rough));
-    const step = [1, 2, 5, 10].map(times => times * power).find(size => size >= rough), marks = [];
-    for (let at = Math.ceil(min / step); at * step <= max; ++at) marks.push(Number((at * step).toPrecision(10)));
-    return marks;
-}
-
-function shownTick(value, log) {
-    if (log && value && (value >= 1e5 || value < 1e-3)) return value.toExponential(0).replace("e+", "e");
-    return String(Number(value.toPrecision(8))).replace("-", "−");
-}
-
-/** The value of a curve at a place along x, between its points; null beyond its ends. */
-function between(line, at, data) {
-    const {x, y} = line;
-    let low = 0, high = x.length - 1;
-    if (!x.length || at < x[0] || at > x[high]) return null;
-    while (high - low > 1) {
-        const middle = (low + high) >> 1;
-        if (x[middle] === null || x[middle] <= at) low = middle; else high = middle;
-    }
-    if (x[low] === null || x[high] === null) return null;
-    const share = x[high] > x[low] ? (at - x[low]) / (x[high] - x[low]) : 0;
-    const places = data.y.log ? 0 : Math.max(0, 4 - Math.floor(Math.log10(Math.abs(data.y.range[1] - data.y.range[0]) || 1)));
-    const value = y[low] + share * (y[high] - y[low]);
-    return shown(data.y.log ? value : Number(value.toFixed(Math.min(places, 12))));
-}
-
-function nearest(u, line, left, top) {
-    let best = NEAR, found = null;
-    for (let i = 0; i < line.x.length; ++i) {
-        if (line.x[i] === null || line.y[i] === null) continue;
-        const away = Math.hypot(u.valToPos(line.x[i], "x") - left, u.valToPos(line.y[i], "y") - top);
-        if (away < best) [best, found] = [away, `${shown(line.x[i])}, ${shown(line.y[i])}`];
-    }
-    return found;
-}
-
 /** A figure of the page: its panels, beside and below each other as in the picture. */
 class Chart {
     constructor(figure, key) {
@@ -352,6 +283,11 @@ class Chart {
         this.reset.hidden = true;
     }
 
+    /** Room left of a column of panels, the same for all in it. */
+    room(column) {
+        return Math.max(...this.panels.filter(({data}) => data.place[1] === column).map(panel => panel.wide()));
+    }
+
     redraw() {
         this.panels.forEach(({plot}) => plot.redraw(false, true));
     }
@@ -366,4 +302,3 @@ const charts = [], waiting = new IntersectionObserver(entries => {
 }, {rootMargin: "400px"});
 document.querySelectorAll("figure.curves").forEach(figure => waiting.observe(figure));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => charts.forEach(chart => chart.redraw()));
-})();

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .subject import Identification
 
 _SCRIPTS = {"uplot": "uplot/uPlot.iife.min.js", "uplot_style": "uplot/uPlot.min.css",
-            "uplot_licence": "uplot/LICENSE", "curves_script": "curves.js"}
+            "uplot_licence": "uplot/LICENSE", "marks_script": "marks.js", "curves_script": "curves.js"}
 _LONG, _MOST_LISTED = 4, 40  # headings: of a page that has a list of contents, and of one whose h3 stand in it
 
 
@@ -80,16 +80,19 @@ def number(value: float | bool | None) -> str:
 
 
 def with_unit(value: float | bool | None, unit: str) -> str:
-    """Return a figure with its unit, typeset."""
+    """Return a figure with its unit, typeset; a time of less than a second in ms."""
+    if unit == "s" and value and abs(value) < 1.0:
+        value, unit = value * 1e3, "ms"
     text, symbol = number(value).replace("-", "−"), typeset(unit)
     if not symbol or not text[-1].isdigit():
         return text
-    return f"{text}{symbol}" if symbol.startswith("°") else f"{text} {symbol}"
+    return f"{text}{symbol}" if symbol[0] == "°" and symbol != "°C" else f"{text} {symbol}"
 
 
 def typeset(unit: str) -> str:
     """Return a unit as a page shows it."""
-    return {"1": "", "deg": "°", "deg/s": "°/s", "degC": "°C"}.get(unit, unit.replace("N.m", "N·m"))
+    raised = re.sub(r"(?<=[A-Za-z)])[23]", lambda found: "²³"[int(found[0]) - 2], unit).replace(".", "·")
+    return {"1": "", "deg": "°", "deg/s": "°/s", "degC": "°C"}.get(unit, raised)
 
 
 @cache
@@ -97,8 +100,8 @@ def _environment() -> Environment:
     made = Environment(loader=PackageLoader("emcas_fmu", ""), undefined=StrictUndefined, trim_blocks=True,
                        lstrip_blocks=True, autoescape=select_autoescape(["html.j2", "xml.j2"]))
     made.filters.update(number=lambda value: number(value).replace("-", "−"), quantity=with_unit, unit=typeset)
-    made.filters["outlined"] = lambda body: Markup(outlined(body))  # what is in it was escaped before
-    made.globals.update(version=__version__, **{
+    made.filters["outlined"] = lambda body: Markup(outlined(str(body)))  # what is in it was escaped before
+    made.globals.update(version=__version__, in_column=lambda unit: ("ms", 1e3) if unit == "s" else (unit, 1.0), **{
         name: files("emcas_fmu.bench").joinpath(file).read_text(encoding="utf-8") for name, file in _SCRIPTS.items()})
     return made
 
