@@ -143,7 +143,7 @@ def outlined(body: str) -> str:
         return body
     deep = len(headings) <= _MOST_LISTED
     entries = "".join(
-        f'<li{" class=deeper" if level == "3" else ""}><a href="#{name}">{re.sub("<[^>]*>", "", text)}</a>'
+        f'<li{" class=deeper" if level == "3" else ""}><a href="#{name}">{re.sub("<[^>]*>", "", text)}</a></li>'
         for level, name, text in headings if deep or level == "2")
     contents = f'<nav class="contents" aria-label="Contents"><ol>{entries}</ol></nav>\n'
     return re.sub("(?=<h2)", lambda _: contents, body, count=1)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...actuators import NONLINEAR, get
+from ...actuators import NONLINEAR
 from ...bench.excitation import STEP, Excitation
 from ...bench.provenance import conditions
 from ...bench.subject import Identification, StoppedError, Subject
@@ -63,11 +63,9 @@ class Result:
     @property
     def entries(self) -> list[tuple[Variable, Any, str, str]]:
         """Every parameter: variable, value, where the value is from, and a note on that."""
-        shipped = {e.variable.name: e for e in load_parameters(model=self.model).entries}
-        return [(v, self.parameters[v.name], *(
-            ("the article's", "") if v.name in self.about.differences or v.name not in shipped else
-            (shipped[v.name].source, shipped[v.name].note)))
-            for v in get(self.model).parameters if v.name in self.parameters]
+        return [(e.variable, self.parameters[e.variable.name], *(
+            ("the article's", "") if e.variable.name in self.about.differences else (e.source, e.note)))
+            for e in load_parameters(model=self.model).entries if e.variable.name in self.parameters]
 
     @property
     def conditions(self) -> list[tuple[str, str, Any, str]]:

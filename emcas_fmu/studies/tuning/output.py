@@ -93,7 +93,7 @@ def write_json(result: Result, path: Path, command: str) -> None:
     }, path)
 
 
-def write_report(result: Result, path: Path, command: str, pair: tuple[str, str] | None = None) -> None:
+def write_report(result: Result, path: Path, pair: tuple[str, str] | None = None) -> None:
     """Write the page of a result; the same result gives the same bytes."""
     by_case = {(j.requirement, j.case): j for j in result.best.judgements}
     writers.write_page(
