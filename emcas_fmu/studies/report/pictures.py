@@ -137,7 +137,12 @@ def _grid(outcome: Outcome, limits: list[Judged]) -> Drawing:
         axes.plot(np.repeat(curve["command_deg"], errors.shape[1]), errors.ravel(), linestyle="none", marker=marker,
                   markersize=3.5, color=color, alpha=0.6)
     axes.axhline(0.0, **LIMIT)
-    _limit(axes, limits, "deg", 1e3, sides=True)
+    # A limit much beyond what is measured would flatten it: that one stands in the caption.
+    measured = max(float(np.max(np.abs(series["errors_deg"]))) for series in outcome.series.values())
+    near = [j for j in limits if j.limit <= 4.0 * measured]
+    limits[:] = [j for j in limits if j not in near]
+    _limit(axes, near, "deg", 1e3, sides=True)
+    limits += near
     legend_above(axes)
     axes.set(xlabel="command [deg]", ylabel="angle - command [mdeg]")
     return Drawing(outcome.title, made, "Every approach (marks) and their means (lines), in thousandths of a degree.")
