@@ -34,6 +34,11 @@ def named_sets() -> dict[str, Path]:
     return {path.stem: path for path in sorted((models_directory() / "sets").glob("*.toml"))}
 
 
+def as_given(file: Path | str) -> str:
+    """Return what names a file: its path as it was given, or the name of a shipped set."""
+    return next((name for name, path in named_sets().items() if path == Path(file)), str(file))
+
+
 @cache
 def cache_directory() -> Path:
     """Return a folder for what is compiled: the user's cache, or one of the user's own among the temporary ones.

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from dataclasses import replace as dataclass_replace
 from functools import cache, partial
 from itertools import groupby
@@ -19,7 +20,7 @@ from . import schema
 from .actuators import EXTENSIONS, NAMES, NONLINEAR, default_files, fin_port, full_name, get, get_extension, parts
 from .actuators.declaration import Actuator
 from .errors import EmcasError, hint
-from .files import models_directory, named_sets
+from .files import as_given, models_directory, named_sets
 from .ops.floats import FLOATS
 from .rules import Rule, check_ranges, check_rules
 from .units import describe, quantity
@@ -108,12 +109,13 @@ class ParameterSet:
     """A complete, checked set of an actuator's parameters.
 
     `entries` are in the actuator's order. `unused` names what a user's file gives and this actuator does not have,
-    though another one has it.
+    though another one has it. `files` are those over the defaults, as they were given, with their SHA-256.
     """
 
     entries: tuple[Entry, ...]
     model: str = NONLINEAR
     unused: tuple[str, ...] = ()
+    files: tuple[tuple[str, str], ...] = field(default=(), compare=False)
 
     def __repr__(self) -> str:
         differing = [e.variable.name for e in self.entries if e.source not in ("seed", "derived", "estimate")]
@@ -196,6 +198,8 @@ def load_parameters(files: Path | str | Iterable[Path | str] | None = None, base
         document = _document(path)
         _require_made_for(document.pop(MADE_FOR, None), path, chosen.model)
         chosen = _overridden(chosen, document, str(path), path.name)
+        read = as_given(path), hashlib.sha256(path.read_bytes()).hexdigest()
+        chosen = dataclass_replace(chosen, files=(*chosen.files, read))
     return chosen
 
 
@@ -299,7 +303,8 @@ def _overridden(base: ParameterSet, document: Mapping[str, Any], label: str, fil
     if problems:
         raise ParameterError(problems)
     chosen = _checked(tuple(entries.get(e.variable.name, e) for e in base.entries), base.model, label)
-    return dataclass_replace(chosen, unused=tuple(dict.fromkeys((*base.unused, *unused))))
+    return dataclass_replace(chosen, unused=tuple(dict.fromkeys((*base.unused, *unused))),
+                             files=base.files)
 
 
 def _checked(entries: tuple[Entry, ...], model: str, label: str) -> ParameterSet:
@@ -394,15 +399,15 @@ def _scalars(key: str, written: Any, known: _Known) -> Iterator[tuple[str, Mappi
 
 def _entry(variable: Variable, fields: Mapping[str, Any], source: str, file: str) -> Entry:
     """Return the entry of a scalar. Raises ValueError, saying what is wrong and what was expected."""
-    for field in fields:
-        if field not in _FIELDS:
-            raise ValueError(f"unknown field {field!r}{hint(field, _FIELDS)}; "
+    for key in fields:
+        if key not in _FIELDS:
+            raise ValueError(f"unknown field {key!r}{hint(key, _FIELDS)}; "
                              f"an entry has {', '.join(_FIELDS)}")
     if "value" not in fields:
         raise ValueError("has no value")
-    for field in _FIELDS[1:]:
-        if not isinstance(fields.get(field, ""), str):
-            raise ValueError(f"{field} = {fields[field]!r}: expected a string")
+    for key in _FIELDS[1:]:
+        if not isinstance(fields.get(key, ""), str):
+            raise ValueError(f"{key} = {fields[key]!r}: expected a string")
     if variable.kind == "Boolean":
         value: Value = _boolean(fields)
     else:

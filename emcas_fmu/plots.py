@@ -22,6 +22,8 @@ from cycler import cycler
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from .curves import INK as INK
+from .curves import curves
 from .errors import EmcasError
 
 # Okabe & Ito (2008), "Color universal design": distinguishable with every common colour blindness. Black and
@@ -30,11 +32,8 @@ BLUE, VERMILLION, GREEN, SKY, ORANGE, PURPLE = "#0072b2", "#d55e00", "#009e73", 
 COLORS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)
 GRAY = "#8a8f98"
 PICTURES = (".html", ".svg", ".png", ".pdf")
-# Of a page of one picture: as wide as the screen, but no less than can be read; in print, whole on one page.
-_PAGE = ("body{margin:1rem}figure{margin:0;overflow-x:auto}svg{width:100%;min-width:34rem;height:auto}"
-         "@media print{body{margin:0}figure{overflow:visible}svg{min-width:0;max-height:98vh;break-inside:avoid}}")
-# Written by matplotlib, then replaced by the page's own text colour.
-INK = "#010203"
+# Matplotlib brings DejaVu Sans and measures with it; the others are as wide or narrower, so that no text is cut.
+FONTS = "'DejaVu Sans', Verdana, 'Liberation Sans', Arial, Helvetica, sans-serif"
 COMMAND: Mapping[str, Any] = {"color": GRAY, "linewidth": 1.0, "linestyle": (0, (4, 2)), "zorder": 1.5}
 LIMIT: Mapping[str, Any] = {"color": GRAY, "linewidth": 0.9, "linestyle": (0, (1, 1.2)), "zorder": 1.5}
 
@@ -63,18 +62,23 @@ def figure(rows: int, columns: int = 1, *, width: float = 9.0, height: float = 2
     return empty, empty.subplots(rows, columns, squeeze=False, **more)
 
 
-def svg(drawn: Figure, label: str = "") -> str:
-    """Return an <svg> element to put into an HTML page; `label` is its text for those who cannot see it."""
+def svg(drawn: Figure, label: str = "", description: str = "") -> str:
+    """Return an <svg> element to put into an HTML page; `label` and `description` are for those who cannot see it."""
     text = StringIO()
-    with mpl.rc_context({"svg.hashsalt": "emcas", "svg.fonttype": "path"}):
+    with mpl.rc_context({"svg.hashsalt": "emcas", "svg.fonttype": "none"}):
         drawn.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     body = text.getvalue()
     body = body[body.index("<svg"):]
     body = re.sub(r"\s*<metadata>.*?</metadata>|<!--.*?-->", "", body, flags=re.DOTALL)
-    # A hundredth of a point is less than a printer can show, and glyphs have 1/64 of that unit.
+    # A hundredth of a point is less than a printer can show.
     body = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path.group()), body)
+    # One home for the fonts, on the element; a size alone stays with each word.
+    body = re.sub(r"font: ([\d.]+px) [^;\"]*", r"font-size: \1", body)
+    body = re.sub(r"font-family: [^;\"]*;? ?", "", body)
     body = _own_ids(body).replace(INK, "currentColor")
-    return body.replace("<svg", f'<svg role="img" aria-label="{escape(label)}"', 1).rstrip()
+    words = f"<desc>{escape(description)}</desc>" if description else ""
+    start = f'<svg role="img" aria-label="{escape(label)}" font-family="{FONTS}"'
+    return re.sub(r"<svg([^>]*)>", lambda rest: f"{start}{rest[1]}>{words}", body, count=1).rstrip()
 
 
 class Drawing(NamedTuple):
@@ -86,17 +90,23 @@ class Drawing(NamedTuple):
 
 
 class Picture(NamedTuple):
-    """A figure as a page holds it."""
+    """A figure as a page holds it; `curves`, empty where it stays a picture, is what a script draws anew."""
 
     title: str
     svg: str
     caption: str
+    curves: str = ""
+
+
+def picture(drawn: Figure, title: str, caption: str) -> Picture:
+    """Return a figure as a page holds it."""
+    return Picture(title, svg(drawn, title, caption), caption, curves(drawn))
 
 
 def pictures(drawings: Iterable[Drawing | None]) -> list[Picture]:
     """Return drawings as a page holds them, those that are None left out; drawn in `style()` if they come lazily."""
     with style():
-        return [Picture(d.title, svg(d.figure, d.title), d.caption) for d in drawings if d is not None]
+        return [picture(d.figure, d.title, d.caption) for d in drawings if d is not None]
 
 
 def bode(gain: Axes, phase: Axes, frequency: Any, gain_db: Any, phase_deg: Any, marks: tuple[float, float],
@@ -112,14 +122,14 @@ def bode_axes(gain: Axes, phase: Axes) -> None:
     """Give the panels of frequency responses their ranges and the lines at -3 dB and -90 deg."""
     gain.axhline(-3.0, **LIMIT)
     phase.axhline(-90.0, **LIMIT)
-    gain.set(ylabel="gain / dB", ylim=(-12, 3))
-    phase.set(ylabel="phase / deg", ylim=(-200, 10), yticks=(-180, -135, -90, -45, 0))
+    gain.set(ylabel="gain [dB]", ylim=(-12, 3))
+    phase.set(ylabel="phase [deg]", ylim=(-200, 10), yticks=(-180, -135, -90, -45, 0))
 
 
 def frequency_axis(axes: Axes, ticks: Iterable[float]) -> None:
     """Write frequencies [Hz] along a logarithmic axis as plain numbers."""
     ticks = list(ticks)
-    axes.set(xlabel="frequency / Hz", xticks=ticks, xticklabels=[f"{tick:g}" for tick in ticks])
+    axes.set(xlabel="frequency [Hz]", xticks=ticks, xticklabels=[f"{tick:g}" for tick in ticks])
     axes.minorticks_off()
 
 
@@ -129,16 +139,10 @@ def legend_above(axes: Axes, columns: int = 6, **more: Any) -> None:
                 columnspacing=1.4, **more)
 
 
-def write(drawn: Figure, path: Path, title: str) -> None:
-    """Write a figure of `style()` as ``.html``, ``.svg``, ``.png`` or ``.pdf``. Raises EmcasError for other endings."""
+def write(drawn: Figure, path: Path) -> None:
+    """Write a figure of `style()` as ``.svg``, ``.png`` or ``.pdf``. Raises EmcasError for other endings."""
     check_ending(path)
-    if path.suffix == ".html":
-        path.write_text(f"<!DOCTYPE html><html lang=\"en\"><meta charset=\"utf-8\"><title>{escape(title)}</title>"
-                        "<meta name=\"viewport\" content=\"width=device-width\">"
-                        f"<meta name=\"color-scheme\" content=\"light dark\"><style>{_PAGE}</style><body>"
-                        f"<figure>{svg(drawn, title)}</figure></body></html>\n", encoding="utf-8")
-    else:
-        drawn.savefig(path, dpi=150, facecolor="white")
+    drawn.savefig(path, dpi=150, facecolor="white")
 
 
 def check_ending(path: Path | None) -> None:

@@ -19,13 +19,14 @@ from matplotlib.ticker import MaxNLocator
 from .actuators import extension_outputs, fin_port, get
 from .bench import metrics
 from .bench.excitation import COMMAND, Excitation
+from .bench.provenance import conditions
 from .bench.subject import Columns, Run
-from .bench.writers import number
+from .bench.writers import number, write_page
 from .errors import EmcasError, hint
 from .fmi.interface import MIXING, FmuInterface
 from .ops.floats import FLOATS
 from .parameters import ParameterSet
-from .plots import COLORS, figure, shade, style, write
+from .plots import COLORS, figure, picture, shade, style, write
 from .plots import COMMAND as COMMAND_LINE
 from .simulation import Array
 from .units import UnitError, convert
@@ -167,7 +168,6 @@ class Response:
         waited = number(moves[0].end - moves[0].start)
         return f"not within {waited} s" if metrics.unit_of(name) == "s" else "not reached"
 
-
     def write_csv(self, path: Path | str) -> None:
         """Write time, the inputs given and every output, SI, with 17 digits: what was computed, to the bit."""
         names = ["time", *(name for name in self._every if name != "time")]
@@ -194,8 +194,40 @@ class Response:
         with style():
             drawn = draw(self)
             if path is not None:
-                write(drawn, Path(path), self.excitation.title)
+                self._write(drawn, Path(path))
         return drawn
+
+    def _write(self, drawn: Figure, path: Path) -> None:
+        """Write the picture, or a page with figures of merit and the picture; takes effect inside `style()`."""
+        if path.suffix != ".html":
+            write(drawn, path)
+            return
+        shown = picture(drawn, self.excitation.title, "Command, outputs and limits over time; shaded where a limit is "
+                                                      "active.")
+        write_page(path, "response.html.j2", list(dict.fromkeys(self.sets)), r=self, picture=shown, rows=self._rows(),
+                   given=self._given(), line=self._line(), conditions=conditions(self.unit.kind, self.sets[0].values))
+
+    def _rows(self) -> list[tuple[str, str, list[str]]]:
+        """Return the figures in words, their units, and a value for each fin; times in ms."""
+        units = {f"{v.name}_final": v.unit for v in self.extension_outputs}
+        every = [self.metrics(fin) for fin in range(self.unit.fins)]
+        rows = []
+        for name, *values in self.lines():
+            unit = units.get(name, metrics.unit_of(name))
+            if unit == "s":
+                unit, values = "ms", [number(1e3 * each[name]) for each in every]
+            rows.append((metrics.in_words(name), unit, values))
+        return rows
+
+    def _line(self) -> list[tuple[str, str, float]]:
+        """Return the figures of the shared line in words, their units and values."""
+        return [(metrics.in_words(name), metrics.unit_of(name), value) for name, value in self.line.items()]
+
+    def _given(self) -> list[tuple[str, str, float, float]]:
+        """Return name, unit, smallest and largest value of each input that was given."""
+        every = ((name, *metrics.shown(self.units[name]), column) for name, column in self.excitation.columns.items())
+        return [(name, unit, float(np.min(column)) * scale, float(np.max(column)) * scale)
+                for name, unit, scale, column in every]
 
     def __repr__(self) -> str:
         return f"<Response of {self.unit.model}: {self.excitation.title}, {len(self.time)} rows of {len(self._every)}>"
@@ -219,7 +251,9 @@ def draw(response: Response) -> Figure:
 
     An actuator's own outputs of one unit share a panel. Takes effect inside `style()`.
     """
-    time, fins, extensions = response.time, response.fins, response.extension_outputs
+    brief = response.time[-1] <= 1.0
+    time, unit_of_time = response.time * (1e3 if brief else 1.0), "ms" if brief else "s"
+    fins, extensions = response.fins, response.extension_outputs
     own = panels(response.unit.kind)
     shared = response.unit.line.outputs if response.unit.line else ()
     count = len(own) + len(shared) + len(extensions)
@@ -246,7 +280,7 @@ def draw(response: Response) -> Figure:
         axes.margins(x=0.0)
     for axes in grid.ravel()[:count][-2:]:  # the last of each column, above an empty place too
         axes.tick_params(labelbottom=True)
-        axes.set_xlabel("time [s] (shaded: a limit is active)")
+        axes.set_xlabel(f"time [{unit_of_time}] (shaded: a limit is active)")
     return made
 
 
@@ -267,7 +301,7 @@ def _draw_panel(axes: Axes, panel: Sequence[Variable], time: Any, fins: Sequence
     names, several = [v.name.replace("_", " ") for v in panel], len(fins) > 1
     for j, (v, name) in enumerate(zip(panel, names, strict=True)):
         for k, run in enumerate(fins):
-            named = f"fin {k + 1}" if several and v is fin_port.FIN_ANGLE else None if k else name
+            named = f"fin {k + 1}" if several and len(panel) == 1 else None if k else name
             axes.plot(time, run.columns[v.name] * scale, label=named, color=COLORS[(k if several else j) % len(COLORS)],
                       linestyle=_LINES[j % len(_LINES) if several else 0])
     axes.set_ylabel(f"{names[0]} [{unit}]" if len(panel) == 1 else f"[{unit}]")

@@ -246,11 +246,11 @@ def draw(path: Path) -> None:
             step.plot(time, np.degrees(run.columns["fin_angle"]), **look)
             rate.plot(LOADS, [kind.rate(load) for load in LOADS], "o-", markersize=3, **look)
             gain.semilogx(kind.response.frequency, kind.response.gain_db, **look)
-        step.set(title="step of 10°", xlabel="time / ms", ylabel="fin angle / deg", xlim=(-10.0, 200.0))
-        rate.set(title="mean rate of a slew of 40°", xlabel="load along the motion / N·m", ylabel="deg/s",
+        step.set(title="step of 10°", xlabel="time [ms]", ylabel="fin angle [deg]", xlim=(-10.0, 200.0))
+        rate.set(title="mean rate of a slew of 40°", xlabel="load along the motion [N·m]", ylabel="deg/s",
                  ylim=(0.0, None))
         gain.axhline(-3.0, **plots.LIMIT)
-        gain.set(title="frequency response at 1°", xlabel="frequency / Hz", ylabel="gain / dB", ylim=(-12.0, 3.0))
+        gain.set(title="frequency response at 1°", xlabel="frequency [Hz]", ylabel="gain [dB]", ylim=(-12.0, 3.0))
         plots.frequency_axis(gain, (0.5, 1, 2, 5, 10, 20))
         places = np.arange(len(KINDS))
         for key, sign, alpha in (("energy_drawn_j", 1.0, 1.0), ("energy_regenerated_j", -1.0, 0.5)):
@@ -263,7 +263,7 @@ def draw(path: Path) -> None:
         energy.set(xlim=(None, 9.2))
         energy.set_yticks(places, KINDS.values())
         energy.invert_yaxis()
-        energy.set(title="energy of a mission of 15 s", xlabel="energy / kJ")
+        energy.set(title="energy of a mission of 15 s", xlabel="energy [kJ]")
         figure.legend(*step.get_legend_handles_labels(), loc="outside upper center", ncols=len(KINDS))
         figure.savefig(path, dpi=110, facecolor="white", metadata={"Software": None})
 

@@ -87,7 +87,7 @@ def main() -> None:
             row = measured[name]
             axes.plot(row["phase margin / °"], row["100 N·m load step / °"], marker, color="#444444",
                       label=name.strip("`"))
-        axes.set(xlabel="phase margin at the drive's reference / deg", ylabel="deviation under 100 N·m / deg")
+        axes.set(xlabel="phase margin at the drive's reference [deg]", ylabel="deviation under 100 N·m [deg]")
         axes.legend()
     drawn.savefig(Path(__file__).parent / "control.png", dpi=150, facecolor="white", metadata={"Software": None})
 

@@ -35,8 +35,8 @@ def main(fmu: str) -> None:
             angle.plot(reference["time"][::12] * 1e3, np.degrees(reference["fin_angle"][::12]), "o", color="#444444",
                        markersize=2.5, fillstyle="none", label=label)
             error.plot(time, (response - np.degrees(reference["fin_angle"])) * 1e3, color=color)
-        angle.set(ylabel="fin angle / deg", title="Step responses of EMCAS.fmu under fmpy")
-        error.set(ylabel="error / mdeg", xlabel="time / ms", ylim=(-1.0, 1.0), xlim=(0, 400))
+        angle.set(ylabel="fin angle [deg]", title="Step responses of EMCAS.fmu under fmpy")
+        error.set(ylabel="error [mdeg]", xlabel="time [ms]", ylim=(-1.0, 1.0), xlim=(0, 400))
         angle.legend(loc="upper left")
     for text in figure.findobj(Text):
         text.set(color="#222222")

@@ -99,6 +99,11 @@ def unit_of(key: str) -> str:
     return next((unit for ending, unit in _ENDINGS.items() if key.endswith(ending)), "1")
 
 
+def in_words(key: str) -> str:
+    """Return the name of a figure in a result for people, without its unit."""
+    return key.removesuffix(next((ending for ending in _ENDINGS if key.endswith(ending)), "")).replace("_", " ")
+
+
 def result_name(name: str) -> tuple[str, float]:
     """Return the name of a figure in a result, which ends in its unit, and the factor to that; a time is in s."""
     return named(name, FIGURES[name].unit)

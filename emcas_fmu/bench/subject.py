@@ -36,6 +36,7 @@ from ..variables import Variable
 from .excitation import LOAD, Excitation
 from .fmu import OpenedFmu, chosen_model, opened
 from .metrics import Figure
+from .provenance import shipped
 
 Columns = Mapping[str, Array]
 
@@ -211,9 +212,8 @@ class ParameterSubject(Subject):
     @cached_property
     def identification(self) -> Identification:
         source = self.actuator.source
-        own = f"the parameters of {source.name}" if source else "the shipped parameters"
         return Identification(
-            "parameter set", ", ".join(file.name for file in self.files) or own,
+            "parameter set", ", ".join(file.name for file in self.files) or shipped(self.model),
             hashlib.sha256(b"".join(file.read_bytes() for file in self.files)).hexdigest() if self.files else "",
             self.actuator.name if source else "EMCAS", "", "",
             parameters_hash(self.values), "the kernel of emcas", _differences(self.values, self.model),

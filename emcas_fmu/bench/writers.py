@@ -3,17 +3,30 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import cache
+from importlib.resources import files
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 from junitparser import Failure, JUnitXml, Skipped, TestCase, TestSuite
+from markupsafe import Markup
 
 from .. import __version__
+from .provenance import Source, made
+
+if TYPE_CHECKING:
+    from ..parameters import ParameterSet
+    from .subject import Identification
+
+_SCRIPTS = {"uplot": "uplot/uPlot.iife.min.js", "uplot_style": "uplot/uPlot.min.css",
+            "uplot_licence": "uplot/LICENSE", "marks_script": "marks.js", "curves_script": "curves.js"}
+_LONG, _MOST_LISTED = 4, 40  # headings: of a page that has a list of contents, and of one whose h3 stand in it
 
 
 def plain(value: Any) -> Any:
@@ -75,16 +88,19 @@ def number(value: float | bool | None) -> str:
 
 
 def with_unit(value: float | bool | None, unit: str) -> str:
-    """Return a figure with its unit, typeset."""
+    """Return a figure with its unit, typeset; a time of less than a second in ms."""
+    if unit == "s" and value and abs(value) < 1.0:
+        value, unit = value * 1e3, "ms"
     text, symbol = number(value).replace("-", "−"), typeset(unit)
     if not symbol or not text[-1].isdigit():
         return text
-    return f"{text}{symbol}" if symbol.startswith("°") else f"{text} {symbol}"
+    return f"{text}{symbol}" if symbol[0] == "°" and symbol != "°C" else f"{text} {symbol}"
 
 
 def typeset(unit: str) -> str:
     """Return a unit as a page shows it."""
-    return {"1": "", "deg": "°", "deg/s": "°/s"}.get(unit, unit.replace("N.m", "N·m"))
+    raised = re.sub(r"(?<=[A-Za-z)])[23]", lambda found: "²³"[int(found[0]) - 2], unit).replace(".", "·")
+    return {"1": "", "deg": "°", "deg/s": "°/s", "degC": "°C"}.get(unit, raised)
 
 
 @cache
@@ -93,7 +109,9 @@ def _environment() -> Environment:
                        lstrip_blocks=True, autoescape=select_autoescape(["html.j2", "xml.j2"]))
     made.filters.update(number=lambda value: number(value).replace("-", "−"), quantity=with_unit, unit=typeset,
                         rounded=lambda value, form: rounded(value, form).replace("-", "−"))
-    made.globals["version"] = __version__
+    made.filters["outlined"] = lambda body: Markup(outlined(str(body)))  # what is in it was escaped before
+    made.globals.update(version=__version__, in_column=lambda unit: ("ms", 1e3) if unit == "s" else (unit, 1.0), **{
+        name: files("emcas_fmu.bench").joinpath(file).read_text(encoding="utf-8") for name, file in _SCRIPTS.items()})
     return made
 
 
@@ -105,6 +123,36 @@ def page(template: str, **context: Any) -> str:
     return _environment().get_template(template).render(**context)
 
 
-def write_page(path: Path, template: str, **context: Any) -> None:
-    """Write the page of a template that extends ``bench/base.html.j2``; see `page`."""
-    path.write_text(page(template, **context), encoding="utf-8", newline="\n")
+def write_page(path: Path, template: str, of: Iterable[ParameterSet | Identification | Source], date: str = "",
+               **context: Any) -> None:
+    """Write the page of a template that extends ``bench/base.html.j2``; see `page`.
+
+    It ends with how it was made, `of` what, on a `date` or today.
+    """
+    how = made(*of)
+    text = page(template, made=replace(how, date=date) if date else how, **context)
+    path.write_text(text, encoding="utf-8", newline="\n")
+
+
+def outlined(body: str) -> str:
+    """Return a page's body with its figures and tables numbered, and a list of contents before the first heading."""
+    for element, word in (("figcaption", "Figure"), ("caption", "Table")):
+        first, *others = body.split(f"<{element}>")
+        body = first + "".join(f"<{element}><b>{word} {n}.</b> {rest}" for n, rest in enumerate(others, 1))
+    headings: list[tuple[str, str, str]] = []
+
+    def listed(found: re.Match[str]) -> str:
+        level, given, text = found.groups()
+        name = given or f"section-{len(headings) + 1}"
+        headings.append((level, name, text))
+        return f'<h{level} id="{name}">{text}</h{level}>'
+
+    body = re.sub(r'<h([23])(?: id="([^"]*)")?>(.*?)</h\1>', listed, body, flags=re.DOTALL)
+    if len(headings) < _LONG:
+        return body
+    deep = len(headings) <= _MOST_LISTED
+    entries = "".join(
+        f'<li{" class=deeper" if level == "3" else ""}><a href="#{name}">{re.sub("<[^>]*>", "", text)}</a></li>'
+        for level, name, text in headings if deep or level == "2")
+    contents = f'<nav class="contents" aria-label="Contents"><ol>{entries}</ol></nav>\n'
+    return re.sub("(?=<h2)", lambda _: contents, body, count=1)

@@ -10,12 +10,12 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from ..files import as_given
 from .common import (
     FinOption,
     ParametersOption,
     SubjectArgument,
     SubjectModelOption,
-    as_given,
     check_outputs,
     failures,
     open_subject,

@@ -18,7 +18,7 @@ from rich.progress import Progress as Bars
 
 from ..actuators import EXTENSIONS, NAMES, NONLINEAR
 from ..errors import EmcasError, in_words, unwritable
-from ..files import named_sets
+from ..files import as_given
 from ..progress import LOG, Progress
 
 if TYPE_CHECKING:
@@ -94,8 +94,8 @@ FinFilesOption = Annotated[list[str] | None, typer.Option(
     help="Parameter file of one of several fins, over the others' (may be given several times).", metavar="N=FILE")]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.", metavar="FILE")]
 JunitOption = Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.", metavar="FILE")]
-DateOption = Annotated[str | None, typer.Option(help="Date to print, as 2026-03-31; none unless given, so that the "
-                                                     "same inputs give the same bytes.", metavar="DATE")]
+DateOption = Annotated[str | None, typer.Option(help="Date to print, as 2026-03-31; today's (UTC) unless given, or "
+                                                     "that of SOURCE_DATE_EPOCH.", metavar="DATE")]
 ReportOption = Annotated[Path | None, typer.Option(help="Write a page with pictures to this file.",
                                                    metavar="FILE.html")]
 
@@ -143,11 +143,6 @@ def print_written(*paths: Path | None) -> None:
 def parameter_arguments(files: Iterable[Path] | None) -> list[str]:
     """Return the arguments that name parameter files, for a command that is written into a result."""
     return [argument for file in files or () for argument in ("--parameters", as_given(file))]
-
-
-def as_given(file: Path) -> str:
-    """Return what names a file on the command line: its path, or the name of a shipped set."""
-    return next((name for name, path in named_sets().items() if path == file), str(file))
 
 
 def check_outputs(*files: Path | None, folders: Iterable[Path] = (), inputs: Iterable[Path | None] = ()) -> None:

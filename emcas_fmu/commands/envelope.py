@@ -53,7 +53,7 @@ def envelope(
         if output:
             _write_csv(computed, output)
         if plot:
-            study.write_picture(computed, plot)
+            study.write_picture(computed, plot, chosen)
         if as_json:
             write_json(_figures(computed), as_json)
     out.print(_table(computed))

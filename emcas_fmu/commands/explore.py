@@ -37,6 +37,7 @@ def explore(
     where the page is opened, and nothing leaves it.
     """
     from ..bench.excitation import COMMAND
+    from ..bench.provenance import today
     from ..bench.subject import ParameterSubject
     from ..fmi.interface import FmuInterface
     from ..studies.explore.page import About, write
@@ -55,7 +56,7 @@ def explore(
             "emcas", "explore", *(("--model", model) if model != NONLINEAR else ()),
             *common.parameter_arguments(files), *(part for each in settings or () for part in ("--set", each)),
             "--output", str(output), *(("--date", printed) if printed else ())])
-        about = About(command, ParameterSubject(chosen, files).identification, printed)
+        about = About(command, ParameterSubject(chosen, files).identification, printed or today())
         with common.err.status("compiling the unit for the browser; the first time zig makes its C library, a minute"):
             size = write(output, chosen, constants, about)
     common.print_written(output)

@@ -79,6 +79,14 @@ class LazyGroup(TyperGroup):
         super().__init__(**attributes)
         self.commands = cast(Any, _Loaded())
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Keep the arguments as they were given, for as long as the command runs: pages say how they were made."""
+        if args and args[0] in self.commands:
+            from ..bench.provenance import made_by
+
+            ctx.with_resource(made_by(["emcas", *args]))
+        return super().parse_args(ctx, args)
+
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of the commands, in the order of the panels."""
         return list(self.commands)

@@ -11,6 +11,7 @@ from ..errors import EmcasError
 from . import common
 
 EPILOG = ("Examples:\n\n  emcas report\n\n  emcas report EMCAS.fmu --output report.html --date 2026-03-31"
+          " --document AT-0042 --revision B"
           "\n\n  emcas report my_actuator.toml --requirements specification.toml --load 60 --junit junit.xml"
           "\n\n  emcas report EMCAS.fmu --mission flight.csv --json figures.json"
           "\n\n  emcas report --model elastic+heat --output elastic.html")
@@ -29,6 +30,8 @@ def report(
                                                       "and inputs in SI.", metavar="FILE.csv")] = None,
     load: Annotated[float | None, typer.Option(help="Rated hinge moment of the article in N.m; 100, that of Table 2, "
                                                     "unless given.", metavar="MOMENT")] = None,
+    document: Annotated[str, typer.Option(help="Number of the document that the report is.", metavar="TEXT")] = "",
+    revision: Annotated[str, typer.Option(help="Revision of that document.", metavar="TEXT")] = "",
     date: common.DateOption = None,
     as_json: common.JsonOption = None,
     junit: common.JunitOption = None,
@@ -50,7 +53,7 @@ def report(
             profile = csv_file(mission, model=subject.model) if mission else None
             result = carry_out(subject, load=load or LOAD, profile=profile, requirements=specified,
                                progress=common.stepper(progress, "test"))
-        write_report(result, output, printed)
+        write_report(result, output, printed, document, revision)
         if as_json:
             write_json(result, as_json, printed)
         if junit:

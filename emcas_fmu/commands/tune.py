@@ -76,7 +76,7 @@ def tune(
         if as_json:
             write_json(result, as_json, command)
         if report:
-            write_report(result, report, command, (pareto[0], pareto[1]) if pareto else None)
+            write_report(result, report, (pareto[0], pareto[1]) if pareto else None)
     common.out.print(f"{len(result.evaluated)} evaluations", highlight=False)
     common.print_written(output, as_json, report, journal)
     if result.stopped:

@@ -18,7 +18,7 @@ from typer.testing import Result as Done
 from emcas_fmu.actuators import NAMES, NONLINEAR
 from emcas_fmu.bench.subject import ParameterSubject, Subject, open_subject
 from emcas_fmu.bench.verdict import REQUIREMENTS, holds, load_requirements
-from emcas_fmu.bench.writers import plain
+from emcas_fmu.bench.writers import number, plain
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
@@ -124,7 +124,7 @@ class _Page(HTMLParser):
         """Note a tag and what it refers to."""
         self.tags.add(tag)
         self.links += [value or "" for name, value in attrs if name in ("src", "href", "xlink:href")]
-        if tag not in ("meta", "br"):
+        if tag not in ("meta", "br", "wbr"):
             self.open.append(tag)
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
@@ -137,13 +137,13 @@ class _Page(HTMLParser):
         assert self.open.pop() == tag
 
 
-def test_page_is_whole_and_holds_everything(shipped: Result, tmp_path: Path) -> None:
+def test_page_is_whole_and_holds_everything(shipped: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
     text = page(shipped, tmp_path)
     parsed = _Page()
     parsed.feed(text)
     assert parsed.open == []
     assert all(link.startswith("#") for link in parsed.links)
-    assert "script" not in parsed.tags
     assert text.count("<svg") == 6  # a picture for each test but that of thresholds
     for outcome in shipped.outcomes.values():
         assert f'id="{outcome.name}"' in text
@@ -154,18 +154,27 @@ def test_page_is_whole_and_holds_everything(shipped: Result, tmp_path: Path) -> 
         assert f"<th>{name}</th><td></td><td></td><td></td>" in text
     assert "<strong>Estimate.</strong>" in text
     assert "friction-locked" in text
-    assert "<th>date</th><td>" not in text
+    assert "<th>date</th><td>1970-01-01</td>" in text
+    assert "<th>document</th>" not in text
+    for name, value in (("supply", "39 V"), ("temperature", "24 °C"), ("rated hinge moment", "100 N·m")):
+        assert f"<tr><th>{name}</th><td>{value}" in text
+    for name, value in shipped.parameters.items():
+        cell = f'<td class="n">{number(value).replace("-", "−")}</td>'
+        assert f"<code>{name.replace('_', '_<wbr>')}</code></td>{cell}" in text
+    assert "required 220°/s" in text  # beside the figure it limits
     assert "<th>date</th><td>2026-03-31</td>" in page(shipped, tmp_path, "2026-03-31")
 
 
 @pytest.mark.slow
-def test_command_writes_the_same_bytes_and_no_paths(tmp_path: Path) -> None:
+def test_command_writes_the_same_bytes_and_no_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
     (tmp_path / "my_actuator.toml").write_text('[command]\nlimit = "15 deg"\n', encoding="utf-8")
     written = []
     for folder in (tmp_path / "one", tmp_path / "two"):
         folder.mkdir()
-        found = emcas(tmp_path / "my_actuator.toml", "-o", folder / "report.html", "--json", folder / "figures.json",
-                      "--junit", folder / "junit.xml", "--requirements", specification(folder))
+        monkeypatch.chdir(folder)  # the page has the command as it was given
+        found = emcas("../my_actuator.toml", "-o", "report.html", "--json", "figures.json", "--junit", "junit.xml",
+                      "--requirements", specification(folder).name, "--document", "AT-0042", "--revision", "B")
         # 15 deg are not the ±20 deg of Table 2: the article has to fail, and for no other reason.
         assert found.exit_code == 1, found.output
         written.append([(folder / name).read_bytes() for name in ("report.html", "figures.json", "junit.xml")])
@@ -189,7 +198,9 @@ def test_command_on_the_shipped_parameters(tmp_path: Path) -> None:
     found = emcas("-o", tmp_path / "report.html", "--requirements", specification(tmp_path), "--date", "2026-03-31")
     assert found.exit_code == 0, found.output
     assert "all 7 requirements are met" in found.output
-    assert "2026-03-31" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "2026-03-31" in text
+    assert f"emcas report -o {tmp_path / 'report.html'} --requirements" in text
     missed = emcas("-o", tmp_path / "report.html", "--requirements", specification(tmp_path, "1e-9 deg"))
     assert missed.exit_code == 1
     assert "1 of 7 requirements are not met" in missed.output

@@ -96,14 +96,14 @@ def test_a_drift_in_every_output(folder: Path) -> None:
     assert markdown.count("**DRIFT**") == len(drifted)
     page = files["report"].read_text()
     assert page.count(">DRIFT<") == len(drifted)
-    assert page.count("<figure>") == 7  # every case but the two sweeps
+    assert page.count("<figure class=\"curves\">") == 7  # every case but the two sweeps
     # A hash of 64 digits may be broken, the name before it may not.
     assert re.search(r"<code>parameters_sha256</code></td><td class=\"how\">[0-9a-f]{64}</td>", page)
     assert "td:first-child code { overflow-wrap: normal; }" in page
     # On paper nothing scrolls, and a heading or the head of a table stays with what is under it.
     paper = page[page.index("@media print"):page.index("</style>")]
-    for rule in (".wide { overflow: visible; }", "h2, h3 { break-after: avoid; }",
-                 "tr:first-child { break-after: avoid; }"):
+    for rule in (".wide { overflow: visible; }", "h1, h2, h3, caption { break-after: avoid; }",
+                 "tbody tr:nth-child(-n+2) { break-after: avoid; }"):
         assert rule in paper
     check(folder, "--markdown", files["markdown"])
     assert files["markdown"].read_text().startswith(markdown)  # appended, as other steps of a job do

@@ -38,11 +38,15 @@ class Browser:
 
     def open(self, path: Path, link: str = "") -> None:
         """Open a page and wait for its first response."""
-        self.driver.get("about:blank")
-        self.driver.get(path.as_uri() + link)
+        self.load(path, link)
         self.driver.execute_async_script("const done = arguments[0]; loaded.then(page => {"
                                          "window.page = page; done(); });")
         self.settled()
+
+    def load(self, path: Path, link: str = "") -> None:
+        """Open any page, anew."""
+        self.driver.get("about:blank")
+        self.driver.get(path.as_uri() + link)
 
     def run(self, script: str, *arguments: Any) -> Any:
         """Return the value of an expression of JavaScript; NaN and infinities as such."""

@@ -487,7 +487,7 @@ def test_gains_at_a_bound_are_marked(study: Study, tmp_path: Path) -> None:
     result = Tuned(study, 1, before, before, (before,), (before.objective,), False)
     assert result.at_bound == {first.name: "lower"}
     assert f"at the bound of the search: {first.name} = {first.lower:g} (lower)" in at_bounds(result)
-    write_report(result, tmp_path / "t.html", "emcas tune")
+    write_report(result, tmp_path / "t.html")
     assert (tmp_path / "t.html").read_text(encoding="utf-8").count("(at the bound)") == 1
     write_json(result, tmp_path / "t.json", "emcas tune")
     assert json.loads((tmp_path / "t.json").read_text())["at_bound"] == {first.name: "lower"}

@@ -205,8 +205,8 @@ def test_a_boolean_is_drawn_between_0_and_1() -> None:
 def test_a_page_of_the_picture_is_as_wide_as_the_screen(tmp_path: Path) -> None:
     response("second-order", [{}], 0.05).plot(tmp_path / "r.html")
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
-    assert "svg{width:100%" in page
-    assert page.count("<figure>") == 1
+    assert "figure svg { width: 100%" in page
+    assert page.count('<figure class="curves">') == 1
 
 
 def test_every_column_of_panels_has_its_time_axis() -> None:

@@ -116,9 +116,10 @@ def test_report_is_one_page_that_repeats(whole: Validation, tmp_path: Path) -> N
     assert "engineering estimates" in page
     assert "not measurements" in page
     # Nothing is fetched: the only addresses are names of XML namespaces.
-    fetched = [word for word in page.replace('"', " ").split() if "://" in word and "www.w3.org/" not in word]
+    bare = re.sub("<script>.*?</script>", "", page, flags=re.DOTALL)  # the library's heading names its home
+    fetched = [word for word in bare.replace('"', " ").split() if "://" in word and "www.w3.org/" not in word]
     assert not fetched
-    assert "<script" not in page
+    assert not re.search("<script[^>]* src=", page)
     ids = [piece.partition('"')[0] for piece in page.split(' id="')[1:]]
     assert len(ids) == len(set(ids))
 
@@ -333,7 +334,7 @@ def test_outputs_an_actuator_lacks_are_left_out(tmp_path: Path) -> None:
     write_report(found, tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert page.count("<svg") == 9
-    assert "current / A" not in page
+    assert "current [A]" not in page
     # Its bandwidth is beyond the sweep: a lower bound, and never a nan.
     assert [(j.measured, j.beyond, j.passed) for j in found.table2[-2:]] == [(24.0, True, True)] * 2
     assert "&gt; 24 Hz" in page

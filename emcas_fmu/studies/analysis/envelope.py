@@ -29,12 +29,13 @@ from matplotlib.figure import Figure
 from scipy.optimize import brentq, minimize_scalar
 
 from ...actuators import capabilities, parts, require
+from ...bench.writers import write_page
 from ...errors import EmcasError
 from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
 from ...parameters import ParameterSet
 from ...physics import drive, heat
-from ...plots import BLUE, GREEN, INK, PURPLE, VERMILLION, figure, style, write
+from ...plots import BLUE, GREEN, INK, PURPLE, VERMILLION, figure, picture, style, write
 from ...simulation import Array
 
 _POINTS = 201
@@ -242,7 +243,13 @@ def draw(e: Envelope) -> Figure:
     return drawn
 
 
-def write_picture(e: Envelope, path: Path) -> None:
-    """Write the picture of :func:`draw` as ``.html``, ``.svg``, ``.png`` or ``.pdf``."""
+def write_picture(e: Envelope, path: Path, parameters: ParameterSet) -> None:
+    """Write the picture of :func:`draw` as ``.svg``, ``.png`` or ``.pdf``, or a page of it as ``.html``."""
     with style():
-        write(draw(e), path, "Torque-speed envelope")
+        drawn = draw(e)
+        if path.suffix != ".html":
+            write(drawn, path)
+            return
+        shown = picture(drawn, "Torque-speed envelope", f"Torque for {e.duration:g} s and for any time (shaded), and "
+                                                        "the limits they are made of.")
+    write_page(path, "bench/picture.html.j2", [parameters], picture=shown)

@@ -116,6 +116,6 @@ def write_json(analysis: Analysis, path: Path) -> None:
 
 def write_report(analysis: Analysis, path: Path) -> None:
     """Write the page; the same analysis gives the same bytes."""
-    writers.write_page(path, "studies/analysis/page.html.j2", f=figures(analysis), actuator=analysis.actuator.actuator,
-                       reference=analysis.actuator.reference_name, small=unseen(analysis.actuator.actuator),
-                       pictures=plots.pictures(drawings(analysis)))
+    writers.write_page(path, "studies/analysis/page.html.j2", [analysis.parameters], f=figures(analysis),
+                       actuator=analysis.actuator.actuator, reference=analysis.actuator.reference_name,
+                       small=unseen(analysis.actuator.actuator), pictures=plots.pictures(drawings(analysis)))

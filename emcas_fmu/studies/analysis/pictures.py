@@ -80,10 +80,10 @@ def bode(analysis: Analysis) -> Drawing:
         draw(analysis.linear.load, entries["linearised here"], (load_gain, load_phase), degrees(1.0))
     gain.axhline(-3.0, **LIMIT)
     phase.axhline(-90.0, **LIMIT)
-    gain.set(title="fin angle over command", ylabel="gain / dB", ylim=(-40, 6))
-    phase.set(ylabel="phase / deg", ylim=(-360, 20), yticks=range(-360, 1, 90), xlabel="frequency / Hz")
+    gain.set(title="fin angle over command", ylabel="gain [dB]", ylim=(-40, 6))
+    phase.set(ylabel="phase [deg]", ylim=(-360, 20), yticks=range(-360, 1, 90), xlabel="frequency [Hz]")
     load_gain.set(title="fin angle over hinge moment", ylabel="dB of 1 deg/(N.m)")
-    load_phase.set(ylabel="phase / deg", xlabel="frequency / Hz", yticks=range(-270, 91, 90))
+    load_phase.set(ylabel="phase [deg]", xlabel="frequency [Hz]", yticks=range(-270, 91, 90))
     _legend(figure, entries)
     return Drawing("Bode diagrams", figure, f"Left, fin angle over command: {analysis.linear.command.bandwidths} "
                    "(linear). Right, fin angle over hinge moment. The linear responses are "
@@ -117,8 +117,8 @@ def nichols(analysis: Analysis) -> Drawing:
         entries[f"thesis's model, at {at}"] = _THESIS
         _nichols_line(axes, analysis.thesis.loops["reference"], analysis.thesis.margins["reference"], _THESIS)
     axes.plot(-180, 0, "+", color=plots.INK, markersize=9)
-    axes.set(xlim=(-360, 0), ylim=(-30, 40), xticks=range(-360, 1, 45), xlabel="open-loop phase / deg",
-             ylabel="open-loop gain / dB")
+    axes.set(xlim=(-360, 0), ylim=(-30, 40), xticks=range(-360, 1, 45), xlabel="open-loop phase [deg]",
+             ylabel="open-loop gain [dB]")
     _legend(figure, entries, columns=2)
     m = analysis.linear.margins["reference"]
     return Drawing("Nichols chart", figure, f"At {at} the gain may grow by {m.gain_db:.1f} dB "
@@ -166,8 +166,8 @@ def root_locus(analysis: Analysis) -> Drawing:
             axes.plot([0.0, -2.0 * shown], [0.0, side * slope * 2.0 * shown], **LIMIT)
         x = min(0.95 * shown / slope, 0.9 * shown)
         axes.text(-x, x * slope, f"{damping:g}", fontsize=6.5, color=plots.GRAY, ha="center", va="center")
-    axes.set(xlim=(-shown, 0.4 * shown), ylim=(-shown, shown), xlabel="Re s / 2π / Hz",
-             ylabel="Im s / 2π / Hz")
+    axes.set(xlim=(-shown, 0.4 * shown), ylim=(-shown, shown), xlabel="Re s / 2π [Hz]",
+             ylabel="Im s / 2π [Hz]")
     _legend(figure, entries, columns=2)
     low, high = roots.stable_range
     bounds = [f"{word} {value:.4g}" for word, value, end in (("below", low, roots.values[0]),
@@ -194,7 +194,7 @@ def steps(analysis: Analysis) -> Drawing:
         for angle, look in zip(angles, entries.values(), strict=True):
             axes.plot(s.time * 1e3, angle / s.size, **look)
         axes.text(0.97, 0.05, f"{s.size:+g} deg", transform=axes.transAxes, ha="right", fontsize=9)
-        axes.set(xlabel="time / ms", xlim=(0, end))
+        axes.set(xlabel="time [ms]", xlim=(0, end))
     row[0].set_ylabel("fin angle / step")
     _legend(figure, {**entries, "a limit is active": {"color": plots.GRAY, "alpha": 0.3, "linewidth": 7}}, columns=4)
     differences = ", ".join(f"{s.difference:.0f} % at {abs(s.size):g} deg" for s in analysis.steps)
@@ -225,7 +225,7 @@ def amplitudes(analysis: Analysis) -> Drawing:
         axes.loglog(size, values, **look)
         if level is not None:
             axes.axhline(level, color=look["color"], linewidth=0.9, **_DASHED)
-    axes.set(xlabel="amplitude of the command / deg", ylabel="frequency / Hz")
+    axes.set(xlabel="amplitude of the command [deg]", ylabel="frequency [Hz]")
     axes.set_xticks(size, [f"{s:.3g}" for s in size], minor=False)
     axes.xaxis.set_minor_formatter("")
     low, high = axes.get_ylim()
@@ -255,12 +255,12 @@ def limit_shares(analysis: Analysis) -> Drawing:
         mesh = axes.pcolormesh(size, sweeps[0].response.frequency, share, vmin=0, vmax=100, cmap="magma_r",
                                shading="nearest")
         axes.plot(size, [s.response.bandwidth for s in sweeps], color=plots.BLUE, linewidth=1.2)
-        axes.set(xscale="log", yscale="log", title=_LIMIT_NAMES[name], xlabel="amplitude / deg",
+        axes.set(xscale="log", yscale="log", title=_LIMIT_NAMES[name], xlabel="amplitude [deg]",
                  xlim=(size[0], size[-1]), xticks=[t for t in (0.1, 1.0, 10.0) if size[0] <= t <= size[-1] * 1.001])
         axes.xaxis.set_major_formatter("{x:g}")
         axes.yaxis.set_major_formatter("{x:g}")
-    row[0].set_ylabel("frequency / Hz")
-    figure.colorbar(mesh, ax=list(row), pad=0.01).set_label("time at the limit / %")
+    row[0].set_ylabel("frequency [Hz]")
+    figure.colorbar(mesh, ax=list(row), pad=0.01).set_label("time at the limit [%]")
     return Drawing("Where the limits bite", figure, "Share of the time a limit is active while a steady sine is "
                    "followed; the line is the -3 dB bandwidth. The speed reference's limit is the rate limit of the "
                    "fin.")
@@ -293,7 +293,7 @@ def torque_speed(analysis: Analysis) -> Drawing:
     fastest, most = (max(float(np.max(np.abs(columns[name]))) for columns in cases.values())
                      for name in ("motor_speed", "motor_torque"))
     end, top = 1.05 * max(e.no_load_speed, fastest), max(1.05 * most, 1.1 * float(np.max(e.highest)))
-    axes.set(xlabel="motor speed / rad/s", ylabel="motor torque / N.m", xlim=(-end, end), ylim=(-top, top))
+    axes.set(xlabel="motor speed [rad/s]", ylabel="motor torque [N.m]", xlim=(-end, end), ylim=(-top, top))
     _legend(figure, entries, columns=4)
     slow = f", in some {e.integral_time:.0f} s" if np.isfinite(e.integral_time) else ""
     return Drawing("Torque and speed", figure, f"Grey: what the drive's current ({e.stall_torque:.3g} N.m at stall) "
@@ -320,8 +320,8 @@ def fin_capability(analysis: Analysis) -> Drawing:
     for required in (220.0, 200.0):
         rate.axhline(required, **table2)
     ratio.plot(angle, c.ratio, color=plots.GRAY)
-    for axes, label in ((moment, "stall moment / N.m"), (rate, "fin rate / deg/s"), (ratio, "ratio R")):
-        axes.set(xlabel="fin angle / deg", ylabel=label)
+    for axes, label in ((moment, "stall moment [N.m]"), (rate, "fin rate [deg/s]"), (ratio, "ratio R")):
+        axes.set(xlabel="fin angle [deg]", ylabel=label)
     _legend(figure, {"moving +": plus, "moving -": minus, "paler: against 100 N.m": pale,
                      "controllers' speed limit": bound, "Table 2": table2})
     return Drawing("Capability against fin angle", figure, "The lever's ratio grows with the lever angle, so the fin "

@@ -85,8 +85,9 @@ def _cell(text: str) -> str:
 
 def write_report(comparison: Comparison, remedy: str, path: Path) -> None:
     """Write the page; the same comparison gives the same bytes."""
-    writers.write_page(path, "studies/baseline/page.html.j2", about=comparison.identification, comparison=comparison,
-                       verdict=verdict(comparison), remedy=remedy, header=HEADER, numeric=NUMERIC, cells=cells,
+    writers.write_page(path, "studies/baseline/page.html.j2", [comparison.identification],
+                       about=comparison.identification, comparison=comparison, verdict=verdict(comparison),
+                       remedy=remedy, header=HEADER, numeric=NUMERIC, cells=cells,
                        pictures=plots.pictures(_drawings(comparison)))
 
 
@@ -99,11 +100,11 @@ def _drawings(comparison: Comparison) -> Iterator[plots.Drawing]:
             figure, ((above,), (below,)) = plots.figure(2, height=1.5, sharex=True, height_ratios=(2, 1))
             above.plot(time, old, color=plots.GRAY, linewidth=3.0, label="approved")
             above.plot(time, new, color=plots.BLUE, label="now")
-            above.set(ylabel=f"{name} / {unit}")
+            above.set(ylabel=f"{name.replace('_', ' ')} [{unit}]")
             above.legend(loc="best")
             below.plot(time, new - old, color=plots.VERMILLION)
             below.axhspan(-limit, limit, color=plots.GREEN, alpha=0.15, linewidth=0.0)
-            below.set(ylabel=f"change / {unit}", xlabel="time / s")
+            below.set(ylabel=f"change [{unit}]", xlabel="time [s]")
             largest = float(np.max(np.abs(new - old)))
             yield plots.Drawing(f"{name} of {case}, approved and now", figure,
                                 f"{case}: {comparison.titles[case]}. Largest change of {name} "

@@ -6,8 +6,10 @@ from math import isfinite
 from pathlib import Path
 
 from ...bench.metrics import shown
+from ...bench.provenance import Source
 from ...bench.writers import write_page
 from ...plots import pictures
+from ...reference.files import parameters_hash
 from .figures import drawings
 from .measure import lacking
 from .plan import Factor
@@ -32,9 +34,16 @@ def seconds(value: float) -> str:
     return f"{value:.2f} s" if isfinite(value) else "–"
 
 
+def _source(summary: Summary) -> Source:
+    study, plan = summary.study, summary.study.plan
+    what = f"FMU with SHA-256 {plan.fmu_sha256}, campaign" if plan.fmu else "campaign"
+    return Source(what, study.path.name, "", parameters_hash(plan.base), plan.actuator.name)
+
+
 def write_report(summary: Summary, path: Path, command: str) -> None:
     """Write the page; the same rows give the same bytes. `command` runs the campaign."""
     plan = summary.study.plan
-    write_page(path, "studies/campaign/page.html.j2", s=summary, study=summary.study, plan=plan, command=command,
-               pictures=pictures(drawings(summary)), percentiles=PERCENTILES, text=text, described=described,
-               seconds=seconds, unit=lambda figure: shown(figure.unit)[0], left_out=lacking(plan.model))
+    write_page(path, "studies/campaign/page.html.j2", [_source(summary)], s=summary, study=summary.study, plan=plan,
+               command=command, pictures=pictures(drawings(summary)), percentiles=PERCENTILES, text=text,
+               described=described, seconds=seconds, unit=lambda figure: shown(figure.unit)[0],
+               left_out=lacking(plan.model))

@@ -66,7 +66,8 @@ def write_json(result: Result, path: Path) -> None:
 
 def write_report(result: Result, path: Path) -> None:
     """Write the page; the same result gives the same bytes."""
-    writers.write_page(path, "studies/compare/page.html.j2", result=result, pictures=pictures(_drawings(result)))
+    writers.write_page(path, "studies/compare/page.html.j2", [c.parameters for c in result.columns], result=result,
+                       pictures=pictures(_drawings(result)))
 
 
 def _drawings(result: Result) -> Iterator[Drawing]:
@@ -86,8 +87,8 @@ def _drawings(result: Result) -> Iterator[Drawing]:
             angle.plot(time[shown] * 1e3, np.degrees(run.columns["fin_angle"])[shown], label=column.name, **look)
             rate.plot(time[shown] * 1e3, np.degrees(run.columns["fin_rate"])[shown], **look)
         angle.set_title(title)
-        rate.set_xlabel("time / ms")
-    grid[0, 0].set_ylabel("fin angle / deg")
-    grid[1, 0].set_ylabel("fin rate / (deg/s)")
+        rate.set_xlabel("time [ms]")
+    grid[0, 0].set_ylabel("fin angle [deg]")
+    grid[1, 0].set_ylabel("fin rate [deg/s]")
     grid[0, 0].legend(loc="lower right")
     yield Drawing("Large moves", drawn, "Every set's response to the command (dashed); the wider lines lie below.")

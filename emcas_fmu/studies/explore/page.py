@@ -203,8 +203,7 @@ def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) 
         entries=parameters.entries, model=described["model"], title=parameters.actuator.title,
         origin=parameters.actuator.origin, first=described["first"], estimates=parameters.estimates,
         data=_embedded({**described, "digest": digest[:12]}), unit=base64.b64encode(code).decode(),
-        plotting=_joined(["uplot/uPlot.iife.min.js"]), plotting_style=_joined(["uplot/uPlot.min.css"]),
-        licence=_joined(["uplot/LICENSE"]), style=_joined(["page.css"]), script=_joined(SCRIPTS))
+        style=_joined(["page.css"]), script=_joined(SCRIPTS))
 
 
 def write(path: Path, parameters: ParameterSet, inputs: Mapping[str, float], about: About) -> int:

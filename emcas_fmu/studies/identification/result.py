@@ -98,8 +98,8 @@ class Identification:
 
     def write_report(self, path: Path) -> None:
         """Write a page with the pictures; the same result gives the same bytes."""
-        write_page(path, "studies/identification/report.html.j2", result=self, figures=pictures(self.drawings()),
-                   records=list(zip(self.records, self.noise)))
+        write_page(path, "studies/identification/report.html.j2", [self.base], result=self,
+                   figures=pictures(self.drawings()), records=list(zip(self.records, self.noise)))
 
     def document(self) -> Mapping[str, Any]:
         """Return everything but the pictures, for JSON."""

@@ -82,7 +82,7 @@ def write_junit(result: Result, path: Path) -> None:
     writers.write_junit("emcas report", suites, path)
 
 
-def write_report(result: Result, path: Path, date: str = "") -> None:
-    """Write the page; the same result and date give the same bytes."""
-    writers.write_page(path, "studies/report/page.html.j2", r=result, about=result.about, date=date,
-                       pictures=pictures(result.outcomes))
+def write_report(result: Result, path: Path, date: str = "", document: str = "", revision: str = "") -> None:
+    """Write the page, with number and revision of the document; the same result and date give the same bytes."""
+    writers.write_page(path, "studies/report/page.html.j2", [result.about], date, r=result, about=result.about,
+                       document=document, revision=revision, pictures=pictures(result))

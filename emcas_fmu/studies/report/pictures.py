@@ -2,26 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from math import degrees
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from ... import plots
 from ...bench.metrics import ACCURACY as _ACCURACY
-from ...bench.verdict import HOLD
+from ...bench.verdict import HOLD, Judged
+from ...bench.writers import with_unit
 from ...plots import COMMAND, LIMIT, Drawing, Picture, legend_above
 from .outcome import Array, Outcome
+from .study import Result
 
 ACCURACY = round(degrees(_ACCURACY), 9)  # deg
+_REQUIRED: Mapping[str, Any] = {**LIMIT, "color": plots.PURPLE, "linewidth": 1.1}
 _MOST_POINTS = 3000  # of a line: more than a page has pixels
 
 
-def pictures(outcomes: Mapping[str, Outcome]) -> dict[str, Picture]:
-    """Draw the picture of each test that has one."""
-    drawn = {name: outcome for name, outcome in outcomes.items() if name in _DRAWINGS and not outcome.stopped}
-    return dict(zip(drawn, plots.pictures(_DRAWINGS[name](outcome) for name, outcome in drawn.items()), strict=True))
+def pictures(result: Result) -> dict[str, Picture]:
+    """Draw the picture of each test that has one, with the limits that requirements set its figures."""
+    drawn = {name: outcome for name, outcome in result.outcomes.items() if name in _DRAWINGS and not outcome.stopped}
+    return dict(zip(drawn, plots.pictures(_drawn(outcome, result.limits(name)) for name, outcome in drawn.items()),
+                    strict=True))
+
+
+def _drawn(outcome: Outcome, limits: Sequence[Judged]) -> Drawing:
+    """Draw a test; limits that have no line in its panels stand in the caption."""
+    left = list(limits)
+    drawing = _DRAWINGS[outcome.name](outcome, left)
+    words = "; ".join(f"{j.title} {'≥' if j.sense == '>=' else '≤'} {with_unit(j.limit, j.unit)}" for j in left)
+    return drawing._replace(caption=f"{drawing.caption} Required, and not drawn: {words}.") if words else drawing
+
+
+def _limit(axes: Axes, limits: list[Judged], unit: str, scale: float = 1.0, *, across: bool = True, sides: bool = False,
+           label: bool = True) -> None:
+    """Draw limits of a unit as lines, and drop them from `limits`: levels, on both `sides` of zero, or instants."""
+    for at in dict.fromkeys(j.limit for j in limits if j.unit == unit):
+        words = f"required {with_unit(at, unit)}" if label else None
+        for sign in (1.0, -1.0) if sides else (1.0,):
+            (axes.axhline if across else axes.axvline)(sign * at * scale, label=words, **_REQUIRED)
+            words = None
+    limits[:] = [j for j in limits if j.unit != unit]
 
 
 def _thin(*columns: Array) -> list[Array]:
@@ -29,7 +53,7 @@ def _thin(*columns: Array) -> list[Array]:
     return [column[::stride] for column in columns]
 
 
-def _steps(outcome: Outcome) -> Drawing:
+def _steps(outcome: Outcome, limits: list[Judged]) -> Drawing:
     made, grid = plots.figure(2, height=2.4, sharex=False)
     angle, error = grid[:, 0]
     pairs = list(outcome.series.items())
@@ -44,16 +68,18 @@ def _steps(outcome: Outcome) -> Drawing:
         angle.plot([0.0, 400.0], [size, size], **LIMIT)
         far = time >= 0.0
         error.plot(*_thin(time[far], series["angle_deg"][far] - size), **{**look, "linewidth": 1.0})
+    _limit(angle, limits, "s", 1e3, across=False)
+    _limit(error, limits, "deg", sides=True)
     legend_above(angle, 8)
-    angle.set(ylabel="fin angle / deg", xlabel="time from the command / ms", xlim=(-20, 400))
+    angle.set(ylabel="fin angle [deg]", xlabel="time from the command [ms]", xlim=(-20, 400))
     error.axhspan(-ACCURACY, ACCURACY, color=plots.GREEN, alpha=0.10, linewidth=0)
-    error.set(ylabel="angle - command / deg", xlabel="time from the command / s", ylim=(-2 * ACCURACY, 2 * ACCURACY),
+    error.set(ylabel="angle - command [deg]", xlabel="time from the command [s]", ylim=(-2 * ACCURACY, 2 * ACCURACY),
               xlim=(0.0, HOLD))
     return Drawing(outcome.title, made, "Above, the first 0.4 s; negative steps dashed, dotted lines the commands. "
                    f"Below, what is left of the error; the green band is the accuracy of Table 2, ±{ACCURACY:g} deg.")
 
 
-def _bode(outcome: Outcome) -> Drawing:
+def _bode(outcome: Outcome, limits: list[Judged]) -> Drawing:
     made, grid = plots.figure(3, height=1.9, sharex=True, height_ratios=(1.3, 1.3, 0.8))
     gain, phase, coherence = grid[:, 0]
     for color, (group, curve) in zip(plots.COLORS, outcome.curves.items(), strict=False):
@@ -63,6 +89,8 @@ def _bode(outcome: Outcome) -> Drawing:
                    (figures["bandwidth_3db_hz"], figures["bandwidth_90deg_hz"]), **look)
         coherence.semilogx(curve["frequency_hz"], curve["coherence"], **look)
     plots.bode_axes(gain, phase)
+    _limit(phase, list(limits), "Hz", across=False, label=False)
+    _limit(gain, limits, "Hz", across=False)
     legend_above(gain)
     coherence.set(ylabel="coherence", ylim=(0.0, 1.05))
     plots.frequency_axis(coherence, (0.5, 1, 2, 5, 10, 20))
@@ -72,9 +100,10 @@ def _bode(outcome: Outcome) -> Drawing:
     return Drawing(outcome.title, made, "Fundamental of fin angle over command; the dots mark -3 dB and -90 deg.")
 
 
-def _slew(outcome: Outcome) -> Drawing:
-    panels = [panel for panel in (("fin_angle", "fin angle / deg"), ("fin_rate", "fin rate / deg/s"),
-                                  ("motor_current", "current / A")) if panel[0] in outcome.series["unloaded_positive"]]
+def _slew(outcome: Outcome, limits: list[Judged]) -> Drawing:
+    panels = [panel for panel in (("fin_angle", "fin angle [deg]"), ("fin_rate", "fin rate [deg/s]"),
+                                  ("motor_current", "current [A]")) if panel[0] in outcome.series["unloaded_positive"]]
+    names = [name for name, _ in panels]
     made, grid = plots.figure(len(panels), 2, height=1.7, sharex=True, sharey="row")
     for column, direction in enumerate(("positive", "negative")):
         for color, load in zip(plots.COLORS, ("unloaded", "opposing", "aiding"), strict=False):
@@ -83,16 +112,21 @@ def _slew(outcome: Outcome) -> Drawing:
             for axes, (name, _) in zip(grid[:, column], panels, strict=True):
                 axes.plot(series["time_s"][near] * 1e3, series[name][near], color=color,
                           label=outcome.label(f"{load}_{direction}").partition(",")[0])
+        if "fin_rate" in names:
+            rate = grid[names.index("fin_rate"), column]
+            _limit(rate, list(limits), "deg/s", 1.0 if direction == "positive" else -1.0)
+            legend_above(rate, 3)
         grid[0, column].set_title(f"{direction} direction", pad=16)
         legend_above(grid[0, column], 3)
-        grid[-1, column].set_xlabel("time from the command / ms")
+        grid[-1, column].set_xlabel("time from the command [ms]")
         grid[0, column].margins(x=0.0)
     for axes, (_, label) in zip(grid[:, 0], panels, strict=True):
         axes.set_ylabel(label)
+    limits[:] = [j for j in limits if j.unit != "deg/s" or "fin_rate" not in names]
     return Drawing(outcome.title, made, "Full travel in either direction.")
 
 
-def _grid(outcome: Outcome) -> Drawing:
+def _grid(outcome: Outcome, limits: list[Judged]) -> Drawing:
     made, grid = plots.figure(1, height=2.6)
     axes = grid[0, 0]
     curve = outcome.curves["grid"]
@@ -103,12 +137,18 @@ def _grid(outcome: Outcome) -> Drawing:
         axes.plot(np.repeat(curve["command_deg"], errors.shape[1]), errors.ravel(), linestyle="none", marker=marker,
                   markersize=3.5, color=color, alpha=0.6)
     axes.axhline(0.0, **LIMIT)
+    # A limit much beyond what is measured would flatten it: that one stands in the caption.
+    measured = max(float(np.max(np.abs(series["errors_deg"]))) for series in outcome.series.values())
+    near = [j for j in limits if j.limit <= 4.0 * measured]
+    limits[:] = [j for j in limits if j not in near]
+    _limit(axes, near, "deg", 1e3, sides=True)
+    limits += near
     legend_above(axes)
-    axes.set(xlabel="command / deg", ylabel="angle - command / mdeg")
+    axes.set(xlabel="command [deg]", ylabel="angle - command [mdeg]")
     return Drawing(outcome.title, made, "Every approach (marks) and their means (lines), in thousandths of a degree.")
 
 
-def _stiffness(outcome: Outcome) -> Drawing:
+def _stiffness(outcome: Outcome, limits: list[Judged]) -> Drawing:
     made, grid = plots.figure(2, height=2.2, sharex=True, height_ratios=(1.5, 1.0))
     size, phase = grid[:, 0]
     for color, (group, curve) in zip(plots.COLORS, outcome.curves.items(), strict=False):
@@ -116,36 +156,38 @@ def _stiffness(outcome: Outcome) -> Drawing:
         size.loglog(curve["frequency_hz"], curve["stiffness_n_m_per_rad"], color=color, marker="o", markersize=3.5,
                     label=label)
         phase.semilogx(curve["frequency_hz"], curve["phase_deg"], color=color, marker="o", markersize=3.5)
+    _limit(size, limits, "N.m/rad")
     if outcome.curves:
         legend_above(size, 3)
-    size.set_ylabel("|T/θ| / N.m/rad")
-    phase.set(ylabel="phase / deg", ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
+    size.set_ylabel("|T/θ| [N.m/rad]")
+    phase.set(ylabel="phase [deg]", ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180))
     plots.frequency_axis(phase, (1, 2, 5, 10, 20, 40))
     return Drawing(outcome.title, made, "Hinge moment over fin angle. 0 deg is a spring; +90 deg a damper; ±180 deg an "
                    "inertia, whose line rises with the square of the frequency.")
 
 
-def _mission(outcome: Outcome) -> Drawing:
+def _mission(outcome: Outcome, limits: list[Judged]) -> Drawing:
     (series,) = outcome.series.values()
-    panels = [panel for panel in (("angle_deg", "angle / deg", plots.BLUE),
-                                  ("moment_n_m", "moment / N.m", plots.PURPLE),
-                                  ("motor_current", "current / A", plots.VERMILLION),
-                                  ("supply_power", "power / W", plots.GREEN)) if panel[0] in series]
+    panels = [panel for panel in (("angle_deg", "angle [deg]", plots.BLUE),
+                                  ("moment_n_m", "moment [N.m]", plots.PURPLE),
+                                  ("motor_current", "current [A]", plots.VERMILLION),
+                                  ("supply_power", "power [W]", plots.GREEN)) if panel[0] in series]
     made, grid = plots.figure(len(panels), height=1.5, sharex=True)
     for axes, (name, label, color) in zip(grid[:, 0], panels, strict=True):
         axes.plot(*_thin(series["time_s"], series[name]), color=color, linewidth=1.3 if name == "angle_deg" else 0.8,
                   label="fin angle")
         axes.set_ylabel(label)
         axes.margins(x=0.0)
+        _limit(axes, limits, {"motor_current": "A", "supply_power": "W", "moment_n_m": "N.m"}.get(name, ""), sides=True)
         if name == "supply_power":
             axes.axhline(0.0, **LIMIT)
     grid[0, 0].plot(*_thin(series["time_s"], series["command_deg"]), label="command", **COMMAND)
     legend_above(grid[0, 0])
-    grid[-1, 0].set_xlabel("time / s")
+    grid[-1, 0].set_xlabel("time [s]")
     return Drawing(outcome.title, made, "Power below zero is fed back to the bus." if "supply_power" in series else "")
 
 
-_DRAWINGS: Mapping[str, Callable[[Outcome], Drawing]] = {
+_DRAWINGS: Mapping[str, Callable[[Outcome, list[Judged]], Drawing]] = {
     "step_response": _steps, "frequency_response": _bode, "slew_rate": _slew, "static_accuracy": _grid,
     "dynamic_stiffness": _stiffness, "mission": _mission,
 }

@@ -10,12 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from ...bench.excitation import Excitation
+from ...actuators import NONLINEAR
+from ...bench.excitation import STEP, Excitation
+from ...bench.provenance import conditions
 from ...bench.subject import Identification, StoppedError, Subject
 from ...bench.verdict import FileRequirement, Judged, all_passed, judge_table2
 from ...errors import EmcasError
+from ...parameters import load_parameters
 from ...progress import Progress, silent
 from ...reference.cases import LOAD
+from ...variables import Variable
 from . import mission, responses, static_accuracy, stiffness, threshold
 from .outcome import Outcome, Value
 from .rig import Rig
@@ -29,6 +33,8 @@ TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome]]] = {
     "dynamic_stiffness": ("Dynamic stiffness", stiffness.measure),
     "mission": ("Mission profile", mission.measure),
 }
+_OF_TABLE_2 = {"accuracy": "static_accuracy", "unloaded_rate": "slew_rate", "loaded_rate": "slew_rate",
+               "bandwidth_1deg": "frequency_response", "bandwidth_3p5deg": "frequency_response"}
 
 
 @dataclass(frozen=True)
@@ -40,11 +46,32 @@ class Result:
     outcomes: Mapping[str, Outcome]
     judged: tuple[Judged, ...]
     parameters: Mapping[str, Any] = field(repr=False)
+    model: str = NONLINEAR
+    figures: Mapping[tuple[str, str], str] = field(default_factory=dict, repr=False)
+    """Of a requirement, by its source and name: the figure it limits, as test.group.figure."""
 
     @property
     def sources(self) -> list[str]:
         """Where the requirements are from, each once."""
         return list(dict.fromkeys(j.source for j in self.judged))
+
+    def limits(self, test: str) -> list[Judged]:
+        """Return the requirements that limit figures of a test."""
+        return [j for j in self.judged if not j.skipped
+                and self.figures.get((j.source, j.name), _OF_TABLE_2.get(j.name, "")).partition(".")[0] == test]
+
+    @property
+    def entries(self) -> list[tuple[Variable, Any, str, str]]:
+        """Every parameter: variable, value, where the value is from, and a note on that."""
+        return [(e.variable, self.parameters[e.variable.name], *(
+            ("the article's", "") if e.variable.name in self.about.differences else (e.source, e.note)))
+            for e in load_parameters(model=self.model).entries if e.variable.name in self.parameters]
+
+    @property
+    def conditions(self) -> list[tuple[str, str, Any, str]]:
+        """What the tests are carried out under: words, the parameter or input, its value, and unit."""
+        return [*conditions(self.model, self.parameters), ("communication step", "", STEP, "s"),
+                ("rated hinge moment", "", self.load, "N.m")]
 
     @property
     def stopped(self) -> Mapping[str, str]:
@@ -83,7 +110,8 @@ def carry_out(subject: Subject, *, load: float = LOAD, profile: Excitation | Non
             outcomes[name] = replace(outcome, name=name, title=title, not_applicable=lacking)
     progress("done", total, total)
     judged += judge(requirements, outcomes)
-    return Result(subject.identification, load, outcomes, tuple(judged), subject.values)
+    return Result(subject.identification, load, outcomes, tuple(judged), subject.values, subject.model,
+                  {(r.source, r.name): r.figure for r in requirements})
 
 
 def flat(outcomes: Mapping[str, Outcome]) -> Iterator[tuple[str, Value]]:

@@ -58,10 +58,10 @@ def current_gain(runs: Runs) -> Shown:
     soon, late = after(1e-3, 50), after(10.0, 100)
     rows = tuple((name, *map(float, np.polyfit(volts, column, 1)))
                  for name, column in (("asked for", asked), ("after 50 ms", soon), ("after 1000 s", late)))
-    return Shown(_HELD.format("-4 to 4 V"), panels([Panel("motor current / A", [
+    return Shown(_HELD.format("-4 to 4 V"), panels([Panel("motor current [A]", [
         Line(volts, asked, "asked for"), Line(volts, soon, "flowing after 50 ms", DOTS),
         Line(volts, late, "after 1000 s", {**DOTS, "markerfacecolor": "none", "markersize": 6.0})])],
-        "analogue reference / V"),
+        "analogue reference [V]"),
         "The thesis's line is 8.19 A/V and -0.015 A. The loop's integral decides how soon the current asked for flows.",
         Table(("", "slope [A/V]", "offset [A]"), rows),
         "how long each reference was held; the points measured are not published.")
@@ -85,8 +85,8 @@ def current_loop(runs: Runs) -> Shown:
         share = gains[0] / (gains[0] + p.motor.resistance)
         rows.append((label, *gains, 1e3 * p.motor.inductance / (p.motor.resistance + gains[0]), 100.0 * share,
                      (p.motor.resistance + gains[0]) / gains[1] if gains[1] else None))
-    return Shown(_HELD.format(f"step to {level:g} V at {1e3 * begin:g} ms"), panels([Panel("motor current / A", [
-        Line(1e3 * time, demanded, "asked for", plots.COMMAND), *lines])], "time / ms"),
+    return Shown(_HELD.format(f"step to {level:g} V at {1e3 * begin:g} ms"), panels([Panel("motor current [A]", [
+        Line(1e3 * time, demanded, "asked for", plots.COMMAND), *lines])], "time [ms]"),
         f"The step arrives after the transport delay of {1e3 * delay:.3g} ms.",
         Table(("", "kp [V/A]", "ki [V/(A.s)]", "time constant [ms]", "reached at once [%]", "rest closes in [s]"),
               rows),

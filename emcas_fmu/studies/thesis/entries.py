@@ -45,7 +45,7 @@ FIGURES = (
                                                             "clutch"), structure=True),
     _figure("1.8", "An actuator with a worm gear", others.kind("a worm gear", "worm-gear"), structure=True),
     _figure("1.9", "An electrohydrostatic system", others.circuit("electrohydrostatic", (
-        ("motor_speed", "pump / rad/s", 1.0), ("motor_current", "motor current / A", 1.0))), structure=True),
+        ("motor_speed", "pump [rad/s]", 1.0), ("motor_current", "motor current [A]", 1.0))), structure=True),
     _figure("1.10", "An electrohydrostatic actuator", others.kind("a pump", "electrohydrostatic"), structure=True),
     _figure("1.11", "A hydraulic circuit with a valve", others.circuit("electrohydraulic", (
         ("valve_position", "spool / stroke", 1.0), ("supply_flow", "supply / l/min", 6e4))), structure=True),

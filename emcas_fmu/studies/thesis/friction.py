@@ -44,13 +44,13 @@ def _coulomb(runs: Runs, temperature: float, direction: int, fin: Any) -> Any:
 def sweep(runs: Runs, rpm: int, temperature: float) -> Shown:
     """Show speed and current of the rig's motor (Figures 3.14 to 3.23), and the position of a slow one (3.28, 3.30)."""
     s = runs.friction(rpm, temperature)
-    parts = [Panel("speed / rpm", [Line(s.time, s.commanded / RPM, "command", plots.COMMAND),
+    parts = [Panel("speed [rpm]", [Line(s.time, s.commanded / RPM, "command", plots.COMMAND),
                                    Line(s.time, s.motor_speed / RPM, "rig's motor")]),
-             Panel("current / A", [Line(s.time, s.current)])]
+             Panel("current [A]", [Line(s.time, s.current)])]
     if rpm == SLOW:
-        parts.append(Panel("fin angle / deg", [Line(s.time, np.degrees(s.fin_angle))]))
+        parts.append(Panel("fin angle [deg]", [Line(s.time, np.degrees(s.fin_angle))]))
     rows = tuple((name, s.mean_current(d), s.mean_friction(d)) for d, name in DIRECTIONS.items())
-    return Shown(_conditions(temperature, f"{rpm} rpm"), panels(parts, "time / s", height=1.8),
+    return Shown(_conditions(temperature, f"{rpm} rpm"), panels(parts, "time [s]", height=1.8),
                  "The current at constant speed is friction, the rig's own among it; the peaks are what the ramps "
                  "accelerate and, at the start, what breaks loose.",
                  Table(("direction", "mean current at constant speed [A]", "friction of the unit [N.m]"), rows),
@@ -77,7 +77,7 @@ def against_speed(runs: Runs, *temperatures: float) -> Shown:
     rows = tuple((float(rpm), *(float(torque[i]) for torque in torques)) for i, rpm in enumerate(SPEEDS))
     listed = " and ".join(f"{t:g}" for t in temperatures)
     return Shown(_conditions(listed, f"{SPEEDS[0]} to {SPEEDS[-1]} rpm"),
-                 panels([Panel("friction torque / N.m", lines)], "motor speed / rpm"),
+                 panels([Panel("friction torque [N.m]", lines)], "motor speed [rpm]"),
                  "Means at constant speed about fin angle 0, over a fifth of the range, less the rig's own friction.",
                  Table(tuple(columns), rows), _UNKNOWN)
 
@@ -92,7 +92,7 @@ def viscous_fit(runs: Runs, temperature: float = WARM) -> Shown:
         rows.append((DIRECTIONS[d], slope, float(physics.viscous(FLOATS, _parameters(runs, temperature), float(d))),
                      level))
     return Shown(_conditions(temperature, f"{SPEEDS[0]} to {SPEEDS[-1]} rpm"),
-                 panels([Panel("friction torque / N.m", lines)], "motor speed / rpm"),
+                 panels([Panel("friction torque [N.m]", lines)], "motor speed [rpm]"),
                  "Least squares through the points of each direction. At constant motor speed the lever "
                  "still accelerates the fin: a torque that grows with the square of the speed helps one direction, "
                  "hinders the other and tilts the lines. The mean of their slopes is free of it.",
@@ -124,7 +124,7 @@ def against_angle(runs: Runs, *temperatures: float) -> Shown:
             rows.append((f"{temperature:g} °C, {name}", float(torque.min()), float(torque.mean()), float(torque.max())))
     listed = " and ".join(f"{t:g}" for t in temperatures)
     return Shown(_conditions(listed, f"{SLOW} rpm"),
-                 panels([Panel("Coulomb friction / N.m", lines)], "fin angle / deg"),
+                 panels([Panel("Coulomb friction [N.m]", lines)], "fin angle [deg]"),
                  "At the motor axis; negative motion below. The viscous part, from the line through the faster sweeps, "
                  "is taken off.",
                  Table(("", "least [N.m]", "mean [N.m]", "most [N.m]"), rows), _UNKNOWN)
@@ -151,7 +151,7 @@ def curve_fit(runs: Runs, *directions: int) -> Shown:
                        {**DASHED, "color": plots.INK, "linewidth": 0.9})]
         rows.append((DIRECTIONS[d], 1e3 * float(np.max(np.abs(fitted - torque))),
                      1e3 * float(np.max(np.abs(fitted - _coulomb(runs, WARM, d, fin))))))
-    return Shown(_conditions(WARM, f"{SLOW} rpm"), panels([Panel("Coulomb friction / N.m", lines)], "fin angle / deg"),
+    return Shown(_conditions(WARM, f"{SLOW} rpm"), panels([Panel("Coulomb friction [N.m]", lines)], "fin angle [deg]"),
                  "The polynomials are what the friction compensation feeds forward; Table 15 has their coefficients.",
                  Table(("direction", "largest distance to the rig [mN.m]", "to the parameters [mN.m]"), rows),
                  _UNKNOWN)

@@ -45,12 +45,12 @@ def assembly(runs: Runs) -> Shown:
                        ha="center", fontsize=8)
     lever.axhline(-arm, **plots.LIMIT)
     lever.axvline(0.0, **plots.LIMIT)
-    lever.set(xlabel="along the screw / mm", ylabel="from the hinge / mm", title="lever, to scale", aspect="equal",
+    lever.set(xlabel="along the screw [mm]", ylabel="from the hinge [mm]", title="lever, to scale", aspect="equal",
               xlim=(-0.75 * arm, 0.75 * arm), ylim=(-1.2 * arm, 0.1 * arm))
     table = np.array(rates)
     for column, name in ((1, "positive"), (2, "negative")):
         rate.plot(table[:, 0], table[:, column], marker="o", markersize=4.0, label=f"{name} direction")
-    rate.set(xlabel="assembly angle / deg", ylabel="mean rate / deg/s")
+    rate.set(xlabel="assembly angle [deg]", ylabel="mean rate [deg/s]")
     plots.legend_above(rate)
     reach_deg = degrees(reach)
     return Shown(runs.conditions(f"steps from 0 to ±{reach_deg:g}°"), figure,
@@ -71,7 +71,7 @@ def ratio(runs: Runs) -> Shown:
                   float(reduction[i])) for i in (0, 40, 80))
     return Shown("geometry alone", panels([Panel("motor angle / rad", [Line(np.degrees(fin), motor)]),
                                            Panel("reduction ratio", [Line(np.degrees(fin), reduction)])],
-                                          "fin angle / deg"),
+                                          "fin angle [deg]"),
                  "The ratio is least where the lever stands upright on the screw, and grows with its angle from there.",
                  Table(("fin angle [deg]", "motor angle [rad]", "nut [mm]", "reduction ratio"), rows))
 
@@ -109,9 +109,9 @@ def two_encoders(runs: Runs) -> Shown:
     time, direct = columns["time"], np.degrees(columns["fin_angle"])
     indirect = np.degrees(physics.fin_angle(ARRAYS, p, physics.lever_tangent(ARRAYS, p, columns["motor_angle"])))
     return Shown(_slow(runs), panels([
-        Panel("fin angle / deg", [Line(time, direct, "direct"), Line(time, indirect, "through the motor",
+        Panel("fin angle [deg]", [Line(time, direct, "direct"), Line(time, indirect, "through the motor",
                                                                     {"linestyle": (0, (4, 2))})]),
-        Panel("difference / deg", [Line(time, direct - indirect)])], "time / s"),
+        Panel("difference [deg]", [Line(time, direct - indirect)])], "time [s]"),
         "The direct angle lags the motor's by half the gap, and by the give of the drive line, in either direction.",
         Table(("", "value"), (("difference, peak to peak [deg]", float(np.ptp((direct - indirect)[time > 1.0]))),)),
         "the motion and the load, which are estimates here. Counts of the encoders are left out.")
@@ -147,9 +147,9 @@ def encoder(runs: Runs) -> Shown:
     rows = (("pulses a turn", float(p.encoder.pulses)), ("edge multiplier", float(p.encoder.multiplier)),
             ("a count [deg]", degrees(count)), ("a count at the fin, at fin angle 0 [deg]", degrees(float(at_fin))),
             ("a count each sample, as fin rate [deg/s]", degrees(float(at_fin)) / p.controller.sample_time))
-    return Shown(runs.conditions("sine of 0.05° at 2 Hz"), panels([Panel("fin angle / deg", [
+    return Shown(runs.conditions("sine of 0.05° at 2 Hz"), panels([Panel("fin angle [deg]", [
         of_run(run), angle(run.columns, "true"),
         Line(time, np.degrees(run.columns["measured_fin_angle"]), "as read", {"drawstyle": "steps-post"})])],
-        "time / s", (0.0, 0.6)),
+        "time [s]", (0.0, 0.6)),
         "Whole counts of the encoder, taken through lever and screw to the fin.", Table(("", "value"), rows),
         "any reading: the thesis shows the block that decodes the encoder.")

@@ -43,9 +43,9 @@ def torque_loop(runs: Runs) -> Shown:
             ("largest fin angle by it [deg]", degrees(float(np.max(np.abs(moved))))))
     load = f"{RATED:g} N.m asked of the loading test setup within {1e3 * LOAD_RISE:g} ms"
     return Shown(runs.conditions("0", load), panels([
-        Panel("moment / N.m", [Line(time, asked, "asked for", {"color": GRAY}),
+        Panel("moment [N.m]", [Line(time, asked, "asked for", {"color": GRAY}),
                                Line(time, run.applied, "applied")]),
-        Panel("fin angle / deg", [angle(run.columns)])], "time / s", (0.0, 0.4)),
+        Panel("fin angle [deg]", [angle(run.columns)])], "time [s]", (0.0, 0.4)),
         "The torque loop feeds the moment asked for forward and corrects it by its sensor.",
         Table(("", "value"), rows), _UNKNOWN)
 
@@ -53,8 +53,8 @@ def torque_loop(runs: Runs) -> Shown:
 def commanded(runs: Runs) -> Shown:
     """Show fin angle and command of the loaded test (Figure 5.27)."""
     run = runs.loaded
-    return Shown(_conditions(runs), panels([Panel("fin angle / deg", [
-        command(run.excitation.time, run.excitation.command), angle(run.columns, "fin")])], "time / s"),
+    return Shown(_conditions(runs), panels([Panel("fin angle [deg]", [
+        command(run.excitation.time, run.excitation.command), angle(run.columns, "fin")])], "time [s]"),
         "From end to end of the range against the load, and back with it.", unknown=_UNKNOWN)
 
 
@@ -66,8 +66,8 @@ def applied(runs: Runs) -> Shown:
     for label, begin in zip(("against the load", "with the load"), SLEWS, strict=True):
         during = missed[(time >= begin) & (time < begin + _SPAN)]
         rows.append((label, float(np.max(np.abs(during))), rms(during)))
-    return Shown(_conditions(runs), panels([Panel("moment on the fin / N.m", [
-        Line(time, run.asked, "asked for", {"color": GRAY}), Line(time, run.applied, "applied")])], "time / s"),
+    return Shown(_conditions(runs), panels([Panel("moment on the fin [N.m]", [
+        Line(time, run.asked, "asked for", {"color": GRAY}), Line(time, run.applied, "applied")])], "time [s]"),
         "The peaks are the setup's inertia and friction, which the moving fin carries along until the torque loop has "
         "made up for them: before 1 s with no moment asked for, too.",
         Table(("slew", "largest distance [N.m]", "root mean square [N.m]"), rows), _UNKNOWN)
@@ -97,10 +97,10 @@ def _results(runs: Runs, window: tuple[float, float], caption: str) -> Shown:
     rows = [(name, *_rates(runs, columns), float(np.max(np.abs(columns["motor_current"]))))
                                     for name, columns in both.items()]
     return Shown(_conditions(runs), panels([
-        Panel("fin angle / deg", [command(run.excitation.time, run.excitation.command),
+        Panel("fin angle [deg]", [command(run.excitation.time, run.excitation.command),
                                   *(angle(c, name, **look) for (name, c), look in zip(both.items(), looks))]),
-        Panel("fin rate / deg/s", [rate(c, **look) for c, look in zip(both.values(), looks)], (200.0,)),
-        Panel("current / A", [current(c, **look) for c, look in zip(both.values(), looks)])], "time / s", window),
+        Panel("fin rate [deg/s]", [rate(c, **look) for c, look in zip(both.values(), looks)], (200.0,)),
+        Panel("current [A]", [current(c, **look) for c, look in zip(both.values(), looks)])], "time [s]", window),
         f"{caption} Dashed: the same with exactly the moment asked for. Dotted: the 200 deg/s that Table 2 asks for "
         f"against {RATED:g} N.m.",
         Table(("load by", "mean rate against it [deg/s]", "mean rate with it [deg/s]", "largest current [A]"), rows),

@@ -69,7 +69,7 @@ def linear_steps(*sizes: float) -> Show:
                          1e3 * compared.rise_time_fmu, 1e3 * compared.saturated_time))
         listed = " and ".join(f"{size:g}°" for size in runs.levels(*sizes))
         return Shown(runs.conditions(f"steps to {listed} at 0.05 s"),
-                     panels([Panel("fin angle / deg", lines)], "time / s", (0.03, 0.05 + _LINEAR_SPAN)),
+                     panels([Panel("fin angle [deg]", lines)], "time [s]", (0.03, 0.05 + _LINEAR_SPAN)),
                      "Small steps differ by friction and the encoder's counts, large ones by the limits.",
                      Table(("step", "largest difference [%]", "rise, linear [ms]", "rise, nonlinear [ms]",
                             "a limit active for [ms]"), rows))
@@ -90,10 +90,10 @@ def antiwindup(runs: Runs) -> Shown:
     as_set = responses["as set"]
     return Shown(runs.conditions(f"slew from {-degrees(runs.reach):g}° to {degrees(runs.reach):g}° at 1 s",
                                  f"-{LOAD:g} N.m, against the slew"), panels([
-        Panel("fin angle / deg", [of_run(as_set), *(angle(run.columns, name) for name, run in responses.items())]),
-        Panel("fin rate / deg/s", [rate(run.columns) for run in responses.values()]),
-        Panel("reference / V", [Line(run.columns["time"], run.columns["drive_reference"])
-                                for run in responses.values()])], "time / s", (0.95, 2.3)),
+        Panel("fin angle [deg]", [of_run(as_set), *(angle(run.columns, name) for name, run in responses.items())]),
+        Panel("fin rate [deg/s]", [rate(run.columns) for run in responses.values()]),
+        Panel("reference [V]", [Line(run.columns["time"], run.columns["drive_reference"])
+                                for run in responses.values()])], "time [s]", (0.95, 2.3)),
         "While the speed reference is at its limit the position loop's integral runs on, unless it is held back.",
         Table(("anti-windup", "overshoot [%]", "settling 2 % [s]", "within 0.2 deg after [s]",
                "at the stop [s]"), rows),
@@ -116,7 +116,7 @@ def compensation(runs: Runs) -> Shown:
             error = Line(run.columns["time"], np.degrees(run.columns["tracking_error"]), f"{temperature:g} °C, {name}")
             (switched if gain else lines).append(error)
     return Shown(f"{WARM:g} and {COLD:g} °C · command: sine of 1° at 0.5 Hz · load: none", panels([
-        Panel("command - angle / deg", lines), Panel("command - angle / deg", switched)], "time / s", (2.0, 6.0)),
+        Panel("command - angle [deg]", lines), Panel("command - angle [deg]", switched)], "time [s]", (2.0, 6.0)),
         "Above with the compensation, below without it: friction shows at every reversal, the more so at -6 °C.",
         Table(("", "rms error [deg]", "peak error [deg]", "rms current [A]"), rows),
         "any response: the thesis shows the block. The sine here is one that makes friction show.")
@@ -134,9 +134,9 @@ def homing(runs: Runs) -> Shown:
     rows = tuple((names[float(status[k])], float(columns["time"][k]), degrees(float(columns["fin_angle"][k])),
                   degrees(float(columns["measured_fin_angle"][k]))) for k in begins)
     figure = panels([
-        Panel("fin angle / deg", [angle(columns, "true"), Line(
+        Panel("fin angle [deg]", [angle(columns, "true"), Line(
             columns["time"], np.degrees(columns["measured_fin_angle"]), "believed", DASHED)]),
-        Panel("current / A", [current(columns)]), Panel("", [Line(columns["time"], status)])], "time / s", height=1.6)
+        Panel("current [A]", [current(columns)]), Panel("", [Line(columns["time"], status)])], "time [s]", height=1.6)
     figure.axes[-1].set_yticks(sorted(set(status)), [names[float(each)] for each in sorted(set(status))])
     return Shown(runs.conditions("5°, followed once homed; home from 0.25 s") + " · start: -8°, not known", figure,
                  "One stop is sought, then the other; the zero is half way between them.",

@@ -47,7 +47,7 @@ def circuit(model: str, further: Sequence[tuple[str, str, float]]) -> Show:
 
         return Shown(runs.conditions(f"step to {size:g}°", f"{RATED:g} N·m against it"), panels([
             Panel("pressure / MPa", [curve(name, 1e-6) for name in ("pressure_1", "pressure_2")]),
-            *(Panel(label, [curve(output, factor)]) for output, label, factor in further)], "time / s", (0.0, 0.35)),
+            *(Panel(label, [curve(output, factor)]) for output, label, factor in further)], "time [s]", (0.0, 0.35)),
             "What the circuit does that the thesis draws; all its numbers are estimates.",
             unknown="any number of it: the thesis describes it in words.")
 
@@ -63,9 +63,9 @@ def _beside(others: Mapping[str, str], caption: str, unknown: str) -> Show:
             run.finished()
         rows = [(name, *(displayed(motion(run))[key] for key in _FIGURES)) for name, run in responses.items()]
         return Shown(runs.conditions(f"step to {size:g}°"), panels([
-            Panel("fin angle / deg", [of_run(responses[_THESIS]),
+            Panel("fin angle [deg]", [of_run(responses[_THESIS]),
                                       *(angle(run.columns, name) for name, run in responses.items())]),
-            Panel("fin rate / deg/s", [rate(run.columns) for run in responses.values()])], "time / s", (0.0, 0.35)),
+            Panel("fin rate [deg/s]", [rate(run.columns) for run in responses.values()])], "time [s]", (0.0, 0.35)),
             caption, Table(("", *_FIGURES.values()), rows), unknown)
 
     return show

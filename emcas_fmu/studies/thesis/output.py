@@ -62,8 +62,8 @@ def write_page(result: Result, path: Path) -> None:
     groups = [(f"Chapter {number}: {title}", [o for o in figures if o.entry.chapter == number])
               for number, title in _CHAPTERS.items()]
     groups.append(("Tables", [o for o in result.outcomes if o.entry.kind == "Table"]))
-    writers.write_page(path, "studies/thesis/page.html.j2", r=result, about=result.about, numeric=numeric, cell=cell,
-                       groups=[(title, group) for title, group in groups if group])
+    writers.write_page(path, "studies/thesis/page.html.j2", [result.about], r=result, about=result.about,
+                       numeric=numeric, cell=cell, groups=[(title, group) for title, group in groups if group])
 
 
 def summary(result: Result, whole: bool) -> Iterator[RenderableType]:

@@ -38,7 +38,7 @@ def steps(runs: Runs) -> Shown:
             rows.append((f"{sign * size:+g}°", *(moved[key] for key in _MOTION)))
     listed = ", ".join(f"±{size:g}" for size in sizes)
     return Shown(runs.conditions(f"steps to {listed}° at 0.05 s"),
-                 panels([Panel("fin angle / deg", [*commands, *lines])], "time / s", (0.0, 0.4), 2.6),
+                 panels([Panel("fin angle [deg]", [*commands, *lines])], "time [s]", (0.0, 0.4), 2.6),
                  "Steps from rest at zero.", Table(("step", *_MOTION.values()), rows),
                  "the step's size; its measured curve is not published.")
 
@@ -53,7 +53,7 @@ def step_rate(runs: Runs) -> Shown:
         moved = displayed(motion(run))
         rows.append((f"{sign * size:+g}°", moved["peak_rate_deg_per_s"], moved["sustained_rate_deg_per_s"]))
     return Shown(runs.conditions(f"steps to ±{size:g}° at 0.05 s"),
-                 panels([Panel("fin rate / deg/s", lines, (_RATE, -_RATE))], "time / s", (0.03, 0.3)),
+                 panels([Panel("fin rate [deg/s]", lines, (_RATE, -_RATE))], "time [s]", (0.03, 0.3)),
                  f"Dotted: the {_RATE:g} deg/s that Table 2 asks of the mean rate.",
                  Table(("step", "peak rate [deg/s]", "mean rate [deg/s]"), rows))
 
@@ -65,7 +65,7 @@ def square_command(runs: Runs) -> Shown:
     """Show the command of the modified square wave (Figure 5.21)."""
     run = runs.case("square")
     return Shown(runs.conditions("modified square wave"),
-                 panels([Panel("command / deg", [of_run(run)._replace(label="")])], "time / s"),
+                 panels([Panel("command [deg]", [of_run(run)._replace(label="")])], "time [s]"),
                  "Levels of growing size on both sides, with edges of limited rate.", unknown=_SQUARE)
 
 
@@ -78,9 +78,9 @@ def square(runs: Runs) -> Shown:
             ("its root mean square [deg]", rms(error)),
             ("largest rate [deg/s]", degrees(float(np.max(np.abs(columns["fin_rate"]))))))
     return Shown(runs.conditions("modified square wave"), panels([
-        Panel("fin angle / deg", [of_run(run), angle(columns, "fin")]),
-        Panel("command - angle / deg", [Line(columns["time"], error)]),
-        Panel("fin rate / deg/s", [rate(columns)])], "time / s"),
+        Panel("fin angle [deg]", [of_run(run), angle(columns, "fin")]),
+        Panel("command - angle [deg]", [Line(columns["time"], error)]),
+        Panel("fin rate [deg/s]", [rate(columns)])], "time [s]"),
         "The thesis draws the difference to its test, which is not published; here it is that to the command.",
         Table(("", "value"), rows), _SQUARE)
 
@@ -96,10 +96,10 @@ def sweep(*window: float) -> Show:
         width = 1.0 if window else 0.4
         lines = [of_run(run), angle(run.columns, "fin", linewidth=width)]
         lines[0] = lines[0]._replace(look={**lines[0].look, "linewidth": width})
-        parts = [Panel("fin angle / deg", lines)]
+        parts = [Panel("fin angle [deg]", lines)]
         if window:
-            parts.append(Panel("current / A", [current(run.columns)]))
-        return Shown(runs.conditions("sine sweep of 3.5°"), panels(parts, "time / s", (begin, end)),
+            parts.append(Panel("current [A]", [current(run.columns)]))
+        return Shown(runs.conditions("sine sweep of 3.5°"), panels(parts, "time [s]", (begin, end)),
                      "The response falls behind as the frequency grows." if not window else
                      "About 5 Hz; the lag is read against the command.", unknown=_SWEPT)
 

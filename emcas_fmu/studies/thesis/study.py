@@ -9,7 +9,7 @@ import numpy as np
 
 from ...bench.subject import Identification
 from ...errors import EmcasError
-from ...plots import Picture, style, svg
+from ...plots import Picture, picture, style
 from ...progress import Progress, silent
 from .entry import REASONS, Entry, Shown
 from .runs import Runs
@@ -89,4 +89,4 @@ def _outcome(runs: Runs, entry: Entry) -> Outcome:
     if shown.figure is None:
         return Outcome(entry, shown)
     words = f"{entry.name}, {entry.title}. {shown.conditions}. {shown.caption}"
-    return Outcome(entry, shown, Picture(entry.title, svg(shown.figure, words), shown.caption))
+    return Outcome(entry, shown, picture(shown.figure, words, shown.caption))

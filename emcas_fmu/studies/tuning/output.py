@@ -93,11 +93,11 @@ def write_json(result: Result, path: Path, command: str) -> None:
     }, path)
 
 
-def write_report(result: Result, path: Path, command: str, pair: tuple[str, str] | None = None) -> None:
+def write_report(result: Result, path: Path, pair: tuple[str, str] | None = None) -> None:
     """Write the page of a result; the same result gives the same bytes."""
     by_case = {(j.requirement, j.case): j for j in result.best.judgements}
     writers.write_page(
-        path, "studies/tuning/page.html.j2", result=result, command=command, verdict=verdict(result), shown=shown,
+        path, "studies/tuning/page.html.j2", [result.study.base], result=result, verdict=verdict(result), shown=shown,
         by_case=by_case, rows=list(zip(rows(result, result.best), rows(result, result.before), strict=True)),
         units={e.variable.name: e.variable.unit for e in result.study.base.entries},
         pictures=pictures(drawings(result, pair)))

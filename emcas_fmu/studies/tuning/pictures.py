@@ -49,7 +49,7 @@ def responses(result: Result, moves: Sequence[Test]) -> Drawing:
         axes.axhline(degrees(test.amplitude), **_LEVEL)
         load = f", {test.torque:+g} N.m" if test.torque else ""
         axes.set_title(f"{test.kind} to {degrees(test.amplitude):g} deg{load}")
-        axes.set(xlabel="time / ms", ylabel="fin angle / deg")
+        axes.set(xlabel="time [ms]", ylabel="fin angle [deg]")
         axes.legend(loc="lower right")
     for axes in grid.flat[len(moves):]:
         axes.set_visible(False)

@@ -109,6 +109,6 @@ def write_junit(result: Result, path: Path) -> None:
 
 def write_report(result: Result, path: Path) -> None:
     """Write the page; the same result gives the same bytes."""
-    writers.write_page(path, "studies/validate/page.html.j2", result=result, about=result.about,
+    writers.write_page(path, "studies/validate/page.html.j2", [result.about], result=result, about=result.about,
                        trajectory={j.name: j for j in result.trajectory}, trajectory_limit=TRAJECTORY_LIMIT,
                        pictures=pictures(drawings(result)), figure=_figure)

@@ -20,8 +20,8 @@ _DEG = 180.0 / np.pi
 _DOTS: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 2.6, "markerfacecolor": "none",
                          "markeredgewidth": 0.6}
 # Panels of a run, from above.
-_PANELS = {"fin_angle": "fin angle / deg", "fin_rate": "fin rate / deg/s", "drive_reference": "DAC / V",
-           "motor_current": "current / A", "motor_voltage": "voltage / V"}
+_PANELS = {"fin_angle": "fin angle [deg]", "fin_rate": "fin rate [deg/s]", "drive_reference": "DAC [V]",
+           "motor_current": "current [A]", "motor_voltage": "voltage [V]"}
 _COMMAND_ENTRY = ("command", COMMAND)
 # Parameters a variable is limited by.
 _LIMITED = {"drive_reference": "drive.reference_limit", "motor_current": "drive.current_limit",
@@ -89,12 +89,12 @@ def _angle_panels(result: Result, height: float) -> Any:
     """Return a figure with a panel of angles and, where there is a reference, one of errors below."""
     if result.reference:
         figure, grid = plots.figure(2, height=height, sharex=True, height_ratios=(2.1, 1.0))
-        grid[1, 0].set_ylabel("error / mdeg")
+        grid[1, 0].set_ylabel("error [mdeg]")
         grid[1, 0].axhspan(-TRAJECTORY_LIMIT * 1e3, TRAJECTORY_LIMIT * 1e3, color=plots.GREEN, alpha=0.10, linewidth=0)
     else:
         figure, grid = plots.figure(1, height=1.4 * height)
-    grid[0, 0].set_ylabel("fin angle / deg")
-    grid[-1, 0].set_xlabel("time / ms")
+    grid[0, 0].set_ylabel("fin angle [deg]")
+    grid[-1, 0].set_xlabel("time [ms]")
     return figure, grid[0, 0], grid[-1, 0]
 
 
@@ -138,11 +138,11 @@ def chirp_time(result: Result, names: Sequence[str]) -> Drawing:
             axes.plot(time, command[at], **{**COMMAND, "linewidth": 1.0 if close else 0.5, "linestyle": "-"})
             axes.plot(time, run.columns["fin_angle"][at] * _DEG, color=color, linewidth=1.2 if close else 0.5)
             axes.set_xlim(begin, min(end, float(run.excitation.time[-1])))
-        row[0].set_ylabel("fin angle / deg")
+        row[0].set_ylabel("fin angle [deg]")
         _legend(row[0], ("command", {**COMMAND, "linestyle": "-"}),
                 (f"{np.max(np.abs(command)):.1f} deg", {"color": color}))
     for axes in grid[-1]:
-        axes.set_xlabel("time / s")
+        axes.set_xlabel("time [s]")
     return Drawing("Sine sweeps", figure,
                    "Logarithmic sweeps from 0.5 to 30 Hz; on the right about 2 to 3 Hz, and 11 Hz.")
 
@@ -205,7 +205,7 @@ def _column_of_panels(result: Result, grid: Any, series: Series, panels: Sequenc
                 axes.axhline(sign * result.parameters[parameter], **LIMIT)
         axes.set_ylabel(_PANELS[name])
         axes.set_xlim(begin * 1e3, end * 1e3)
-    grid[-1].set_xlabel("time / ms")
+    grid[-1].set_xlabel("time [ms]")
 
 
 def slew(result: Result) -> Drawing:
@@ -285,7 +285,7 @@ def linear(result: Result) -> Drawing:
     response.plot(*drawn_linear, **dashed)
     _legend(response, *entries, ("linear model, any step", dashed))
     response.set_ylabel("fin angle / command")
-    difference.set(ylabel="difference / %", xlabel="time / ms", xlim=(40, 200))
+    difference.set(ylabel="difference [%]", xlabel="time [ms]", xlim=(40, 200))
     return Drawing(
         "Linear and nonlinear", figure, "Steps divided by their size. The linear model's response is the same for all; "
         "this model has quantisation and friction, which show in the small, and limits, which show in the large.")

@@ -1,0 +1,109 @@
+"""How a result came about: the command, the parameters it rests on, the date."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from typing import TYPE_CHECKING, Any
+
+from ..actuators import get
+from ..actuators.fin_port import SAMPLE_TIME
+from ..errors import EmcasError
+from ..parameters import ParameterSet
+from ..reference.files import parameters_hash
+
+if TYPE_CHECKING:
+    from .subject import Identification
+
+SHIPPED = "the shipped parameters"
+_TEMPERATURE = "friction.temperature"
+_COMMAND: ContextVar[str] = ContextVar("command", default="")
+
+
+@contextmanager
+def made_by(arguments: Sequence[str]) -> Iterator[None]:
+    """Let pages written meanwhile say that this command made them, its arguments as they were given."""
+    token = _COMMAND.set(shlex.join(arguments))
+    try:
+        yield
+    finally:
+        _COMMAND.reset(token)
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a page rests on: `file` and its hash, the hash of all values, those `changed` beside the files."""
+
+    what: str
+    file: str
+    sha256: str = ""
+    values_sha256: str = ""
+    model: str = ""
+    changed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Made:
+    """How a page was made; `command` is empty where a program did it."""
+
+    sources: tuple[Source, ...]
+    command: str
+    date: str
+
+
+def made(*of: ParameterSet | Identification | Source) -> Made:
+    """Return how a page on these is being made now."""
+    sources = [source for each in of for source in (
+        (each,) if isinstance(each, Source) else
+        _of_a_set(each) if isinstance(each, ParameterSet) else _of_an_article(each))]
+    return Made(tuple(dict.fromkeys(sources)), _COMMAND.get(), today())
+
+
+def today() -> str:
+    """Return the date (UTC) of what is being made: that of SOURCE_DATE_EPOCH [s] where it is set.
+
+    Raises EmcasError where that is no such number.
+    """
+    epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
+    try:
+        at = datetime.fromtimestamp(int(epoch), timezone.utc) if epoch else datetime.now(timezone.utc)
+    except (OverflowError, ValueError) as error:
+        raise EmcasError(f"SOURCE_DATE_EPOCH={epoch}: expected seconds since 1970") from error
+    return at.date().isoformat()
+
+
+def conditions(model: str, values: Mapping[str, Any]) -> list[tuple[str, str, Any, str]]:
+    """Return what a simulation is made under, as far as parameters say it: words, name, value and unit."""
+    actuator = get(model)
+    rows: list[tuple[str, str, Any, str]] = []
+    if actuator.supply:
+        v = actuator.supply.input
+        rows.append(("supply", v.name, v.initial(values), v.unit))
+    if _TEMPERATURE in values:
+        rows.append(("temperature", _TEMPERATURE, values[_TEMPERATURE], "degC"))
+    return [*rows, ("sample time of the controllers", SAMPLE_TIME.name, values[SAMPLE_TIME.name], "s")]
+
+
+def shipped(model: str) -> str:
+    """Return the words for an actuator's default parameters."""
+    source = get(model).source
+    return f"the parameters of {source.name}" if source else SHIPPED
+
+
+def _of_a_set(p: ParameterSet) -> Iterator[Source]:
+    files = p.files or ((shipped(p.model), ""),)
+    for file, sha256 in files[:-1]:
+        yield Source("parameters", file, sha256)
+    changed = tuple(e.variable.name for e in p.entries if e.source == "user" and not e.file)
+    yield Source("parameters", *files[-1], parameters_hash(p.values), p.actuator.name, changed)
+
+
+def _of_an_article(about: Identification) -> Iterator[Source]:
+    what = "FMU" if about.kind == "FMU" else "parameters"
+    yield Source(what, about.file, about.sha256, about.parameters_sha256,
+                 about.model + (f", fin {about.fin}" if about.fin else ""))

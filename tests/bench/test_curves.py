@@ -1,0 +1,91 @@
+"""Figures as data: what a script draws is what Matplotlib drew."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from emcas_fmu import plots
+from emcas_fmu.curves import curves
+from emcas_fmu.thinning import packed, thinned
+
+# Values are kept to 1/20000 of an axis: a line thinned to that and then rounded is off by no more than one and a half.
+FINEST = 1.5 / 20_000.0
+
+
+def unpacked(values: list[Any]) -> np.ndarray[Any, Any]:
+    """Values as the script reads them: decimals, then differences in that place."""
+    steps = [0 if step is None else step for step in values[1:]]
+    read = np.cumsum(steps) * 10.0 ** -values[0]
+    return np.where([step is None for step in values[1:]], np.nan, read)
+
+
+@given(st.lists(st.one_of(st.floats(-2.0, 3.0), st.just(float("nan"))), min_size=2, max_size=60))
+def test_a_thinned_line_stays_where_it_was(levels: list[float]) -> None:
+    y = np.array(levels)
+    x = np.linspace(0.0, 1.0, len(y))
+    finite = np.isfinite(y)
+    kept = thinned(x, y, finite)
+    assert sorted(set(kept)) == kept
+    along, up = x[kept], unpacked(packed(y[kept], False, (0.0, 1.0)))
+    for i in np.flatnonzero(finite):
+        right = int(np.searchsorted(kept, i))
+        assert right < len(kept)
+        if kept[right] == i:
+            assert abs(up[right] - y[i]) <= FINEST
+        else:
+            drawn = np.interp(x[i], along[right - 1:right + 1], up[right - 1:right + 1])
+            assert abs(drawn - y[i]) <= FINEST
+    gaps = np.flatnonzero(~finite)
+    inner = [i for i in gaps if np.any(finite[:i]) and np.any(finite[i + 1:])]
+    for i in inner:  # what was apart is not joined
+        before, after = np.flatnonzero(finite[:i])[-1], i + 1 + np.flatnonzero(finite[i + 1:])[0]
+        assert any(not finite[k] for k in kept if before < k < after)
+
+
+def panel(figure: Any) -> dict[str, Any]:
+    (made,) = json.loads(curves(figure))["panels"]
+    return dict(made)
+
+
+def test_lines_levels_bands_and_words() -> None:
+    with plots.style():
+        made, ((axes,),) = plots.figure(1)
+        time = np.linspace(0.0, 400.0, 2001)
+        angle = 10.0 * (1.0 - np.exp(-time / 40.0))
+        axes.plot(time, angle, label="fin angle")
+        axes.axhline(10.0, label="required", **plots.LIMIT)
+        axes.axvspan(20.0, 50.0, color=plots.GRAY, alpha=0.2)
+        axes.text(0.5, 0.5, "<half>", transform=axes.transAxes)
+        axes.set(xlabel="time [ms]", ylabel="fin angle [deg]", xlim=(0.0, 400.0))
+        axes.legend()
+        made.draw_without_rendering()
+        drawn = panel(made)
+        assert "<" not in curves(made)  # it stands in a script element
+    (line,), (level,), (band,), (word,) = drawn["lines"], drawn["levels"], drawn["bands"], drawn["texts"]
+    assert (drawn["x"]["label"], drawn["y"]["label"]) == ("time [ms]", "fin angle [deg]")
+    assert (line["name"], level["name"], word["text"]) == ("fin angle", "required", "<half>")
+    assert (level["axis"], level["at"], band["axis"], band["ranges"]) == ("y", 10.0, "x", [[20.0, 50.0]])
+    x, y = unpacked(line["x"]), unpacked(line["y"])
+    assert len(x) < len(time) / 4
+    assert np.max(np.abs(np.interp(time, x, y) - angle)) <= FINEST * np.ptp(axes.get_ylim())
+
+
+@pytest.mark.parametrize("kind", ["bars", "image", "equal"])
+def test_what_has_no_form_as_data_stays_a_picture(kind: str) -> None:
+    with plots.style():
+        made, ((axes,),) = plots.figure(1)
+        if kind == "bars":
+            axes.bar([1, 2], [3, 4])
+        elif kind == "image":
+            axes.imshow(np.eye(2))
+        else:
+            axes.plot([0, 1], [0, 1])
+            axes.set_aspect("equal")
+        assert curves(made) == ""
+        assert plots.picture(made, "", "").svg
