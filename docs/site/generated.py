@@ -1,4 +1,4 @@
-"""Pages of the site made from the source: Python interface, declaration, variables of the FMU, commands, notebook."""
+"""Pages of the site made from the source: Python interface, declaration, FMU, commands, notebook, actuators to move."""
 
 from __future__ import annotations
 
@@ -18,9 +18,11 @@ import emcas_fmu.api
 from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR
 from emcas_fmu.actuators.declaration import Actuator
 from emcas_fmu.bench import excitation as excitations
+from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.cli import app
 from emcas_fmu.fmi.interface import FmuInterface
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.studies.explore.page import About, render
 from emcas_fmu.variables import Variable
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -68,7 +70,7 @@ def fmu() -> str:
         "# The FMU, variable by variable\n\nWhat `emcas build` puts into an FMU, with SI units (temperature in degC). "
         "Its own `documentation/index.html` says the same of the one that was built, with ranges and notes. A value "
         "whose source is `estimate` is an engineering value, neither measured nor published.\n",
-        "\n## The default actuator\n", *_variables(default, ()),
+        f"\n## The default actuator\n\n{_sliders(NONLINEAR)}", *_variables(default, ()),
         "\n## Four fins\n\nThe names above are behind `fin[1].` to `fin[4].`, but for what all fins share: "
         f"{', '.join(f'`{name}`' for name in four.shared)}. Beside them:\n",
         *_variables(four, [v for v in four.variables if v.name.startswith("fin[")] + list(default.inputs)),
@@ -78,12 +80,23 @@ def fmu() -> str:
         if name == NONLINEAR:
             continue
         unit = FmuInterface(1, name)
-        parts += [f"\n### {name}\n\n{unit.actuator.title[0].upper()}{unit.actuator.title[1:]}.\n",
+        parts += [f"\n### {name}\n\n{unit.actuator.title[0].upper()}{unit.actuator.title[1:]}. {_sliders(name)}",
                   *_variables(unit, default.variables)]
     parts.append("\n## Extensions\n\nWhat each adds, shown over the default actuator.\n")
     for name in EXTENSIONS:
         parts += [f"\n### +{name}\n", *_variables(FmuInterface(1, f"{NONLINEAR}+{name}"), default.variables)]
     return "".join(parts)
+
+
+def _sliders(name: str) -> str:
+    """Return a link from where the FMU's interface is declared, as the links of a page made from a file are."""
+    return f"[Move it with sliders](../../docs/explore/{name}.html).\n"
+
+
+def explored(name: str) -> str:
+    """Return the page in which sliders move an actuator."""
+    parameters = load_parameters(model=name)
+    return render(parameters, {}, About(f"emcas explore --model {name}", ParameterSubject(parameters).identification))
 
 
 def _variables(unit: FmuInterface, known: Sequence[Variable]) -> Iterator[str]:

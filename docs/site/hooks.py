@@ -14,6 +14,8 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
+from emcas_fmu.actuators import NAMES
+
 ROOT = Path(__file__).resolve().parents[2]
 # Files that a page is made from, with the page; a link to the file leads to it.
 MADE = {
@@ -55,6 +57,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         files.append(File.generated(config, page, abs_src_path=str(ROOT / file)))
     for page, make in MADE.values():
         files.append(File.generated(config, page, content=make()))
+    for name in NAMES:
+        if (page := f"explore/{name}.html") not in files.src_uris:  # docs/ has the default actuator's
+            files.append(File.generated(config, page, content=generated.explored(name)))
     return files
 
 

@@ -37,10 +37,10 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def pages(site: Path) -> dict[str, etree._Element]:
-    """Return the pages by their place, but those that docs/ has as HTML already."""
+    """Return the pages by their place, but those of actuators to move, which are no pages of MkDocs."""
     places = [path.relative_to(site) for path in site.rglob("*.html") if path.name != "404.html"]
     return {place.as_posix(): html.fromstring((site / place).read_text(encoding="utf-8"))
-            for place in places if not (ROOT / "docs" / place).exists()}
+            for place in places if place.parent.name != "explore"}
 
 
 def test_every_page_is_in_the_navigation(site: Path, pages: dict[str, etree._Element]) -> None:
@@ -97,6 +97,15 @@ def test_every_variable_of_the_fmus_is_documented(pages: dict[str, etree._Elemen
     shown = set(pages["reference/fmu.html"].xpath("//article//td[1]/code/text()"))
     units = [FmuInterface(1, name) for name in NAMES]
     assert {variable.name for unit in units for variable in unit.variables} - shown == set()
+
+
+def test_every_actuator_can_be_moved(site: Path, pages: dict[str, etree._Element]) -> None:
+    linked = [href for href in pages["reference/fmu.html"].xpath("//article//a/@href") if "/explore/" in href]
+    assert linked == [f"../explore/{name}.html" for name in NAMES]
+    for name in NAMES:
+        shown = html.fromstring((site / "explore" / f"{name}.html").read_text(encoding="utf-8"))
+        assert name in shown.findtext(".//title")
+        assert len(shown.xpath("//script[@id='unit']")) == 1
 
 
 def test_source_files_are_no_links(pages: dict[str, etree._Element]) -> None:
