@@ -15,7 +15,7 @@ from tests.hosts.host import missing
 
 from .recipes import recipes
 
-pytestmark = pytest.mark.fmu
+pytestmark = [pytest.mark.fmu, pytest.mark.slow]  # four fins in Python, and a rocket's flight
 BLOCKS = recipes("use/simulate.md")
 JAM = 0.2  # s
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 NOTEBOOK = Path(__file__).resolve().parents[2] / "examples/notebook/first_steps.ipynb"
-pytestmark = pytest.mark.fmu
+pytestmark = [pytest.mark.fmu, pytest.mark.slow]  # a kernel of its own to start, and every picture
 
 
 def shown(cells: list[Any]) -> list[str]:

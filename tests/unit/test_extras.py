@@ -40,6 +40,7 @@ def test_a_missing_extra_is_named(command: str, extra: str, module: str, tmp_pat
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_the_base_is_enough(tmp_path: Path) -> None:
     """All in one process, whose start takes longer than most of them."""
     program = (f"import sys; sys.modules.update(dict.fromkeys({EVERY!r})); from typer.testing import CliRunner; "
