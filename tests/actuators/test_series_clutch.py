@@ -239,7 +239,7 @@ def test_motion_is_the_one_that_holds(inertias: Any, torques: Any, limits: Any, 
 def test_an_enabled_unit_locks_to_the_bit_and_slips_while_it_engages(values: Mapping[str, Any]) -> None:
     """Switched off in a slew the rotor coasts, and the no-back holds the fin against its load; switched on the clutch
     brings both together."""
-    run = simulate(values, 0.3, model=MODEL, fin_command=radians(20.0), enable=lambda t: not 0.04 < t < 0.065,
+    run = simulate(values, 0.5, model=MODEL, fin_command=radians(20.0), enable=lambda t: not 0.04 < t < 0.065,
                    aero_torque=-LOAD)
     slipping = run["slip_power"] > 0.0
     time = run["time"]
