@@ -91,8 +91,8 @@ def _declared(model: str) -> _Known:
 class Entry:
     """One value in its variable's unit, and where it comes from.
 
-    `text` is the value as written; `source` is ``seed``, ``derived`` or ``estimate`` in the
-    default set, and ``user`` or what the user calls it elsewhere; `file` is the name of the
+    `text` is the value as written; `source` is ``thesis``, ``derived``, ``tuned`` or ``estimate`` in
+    the default set, and ``user`` or what the user calls it elsewhere; `file` is the name of the
     file, empty for values set in a program.
     """
 
@@ -118,8 +118,9 @@ class ParameterSet:
     files: tuple[tuple[str, str], ...] = field(default=(), compare=False)
 
     def __repr__(self) -> str:
-        differing = [e.variable.name for e in self.entries if e.source not in ("seed", "derived", "estimate")]
-        return f"<ParameterSet of {self.model}: {len(self.entries)} values, {len(differing)} of the user>"
+        shipped = _defaults(self.model).values
+        differing = [name for name, value in self.values.items() if value != shipped[name]]
+        return f"<ParameterSet of {self.model}: {len(self.entries)} values, {len(differing)} not the shipped ones>"
 
     @property
     def actuator(self) -> Actuator:

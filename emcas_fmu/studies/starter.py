@@ -20,7 +20,7 @@ from .tuning.study import StudyError, shipped_file, shipped_study
 
 PARAMETERS, TUNING, CAMPAIGN, REQUIREMENTS = "actuator.toml", "tuning.toml", "campaign.toml", "requirements.toml"
 README = "README.md"
-SOURCES = {"seed": "read in the thesis", "derived": "derived", "estimate": "an estimate"}
+SOURCES = {"thesis": "read in the thesis", "derived": "derived", "tuned": "by emcas tune", "estimate": "an estimate"}
 _WIDTH = 116
 _HOW = ("Take away the # before a value that you have, and write it in the unit of your sheet: \"4 mm/turn\", "
         "\"35 ozf*in/A\", \"420 g*cm^2\". What stays commented keeps the shipped value; with nothing uncommented this "

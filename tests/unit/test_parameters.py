@@ -53,7 +53,7 @@ def test_default_set_has_every_entry_in_table_order() -> None:
 
 @pytest.mark.parametrize("entry", DEFAULTS.entries, ids=lambda e: str(e.variable.name))
 def test_default_has_source_note_type_and_lies_within_limits(entry: parameters.Entry) -> None:
-    assert entry.source in ("seed", "derived", "estimate")
+    assert entry.source in ("thesis", "derived", "estimate")
     assert re.fullmatch(r"[A-Z0-9].{10,}\.", entry.note)
     assert entry.file == "emcas.toml"
     assert type(entry.value) is {"Real": float, "Integer": int, "Boolean": bool}[entry.variable.kind]
@@ -67,22 +67,22 @@ def test_default_has_source_note_type_and_lies_within_limits(entry: parameters.E
     ("inertia.motor", 0.000281, "derived"),
     ("inertia.screw", 0.0000045, "derived"),
     ("motor.inductance", 0.0006, "estimate"),
-    ("drive.supply_voltage", 39.0, "seed"),
+    ("drive.supply_voltage", 39.0, "thesis"),
     ("drive.current_limit", 60.0, "estimate"),
-    ("drive.current_gain", 8.19, "seed"),
-    ("drive.current_offset", -0.015, "seed"),
-    ("drive.transport_delay", 0.0037, "seed"),
-    ("drive.kp", 5.0, "seed"),
-    ("drive.ki", 0.1, "seed"),
+    ("drive.current_gain", 8.19, "thesis"),
+    ("drive.current_offset", -0.015, "thesis"),
+    ("drive.transport_delay", 0.0037, "thesis"),
+    ("drive.kp", 5.0, "thesis"),
+    ("drive.ki", 0.1, "thesis"),
     ("controller.position.ki", 225.0, "estimate"),
-    ("command.limit", pi / 9, "seed"),
+    ("command.limit", pi / 9, "thesis"),
     ("fin.stop_angle", 25 * pi / 180, "estimate"),
     ("friction.viscous.negative", 0.00046, "estimate"),
     ("friction.coulomb.positive[3]", -0.006, "estimate"),
     ("friction.coulomb.negative[6]", 0.003, "estimate"),
     ("friction.temperature", 24.0, "estimate"),
-    ("encoder.pulses", 2048, "seed"),
-    ("encoder.multiplier", 4, "seed"),
+    ("encoder.pulses", 2048, "thesis"),
+    ("encoder.multiplier", 4, "thesis"),
     ("encoder.enabled", True, "estimate"),
     ("loads.gravity", False, "estimate"),
     ("solver.max_tick", 0.0007, "derived"),

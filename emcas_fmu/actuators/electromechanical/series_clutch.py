@@ -266,9 +266,9 @@ def _jams(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 ACTUATOR = Actuator(
     name="series-clutch",
     title="clutch actuator: the nonlinear one with a clutch between motor and screw, and a no-back on the screw",
-    origin="Section 1.1.1.2 of the thesis of Yerlikaya (2016): the first actuator with a clutch, so that loads which "
-           "act with the motor return no energy. It gives no numbers: those of clutch and no-back are engineering "
-           "estimates, the others are the nonlinear set's.",
+    origin="Section 1.1.1.2 of the thesis of Yerlikaya (2016): an electromechanical actuator with a clutch, so that "
+           "loads which act with the motor return no energy. It gives no numbers: those of clutch and no-back are "
+           "engineering estimates, the others are the nonlinear set's.",
     states=STATES,
     controller_states=interface.CONTROLLER,
     encoder=("screw_angle", "screw_speed"),

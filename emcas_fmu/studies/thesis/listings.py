@@ -7,7 +7,7 @@ from .rigs import rig_entries
 from .runs import Runs
 
 COLUMNS = ("", "value", "source", "note")
-LOST = "the thesis's numbers, but for those marked seed."
+LOST = "the thesis's numbers, but for those marked thesis."
 
 
 def parameters(*prefixes: str, unknown: str = LOST) -> Show:
