@@ -37,8 +37,11 @@ if TYPE_CHECKING:
 
 _MOST_OWN = 8  # panels of an actuator's own outputs
 _LINES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))  # of outputs in one panel, of several fins
-_ROUNDING = 1e-9  # of a command at its limit
-_LIKE_DEGREES = pi / 2.0  # rad, beyond which no fin is commanded
+# Of a command beyond its limit [rad, deg, deg]; C's formats, which a page of emcas explore fills in too.
+CLIPPED = f"{COMMAND} reaches %.4g rad (%.4g deg); beyond command.limit = %.4g deg it is clipped"
+ROUNDING = 1e-9  # of a command at its limit
+IN_DEGREES = ". Commands are in rad: is it given in degrees?"
+LIKE_DEGREES = pi / 2.0  # rad, beyond which no fin is commanded
 _MOST_CHANGES = 4  # of a status, that are listed
 
 
@@ -122,10 +125,9 @@ class Response:
         for run, parameters in zip(self.fins, self.sets, strict=True):
             limit = parameters.values.get("command.limit", inf)
             most = float(np.max(np.abs(run.excitation.command)))
-            if most > limit * (1.0 + _ROUNDING):
-                found[f"{COMMAND} reaches {most:.4g} rad ({degrees(most):.4g} deg); beyond command.limit = "
-                      f"{degrees(limit):.4g} deg it is clipped" + (
-                          ". Commands are in rad: is it given in degrees?" if most > _LIKE_DEGREES else "")] = None
+            if most > limit * (1.0 + ROUNDING):
+                clipped = CLIPPED % (most, degrees(most), degrees(limit))
+                found[clipped + (IN_DEGREES if most > LIKE_DEGREES else "")] = None
         return tuple(found)
 
     @property
@@ -285,19 +287,19 @@ def draw(response: Response) -> Figure:
 
 
 def panels(model: str) -> list[list[Variable]]:
-    """Return the outputs of each panel: the port's one by one, then the actuator's own Real ones by their units."""
+    """Return the outputs of each panel: the port's one by one, then the actuator's own Real ones by units as shown."""
     aside = {v.name for v in (*fin_port.OUTPUTS, *extension_outputs(model))}
-    own: dict[str, list[Variable]] = {}
+    own: dict[tuple[str, float], list[Variable]] = {}
     for v in get(model).outputs:
         if v.kind == "Real" and v.name not in aside:
-            own.setdefault(v.unit, []).append(v)
+            own.setdefault(metrics.shown_output(v), []).append(v)
     port = (fin_port.FIN_ANGLE, fin_port.TRACKING_ERROR, fin_port.FIN_RATE, fin_port.HINGE_TORQUE)
     return [*([v] for v in port), *list(own.values())[:_MOST_OWN]]
 
 
 def _draw_panel(axes: Axes, panel: Sequence[Variable], time: Any, fins: Sequence[Run]) -> None:
     """Draw outputs of one unit: a colour for each, or of several fins for each fin, and a kind of line for each."""
-    unit, scale = metrics.shown(panel[0].unit)
+    unit, scale = metrics.shown_output(panel[0])
     names, several = [v.name.replace("_", " ") for v in panel], len(fins) > 1
     for j, (v, name) in enumerate(zip(panel, names, strict=True)):
         for k, run in enumerate(fins):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 if TYPE_CHECKING:
+    from ..variables import Variable
     from .subject import Run
 
 Array = NDArray[np.floating[Any]]
@@ -86,6 +87,12 @@ _SHOWN = {"rad": ("deg", degrees(1.0)), "rad/s": ("deg/s", degrees(1.0)), "s": (
 def shown(unit: str) -> tuple[str, float]:
     """Return the unit people read a figure in, and the factor to it."""
     return _SHOWN.get(unit, (unit, 1.0))
+
+
+def shown_output(v: Variable) -> tuple[str, float]:
+    """Return the unit people read an output in, and the factor to it: rpm for the speed of a motor or screw."""
+    turning = v.unit == "rad/s" and v.name.endswith("_speed")
+    return ("rpm", 30.0 / pi) if turning else shown(v.unit)
 
 
 # Ending of the name of a figure in a result, and the unit it is in; the longer endings first.

@@ -16,6 +16,8 @@ import pytest
 from typer.testing import CliRunner
 
 from emcas_fmu.actuators import NAMES, get
+from emcas_fmu.api import simulate
+from emcas_fmu.bench.excitation import csv_file
 from emcas_fmu.cli import app
 from emcas_fmu.compiler import Platform, zig
 from emcas_fmu.parameters import check_combinations, check_parameters, load_parameters
@@ -165,12 +167,80 @@ def test_sliders_end_within_the_limits_and_show_their_value(opened: Browser) -> 
         assert not visible or at == pytest.approx(value, abs=(most - least) / 200)
     opened.set("controller.position.kp", -5.0)
     assert opened.run(SLIDER, "controller.position.kp")[1] == 0.0
+    opened.set("controller.position.kp", None)
     # Three times nothing is no range; a value that is typed makes one, which stays.
     assert not opened.run(SLIDER, "controller.load_observer")[0]
     opened.set("controller.load_observer", 40.0)
     assert opened.run(SLIDER, "controller.load_observer") == [True, 0.0, pytest.approx(40.0, abs=0.6), 120.0]
     opened.set("controller.load_observer", 0.0)
     assert opened.run(SLIDER, "controller.load_observer") == [True, 0.0, 0.0, 120.0]
+
+
+def typed(browser: Browser, name: str, text: str) -> str:
+    """Type a text in the field beside a slider, and return the problems that it makes."""
+    from selenium.webdriver.common.keys import Keys
+
+    field = browser.driver.find_element("css selector", f"[data-name='{name}'] input[type=text]")
+    field.send_keys(Keys.CONTROL + "a")
+    field.send_keys(text + Keys.TAB)
+    browser.settled()
+    said: str = browser.run("document.getElementById('problems').textContent")
+    return said
+
+
+def test_a_slider_reaches_to_what_is_accepted_until_reset(opened: Browser) -> None:
+    name = "controller.position.kp"
+    before = opened.run(SLIDER, name)
+    assert "is above its maximum 100000" in typed(opened, name, "1e6")
+    assert typed(opened, name, "53.8") == ""
+    assert opened.run(SLIDER, name)[1::2] == before[1::2]
+    assert typed(opened, name, "400") == ""
+    assert opened.run(SLIDER, name)[1:] == [0.0, 400.0, 400.0]
+    opened.run("document.getElementById('reset').click()")
+    opened.settled()
+    assert opened.run(SLIDER, name) == before
+
+
+def test_the_slider_of_the_temperature_covers_the_table_of_friction(opened: Browser) -> None:
+    assert opened.run(SLIDER, "friction.temperature")[1::2] == [-40.0, 71.0]
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("10 deg", "excitation.amplitude: '10 deg' is not a number; the unit is deg"),
+    ("abc", "excitation.amplitude: 'abc' is not a number; the unit is deg"),
+])
+def test_a_text_is_no_number(opened: Browser, text: str, said: str) -> None:
+    assert typed(opened, "excitation.amplitude", text) == said
+    assert opened.run("document.getElementById('first-excitation.amplitude').value") == text
+    assert typed(opened, "excitation.amplitude", "10") == ""
+
+
+@pytest.mark.parametrize("command", [10.0, 0.4, 0.3])
+def test_commands_are_warned_of_as_by_simulate(opened: Browser, tmp_path: Path, command: float) -> None:
+    path = tmp_path / "mine.csv"
+    path.write_text(f"time,fin_command\n0,0\n0.1,{command}\n", encoding="utf-8")
+    opened.driver.find_element("id", "file").send_keys(str(path))
+    opened.wait("window.page.live.setting.shape === 'csv' && window.page.live.run")
+    expected = simulate(excitation=csv_file(path)).warnings
+    assert bool(expected) == (command > 0.35)  # command.limit is 20 deg
+    assert (*opened.run("window.page.live.warnings"),) == expected
+
+
+def test_statuses_and_flags_are_said_by_name(opened: Browser) -> None:
+    panel = {"names": ["word"], "items": [], "bits": ["stall", "no_drive"], "shown": ["", 1]}
+    assert opened.run("[0, 1, 3].map(named(arguments[0]))", panel) == ["none", "stall", "stall, no drive"]
+    found = opened.run("traces(arguments[0], {word: [0, 2, 3]}, [1]).map(({label, y}) => [label, y])", panel)
+    assert found == [["no drive", [0.0, 0.6, 0.6]]]
+    status = {"items": ["idle", "homing"], "bits": []}
+    assert opened.run("[1, 2].map(named(arguments[0]))", status) == status["items"]
+
+
+def test_speeds_are_in_rpm_and_frequencies_end_with_the_data(opened: Browser) -> None:
+    opened.rested("window.page.refresh()")
+    shown = opened.run("DATA.panels.find(({names}) => names[0] === 'motor_speed').shown")
+    assert shown == ["rpm", pytest.approx(np.pi / 30.0)]
+    ends, last = opened.run("(({chart}) => [chart.scales.x.max, chart.data[0].at(-1)])(window.page.gain)")
+    assert ends == last
 
 
 @pytest.mark.parametrize("width", [400, pytest.param(1400, marks=SLOW)])

@@ -182,10 +182,10 @@ def test_statuses_and_words_by_name() -> None:
 
 
 def test_the_plot_has_the_outputs_of_the_actuator() -> None:
-    """The port's, and its own by their units; of a motor only where there is one."""
+    """The port's, and its own by their units, a motor's speed in rpm; of a motor only where there is one."""
     port = ["fin angle [deg]", "tracking error [deg]", "fin rate [deg/s]", "hinge torque [N.m]"]
     own = {"second-order": [], DIRECT_DRIVE: ["motor current [A]", "motor voltage [V]", "supply power [W]"],
-           "nonlinear": ["motor angle [deg]", "motor speed [deg/s]", "[A]", "[V]", "motor torque [N.m]",
+           "nonlinear": ["motor angle [deg]", "motor speed [rpm]", "[A]", "[V]", "motor torque [N.m]",
                          "nut position [m]", "supply power [W]"]}
     with style():
         for model, labels in own.items():

@@ -9,7 +9,8 @@ function element(tag, attributes = {}, ...children) {
     return made;
 }
 
-/** The range of a slider [SI]: to three times a value above zero, which °C do not count from; null without a scale. */
+/** The range of a slider [SI]: its own, or to three times a value above zero, which °C do not count from; null without
+    a scale. */
 function sliderRange({range, unit, value, minimum, maximum}) {
     if (range) return range;
     if (value > 0 && unit !== "degC" && !(maximum - minimum <= 4 * value)) {
@@ -70,14 +71,11 @@ class Control {
         this.row.append(this.slide);
     }
 
-    /** Move the slider to a value, and its ends out to it; hidden until a value says over what to move. */
+    /** Move the slider to a value; hidden until an accepted one says over what to move. */
     slideTo(value, text) {
-        const over = of => sliderRange({...this.control, value: of});
-        this.range ??= over(this.start) ?? over(value);
+        this.range ??= this.over(this.start);
         this.slide.hidden = !this.range;
         if (!this.range) return;
-        const {minimum, maximum} = this.control, near = Math.min(Math.max(value, minimum), maximum);
-        this.range = [Math.min(this.range[0], near), Math.max(this.range[1], near)];
         const ends = this.range.map(limit => limit / this.factor);
         [this.slider.min, this.slider.max] = ends;
         this.slider.step = (ends[1] - ends[0]) / 200;
@@ -86,10 +84,24 @@ class Control {
         this.ends.forEach((end, k) => { end.textContent = shownNumber(ends[k]); });
     }
 
+    over(value) {
+        return sliderRange({...this.control, value});
+    }
+
+    /** Move the slider's ends out to a value that has been accepted. */
+    widen(setting) {
+        if (!this.slider) return;
+        const value = setting.get(this.control.name), range = this.range ?? this.over(value);
+        if (!range || this.range && value >= range[0] && value <= range[1]) return;
+        this.range = [Math.min(range[0], value), Math.max(range[1], value)];
+        this.show(setting);
+    }
+
+    /** Take what is written; what is no number stays a text, to be refused as it was written. */
     entered() {
         if (this.field.type === "checkbox") return this.change(this.field.checked);
-        const text = this.field.value.trim().replace(",", ".").replace("−", "-");
-        return this.change(text === "" ? undefined : Number(text) * this.factor);
+        const written = this.field.value.trim(), value = Number(written.replace(",", ".").replace("−", "-"));
+        return this.change(written === "" ? undefined : Number.isNaN(value) ? written : value * this.factor);
     }
 
     /** Show a setting's value. */
@@ -104,9 +116,12 @@ class Control {
             return;
         }
         const {minimum, maximum} = this.control, known = value >= minimum && value <= maximum;
-        const text = general(value / this.factor, 9);
         this.field.setAttribute("aria-invalid", String(!known));
-        if (Number.isNaN(value)) return;  // what was written stays, to be corrected
+        if (typeof value === "string") {
+            this.field.value = value;
+            return;
+        }
+        const text = general(value / this.factor, 9);
         if (document.activeElement !== this.field || Number(this.field.value) !== Number(text)) this.field.value = text;
         if (this.slider) this.slideTo(value, text);
     }

@@ -12,8 +12,8 @@ class Page {
         this.kept = null;
         const change = (name, value) => this.change(name, value);
         this.controls = [...firstControls(change), ...allControls(change, $("search"), $("all"))];
-        this.plots = DATA.panels.map(({title, shown: [unit]}, k) =>
-            new Plot(title, {x: "time [s]", y: `[${typeset(unit) || 1}]`, height: k ? 170 : innerWidth < 640 ? 165 : 235}));
+        this.plots = DATA.panels.map(({title, shown: [unit]}, k) => new Plot(title, {
+            x: "time [s]", y: unit && `[${typeset(unit)}]`, height: k ? 170 : innerWidth < 640 ? 165 : 235}));
         this.plots.forEach((plot, k) => k ? $("plots").append(plot.figure) : $("main-plot").prepend(plot.figure));
         this.gain = new Plot("Gain of the fin angle over the command",
             {x: "frequency [Hz]", y: "[dB]", log: true, shared: false});
@@ -33,7 +33,7 @@ class Page {
         $("keep").addEventListener("click", () => this.keep());
         $("drop").addEventListener("click", () => { this.kept = null; this.refresh(); });
         $("swap").addEventListener("click", () => { [this.live, this.kept] = [this.kept, this.live]; this.refresh(); });
-        $("reset").addEventListener("click", () => { this.live = {setting: new Setting()}; this.refresh(); });
+        $("reset").addEventListener("click", () => { this.live = {setting: new Setting()}; this.narrow(); });
         $("link").addEventListener("click", () => this.copyLink());
         $("save-parameters").addEventListener("click", () => save("parameters.toml", parameterFile(this.live.setting)));
         $("save-inputs").addEventListener("click", () => save("inputs.csv", csv(this.inputs())));
@@ -48,6 +48,12 @@ class Page {
     change(name, value) {
         const {setting} = this.live;
         this.live = {setting: setting.with(name, value === undefined ? setting.default(name) : value)};
+        this.refresh();
+    }
+
+    /** Begin with the sliders' own ranges. */
+    narrow() {
+        for (const control of this.controls) control.range = null;
         this.refresh();
     }
 
@@ -83,7 +89,7 @@ class Page {
         const other = link.has("of") && link.get("of") !== DATA.digest;
         if (other) notes.push("The link is from another page: what it does not set may differ.");
         $("notes").textContent = notes.join(" ");
-        this.refresh();
+        this.narrow();
     }
 
     /** Show what is set, and compute it before the next frame. */
@@ -108,7 +114,9 @@ class Page {
         const problems = this.answer(this.live);
         const ofKept = this.kept ? this.answer(this.kept) : [];
         this.say(problems, [...this.live.warnings ?? [], ...ofKept.map(problem => `A is not shown: ${problem}`)]);
+        for (const name of ["parameters", "inputs", "response"]) $(`save-${name}`).disabled = problems.length > 0;
         if (problems.length) return;
+        for (const control of this.controls) control.widen(this.live.setting);
         this.drawTimes();
         drawFigures($("figures"), this.cases);
         document.body.classList.add("waiting");
@@ -118,13 +126,13 @@ class Page {
     /** Compute the response of a case {setting} in place, if it is not there; gives what is wrong. */
     answer(each) {
         if (each.run || each.problems) return each.problems ?? [];
-        const {setting} = each, {parameters} = setting;
-        const problems = [...setting.problems, ...this.unit.problems(parameters)];
+        const {setting} = each, {parameters, unreadable} = setting;
+        const problems = unreadable.length ? unreadable : [...setting.problems, ...this.unit.problems(parameters)];
         try {
             if (!problems.length) {
                 each.run = this.respond(setting, setting.excite());
                 each.figures = figures(each.run);
-                each.warnings = this.unit.broken(parameters, true);
+                each.warnings = [...clipped(setting, each.run.excitation), ...this.unit.broken(parameters, true)];
             }
         } catch (error) {
             problems.push(error.message);
@@ -191,6 +199,7 @@ class Page {
         $("summary").textContent = listed.map(([name, value]) => `${words(name)} ${inUnit(name, value)}`).join(", ");
         DATA.panels.forEach((panel, k) => this.plots[k].describe(panel.names.map(name => {
             const column = this.live.run.outputs[name], [unit, factor] = panel.shown;
+            if (named(panel)) return `${words(name)} at the end ${named(panel)(column[column.length - 1])}`;
             const [least, most, last] = [-largest(column.map(x => -x)), largest(column), column[column.length - 1]];
             return `${words(name)} from ${shownNumber(least / factor)} to ${shownNumber(most / factor)} ${unit}, ` +
                 `at the end ${shownNumber(last / factor)} ${unit}`;

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -27,7 +26,7 @@ from ...compiler import WEB, zig
 from ...errors import EmcasError
 from ...parameters import Entry, ParameterSet, load_parameters
 from ...reference import cases
-from ...response import panels
+from ...response import CLIPPED, IN_DEGREES, LIKE_DEGREES, ROUNDING, panels
 from ...runtime.c_sources import MOST_NUMBERS, core_sources, handwritten
 from ...runtime.compiled import REASONS
 from ...units import factor
@@ -73,13 +72,15 @@ def document(parameters: ParameterSet, inputs: Mapping[str, float]) -> dict[str,
     starts = {v.name: inputs.get(v.name, v.initial(parameters.values)) for v in actuator.inputs}
     described: dict[str, Any] = {
         "tool": f"emcas {__version__}", "model": _as_given(model), "command_limit": parameters.values["command.limit"],
-        "parameters": [{**_parameter(entries[v.name]), "shipped": shipped[v.name]} for v in actuator.parameters],
+        "parameters": [{**_parameter(entries[v.name]), "shipped": shipped[v.name],
+                        "range": _tested(v, parameters.values)} for v in actuator.parameters],
         "inputs": [{**_quantity(v), "value": starts[v.name], "start": v.initial(parameters.values), "key": v.key,
                     "shipped": shipped[v.key] if v.key else None} for v in actuator.inputs],
         "outputs": [{"name": v.name, "description": v.description} for v in actuator.outputs],
         "first": _first(parameters), "panels": _panels(model), "equal": actuator.equal_parameters,
         "rules": [{"message": rule.message, "warning": rule.warning} for rule in actuator.all_rules],
         "limits": {"not_finite": rules.NOT_FINITE, "below": rules.BELOW, "above": rules.ABOVE},
+        "clipping": {"message": CLIPPED, "rounding": ROUNDING, "in_degrees": IN_DEGREES, "like_degrees": LIKE_DEGREES},
         "most_numbers": MOST_NUMBERS + 1, "reasons": REASONS,
         "figures": {name: {"title": metrics.FIGURES[name].title, "shown": _shown(metrics.FIGURES[name].unit)}
                     for name in _FIGURES},
@@ -94,15 +95,9 @@ def document(parameters: ParameterSet, inputs: Mapping[str, float]) -> dict[str,
     shown = {each["shown"][0] for each in (*described["parameters"], *described["inputs"], *described["panels"],
                                            *described["figures"].values())}
     units = sorted({*shown, *(r.unit for r in REQUIREMENTS), "deg", "N.m"})
-    described["typeset"] = {unit: _symbol(unit) for unit in units}
+    described["typeset"] = {unit: typeset(unit) for unit in units}
     result: dict[str, Any] = plain(described)
     return result
-
-
-def _symbol(unit: str) -> str:
-    """Return a unit with raised powers and products: ``N.m/s2`` gives N·m/s²."""
-    raised = re.sub(r"(?<=[a-z])[23]\b", lambda power: "²³"[int(power[0]) - 2], unit)
-    return typeset(raised).replace("degC", "°C").replace(".", "·")
 
 
 def _as_given(model: str) -> str:
@@ -117,8 +112,12 @@ def _quantity(v: Variable) -> dict[str, Any]:
 
 def _shown(unit: str) -> tuple[str, float]:
     """Return the unit people read, and how much in SI one of it is."""
-    shown, times = metrics.shown(unit)
-    return shown, 1.0 / times
+    return _inverse(metrics.shown(unit))
+
+
+def _inverse(shown: tuple[str, float]) -> tuple[str, float]:
+    """Return a unit, and how much in SI one of it is, of the factor to it."""
+    return shown[0], 1.0 / shown[1]
 
 
 def _parameter(entry: Entry) -> dict[str, Any]:
@@ -130,6 +129,12 @@ def _parameter(entry: Entry) -> dict[str, Any]:
         if not isclose(size, 1.0):
             shown = (unit.replace("*", "·").replace("^2", "²").replace("^3", "³"), size)
     return {**_quantity(v), "value": entry.value, "source": entry.source, "shown": shown}
+
+
+def _tested(v: Variable, values: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Return the temperatures [degC] that a table of friction covers, for the slider of the ambient temperature."""
+    table = [value for name, value in values.items() if name.startswith("friction.table.temperature[")]
+    return (min(table), max(table)) if table and v.name == "friction.temperature" else None
 
 
 def _first(parameters: ParameterSet) -> dict[str, list[str]]:
@@ -151,8 +156,10 @@ def _first(parameters: ParameterSet) -> dict[str, list[str]]:
 def _panels(model: str) -> list[dict[str, Any]]:
     """Return the panels over time: the response's own, then one for each output of an extension."""
     further = [[v] for v in extension_outputs(model)]
-    return [{"title": _title(panel), "names": [v.name for v in panel], "shown": _shown(panel[0].unit),
-             "discrete": panel[0].kind != "Real", "rules": _lines(panel[0])} for panel in (*panels(model), *further)]
+    return [{"title": _title(panel), "names": [v.name for v in panel],
+             "shown": _inverse(metrics.shown_output(panel[0])), "discrete": panel[0].kind != "Real",
+             "items": [item for item, _ in panel[0].items], "bits": panel[0].bits,
+             "rules": _lines(panel[0])} for panel in (*panels(model), *further)]
 
 
 def _title(panel: Sequence[Variable]) -> str:

@@ -82,6 +82,7 @@ class Plot {
         this.title = title;
         this.look = {x, y, log, height, shared};
         this.names = "";
+        this.ticks = [];  // of an axis of names: place, name
         this.under = this.over = () => undefined;
         new ResizeObserver(() => this.resize()).observe(this.box);
     }
@@ -114,15 +115,24 @@ class Plot {
             legend: {markers: {width: 2, dash: (_, k) => !curves[k - 1]?.dash ? "solid" :
                 curves[k - 1].dash[0] > 2 ? "dashed" : "dotted"}},
             cursor: {sync: shared ? {key: "time"} : undefined, points: {size: 5}, drag: {x: true, y: false}},
-            scales: {x: {time: false, distr: log ? 3 : 1}, y: {range: (_, least, most) =>
-                least === most ? [least - 1, most + 1] : uPlot.rangeNum(least, most, 0.1, true)}},
-            axes: [axis(x, 26), axis(y, 58)],
+            scales: {x: {time: false, distr: log ? 3 : 1, range: (_, least, most) => [least, most]},
+                y: {range: (_, least, most) =>
+                    this.ticks.length ? [this.ticks[0][0] - 0.3, this.ticks[0][0] + this.ticks.length - 0.2] :
+                    least === most ? [least - 1, most + 1] : uPlot.rangeNum(least, most, 0.1, true)}},
+            axes: [axis(x, 26), this.ticks.length ? this.axisOfNames() : axis(y, 58)],
             series: [{label: x.replace(/ .*/, ""), value}, ...curves.map(curve => ({
-                label: curve.label, stroke: curve.stroke, width: curve.width ?? 1.6, dash: curve.dash, value,
-                spanGaps: true, points: {show: false},
+                label: curve.label, stroke: curve.stroke, width: curve.width ?? 1.6, dash: curve.dash,
+                value: curve.value ?? value, spanGaps: true, points: {show: false},
                 paths: curve.step ? uPlot.paths.stepped({align: 1}) : undefined}))],
-            hooks: {drawAxes: [u => this.under(u)], draw: [u => this.over(u)]},
+            hooks: {init: [u => u.root.classList.add("idle")],
+                setCursor: [({root, cursor}) => root.classList.toggle("idle", (cursor.idx ?? null) === null)],
+                drawAxes: [u => this.under(u)], draw: [u => this.over(u)]},
         };
+    }
+
+    axisOfNames() {
+        return {...axis("", 110), labelSize: 0, splits: () => this.ticks.map(([at]) => at),
+            values: () => this.ticks.map(([, name]) => name)};
     }
 
     redraw() {

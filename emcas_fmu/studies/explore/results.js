@@ -10,12 +10,33 @@ function inUnit(name, value) {
     return /\d$/.test(text) && symbol ? `${text}${symbol.startsWith("°") ? "" : " "}${symbol}` : text;
 }
 
+/** How a panel's values are said: an enumeration's item, the flags that are set; undefined for numbers. */
+function named({items, bits}) {
+    if (items.length) return value => items[value - 1] ?? "–";
+    const flags = value => bits.filter((_, bit) => value >> bit & 1).map(words).join(", ") || "none";
+    return bits.length ? flags : undefined;
+}
+
+/** What a panel draws of a response: its outputs as shown; of a word of `flags` a trace each, one above the other. */
+function traces({names, bits, shown: [, factor]}, outputs, flags) {
+    if (!bits.length) return names.map(name => ({label: words(name), y: outputs[name].map(x => x / factor)}));
+    const word = outputs[names[0]], value = (_, v) => v === null ? "" : v % 1 ? "set" : "clear";
+    if (!flags.length) return [{label: words(names[0]), y: word.map(() => 0), value: () => ""}];
+    return flags.map((bit, place) => (
+        {label: words(bits[bit]), y: word.map(x => place + 0.6 * (x >> bit & 1)), value}));
+}
+
 /** The curves of a panel over time: every output, of A dashed; with the first one the command. */
 function drawPanel(plot, panel, number, cases) {
     const [, factor] = panel.shown, live = cases[cases.length - 1][1].run, {time, columns} = live.excitation;
-    const curves = cases.flatMap(([letter, {run}]) => panel.names.map((name, k) => ({
-        label: words(name) + (cases.length > 1 ? ` ${letter}` : ""),
-        x: run.excitation.time, y: run.outputs[name].map(x => x / factor),
+    const flags = panel.bits.map((_, bit) => bit).filter(bit => cases.some(([, {run}]) =>
+        run.outputs[panel.names[0]].some(word => word >> bit & 1)));
+    const value = panel.items.length ? (_, v) => v === null ? "" : named(panel)(v) : undefined;
+    plot.ticks = panel.items.length ? panel.items.map((item, k) => [k + 1, item]) :
+        panel.bits.length && !flags.length ? [[0, "none"]] :
+        flags.map((bit, place) => [place, words(panel.bits[bit])]);
+    const curves = cases.flatMap(([letter, {run}]) => traces(panel, run.outputs, flags).map(({label, y, ...how}, k) => ({
+        value, ...how, label: label + (cases.length > 1 ? ` ${letter}` : ""), x: run.excitation.time, y,
         step: panel.discrete, stroke: COLORS[(k + Number(letter === "A" && panel.names.length === 1)) % COLORS.length],
         ...(letter === "A" ? {dash: [7, 4], width: 1.3} : {})})));
     const command = number === 0 && columns.fin_command?.map(x => x / factor);

@@ -56,6 +56,13 @@ class Setting {
         return Object.fromEntries(DATA.parameters.map(({name}) => [name, this.get(name)]));
     }
 
+    /** What was written where a number belongs, in words. */
+    get unreadable() {
+        const written = [...CONTROLS.values()].filter(({name}) => typeof this.get(name) === "string");
+        return written.map(({name, shown: [unit]}) =>
+            `${name}: '${this.get(name)}' is not a number${unit && unit !== "1" ? `; the unit is ${unit}` : ""}`);
+    }
+
     /** What is wrong with the fields of the excitation and the inputs held, in words. */
     get problems() {
         const numbers = [...EXCITATION, ...HELD].filter(({kind}) => kind === "Real");
@@ -94,6 +101,15 @@ class Setting {
         }
         return [new Setting(values), unknown];
     }
+}
+
+/** What is worth a look in the commands given, as Response.warnings of response.py; a file alone may be in degrees. */
+function clipped(setting, {columns: {fin_command: command}}) {
+    const {message, rounding, in_degrees: inDegrees, like_degrees: likeDegrees} = DATA.clipping;
+    const limit = setting.get("command.limit"), most = command ? largest(command.map(Math.abs)) : 0;
+    if (most <= limit * (1 + rounding)) return [];
+    const file = setting.shape === "csv" && most > likeDegrees;
+    return [formatted(message, [most, degrees(most), degrees(limit)]) + (file ? inDegrees : "")];
 }
 
 /** A parameter file of all that differs from the shipped defaults, for -p. */
