@@ -2,16 +2,16 @@
 
 These names, their parameters and the attributes that their documentation names are the stable interface: a change that
 breaks a program comes with a new minor version and a line in the changelog. Everything else of the package may change.
-The commands of `emcas` are made of these functions. Values are in SI units (temperature in degC); text carries its
-unit, as in ``"10 deg"``.
+The commands simulate, build, validate, analyse and tune of `emcas` are made of these functions. Values are in SI units
+(temperature in degC); text carries its unit, as in ``"10 deg"``.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -51,22 +51,25 @@ def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, ex
     """Simulate an actuator, or several on one supply, without an FMU.
 
     `parameters` are the default set unless given; several (see `fin_sets`) share the supply, whose `line` may have
-    parameters such as ``bus.source_resistance``. Excited is it by an `excitation` (``excitations.step_to(0.1, 0.4)``),
-    or by inputs from 0 to `stop` (0.5 s) at communication steps of `step` (1 ms), held over each. Inputs are given by
-    name with ``__`` for the dot (``attitude__roll``): as a constant, as text with a unit (``"10 deg"``), as a function
-    of time [s], or as an array of a value for each communication point. Those that are not given stay at their start;
-    beside an excitation they are added to its columns. `kernel` is ``compiled``, ``python``, or ``auto``: compiled if
-    there is a C compiler, which it waits for the first time; the numbers are the same.
+    parameters such as ``bus.source_resistance``. What drives it is an `excitation`
+    (``excitations.step_to(0.1, 0.4)``), or inputs alone, from 0 to `stop` (0.5 s) at communication steps of `step`
+    (1 ms), held over each. Inputs are given by name with ``__`` for the dot (``attitude__roll``): as a constant, as
+    text with a unit (``"10 deg"``), as a function of time [s], or as an array of a value for each communication point.
+    Those that are not given stay at their start; beside an excitation they are added to its columns. `kernel` is
+    ``compiled``, ``python``, or ``auto``: compiled if there is a C compiler, which it waits for the first time; the
+    numbers are the same.
 
     Raises EmcasError for what cannot be simulated; a ParameterSet is sound already.
     """
-    given = load_parameters() if parameters is None else parameters
-    sets = (given,) if isinstance(given, ParameterSet) else tuple(given)
-    if not sets or len({each.model for each in sets}) > 1:
-        raise EmcasError("simulate: give one parameter set, or several of one actuator")
+    sets = _sets("simulate", parameters)
     unit = FmuInterface(len(sets), sets[0].model)
+    if line and unit.fins == 1:
+        raise EmcasError("simulate: line is that of several fins on one supply; give their sets, as of fin_sets")
     if excitation is None:
         excitation = _at_rest(_in("s", stop, _DURATION), _in("s", step, STEP), inputs)
+    elif not isinstance(excitation, Excitation):
+        raise EmcasError(f"simulate: {excitation!r} is no excitation; use one of emcas_fmu.excitations, such as "
+                         "excitations.reference_case('step_plus10')")
     elif stop is not None or step is not None:
         raise EmcasError(f"simulate: stop and step are those of the excitation, {excitation.title}")
     excitation = _with_inputs(excitation, inputs, unit)
@@ -82,6 +85,24 @@ def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, ex
     except (ArithmeticError, TypeError, ValueError) as error:
         raise EmcasError(f"the response cannot be computed: {error}") from error
     return Response(unit, sets, excitation, columns)
+
+
+def _sets(what: str, given: Any) -> tuple[ParameterSet, ...]:
+    """Return parameter sets of one actuator, the default one unless given. Raises EmcasError."""
+    several = isinstance(given, Iterable) and not isinstance(given, (ParameterSet, str))
+    sets = tuple(_set(what, each) for each in (given if several else (given,)))
+    if not sets or len({each.model for each in sets}) > 1:
+        raise EmcasError(f"{what}: give one parameter set, or several of one actuator")
+    return sets
+
+
+def _set(what: str, given: Any) -> ParameterSet:
+    """Return a parameter set, the default one unless given. Raises EmcasError."""
+    if given is None:
+        return load_parameters()
+    if not isinstance(given, ParameterSet):
+        raise EmcasError(f"{what}: {given!r} is no parameter set; load_parameters() reads one from a file")
+    return given
 
 
 def _in(unit: str, given: float | str | None, otherwise: float) -> float:
@@ -109,37 +130,49 @@ def _with_inputs(excitation: Excitation, inputs: Mapping[str, Signal | str], uni
     there_are = {v.name: v for v in (*unit.actuator.inputs, *unit.inputs)}
     columns = dict(excitation.columns)
     for given, signal in inputs.items():
-        name = given.replace("__", ".")
-        if name not in there_are:
-            raise EmcasError(f"there is no input {name}{hint(name, there_are)}; inputs are {', '.join(there_are)}")
-        columns[name] = _column(signal, there_are[name], excitation.time)
+        variable = _input(given, there_are)
+        values = [signal(t) for t in excitation.time.tolist()] if callable(signal) else signal
+        columns[variable.name] = _values(values, variable, len(excitation.time),
+                                         "a function of time, or an array of {} values, one for each point")
     columns = dict(sorted(columns.items(), key=lambda item: item[0].startswith("fin[")))
     return Excitation(excitation.title, spread(columns, unit), excitation.begin, excitation.step,
                       excitation.start_values, excitation.spring)
 
 
-def _column(signal: Signal | str, variable: Variable, time: Array) -> Array:
-    """Return an input at the communication points, in its unit. Raises EmcasError."""
-    if callable(signal):
-        return np.array([signal(t) for t in time.tolist()], dtype=float)
+def _input(given: str, there_are: Mapping[str, Variable]) -> Variable:
+    """Return the input of a name with ``__`` for the dot. Raises EmcasError."""
+    name = given.replace("__", ".")
+    if name not in there_are:
+        raise EmcasError(f"there is no input {name}{hint(name, there_are)}; inputs are {', '.join(there_are)}")
+    return there_are[name]
+
+
+def _values(given: Any, variable: Variable, count: int, otherwise: str) -> Array:
+    """Return `count` finite values of an input, in its unit, from a number, text or array. Raises EmcasError.
+
+    `otherwise` ends the message that lists what an input may be.
+    """
     try:
-        values = quantity(signal, "", variable.unit) if isinstance(signal, str) else signal
-        column: Array = np.broadcast_to(np.asarray(values, dtype=float), time.shape).copy()
+        values = quantity(given, "", variable.unit) if isinstance(given, str) else given
+        column: Array = np.broadcast_to(np.asarray(values, dtype=float), count).copy()
     except (TypeError, ValueError) as error:
-        reason = (f"{signal!r} {error}" if isinstance(signal, str) else
-                  f"expected a number, text, a function of time, or an array of {len(time)} values, one for each point")
+        reason = (f"{given!r} {error}" if isinstance(given, str) else
+                  f"expected a number, text with a unit, {otherwise.format(count)}")
         raise EmcasError(f"input {variable.name}: {reason}") from error
+    if not np.isfinite(column).all():
+        raise EmcasError(f"input {variable.name} is {column[~np.isfinite(column)][0]}; give finite values")
     return column
 
 
-def validate(subject: Subject | ParameterSet | Path | str | None = None, cases: Sequence[str] | None = None,
+def validate(subject: Subject | ParameterSet | Path | str | None = None, cases: Sequence[str] | str | None = None,
              directory: Path | str | None = None, progress: Progress = silent) -> Validation:
     """Judge a parameter set, or an FMU by its path, by the reference cases and by Table 2 of the thesis.
 
-    `cases` are all unless given by name, `directory` holds the references (``emcas reference`` makes them), those
-    shipped unless given. Of the result: `passed`, `verdict` (in words), `judged` and `failed` (each with what was
-    measured and its limit). Raises EmcasError.
+    `cases` are all unless given by name, one or several; `directory` holds the references (``emcas reference`` makes
+    them), those shipped unless given. Of the result: `passed`, `verdict` (in words), `judged` and `failed` (each with
+    what was measured and its limit). Raises EmcasError.
     """
+    cases = [cases] if isinstance(cases, str) else cases
     folder = None if directory is None else Path(directory)
     if isinstance(subject, ParameterSet):
         subject = ParameterSubject(subject)
@@ -155,12 +188,14 @@ def analyse(parameters: ParameterSet | None = None, fin_angle: float | str = 0.0
 
     Of the result: `linear.command` (the frequency response, with `bandwidth` [Hz]), `linear.margins` (of each loop),
     `actuator` (the linear model, python-control's StateSpace at `actuator.closed`), `sweeps` (bandwidth against
-    amplitude), `locus` (of a parameter, the first gain unless named). Needs the extra ``analysis``. Raises EmcasError.
+    amplitude), `locus` (the root locus of the parameter `locus`, the first gain unless named). `rod` is a TOML file of
+    shaft and screw for the natural frequencies, over ``models/rod.toml``. Needs the extra ``analysis``. Raises
+    EmcasError.
     """
     extras.require("analysis", "analyse needs", "control", "casadi")
     from .studies.analysis.analyse import analyse as run
 
-    return run(load_parameters() if parameters is None else parameters, _in("rad", fin_angle, 0.0),
+    return run(_set("analyse", parameters), _in("rad", fin_angle, 0.0),
                _in("N.m", aero_torque, 0.0), rod, locus, progress)
 
 
@@ -171,14 +206,16 @@ def tune(parameters: ParameterSet | None = None, study: Study | Path | str | Non
 
     `study` is a file of requirements, cases and what may be tuned; the actuator's shipped one unless given. Of the
     result: `met`, `tuned` (the parameter set with the gains), `best` (with `gains` and `judgements`), `binding` (the
-    requirements that stand in the way of more). As many processes work as there are processors unless `workers` is
-    given; a script that calls this needs ``if __name__ == "__main__":``. Takes minutes. Raises EmcasError.
+    requirements that stand in the way of more). `generations` are those of the global search; the same `seed` gives the
+    same gains. A file `journal` keeps every evaluation, and a search goes on from what is in it. As many processes
+    work as there are processors unless `workers` is given; a script that calls this needs
+    ``if __name__ == "__main__":``. Takes minutes. Raises EmcasError.
     """
     from .studies.tuning.evaluate import Journal
     from .studies.tuning.optimise import tune as run
     from .studies.tuning.study import Study, load_study, shipped_study
 
-    base = load_parameters() if parameters is None else parameters
+    base = _set("tune", parameters)
     chosen = (shipped_study(base) if study is None else study if isinstance(study, Study) else
               load_study(Path(study), base))
     if chosen.needs_analysis:
@@ -193,13 +230,12 @@ class Batch:
     CompilerError (an EmcasError) where there is no C compiler.
     """
 
-    def __init__(self, sets: Sequence[ParameterSet]) -> None:
-        if not sets or len({each.model for each in sets}) > 1:
-            raise EmcasError("Batch: give at least one parameter set, all of one actuator")
+    def __init__(self, sets: Sequence[ParameterSet] | ParameterSet) -> None:
+        sets = _sets("Batch", sets)
         self._kernel = compiled.Batch([each.values for each in sets], sets[0].model)
         actuator = sets[0].actuator
         self._inputs = np.array([[v.initial(each.values) for v in actuator.inputs] for each in sets], dtype=float)
-        self._columns = {v.name: i for i, v in enumerate(actuator.inputs)}
+        self._variables = {v.name: v for v in actuator.inputs}
         self._names = [v.name for v in actuator.outputs]
         self.time = 0.0
         """Time that was reached [s]."""
@@ -207,19 +243,20 @@ class Batch:
     def __len__(self) -> int:
         return len(self._inputs)
 
-    def run(self, end: float, **inputs: float | Array) -> dict[str, Array]:
+    def run(self, end: float, **inputs: float | str | Array) -> dict[str, Array]:
         """Move every actuator on to `end` [s] and return its outputs by name, SI, an array of one for each actuator.
 
-        Inputs, SI, by name with ``__`` for the dot, are a number for all or an array of one for each, and stay as they
-        are until given anew. Raises EmcasError for an unknown input, and ArithmeticError naming the actuators that
-        cannot be followed; these stay where they were.
+        Inputs, SI, by name with ``__`` for the dot, are a number or text with a unit for all or an array of one for
+        each, and stay as they are until given anew. Raises EmcasError for an unknown input, an unsound value or an end
+        before `time`, and nothing has changed; ArithmeticError naming the actuators that cannot be followed: these stay
+        where they were.
         """
+        if not self.time <= end < float("inf"):
+            raise EmcasError(f"Batch.run: the end {end:g} s is before {self.time:g} s, which is reached, or not finite")
+        rows, columns = self._inputs.copy(), list(self._variables)
         for given, value in inputs.items():
-            name = given.replace("__", ".")
-            if name not in self._columns:
-                raise EmcasError(f"there is no input {name}{hint(name, self._columns)}; "
-                                 f"inputs are {', '.join(self._columns)}")
-            self._inputs[:, self._columns[name]] = value
-        rows = self._kernel.run(end, self._inputs)
-        self.time = end
-        return {name: rows[:, i].copy() for i, name in enumerate(self._names)}
+            variable = _input(given, self._variables)
+            rows[:, columns.index(variable.name)] = _values(value, variable, len(self), "or an array of {} values")
+        outputs = self._kernel.run(end, rows)
+        self._inputs, self.time = rows, end
+        return {name: outputs[:, i].copy() for i, name in enumerate(self._names)}

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -42,6 +43,15 @@ def unwritable(path: Path | str, error: OSError) -> str:
     """Return the message for a file that cannot be written, with the remedy."""
     reason, _, remedy = _reason(error)
     return f"{path}: cannot be written: {reason}; {remedy}"
+
+
+@contextmanager
+def writing(path: Path | str) -> Iterator[None]:
+    """Raise EmcasError, with the remedy, where a file or folder cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise EmcasError(unwritable(path, error)) from error
 
 
 def in_words(error: OSError) -> str:

@@ -22,7 +22,7 @@ from .bench.excitation import COMMAND, Excitation
 from .bench.provenance import conditions
 from .bench.subject import Columns, Run
 from .bench.writers import number, write_page
-from .errors import EmcasError, hint
+from .errors import EmcasError, hint, writing
 from .fmi.interface import MIXING, FmuInterface
 from .ops.floats import FLOATS
 from .parameters import ParameterSet
@@ -41,7 +41,7 @@ _LINES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))  # of output
 CLIPPED = f"{COMMAND} reaches %.4g rad (%.4g deg); beyond command.limit = %.4g deg it is clipped"
 ROUNDING = 1e-9  # of a command at its limit
 IN_DEGREES = ". Commands are in rad: is it given in degrees?"
-LIKE_DEGREES = pi / 2.0  # rad, beyond which no fin is commanded
+LIKE_DEGREES = pi * (1.0 + ROUNDING)  # rad, beyond which no fin is commanded: where --step ends, which is in deg
 _MOST_CHANGES = 4  # of a status, that are listed
 
 
@@ -80,11 +80,12 @@ class Response:
 
     def in_unit(self, name: str, unit: str) -> Array:
         """Return one of these in another unit: ``response.in_unit("fin_angle", "deg")``. Raises EmcasError."""
-        column = self[name]
+        column, own = self[name], self.units[name]
         try:
-            zero, one = (convert(Decimal(amount), self.units[name], unit) for amount in (0, 1))
+            zero, one = (convert(Decimal(amount), own, unit) for amount in (0, 1))
         except UnitError as error:
-            raise EmcasError(f"{name}: {error}") from error
+            raise EmcasError(f"{name}: the unit {unit} does not measure it; "
+                             f"{f'it is in {own}' if own else 'it has none'}") from error
         return zero + (one - zero) * column
 
     @cached_property
@@ -138,8 +139,11 @@ class Response:
     def metrics(self, fin: int = 0) -> dict[str, float]:
         """Return figures of merit as far as a fin (from 0) has the outputs, units in the names, and last values.
 
-        Those of a motion, such as ``rise_time_s`` and ``overshoot_percent``, where the command jumps once.
+        Those of a motion, such as ``rise_time_s`` and ``overshoot_percent``, where the command jumps once. Raises
+        EmcasError for a fin there is not.
         """
+        if not 0 <= fin < self.unit.fins:
+            raise EmcasError(f"there is no fin {fin}: they are counted from 0 to {self.unit.fins - 1} here")
         run = self.fins[fin]
         motion = metrics.motion(run) if len(run.excitation.moves) == 1 else {}
         return {**{f"{name}_final_deg": degrees(run.columns[name][-1]) for name in ("fin_angle", "tracking_error")},
@@ -171,10 +175,14 @@ class Response:
         return f"not within {waited} s" if metrics.unit_of(name) == "s" else "not reached"
 
     def write_csv(self, path: Path | str) -> None:
-        """Write time, the inputs given and every output, SI, with 17 digits: what was computed, to the bit."""
+        """Write time, the inputs given and every output, SI, with 17 digits: what was computed, to the bit.
+
+        Raises EmcasError for a file that cannot be written.
+        """
         names = ["time", *(name for name in self._every if name != "time")]
-        np.savetxt(path, np.column_stack([self._every[name] for name in names]), fmt="%.17g", delimiter=",",
-                   comments="", header=",".join(names))
+        with writing(path):
+            np.savetxt(path, np.column_stack([self._every[name] for name in names]), fmt="%.17g", delimiter=",",
+                       comments="", header=",".join(names))
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a pandas DataFrame of these over time [s]; ``attrs["units"]`` has the units. Needs pandas."""
@@ -191,12 +199,14 @@ class Response:
     def plot(self, path: Path | str | None = None) -> Figure:
         """Draw command, outputs and limits over time; write them to a ``.html``, ``.svg``, ``.png`` or ``.pdf``.
 
-        Returns the Matplotlib figure, which a notebook shows. Raises EmcasError for another ending.
+        Returns the Matplotlib figure, which a notebook shows. Raises EmcasError for another ending, or a
+        file that cannot be written.
         """
         with style():
             drawn = draw(self)
             if path is not None:
-                self._write(drawn, Path(path))
+                with writing(path):
+                    self._write(drawn, Path(path))
         return drawn
 
     def _write(self, drawn: Figure, path: Path) -> None:
@@ -204,10 +214,11 @@ class Response:
         if path.suffix != ".html":
             write(drawn, path)
             return
-        shown = picture(drawn, self.excitation.title, "Command, outputs and limits over time; shaded where a limit is "
-                                                      "active.")
+        shown = picture(drawn, self.excitation.title, "Command, outputs and limits over time; shaded where a limit "
+                                                      f"{_of_any(self)}is active.")
         write_page(path, "response.html.j2", list(dict.fromkeys(self.sets)), r=self, picture=shown, rows=self._rows(),
-                   given=self._given(), line=self._line(), conditions=conditions(self.unit.kind, self.sets[0].values))
+                   given=self._given(), line=self._line(), changed=self._changed(),
+                   conditions=conditions(self.unit.kind, self.sets[0].values))
 
     def _rows(self) -> list[tuple[str, str, list[str]]]:
         """Return the figures in words, their units, and a value for each fin; times in ms."""
@@ -231,12 +242,26 @@ class Response:
         return [(name, unit, float(np.min(column)) * scale, float(np.max(column)) * scale)
                 for name, unit, scale, column in every]
 
+    def _changed(self) -> list[tuple[str, Any, str]]:
+        """Return name, value and unit of each parameter that was set beside the files, or differs between fins."""
+        rows = []
+        for entries in zip(*(each.entries for each in self.sets), strict=True):
+            v, same = entries[0].variable, len({e.value for e in entries}) == 1
+            if not same or any(e.source == "user" and not e.file for e in entries):
+                rows += [(v.name if same else self.unit.name(v.name, fin), e.value, v.unit)
+                         for fin, e in enumerate(entries[:1] if same else entries)]
+        return rows
+
     def __repr__(self) -> str:
         return f"<Response of {self.unit.model}: {self.excitation.title}, {len(self.time)} rows of {len(self._every)}>"
 
     def _repr_html_(self) -> str:
         rows = "".join(f"<tr><td>{'<td>'.join(map(escape, row))}" for row in self.lines())
         return f"<table><caption>{escape(self.excitation.title)}</caption>{rows}</table>"
+
+
+def _of_any(response: Response) -> str:
+    return "of any fin " if response.unit.fins > 1 else ""
 
 
 def _history(v: Variable, time: Any, column: Any) -> str:
@@ -282,7 +307,7 @@ def draw(response: Response) -> Figure:
         axes.margins(x=0.0)
     for axes in grid.ravel()[:count][-2:]:  # the last of each column, above an empty place too
         axes.tick_params(labelbottom=True)
-        axes.set_xlabel(f"time [{unit_of_time}] (shaded: a limit is active)")
+        axes.set_xlabel(f"time [{unit_of_time}] (shaded: a limit {_of_any(response)}is active)")
     return made
 
 

@@ -215,10 +215,16 @@ def _read(path: Path) -> dict[str, Array]:
     """Return the columns of a CSV file with one line of names, quoted or not."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            header, *lines = [row for row in csv.reader(file, skipinitialspace=True) if row] or [[]]
-        table = np.array([[float(cell) for cell in row] for row in lines])
-        if not lines or table.ndim != 2 or table.shape[1] != len(header):
+            reader = csv.reader(file, skipinitialspace=True)
+            (_, header), *lines = [(reader.line_num, row) for row in reader if row] or [(0, [])]
+        if not lines:
             raise ValueError("it needs a line of names, and below it lines of as many numbers")
+        if len(header) == 1 and ";" in header[0]:
+            raise ValueError("separate columns by commas, not semicolons, with points in numbers")
+        for number, row in lines:
+            if len(row) != len(header):
+                raise ValueError(f"line {number} has {len(row)} values for {len(header)} columns")
+        table = np.array([[_number(cell, number) for cell in row] for number, row in lines])
     except (OSError, UnicodeDecodeError) as error:
         raise EmcasError(unreadable(path, error)) from error
     except (csv.Error, ValueError) as error:
@@ -227,6 +233,13 @@ def _read(path: Path) -> dict[str, Array]:
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise EmcasError(f"{path}: column {', '.join(twice)} is given twice")
     return dict(zip(names, table.T, strict=True))
+
+
+def _number(cell: str, line: int) -> float:
+    try:
+        return float(cell)
+    except ValueError as error:
+        raise ValueError(f"line {line}: {cell!r} is no number") from error
 
 
 def check_span(what: str, step: float, stop: float) -> None:

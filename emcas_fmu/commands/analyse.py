@@ -13,8 +13,10 @@ from rich.table import Table
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
 from .common import (
+    JsonOption,
     ModelOption,
     ParametersOption,
+    ReportOption,
     check_outputs,
     failures,
     out,
@@ -39,10 +41,8 @@ def analyse(
                                                    "unless given.", metavar="NAME")] = None,
     rod: Annotated[Path | None, typer.Option(help="Shaft and screw for the natural frequencies (TOML); overrides any "
                                                   "subset of models/rod.toml.", metavar="FILE")] = None,
-    as_json: Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.",
-                                                 metavar="FILE")] = None,
-    report: Annotated[Path | None, typer.Option(help="Write a page with pictures to this file.",
-                                                metavar="FILE.html")] = None,
+    as_json: JsonOption = None,
+    report: ReportOption = None,
 ) -> None:
     """Linearise at an operating point: bandwidth, margins, final values, limits, natural frequencies, capability."""
     from ..api import analyse as run

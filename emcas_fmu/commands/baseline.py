@@ -13,11 +13,14 @@ from rich.markup import escape
 from ..files import as_given
 from .common import (
     FinOption,
+    JunitOption,
     ParametersOption,
+    ReportOption,
     SubjectArgument,
     SubjectModelOption,
     check_outputs,
     failures,
+    json_option,
     open_subject,
     out,
     parameter_arguments,
@@ -94,13 +97,11 @@ def check(
     parameters: ParametersOption = None,
     everything: Annotated[bool, typer.Option("--all", help="Show every comparison, not only what drifted and, of "
                                                            "other cases, what comes nearest.")] = False,
-    as_json: Annotated[Path | None, typer.Option("--json", help="Write all comparisons to this file.",
-                                                 metavar="FILE")] = None,
-    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.", metavar="FILE")] = None,
+    as_json: Annotated[Path | None, json_option("Write all comparisons to this file.")] = None,
+    junit: JunitOption = None,
     markdown: Annotated[Path | None, typer.Option(help="Append the table to this file, as to $GITHUB_STEP_SUMMARY.",
                                                   metavar="FILE.md")] = None,
-    report: Annotated[Path | None, typer.Option(help="Write a page with pictures to this file.",
-                                                metavar="FILE.html")] = None,
+    report: ReportOption = None,
 ) -> None:
     """Compare the response with the approved one; exit code 1 if it drifts."""
     from ..bench.writers import write_json

@@ -16,10 +16,13 @@ from ..errors import EmcasError
 from .common import (
     INTERRUPTED,
     check_outputs,
+    ends_in,
     err,
     failures,
+    json_option,
     model_option,
     out,
+    page_option,
     print_written,
     progress_bar,
     warn,
@@ -59,10 +62,10 @@ def campaign(
     plot: Annotated[Path | None, typer.Option(help="With --only, draw the sample's time history: .html, .svg, .png or "
                                                    ".pdf. Of several experiments each has a file, as in "
                                                    "FILE_step.html; those of --output too.", metavar="FILE")] = None,
-    report: Annotated[Path | None, typer.Option(help="Write the summary page here; summary.html in the folder unless "
-                                                     "given.", metavar="FILE.html")] = None,
-    as_json: Annotated[Path | None, typer.Option("--json", help="Write the summary here; summary.json in the folder "
-                                                 "unless given. With --only, the sample.", metavar="FILE")] = None,
+    report: Annotated[Path | None, page_option(
+        what="Write the summary page here; summary.html in the folder unless given.")] = None,
+    as_json: Annotated[Path | None, json_option(
+        "Write the summary here; summary.json in the folder unless given. With --only, the sample.")] = None,
 ) -> None:
     """Run samples over parameters, commands, loads and faults: percentiles, sensitivities, worst samples."""
     with failures():
@@ -74,6 +77,7 @@ def campaign(
             if report is not None:
                 raise EmcasError(f"--report {report}: is of all samples; --plot draws the one of --only")
             check_outputs(as_json, inputs=(file, fmu))
+            ends_in(".csv")(output)
             study = load_study(file, fmu, fin, model)
             warn(study.warnings)
             _one(study, only, as_json, output, plot, (file, fmu))

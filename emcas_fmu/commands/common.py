@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import date as calendar
 from pathlib import Path
@@ -17,7 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.progress import Progress as Bars
 
 from ..actuators import EXTENSIONS, NAMES, NONLINEAR
-from ..errors import EmcasError, in_words, unwritable
+from ..errors import EmcasError, in_words, writing
 from ..files import as_given
 from ..progress import LOG, Progress
 
@@ -67,6 +67,41 @@ def _files(given: list[Path] | None) -> list[Path] | None:
     return given and [file for each in given if (file := _file(each))]
 
 
+def ends_in(ending: str, remedy: str = "") -> Callable[[Path | None], Path | None]:
+    """Return a check of an output's name, for an option: it ends as a file of its kind does, or is a terminal or pipe.
+
+    A folder of that name is refused where all outputs are (`check_outputs`).
+    """
+    def check(path: Path | None) -> Path | None:
+        with failures():
+            if path and path.suffix.lower() != ending and (path.is_file() or not path.exists()):
+                raise EmcasError(f"{path}: such a file ends in {ending}{remedy}")
+        return path
+
+    return check
+
+
+def page_option(*names: str, what: str = "Write a page with pictures to this file.") -> Any:
+    """Return an option for a page to write."""
+    return typer.Option(*names, help=what, metavar="FILE.html", callback=ends_in(
+        ".html", "; print the page from a browser for another format"))
+
+
+def json_option(what: str) -> Any:
+    """Return the option --json for a file to write."""
+    return typer.Option("--json", help=what, metavar="FILE", callback=ends_in(".json"))
+
+
+def csv_option(what: str) -> Any:
+    """Return the option --output for a table to write."""
+    return typer.Option("--output", "-o", help=what, metavar="FILE", callback=ends_in(".csv"))
+
+
+def toml_option(what: str) -> Any:
+    """Return the option --output for a parameter file to write."""
+    return typer.Option("--output", "-o", help=what, metavar="FILE", callback=ends_in(".toml"))
+
+
 def model_option(what: str, more: str = "") -> Any:
     """Return the option --model; `what` begins its help, `more` ends it."""
     return typer.Option("--model", metavar="NAME|FILE.py[+EXTENSION...]", help=(
@@ -92,12 +127,12 @@ LayoutOption = Annotated[str, typer.Option(help="Placement of several fins: plus
                                            metavar="plus|cross")]
 FinFilesOption = Annotated[list[str] | None, typer.Option(
     help="Parameter file of one of several fins, over the others' (may be given several times).", metavar="N=FILE")]
-JsonOption = Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.", metavar="FILE")]
-JunitOption = Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.", metavar="FILE")]
+JsonOption = Annotated[Path | None, json_option("Write all figures to this file.")]
+JunitOption = Annotated[Path | None, typer.Option(help="Write JUnit XML to this file.", metavar="FILE",
+                                                 callback=ends_in(".xml"))]
 DateOption = Annotated[str | None, typer.Option(help="Date to print, as 2026-03-31; today's (UTC) unless given, or "
                                                      "that of SOURCE_DATE_EPOCH.", metavar="DATE")]
-ReportOption = Annotated[Path | None, typer.Option(help="Write a page with pictures to this file.",
-                                                   metavar="FILE.html")]
+ReportOption = Annotated[Path | None, page_option()]
 
 
 def calendar_date(text: str) -> str:
@@ -156,12 +191,12 @@ def check_outputs(*files: Path | None, folders: Iterable[Path] = (), inputs: Ite
         place = next(above for above in (folder, *folder.parents) if above.exists())
         if not place.is_dir():
             raise EmcasError(f"{place}: is a file; give a folder to write to")
-        with _refused(folder), TemporaryFile(dir=place):
+        with writing(folder), TemporaryFile(dir=place):
             pass
     read = [path.resolve() for path in inputs if path is not None]
     taken: set[Path] = set()
     for path in filter(None, files):
-        with _refused(path):
+        with writing(path):
             target, exists = path.resolve(), path.exists()
             if path.is_dir():
                 raise EmcasError(f"{path}: is a folder; give a file to write to")
@@ -182,20 +217,13 @@ def check_outputs(*files: Path | None, folders: Iterable[Path] = (), inputs: Ite
                 target.unlink()
 
 
-@contextmanager
-def _refused(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise EmcasError(unwritable(path, error)) from error
-
-
 def progress_bar() -> Bars:
     """Return a progress bar with the time left, on standard error, that vanishes when it is done."""
+    # Where there is no terminal a bar would leave an empty line.
     # Steps may take minutes: the time left is estimated from those of the last hour.
     return Bars(TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
                 TextColumn("left about"), TimeRemainingColumn(), console=err, transient=True,
-                speed_estimate_period=3600.0)
+                speed_estimate_period=3600.0, disable=not err.is_terminal)
 
 
 def stepper(bars: Bars, label: str) -> Progress:

@@ -10,7 +10,17 @@ import typer
 from rich.table import Table
 
 from ..errors import EmcasError
-from .common import ModelOption, ParametersOption, check_outputs, failures, out, parameter_set, print_written
+from .common import (
+    ModelOption,
+    ParametersOption,
+    check_outputs,
+    csv_option,
+    failures,
+    json_option,
+    out,
+    parameter_set,
+    print_written,
+)
 
 if TYPE_CHECKING:
     from ..studies.analysis.envelope import Envelope
@@ -27,12 +37,10 @@ def envelope(
                                           metavar="TIME")] = "10 s",
     preload: Annotated[float, typer.Option(help="Share of the continuous current, the least there is, that flowed "
                                                 "before, for long. 0: from ambient.", metavar="SHARE")] = 0.0,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the curves to this CSV file, SI.",
-                                                metavar="FILE")] = None,
+    output: Annotated[Path | None, csv_option("Write the curves to this CSV file, SI.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the envelopes: .html, .svg, .png or .pdf.",
                                               metavar="FILE")] = None,
-    as_json: Annotated[Path | None, typer.Option("--json", help="Write currents, temperatures and speeds to this file.",
-                                                 metavar="FILE")] = None,
+    as_json: Annotated[Path | None, json_option("Write currents, temperatures and speeds to this file.")] = None,
 ) -> None:
     """Torque-speed envelopes of motor and drive: within winding temperature, I2t, peak current and voltage."""
     from ..bench.writers import write_json

@@ -27,8 +27,7 @@ def explore(
     settings: Annotated[list[str] | None, typer.Option(
         "--set", help="Another value of a parameter, or a constant of an input, with a unit or in its own, that the "
                       "page starts from (may be given several times).", metavar="NAME=VALUE")] = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="The page.", metavar="FILE.html")] = Path(
-        "explore.html"),
+    output: Annotated[Path, common.page_option("--output", "-o", what="The page.")] = Path("explore.html"),
     date: common.DateOption = None,
 ) -> None:
     """Write one page in which command, load, supply, temperature and gains are moved, and the unit answers at once.

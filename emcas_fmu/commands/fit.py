@@ -12,6 +12,7 @@ from rich.table import Table
 from ..actuators import NONLINEAR, full_name
 from ..errors import EmcasError
 from .common import (
+    JsonOption,
     ParametersOption,
     check_outputs,
     failures,
@@ -19,6 +20,7 @@ from .common import (
     parameter_arguments,
     parameter_set,
     print_written,
+    toml_option,
     warn,
 )
 
@@ -32,10 +34,8 @@ EPILOG = ("Examples:\n\n  emcas fit\n\n  emcas fit -p my_actuator.toml --output 
 def fit(
     parameters: ParametersOption = None,
     model: Annotated[str, typer.Option(help="Only the nonlinear actuator is fitted.", metavar="NAME")] = NONLINEAR,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write a parameter file of the second-order "
-                                                "model.", metavar="FILE")] = None,
-    as_json: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.",
-                                                 metavar="FILE")] = None,
+    output: Annotated[Path | None, toml_option("Write a parameter file of the second-order model.")] = None,
+    as_json: JsonOption = None,
 ) -> None:
     """Fit natural frequency, damping, rate limit and delay of the second-order model to the nonlinear one."""
     from ..bench.writers import write_json

@@ -10,7 +10,16 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from .common import ParametersOption, check_outputs, failures, out, parameter_set
+from .common import (
+    JsonOption,
+    ParametersOption,
+    ReportOption,
+    check_outputs,
+    failures,
+    out,
+    parameter_set,
+    toml_option,
+)
 
 if TYPE_CHECKING:
     from ..studies.identification.result import Identification
@@ -38,12 +47,8 @@ _EXPERIMENTS = {
 }
 
 FilesArgument = Annotated[list[Path], typer.Argument(help="CSV files of measurements.", metavar="FILE...")]
-OutputOption = Annotated[Path | None, typer.Option(
-    "--output", "-o", help="Write a parameter file: the identified values and what --parameters already changed.",
-    metavar="FILE.toml")]
-ReportOption = Annotated[Path | None, typer.Option(help="Write a page with pictures to this file.",
-                                                   metavar="FILE.html")]
-JsonOption = Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.", metavar="FILE")]
+OutputOption = Annotated[Path | None, toml_option(
+    "Write a parameter file: the identified values and what --parameters already changed.")]
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="rich", epilog=EPILOG,
                   help="Identify parameters from bench measurements. Columns carry their unit in the header, as in  "

@@ -20,8 +20,7 @@ EPILOG = ("Examples:\n\n  emcas report\n\n  emcas report EMCAS.fmu --output repo
 def report(
     article: common.SubjectArgument = None,
     parameters: common.ParametersOption = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Page to write.",
-                                         metavar="FILE.html")] = Path("report.html"),
+    output: Annotated[Path, common.page_option("--output", "-o", what="Page to write.")] = Path("report.html"),
     requirements: Annotated[Path | None, typer.Option(help="Requirements (TOML) beside those of Table 2.",
                                                       metavar="FILE.toml")] = None,
     model: common.SubjectModelOption = None,

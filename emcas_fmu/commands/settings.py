@@ -6,6 +6,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 
+from ..actuators import EXTENSIONS, get_extension
 from ..actuators.line import LINES
 from ..errors import EmcasError, hint
 from ..fmi.interface import FmuInterface
@@ -31,24 +32,40 @@ def read_settings(texts: Iterable[str], unit: FmuInterface) -> tuple[
         name, separator, entry = (part.strip() for part in text.partition("="))
         if not (name and separator and entry):
             raise EmcasError(f"--set {text}: expected a name and a value, as in --set controller.position.kp=70")
-        value = _value(entry)
         if variable := inputs.get(name) or line.get(name):
-            try:
-                plain = not isinstance(value, (bool, str)) and variable.unit not in ("", "1")
-                number = In(variable.unit, variable.minimum, variable.maximum, type=variable.kind).limited(
-                    f"{value} {variable.unit}" if plain else value)
-            except ValueError as error:
-                raise EmcasError(f"--set {text}: {error}") from error
-            (constants if name in inputs else of_line)[name] = float(number)
+            (constants if name in inputs else of_line)[name] = entered(f"--set {text}", entry, In.of(variable))
             continue
         fin = _FIN.fullmatch(name)
         number, own = (int(fin[1]), fin[2]) if fin and 1 <= int(fin[1]) <= unit.fins > 1 else (0, name)
         if own not in known:
-            remedy = hint(own, [*inputs, *line, *known]) or (
-                f"; its inputs are {', '.join(inputs)}; emcas parameters lists its parameters")
-            raise EmcasError(f"--set {text}: the {unit.actuator.name} actuator has no such parameter or input{remedy}")
-        parameters[number][own] = value
+            if fin and not number:
+                raise EmcasError(f"--set {text}: there is no fin {fin[1]}; " + (
+                    f"fins are 1 to {unit.fins}" if unit.fins > 1 else "fin[N] goes with --fins, of several fins"))
+            raise EmcasError(f"--set {text}: {_unknown(own, unit, [*inputs, *line, *known])}")
+        parameters[number][own] = _value(entry)
     return parameters, of_line, constants
+
+
+def entered(option: str, entry: str, how: In) -> float:
+    """Return what an option gives: a number in the unit of `how`, text with a unit, or a truth. Raises EmcasError."""
+    value = _value(entry)
+    plain = not isinstance(value, (bool, str)) and how.unit not in ("", "1")
+    try:
+        return float(how.limited(f"{value} {how.unit}" if plain else value))
+    except ValueError as error:
+        raise EmcasError(f"{option}: {error}") from error
+
+
+def _unknown(name: str, unit: FmuInterface, known: Iterable[str]) -> str:
+    """Return why there is no such name in a unit: it is of several fins', of an extension's, or a slip of the pen."""
+    if unit.fins == 1 and name in {v.name for each in LINES.values() for v in each.parameters}:
+        return "goes with --fins, of several fins that share a supply"
+    lacks = f"the {unit.actuator.name} actuator has no such parameter or input"
+    for extension in EXTENSIONS:
+        if any(v.name == name for v in get_extension(extension).parameters(unit.actuator)):
+            return f"{lacks}; it is of an extension: --model {unit.kind}+{extension}"
+    return lacks + (hint(name, known) or f"; its inputs are {', '.join(v.name for v in unit.inputs)}; "
+                                         "emcas parameters lists its parameters")
 
 
 def changed(base: ParameterSet, changes: Mapping[str, object]) -> ParameterSet:

@@ -16,8 +16,9 @@ from ..errors import EmcasError
 from ..fmi.interface import FmuInterface, fin_files, fin_sets, require_shared
 from ..parameters import load_parameters
 from ..reference.cases import LEAD_IN
+from ..schema import In
 from . import common
-from .settings import changed, read_settings
+from .settings import changed, entered, read_settings
 
 if TYPE_CHECKING:
     from ..bench.excitation import Excitation
@@ -32,16 +33,21 @@ EPILOG = ("Examples:\n\n  emcas simulate --step 10 --torque -50 --plot response.
                    "--plot fins.html")
 
 
-def _stepped(degrees: float, torque: float, interval: float, stop: float) -> Excitation:
-    """Return a step to an angle [deg] under a constant hinge moment [N.m]. Raises EmcasError."""
+# Bounds of what is commanded and what acts: a turn either way, and a thousand times the rated hinge moment of Table 2.
+_STEP, _TORQUE = In("deg", -180.0, 180.0), In("N.m", -1e5, 1e5)
+
+
+def _stepped(step: str, load: str, interval: float, stop: float) -> Excitation:
+    """Return a step to an angle under a constant hinge moment, both as they were given. Raises EmcasError."""
     from ..bench.excitation import LOAD, check_span, step_to
 
+    degrees, torque = entered(f"--step {step}", step, _STEP), entered(f"--torque {load}", load, _TORQUE)
     check_span("step", interval, stop)
     if stop <= LEAD_IN:
         raise EmcasError(f"step: it comes at {LEAD_IN:g} s, the end at {stop:g} s is before that; see --stop")
-    step = step_to(radians(degrees), stop - LEAD_IN, step=interval)
+    stepped = step_to(radians(degrees), stop - LEAD_IN, step=interval)
     title = f"Step to {degrees:+g} deg" + (f" with {torque:+g} N.m" if torque else "")
-    return replace(step.holding({LOAD: torque}), title=title)
+    return replace(stepped.holding({LOAD: torque}), title=title)
 
 
 def simulate(
@@ -49,10 +55,10 @@ def simulate(
                                              metavar="NAME")] = None,
     input_file: Annotated[Path | None, typer.Option("--input", "-i", help="CSV of time in s and inputs in SI, as fmpy "
                                                     "reads it.", metavar="FILE")] = None,
-    step: Annotated[float | None, typer.Option(help="Step of the fin command, in degrees, at 50 ms.",
-                                               metavar="DEG")] = None,
-    torque: Annotated[float | None, typer.Option(help="Constant hinge moment with --step, in N.m.",
-                                                 metavar="MOMENT")] = None,
+    step: Annotated[str | None, typer.Option(help="Step of the fin command at 50 ms, in degrees or with a unit.",
+                                             metavar="ANGLE")] = None,
+    torque: Annotated[str | None, typer.Option(help="Constant hinge moment with --step, in N.m or with a unit.",
+                                               metavar="MOMENT")] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
     settings: Annotated[list[str] | None, typer.Option(
@@ -72,8 +78,7 @@ def simulate(
                                                    metavar="SECONDS")] = None,
     kernel: Annotated[str, typer.Option(help="compiled, python, or auto: compiled if there is a C compiler. The "
                                              "numbers are the same.", metavar="KERNEL")] = "auto",
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write every signal to this CSV file.",
-                                                metavar="FILE")] = None,
+    output: Annotated[Path | None, common.csv_option("Write every signal to this CSV file.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the response, the actuator's outputs by their units: .html, "
                                                    ".svg, .png or .pdf.",
                                               metavar="FILE")] = None,
@@ -106,7 +111,7 @@ def simulate(
             raise EmcasError("--torque goes with --step: a case or a file has its own loads")
         chosen = (reference_case(case) if case else
                   csv_file(input_file, interval or STEP, stop, model, fins) if input_file
-                  else _stepped(step or 0.0, torque or 0.0, interval or STEP, stop or 0.5))
+                  else _stepped(step or "0", torque or "0", interval or STEP, stop or 0.5))
         changes, line, constants = read_settings(settings or [], unit)
         if twice := [name for name in constants if name in chosen.columns]:
             raise EmcasError(f"--set {twice[0]}: is given by {chosen.title} already")

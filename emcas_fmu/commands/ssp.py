@@ -9,7 +9,17 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from .common import ParametersOption, SubjectModelOption, check_outputs, failures, out, progress_bar, stepper, warn
+from .common import (
+    ParametersOption,
+    SubjectModelOption,
+    check_outputs,
+    failures,
+    json_option,
+    out,
+    progress_bar,
+    stepper,
+    warn,
+)
 
 EPILOG = ("Examples:\n\n  emcas ssp --output EMCAS.ssp\n\n  emcas ssp --fmu EMCAS.fmu --layout plus"
           "\n\n  emcas ssp --model elastic+faults --variant jammed=jammed.toml"
@@ -78,8 +88,7 @@ def check(
                                              metavar="FMU")] = None,
     guid: Annotated[str | None, typer.Option(help="Its GUID, instead of the file.", metavar="GUID")] = None,
     model: SubjectModelOption = None,
-    as_json: Annotated[Path | None, typer.Option("--json", help="Write all findings to this file.",
-                                                 metavar="FILE")] = None,
+    as_json: Annotated[Path | None, json_option("Write all findings to this file.")] = None,
 ) -> None:
     """Check schema, wiring, units, parameters and FMU of an SSP; exit code 1 if there are errors."""
     from ..bench.writers import write_json

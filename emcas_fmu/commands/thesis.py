@@ -15,8 +15,8 @@ EPILOG = ("Examples:\n\n  emcas thesis --output thesis.html\n\n  emcas thesis --
 
 def thesis(
     parameters: common.ParametersOption = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Page to write; thesis.html unless given, with "
-                                                "--only none.", metavar="FILE.html")] = None,
+    output: Annotated[Path | None, common.page_option(
+        "--output", "-o", what="Page to write; thesis.html unless given, with --only none.")] = None,
     only: Annotated[list[str] | None, typer.Option(help="Only this entry: a figure by its number, a table as in "
                                                         "\"Table 4\" (may be given several times).",
                                                    metavar="ENTRY")] = None,

@@ -24,9 +24,8 @@ def tune(
              "models/tuning.toml, unless given.", metavar="FILE")] = None,
     parameters: common.ParametersOption = None,
     model: common.ModelOption = NONLINEAR,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write a parameter file: the gains "
-                                                                              "and what --parameters already changed.",
-                                                metavar="FILE")] = None,
+    output: Annotated[Path | None, common.toml_option(
+        "Write a parameter file: the gains and what --parameters already changed.")] = None,
     report: common.ReportOption = None,
     as_json: common.JsonOption = None,
     seed: Annotated[int, typer.Option(help="Seed of the random search; the same seed gives the same gains.",

@@ -87,6 +87,11 @@ def test_start_values_of_an_excitation() -> None:
     (lambda: simulate(BASE, excitations.step_to(0.1, 0.1), stop=1.0), "are those of the excitation"),
     (lambda: simulate(BASE, kernel="fast"), "kernel fast"),
     (lambda: simulate(fin_sets(BASE, 2), line={"bus.resistance": 1.0}), "bus.resistance"),
+    (lambda: simulate(BASE, line={"bus.source_resistance": 0.1}), "several fins"),
+    (lambda: simulate("my.toml"), r"no parameter set; load_parameters\(\)"),  # type: ignore[arg-type]
+    (lambda: analyse("my.toml"), "no parameter set"),  # type: ignore[arg-type]
+    (lambda: simulate(BASE, "step_plus10"), "excitations.reference_case"),  # type: ignore[arg-type]
+    (lambda: validate(BASE, cases="nonsense"), "no case nonsense|nonsense"),
     (lambda: tune(study="missing.toml"), "missing.toml"),
     (lambda: validate("EMCAS.zip"), "neither an FMU nor a parameter file"),
     (lambda: BASE.with_values({"motor.kp": 1.0}), "no such parameter"),
@@ -130,6 +135,12 @@ def test_response(tmp_path: Path) -> None:
         _ = response["fin_angel"]
     with pytest.raises(EmcasError, match=r"fin_angle.*does not measure"):
         response.in_unit("fin_angle", "kg")
+    with pytest.raises(EmcasError, match="the unit V does not measure it; it is in rad"):
+        response.in_unit("fin_angle", "V")
+    with pytest.raises(EmcasError, match="no fin 5"):
+        response.metrics(5)
+    with pytest.raises(EmcasError, match="cannot be written"):
+        response.write_csv(tmp_path / "none" / "r.csv")
     response.write_csv(tmp_path / "r.csv")
     header = (tmp_path / "r.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
     read = np.loadtxt(tmp_path / "r.csv", delimiter=",", skiprows=1)
@@ -168,8 +179,17 @@ def test_batch() -> None:
         alone = of_kernel(each.values, 0.02, 0.01, fin_command=0.1, aero_torque=[0.0, load, load])
         assert outputs["fin_angle"][k] == alone["fin_angle"][-1]
     with pytest.raises(EmcasError, match="no input torque"):
-        batch.run(0.03, torque=1.0)
-    with pytest.raises(EmcasError, match="at least one"):
+        batch.run(0.03, fin_command=0.3, torque=1.0)
+    for refused, said in ((float("nan"), "is nan"), ("5 kg", "does not measure"), (np.ones(3), "array of 2 values")):
+        with pytest.raises(EmcasError, match=said):
+            batch.run(0.03, aero_torque=5.0, fin_command=refused)
+    with pytest.raises(EmcasError, match=r"0.01 s is before 0.02 s"):
+        batch.run(0.01)
+    after = batch.run(0.03, fin_command="0.1 rad")["fin_angle"]  # what was refused has left nothing behind
+    alone = of_kernel(BASE.values, 0.03, 0.01, fin_command=0.1)
+    assert after[0] == alone["fin_angle"][-1]
+    assert len(Batch(BASE)) == 1
+    with pytest.raises(EmcasError, match="give one parameter set"):
         Batch([])
 
 

@@ -160,8 +160,8 @@ def test_native_build_without_a_compiler_names_the_extra(tmp_path: Path, monkeyp
 
 def test_simulate_a_step(tmp_path: Path) -> None:
     table, page, figures = tmp_path / "r.csv", tmp_path / "r.html", tmp_path / "r.json"
-    done = emcas("simulate", "--step", "10", "--torque", "-50", "--stop", "0.3", "-o", str(table), "--plot", str(page),
-                 "--json", str(figures))
+    done = emcas("simulate", "--step", "10 deg", "--torque", "-50 N*m", "--stop", "0.3", "-o", str(table), "--plot",
+                 str(page), "--json", str(figures))
     assert done.exit_code == 0, done.stderr
     found = json.loads(figures.read_text(encoding="utf-8"))
     assert abs(found["fin_angle_final_deg"] - 10.0) < 0.5
@@ -197,6 +197,8 @@ def test_input_files_are_sampled_and_checked(tmp_path: Path) -> None:
                        ("time,fin_command\n0,nan\n1,0\n", "non-finite"),
                        ("time,fin_command\n0,x\n", "table of numbers"),
                        ("", "table of numbers"), ("time,enable\n", "table of numbers"),
+                       ("time;enable\n0;1\n", "by commas, not semicolons"),
+                       ("time,enable\n0,1\n1,1,0\n", "line 3 has 3 values for 2 columns"),
                        ("time,enable\n-1,1\n1,1\n", "0 or later"),
                        ("time,enable,enable\n0,1,1\n1,1,1\n", "given twice"), ("time,enable\n0,1\n", "1 to")):
         file.write_text(text, encoding="utf-8")
@@ -212,7 +214,9 @@ def test_input_files_are_sampled_and_checked(tmp_path: Path) -> None:
     (("--step", "1", "--set", "drive.kp=-1"), "error: --set drive.kp = -1.0 V/A: is -1 V/A; it must"),
     (("--step", "1", "--plot", "r.gif"), ".html, .svg"), (("--case", "step", "--stop", "1"), "has its own"),
     (("--step", "1", "--kernel", "fortran"), "auto, compiled, python"),
-    (("--step", "1", "--torque", "1e300"), "cannot be computed"),
+    (("--step", "1", "--torque", "1e300"), "--torque 1e300: must be within -100000 .. 100000 N.m"),
+    (("--step", "nan"), "--step nan: is not a finite number"), (("--step", "1e9"), "within -180 .. 180 deg"),
+    (("--step", "5 N"), "--step 5 N: the unit N does not measure"),
     (("--step", "1", "--interval", "1"), "steps of 1 s"), (("--step", "1", "--interval", "1e-12"), "steps of"),
     (("--step", "1", "--interval", "0.3"), "no whole number of steps"),
     (("--step", "1", "--stop", "0.02"), "before that"), (("--case", "step", "--torque", "1"), "goes with --step")])
@@ -223,17 +227,16 @@ def test_simulate_refuses(arguments: tuple[str, ...], said: str) -> None:
 
 
 @pytest.mark.parametrize("arguments", [
-    ["validate", "x.fmu", "--junit", "x.fmu"], ["report", "p.toml", "--output", "r.html", "--json", "p.toml"],
-    ["simulate", "--step", "5", "-p", "p.toml", "--output", "p.toml"], ["fit", "-p", "p.toml", "-o", "p.toml"],
-    ["baseline", "check", "p.toml", "-b", "base", "--junit", "p.toml"],
-    ["baseline", "check", "p.toml", "-b", "base", "--json", "base/baseline.toml"],
-    ["analyse", "-p", "p.toml", "--json", "p.toml"], ["tune", "s.toml", "-o", "s.toml"],
-    ["identify", "drive", "r.csv", "--json", "r.csv"], ["campaign", "c.toml", "--json", "c.toml"],
-    ["ssp", "check", "a.ssp", "--json", "a.ssp"]])
+    ["report", "--requirements", "r.json", "--json", "r.json"], ["fit", "-p", "p.toml", "-o", "p.toml"],
+    ["simulate", "--input", "r.csv", "--output", "r.csv"], ["tune", "s.toml", "-o", "s.toml"],
+    ["baseline", "check", "p.toml", "-b", "base", "--markdown", "p.toml"],
+    ["baseline", "check", "p.toml", "-b", "base", "--json", "base/drift.json"],
+    ["analyse", "-p", "r.json", "--json", "r.json"], ["identify", "drive", "r.json", "--json", "r.json"],
+    ["campaign", "r.json", "--json", "r.json"], ["ssp", "check", "r.json", "--json", "r.json"]])
 def test_inputs_are_not_written_over(arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("base").mkdir()
-    names = ["x.fmu", "p.toml", "s.toml", "r.csv", "c.toml", "a.ssp", "base/baseline.toml"]
+    names = ["p.toml", "s.toml", "r.csv", "r.json", "base/drift.json"]
     for name in names:
         Path(name).write_text("# mine\n", encoding="utf-8")
     done = CliRunner().invoke(app, arguments)
@@ -243,8 +246,8 @@ def test_inputs_are_not_written_over(arguments: list[str], tmp_path: Path, monke
 
 
 def test_two_outputs_are_two_files(tmp_path: Path) -> None:
-    target = tmp_path / "x"
-    done = CliRunner().invoke(app, ["fit", "-o", str(target), "--json", str(target)])
+    target = str(tmp_path / "x.toml")
+    done = CliRunner().invoke(app, ["tune", "-o", target, "--journal", target])
     assert done.exit_code == 2
     assert "two outputs" in " ".join(done.stderr.split())
 

@@ -12,24 +12,24 @@ from emcas_fmu.cli import app
 
 # Of the inputs none can be used: a command that begins with them says something else.
 FILES = {
-    "analyse -p bad.toml": ("--json", "--report"),
-    "baseline check bad.toml -b base": ("--json", "--junit", "--markdown", "--report"),
+    "analyse -p bad.toml": ("--json .json", "--report .html"),
+    "baseline check bad.toml -b base": ("--json .json", "--junit .xml", "--markdown", "--report .html"),
     "build -p bad.toml": ("-o .fmu",),
-    "campaign bad.toml": ("--json", "--report"),
-    "campaign bad.toml --only 1": ("--json",),
-    "compare bad.toml": ("--json", "--report"),
-    "envelope -p bad.toml": ("-o", "--plot .svg", "--json"),
-    "explore -p bad.toml": ("-o",),
-    "fit -p bad.toml": ("-o", "--json"),
-    **{f"identify {kind} bad.csv -p bad.toml": ("-o", "--report", "--json")
+    "campaign bad.toml": ("--json .json", "--report .html"),
+    "campaign bad.toml --only 1": ("--json .json",),
+    "compare bad.toml": ("--json .json", "--report .html"),
+    "envelope -p bad.toml": ("-o .csv", "--plot .svg", "--json .json"),
+    "explore -p bad.toml": ("-o .html",),
+    "fit -p bad.toml": ("-o .toml", "--json .json"),
+    **{f"identify {kind} bad.csv -p bad.toml": ("-o .toml", "--report .html", "--json .json")
        for kind in ("friction", "drive", "backlash", "inertia")},
-    "report bad.toml": ("-o", "--json", "--junit"),
-    "simulate --input bad.csv -p bad.toml": ("-o", "--plot .svg", "--json"),
+    "report bad.toml": ("-o .html", "--json .json", "--junit .xml"),
+    "simulate --input bad.csv -p bad.toml": ("-o .csv", "--plot .svg", "--json .json"),
     "ssp --fmu bad.fmu": ("-o .ssp",),
-    "ssp check bad.ssp": ("--json",),
-    "thesis -p bad.toml": ("-o", "--json"),
-    "tune bad.toml -p bad.toml": ("-o", "--report", "--json", "--journal"),
-    "validate bad.fmu": ("--json", "--junit", "--report"),
+    "ssp check bad.ssp": ("--json .json",),
+    "thesis -p bad.toml": ("-o .html", "--json .json"),
+    "tune bad.toml -p bad.toml": ("-o .toml", "--report .html", "--json .json", "--journal"),
+    "validate bad.fmu": ("--json .json", "--junit .xml", "--report .html"),
 }
 FOLDERS = {"baseline record bad.toml": "-o", "campaign bad.toml": "-o",
            "reference -p bad.toml": "--directory"}
@@ -64,6 +64,15 @@ def test_files_are_tried_first(command: str, option: str) -> None:
                          (f"bad.toml/x{ending}", "there is no folder bad.toml"),
                          (f"{'x' * 300}{ending}", "cannot be written: the name is too long; choose a shorter one")):
         assert said in refused(command, name, output)
+
+
+@pytest.mark.parametrize(("command", "option"), [(c, option) for c, options in FILES.items() for option in options
+                                                 if option.endswith((".html", ".json", ".csv", ".toml", ".xml"))])
+def test_files_are_named_after_what_is_in_them(command: str, option: str) -> None:
+    name, _, ending = option.partition(" ")
+    said = refused(command, name, "x.pdf")
+    assert f"x.pdf: such a file ends in {ending}" in said
+    assert ("print the page from a browser" in said) is (ending == ".html")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs a folder in which nobody may write")

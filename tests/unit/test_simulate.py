@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from emcas_fmu import api
 from emcas_fmu.actuators import get
 from emcas_fmu.bench import metrics
 from emcas_fmu.bench.excitation import step_to
@@ -109,6 +110,9 @@ def test_what_is_refused() -> None:
                             (("--fins", "2", "--set", "fin[2].motor.resistence=1"), "did you mean motor.resistance"),
                             (("--set", "aero_torque=3"), "is given by Step to +5 deg already"),
                             (("--set", "enable=5"), "expected true or false"),
+                            (("--set", "bus.source_resistance=0.1"), "goes with --fins"),
+                            (("--fins", "4", "--set", "fin[7].motor.resistance=1"), "fins are 1 to 4"),
+                            (("--set", "fault.jam.begin=1"), "--model nonlinear+faults"),
                             (("--fins", "2", "--set", "bus.source_resistance=2"), "within 0 .. 1 Ohm")):
         assert said in " ".join(emcas("--step", "5", *arguments, code=2).split())
 
@@ -116,7 +120,7 @@ def test_what_is_refused() -> None:
 def test_four_fins_by_the_command(tmp_path: Path) -> None:
     (tmp_path / "worn.toml").write_text('[motor]\ntorque_constant = "0.09 N.m/A"\n')
     files = {key: tmp_path / f"r.{key}" for key in ("output", "plot", "json")}
-    files["plot"] = tmp_path / "r.svg"
+    files |= {"output": tmp_path / "r.csv", "plot": tmp_path / "r.svg"}
     printed = emcas("--fins", "4", "--fin", f"2={tmp_path / 'worn.toml'}", "--layout", "plus", "--step", "5", "--stop",
                     "0.2", "--set", "bus.source_resistance=0.02", "--set", "pitch_command=1 deg",
                     *(part for key, path in files.items() for part in (f"--{key}", path)))
@@ -207,6 +211,18 @@ def test_a_page_of_the_picture_is_as_wide_as_the_screen(tmp_path: Path) -> None:
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "figure svg { width: 100%" in page
     assert page.count('<figure class="curves">') == 1
+
+
+def test_a_page_lists_what_was_set_beside_the_files(tmp_path: Path) -> None:
+    jam = {"fault.jam.begin": 0.08}
+    base = load_parameters(model="nonlinear+faults").with_values({"motor.resistance": 1.1})
+    api.simulate([base, base.with_values(jam)], stop=0.005).plot(tmp_path / "r.html")
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    listed = page[page.index(">Conditions</h2>"):page.index(">Figures of merit</h2>")]
+    for name, value in (("motor.resistance", "1.1 Ohm"), ("fin[1].fault.jam.begin", "0 s"),
+                        ("fin[2].fault.jam.begin", "80 ms")):
+        assert f"<code>{name}</code></th><td>{value}</td>" in listed
+    assert "a limit of any fin is active" in page
 
 
 def test_every_column_of_panels_has_its_time_axis() -> None:

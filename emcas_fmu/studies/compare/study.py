@@ -11,8 +11,8 @@ from ...actuators import NAMES, split
 from ...bench import verdict
 from ...bench.subject import ParameterSubject, Run
 from ...bench.verdict import REQUIREMENTS, Judged
-from ...errors import EmcasError
-from ...parameters import ParameterSet, load_parameters
+from ...errors import EmcasError, hint
+from ...parameters import ParameterError, ParameterSet, load_parameters, parameter_file
 from ...progress import Progress, silent
 
 DEFAULT = "default"
@@ -87,7 +87,13 @@ def load_sets(names: Sequence[str], model: str, below: Sequence[Path] = ()) -> d
     def loaded(name: str) -> ParameterSet:
         if name == DEFAULT:
             return base
-        return load_parameters(below, model=name) if split(name)[0] in NAMES else load_parameters(name, base)
+        if split(name)[0] in NAMES:
+            return load_parameters(below, model=name)
+        try:
+            parameter_file(name)
+        except ParameterError as error:
+            raise EmcasError(f"{error}; the actuators are {', '.join(NAMES)}{hint(name, NAMES)}") from error
+        return load_parameters(name, base)
 
     return {name: loaded(name) for name in names}
 
