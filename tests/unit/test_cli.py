@@ -38,7 +38,7 @@ def test_parameters_table_and_json() -> None:
     records = json.loads(emcas("parameters", "--json").output)
     arm = next(r for r in records if r["name"] == "kinematics.moment_arm")
     assert (arm["value"], arm["unit"], arm["source"]) == (0.05, "m", "estimate")
-    assert {r["source"] for r in records} == {"seed", "derived", "estimate"}
+    assert {r["source"] for r in records} == {"thesis", "derived", "estimate"}
 
 
 def test_bad_parameter_file(tmp_path: Path) -> None:
