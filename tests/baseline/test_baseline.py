@@ -76,7 +76,8 @@ def test_small_enough_to_review(shipped: Path) -> None:
 
 def test_a_drift_in_every_output(folder: Path) -> None:
     (folder / "changed.toml").write_text('[motor]\ntorque_constant = "0.1 N*m/A"\n')
-    files = {key: folder / f"out.{key}" for key in ("json", "junit", "markdown", "report")}
+    files = {key: folder / f"out.{kind}" for key, kind in (
+        ("json", "json"), ("junit", "xml"), ("markdown", "md"), ("report", "html"))}
     options = [part for key, path in files.items() for part in (f"--{key}", path)]
     printed = check(folder, *options, article="changed.toml", code=1)
     assert "DRIFT" in printed

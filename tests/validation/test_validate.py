@@ -40,6 +40,9 @@ pytestmark = pytest.mark.acceptance
 REFERENCE = models_directory() / "reference"
 
 
+KINDS = {"json": "json", "junit": "xml", "report": "html"}  # of output files
+
+
 def emcas(*arguments: object) -> Result:
     return CliRunner().invoke(app, ["validate", *map(str, arguments)])
 
@@ -125,7 +128,7 @@ def test_report_is_one_page_that_repeats(whole: Validation, tmp_path: Path) -> N
 
 
 def test_command_writes_all_files_and_says_what_failed(fmu: Path, tmp_path: Path) -> None:
-    files = {name: tmp_path / f"out.{name}" for name in ("json", "junit", "report")}
+    files = {name: tmp_path / f"out.{kind}" for name, kind in KINDS.items()}
     options = [part for name, path in files.items() for part in (f"--{name}", path)]
     done = emcas(fmu, "--case", "step_plus1", *options)
     assert done.exit_code == 0, done.output
@@ -262,7 +265,7 @@ def test_damaged_archive_is_refused(fmu: Path, tmp_path: Path) -> None:
     pytest.param(name, marks=() if name == "second-order" else pytest.mark.slow)
     for name in (*NAMES, "nonlinear+lugre+heat") if name != NONLINEAR])
 def test_actuators_without_a_reference_are_judged_by_performance(model: str, tmp_path: Path) -> None:
-    files = {name: tmp_path / f"out.{name}" for name in ("json", "junit", "report")}
+    files = {name: tmp_path / f"out.{kind}" for name, kind in KINDS.items()}
     done = emcas("--model", model, *(part for name, path in files.items() for part in (f"--{name}", path)))
     assert done.exit_code in (0, 1), done.output
     document = json.loads(files["json"].read_text(encoding="utf-8"))
@@ -287,7 +290,7 @@ def test_actuators_without_a_reference_are_judged_by_performance(model: str, tmp
     (DIRECT_DRIVE, ["cold"], 1, False, "nothing was judged")])
 def test_what_was_judged_is_counted(model: str, cases: list[str], code: int, passed: bool | None, says: str,
                                     tmp_path: Path) -> None:
-    files = {name: tmp_path / f"out.{name}" for name in ("json", "report")}
+    files = {name: tmp_path / f"out.{KINDS[name]}" for name in ("json", "report")}
     done = emcas("--model", model, *(part for case in cases for part in ("--case", case)),
                  *(part for name, path in files.items() for part in (f"--{name}", path)))
     assert done.exit_code == code, done.output
