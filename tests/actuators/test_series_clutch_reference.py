@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -14,22 +17,30 @@ from .hammers import hammered
 MODEL = "series-clutch"
 
 
-@pytest.mark.parametrize(("seed", "changes"), [
-    (1, {"clutch.rated_torque": 4.0, "efficiency.backward": 0.5, "friction.fin_coulomb": 2.0}),
-    pytest.param(0, {}, marks=pytest.mark.slow),
-    pytest.param(3, {"clutch.rated_torque": 3.0, "clutch.temperature_coefficient": -0.02}, marks=pytest.mark.slow),
-    pytest.param(2, {"efficiency.backward": -0.5, "clutch.residual": 0.1}, marks=pytest.mark.slow)])
-def test_it_is_an_independent_integration_to_second_order(seed: int, changes: dict[str, float]) -> None:
-    rows = 200
+TICKS = (8e-4, 4e-4, 2e-4, 1e-4, 5e-5)
+
+
+@pytest.mark.parametrize(("seeds", "changes"), [
+    ((1,), {"clutch.rated_torque": 4.0, "efficiency.backward": 0.5, "friction.fin_coulomb": 2.0}),
+    pytest.param(range(6), {}, marks=pytest.mark.slow),
+    pytest.param((3,), {"clutch.rated_torque": 3.0, "clutch.temperature_coefficient": -0.02}, marks=pytest.mark.slow),
+    pytest.param((2,), {"efficiency.backward": -0.5, "clutch.residual": 0.1}, marks=pytest.mark.slow)])
+def test_it_is_an_independent_integration_to_second_order(seeds: Sequence[int], changes: dict[str, float]) -> None:
     values = {**load_parameters(model=MODEL).values, "encoder.enabled": False, **changes}
-    inputs = hammered(seed, rows)
-    exact = reference.simulate(values, {"time": np.arange(rows + 1) * 1e-3, **inputs})
-    ticks, errors = [8e-4, 4e-4, 2e-4, 1e-4, 5e-5], []
-    for tick in ticks:
-        run = simulate({**values, "solver.max_tick": tick}, rows * 1e-3, model=MODEL, **inputs)
-        errors.append(np.degrees(np.abs(run["fin_angle"] - exact["fin_angle"]).max()))
-        assert np.abs(run["motor_speed"] - exact["motor_speed"]).max() < 2e3 * tick  # of 300 rad/s
-    assert errors[2] < 0.002, errors  # the default tick
-    # Events that move between ticks shift the fit of five points.
-    slope = np.polyfit(np.log(ticks), np.log(errors), 1)[0]
+    errors = np.array([_errors(values, seed) for seed in seeds])
+    assert errors[:, 2].max() < 0.002, errors  # the default tick
+    # Events that move between ticks shift the fit of five points, by 0.2 where it is that of one history: it is the
+    # mean over those there are.
+    slope = np.polyfit(np.log(TICKS), np.log(errors).mean(axis=0), 1)[0]
     assert 1.6 < slope < 2.8, (slope, errors)
+
+
+def _errors(values: Mapping[str, Any], seed: int, rows: int = 200) -> list[float]:
+    """Return the largest error of the fin angle [deg] with each tick, hammered at random."""
+    inputs, errors = hammered(seed, rows), []
+    exact = reference.simulate(values, {"time": np.arange(rows + 1) * 1e-3, **inputs})
+    for tick in TICKS:
+        run = simulate({**values, "solver.max_tick": tick}, rows * 1e-3, model=MODEL, **inputs)
+        errors.append(float(np.degrees(np.abs(run["fin_angle"] - exact["fin_angle"]).max())))
+        assert np.abs(run["motor_speed"] - exact["motor_speed"]).max() < 2e3 * tick  # of 300 rad/s
+    return errors

@@ -93,7 +93,7 @@ def test_its_studies_are_the_shipped_ones_and_fit(model: str, tmp_path: Path) ->
         assert tuned.read_bytes() in {path.read_bytes() for path in (*(models_directory() / "tuning").iterdir(),
                                                                      models_directory() / "tuning.toml")}
     elif model in NAMES:
-        assert model in ("linear", "second-order", "ristanovic")
+        assert model in ("linear", "second-order", "ristanovic", "worm-gear-elastic")
 
 
 @pytest.mark.parametrize("model", ["nonlinear", "second-order", DIRECT_DRIVE], ids=lambda model: Path(model).stem)
