@@ -57,7 +57,7 @@ _FALL = {"stribeck.static_ratio": 2.0, "stribeck.speed": 30.0}
 @pytest.mark.parametrize(("model", "overrides"), [
     (ELASTIC, _LINE), (ELASTIC, {**_LINE, "encoder.on_fin": True}),
     pytest.param("elastic+stribeck+efficiency", {**_LINE, **_FALL}, marks=pytest.mark.slow),
-    ("nonlinear+stribeck+efficiency", _FALL), ("ristanovic+efficiency", {})])
+    pytest.param("nonlinear+stribeck+efficiency", _FALL, marks=pytest.mark.slow), ("ristanovic+efficiency", {})])
 def test_energy_of_a_sine_in_every_model(model: str, overrides: Mapping[str, float]) -> None:
     """Work of motor, nut's body force and load = losses of screw, friction, hinge and line + what is stored."""
     v, step = values({**_LOADED, **overrides}, model), 1e-5

@@ -28,7 +28,7 @@ def _command(t: float) -> float:
 
 
 @pytest.mark.parametrize(("model", "overrides", "most"), [
-    ("nonlinear", {}, 2e-6), ("elastic", {**LINE, "mass.nut": 200.0}, 1e-4),
+    ("nonlinear", {}, 2e-6), pytest.param("elastic", {**LINE, "mass.nut": 200.0}, 1e-4, marks=pytest.mark.slow),
     pytest.param("elastic", LINE, 1e-4, marks=pytest.mark.slow)])
 def test_both_against_a_reference_with_events(model: str, overrides: Mapping[str, Any], most: float) -> None:
     """Reversals, rest and breakaway under a load of one sign, in the cold; a nut of 200 kg turns the screw's load."""

@@ -54,7 +54,8 @@ def run(model: str, overrides: Mapping[str, Any], kernel: str = "python") -> Map
 LARGEST = pytest.param("elastic+stribeck+efficiency+heat+homing+supply+faults", marks=pytest.mark.slow)
 
 
-@pytest.mark.parametrize("model", NAMES)
+@pytest.mark.parametrize("model", [
+    pytest.param(name, marks=pytest.mark.slow if name == "worm-gear-elastic" else ()) for name in NAMES])
 def test_neutral_options_change_nothing(model: str) -> None:
     """All at once, to the bit, in everything the plain model puts out."""
     options = fitting(model, tuple(NEUTRAL))

@@ -45,7 +45,8 @@ def description(unit: Path) -> Element:
         return fromstring(archive.read("modelDescription.xml"))
 
 
-@pytest.mark.parametrize("model", NAMES)
+@pytest.mark.parametrize("model", [
+    pytest.param(name, marks=pytest.mark.slow if name.startswith("worm-gear") else ()) for name in NAMES])
 @pytest.mark.parametrize("fins", [1, 2])
 def test_no_type_has_the_name_of_a_variable(model: str, fins: int) -> None:
     """FMI 2.0.5, section 2.2.3: of every model with each option that it takes, and with as many as go together."""

@@ -29,7 +29,7 @@ def without(modules: list[str], command: str, folder: Path) -> subprocess.Comple
 
 
 @pytest.mark.parametrize(("command", "extra", "module"), [
-    pytest.param(command, extra, module, marks=() if module == EXTRAS[extra][0] else pytest.mark.slow)
+    pytest.param(command, extra, module, marks=() if command in ("analyse", "explore") else pytest.mark.slow)
     for command, extra in NEEDED.items() for module in EXTRAS[extra]])
 def test_a_missing_extra_is_named(command: str, extra: str, module: str, tmp_path: Path) -> None:
     done = without([module], command, tmp_path)
