@@ -20,7 +20,7 @@ from .interface import MIXING, FmuInterface
 from .model_description import element
 
 MAIN = "fmi2.c"
-_WRITTEN = (MAIN, "instance.h", "states.h")
+_COMMON = ("instance.h", "states.h", "step.h")
 _HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 # fmpy's copy of the standard's header leaves out the prefix that sources linked into one program need.
 _NO_PREFIX = "This definition has been changed to add no prefix.\n*/\n#define fmi2FullName(name) name\n"
@@ -114,7 +114,8 @@ def sources(unit: FmuInterface, starts: Sequence[Any], guid: str) -> dict[str, s
     if _NO_PREFIX not in standard["fmi2Functions.h"]:
         raise BuildError("fmi2Functions.h of this version of fmpy is not as expected: fmpy 0.3.25 to 0.3.32 are known")
     standard["fmi2Functions.h"] = standard["fmi2Functions.h"].replace(_NO_PREFIX, _PREFIX)
-    code = {**{name: handwritten(name, "emcas_fmu.fmi.fmi2") for name in _WRITTEN},
+    code = {MAIN: handwritten(MAIN, "emcas_fmu.fmi.fmi2"),
+            **{name: handwritten(name, "emcas_fmu.fmi.common") for name in _COMMON},
             "multi_fin.h": handwritten("multi_fin.h"), **core_sources(unit.fins > 1, unit.kind)}
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(code.items())).encode()).hexdigest()[:16]
     return {**code, **standard, "interface.h": interface_header(unit, starts, guid, digest),

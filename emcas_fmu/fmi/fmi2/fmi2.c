@@ -3,44 +3,57 @@
  * A variable's value reference is its place in the table: inputs, outputs, parameters. There
  * is no global state that changes and no allocation while stepping.
  */
-#include "instance.h"
+#include <stdbool.h>
+#include <stdlib.h>
 
-#include "states.h"
+#include "fmi2Functions.h"
 
-/* -- variables ---------------------------------------------------------------- */
+#define GUID_NAME "GUID"
 
-/* Whether a value may be set; nothing is written before all of a call have been looked at. A NaN
- * input may: the step it is meant for is refused. */
-static bool settable(const instance *m, size_t vr, int kind, double value)
+typedef fmi2CallbackFunctions host_services;
+
+static void log_message(const host_services *host, const char *name, int status, const char *category, char *text)
 {
-    const bool early = m->s.phase & (INSTANTIATED | INITIALIZING);
-    if (vr >= UNIT_VARIABLES || VARIABLE[vr].kind != kind)
-        report(m, fmi2Error, "no %s variable has value reference %u", KIND[kind], (unsigned)vr);
-    else if (vr >= OUTPUT_BEGIN && vr < PARAMETER_BEGIN)
-        report(m, fmi2Error, "%s is an output and cannot be set", VARIABLE[vr].name);
-    else if (vr < OUTPUT_BEGIN || early)
-        return true;
-    else if (!VARIABLE[vr].tunable)
-        report(m, fmi2Error, "%s is fixed and cannot be set after initialization", VARIABLE[vr].name);
+    if (!host->logger) return;
+    /* As a format of its own: hosts in other languages cannot follow variable arguments. */
+    for (char *at = text; *at; ++at)
+        if (*at == '%') *at = '/';
+    host->logger(host->componentEnvironment, name, (fmi2Status)status, category, text);
+}
+
+static void *allocate(const host_services *host, size_t size)
+{
+    return host->allocateMemory ? host->allocateMemory(1, size) : calloc(1, size);
+}
+
+static void release(const host_services *host, void *block)
+{
+    if (host->freeMemory)
+        host->freeMemory(block);
     else
-        return !out_of_range(m, vr, value);
+        free(block);
+}
+
+static bool handles_events(const host_services *host)
+{
+    (void)host;
     return false;
 }
 
-static void set_one(instance *m, size_t vr, double value)
-{
-    m->s.values[vr] = value;
-    m->s.fresh = 0;
-    if (!core_finite(value)) m->check_inputs = 1;
-    if (vr >= PARAMETER_BEGIN) m->unprepared = 1;
-    if (vr - MOTION_BEGIN < MODEL_MOTION) m->moved = 1; /* unsigned: none below */
-}
+#include "instance.h"
+#include "states.h"
+#include "step.h"
 
-static bool array_missing(const instance *m, size_t n, const void *vr, const void *value, const char *function)
+_Static_assert((int)STATUS_OK == (int)fmi2OK && (int)STATUS_WARNING == (int)fmi2Warning
+               && (int)STATUS_DISCARD == (int)fmi2Discard && (int)STATUS_ERROR == (int)fmi2Error, "fmi2Status");
+
+/* -- variables ---------------------------------------------------------------- */
+
+static bool is_a(const instance *m, size_t vr, int kind)
 {
-    if (n == 0 || (vr && value)) return false;
-    report(m, fmi2Error, "%s: no array given", function);
-    return true;
+    if (vr < UNIT_VARIABLES && VARIABLE[vr].kind == kind) return true;
+    report(m, fmi2Error, "no %s variable has value reference %u", KIND[kind], (unsigned)vr);
+    return false;
 }
 
 #define DEFINE_SET(Kind, expected, converted)                                                                   \
@@ -50,7 +63,7 @@ static bool array_missing(const instance *m, size_t n, const void *vr, const voi
         bool good = true;                                                                                       \
         if (!allowed(m, ANY_PHASE & ~TERMINATED, "fmi2Set" #Kind)) return fmi2Error;                            \
         if (array_missing(m, n, vr, value, "fmi2Set" #Kind)) return fmi2Error;                                  \
-        for (size_t i = 0; i < n; ++i) good &= settable(m, vr[i], expected, converted(value[i]));               \
+        for (size_t i = 0; i < n; ++i) good &= is_a(m, vr[i], expected) && settable(m, vr[i], converted(value[i]));               \
         for (size_t i = 0; good && i < n; ++i) set_one(m, vr[i], converted(value[i]));                          \
         return good ? fmi2OK : fmi2Error;                                                                       \
     }
@@ -144,33 +157,6 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
 
 /* -- stepping ----------------------------------------------------------------- */
 
-static fmi2Status bad_inputs(const instance *m, double time)
-{
-    fmi2Status status = fmi2OK;
-    for (size_t i = 0; i < UNIT_INPUTS; ++i)
-        if (!core_finite(m->s.values[i]))
-            status = report(m, fmi2Error, "input at %.17g s is not finite: %s = %.9g", time, VARIABLE[i].name,
-                            m->s.values[i]);
-    return status;
-}
-
-static fmi2Status refused_step(instance *m, core_result result, double time, double size)
-{
-    m->s.terminated = 1; /* else fmpy asks for the same step for ever */
-    if (result == CORE_TOO_MANY_TICKS)
-        return report(m, fmi2Discard, "step from %.17g s of %.17g s has more than %d ticks", time, size,
-                      CORE_MOST_TICKS);
-    if (result == CORE_TOO_MANY_EVENTS)
-        return report(m, fmi2Discard, "step from %.17g s of %.17g s: more than %d events in a tick", time, size,
-                      CORE_MOST_EVENTS);
-    return report(m, fmi2Discard, "step from %.17g s of %.17g s: the state is no longer finite", time, size);
-}
-
-static core_result run(instance *m, double end, const core_inputs *in, const core_ramp *ramp)
-{
-    return multi_fin_run(&m->fins, &m->s.fins, m->s.now, end, in, ramp, m->s.values + OUTPUT_BEGIN);
-}
-
 /* A step in which the inputs change: of the vehicle's motion by what it makes at its ends. The inputs then stand
  * at the end of their ramps, and are held there until they are set or given derivatives again. */
 static core_result ramped_step(instance *m, double begin, double end)
@@ -202,42 +188,15 @@ static core_result ramped_step(instance *m, double begin, double end)
     return result;
 }
 
-static core_result held_step(instance *m, double end)
-{
-    core_inputs in[FINS];
-    acting_now(m, in);
-    return run(m, end, in, NULL);
-}
-
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real size, fmi2Boolean no_set_state)
 {
     instance *m = c;
+    double end = 0.0;
     (void)no_set_state;
     if (!allowed(m, RUNNING, "fmi2DoStep")) return fmi2Error;
-    if (!core_finite(time) || !core_finite(size) || !(size > 0.0))
-        return report(m, fmi2Error, "communication step %.17g s at %.17g s is not positive and finite", size, time);
-    if (m->check_inputs) {
-        if (!core_all_finite(m->s.values, UNIT_INPUTS)) return bad_inputs(m, time);
-        m->check_inputs = 0;
-    }
-    if (m->unprepared) {
-        prepare(m);
-        warn(m);
-    }
+    if (step_end(m, time, size, &end) != STATUS_OK) return fmi2Error;
     const double begin = time - m->s.start;
-    /* A clock that began late counts in coarser units than the slack. */
-    if (!(fabs(begin - m->s.now) <= m->fins.slack + 4.0 * DBL_EPSILON * fabs(time)))
-        return report(m, fmi2Error, "step from %.17g s, but the slave stands at %.17g s, %.3g s away", time,
-                      m->s.start + m->s.now, begin - m->s.now);
-    double end = begin + size;
-    if (end < m->s.now) end = m->s.now; /* a host's clock may run back within the slack, the trajectory does not */
-    if (m->moved) carry_now(m);
-    const core_result result = m->s.rated && end > begin ? ramped_step(m, begin, end) : held_step(m, end);
-    if (result != CORE_DONE) return refused_step(m, result, time, size);
-    m->s.fresh = 1;
-    m->s.now = end;
-    m->s.terminated = 0;
-    return fmi2OK;
+    return step_done(m, m->s.rated && end > begin ? ramped_step(m, begin, end) : held_step(m, end), time, size, end);
 }
 
 fmi2Status fmi2CancelStep(fmi2Component c)
@@ -300,77 +259,37 @@ const char *fmi2GetVersion(void)
     return fmi2Version;
 }
 
-static void as_instantiated(instance *m)
-{
-    memset(&m->s, 0, sizeof m->s);
-    memcpy(m->s.values, START, sizeof START);
-    m->s.phase = INSTANTIATED;
-    m->unprepared = m->moved = m->check_inputs = 1;
-    memset(m->warned, 0, sizeof m->warned);
-}
-
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging)
 {
     (void)resources, (void)visible;
     if (!functions) return NULL;
-    const bool named = name && *name;
-    const size_t length = named ? strlen(name) + 1 : 0;
-    /* For reports if there will be no instance. */
     const instance none = {
-        .callbacks = *functions, .name = named ? name : MODEL_NAME, .logged = logging ? EVERY_CATEGORY : 0};
-    instance *m = NULL;
-    if (!named)
-        report(&none, fmi2Error, "the instance has no name");
-    else if (type != fmi2CoSimulation)
+        .host = *functions, .name = name ? name : MODEL_NAME, .logged = logging ? EVERY_CATEGORY : 0};
+    if (type != fmi2CoSimulation)
         report(&none, fmi2Error, "only fmi2CoSimulation is supported, not type %d", (int)type);
-    else if (!guid || strcmp(guid, MODEL_GUID) != 0)
-        report(&none, fmi2Error, "the GUID asked for is %s, this unit's is %s", guid ? guid : "none", MODEL_GUID);
     else if (!functions->allocateMemory != !functions->freeMemory)
         report(&none, fmi2Error, "allocateMemory and freeMemory must be given together");
-    else if (!(m = allocate(functions, sizeof *m + length)))
-        report(&none, fmi2Error, "no memory for an instance");
-    if (!m) return NULL;
-    *m = none;
-    m->name = memcpy(m + 1, name, length);
-    as_instantiated(m);
-    return m;
+    else
+        return new_instance(functions, name, guid, logging);
+    return NULL;
 }
 
 void fmi2FreeInstance(fmi2Component c)
 {
-    instance *m = c;
-    if (!m) return;
-    const fmi2CallbackFunctions callbacks = m->callbacks;
-    release(&callbacks, m);
+    free_instance(c);
 }
 
 fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[])
 {
-    instance *m = c;
-    uint32_t chosen = n ? 0 : EVERY_CATEGORY;
-    if (!m) return fmi2Error;
-    if (array_missing(m, n, categories, categories, "fmi2SetDebugLogging")) return fmi2Error;
-    for (size_t i = 0; i < n; ++i) {
-        unsigned k = 0;
-        while (k < CATEGORIES && (!categories[i] || strcmp(categories[i], CATEGORY[k]) != 0)) ++k;
-        if (k == CATEGORIES)
-            return report(m, fmi2Error, "there is no log category %s", categories[i] ? categories[i] : "(null)");
-        chosen |= k == LOG_ALL ? EVERY_CATEGORY : 1u << k;
-    }
-    m->logged = on ? chosen : m->logged & ~chosen;
-    return fmi2OK;
+    return c ? choose_categories(c, on, n, categories, "fmi2SetDebugLogging") : fmi2Error;
 }
 
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start,
                                fmi2Boolean stop_defined, fmi2Real stop)
 {
-    instance *m = c;
     (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
-    if (!allowed(m, INSTANTIATED, "fmi2SetupExperiment")) return fmi2Error;
-    if (!core_finite(start)) return report(m, fmi2Error, "start time %.9g is not finite", start);
-    m->s.start = start;
-    return fmi2OK;
+    return allowed(c, INSTANTIATED, "fmi2SetupExperiment") ? begin_initialization(c, start) : fmi2Error;
 }
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c)
@@ -383,30 +302,49 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c)
 
 fmi2Status fmi2ExitInitializationMode(fmi2Component c)
 {
-    instance *m = c;
-    if (!allowed(m, INITIALIZING, "fmi2ExitInitializationMode")) return fmi2Error;
-    if (!sound(m)) return fmi2Error; /* parameters may be corrected and the call repeated */
-    prepare(m);
-    warn(m);
-    multi_fin_start(&m->fins, &m->s.fins);
-    m->s.phase = RUNNING;
-    m->s.fresh = 0;
-    return fmi2OK;
+    return allowed(c, INITIALIZING, "fmi2ExitInitializationMode") ? finish_initialization(c, RUNNING) : fmi2Error;
 }
 
 fmi2Status fmi2Terminate(fmi2Component c)
 {
-    instance *m = c;
-    if (!allowed(m, RUNNING, "fmi2Terminate")) return fmi2Error;
-    if (!m->s.fresh) refresh(m);
-    m->s.phase = TERMINATED;
-    return fmi2OK;
+    return allowed(c, RUNNING, "fmi2Terminate") ? terminate(c) : fmi2Error;
 }
 
 fmi2Status fmi2Reset(fmi2Component c)
 {
-    instance *m = c;
-    if (!m) return fmi2Error;
-    as_instantiated(m);
+    if (!c) return fmi2Error;
+    reset_instance(c);
     return fmi2OK;
+}
+
+/* -- states ------------------------------------------------------------------- */
+
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
+{
+    return keep_state(c, state, "fmi2GetFMUstate");
+}
+
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
+{
+    return put_back_state(c, state, "fmi2SetFMUstate");
+}
+
+fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
+{
+    return free_state(c, state);
+}
+
+fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
+{
+    return serialized_size(c, state, size, "fmi2SerializedFMUstateSize");
+}
+
+fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
+{
+    return serialize(c, state, bytes, size, "fmi2SerializeFMUstate");
+}
+
+fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
+{
+    return deserialize(c, bytes, size, state, "fmi2DeSerializeFMUstate");
 }

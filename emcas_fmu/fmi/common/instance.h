@@ -1,7 +1,8 @@
 /* An instance: what it holds, what it reports, whether its parameters make sense, its outputs.
  *
- * interface.h is generated from the variable table: names, kinds, limits, start values,
- * rules for parameter sets.
+ * Of no version of FMI. The file that includes this one defines before it what its version knows of a host:
+ * host_services, log_message, allocate and release. interface.h is generated from the variable table: names, kinds,
+ * limits, start values, rules for parameter sets.
  */
 #ifndef EMCAS_INSTANCE_H
 #define EMCAS_INSTANCE_H
@@ -9,18 +10,21 @@
 #include <float.h>
 #include <stdarg.h>
 #include <stdio.h>
-#include <stdlib.h>
-
-#include "fmi2Functions.h"
 
 #include "interface.h"
 #include "multi_fin.h"
 #include "parameter_checks.h"
 
-typedef enum { INSTANTIATED = 1, INITIALIZING = 2, RUNNING = 4, TERMINATED = 8 } phase;
+/* What a call comes to: the numbers of fmi2Status and fmi3Status. */
+enum { STATUS_OK, STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR };
+
+/* HANDLING_EVENT is FMI 3.0's event mode. */
+typedef enum { INSTANTIATED = 1, INITIALIZING = 2, RUNNING = 4, TERMINATED = 8, HANDLING_EVENT = 16 } phase;
 
 enum {
-    ANY_PHASE = INSTANTIATED | INITIALIZING | RUNNING | TERMINATED,
+    BEFORE_RUN = INSTANTIATED | INITIALIZING,
+    DURING_RUN = RUNNING | HANDLING_EVENT,
+    ANY_PHASE = BEFORE_RUN | DURING_RUN | TERMINATED,
     OUTPUT_BEGIN = UNIT_INPUTS,
     PARAMETER_BEGIN = UNIT_INPUTS + UNIT_OUTPUTS,
     MESSAGE = 1024
@@ -32,7 +36,7 @@ _Static_assert((int)FIN_PARAMETER_BEGIN == (int)PARAMETER_BEGIN + (MULTI_FIN_LIN
 /* All that reset and the FMU state functions copy. */
 typedef struct {
     double values[UNIT_VARIABLES];
-    double rates[UNIT_INPUTS]; /* of the inputs, for the next step */
+    double rates[UNIT_INPUTS]; /* of the inputs, for the next step (FMI 2.0) */
     double start, now;          /* now counts from the start */
     int32_t phase;
     int32_t rated;      /* some rate was given */
@@ -42,8 +46,8 @@ typedef struct {
 } model_state;
 
 typedef struct {
-    fmi2CallbackFunctions callbacks;
-    fmi2String name;
+    host_services host;
+    const char *name;
     uint32_t logged;    /* a bit for each category */
     int32_t unprepared; /* fins are not bound to the parameters */
     int32_t check_inputs; /* one may not be finite */
@@ -70,28 +74,27 @@ enum {
 };
 
 /* Gives its status, so that a refusal is one line. */
-static fmi2Status report(const instance *m, fmi2Status status, const char *format, ...)
+static int report(const instance *m, int status, const char *format, ...)
 {
-    const unsigned category = (unsigned)status - fmi2Warning;
-    if (m->callbacks.logger && (m->logged & 1u << category)) {
+    const unsigned category = (unsigned)(status - STATUS_WARNING);
+    if (m->logged & 1u << category) {
         char text[MESSAGE];
         va_list arguments;
         va_start(arguments, format);
         vsnprintf(text, sizeof text, format, arguments);
         va_end(arguments);
-        /* As a format of its own: hosts in other languages cannot follow variable arguments. */
-        for (char *at = text; *at; ++at)
-            if (*at == '%') *at = '/';
-        m->callbacks.logger(m->callbacks.componentEnvironment, m->name, status, CATEGORY[category], text);
+        log_message(&m->host, m->name, status, CATEGORY[category], text);
     }
     return status;
 }
 
 static const char *phase_name(int32_t at)
 {
-    return at == INSTANTIATED ? "instantiated" : at == INITIALIZING ? "initializing"
-         : at == RUNNING      ? "running"
-                              : "terminated";
+    return at == INSTANTIATED   ? "instantiated"
+         : at == INITIALIZING   ? "initializing"
+         : at == RUNNING        ? "running"
+         : at == HANDLING_EVENT ? "in event mode"
+                                : "terminated";
 }
 
 /* Whether a call may come now; if not, it changes nothing. */
@@ -99,21 +102,32 @@ static bool allowed(const instance *m, int phases, const char *function)
 {
     if (!m) return false;
     if (m->s.phase & phases) return true;
-    report(m, fmi2Error, "%s called while %s", function, phase_name(m->s.phase));
+    report(m, STATUS_ERROR, "%s called while %s", function, phase_name(m->s.phase));
     return false;
 }
 
-static void *allocate(const fmi2CallbackFunctions *callbacks, size_t size)
+/* Whether an array that a call needs is missing. */
+static bool array_missing(const instance *m, size_t n, const void *first, const void *second, const char *function)
 {
-    return callbacks->allocateMemory ? callbacks->allocateMemory(1, size) : calloc(1, size);
+    if (n == 0 || (first && second)) return false;
+    report(m, STATUS_ERROR, "%s: no array given", function);
+    return true;
 }
 
-static void release(const fmi2CallbackFunctions *callbacks, void *block)
+/* Switch logging of `n` categories, of all if it is 0, on or off. */
+static int choose_categories(instance *m, bool on, size_t n, const char *const categories[], const char *function)
 {
-    if (callbacks->freeMemory)
-        callbacks->freeMemory(block);
-    else
-        free(block);
+    uint32_t chosen = n ? 0 : EVERY_CATEGORY;
+    if (array_missing(m, n, categories, categories, function)) return STATUS_ERROR;
+    for (size_t i = 0; i < n; ++i) {
+        unsigned k = 0;
+        while (k < CATEGORIES && (!categories[i] || strcmp(categories[i], CATEGORY[k]) != 0)) ++k;
+        if (k == CATEGORIES)
+            return report(m, STATUS_ERROR, "there is no log category %s", categories[i] ? categories[i] : "(null)");
+        chosen |= k == LOG_ALL ? EVERY_CATEGORY : 1u << k;
+    }
+    m->logged = on ? chosen : m->logged & ~chosen;
+    return STATUS_OK;
 }
 
 /* -- parameters --------------------------------------------------------------- */
@@ -128,18 +142,18 @@ static bool out_of_range(const instance *m, size_t vr, double value)
 {
     const variable *v = &VARIABLE[vr];
     if (!core_finite(value))
-        report(m, fmi2Error, NOT_FINITE, v->name, value);
+        report(m, STATUS_ERROR, NOT_FINITE, v->name, value);
     else if (value < v->minimum)
-        report(m, fmi2Error, BELOW, v->name, value, v->minimum);
+        report(m, STATUS_ERROR, BELOW, v->name, value, v->minimum);
     else if (value > v->maximum)
-        report(m, fmi2Error, ABOVE, v->name, value, v->maximum);
+        report(m, STATUS_ERROR, ABOVE, v->name, value, v->maximum);
     else
         return false;
     return true;
 }
 
 /* A rule's message: a format of no more than RULE_NUMBERS numbers, the rest is not looked at. */
-static void report_rule(const instance *m, fmi2Status status, size_t fin, const char *message, const double *n)
+static void report_rule(const instance *m, int status, size_t fin, const char *message, const double *n)
 {
     char format[MESSAGE] = "";
     if (FINS > 1) snprintf(format, sizeof format, "fin[%u]: ", (unsigned)fin + 1);
@@ -172,12 +186,12 @@ static bool sound(const instance *m)
         rules_prepare(parameters(m, fin), constants);
         for (size_t i = 0; i < RULES; ++i)
             if (!RULE[i].warning && rules_broken(&RULE[i], parameters(m, fin), constants, numbers))
-                report_rule(m, fmi2Error, fin, RULE[i].message, numbers + 1);
+                report_rule(m, STATUS_ERROR, fin, RULE[i].message, numbers + 1);
     }
     return false;
 }
 
-/* Log the warnings about the parameters, each once until it no longer holds; the status of the call stays fmi2OK. */
+/* Log the warnings about the parameters, each once until it no longer holds; the status of the call stays OK. */
 static void warn(instance *m)
 {
     double constants[RULES_CONSTANTS], numbers[RULE_NUMBERS + 1];
@@ -186,7 +200,7 @@ static void warn(instance *m)
         for (size_t i = 0; i < RULES; ++i) {
             if (!RULE[i].warning) continue;
             const bool broken = rules_broken(&RULE[i], parameters(m, fin), constants, numbers);
-            if (broken && !m->warned[fin][i]) report_rule(m, fmi2Warning, fin, RULE[i].message, numbers + 1);
+            if (broken && !m->warned[fin][i]) report_rule(m, STATUS_WARNING, fin, RULE[i].message, numbers + 1);
             m->warned[fin][i] = broken;
         }
     }
@@ -233,7 +247,7 @@ static void carry_now(instance *m)
 /* Bring the outputs up to now. Inputs that the next step will refuse change no output. */
 static void refresh(instance *m)
 {
-    const bool before = m->s.phase & (INSTANTIATED | INITIALIZING);
+    const bool before = m->s.phase & BEFORE_RUN;
     core_inputs now[FINS];
     m->s.fresh = 1;
     if (!core_all_finite(m->s.values, UNIT_INPUTS)) return;
@@ -247,6 +261,100 @@ static void refresh(instance *m)
     carry_now(m);
     acting_now(m, now);
     multi_fin_outputs(&m->fins, &m->s.fins, now, m->s.values + OUTPUT_BEGIN);
+}
+
+/* -- variables ---------------------------------------------------------------- */
+
+/* Whether the variable in a place may be set; nothing is written before all of a call have been looked at. A NaN
+ * input may: the step it is meant for is refused. */
+static bool settable(const instance *m, size_t place, double value)
+{
+    if (place >= OUTPUT_BEGIN && place < PARAMETER_BEGIN)
+        report(m, STATUS_ERROR, "%s is an output and cannot be set", VARIABLE[place].name);
+    else if (place < OUTPUT_BEGIN || (m->s.phase & BEFORE_RUN))
+        return true;
+    else if (!VARIABLE[place].tunable)
+        report(m, STATUS_ERROR, "%s is fixed and cannot be set after initialization", VARIABLE[place].name);
+    else
+        return !out_of_range(m, place, value);
+    return false;
+}
+
+static void set_one(instance *m, size_t place, double value)
+{
+    m->s.values[place] = value;
+    m->s.fresh = 0;
+    if (!core_finite(value)) m->check_inputs = 1;
+    if (place >= PARAMETER_BEGIN) m->unprepared = 1;
+    if (place - MOTION_BEGIN < MODEL_MOTION) m->moved = 1; /* unsigned: none below */
+}
+
+/* -- life cycle --------------------------------------------------------------- */
+
+static void reset_instance(instance *m)
+{
+    memset(&m->s, 0, sizeof m->s);
+    memcpy(m->s.values, START, sizeof START);
+    m->s.phase = INSTANTIATED;
+    m->unprepared = m->moved = m->check_inputs = 1;
+    memset(m->warned, 0, sizeof m->warned);
+}
+
+/* A new instance of that name, or none, with a report of why. */
+static instance *new_instance(const host_services *host, const char *name, const char *guid, bool logging)
+{
+    const bool named = name && *name;
+    const size_t length = named ? strlen(name) + 1 : 0;
+    /* For reports if there will be no instance. */
+    const instance none = {
+        .host = *host, .name = named ? name : MODEL_NAME, .logged = logging ? EVERY_CATEGORY : 0};
+    instance *m = NULL;
+    if (!named)
+        report(&none, STATUS_ERROR, "the instance has no name");
+    else if (!guid || strcmp(guid, MODEL_GUID) != 0)
+        report(&none, STATUS_ERROR, "the " GUID_NAME " asked for is %s, this unit's is %s", guid ? guid : "none",
+               MODEL_GUID);
+    else if (!(m = allocate(host, sizeof *m + length)))
+        report(&none, STATUS_ERROR, "no memory for an instance");
+    if (!m) return NULL;
+    *m = none;
+    m->name = memcpy(m + 1, name, length);
+    reset_instance(m);
+    return m;
+}
+
+static void free_instance(instance *m)
+{
+    if (!m) return;
+    const host_services host = m->host;
+    release(&host, m);
+}
+
+/* Begin to initialize: to run from `start` [s]. */
+static int begin_initialization(instance *m, double start)
+{
+    if (!core_finite(start)) return report(m, STATUS_ERROR, "start time %.9g is not finite", start);
+    m->s.start = start;
+    return STATUS_OK;
+}
+
+/* Start to run if the parameters are sets to compute with; else they may be corrected and the call repeated. */
+static int finish_initialization(instance *m, int32_t next_phase)
+{
+    if (!sound(m)) return STATUS_ERROR;
+    prepare(m);
+    warn(m);
+    multi_fin_start(&m->fins, &m->s.fins);
+    m->s.phase = next_phase;
+    m->s.fresh = 0;
+    return STATUS_OK;
+}
+
+static int terminate(instance *m)
+{
+    if (!m->s.fresh) refresh(m);
+    m->s.phase = TERMINATED;
+    return STATUS_OK;
 }
 
 #endif

@@ -1,4 +1,4 @@
-/* FMU states: kept, put back, serialized; a part of fmi2.c. */
+/* FMU states: kept, put back, serialized. Of no version of FMI. */
 #ifndef EMCAS_STATES_H
 #define EMCAS_STATES_H
 
@@ -52,11 +52,12 @@ static const char *unsound_line(const multi_fin *m, const model_state *s)
     return NULL;
 }
 
-/* What a state must fulfil that did not come out of fmi2GetFMUstate itself: it may have been
+/* What a state must fulfil that did not come out of an instance itself: it may have been
  * stored, sent, or made up. Gives the reason if it does not. */
 static const char *unsound(const instance *m, const model_state *s)
 {
-    if (s->phase != INSTANTIATED && s->phase != INITIALIZING && s->phase != RUNNING && s->phase != TERMINATED)
+    if (s->phase != INSTANTIATED && s->phase != INITIALIZING && s->phase != RUNNING && s->phase != TERMINATED
+        && !(s->phase == HANDLING_EVENT && handles_events(&m->host)))
         return "unknown phase";
     if (!core_finite(s->start) || !core_finite(s->now) || s->now < 0.0) return "time";
     if (!core_all_finite(s->rates, UNIT_INPUTS)) return "input derivatives";
@@ -66,8 +67,8 @@ static const char *unsound(const instance *m, const model_state *s)
             && (!core_finite(value) || value != floor(value) || fabs(value) > (VARIABLE[i].kind == INTEGER ? INT32_MAX : 1)))
             return VARIABLE[i].name; /* no whole number, no truth */
     }
-    if (s->phase == INSTANTIATED || s->phase == INITIALIZING) return NULL; /* the core is made anew */
-    instance probe = {.callbacks = m->callbacks, .name = m->name};
+    if (s->phase & BEFORE_RUN) return NULL; /* the core is made anew */
+    instance probe = {.host = m->host, .name = m->name};
     probe.s = *s;
     if (!all_rules_hold(&probe)) return "parameters out of their limits";
     prepare(&probe);
@@ -79,87 +80,82 @@ static const char *unsound(const instance *m, const model_state *s)
     return unsound_line(&probe.fins, s);
 }
 
-fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
+static int keep_state(instance *m, void **state, const char *function)
 {
-    instance *m = c;
-    if (!allowed(m, ANY_PHASE, "fmi2GetFMUstate")) return fmi2Error;
-    if (!state) return report(m, fmi2Error, "fmi2GetFMUstate: nowhere to put it");
-    if (!*state) *state = allocate(&m->callbacks, sizeof(model_state));
-    if (!*state) return report(m, fmi2Error, "fmi2GetFMUstate: no memory");
+    if (!allowed(m, ANY_PHASE, function)) return STATUS_ERROR;
+    if (!state) return report(m, STATUS_ERROR, "%s: nowhere to put it", function);
+    if (!*state) *state = allocate(&m->host, sizeof(model_state));
+    if (!*state) return report(m, STATUS_ERROR, "%s: no memory", function);
     memcpy(*state, &m->s, sizeof m->s);
-    return fmi2OK;
+    return STATUS_OK;
 }
 
-fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
+static int put_back_state(instance *m, const void *state, const char *function)
 {
-    instance *m = c;
     const model_state *s = state;
-    if (!allowed(m, ANY_PHASE, "fmi2SetFMUstate")) return fmi2Error;
-    if (!s) return report(m, fmi2Error, "fmi2SetFMUstate: no state given");
+    if (!allowed(m, ANY_PHASE, function)) return STATUS_ERROR;
+    if (!s) return report(m, STATUS_ERROR, "%s: no state given", function);
     if (memcmp(m->s.values + PARAMETER_BEGIN, s->values + PARAMETER_BEGIN, sizeof s->values - PARAMETER_BEGIN * sizeof(double)) != 0)
         m->unprepared = 1;
     m->s = *s;
     m->moved = m->check_inputs = 1;
-    return fmi2OK;
+    return STATUS_OK;
 }
 
-fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
+static int free_state(const instance *m, void **state)
 {
-    const instance *m = c;
-    if (!m) return fmi2Error;
+    if (!m) return STATUS_ERROR;
     if (state && *state) {
-        release(&m->callbacks, *state);
+        release(&m->host, *state);
         *state = NULL;
     }
-    return fmi2OK;
+    return STATUS_OK;
 }
 
-fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
+static int serialized_size(const instance *m, const void *state, size_t *size, const char *function)
 {
-    const instance *m = c;
-    if (!allowed(m, ANY_PHASE, "fmi2SerializedFMUstateSize")) return fmi2Error;
-    if (!state || !size) return report(m, fmi2Error, "fmi2SerializedFMUstateSize: argument missing");
+    if (!allowed(m, ANY_PHASE, function)) return STATUS_ERROR;
+    if (!state || !size) return report(m, STATUS_ERROR, "%s: argument missing", function);
     *size = sizeof(state_head) + sizeof(model_state);
-    return fmi2OK;
+    return STATUS_OK;
 }
 
-fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
+static int serialize(const instance *m, const void *state, void *bytes, size_t size, const char *function)
 {
-    const instance *m = c;
-    if (!allowed(m, ANY_PHASE, "fmi2SerializeFMUstate")) return fmi2Error;
-    if (!state || !bytes) return report(m, fmi2Error, "fmi2SerializeFMUstate: argument missing");
+    if (!allowed(m, ANY_PHASE, function)) return STATUS_ERROR;
+    if (!state || !bytes) return report(m, STATUS_ERROR, "%s: argument missing", function);
     if (size < sizeof(state_head) + sizeof(model_state))
-        return report(m, fmi2Error, "fmi2SerializeFMUstate: %lu bytes are too few", (unsigned long)size);
+        return report(m, STATUS_ERROR, "%s: %lu bytes are too few", function, (unsigned long)size);
     state_head head = {.magic = MODEL_STATE, .check = checksum(state, sizeof(model_state))};
     memcpy(bytes, &head, sizeof head);
-    memcpy(bytes + sizeof head, state, sizeof(model_state));
-    return fmi2OK;
+    memcpy((char *)bytes + sizeof head, state, sizeof(model_state));
+    return STATUS_OK;
 }
 
-fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
+static int deserialize(instance *m, const void *bytes, size_t size, void **state, const char *function)
 {
-    const instance *m = c;
     const state_head expected = {.magic = MODEL_STATE};
+    const char *content = bytes;
     state_head head;
-    if (!allowed(m, ANY_PHASE, "fmi2DeSerializeFMUstate")) return fmi2Error;
-    if (!bytes || !state) return report(m, fmi2Error, "fmi2DeSerializeFMUstate: argument missing");
+    if (!allowed(m, ANY_PHASE, function)) return STATUS_ERROR;
+    if (!bytes || !state) return report(m, STATUS_ERROR, "%s: argument missing", function);
     if (size != sizeof head + sizeof(model_state))
-        return report(m, fmi2Error, "FMU state refused: it has %lu bytes, not %lu", (unsigned long)size,
+        return report(m, STATUS_ERROR, "FMU state refused: it has %lu bytes, not %lu", (unsigned long)size,
                       (unsigned long)(sizeof head + sizeof(model_state)));
-    memcpy(&head, bytes, sizeof head);
+    memcpy(&head, content, sizeof head);
     if (memcmp(head.magic, expected.magic, sizeof head.magic) != 0)
-        return report(m, fmi2Error, "FMU state refused: it is of another FMU or build, not of %s", MODEL_STATE);
-    if (head.check != checksum(bytes + sizeof head, sizeof(model_state)))
-        return report(m, fmi2Error, "FMU state refused: its checksum is wrong");
+        return report(m, STATUS_ERROR, "FMU state refused: it is of another FMU or build, not of %s", MODEL_STATE);
+    if (head.check != checksum(content + sizeof head, sizeof(model_state)))
+        return report(m, STATUS_ERROR, "FMU state refused: its checksum is wrong");
     model_state s;
-    memcpy(&s, bytes + sizeof head, sizeof s);
+    memcpy(&s, content + sizeof head, sizeof s);
     s.fresh = 0;
     const char *reason = unsound(m, &s);
-    if (reason) return report(m, fmi2Error, "FMU state refused: %s", reason);
-    if (!*state) *state = allocate(&m->callbacks, sizeof s);
-    if (!*state) return report(m, fmi2Error, "fmi2DeSerializeFMUstate: no memory");
+    if (reason) return report(m, STATUS_ERROR, "FMU state refused: %s", reason);
+    if (!*state) *state = allocate(&m->host, sizeof s);
+    if (!*state) return report(m, STATUS_ERROR, "%s: no memory", function);
     memcpy(*state, &s, sizeof s);
-    return fmi2OK;
+    return STATUS_OK;
 }
 
 #endif

@@ -1,0 +1,75 @@
+/* Moving an instance on in time: what a communication step must fulfil, and what it comes to. Of no version of FMI. */
+#ifndef EMCAS_STEP_H
+#define EMCAS_STEP_H
+
+#include "instance.h"
+
+static int bad_inputs(const instance *m, double time)
+{
+    int status = STATUS_OK;
+    for (size_t i = 0; i < UNIT_INPUTS; ++i)
+        if (!core_finite(m->s.values[i]))
+            status = report(m, STATUS_ERROR, "input at %.17g s is not finite: %s = %.9g", time, VARIABLE[i].name,
+                            m->s.values[i]);
+    return status;
+}
+
+static int refused_step(instance *m, core_result result, double time, double size)
+{
+    m->s.terminated = 1; /* else fmpy asks for the same step for ever */
+    if (result == CORE_TOO_MANY_TICKS)
+        return report(m, STATUS_DISCARD, "step from %.17g s of %.17g s has more than %d ticks", time, size,
+                      CORE_MOST_TICKS);
+    if (result == CORE_TOO_MANY_EVENTS)
+        return report(m, STATUS_DISCARD, "step from %.17g s of %.17g s: more than %d events in a tick", time, size,
+                      CORE_MOST_EVENTS);
+    return report(m, STATUS_DISCARD, "step from %.17g s of %.17g s: the state is no longer finite", time, size);
+}
+
+static core_result run(instance *m, double end, const core_inputs *in, const core_ramp *ramp)
+{
+    return multi_fin_run(&m->fins, &m->s.fins, m->s.now, end, in, ramp, m->s.values + OUTPUT_BEGIN);
+}
+
+static core_result held_step(instance *m, double end)
+{
+    core_inputs in[FINS];
+    acting_now(m, in);
+    return run(m, end, in, NULL);
+}
+
+/* Whether a step from `time` of `size` can be tried: where it would end [s from the start]. */
+static int step_end(instance *m, double time, double size, double *end)
+{
+    if (!core_finite(time) || !core_finite(size) || !(size > 0.0))
+        return report(m, STATUS_ERROR, "communication step %.17g s at %.17g s is not positive and finite", size, time);
+    if (m->check_inputs) {
+        if (!core_all_finite(m->s.values, UNIT_INPUTS)) return bad_inputs(m, time);
+        m->check_inputs = 0;
+    }
+    if (m->unprepared) {
+        prepare(m);
+        warn(m);
+    }
+    const double begin = time - m->s.start;
+    /* A clock that began late counts in coarser units than the slack. */
+    if (!(fabs(begin - m->s.now) <= m->fins.slack + 4.0 * DBL_EPSILON * fabs(time)))
+        return report(m, STATUS_ERROR, "step from %.17g s, but the slave stands at %.17g s, %.3g s away", time,
+                      m->s.start + m->s.now, begin - m->s.now);
+    *end = begin + size;
+    if (*end < m->s.now) *end = m->s.now; /* a host's clock may run back within the slack, the trajectory does not */
+    if (m->moved) carry_now(m);
+    return STATUS_OK;
+}
+
+/* What a step that has been taken comes to. */
+static int step_done(instance *m, core_result result, double time, double size, double end)
+{
+    if (result != CORE_DONE) return refused_step(m, result, time, size);
+    m->s.fresh = 1;
+    m->s.now = end;
+    m->s.terminated = 0;
+    return STATUS_OK;
+}
+
+#endif
