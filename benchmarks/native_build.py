@@ -19,8 +19,9 @@ from xml.etree.ElementTree import fromstring
 from fmpy import extract
 
 from emcas_fmu.actuators import NONLINEAR, get
-from emcas_fmu.fmi.interface import start_values
-from emcas_fmu.fmi.model_description import SINGLE, model_description, to_bytes
+from emcas_fmu.fmi.description import to_bytes
+from emcas_fmu.fmi.fmi2.model_description import model_description
+from emcas_fmu.fmi.interface import SINGLE, start_values
 
 FLAGS = ("-O2", "-std=c11", "-ffp-contract=off", "-Wall", "-Wextra")
 SHARED = ("-fPIC", "-shared", "-fvisibility=default")

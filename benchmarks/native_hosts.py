@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 from fmpy import extract, instantiate_fmu, read_model_description, simulate_fmu
 
-from emcas_fmu.fmi.model_description import SINGLE
+from emcas_fmu.fmi.interface import SINGLE
 
 STEP, STEPS, PERIOD = 1e-3, 2000, 500  # s; steps of a round; steps of a period of the signals
 INPUTS = ("fin_command", "aero_torque")

@@ -18,9 +18,9 @@ from ..reference import files
 from ..runtime import schedule
 from ..variables import Variable
 from . import native, python
+from .description import describe
 from .figures import response_figures
 from .interface import FmuInterface, start_values
-from .model_description import describe
 
 _NOTES = {"python": python.NOTES, "native": native.NOTES}
 _EXTERNAL = """This FMU computes in Python. Its binaries (linux64, win64) load into a process that has Python 3.10 or

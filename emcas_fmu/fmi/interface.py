@@ -128,6 +128,9 @@ class FmuInterface:
                      for fin in range(self.fins))
 
 
+SINGLE = FmuInterface(1)
+
+
 def azimuths(fins: int, layout: str) -> tuple[float, ...]:
     """Return azimuths [deg] of equally spaced fins: ``plus`` begins with one on body y, ``cross`` half a space further.
 

@@ -16,8 +16,8 @@ from ..compiler import PLATFORMS, Compiler, CompilerError, Platform, find, local
 from ..errors import BuildError
 from ..progress import LOG, Progress
 from ..runtime.c_sources import c_number, c_text, core_sources, enumerator, handwritten, header
+from .description import element
 from .interface import MIXING, FmuInterface
-from .model_description import element
 
 MAIN = "fmi2.c"
 _COMMON = ("instance.h", "states.h", "step.h")

@@ -15,9 +15,10 @@ from ..files import write_zip
 from ..parameters import ParameterSet
 from ..progress import Progress
 from . import native, python
+from .description import terminals_and_icons, to_bytes
 from .documentation import documents
+from .fmi2.model_description import model_description
 from .interface import FmuInterface, fin_sets, start_values
-from .model_description import model_description, terminals_and_icons, to_bytes
 
 BACKENDS = ("python", "native")
 

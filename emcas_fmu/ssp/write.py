@@ -16,8 +16,8 @@ from tempfile import TemporaryDirectory
 
 from ..actuators import NONLINEAR, full_name, get
 from ..bench.fmu import chosen_model
+from ..fmi.description import STEP_SIZE, STOP_TIME, describe
 from ..fmi.interface import FmuInterface, fin_sets
-from ..fmi.model_description import STEP_SIZE, STOP_TIME, describe
 from ..fmi.package import build
 from ..parameters import Value, load_parameters
 from ..progress import Progress

@@ -23,9 +23,9 @@ from hypothesis import strategies as st
 
 from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, get
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.description import terminals_and_icons, to_bytes
 from emcas_fmu.fmi.fmi2.slave import Slave
 from emcas_fmu.fmi.interface import FmuInterface, fin_sets
-from emcas_fmu.fmi.model_description import terminals_and_icons, to_bytes
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters

@@ -20,8 +20,7 @@ from scipy.signal import lsim
 from emcas_fmu.actuators import NAMES, NONLINEAR, fin_port, get
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.fmi2.slave import Slave
-from emcas_fmu.fmi.interface import FmuInterface
-from emcas_fmu.fmi.model_description import SINGLE
+from emcas_fmu.fmi.interface import SINGLE, FmuInterface
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.simulation import simulate

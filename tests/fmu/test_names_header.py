@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from emcas_fmu.actuators import NAMES
+from emcas_fmu.fmi.fmi2.model_description import model_description
 from emcas_fmu.fmi.interface import FmuInterface, start_values
-from emcas_fmu.fmi.model_description import model_description
 from emcas_fmu.fmi.native import names_header
 from emcas_fmu.fmi.package import interface_guid
 from emcas_fmu.parameters import load_parameters

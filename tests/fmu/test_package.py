@@ -19,8 +19,8 @@ from fmpy.validation import validate_fmu
 from emcas_fmu import compiler
 from emcas_fmu.actuators import EXTENSIONS, NAMES, get
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.fmi2.model_description import model_description
 from emcas_fmu.fmi.interface import FmuInterface
-from emcas_fmu.fmi.model_description import model_description
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS, VARIABLES

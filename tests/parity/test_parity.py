@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from emcas_fmu.actuators import fin_port
 from emcas_fmu.files import models_directory
 from emcas_fmu.fmi.fmi2.slave import Slave
-from emcas_fmu.fmi.model_description import SINGLE
+from emcas_fmu.fmi.interface import SINGLE
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.reference.stored import load
 from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS, VARIABLES

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from emcas_fmu.fmi.fmi2.slave import CorruptState
-from emcas_fmu.fmi.model_description import SINGLE
+from emcas_fmu.fmi.interface import SINGLE
 from tests.default_actuator import VARIABLES
 from tests.fmu.built import slave_class
 

@@ -1,0 +1,132 @@
+"""What the descriptions of every FMI version share: units, dependencies, terminals, text of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from math import isfinite
+from typing import Any
+from xml.etree.ElementTree import Element, indent, tostring
+
+from pythonfmu import Fmi2Slave
+
+from ..actuators import fin_port
+from ..runtime import codegen
+from ..variables import Terminal, Variable
+from .interface import MIXING, FmuInterface
+from .units import fmi_unit
+
+STEP_SIZE, STOP_TIME = 1e-3, 1.0
+
+_MIXED = tuple(v.name for v in MIXING)
+
+
+def element(tag: str, attributes: Mapping[str, str | None], children: Iterable[Element] = ()) -> Element:
+    """Return an element with `children` and those of its `attributes` that are not None."""
+    made = Element(tag, {name: value for name, value in attributes.items() if value is not None})
+    made.extend(children)
+    return made
+
+
+def text(value: Any) -> str:
+    """Return a value as XML has it: true, 3, 0.25."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return str(value) if isinstance(value, int) else repr(float(value)).removesuffix(".0")
+
+
+def limit(value: float) -> str | None:
+    """Return a limit as XML has it; None where there is none."""
+    return text(value) if isfinite(value) else None
+
+
+def to_bytes(root: Element) -> bytes:
+    """Return the document as indented UTF-8."""
+    indent(root)
+    body: bytes = tostring(root, encoding="UTF-8", xml_declaration=True)
+    return body + b"\n"
+
+
+def describe(unit: FmuInterface) -> str:
+    """Return what the unit is, in a sentence."""
+    line = f" on one {unit.line.name}" if unit.line else ""
+    return unit.actuator.title + ("" if unit.fins == 1 else f"; {unit.fins} fins{line}")
+
+
+def type_name(v: Variable) -> str:
+    """Name of an enumeration's type, one for all fins; it must not be that of a variable (FMI 2.0.5, section 2.2.3)."""
+    return v.name.rpartition("].")[2] + "_type"
+
+
+def unit_definitions(unit: FmuInterface) -> Element:
+    """Return the UnitDefinitions element, which all versions write alike."""
+    return element("UnitDefinitions", {}, map(_unit_definition, sorted(
+        {v.unit for v in unit.variables if v.kind == "Real"})))
+
+
+def _unit_definition(name: str) -> Element:
+    unit = fmi_unit(name)
+    base = element("BaseUnit", {
+        **{base: str(exponent) for base, exponent in unit.exponents.items()},
+        "factor": text(unit.factor) if unit.factor != 1.0 else None,
+        "offset": text(unit.offset) if unit.offset else None})
+    return element("Unit", {"name": name}, [
+        base, *(element("DisplayUnit", {"name": name, "factor": text(factor)}) for name, factor in unit.displays)])
+
+
+def log_categories() -> Element:
+    """Return the LogCategories element."""
+    return element("LogCategories", {}, (element("Category", {"name": name, "description": description})
+                                         for name, description in Fmi2Slave.log_categories.items()))
+
+
+def default_experiment() -> Element:
+    """Return the DefaultExperiment element."""
+    return element("DefaultExperiment", {"startTime": "0", "stopTime": text(STOP_TIME), "stepSize": text(STEP_SIZE)})
+
+
+def dependencies(unit: FmuInterface) -> dict[str, tuple[str, ...]]:
+    """Return for each output that depends at once on inputs which these are."""
+    direct = codegen.direct_inputs(unit.kind)
+    if unit.fins == 1:
+        return dict(direct)
+    of_fins = {unit.name(output, fin): (*(unit.name(i, fin) for i in inputs),
+                                        *(_MIXED if "fin_command" in inputs else ()))
+               for fin in range(unit.fins) for output, inputs in direct.items()}
+    supply = unit.actuator.supply
+    if supply is None or unit.line is None:
+        return of_fins
+    power = direct.get(supply.power.name, ())
+    every = tuple(dict.fromkeys(unit.name(i, fin) for fin in range(unit.fins) for i in power))
+    drawn = tuple(dict.fromkeys((supply.input.name, *every)))  # power over what the line gives
+    shared = zip((v.name for v in unit.line_outputs), ((supply.input.name,), drawn, every), strict=True)
+    return {**of_fins, **dict(shared)}
+
+
+def _terminals(unit: FmuInterface) -> Iterator[Terminal]:
+    """Yield the terminals of the fin port and the actuator's; of several fins those of each."""
+    actuator, several = unit.actuator, unit.fins > 1
+    if several:
+        yield Terminal("mixing", "deflections for moments about the body axes", _MIXED)
+    for terminal in (*fin_port.TERMINALS, *actuator.terminals):
+        if not several or terminal.name == "vehicle":
+            yield terminal
+            continue
+        for fin in range(unit.fins):
+            yield Terminal(f"{terminal.name}{fin + 1}", f"fin {fin + 1}: {terminal.description}",
+                           tuple(unit.name(member, fin) for member in terminal.members))
+    if supply := actuator.supply:
+        outputs = unit.line_outputs if several else (supply.power,)
+        yield Terminal(supply.line.group, supply.line.supply, (supply.input.name, *(v.name for v in outputs)))
+
+
+def terminals_and_icons(unit: FmuInterface) -> Element:
+    """Return inputs and outputs grouped for tools that draw terminals (FMI 3.0's file, ignored by others)."""
+    corners = {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"}
+    return element("fmiTerminalsAndIcons", {"fmiVersion": "3.0"}, [
+        element("GraphicalRepresentation", {}, [
+            element("CoordinateSystem", {**corners, "suggestedScalingFactorTo_mm": "0.1"}), element("Icon", corners)]),
+        element("Terminals", {}, (
+            element("Terminal", {"name": t.name, "matchingRule": "bus", "description": t.description}, (
+                element("TerminalMemberVariable", {
+                    "variableName": member, "memberName": member, "variableKind": "signal"}) for member in t.members))
+            for t in _terminals(unit)))])
