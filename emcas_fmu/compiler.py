@@ -33,24 +33,25 @@ class CompilerError(EmcasError):
 
 @dataclass(frozen=True)
 class Platform:
-    """A platform: suffix of its libraries, zig's name for it, and flags to link with."""
+    """A platform: FMI 2.0's name and FMI 3.0's, suffix of its libraries, zig's name for it, and flags to link with."""
 
     name: str
+    tuple: str
     suffix: str
     target: str
     link: tuple[str, ...]
 
 
 PLATFORMS = {p.name: p for p in (
-    Platform("linux64", ".so", "x86_64-linux-gnu.2.17", ("-shared", "-fPIC", "-Wl,--build-id=none", "-lm")),
-    Platform("win64", ".dll", "x86_64-windows-gnu", ("-shared",)),
-    Platform("darwin64", ".dylib", "x86_64-macos.11.0", ("-dynamiclib", "-Wl,-install_name,@rpath/{}")),
-    Platform("aarch64-linux", ".so", "aarch64-linux-gnu.2.17", ("-shared", "-fPIC", "-Wl,--build-id=none", "-lm")),
-    Platform("aarch64-darwin", ".dylib", "aarch64-macos.11.0", ("-dynamiclib", "-Wl,-install_name,@rpath/{}")),
+    Platform("linux64", "x86_64-linux", ".so", "x86_64-linux-gnu.2.17", ("-shared", "-fPIC", "-Wl,--build-id=none", "-lm")),
+    Platform("win64", "x86_64-windows", ".dll", "x86_64-windows-gnu", ("-shared",)),
+    Platform("darwin64", "x86_64-darwin", ".dylib", "x86_64-macos.11.0", ("-dynamiclib", "-Wl,-install_name,@rpath/{}")),
+    Platform("aarch64-linux", "aarch64-linux", ".so", "aarch64-linux-gnu.2.17", ("-shared", "-fPIC", "-Wl,--build-id=none", "-lm")),
+    Platform("aarch64-darwin", "aarch64-darwin", ".dylib", "aarch64-macos.11.0", ("-dynamiclib", "-Wl,-install_name,@rpath/{}")),
 )}
 
 # For a browser. Traps there are none there, and clang says so; musl's libm needs nothing of the page.
-WEB = Platform("wasm", ".wasm", "wasm32-wasi", (
+WEB = Platform("wasm", "wasm32-wasi", ".wasm", "wasm32-wasi", (
     "-Wno-unsupported-floating-point-opt", "-mexec-model=reactor", "-Wl,--export-dynamic", "-Wl,--export=__heap_base"))
 
 

@@ -34,6 +34,14 @@ def native(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def native3(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """EMCAS.fmu of the shipped parameters in FMI 3.0, for this platform."""
+    local = local_platform()
+    assert local is not None
+    return build(load_parameters(), tmp_path_factory.mktemp("native3") / "EMCAS.fmu", None, [local.name], fmi="3").path
+
+
+@pytest.fixture(scope="session")
 def units(fmu: Path, native: Path) -> Mapping[str, Path]:
     """Both FMUs by back end."""
     return {"python": fmu, "native": native}

@@ -15,15 +15,17 @@ EPILOG = ("Examples:\n\n  emcas build\n\n  emcas build --parameters my_actuator.
                 "\n\n  emcas build --backend native"
                 "\n\n  emcas build --backend native --platform linux64 --platform win64"
                 "\n\n  emcas build --backend native --cc gcc"
+                "\n\n  emcas build --fmi 3"
                 "\n\n  emcas build --model second-order"
                 "\n\n  emcas build --fins 4 --layout cross --fin 2=my_actuator.toml --backend native")
 
 
 def build(
     parameters: common.ParametersOption = None,
-    backend: Annotated[str, typer.Option(help="How the FMU computes: python (needs Python in the host), or "
-                                              "native (C, needs nothing; built with the extra 'native' or --cc).",
-                                         metavar="python|native")] = "python",
+    backend: Annotated[str | None, typer.Option(
+        help="How the FMU computes: python (needs Python in the host; FMI 2.0 unless given), or native (C, needs "
+             "nothing; built with the extra 'native' or --cc).", metavar="python|native")] = None,
+    fmi: Annotated[str, typer.Option("--fmi", help="Version of FMI; 3 is native only.", metavar="2|3")] = "2",
     platform: Annotated[list[str] | None, typer.Option(
         help="Only for this platform (may be given several times): linux64, win64, darwin64, aarch64-linux, "
              "aarch64-darwin; native only.", metavar="NAME")] = None,
@@ -48,7 +50,7 @@ def build(
         common.check_outputs(target, inputs=(*(parameters or ()), *files.values()))
         chosen = load_parameters(parameters, model=model)
         built = build_fmu(chosen, target, backend, platform, cc,
-                          common.stepper(progress, "compile"), fins, layout, files)
+                          common.stepper(progress, "compile"), fins, layout, files, fmi)
     common.warn(built.warnings)
     common.out.print(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})", highlight=False, soft_wrap=True)

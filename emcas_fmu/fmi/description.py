@@ -102,14 +102,17 @@ def dependencies(unit: FmuInterface) -> dict[str, tuple[str, ...]]:
     return {**of_fins, **dict(shared)}
 
 
-def _terminals(unit: FmuInterface) -> Iterator[Terminal]:
-    """Yield the terminals of the fin port and the actuator's; of several fins those of each."""
+def _terminals(unit: FmuInterface, arrays: bool) -> Iterator[Terminal]:
+    """Yield the terminals of the fin port and the actuator's; of several fins those of each, or of `arrays` of them."""
     actuator, several = unit.actuator, unit.fins > 1
     if several:
         yield Terminal("mixing", "deflections for moments about the body axes", _MIXED)
     for terminal in (*fin_port.TERMINALS, *actuator.terminals):
         if not several or terminal.name == "vehicle":
             yield terminal
+            continue
+        if arrays:
+            yield Terminal(terminal.name, terminal.description, tuple(map(unit.array_name, terminal.members)))
             continue
         for fin in range(unit.fins):
             yield Terminal(f"{terminal.name}{fin + 1}", f"fin {fin + 1}: {terminal.description}",
@@ -119,8 +122,11 @@ def _terminals(unit: FmuInterface) -> Iterator[Terminal]:
         yield Terminal(supply.line.group, supply.line.supply, (supply.input.name, *(v.name for v in outputs)))
 
 
-def terminals_and_icons(unit: FmuInterface) -> Element:
-    """Return inputs and outputs grouped for tools that draw terminals (FMI 3.0's file, ignored by others)."""
+def terminals_and_icons(unit: FmuInterface, arrays: bool = False) -> Element:
+    """Return inputs and outputs grouped for tools that draw terminals (FMI 3.0's file, ignored by others).
+
+    With `arrays` the variables of several fins are arrays.
+    """
     corners = {"x1": "-100", "y1": "-100", "x2": "100", "y2": "100"}
     return element("fmiTerminalsAndIcons", {"fmiVersion": "3.0"}, [
         element("GraphicalRepresentation", {}, [
@@ -129,4 +135,4 @@ def terminals_and_icons(unit: FmuInterface) -> Element:
             element("Terminal", {"name": t.name, "matchingRule": "bus", "description": t.description}, (
                 element("TerminalMemberVariable", {
                     "variableName": member, "memberName": member, "variableKind": "signal"}) for member in t.members))
-            for t in _terminals(unit)))])
+            for t in _terminals(unit, arrays)))])

@@ -17,12 +17,10 @@ from ..parameters import ParameterSet, are_defaults
 from ..reference import files
 from ..runtime import schedule
 from ..variables import Variable
-from . import native, python
 from .description import describe
 from .figures import response_figures
 from .interface import FmuInterface, start_values
 
-_NOTES = {"python": python.NOTES, "native": native.NOTES}
 _EXTERNAL = """This FMU computes in Python. Its binaries (linux64, win64) load into a process that has Python 3.10 or
 later loaded; they bring no Python of their own. From a Python host (fmpy) nothing is to do. From another host
 on Linux, preload the Python library, for example
@@ -57,14 +55,15 @@ def _rows(unit: FmuInterface, variables: tuple[Variable, ...], sets: Sequence[Pa
     return rows
 
 
-def _page(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, platforms: Sequence[str]) -> str:
+def _page(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, notes: Sequence[str],
+          platforms: Sequence[str]) -> str:
     environment = Environment(loader=PackageLoader("emcas_fmu", "fmi"), undefined=StrictUndefined,
                               trim_blocks=True, lstrip_blocks=True)
     starts = dict(zip(unit.reference, start_values(unit, [p.values for p in sets]), strict=True))
     equations = [*unit.actuator.modules, schedule, *([unit.line.equations] if unit.line else [])]
     return environment.get_template("documentation.html.j2").render(
         model=unit.model, description=describe(unit), origin=unit.actuator.origin, version=__version__, guid=guid,
-        fins=unit.fins, supply=unit.actuator.supply, line=unit.line, notes=_NOTES[backend], platforms=platforms,
+        fins=unit.fins, supply=unit.actuator.supply, line=unit.line, notes=notes, platforms=platforms,
         step_ms=_text(sets[0].values["controller.sample_time"] * 1e3),
         figures=response_figures(sets[0]), equations=[inspect.getdoc(module) for module in equations],
         tables=[(title, _rows(unit, variables, sets, starts)) for title, variables in (
@@ -95,9 +94,12 @@ def _references(parameters: ParameterSet) -> Mapping[str, bytes]:
     return {f"extra/reference/{path.name}": path.read_bytes() for path in paths if path.is_file()}
 
 
-def documents(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str,
+def documents(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, notes: Sequence[str],
               platforms: Sequence[str]) -> dict[str, bytes]:
-    """Return everything that is documentation, of a unit with binaries for `platforms`: archive name to content."""
+    """Return everything that is documentation: archive name to content.
+
+    `notes` say how the unit answers its host; it has binaries for `platforms`.
+    """
     picture = Path(__file__).with_name("icon.png").read_bytes()
     licenses = [("emcas-fmu", "LICENSE.txt")]
     external = {}
@@ -105,7 +107,7 @@ def documents(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, backe
         licenses.append(("pythonfmu", "pythonfmu-LICENSE.txt"))
         external["documentation/externalDependencies.txt"] = _EXTERNAL.encode()
     return {
-        "documentation/index.html": _page(unit, sets, guid, backend, platforms).encode(),
+        "documentation/index.html": _page(unit, sets, guid, notes, platforms).encode(),
         **external,
         "model.png": picture,
         "terminalsAndIcons/icon.png": picture,

@@ -71,6 +71,10 @@ class FmuInterface:
         """Return the interface's name of a variable of fin 0, 1, ..."""
         return variable if self.fins == 1 or variable in self.shared else f"fin[{fin + 1}].{variable}"
 
+    def array_name(self, variable: str) -> str:
+        """Return the name of the array that has a variable of every fin, where arrays are (FMI 3.0)."""
+        return variable if self.fins == 1 or variable in self.shared else f"fins.{variable}"
+
     @cached_property
     def shared(self) -> tuple[str, ...]:
         """Names of the inputs that all fins have in common: vehicle motion and supply."""
@@ -91,26 +95,37 @@ class FmuInterface:
             return ()
         return (*self.line.outputs, replace(supply.power, description=self.line.power))
 
-    def _each(self, variables: Sequence[Variable]) -> tuple[Variable, ...]:
-        return tuple(replace(v, name=self.name(v.name, fin)) for fin in range(self.fins) for v in variables)
+    @cached_property
+    def groups(self) -> tuple[tuple[tuple[Variable, ...], tuple[Variable, ...]], ...]:
+        """Inputs, outputs and parameters: of each those that fins share, and those each has, by its own names.
+
+        A single fin shares nothing.
+        """
+        actuator, supply = self.actuator, self.actuator.supply
+        if self.fins == 1:
+            return tuple(((), each) for each in (actuator.inputs, actuator.outputs, actuator.parameters))
+        source = {} if supply is None else {supply.input.name: supply.line.source}
+        shared = tuple(replace(v, description=source.get(v.name, v.description))
+                       for v in actuator.inputs if v.name in self.shared)
+        each = tuple(v for v in actuator.inputs if v.name not in self.shared)
+        return ((shared + MIXING, each), (self.line_outputs, actuator.outputs),
+                (self.line.parameters if self.line else (), actuator.parameters))
+
+    def _scalars(self, group: int) -> tuple[Variable, ...]:
+        shared, each = self.groups[group]
+        return shared + tuple(replace(v, name=self.name(v.name, fin)) for fin in range(self.fins) for v in each)
 
     @cached_property
     def inputs(self) -> tuple[Variable, ...]:
-        inputs, supply = self.actuator.inputs, self.actuator.supply
-        if self.fins == 1:
-            return inputs
-        source = {} if supply is None else {supply.input.name: supply.line.source}
-        shared = tuple(replace(v, description=source.get(v.name, v.description))
-                       for v in inputs if v.name in self.shared)
-        return shared + MIXING + self._each([v for v in inputs if v.name not in self.shared])
+        return self._scalars(0)
 
     @cached_property
     def outputs(self) -> tuple[Variable, ...]:
-        return self.line_outputs + self._each(self.actuator.outputs)
+        return self._scalars(1)
 
     @cached_property
     def parameters(self) -> tuple[Variable, ...]:
-        return (self.line.parameters if self.line else ()) + self._each(self.actuator.parameters)
+        return self._scalars(2)
 
     @cached_property
     def variables(self) -> tuple[Variable, ...]:

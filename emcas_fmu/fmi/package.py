@@ -17,7 +17,7 @@ from ..progress import Progress
 from . import native, python
 from .description import terminals_and_icons, to_bytes
 from .documentation import documents
-from .fmi2.model_description import model_description
+from .format import Format
 from .interface import FmuInterface, fin_sets, start_values
 
 BACKENDS = ("python", "native")
@@ -35,58 +35,66 @@ class Built:
     warnings: tuple[str, ...]
 
 
-def interface_guid(starts: tuple[Any, ...], unit: FmuInterface) -> str:
+def interface_guid(starts: tuple[Any, ...], unit: FmuInterface, fmi: Format) -> str:
     """Return a hash of the interface: of the model description with its GUID left empty."""
-    description = to_bytes(model_description(starts, "", options={}, tool="", unit=unit))
+    description = to_bytes(fmi.model_description(starts, "", options={}, tool="", unit=unit))
     return f"{{{UUID(bytes=hashlib.sha256(description).digest()[:16], version=5)}}}"
 
 
 def _native(unit: FmuInterface, starts: tuple[Any, ...], guid: str, platforms: Sequence[str] | None, cc: str | None,
-            progress: Progress | None) -> dict[str, bytes]:
-    files = native.sources(unit, starts, guid)
-    contents = native.binaries(unit.model, files, native.chosen(platforms, cc), cc, progress)
+            progress: Progress | None, fmi: Format) -> dict[str, bytes]:
+    files = native.sources(unit, starts, guid, fmi)
+    contents = native.binaries(unit.model, files, native.chosen(platforms, cc), cc, progress, fmi)
     contents |= {f"sources/{name}": text.encode() for name, text in files.items()}
-    contents["sources/buildDescription.xml"] = to_bytes(native.build_description(unit.model))
+    contents["sources/buildDescription.xml"] = to_bytes(native.build_description(unit.model, fmi))
     return contents
 
 
 def _contents(unit: FmuInterface, sets: Sequence[ParameterSet], backend: str, platforms: Sequence[str] | None,
-              cc: str | None, progress: Progress | None) -> tuple[dict[str, bytes], str, tuple[str, ...]]:
+              cc: str | None, progress: Progress | None, fmi: Format) -> tuple[dict[str, bytes], str, tuple[str, ...]]:
     starts = start_values(unit, [p.values for p in sets])
-    guid = interface_guid(starts, unit)
+    guid = interface_guid(starts, unit, fmi)
     # Neither Python's nor the compiler's version: any that is supported gives the same FMU but for the binaries.
     tool = f"emcas-fmu {__version__}"
     source_files: tuple[str, ...] = ()
     if backend == "native":
-        contents = _native(unit, starts, guid, platforms, cc, progress)
-        options, source_files = native.OPTIONS, (native.MAIN,)
+        contents = _native(unit, starts, guid, platforms, cc, progress, fmi)
+        options, source_files, notes = dict(fmi.options), (fmi.main,), fmi.notes
     else:
         contents, options = python.exported(unit, starts, guid)
+        notes = python.NOTES
         tool += f" with {python.TOOL}"
     contents["modelDescription.xml"] = to_bytes(
-        model_description(starts, guid, options=options, tool=tool, source_files=source_files, unit=unit))
-    contents["terminalsAndIcons/terminalsAndIcons.xml"] = to_bytes(terminals_and_icons(unit))
+        fmi.model_description(starts, guid, options=options, tool=tool, source_files=source_files, unit=unit))
+    contents["terminalsAndIcons/terminalsAndIcons.xml"] = to_bytes(
+        terminals_and_icons(unit, arrays=fmi.version != "2.0"))
     built_for = tuple(sorted({name.split("/")[1] for name in contents if name.startswith("binaries/")}))
-    contents.update(documents(unit, sets, guid, backend, built_for))
+    contents.update(documents(unit, sets, guid, backend, notes, built_for))
     return contents, guid, built_for
 
 
-def build(parameters: ParameterSet, output: Path | str, backend: str = "python", platforms: Sequence[str] | None = None,
-          cc: str | None = None, progress: Progress | None = None, fins: int = 1, layout: str = "cross",
-          files: Mapping[int, Path] | None = None) -> Built:
+def build(parameters: ParameterSet, output: Path | str, backend: str | None = None,
+          platforms: Sequence[str] | None = None, cc: str | None = None, progress: Progress | None = None, fins: int = 1,
+          layout: str = "cross", files: Mapping[int, Path] | None = None, fmi: str = "2") -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
-    `backend` is ``python`` or ``native``; the rest is for the native one: `platforms` to
-    build for (all if not given), `cc` a system compiler instead of zig (this platform only).
+    `backend` is ``python``, of FMI 2.0 unless given, or ``native``, which alone knows FMI 3.0 (`fmi` of ``3``). For
+    the native one are `platforms` to build for (all if not given), `cc` a system compiler instead of zig (this
+    platform only).
     More than one of `fins` share a bus and stand in the `layout` (``plus`` or ``cross``); `files` are parameter
     files of single fins (from 1), over the others'. Raises EmcasError for what cannot be asked for,
     ParameterError for a file's problems, BuildError if the FMU cannot be written and CompilerError if there is
     no compiler.
     """
+    if fmi not in native.FORMATS:
+        raise BuildError(f"--fmi {fmi}: there is {' and '.join(native.FORMATS)}")
+    backend = backend or ("python" if fmi == "2" else "native")
     if backend not in BACKENDS:
         raise BuildError(f"--backend {backend}: there is {' and '.join(BACKENDS)}")
     if backend == "python" and (platforms is not None or cc is not None):
         raise BuildError("--platform and --cc are for --backend native: the Python back end compiles nothing")
+    if backend == "python" and fmi != "2":
+        raise BuildError(f"--fmi {fmi} is for --backend native: the Python back end exports FMI 2.0")
     output = Path(output)
     if output.suffix != ".fmu":
         raise BuildError(f"{output}: the output must end in .fmu")
@@ -95,7 +103,8 @@ def build(parameters: ParameterSet, output: Path | str, backend: str = "python",
     if fins == 1 and files:
         raise BuildError("--fin is for a unit of several: give --fins too")
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
-    contents, guid, built_for = _contents(FmuInterface(fins, parameters.model), sets, backend, platforms, cc, progress)
+    contents, guid, built_for = _contents(FmuInterface(fins, parameters.model), sets, backend, platforms, cc, progress,
+                                          native.FORMATS[fmi])
     try:
         # modelDescription.xml first: readers that stream find it at once.
         write_zip(contents, output, lambda name: (name != "modelDescription.xml", name), "binaries/")

@@ -276,7 +276,7 @@ def test_both_back_ends(unit: FmuInterface, library: Fmu, slave_class: type[Slav
             assert told() == [native.get(v.name) for v in unit.outputs]
             if saved:
                 python._set_fmu_state(saved[0])
-                assert native.call("fmi2SetFMUstate", saved[1]) == OK
+                assert native.call("SetFMUstate", saved[1]) == OK
                 time, saved = saved[2], None
     native.free()
 

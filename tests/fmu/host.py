@@ -1,4 +1,7 @@
-"""A minimal FMI 2.0 host on ctypes: standard library only, so that it runs where nothing is installed."""
+"""A minimal host of FMI 2.0 and 3.0 on ctypes: standard library only, so that it runs where nothing is installed.
+
+An array of FMI 3.0 is read and written by its elements, under the names that they have in FMI 2.0.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,13 @@ from collections.abc import Sequence
 from typing import Any
 
 OK, WARNING, DISCARD, ERROR, FATAL = range(5)
-_CTYPES: dict[str, Any] = {"Real": ct.c_double, "Integer": ct.c_int, "Boolean": ct.c_int}
+_CTYPES: dict[str, Any] = {
+    "Real": ct.c_double, "Integer": ct.c_int, "Boolean": ct.c_int,
+    "Float64": ct.c_double, "Int32": ct.c_int32, "UInt32": ct.c_uint32, "Int64": ct.c_int64}
 _GOT_AS = {"Enumeration": "Integer"}
+_GOT_AS_3 = {"Enumeration": "Int64"}
 _LOGGER = ct.CFUNCTYPE(None, ct.c_void_p, ct.c_char_p, ct.c_int, ct.c_char_p, ct.c_char_p)
+_LOGGER_3 = ct.CFUNCTYPE(None, ct.c_void_p, ct.c_int, ct.c_char_p, ct.c_char_p)
 
 
 class _Callbacks(ct.Structure):
@@ -26,19 +33,52 @@ class Fmu:
     def __init__(self, folder: str) -> None:
         self.folder = pathlib.Path(folder)
         root = ET.parse(self.folder / "modelDescription.xml").getroot()
-        self.guid = root.attrib["guid"]
-        variables = root.findall("ModelVariables/ScalarVariable")
-        self.references = {v.attrib["name"]: int(v.attrib["valueReference"]) for v in variables}
-        self.kinds = {v.attrib["name"]: _GOT_AS.get(v[0].tag, v[0].tag) for v in variables}
-        self.outputs = [v.attrib["name"] for v in variables if v.attrib["causality"] == "output"]
+        self.version = root.attrib["fmiVersion"]
+        self.elements: dict[str, tuple[int, int]] = {}  # of an array: place, and how many there are
+        self.references: dict[str, int] = {}
+        self.kinds: dict[str, str] = {}
+        self.outputs: list[str] = []
+        (self._read if self.version == "2.0" else self._read_3)(root)
         identifier = root.find("CoSimulation").attrib["modelIdentifier"]  # type: ignore[union-attr]
-        system, suffix = {"Linux": ("linux64", ".so"), "Windows": ("win64", ".dll")}[platform.system()]
-        self.library = ct.CDLL(str(self.folder / "binaries" / system / (identifier + suffix)))
-        self.library.fmi2Instantiate.restype = ct.c_void_p
+        system, tuple_, suffix = {"Linux": ("linux64", "x86_64-linux", ".so"),
+                                  "Windows": ("win64", "x86_64-windows", ".dll")}[platform.system()]
+        binaries = self.folder / "binaries" / (system if self.version == "2.0" else tuple_)
+        self.library = ct.CDLL(str(binaries / (identifier + suffix)))
+        for name in ("fmi2Instantiate", "fmi3InstantiateCoSimulation", "fmi3InstantiateModelExchange"):
+            if name[3] == self.version[0]:
+                getattr(self.library, name).restype = ct.c_void_p
+
+    def _read(self, root: ET.Element) -> None:
+        self.guid = root.attrib["guid"]
+        for v in root.findall("ModelVariables/ScalarVariable"):
+            name = v.attrib["name"]
+            self.references[name] = int(v.attrib["valueReference"])
+            self.kinds[name] = _GOT_AS.get(v[0].tag, v[0].tag)
+            if v.attrib["causality"] == "output":
+                self.outputs.append(name)
+
+    def _read_3(self, root: ET.Element) -> None:
+        self.guid = root.attrib["instantiationToken"]
+        for v in root.find("ModelVariables") or ():
+            sizes = [int(d.attrib["start"]) for d in v.findall("Dimension")]
+            names = [v.attrib["name"]]
+            if names[0].startswith("fins."):
+                names = [names[0].replace("fins.", f"fin[{fin + 1}].", 1) for fin in range(sizes.pop(0))]
+            if sizes:
+                names = [f"{name}[{k}]" for name in names for k in range(sizes[0])]
+            for k, name in enumerate(names):
+                self.references[name] = int(v.attrib["valueReference"])
+                self.kinds[name] = _GOT_AS_3.get(v.tag, v.tag)
+                self.elements[name] = k, len(names)
+                if v.attrib["causality"] == "output":
+                    self.outputs.append(name)
 
 
 class Instance:
     """An instance; every call gives its FMI status, `log` collects (status, message)."""
+
+    def __new__(cls, fmu: Fmu, *_: Any, **__: Any) -> Instance:
+        return super().__new__(Instance if fmu.version == "2.0" else Instance3)
 
     def __init__(self, fmu: Fmu, name: str = "fin", guid: str | None = None, logging: bool = True,
                  kind: int = 1) -> None:
@@ -51,19 +91,23 @@ class Instance:
             ct.byref(self._callbacks), 0, int(logging)))
 
     def call(self, function: str, *arguments: Any) -> int:
-        status: int = getattr(self.fmu.library, function)(self.component, *arguments)
+        """Call a function by FMI 2.0's name without its prefix."""
+        status: int = getattr(self.fmu.library, f"fmi2{function}")(self.component, *arguments)
         return status
 
     def setup(self, start: float = 0.0) -> int:
-        return self.call("fmi2SetupExperiment", 0, ct.c_double(0.0), ct.c_double(start), 0, ct.c_double(0.0))
+        return self.call("SetupExperiment", 0, ct.c_double(0.0), ct.c_double(start), 0, ct.c_double(0.0))
 
     def initialize(self, start: float = 0.0, **values: Any) -> list[int]:
-        statuses = [self.setup(start), self.call("fmi2EnterInitializationMode")]
+        statuses = [self.setup(start), self.enter()]
         statuses += [self.set(name, value) for name, value in values.items()]
-        return [*statuses, self.call("fmi2ExitInitializationMode")]
+        return [*statuses, self.call("ExitInitializationMode")]
+
+    def enter(self) -> int:
+        return self.call("EnterInitializationMode")
 
     def step(self, time: float, size: float) -> int:
-        return self.call("fmi2DoStep", ct.c_double(time), ct.c_double(size), 1)
+        return self.call("DoStep", ct.c_double(time), ct.c_double(size), 1)
 
     def run(self, begin: float, end: float, size: float, **inputs: Any) -> int:
         """Steps with the inputs held; the worst status."""
@@ -74,7 +118,12 @@ class Instance:
 
     def set_vr(self, kind: str, reference: int, value: Any) -> int:
         ctype = _CTYPES[kind]
-        return self.call(f"fmi2Set{kind}", (ct.c_uint * 1)(reference), ct.c_size_t(1), (ctype * 1)(value))
+        return self.call(f"Set{kind}", (ct.c_uint * 1)(reference), ct.c_size_t(1), (ctype * 1)(value))
+
+    def set_reals(self, references: Sequence[int], values: Sequence[float]) -> int:
+        """Set scalars in one call."""
+        return self.call("SetReal", (ct.c_uint * len(references))(*references), ct.c_size_t(len(references)),
+                         (ct.c_double * len(values))(*values))
 
     def set(self, name: str, value: Any) -> int:
         name = name.replace("__", ".")
@@ -83,9 +132,12 @@ class Instance:
     def get_vr(self, kind: str, references: Sequence[int]) -> tuple[int, list[Any]]:
         ctype = _CTYPES[kind]
         values = (ctype * len(references))()
-        status = self.call(f"fmi2Get{kind}", (ct.c_uint * len(references))(*references),
+        status = self.call(f"Get{kind}", (ct.c_uint * len(references))(*references),
                            ct.c_size_t(len(references)), values)
         return status, list(values)
+
+    def read_without_arrays(self, count: int) -> int:
+        return self.call("GetReal", None, ct.c_size_t(count), None)
 
     def get(self, name: str) -> Any:
         status, (value,) = self.get_vr(self.fmu.kinds[name], [self.fmu.references[name]])
@@ -94,42 +146,42 @@ class Instance:
 
     def differentiate(self, name: str, order: int, value: float) -> int:
         """fmi2SetRealInputDerivatives of one variable."""
-        return self.call("fmi2SetRealInputDerivatives", (ct.c_uint * 1)(self.fmu.references[name]), ct.c_size_t(1),
+        return self.call("SetRealInputDerivatives", (ct.c_uint * 1)(self.fmu.references[name]), ct.c_size_t(1),
                          (ct.c_int * 1)(order), (ct.c_double * 1)(value))
 
     def status(self, kind: str, which: int) -> tuple[int, Any]:
         """fmi2Get<kind>Status: status of the call and the value."""
         value = _CTYPES[kind](-1)
-        return self.call(f"fmi2Get{kind}Status", which, ct.byref(value)), value.value
+        return self.call(f"Get{kind}Status", which, ct.byref(value)), value.value
 
     def debug(self, on: bool, categories: Sequence[str]) -> int:
         """fmi2SetDebugLogging."""
         names = (ct.c_char_p * len(categories))(*(c.encode() for c in categories))
-        return self.call("fmi2SetDebugLogging", int(on), ct.c_size_t(len(categories)), names)
+        return self.call("SetDebugLogging", int(on), ct.c_size_t(len(categories)), names)
 
     def outputs(self) -> dict[str, Any]:
         return {name: self.get(name) for name in self.fmu.outputs}
 
     def save(self) -> ct.c_void_p:
         state = ct.c_void_p()
-        assert self.call("fmi2GetFMUstate", ct.byref(state)) == OK
+        assert self.call("GetFMUstate", ct.byref(state)) == OK
         return state
 
     def serialize(self, state: ct.c_void_p) -> bytes:
         size = ct.c_size_t()
-        assert self.call("fmi2SerializedFMUstateSize", state, ct.byref(size)) == OK
+        assert self.call("SerializedFMUstateSize", state, ct.byref(size)) == OK
         data = (ct.c_char * size.value)()
-        assert self.call("fmi2SerializeFMUstate", state, data, size) == OK
+        assert self.call("SerializeFMUstate", state, data, size) == OK
         return data.raw
 
     def restore(self, data: bytes) -> int:
         """Deserialize and set; the worst status."""
         state = ct.c_void_p()
         buffer = (ct.c_char * len(data)).from_buffer_copy(data)
-        status = self.call("fmi2DeSerializeFMUstate", buffer, ct.c_size_t(len(data)), ct.byref(state))
+        status = self.call("DeSerializeFMUstate", buffer, ct.c_size_t(len(data)), ct.byref(state))
         if status == OK:
-            status = self.call("fmi2SetFMUstate", state)
-            self.call("fmi2FreeFMUstate", ct.byref(state))
+            status = self.call("SetFMUstate", state)
+            self.call("FreeFMUstate", ct.byref(state))
         return status
 
     def free(self) -> None:
@@ -137,3 +189,101 @@ class Instance:
 
     def messages(self, status: int) -> str:
         return "\n".join(message for found, message in self.log if found == status)
+
+
+class Instance3(Instance):
+    """An instance of FMI 3.0; `event_mode` and `early_return` as at its instantiation."""
+
+    def __init__(self, fmu: Fmu, name: str = "fin", guid: str | None = None, logging: bool = True, kind: int = 1,
+                 event_mode: bool = False, early_return: bool = False) -> None:
+        self.fmu = fmu
+        self.log = []
+        self._logger = _LOGGER_3(lambda _, status, __, message: self.log.append((status, message.decode())))
+        self._start = 0.0
+        identity = (name.encode(), (guid or fmu.guid).encode(), None, ct.c_bool(False), ct.c_bool(logging))
+        if kind == 0:
+            made = fmu.library.fmi3InstantiateModelExchange(*identity, None, self._logger)
+        else:
+            made = fmu.library.fmi3InstantiateCoSimulation(
+                *identity, ct.c_bool(event_mode), ct.c_bool(early_return), None, ct.c_size_t(0), None, self._logger, None)
+        self.component = ct.c_void_p(made)
+        self.event_needed, self.returned_early, self.reached = False, False, 0.0  # by the last step
+
+    def call(self, function: str, *arguments: Any) -> int:
+        name = function.replace("FMUstate", "FMUState").replace("DeSerialize", "Deserialize")
+        status: int = getattr(self.fmu.library, f"fmi3{name}")(self.component, *arguments)
+        return status
+
+    def setup(self, start: float = 0.0) -> int:
+        self._start = start
+        return OK
+
+    def enter(self) -> int:
+        return self.call("EnterInitializationMode", ct.c_bool(False), ct.c_double(0.0), ct.c_double(self._start),
+                         ct.c_bool(False), ct.c_double(0.0))
+
+    def step(self, time: float, size: float) -> int:
+        event, end, early, reached = ct.c_bool(), ct.c_bool(), ct.c_bool(), ct.c_double()
+        status = self.call("DoStep", ct.c_double(time), ct.c_double(size), ct.c_bool(True), ct.byref(event),
+                           ct.byref(end), ct.byref(early), ct.byref(reached))
+        self.event_needed, self.returned_early, self.reached = event.value, early.value, reached.value
+        return status
+
+    def update(self) -> int:
+        """fmi3UpdateDiscreteStates: the status, and that of a unit which wants to be updated no more."""
+        flags = [ct.c_bool(True) for _ in range(5)]
+        status = self.call("UpdateDiscreteStates", *map(ct.byref, flags), ct.byref(ct.c_double()))
+        assert not any(flag.value for flag in flags)
+        return status
+
+    def set_vr(self, kind: str, reference: int, value: Any) -> int:
+        ctype, kind = self._typed(kind)
+        values = value if isinstance(value, list) else [value]
+        return self.call(f"Set{kind}", (ct.c_uint * 1)(reference), ct.c_size_t(1), (ctype * len(values))(*values),
+                         ct.c_size_t(len(values)))
+
+    def set_reals(self, references: Sequence[int], values: Sequence[float]) -> int:
+        return self.call("SetFloat64", (ct.c_uint * len(references))(*references), ct.c_size_t(len(references)),
+                         (ct.c_double * len(values))(*values), ct.c_size_t(len(values)))
+
+    def set(self, name: str, value: Any) -> int:
+        name = name.replace("__", ".")
+        element, count = self.fmu.elements[name]
+        kind, reference, values = self.fmu.kinds[name], self.fmu.references[name], [value]
+        if count > 1:
+            status, values = self.get_elements(kind, reference, count)
+            assert status == OK
+            values[element] = value
+        return self.set_vr(kind, reference, values)
+
+    def get_elements(self, kind: str, reference: int, count: int) -> tuple[int, list[Any]]:
+        """The values of an array."""
+        ctype, kind = self._typed(kind)
+        values = (ctype * count)()
+        status = self.call(f"Get{kind}", (ct.c_uint * 1)(reference), ct.c_size_t(1), values, ct.c_size_t(count))
+        return status, list(values)
+
+    def get_vr(self, kind: str, references: Sequence[int]) -> tuple[int, list[Any]]:
+        (reference,) = references
+        return self.get_elements(kind, reference, 1)
+
+    def get(self, name: str) -> Any:
+        element, count = self.fmu.elements[name]
+        status, values = self.get_elements(self.fmu.kinds[name], self.fmu.references[name], count)
+        assert status == OK, status
+        return values[element]
+
+    def read_without_arrays(self, count: int) -> int:
+        return self.call("GetFloat64", None, ct.c_size_t(count), None, ct.c_size_t(count))
+
+    def debug(self, on: bool, categories: Sequence[str]) -> int:
+        names = (ct.c_char_p * len(categories))(*(c.encode() for c in categories))
+        return self.call("SetDebugLogging", ct.c_bool(on), ct.c_size_t(len(categories)), names)
+
+    def free(self) -> None:
+        self.fmu.library.fmi3FreeInstance(self.component)
+
+    @staticmethod
+    def _typed(kind: str) -> tuple[Any, str]:
+        kind = {"Real": "Float64", "Integer": "Int32"}.get(kind, kind)
+        return (ct.c_bool if kind == "Boolean" else _CTYPES[kind]), kind

@@ -91,8 +91,7 @@ def misuse(fmu: Fmu) -> Any:
         "set wrong type": lambda i: i.set_vr("Integer", fmu.references["fin_command"], 1),
         "set output": lambda i: i.set("fin_angle", 1.0),
         "set fixed": lambda i: i.set("motor.resistance", 1.0),
-        "set partly": lambda i: i.call("fmi2SetReal", (ct.c_uint * 2)(
-            fmu.references["fin_command"], fmu.references["fin_angle"]), ct.c_size_t(2), (ct.c_double * 2)(-0.1, 1.0)),
+        "set partly": lambda i: i.set_reals([fmu.references["fin_command"], fmu.references["fin_angle"]], [-0.1, 1.0]),
         "get unknown": lambda i: i.get_vr("Real", [100_000])[0],
         "get wrong type": lambda i: i.get_vr("Boolean", [fmu.references["fin_angle"]])[0],
     }
@@ -109,7 +108,7 @@ def misuse(fmu: Fmu) -> Any:
     early = Instance(fmu)
     early_status = early.step(0.0, 1e-3)
     late = started(fmu)
-    late.call("fmi2Terminate")
+    late.call("Terminate")
     findings_order = {"early": [early_status, early.messages(early_status)]}
     late_status = late.step(BEGUN, 1e-3)
     findings_order["late"] = [late_status, late.messages(late_status)]
@@ -134,7 +133,7 @@ def refused_parameters(fmu: Fmu) -> Any:
         statuses = instance.initialize(**values)
         findings[name] = {"init": max(statuses), "log": instance.messages(ERROR),
                           "steps": [instance.step(0.0, 1e-3), instance.step(0.0, 1e-3)]}
-        assert instance.call("fmi2Reset") == OK
+        assert instance.call("Reset") == OK
         findings[name]["after reset"] = max(*instance.initialize(), instance.step(0.0, 1e-3))
         instance.free()
     tunable = started(fmu)
@@ -160,7 +159,7 @@ def state(fmu: Fmu) -> Any:
         return rows
 
     straight = rest(instance)
-    assert instance.call("fmi2SetFMUstate", saved) == OK
+    assert instance.call("SetFMUstate", saved) == OK
     restored = rest(instance)
     other = started(fmu)
     assert other.restore(data) == OK
@@ -170,7 +169,7 @@ def state(fmu: Fmu) -> Any:
     into_fresh = rest(fresh)
     middle = instance.save()
     tail = [instance.step(BEGUN + 0.07, 0.33e-3), instance.outputs()]
-    instance.call("fmi2SetFMUstate", middle)
+    instance.call("SetFMUstate", middle)
     inside_tick = tail == [instance.step(BEGUN + 0.07, 0.33e-3), instance.outputs()]
     return {"restored": restored == straight, "transplanted": transplanted == straight,
             "fresh": into_fresh == straight, "inside tick": inside_tick, "moved": straight[-1] != straight[0]}
@@ -200,7 +199,7 @@ def reset(fmu: Fmu) -> Any:
     instance.initialize(friction__temperature=-6.0)
     instance.run(0.0, 0.1, 1e-3, **COMMAND)
     first = instance.outputs()
-    instance.call("fmi2Reset")
+    instance.call("Reset")
     instance.initialize()
     instance.run(0.0, 0.1, 1e-3, **COMMAND)
     fresh = Instance(fmu)
@@ -296,11 +295,11 @@ def dry_instance(fmu: Fmu) -> Any:
     instance = Instance(fmu)
     before = instance.outputs()
     instance.setup()
-    instance.call("fmi2EnterInitializationMode")
+    instance.enter()
     instance.set("fin.start_angle", 0.1)
     instance.set("fin_command", 0.3)
     during = instance.outputs()
-    instance.call("fmi2ExitInitializationMode")
+    instance.call("ExitInitializationMode")
     return {"before": before, "during": during, "after": instance.outputs()}
 
 
@@ -376,7 +375,7 @@ def statuses(fmu: Fmu) -> Any:
     found["huge step"] = instance.step(BEGUN, 1e12)
     found["recovered"] = [instance.step(BEGUN, 1e-3), instance.status("Boolean", 3)]
     found["unavailable"] = [instance.status("Integer", 0)[0], instance.status("Real", 3)[0],
-                            instance.call("fmi2CancelStep")]
+                            instance.call("CancelStep")]
     return found
 
 
@@ -401,15 +400,16 @@ def logging(fmu: Fmu) -> Any:
 def missing_arguments(fmu: Fmu) -> Any:
     """Null pointers where an array or an instance should be: an error, no crash."""
     instance = started(fmu)
-    calls = {"no arrays": instance.call("fmi2GetReal", None, ct.c_size_t(3), None),
-             "nothing asked": instance.call("fmi2GetReal", None, ct.c_size_t(0), None),
-             "no categories": instance.call("fmi2SetDebugLogging", 1, ct.c_size_t(2), None),
-             "no state": instance.call("fmi2SetFMUstate", None),
-             "state to nowhere": instance.call("fmi2GetFMUstate", None),
-             "strings": instance.call("fmi2GetString", (ct.c_uint * 1)(0), ct.c_size_t(1), (ct.c_char_p * 1)()),
-             "free no state": instance.call("fmi2FreeFMUstate", None)}
+    calls = {"no arrays": instance.read_without_arrays(3),
+             "nothing asked": instance.read_without_arrays(0),
+             "no categories": instance.call("SetDebugLogging", ct.c_bool(True), ct.c_size_t(2), None),
+             "no state": instance.call("SetFMUstate", None),
+             "state to nowhere": instance.call("GetFMUstate", None),
+             "strings": instance.call("GetString", (ct.c_uint * 1)(0), ct.c_size_t(1), (ct.c_char_p * 1)(),
+                                      ct.c_size_t(1)),
+             "free no state": instance.call("FreeFMUstate", None)}
     nobody = Instance(fmu, guid="none", logging=False)
-    calls["no instance"] = min(nobody.call(f"fmi2{name}") for name in ("Reset", "Terminate", "EnterInitializationMode"))
+    calls["no instance"] = min(nobody.call(name) for name in ("Reset", "Terminate", "ExitInitializationMode"))
     nobody.free()
     return {"calls": calls, "alive": instance.step(BEGUN, 1e-3)}
 

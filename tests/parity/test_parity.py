@@ -137,7 +137,7 @@ def test_any_host_any_parameters(library: Fmu, slave_class: type[Slave], changes
                 *python.get_boolean([INDEX[name] for name in BOOLEANS])]
             if saved:
                 python._set_fmu_state(saved[0])
-                assert native.call("fmi2SetFMUstate", saved[1]) == OK
+                assert native.call("SetFMUstate", saved[1]) == OK
                 time = saved[2]
     native.free()
 

@@ -1,15 +1,13 @@
 /* Steps that end at events: a discrete output changes, or a fin sticks or comes loose. A part of fmi3.c.
  *
- * An event is looked for at the ends of ticks and then between them, by steps from copies of the state. The trajectory
- * is that of one long step, since it does not depend on where communication points are. What begins and ends within
- * one tick is not seen.
+ * An event is looked for at the ends of ticks and then between them, by steps from copies of the state, to within the
+ * tolerance of communication points. The trajectory is that of one long step, since it does not depend on where these
+ * are. What begins and ends within one tick is not seen.
  */
 #ifndef EMCAS_EVENTS_H
 #define EMCAS_EVENTS_H
 
 #include "step.h"
-
-#define EVENT_RESOLUTION 1e-9 /* s */
 
 /* Whether two sets of outputs differ in nothing that is an event. */
 static bool same_situation(const double *a, const double *b)
@@ -61,7 +59,7 @@ static core_result step_to_event(instance *m, double *end, bool *event)
         m->s.now = until;
         if (!*event) continue;
         double low = from, high = until;
-        while (result == CORE_DONE && high - low > EVENT_RESOLUTION) {
+        while (result == CORE_DONE && high - low > m->fins.slack) {
             const double middle = 0.5 * (low + high);
             result = step_from(m, &kept, from, middle);
             if (same_situation(before, m->s.values + OUTPUT_BEGIN))

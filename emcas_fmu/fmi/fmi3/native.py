@@ -1,0 +1,68 @@
+"""FMI 3.0 of the native back end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ...runtime.c_sources import c_text
+from ..format import Format, HostVariable, about, standard_headers
+from ..interface import FmuInterface
+from .arrays import CLOCK, TIME, arrays
+from .model_description import model_description
+
+_TYPES = {"Float64": "FLOAT64", "Int32": "INT32", "UInt32": "UINT32", "Enumeration": "INT64", "Boolean": "BOOL"}
+_NAMES = {**{name: name for name in _TYPES}, "Enumeration": "Enumeration (Int64)", "Clock": "Clock"}
+
+
+def _tables(unit: FmuInterface) -> str:
+    """Return where the elements of each variable are, and what the clock and the events go by."""
+    rows = [(v.variable.name, _TYPES[v.kind], v.first, v.table or 1, v.fins or 1, v.stride) for v in arrays(unit)]
+    rows += [(TIME.name, "FLOAT64", len(unit.variables), 1, 1, 0), (CLOCK, "TICKS", len(unit.variables), 1, 1, 0)]
+    listed = ",\n".join(f"    {{{c_text(name)}, {', '.join(map(str, row))}}}" for name, *row in rows)
+    actuator = unit.actuator
+    sample_time = [v.name for v in actuator.parameters].index("controller.sample_time")
+    fin_rate = [v.name for v in actuator.outputs].index("fin_rate")
+    return (f"\n/* Types of FMI 3.0, and where the elements of a variable are: `size` of a fin from `first` on, those of "
+            f"the next\n * fin `stride` further. */\nenum {{ {', '.join((*_TYPES.values(), 'TICKS'))} }};\n"
+            f"static const char *const TYPE[] = {{{', '.join(map(c_text, _NAMES.values()))}}};\n\n"
+            "typedef struct {\n    const char *name;\n    int type;\n    unsigned first, size, fins, stride;\n} array;\n\n"
+            f"enum {{ TIME = {len(rows) - 2}, CLOCK = {len(rows) - 1}, ARRAYS = {len(rows)} }};\n"
+            f"static const array ARRAY[ARRAYS] = {{\n{listed}\n}};\n\n"
+            "/* Of a fin: place of the sample time among the parameters, of the rate among the outputs. */\n"
+            f"enum {{ SAMPLE_TIME = {sample_time}, OUTPUT_FIN_RATE = {fin_rate} }};\n")
+
+
+def _host_variables(unit: FmuInterface) -> Iterator[HostVariable]:
+    listed = arrays(unit)
+    for reference, v in enumerate(listed):
+        shape = " x ".join(map(str, v.dimensions))
+        yield HostVariable(v.variable.name, reference, about(
+            v.variable.causality, _NAMES[v.kind], v.variable.unit if v.kind == "Float64" else "",
+            shape and f"{shape} values"))
+    yield HostVariable(TIME.name, len(listed), about(TIME.causality, "Float64", TIME.unit))
+    yield HostVariable(CLOCK, len(listed) + 1, about("input", "Clock", ""))
+
+
+FORMAT = Format(
+    version="3.0", main="fmi3.c", package="emcas_fmu.fmi.fmi3", written=("absent.h", "events.h"),
+    headers=lambda: standard_headers(("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h")),
+    prefix="FMI3_FUNCTION_PREFIX", folder=lambda platform: platform.tuple, tables=_tables,
+    host_variables=_host_variables, model_description=model_description,
+    options={"needsExecutionTool": "false", "canBeInstantiatedOnlyOncePerProcess": "false",
+             "canGetAndSetFMUState": "true", "canSerializeFMUState": "true", "providesDirectionalDerivatives": "false",
+             "canHandleVariableCommunicationStepSize": "true", "maxOutputDerivativeOrder": "0",
+             "providesIntermediateUpdate": "false", "mightReturnEarlyFromDoStep": "true", "hasEventMode": "true"},
+    notes=(
+        "This unit is compiled from C and needs nothing in its host; <code>sources</code> has the code, and for a host "
+        "in C a header with the instantiation token and the value references.",
+        "Inputs are held over a step.",
+        "Event mode is optional, and the trajectory is the same with it and without. Where a host uses it, a step that "
+        "changes a discrete output, or lets a fin stick or come loose, asks for event handling; where early return is "
+        "allowed, too, the step ends there, to within a thousandth of the sample time. What begins and ends within a tick is not seen.",
+        f"<code>{CLOCK}</code> says when the controllers sample (of fin 1, where their sample times differ). It need not "
+        "be activated: they sample by themselves.",
+        "A call out of place or with an unknown reference is answered with <code>fmi3Error</code> at once, nothing "
+        "changed; an input that is not finite with <code>fmi3Error</code> from the step. The instance may be used on.",
+        "A step that cannot be followed is answered with <code>fmi3Discard</code>, the state unchanged.",
+        "Parameters out of range give <code>fmi3Error</code> at the end of initialization; correct them and repeat the "
+        "call. A wrong instantiation token is refused by <code>fmi3InstantiateCoSimulation</code>."))

@@ -1,0 +1,62 @@
+"""What differs between the versions of FMI for a unit in C; each is described in its folder (fmi2, fmi3)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import fmpy
+
+from ..compiler import Platform
+from .interface import FmuInterface
+
+
+@dataclass(frozen=True)
+class HostVariable:
+    """A variable as a host in C refers to it: its name and value reference, and in words what it is."""
+
+    name: str
+    reference: int
+    about: str
+
+
+@dataclass(frozen=True)
+class Format:
+    """A version of FMI: its C besides what the versions share, and its model description.
+
+    `main` is the file handed to the compiler, `written` are the files beside it, of the same folder; `headers` gives
+    the standard's. `tables` gives what interface.h has besides the unit's scalars. `options` are attributes of the
+    CoSimulation element, `notes` say on the page in the FMU how the unit answers its host.
+    """
+
+    version: str
+    main: str
+    package: str
+    written: tuple[str, ...]
+    headers: Callable[[], Mapping[str, str]]
+    prefix: str
+    options: Mapping[str, str]
+    notes: tuple[str, ...]
+    folder: Callable[[Platform], str]
+    tables: Callable[[FmuInterface], str]
+    host_variables: Callable[[FmuInterface], Iterable[HostVariable]]
+    model_description: Callable[..., Element]
+
+    @property
+    def token(self) -> str:
+        """What the version calls the identification of the interface in the header for hosts."""
+        return "GUID" if self.version == "2.0" else "TOKEN"
+
+
+def standard_headers(names: Sequence[str]) -> dict[str, str]:
+    """Return headers of the FMI standard, as fmpy ships them."""
+    folder = Path(fmpy.__file__).parent / "c-code"
+    return {name: (folder / name).read_text(encoding="utf-8") for name in names}
+
+
+def about(causality: str, kind: str, unit: str, elements: Any = "") -> str:
+    """Return what a variable is, in words for a comment."""
+    return ", ".join(filter(None, (causality, kind, unit, str(elements))))
