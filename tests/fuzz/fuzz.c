@@ -2,9 +2,10 @@
  *
  * Compiled together with the unit itself, so that its state can be looked into. What must hold
  * after every call: no sanitizer report, and a finite state. Built for libFuzzer, or with
- * -DSTANDALONE as a program that makes its own bytes: fuzz SECONDS SEED.
+ * -DSTANDALONE as a program that makes its own bytes: fuzz SECONDS SEED. A version of FMI
+ * comes in as unit.c, its source, and calls.h, which is calls2.h or calls3.h.
  */
-#include "fmi2.c"
+#include "unit.c"
 
 #include <time.h>
 
@@ -61,12 +62,7 @@ static double step_size(bytes *b)
     return core_finite(any) && any > 0.05 && any < 1e5 ? 0.05 : any;
 }
 
-static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category,
-                   fmi2String message, ...)
-{
-    (void)environment, (void)status;
-    if (!name || !category || !message || strlen(message) >= MESSAGE) abort();
-}
+#include "calls.h"
 
 /* A tick may be 20,000 times shorter than a sample: enough is enough. */
 static int runs_long(const instance *m)
@@ -91,15 +87,15 @@ static void check(const instance *m)
     }
 }
 
-static void damaged_state(bytes *b, instance *m, fmi2FMUstate *state)
+static void damaged_state(bytes *b, instance *m, void **state)
 {
-    static fmi2Byte data[sizeof(state_head) + sizeof(model_state) + 8];
+    static uint8_t data[sizeof(state_head) + sizeof(model_state) + 8];
     size_t size = sizeof(state_head) + sizeof(model_state);
-    if (fmi2SerializeFMUstate(m, *state, data, size) != fmi2OK) return;
+    if (SERIALIZE(m, *state, data, size) != STATUS_OK) return;
     for (int changes = byte(b) % 6; changes > 0; --changes) {
         const size_t at = (byte(b) | byte(b) << 8) % size;
         if (byte(b) < 128) {
-            data[at] = (fmi2Byte)byte(b);
+            data[at] = byte(b);
         } else { /* a whole number of the state */
             const double any = number(b);
             memcpy(data + sizeof(state_head) + at % sizeof(model_state) / 8 * 8, &any, sizeof any);
@@ -110,109 +106,82 @@ static void damaged_state(bytes *b, instance *m, fmi2FMUstate *state)
         memcpy(data + offsetof(state_head, check), &right, sizeof right);
     }
     if (byte(b) < 20) size -= byte(b) % 9;
-    fmi2FMUstate made = NULL;
-    if (fmi2DeSerializeFMUstate(m, data, size, &made) == fmi2OK) {
-        fmi2SetFMUstate(m, made);
+    void *made = NULL;
+    if (DESERIALIZE(m, data, size, &made) == STATUS_OK) {
+        SET_STATE(m, made);
         check(m);
     }
-    fmi2FreeFMUstate(m, &made);
+    FREE_STATE(m, &made);
 }
 
 static void started(instance *m)
 {
-    fmi2SetupExperiment(m, 0, 0.0, 0.0, 0, 0.0);
-    fmi2EnterInitializationMode(m);
-    fmi2ExitInitializationMode(m);
+    begin(m, 0.0);
+    EXIT_INITIALIZATION(m);
+    after_initialization(m);
 }
 
-static void call(bytes *b, instance **unit, fmi2FMUstate *state)
+static void call(bytes *b, instance **unit, void **state)
 {
-    static const fmi2CallbackFunctions callbacks = {logger, calloc, free, NULL, NULL};
     const unsigned k = byte(b) % UNITS, s = byte(b) % STATES;
     instance *m = unit[k];
     const uint8_t which = byte(b) % 40;
-    fmi2ValueReference vr[3];
-    fmi2Real reals[3] = {0.0};
-    fmi2Integer integers[3] = {0};
+    uint32_t vr[3];
+    double reals[MOST_VALUES] = {0.0};
+    int32_t integers[MOST_VALUES] = {0};
     size_t n = byte(b) % 4;
     for (size_t i = 0; i < 3; ++i) {
-        vr[i] = (FINS > 1 ? byte(b) | byte(b) << 8 : byte(b)) % (UNIT_VARIABLES + 4);
+        vr[i] = (FINS > 1 ? byte(b) | byte(b) << 8 : byte(b)) % (REFERENCES + 4);
         if (byte(b) == 7) fill(b, &vr[i], sizeof vr[i]);
     }
     switch (which) {
     case 0:
-        if (m) fmi2FreeInstance(m);
+        if (m) FREE_INSTANCE(m);
         unit[k] = byte(b) < 30 ? NULL
-                               : fmi2Instantiate(byte(b) < 10 ? "" : "fin", byte(b) < 10 ? 0 : 1,
-                                                 byte(b) < 10 ? "nonsense" : MODEL_GUID, NULL, &callbacks, 0,
-                                                 byte(b) < 128);
+                               : make(byte(b) < 10 ? "" : "fin", byte(b) < 10 ? "nonsense" : MODEL_GUID, byte(b) < 128,
+                                      byte(b));
         return;
-    case 1: fmi2SetupExperiment(m, 0, 0.0, number(b), 0, 0.0); break;
-    case 2: fmi2EnterInitializationMode(m); break;
-    case 3: fmi2ExitInitializationMode(m); break;
-    case 4: fmi2Terminate(m); break;
-    case 5: fmi2Reset(m); break;
+    case 1: begin(m, number(b)); break;
+    case 2: begin(m, 0.0); break;
+    case 3: EXIT_INITIALIZATION(m); break;
+    case 4: TERMINATE(m); break;
+    case 5: RESET(m); break;
     case 6: case 7: started(m); break;
     case 8: case 9: case 10: case 11: case 12: case 13:
-        for (size_t i = 0; i < n; ++i) {
-            if (byte(b) < 150) vr[i] %= UNIT_INPUTS;
-            reals[i] = value_for(b, vr[i]);
-        }
-        fmi2SetReal(m, vr, n, reals);
+        for (size_t i = 0; i < n; ++i)
+            if (byte(b) < 150) vr[i] %= INPUT_REFERENCES;
+        for (size_t i = 0; i < MOST_VALUES; ++i) reals[i] = b->at < b->end ? value_for(b, vr[i % 3]) : 0.0;
+        set_reals(m, vr, n, reals, byte(b));
         break;
-    case 14: case 15: case 16: fmi2GetReal(m, vr, n, reals); break;
+    case 14: case 15: case 16: get_reals(m, vr, n, reals, byte(b)); break;
     case 17:
         for (size_t i = 0; i < n; ++i) integers[i] = (int32_t)(byte(b) | (uint32_t)byte(b) << 24);
-        fmi2SetInteger(m, vr, n, integers);
+        set_integers(m, vr, n, integers, byte(b));
         break;
-    case 18: fmi2GetInteger(m, vr, n, integers); break;
+    case 18: get_integers(m, vr, n, integers, byte(b)); break;
     case 19:
         for (size_t i = 0; i < n; ++i) integers[i] = byte(b) - 1;
         if (byte(b) < 150) vr[0] = INPUT_ENABLE;
-        fmi2SetBoolean(m, vr, n, integers);
+        set_booleans(m, vr, n, integers, byte(b));
         break;
-    case 20: fmi2GetBoolean(m, vr, n, integers); break;
-    case 21: case 22:
-        for (size_t i = 0; i < n; ++i) {
-            reals[i] = number(b);
-            integers[i] = byte(b) < 240 ? 1 : byte(b);
-            if (byte(b) < 200) vr[i] %= UNIT_INPUTS;
-        }
-        fmi2SetRealInputDerivatives(m, vr, n, integers, reals);
-        break;
-    case 23: fmi2GetFMUstate(m, &state[s]); break;
-    case 24: if (state[s]) fmi2SetFMUstate(m, state[s]); break;
-    case 25: if (m) fmi2FreeFMUstate(m, &state[s]); break;
+    case 20: get_booleans(m, vr, n, integers, byte(b)); break;
+    case 21: case 22: special(b, m, vr, n); break;
+    case 23: GET_STATE(m, &state[s]); break;
+    case 24: if (state[s]) SET_STATE(m, state[s]); break;
+    case 25: if (m) FREE_STATE(m, &state[s]); break;
     case 26: case 27: if (state[s]) damaged_state(b, m, &state[s]); break;
     case 28: {
         const char *categories[] = {"logStatusError", "logAll", "nonsense", NULL};
-        const fmi2String chosen[] = {categories[byte(b) % 4], categories[byte(b) % 4]};
-        fmi2SetDebugLogging(m, byte(b) < 128, byte(b) % 3, chosen);
+        const char *const chosen[] = {categories[byte(b) % 4], categories[byte(b) % 4]};
+        SET_LOGGING(m, byte(b) < 128, byte(b) % 3, chosen);
         break;
     }
-    case 29: {
-        fmi2Real real;
-        fmi2Boolean boolean;
-        fmi2Status status;
-        fmi2GetRealStatus(m, byte(b) % 5, &real);
-        fmi2GetBooleanStatus(m, byte(b) % 5, &boolean);
-        fmi2GetStatus(m, byte(b) % 5, &status);
-        fmi2CancelStep(m);
-        fmi2GetRealOutputDerivatives(m, vr, n, integers, reals);
-        fmi2GetDirectionalDerivative(m, vr, n, vr, n, reals, reals);
-        fmi2GetIntegerStatus(m, fmi2PendingStatus, integers);
-        fmi2GetStringStatus(m, fmi2PendingStatus, NULL);
-        fmi2GetString(m, vr, n, NULL);
-        fmi2SetString(m, vr, n, NULL);
-        fmi2SetReal(m, NULL, n, NULL);
-        fmi2GetBoolean(m, vr, n, NULL);
-        break;
-    }
+    case 29: rest(b, m, vr, n); break;
     default:
         if (m && m->s.phase == RUNNING && runs_long(m)) break;
         for (int i = 1 + byte(b) % 8; m && i > 0; --i) {
             const double now = m->s.start + m->s.now;
-            if (fmi2DoStep(m, byte(b) < 245 ? now : number(b), step_size(b), 1) == fmi2OK) {
+            if (do_step(m, byte(b) < 245 ? now : number(b), step_size(b)) == STATUS_OK) {
                 double out[UNIT_OUTPUTS];
                 memcpy(out, m->s.values + OUTPUT_BEGIN, sizeof out);
                 for (size_t j = 0; j < UNIT_OUTPUTS; ++j)
@@ -227,17 +196,16 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-    static const fmi2CallbackFunctions callbacks = {logger, calloc, free, NULL, NULL};
     bytes b = {data, data + size};
     instance *unit[UNITS] = {0};
-    fmi2FMUstate state[STATES] = {0};
-    for (int k = 0; k < UNITS; ++k) unit[k] = fmi2Instantiate("fin", fmi2CoSimulation, MODEL_GUID, "", &callbacks, 0, 1);
+    void *state[STATES] = {0};
+    for (int k = 0; k < UNITS; ++k) unit[k] = make("fin", MODEL_GUID, 1, k * 90);
     started(unit[0]);
     for (int i = 0; i < LONGEST_RUN && b.at < b.end; ++i) call(&b, unit, state);
-    instance *keeper = fmi2Instantiate("fin", fmi2CoSimulation, MODEL_GUID, "", &callbacks, 0, 0);
-    for (int s = 0; s < STATES; ++s) fmi2FreeFMUstate(keeper, &state[s]);
-    fmi2FreeInstance(keeper);
-    for (int k = 0; k < UNITS; ++k) fmi2FreeInstance(unit[k]);
+    instance *keeper = make("fin", MODEL_GUID, 0, 0);
+    for (int s = 0; s < STATES; ++s) FREE_STATE(keeper, &state[s]);
+    FREE_INSTANCE(keeper);
+    for (int k = 0; k < UNITS; ++k) FREE_INSTANCE(unit[k]);
     return 0;
 }
 

@@ -25,12 +25,16 @@ GUID = "{00000000-1111-5222-8333-444444444444}"
 SANITIZERS = "address,undefined,float-cast-overflow"
 
 
-def compiled(command: Sequence[str], sanitizers: str, folder: Path, fins: int = 1) -> Path:
+def compiled(command: Sequence[str], sanitizers: str, folder: Path, fins: int = 1, fmi: str = "2") -> Path:
     """The harness and the unit in one program. Raises CalledProcessError with what the compiler said."""
     unit = FmuInterface(fins)
-    for name, text in native.sources(unit, start_values(unit, [load_parameters().values] * fins), GUID).items():
+    chosen = native.FORMATS[fmi]
+    starts = start_values(unit, [load_parameters().values] * fins)
+    for name, text in native.sources(unit, starts, GUID, chosen).items():
         (folder / name).write_text(text, encoding="utf-8")
+    (folder / "unit.c").write_text(f'#include "{chosen.main}"\n', encoding="utf-8")
     shutil.copy(HERE / "fuzz.c", folder)
+    shutil.copy(HERE / f"calls{fmi}.h", folder / "calls.h")
     subprocess.run([*command, "-std=c11", "-Wall", "-Wextra", "-g", "-O1", f"-fsanitize={sanitizers}",
                     "-fno-sanitize-recover=all", "fuzz.c", "-o", "fuzz", "-lm"], cwd=folder, check=True)
     return folder / "fuzz"
@@ -40,6 +44,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=int, default=600)
     parser.add_argument("--fins", type=int, default=1, help="of the unit")
+    parser.add_argument("--fmi", choices=list(native.FORMATS), default="2", help="version of FMI")
     parser.add_argument("--corpus", type=Path, default=None, help="folder of inputs to begin with and to add to")
     arguments = parser.parse_args()
     if shutil.which("clang") is None:
@@ -47,7 +52,7 @@ def main() -> int:
         return 2
     with TemporaryDirectory() as name:
         folder = Path(name)
-        program = compiled(["clang"], f"fuzzer,{SANITIZERS}", folder, arguments.fins)
+        program = compiled(["clang"], f"fuzzer,{SANITIZERS}", folder, arguments.fins, arguments.fmi)
         corpus = arguments.corpus or folder / "corpus"
         corpus.mkdir(exist_ok=True)
         command = [program, f"-max_total_time={arguments.seconds}", "-max_len=4000", "-timeout=20",

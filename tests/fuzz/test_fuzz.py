@@ -15,8 +15,9 @@ pytestmark = [pytest.mark.fmu, pytest.mark.skipif(sys.platform != "linux", reaso
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fins", [1, 4])
-def test_arbitrary_calls_values_and_states(tmp_path: Path, fins: int) -> None:
-    program = compiled(["cc", "-DSTANDALONE"], SANITIZERS, tmp_path, fins)
+@pytest.mark.parametrize("fmi", ["2", "3"])
+def test_arbitrary_calls_values_and_states(tmp_path: Path, fins: int, fmi: str) -> None:
+    program = compiled(["cc", "-DSTANDALONE"], SANITIZERS, tmp_path, fins, fmi)
     done = subprocess.run([program, "5", "20160101"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     runs, *_ = done.stdout.split()
@@ -24,9 +25,10 @@ def test_arbitrary_calls_values_and_states(tmp_path: Path, fins: int) -> None:
 
 
 @pytest.mark.slow
-def test_the_harness_finds_what_is_broken(tmp_path: Path) -> None:
+@pytest.mark.parametrize("fmi", ["2", "3"])
+def test_the_harness_finds_what_is_broken(tmp_path: Path, fmi: str) -> None:
     """With the state's checks taken out, damaged bytes must be noticed."""
-    program = compiled(["cc", "-DSTANDALONE"], SANITIZERS, tmp_path)
+    program = compiled(["cc", "-DSTANDALONE"], SANITIZERS, tmp_path, fmi=fmi)
     source = tmp_path / "states.h"
     text = source.read_text(encoding="utf-8")
     check = "const char *reason = unsound(m, &s);"

@@ -21,16 +21,18 @@ static bool same_situation(const double *a, const double *b)
     return true;
 }
 
-/* Where the next tick of any fin ends [s from the start], after now. */
-static double next_tick(const instance *m)
+/* Where the next tick of any fin ends [s from the start], after now; and the shortest tick [s]. */
+static double next_tick(const instance *m, double *shortest)
 {
     double next = HUGE_VAL;
+    *shortest = HUGE_VAL;
     for (size_t fin = 0; fin < FINS; ++fin) {
         const core_state *core = &m->s.fins.core[fin];
         const core_schedule plan = core_scheduled(m->fins.p[fin], m->fins.c[fin]);
         const double h = core->position < (int32_t)plan.before ? plan.h_before : plan.h_after;
         const double end = core_begun(core, &plan) + h;
         next = fmin(next, end > m->s.now + m->fins.slack ? end : end + h);
+        *shortest = fmin(*shortest, fmin(plan.h_before, plan.h_after));
     }
     return next;
 }
@@ -47,11 +49,13 @@ static core_result step_from(instance *m, const multi_fin_state *kept, double fr
 static core_result step_to_event(instance *m, double *end, bool *event)
 {
     const model_state begun = m->s;
-    double before[UNIT_OUTPUTS];
+    double before[UNIT_OUTPUTS], shortest;
     core_result result = CORE_DONE;
     memcpy(before, m->s.values + OUTPUT_BEGIN, sizeof before);
+    next_tick(m, &shortest);
+    if (!((*end - m->s.now) / shortest <= CORE_MOST_TICKS)) return CORE_TOO_MANY_TICKS;
     while (result == CORE_DONE && !*event && m->s.now < *end) {
-        const double next = next_tick(m);
+        const double next = next_tick(m, &shortest);
         const double from = m->s.now, until = next < *end - m->fins.slack ? next : *end;
         const multi_fin_state kept = m->s.fins;
         result = held_step(m, until);
