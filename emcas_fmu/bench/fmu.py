@@ -23,6 +23,7 @@ from fmpy.simulation import instantiate_fmu
 from ..actuators import EXTENSIONS, NAMES, get
 from ..errors import EmcasError
 from ..fmi.interface import model_name
+from .fmi3 import Element, Fmi3Slave, elements
 
 _NAME = re.compile(r"(EMCAS)\d*(|_\w+)")
 _FIN = re.compile(r"fin\[\d+\]\.")
@@ -33,12 +34,14 @@ class OpenedFmu:
     """An FMU unpacked and understood; `starts` are the start values of inputs and parameters.
 
     Of a unit of several fins it is one of them: all names are those of a single actuator, `names` gives the
-    FMU's for them. The other fins stay at their start values.
+    FMU's for them. The other fins stay at their start values. `variables` are fmpy's; of FMI 3.0 the elements of its
+    arrays, under the names of FMI 2.0.
     """
 
     path: Path
     folder: Path
     description: Any
+    variables: Sequence[Any]
     starts: Mapping[str, Any]
     sha256: str
     names: Mapping[str, str]
@@ -47,21 +50,33 @@ class OpenedFmu:
         """Return an instance of it, whose messages `log` gets. Raises EmcasError where it does not start."""
         try:
             # Without debug logging on, pythonfmu's wrapper passes no message on.
-            return instantiate_fmu(str(self.folder), self.description, "CoSimulation", debug_logging=True, logger=log)
+            slave = instantiate_fmu(str(self.folder), self.description, "CoSimulation", debug_logging=True,
+                                    logger=log if self.description.fmiVersion == "2.0" else _logger_3(log))
         # fmpy reports a failed load or instantiation as OSError or as a bare Exception.
         except Exception as error:
             raise EmcasError(f"{self.path}: its binary for {fmpy.platform} does not start ({error}); see the FMU's "
                              "documentation/externalDependencies.txt for what it needs") from error
+        return slave if self.description.fmiVersion == "2.0" else Fmi3Slave(slave, self.variables)
 
     @cached_property
     def references(self) -> Mapping[str, int]:
-        """Value references by the names of a single actuator."""
-        by_name = {v.name: int(v.valueReference) for v in self.description.modelVariables}
+        """What an instance knows variables by, by the names of a single actuator."""
+        by_name = {v.name: i if isinstance(v, Element) else int(v.valueReference)
+                   for i, v in enumerate(self.variables)}
         return {name: by_name[full] for name, full in self.names.items()}
+
+    def set_starts(self, instance: Any, values: Mapping[str, Any]) -> None:
+        """Set start values, by the names of a single actuator, before the instance is initialized."""
+        kinds = {v.name: v.kind if isinstance(v, Element) else v.type for v in self.variables}
+        for name, value in values.items():
+            kind = kinds[self.names[name]]
+            convert = {"Real": float, "Boolean": bool}.get(kind, int)
+            setter = getattr(instance, f"set{'Integer' if kind == 'Enumeration' else kind}")
+            setter([self.references[name]], [convert(value)])
 
     def require(self, names: Sequence[str], causality: str) -> None:
         """Raise EmcasError where the FMU lacks variables of that causality."""
-        present = {v.name for v in self.description.modelVariables if v.causality == causality}
+        present = {v.name for v in self.variables if v.causality == causality}
         if missing := [name for name in names if self.names.get(name, name) not in present]:
             raise EmcasError(f"{self.path}: has no {causality} named {', '.join(missing)}; "
                              "an EM-CAS FMU is needed, such as `emcas build` makes")
@@ -116,14 +131,15 @@ def opened(path: Path, fin: int | None = None) -> Iterator[OpenedFmu]:
     except Exception as error:
         reason = "not a ZIP archive" if not zipfile.is_zipfile(path) else " ".join(str(error).split())
         raise EmcasError(f"{path}: is not an FMU that can be read ({reason})") from error
-    if description.coSimulation is None or description.fmiVersion != "2.0":
-        raise EmcasError(f"{path}: is not an FMI 2.0 co-simulation FMU (FMI {description.fmiVersion})")
+    if description.coSimulation is None or description.fmiVersion not in ("2.0", "3.0"):
+        raise EmcasError(f"{path}: is not a co-simulation FMU of FMI 2.0 or 3.0 (FMI {description.fmiVersion})")
     platforms = fmpy.supported_platforms(str(path))
     if fmpy.platform not in platforms:
         raise EmcasError(f"{path}: has no binary for this platform, {fmpy.platform} (it has: "
                          f"{', '.join(p for p in platforms if p != 'c-code') or 'none'}); build the FMU for it")
-    names = _names(path, [v.name for v in description.modelVariables], fin)
-    variables = {v.name: v for v in description.modelVariables if v.causality in ("input", "parameter")}
+    listed = description.modelVariables if description.fmiVersion == "2.0" else elements(description)
+    names = _names(path, [v.name for v in listed], fin)
+    variables = {v.name: v for v in listed if v.causality in ("input", "parameter")}
     starts = {name: _start(variables[full]) for name, full in names.items() if full in variables}
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     working_directory = Path.cwd()
@@ -133,7 +149,7 @@ def opened(path: Path, fin: int | None = None) -> Iterator[OpenedFmu]:
         except (zipfile.BadZipFile, zlib.error, OSError) as error:
             raise EmcasError(f"{path}: cannot be unpacked ({error}); copy or build it again") from error
         try:
-            yield OpenedFmu(path, Path(folder), description, starts, digest, names)
+            yield OpenedFmu(path, Path(folder), description, listed, starts, digest, names)
         finally:
             os.chdir(working_directory)  # fmpy stays in the FMU's folder where a library does not load
 
@@ -153,7 +169,12 @@ def _names(path: Path, present: Sequence[str], fin: int | None) -> dict[str, str
 
 
 def _start(variable: Any) -> Any:
-    start = variable.start
-    if variable.type == "Boolean":
+    start, kind = variable.start, variable.kind if isinstance(variable, Element) else variable.type
+    if kind == "Boolean":
         return start in ("true", "1", True)
-    return start if variable.type == "String" else int(start or 0) if variable.type == "Integer" else float(start or 0)
+    return start if kind == "String" else int(start or 0) if kind == "Integer" else float(start or 0)
+
+
+def _logger_3(log: Callable[..., None]) -> Callable[..., None]:
+    """Return a logger of FMI 3.0, which is given no name of an instance."""
+    return lambda environment, status, category, message: log(environment, b"", status, category, message)

@@ -22,7 +22,6 @@ from typing import Any
 import fmpy
 import numpy as np
 from fmpy.fmi1 import FMICallException
-from fmpy.simulation import apply_start_values
 
 from ..actuators import NONLINEAR, full_name, get
 from ..actuators.declaration import Actuator
@@ -347,8 +346,8 @@ class FmuSubject(Subject):
         """
         references, step = self.unit.references, excitation.step / substeps
         started = {v.name: changes[v.key] for v in self.inputs.values() if v.key and v.key in changes}
-        apply_start_values(fmu, self.unit.description, {
-            self.unit.names[name]: value for name, value in {**changes, **started}.items()
+        self.unit.set_starts(fmu, {
+            name: value for name, value in {**changes, **started}.items()
             if name in references})  # the start of an input goes by another name in a parameter file
         setters = {"Real": (fmu.setReal, float), "Boolean": (fmu.setBoolean, bool), "Integer": (fmu.setInteger, int)}
         columns = [(setters[self.inputs[name].kind][0], references[name],

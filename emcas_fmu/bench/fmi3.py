@@ -1,0 +1,90 @@
+"""An FMU of FMI 3.0 behind the calls of fmpy's FMI 2.0 slave, so that studies know one way to run an FMU.
+
+The elements of its arrays go by the names they have in FMI 2.0, and by places instead of value references.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+_KINDS = {"Float64": "Real", "Int32": "Integer", "UInt32": "Integer", "Enumeration": "Integer", "Boolean": "Boolean"}
+_ACCESS = {"Enumeration": "Int64"}
+FINS = "fins."
+
+
+@dataclass(frozen=True)
+class Element:
+    """An element of an array, or a scalar: its name, kind and causality as in FMI 2.0, its start value (text), and
+    where it is: value reference, place in the array, and number of elements there."""
+
+    name: str
+    type: str
+    kind: str
+    causality: str
+    start: str | None
+    reference: int
+    place: int
+    count: int
+
+
+def elements(description: Any) -> tuple[Element, ...]:
+    """Return the elements of all variables of fmpy's model description, in order; neither time nor clocks."""
+    return tuple(e for v in description.modelVariables if v.causality != "independent" and v.type in _KINDS
+                 for e in _elements(v))
+
+
+def _elements(v: Any) -> Iterator[Element]:
+    sizes = [int(d.start) for d in v.dimensions]
+    names = [v.name]
+    if sizes and v.name.startswith(FINS):
+        names = [f"fin[{fin + 1}].{v.name.removeprefix(FINS)}" for fin in range(sizes.pop(0))]
+    for size in sizes:
+        names = [f"{name}[{k}]" for name in names for k in range(size)]
+    starts = [None] * len(names) if v.start is None else str(v.start).split()
+    for k, (name, start) in enumerate(zip(names, starts, strict=True)):
+        yield Element(name, v.type, _KINDS[v.type], v.causality, start, int(v.valueReference), k, len(names))
+
+
+class Fmi3Slave:
+    """fmpy's FMI 3.0 slave `slave` with FMI 2.0's calls; variables go by their place among `listed`."""
+
+    def __init__(self, slave: Any, listed: Sequence[Element]) -> None:
+        self._slave, self._listed, self._start = slave, listed, 0.0
+        self.getReal = self.getInteger = self.getBoolean = self._get
+        self.setReal = self.setInteger = self.setBoolean = self._set
+
+    def setupExperiment(self, startTime: float = 0.0) -> None:  # noqa: N802, N803  as fmpy has it
+        """Keep the start time [s] until initialization."""
+        self._start = startTime
+
+    def enterInitializationMode(self) -> None:  # noqa: N802
+        """Begin to initialize."""
+        self._slave.enterInitializationMode(startTime=self._start)
+
+    def doStep(self, time: float, size: float) -> None:  # noqa: N802
+        """Step from `time` by `size` [s]."""
+        self._slave.doStep(time, size)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._slave, name)
+
+    def _array(self, e: Element) -> list[Any]:
+        values: list[Any] = getattr(self._slave, f"get{_ACCESS.get(e.type, e.type)}")([e.reference], e.count)
+        return values
+
+    def _get(self, places: Sequence[int]) -> list[Any]:
+        arrays: dict[int, list[Any]] = {}
+        for place in places:
+            e = self._listed[place]
+            if e.reference not in arrays:
+                arrays[e.reference] = self._array(e)
+        return [arrays[self._listed[place].reference][self._listed[place].place] for place in places]
+
+    def _set(self, places: Sequence[int], values: Sequence[Any]) -> None:
+        for place, value in zip(places, values, strict=True):
+            e = self._listed[place]
+            whole = [value] if e.count == 1 else self._array(e)
+            whole[e.place] = value
+            getattr(self._slave, f"set{_ACCESS.get(e.type, e.type)}")([e.reference], whole)
