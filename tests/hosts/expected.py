@@ -33,6 +33,13 @@ MISUSE: dict[str, str] = {
     **dict.fromkeys(_LEGAL, f"{OK} 0"),
 }
 
+_ONLY_FMI2 = ("types", "null setup", "null status", "setup, stepping", "cancel")
+MISUSE3: dict[str, str] = {
+    **{name: said for name, said in MISUSE.items() if name not in _ONLY_FMI2 and not name.startswith("slope")},
+    "version": "3.0",
+    "no callbacks": "1 0",  # a host need not listen
+}
+
 # All claims of `states` hold; sizes and bytes that are wrong give fmi2Error.
 STATES: dict[str, str] = {
     **dict.fromkeys(("moved", "restored", "within", "moved over", "into fresh", "overwritten"), "1"),

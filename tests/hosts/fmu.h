@@ -1,4 +1,6 @@
-/* An FMI 2.0 co-simulation FMU, linked in (-DSTATIC_FMU) or loaded, and instances of it. C11, POSIX or Windows. */
+/* A co-simulation FMU, linked in (-DSTATIC_FMU) or loaded, and instances of it. C11, POSIX or Windows.
+ *
+ * Of FMI 2.0, or with -DFMI3 of FMI 3.0 behind the same calls (fmu3.h). */
 #ifndef FMU_H
 #define FMU_H
 
@@ -21,7 +23,7 @@
 
 #define COUNT(array) (sizeof(array) / sizeof(array)[0])
 
-/* Every function a co-simulation FMU has to export. */
+/* Every function a co-simulation FMU of FMI 2.0 has to export. */
 #define FUNCTIONS(X) \
     X(GetTypesPlatform) X(GetVersion) X(SetDebugLogging) X(Instantiate) X(FreeInstance) X(SetupExperiment) \
     X(EnterInitializationMode) X(ExitInitializationMode) X(Terminate) X(Reset) X(GetReal) X(GetInteger) \
@@ -43,29 +45,41 @@ static void fail(const char *what) {
     exit(3);
 }
 
+#ifdef FMI3
+#include "fmu3.h"
+#else
+#define PREFIX "fmi2"
+#define VERSIONED(name) fmi2##name
+#define LIBRARY fmu
+#define LIBRARY_FUNCTIONS FUNCTIONS
+#define bind_calls() (void)0
+#endif
+
 #ifdef STATIC_FMU
 static void load(const char *library) {
     (void)library;
-#define BIND(name) fmu.name = fmi2##name;
-    FUNCTIONS(BIND)
+#define BIND(name) LIBRARY.name = VERSIONED(name);
+    LIBRARY_FUNCTIONS(BIND)
 #undef BIND
+    bind_calls();
 }
 #else
 static void load(const char *library) {
 #ifdef _WIN32
     HMODULE handle = LoadLibraryA(library);
     if (!handle) fail("LoadLibrary failed");
-#define FIND(name) FARPROC address = GetProcAddress(handle, "fmi2" #name)
+#define FIND(name) FARPROC address = GetProcAddress(handle, PREFIX #name)
 #else
     void *handle = dlopen(library, RTLD_NOW | RTLD_LOCAL);
     if (!handle) fail(dlerror());
-#define FIND(name) void *address = dlsym(handle, "fmi2" #name)
+#define FIND(name) void *address = dlsym(handle, PREFIX #name)
 #endif
     /* Copied: ISO C has no conversion between pointers to objects and to functions. */
-#define BIND(name) { FIND(name); if (!address) fail("no fmi2" #name); memcpy(&fmu.name, &address, sizeof address); }
-    FUNCTIONS(BIND)
+#define BIND(name) { FIND(name); if (!address) fail("no " PREFIX #name); memcpy(&LIBRARY.name, &address, sizeof address); }
+    LIBRARY_FUNCTIONS(BIND)
 #undef BIND
 #undef FIND
+    bind_calls();
 }
 #endif
 
