@@ -162,10 +162,9 @@ def build_description(model: str) -> Element:
     """Return buildDescription.xml (FMI 3.0's file) of the sources."""
     prefix = {"name": "FMI2_FUNCTION_PREFIX", "optional": "true", "value": f"{model}_",
               "description": "put before each function's name, to link several units into one program"}
-    platforms = ("x86_64-linux", "aarch64-linux", "x86_64-darwin", "aarch64-darwin", "x86_64-windows")
     return element("fmiBuildDescription", {"fmiVersion": "3.0"}, (
         element("BuildConfiguration", {"modelIdentifier": model, "platform": platform}, [
             element("SourceFileSet", {"language": "C11"}, [
                 element("SourceFile", {"name": MAIN}), element("PreprocessorDefinition", prefix)]),
             *([] if platform.endswith("windows") else [element("Library", {"name": "m", "external": "true"})])])
-        for platform in platforms))
+        for p in PLATFORMS.values() for platform in p.targets))
