@@ -7,9 +7,10 @@ import os
 import platform
 import shlex
 import shutil
+import struct
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -25,6 +26,9 @@ FLAGS = ("-std=c11", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2", "-ffp-co
 _ZIG_FLAGS = ("-fno-sanitize=undefined", "-ffp-exception-behavior=maytrap", "-s")
 # A first compilation by zig makes its C library: a minute on a slow machine.
 _PATIENCE = 600
+# Of Apple's processors, 2 to the power of this.
+_PAGE = 14
+_MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
 
 
 class CompilerError(EmcasError):
@@ -33,34 +37,56 @@ class CompilerError(EmcasError):
 
 @dataclass(frozen=True)
 class Platform:
-    """A platform: FMI 2.0's name and FMI 3.0's, suffix of its libraries, zig's name for it, and flags to link with."""
+    """A platform: its folder in an FMI 2.0 FMU, suffix of its libraries, and flags to link with.
+
+    `targets` has zig's name for each machine it runs on by FMI 3.0's platform tuple.
+    """
 
     name: str
-    tuple: str
     suffix: str
-    target: str
+    targets: Mapping[str, str]
     link: tuple[str, ...]
 
 
+_LINUX = ("-shared", "-fPIC", "-Wl,--build-id=none", "-lm")
+# FMI 2.0 has one folder for macOS, on Intel's and Apple's processors, and none for Linux on arm64.
 PLATFORMS = {p.name: p for p in (
-    Platform("linux64", "x86_64-linux", ".so", "x86_64-linux-gnu.2.17", ("-shared", "-fPIC", "-Wl,--build-id=none", "-lm")),
-    Platform("win64", "x86_64-windows", ".dll", "x86_64-windows-gnu", ("-shared",)),
-    Platform("darwin64", "x86_64-darwin", ".dylib", "x86_64-macos.11.0", ("-dynamiclib", "-Wl,-install_name,@rpath/{}")),
-    Platform("aarch64-linux", "aarch64-linux", ".so", "aarch64-linux-gnu.2.17", ("-shared", "-fPIC", "-Wl,--build-id=none", "-lm")),
-    Platform("aarch64-darwin", "aarch64-darwin", ".dylib", "aarch64-macos.11.0", ("-dynamiclib", "-Wl,-install_name,@rpath/{}")),
+    Platform("linux64", ".so", {"x86_64-linux": "x86_64-linux-gnu.2.17"}, _LINUX),
+    Platform("win64", ".dll", {"x86_64-windows": "x86_64-windows-gnu"}, ("-shared",)),
+    Platform("darwin64", ".dylib", {"x86_64-darwin": "x86_64-macos.11.0", "aarch64-darwin": "aarch64-macos.11.0"},
+             ("-dynamiclib", "-Wl,-install_name,@rpath/{}")),
+    Platform("aarch64-linux", ".so", {"aarch64-linux": "aarch64-linux-gnu.2.17"}, _LINUX),
 )}
 
 # For a browser. Traps there are none there, and clang says so; musl's libm needs nothing of the page.
-WEB = Platform("wasm", "wasm32-wasi", ".wasm", "wasm32-wasi", (
+WEB = Platform("wasm", ".wasm", {"wasm32-wasi": "wasm32-wasi"}, (
     "-Wno-unsupported-floating-point-opt", "-mexec-model=reactor", "-Wl,--export-dynamic", "-Wl,--export=__heap_base"))
+
+
+def _local_tuple() -> str:
+    """Return what FMI 3.0 calls this machine."""
+    machine = platform.machine().lower()
+    return f"{_MACHINES.get(machine, machine)}-{platform.system().lower()}"
 
 
 def local_platform() -> Platform | None:
     """Return the platform of this machine; None if it is none of those known."""
-    machine = "aarch64" if platform.machine().lower() in ("arm64", "aarch64") else platform.machine().lower()
-    names = {("Linux", "x86_64"): "linux64", ("Windows", "amd64"): "win64", ("Darwin", "x86_64"): "darwin64",
-             ("Linux", "aarch64"): "aarch64-linux", ("Darwin", "aarch64"): "aarch64-darwin"}
-    return PLATFORMS.get(names.get((platform.system(), machine), ""))
+    return next((p for p in PLATFORMS.values() if _local_tuple() in p.targets), None)
+
+
+def universal(libraries: Sequence[bytes]) -> bytes:
+    """Return one Mach-O file of libraries for several machines, each whole, so that its signature stays valid.
+
+    Laid out as Apple's mach-o/fat.h says: big-endian magic and count; then of each library CPU type and subtype (as in
+    its header), offset, size and the power of two it is aligned to.
+    """
+    page, entries, body = 1 << _PAGE, b"", b""
+    for library in libraries:
+        body += bytes(-len(body) % page)
+        machine = struct.unpack_from("<2I", library, 4)
+        entries += struct.pack(">5I", *machine, page + len(body), len(library), _PAGE)
+        body += library
+    return (struct.pack(">2I", 0xCAFEBABE, len(libraries)) + entries).ljust(page, b"\0") + body
 
 
 @dataclass(frozen=True)
@@ -72,30 +98,40 @@ class Compiler:
     zig: bool
 
     def library(self, sources: Mapping[str, str], main: str, target: Platform, name: str) -> bytes:
-        """Return the shared library `name` of one source file and the headers beside it: file name to text.
+        """Return the shared library `name` of a platform, for all its machines in one file; see :meth:`libraries`."""
+        made = list(self.libraries(sources, main, target, name).values())
+        return made[0] if len(made) == 1 else universal(made)
 
-        The same sources give the same bytes. Raises CompilerError with what the compiler said.
+    def libraries(self, sources: Mapping[str, str], main: str, target: Platform, name: str) -> dict[str, bytes]:
+        """Return the shared library `name` for each machine of a platform, by FMI 3.0's platform tuple.
+
+        It is made of one source file and the headers beside it: file name to text. A system compiler makes that of
+        this machine only. The same sources give the same bytes. Raises CompilerError with what the compiler said.
         """
+        machines = target.targets if self.zig else {_local_tuple(): ""}
         with TemporaryDirectory(prefix="emcas_cc_") as temporary:
             folder = Path(temporary)
             for file, text in sources.items():
                 (folder / file).write_text(text, encoding="utf-8", newline="\n")
-            output = f"{name}{target.suffix}"
-            flags = [*FLAGS, *(("-target", target.target, *_ZIG_FLAGS) if self.zig else ("-s",))]
-            command = [*self.command, *flags, main, "-o", output, *(f.format(output) for f in target.link)]
-            # Zig's own choice of a cache may be a home that cannot be written: it would then wait for ever.
-            environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(cache_directory() / "zig"),
-                           "ZIG_LOCAL_CACHE_DIR": str(folder / "z"),
-                           "SOURCE_DATE_EPOCH": "315532800", "ZERO_AR_DATE": "1"}
-            try:
-                done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False,
-                                      timeout=_PATIENCE)
-            except subprocess.TimeoutExpired as error:
-                raise CompilerError(f"{' '.join(self.command)}: no answer within {_PATIENCE} s") from error
-            if done.returncode != 0:
-                raise CompilerError(f"{' '.join(self.command)} cannot compile {main} for {target.name}:\n"
-                                    f"{done.stderr.strip() or done.stdout.strip()}")
-            return (folder / output).read_bytes()
+            return {machine: self._library(folder, main, target, name, triple) for machine, triple in machines.items()}
+
+    def _library(self, folder: Path, main: str, target: Platform, name: str, triple: str) -> bytes:
+        output = f"{name}{target.suffix}"
+        flags = [*FLAGS, *(("-target", triple, *_ZIG_FLAGS) if self.zig else ("-s",))]
+        command = [*self.command, *flags, main, "-o", output, *(f.format(output) for f in target.link)]
+        # Zig's own choice of a cache may be a home that cannot be written: it would then wait for ever.
+        environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(cache_directory() / "zig"),
+                       "ZIG_LOCAL_CACHE_DIR": str(folder / "z"),
+                       "SOURCE_DATE_EPOCH": "315532800", "ZERO_AR_DATE": "1"}
+        try:
+            done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False,
+                                  timeout=_PATIENCE)
+        except subprocess.TimeoutExpired as error:
+            raise CompilerError(f"{' '.join(self.command)}: no answer within {_PATIENCE} s") from error
+        if done.returncode != 0:
+            raise CompilerError(f"{' '.join(self.command)} cannot compile {main} for {triple or target.name}:\n"
+                                f"{done.stderr.strip() or done.stdout.strip()}")
+        return (folder / output).read_bytes()
 
 
 @cache

@@ -27,8 +27,8 @@ def build(
              "nothing; built with the extra 'native' or --cc).", metavar="python|native")] = None,
     fmi: Annotated[str, typer.Option("--fmi", help="Version of FMI; 3 is native only.", metavar="2|3")] = "2",
     platform: Annotated[list[str] | None, typer.Option(
-        help="Only for this platform (may be given several times): linux64, win64, darwin64, aarch64-linux, "
-             "aarch64-darwin; native only.", metavar="NAME")] = None,
+        help="Only for this platform (may be given several times): linux64, win64, darwin64 (macOS on Intel's and "
+             "Apple's processors), aarch64-linux; native only.", metavar="NAME")] = None,
     cc: Annotated[str | None, typer.Option("--cc", help="System C compiler instead of zig, for this platform; "
                                                         "native only.", metavar="PROGRAM")] = None,
     model: common.ModelOption = NONLINEAR,

@@ -10,7 +10,6 @@ from xml.etree.ElementTree import Element
 
 import fmpy
 
-from ..compiler import Platform
 from .interface import FmuInterface
 
 
@@ -29,7 +28,8 @@ class Format:
 
     `main` is the file handed to the compiler, `written` are the files beside it, of the same folder; `headers` gives
     the standard's. `tables` gives what interface.h has besides the unit's scalars. `options` are attributes of the
-    CoSimulation element, `notes` say on the page in the FMU how the unit answers its host.
+    CoSimulation element, `notes` say on the page in the FMU how the unit answers its host. `by_machine` is whether each
+    kind of machine has a folder of its own for its library, or each platform.
     """
 
     version: str
@@ -40,7 +40,7 @@ class Format:
     prefix: str
     options: Mapping[str, str]
     notes: tuple[str, ...]
-    folder: Callable[[Platform], str]
+    by_machine: bool
     tables: Callable[[FmuInterface], str]
     host_variables: Callable[[FmuInterface], Iterable[HostVariable]]
     model_description: Callable[..., Element]

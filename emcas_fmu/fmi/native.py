@@ -117,8 +117,9 @@ def binaries(model: str, files: Mapping[str, str], platforms: Sequence[Platform]
     for i, target in enumerate(platforms):
         if progress:
             progress(target.name, i, len(platforms))
-        library = compiler.library(files, fmi.main, target, model)
-        libraries[f"binaries/{fmi.folder(target)}/{model}{target.suffix}"] = library
+        made = (compiler.libraries(files, fmi.main, target, model) if fmi.by_machine
+                else {target.name: compiler.library(files, fmi.main, target, model)})
+        libraries |= {f"binaries/{folder}/{model}{target.suffix}": library for folder, library in made.items()}
     if progress:
         progress("", len(platforms), len(platforms))
     return libraries
@@ -128,10 +129,9 @@ def build_description(model: str, fmi: Format) -> Element:
     """Return buildDescription.xml (FMI 3.0's file) of the sources."""
     prefix = {"name": fmi.prefix, "optional": "true", "value": f"{model}_",
               "description": "put before each function's name, to link several units into one program"}
-    platforms = ("x86_64-linux", "aarch64-linux", "x86_64-darwin", "aarch64-darwin", "x86_64-windows")
     return element("fmiBuildDescription", {"fmiVersion": "3.0"}, (
         element("BuildConfiguration", {"modelIdentifier": model, "platform": platform}, [
             element("SourceFileSet", {"language": "C11"}, [
                 element("SourceFile", {"name": fmi.main}), element("PreprocessorDefinition", prefix)]),
             *([] if platform.endswith("windows") else [element("Library", {"name": "m", "external": "true"})])])
-        for platform in platforms))
+        for p in PLATFORMS.values() for platform in p.targets))

@@ -40,7 +40,7 @@ def by_program(model: str, values: Any, table: np.ndarray[Any, Any], folder: Pat
     assert compiler is not None
     sources = {"run.c": (Path(__file__).parent / "run.c").read_text(encoding="utf-8"), **page.sources(model)}
     machine = {"AMD64": "x86_64", "arm64": "aarch64"}.get(platform.machine(), platform.machine())
-    target = Platform("musl", "", f"{machine}-linux-musl", ("-static",))
+    target = Platform("musl", "", {"musl": f"{machine}-linux-musl"}, ("-static",))
     program = folder / "run"
     program.write_bytes(compiler.library(sources, "run.c", target, "run"))
     program.chmod(0o700)

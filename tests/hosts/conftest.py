@@ -70,22 +70,51 @@ def executable(native: Path, tmp_path_factory: pytest.TempPathFactory, linux: No
     return compile_host([tool("gcc", "gcc")], native, tmp_path_factory.mktemp("loading") / "host")
 
 
-@pytest.fixture(scope="session")
-def loading(executable: Path, native: Path) -> Host:
-    """Runs the host with the FMU's library loaded."""
+def loaded(executable: Path, library: Path) -> Host:
+    """Runs the host with an FMU's library loaded."""
     def call(*arguments: str, **options: Any) -> str:
-        return run([executable, native / "binaries/linux64/EMCAS.so", UNUSED, *arguments], **options)
+        return run([executable, library, UNUSED, *arguments], **options)
 
     return call
 
 
-@pytest.fixture(scope="session")
-def linked(native: Path, tmp_path_factory: pytest.TempPathFactory, linux: None) -> Host:
-    """Runs the host with the FMU's sources compiled in, under the address and undefined-behaviour sanitizers."""
+def with_sources(unpacked: Path, folder: Path) -> Host:
+    """Runs the host with an FMU's sources compiled in, under the address and undefined-behaviour sanitizers."""
     flags = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-    made = compile_host([tool("gcc", "gcc")], native, tmp_path_factory.mktemp("linked") / "host", flags, static=True)
+    made = compile_host([tool("gcc", "gcc")], unpacked, folder / "host", flags, static=True)
 
     def call(*arguments: str, **options: Any) -> str:
         return run([made, "-", UNUSED, *arguments], **options)
 
     return call
+
+
+@pytest.fixture(scope="session")
+def loading(executable: Path, native: Path) -> Host:
+    """Runs the host with the FMU's library loaded."""
+    return loaded(executable, native / "binaries/linux64/EMCAS.so")
+
+
+@pytest.fixture(scope="session")
+def linked(native: Path, tmp_path_factory: pytest.TempPathFactory, linux: None) -> Host:
+    """Runs the host with the FMU's sources compiled in."""
+    return with_sources(native, tmp_path_factory.mktemp("linked"))
+
+
+@pytest.fixture(scope="session")
+def unpacked3(native3: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The FMU of FMI 3.0, unpacked."""
+    return unpack(native3, tmp_path_factory.mktemp("unpacked") / "native3")
+
+
+@pytest.fixture(scope="session")
+def loading3(unpacked3: Path, tmp_path_factory: pytest.TempPathFactory, linux: None) -> Host:
+    """Runs the host with the library of FMI 3.0 loaded."""
+    made = compile_host([tool("gcc", "gcc")], unpacked3, tmp_path_factory.mktemp("loading3") / "host")
+    return loaded(made, unpacked3 / "binaries/x86_64-linux/EMCAS.so")
+
+
+@pytest.fixture(scope="session")
+def linked3(unpacked3: Path, tmp_path_factory: pytest.TempPathFactory, linux: None) -> Host:
+    """Runs the host with the sources of FMI 3.0 compiled in."""
+    return with_sources(unpacked3, tmp_path_factory.mktemp("linked3"))

@@ -37,17 +37,22 @@ def tool(name: str, package: str, folder: str = "") -> str:
 
 
 def header(description: Path) -> str:
-    """What the host has to know of an FMU's interface, as C."""
+    """What the host has to know of an FMU's interface, as C; of FMI 3.0 the scalars."""
     root = ET.parse(description).getroot()
-    scalars = root.findall("ModelVariables/ScalarVariable")
-    lines = [f'#define UNIT_GUID "{root.attrib["guid"]}"']
-    for scalar in scalars:
-        name = "".join(c if c.isalnum() else "_" for c in scalar.attrib["name"])
-        lines.append(f"#define VR_{name} {scalar.attrib['valueReference']}u")
+    version = root.attrib["fmiVersion"]
+    if version == "2.0":
+        scalars = [(s.attrib, s[0].tag) for s in root.findall("ModelVariables/ScalarVariable")]
+    else:
+        scalars = [(s.attrib, {"Float64": "Real"}.get(s.tag, s.tag)) for s in root.find("ModelVariables") or ()
+                   if s.find("Dimension") is None]
+    lines = [f'#define UNIT_GUID "{root.attrib["guid" if version == "2.0" else "instantiationToken"]}"']
+    for attributes, _ in scalars:
+        name = "".join(c if c.isalnum() else "_" for c in attributes["name"])
+        lines.append(f"#define VR_{name} {attributes['valueReference']}u")
     for kind in ("Real", "Boolean"):
-        found = [s for s in scalars if s.attrib["causality"] == "output" and s[0].tag == kind]
-        names = [s.attrib["name"] for s in found]
-        references = ", ".join(s.attrib["valueReference"] + "u" for s in found)
+        found = [a for a, tag in scalars if a.get("causality") == "output" and tag == kind]
+        names = [a["name"] for a in found]
+        references = ", ".join(a["valueReference"] + "u" for a in found)
         quoted = ", ".join(f'"{n}"' for n in names)
         places = ", ".join(f"OUTPUT_{n} = {k}" for k, n in enumerate(names))
         lines += [f"static const fmi2ValueReference {kind.upper()}_OUTPUTS[] = {{{references}}};",
@@ -61,12 +66,13 @@ def compile_host(compiler: Sequence[str], unpacked: Path, target: Path, flags: S
     """The host for an unpacked FMU; with `static` the FMU's own sources are compiled into it."""
     target.parent.mkdir(parents=True, exist_ok=True)
     (target.parent / "variables.h").write_text(header(unpacked / "modelDescription.xml"), encoding="utf-8")
+    if ET.parse(unpacked / "modelDescription.xml").getroot().attrib["fmiVersion"] == "3.0":
+        flags = [*flags, "-DFMI3"]
     sources = [str(HERE / "host.c")]
     includes = [f"-I{target.parent}", f"-I{FMI_HEADERS}"]
     if static:
         folder = unpacked / "sources"
-        names = [f.attrib["name"] for f in ET.parse(unpacked / "modelDescription.xml").getroot().findall(
-            "CoSimulation/SourceFiles/File")]
+        names = {f.attrib["name"] for f in ET.parse(folder / "buildDescription.xml").iter("SourceFile")}
         assert names, "the FMU names no source files"
         sources += [str(folder / name) for name in names]
         includes.append(f"-I{folder}")

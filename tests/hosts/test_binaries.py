@@ -1,8 +1,11 @@
-"""The libraries of every platform, also those that cannot run here: format, machine, exports, imports."""
+"""The libraries of every platform, also those that cannot run here: format, machine, exports, imports, signature."""
 
 from __future__ import annotations
 
+import hashlib
 import re
+import struct
+import subprocess
 import tempfile
 from pathlib import Path
 
@@ -11,41 +14,69 @@ import pytest
 
 from emcas_fmu.compiler import PLATFORMS
 
-from .host import HERE
+from .host import HERE, tool
 
 pytestmark = [pytest.mark.fmu, pytest.mark.slow]
 lief.logging.disable()  # it prints what it makes of empty optional tables
 
 FORMATS = {
-    "linux64": (lief.ELF.Binary, lief.ELF.ARCH.X86_64),
+    "x86_64-linux": (lief.ELF.Binary, lief.ELF.ARCH.X86_64),
     "aarch64-linux": (lief.ELF.Binary, lief.ELF.ARCH.AARCH64),
-    "win64": (lief.PE.Binary, lief.PE.Header.MACHINE_TYPES.AMD64),
-    "darwin64": (lief.MachO.Binary, lief.MachO.Header.CPU_TYPE.X86_64),
+    "x86_64-windows": (lief.PE.Binary, lief.PE.Header.MACHINE_TYPES.AMD64),
+    "x86_64-darwin": (lief.MachO.Binary, lief.MachO.Header.CPU_TYPE.X86_64),
     "aarch64-darwin": (lief.MachO.Binary, lief.MachO.Header.CPU_TYPE.ARM64),
 }
+LINUX = ["x86_64-linux", "aarch64-linux"]
+DARWIN = ["x86_64-darwin", "aarch64-darwin"]
 # What the C host calls is what FMI 2.0 asks of a co-simulation FMU.
 FUNCTIONS = set(re.findall(r"X\((\w+)\)", (HERE / "fmu.h").read_text(encoding="utf-8"))) - {"name"}
 LINKER = {"__mh_dylib_header", "___dso_handle"}  # zig's linker adds them to every dylib
-SYSTEM = re.compile(r"lib[cm]\.so\.6|kernel32\.dll|ucrtbase\.dll|api-ms-win-crt-[a-z]+-l1-1-0\.dll|"
-                    r"/usr/lib/libSystem\.B\.dylib", re.IGNORECASE)
+SYSTEM = re.compile(r"lib[cm]\.so\.6|kernel32\.dll|api-ms-win-crt-[a-z]+-l1-1-0\.dll|/usr/lib/libSystem\.B\.dylib",
+                    re.IGNORECASE)
+# Functions of C11 that compute, compare, copy, format and allocate; none opens a file, asks for the time or ends the
+# host.
+C = {"atan", "cos", "exp", "floor", "fmin", "log", "sin", "tan",
+     "calloc", "free", "memcmp", "memcpy", "memmove", "memset", "strcmp", "strlen", "strncat", "vsnprintf"}
+# What compilers and C libraries make of these, and what the loader and a library's start need.
+FURTHER = {
+    "linux": {"bcmp"},
+    "darwin": {"bzero", "__bzero", "__memcpy_chk", "__strncat_chk", "dyld_stub_binder"},
+    # Of mingw-w64's start-up code: thread-local storage, relocation, the handlers at the DLL's end; and its printf.
+    "windows": {"DeleteCriticalSection", "EnterCriticalSection", "GetLastError", "InitializeCriticalSection",
+                "LeaveCriticalSection", "Sleep", "TlsGetValue", "VirtualProtect", "VirtualQuery",
+                "_execute_onexit_table", "_exit", "_initialize_onexit_table", "_initterm", "_initterm_e",
+                "_register_onexit_function", "abort", "__acrt_iob_func", "__stdio_common_vfprintf",
+                "__stdio_common_vsprintf", "fwrite"},
+}
 Binary = lief.ELF.Binary | lief.PE.Binary | lief.MachO.Binary
 
 
 @pytest.fixture(params=sorted(FORMATS))
-def platform(request: pytest.FixtureRequest) -> str:
+def machine(request: pytest.FixtureRequest) -> str:
+    """A platform tuple of FMI 3.0."""
     found: str = request.param
     return found
 
 
 @pytest.fixture
-def path(every_platform: Path, platform: str) -> Path:
-    (found,) = (every_platform / "binaries" / platform).iterdir()
-    assert found.name == "EMCAS" + PLATFORMS[platform].suffix
+def path(every_platform: Path, machine: str) -> Path:
+    """The file with the machine's library."""
+    (platform,) = [p for p in PLATFORMS.values() if machine in p.targets]
+    (found,) = (every_platform / "binaries" / platform.name).iterdir()
+    assert found.name == "EMCAS" + platform.suffix
     return found
 
 
 @pytest.fixture
-def binary(path: Path) -> Binary:
+def binary(path: Path, machine: str) -> Binary:
+    """The machine's library: the file, or its part of a universal one."""
+    _, cpu = FORMATS[machine]
+    if isinstance(cpu, lief.MachO.Header.CPU_TYPE):
+        parts = lief.MachO.parse(str(path))
+        assert parts is not None
+        part = parts.take(cpu)
+        assert part is not None
+        return part
     found = lief.parse(str(path))
     assert isinstance(found, Binary)
     return found
@@ -62,9 +93,18 @@ def exported(binary: Binary) -> set[str]:
     return {str(s.name) for s in binary.exported_symbols}
 
 
+def imported(binary: Binary) -> set[str]:
+    """Names the loader has to find, likewise."""
+    if isinstance(binary, lief.PE.Binary):
+        return {str(e.name) for i in binary.imports for e in i.entries}
+    underscore = "_" if isinstance(binary, lief.MachO.Binary) else ""
+    return {str(s.name).removeprefix(underscore) for s in binary.imported_symbols}
+
+
 def libraries(binary: Binary) -> set[str]:
     """What the loader has to load besides."""
     if isinstance(binary, lief.PE.Binary):
+        assert not binary.has_delay_imports
         return {str(i.name) for i in binary.imports}
     if isinstance(binary, lief.ELF.Binary):
         return {str(name) for name in binary.libraries}
@@ -72,19 +112,20 @@ def libraries(binary: Binary) -> set[str]:
 
 
 def test_every_platform_is_looked_at(every_platform: Path) -> None:
-    assert {f.name for f in (every_platform / "binaries").iterdir()} == set(FORMATS) == set(PLATFORMS)
+    assert {f.name for f in (every_platform / "binaries").iterdir()} == set(PLATFORMS)
+    assert {machine for p in PLATFORMS.values() for machine in p.targets} == set(FORMATS)
 
 
-def test_format_and_machine(binary: Binary, platform: str) -> None:
-    kind, machine = FORMATS[platform]
+def test_format_and_machine(binary: Binary, machine: str) -> None:
+    kind, cpu = FORMATS[machine]
     assert isinstance(binary, kind)
     if isinstance(binary, lief.ELF.Binary):
-        assert (binary.header.machine_type, binary.header.file_type) == (machine, lief.ELF.Header.FILE_TYPE.DYN)
+        assert (binary.header.machine_type, binary.header.file_type) == (cpu, lief.ELF.Header.FILE_TYPE.DYN)
     elif isinstance(binary, lief.PE.Binary):
-        assert binary.header.machine == machine
+        assert binary.header.machine == cpu
         assert binary.header.has_characteristic(lief.PE.Header.CHARACTERISTICS.DLL)
     else:
-        assert (binary.header.cpu_type, binary.header.file_type) == (machine, lief.MachO.Header.FILE_TYPE.DYLIB)
+        assert (binary.header.cpu_type, binary.header.file_type) == (cpu, lief.MachO.Header.FILE_TYPE.DYLIB)
 
 
 def test_exports_are_the_functions_of_fmi(binary: Binary) -> None:
@@ -98,13 +139,19 @@ def test_needs_only_the_system_libraries(binary: Binary) -> None:
     assert {name for name in found if not SYSTEM.fullmatch(name)} == set()
 
 
+def test_imports_only_functions_of_c(binary: Binary, machine: str) -> None:
+    found = imported(binary)
+    assert {"calloc", "atan"} <= found  # seen at all
+    assert found <= C | FURTHER[machine.partition("-")[2]]
+
+
 def test_no_trace_of_the_machine_it_was_built_on(path: Path) -> None:
     content = path.read_bytes()
     for trace in (f"{tempfile.gettempdir()}/", f"{Path.home()}/", str(HERE.parents[1]), "emcas_cc_"):
         assert trace.encode() not in content, trace
 
 
-@pytest.mark.parametrize("platform", ["linux64", "aarch64-linux"])
+@pytest.mark.parametrize("machine", LINUX)
 def test_old_enough_for_glibc_2_17(binary: Binary) -> None:
     assert isinstance(binary, lief.ELF.Binary)
     versions = {str(a.name) for r in binary.symbols_version_requirement for a in r.get_auxiliary_symbols()}
@@ -113,7 +160,7 @@ def test_old_enough_for_glibc_2_17(binary: Binary) -> None:
     assert max(numbers) <= (2, 17), versions
 
 
-@pytest.mark.parametrize("platform", ["linux64", "aarch64-linux"])
+@pytest.mark.parametrize("machine", LINUX)
 def test_stack_is_not_executable(binary: Binary) -> None:
     """Hosts with a hardened kernel or a new glibc refuse to load a library that asks for an executable stack."""
     assert isinstance(binary, lief.ELF.Binary)
@@ -121,12 +168,47 @@ def test_stack_is_not_executable(binary: Binary) -> None:
     assert not stack.has(lief.ELF.Segment.FLAGS.X)
 
 
-@pytest.mark.parametrize("platform", ["darwin64", "aarch64-darwin"])
-def test_macos_11_will_load_it(binary: Binary, platform: str) -> None:
-    """Built for macOS 11 or before; Apple's processors kill a process that loads code without a signature."""
+@pytest.mark.parametrize("machine", DARWIN)
+def test_macos_11_will_load_it(binary: Binary) -> None:
+    """Built for macOS 11 or before, and told apart from a program by its name relative to what loads it."""
     assert isinstance(binary, lief.MachO.Binary)
     built = binary.build_version
     assert built is not None
     assert built.platform == lief.MachO.BuildVersion.PLATFORMS.MACOS
     assert tuple(built.minos) <= (11, 0, 0)
-    assert binary.has_code_signature or platform == "darwin64"
+    (name,) = [d.name for d in binary.libraries if d.command == lief.MachO.LoadCommand.TYPE.ID_DYLIB]
+    assert name == "@rpath/EMCAS.dylib"
+
+
+@pytest.mark.parametrize("machine", ["aarch64-darwin"])
+def test_apple_processors_will_run_it(binary: Binary, path: Path) -> None:
+    """Their kernel kills a process that runs a page whose SHA-256 is not that of the code signature.
+
+    The signature is ad hoc, of no person, and laid out as Apple's cs_blobs.h says: one blob, the code directory.
+    """
+    assert isinstance(binary, lief.MachO.Binary)
+    whole = path.read_bytes()[binary.fat_offset:binary.fat_offset + binary.original_size]
+    signature = binary.code_signature
+    assert signature is not None
+    blob = bytes(signature.content)
+    superblob, _, count, slot, at = struct.unpack_from(">5I", blob)
+    assert (superblob, count, slot) == (0xFADE0CC0, 1, 0)
+    magic, _, _, flags, hashes, _, specials, pages, limit, size, kind, _, page = struct.unpack_from(">9I4B", blob, at)
+    assert (magic, flags & 2, specials, size, kind) == (0xFADE0C02, 2, 0, 32, 2)  # ad hoc; SHA-256
+    assert limit == signature.data_offset  # all that comes before the signature
+    parts = [whole[k:min(k + (1 << page), limit)] for k in range(0, limit, 1 << page)]
+    assert len(parts) == pages
+    first = at + hashes
+    assert [hashlib.sha256(p).digest() for p in parts] == [blob[k:k + 32] for k in range(first, first + 32 * pages, 32)]
+
+
+@pytest.mark.parametrize("machine", ["aarch64-darwin"])
+def test_universal_as_llvm_makes_it(path: Path, tmp_path: Path) -> None:
+    """Taken apart and put together again by LLVM's own tool, to the byte."""
+    lipo = tool("llvm-lipo-14", "llvm-14")
+    for cpu in ("x86_64", "arm64"):
+        subprocess.run([lipo, path, "-thin", cpu, "-output", tmp_path / cpu], check=True)
+    # Its own choice for x86-64 is that processor's page of 4 KiB.
+    subprocess.run([lipo, "-create", tmp_path / "x86_64", tmp_path / "arm64", "-segalign", "x86_64", "4000", "-output",
+                    tmp_path / "again"], check=True)
+    assert path.read_bytes() == (tmp_path / "again").read_bytes()

@@ -96,7 +96,7 @@ def test_build_and_its_refusals(tmp_path: Path) -> None:
         (("--backend", "native", "--platform", "vax", "--output", str(target)), "there is linux64, win64, darwin64"),
         (("--backend", "native", "--cc", "no-such-cc", "--output", str(target)), "there is no such program"),
         (("--backend", "native", "--cc", "false", "--output", str(target)), "does not answer"),
-        (("--backend", "native", "--cc", "cc", "--platform", "aarch64-darwin", "--output", str(target)),
+        (("--backend", "native", "--cc", "cc", "--platform", "darwin64", "--output", str(target)),
          "leave --cc out to use zig"),
         (("--parameters", str(tmp_path / "none.toml"), "--output", str(target)), "none.toml"),
     ):

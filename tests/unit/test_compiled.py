@@ -283,3 +283,14 @@ def test_a_broken_compiler_is_told_and_python_computes(uncached: Path, values: M
     with pytest.raises(CompilerError, match="false cannot compile"):
         simulate(values, 0.01, kernel="compiled")
     assert not list(uncached.iterdir())
+
+
+@pytest.mark.parametrize(("system", "machine", "platform"), [
+    ("Linux", "x86_64", "linux64"), ("Linux", "aarch64", "aarch64-linux"), ("Windows", "AMD64", "win64"),
+    ("Darwin", "x86_64", "darwin64"), ("Darwin", "arm64", "darwin64"), ("Linux", "riscv64", None)])
+def test_platform_of_a_machine(monkeypatch: pytest.MonkeyPatch, system: str, machine: str,
+                               platform: str | None) -> None:
+    monkeypatch.setattr("platform.system", lambda: system)
+    monkeypatch.setattr("platform.machine", lambda: machine)
+    found = compiler.local_platform()
+    assert (found.name if found else None) == platform

@@ -46,7 +46,7 @@ def _host_variables(unit: FmuInterface) -> Iterator[HostVariable]:
 FORMAT = Format(
     version="3.0", main="fmi3.c", package="emcas_fmu.fmi.fmi3", written=("absent.h", "events.h"),
     headers=lambda: standard_headers(("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h")),
-    prefix="FMI3_FUNCTION_PREFIX", folder=lambda platform: platform.tuple, tables=_tables,
+    prefix="FMI3_FUNCTION_PREFIX", by_machine=True, tables=_tables,
     host_variables=_host_variables, model_description=model_description,
     options={"needsExecutionTool": "false", "canBeInstantiatedOnlyOncePerProcess": "false",
              "canGetAndSetFMUState": "true", "canSerializeFMUState": "true", "providesDirectionalDerivatives": "false",
