@@ -336,7 +336,8 @@ def test_events_do_not_depend_on_the_steps(unit3: Fmu, torque: float, command: f
         found += run_to(sliced, now, now + size)
         now += size
     expected = run_to(whole, 0.0, now)
-    assert whole.outputs() == sliced.outputs()
+    # The host's sums of time differ by some 1e-18 s, the fastest output changes by 1e6 a second.
+    assert np.allclose(list(whole.outputs().values()), list(sliced.outputs().values()), rtol=1e-9, atol=1e-9)
     # An event within the tolerance of a step's end is met there.
     assert len(found) == len(expected)
     assert np.allclose(found, expected, rtol=0.0, atol=3e-6)
