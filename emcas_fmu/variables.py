@@ -13,7 +13,7 @@ from math import inf
 from typing import Any, Literal
 
 Kind = Literal["Real", "Integer", "Boolean", "Enumeration"]
-Causality = Literal["input", "output", "parameter"]
+Causality = Literal["input", "output", "parameter", "independent"]
 Variability = Literal["continuous", "discrete", "fixed", "tunable"]
 
 

@@ -60,7 +60,7 @@ BOXES = (
         "one way to run, excite, measure, judge and tell, for every actuator or FMU",)),
     Box(10, 208, 640, 70, BLUE, "fmi/", (
         "interface of one fin or several · model description · documentation · package",
-        "fmi2/: fmi2.c, slave.py"), "1"),
+        "common/: one unit in C, of no version · fmi2/: fmi2.c, slave.py · fmi3/: fmi3.c"), "1"),
     Box(10, 292, 640, 88, BLUE, "runtime/", (
         "codegen · simulation · compiled: an actuator as a program, in Python and C",
         "core.py and core.h, the same in both: samples, delay line, ticks, events",

@@ -113,7 +113,7 @@ def binaries(model: str, files: Mapping[str, str], platforms: Sequence[Platform]
     """
     compiler: Compiler = find(cc)
     LOG.info(f"compiling {model} for {', '.join(p.name for p in platforms)} (the first time up to a minute each) ...")
-    libraries = {}
+    libraries: dict[str, bytes] = {}
     for i, target in enumerate(platforms):
         if progress:
             progress(target.name, i, len(platforms))

@@ -35,7 +35,7 @@ class Built:
     warnings: tuple[str, ...]
 
 
-def interface_guid(starts: tuple[Any, ...], unit: FmuInterface, fmi: Format) -> str:
+def interface_guid(starts: tuple[Any, ...], unit: FmuInterface, fmi: Format = native.FORMATS["2"]) -> str:
     """Return a hash of the interface: of the model description with its GUID left empty."""
     description = to_bytes(fmi.model_description(starts, "", options={}, tool="", unit=unit))
     return f"{{{UUID(bytes=hashlib.sha256(description).digest()[:16], version=5)}}}"
@@ -51,7 +51,8 @@ def _native(unit: FmuInterface, starts: tuple[Any, ...], guid: str, platforms: S
 
 
 def _contents(unit: FmuInterface, sets: Sequence[ParameterSet], backend: str, platforms: Sequence[str] | None,
-              cc: str | None, progress: Progress | None, fmi: Format) -> tuple[dict[str, bytes], str, tuple[str, ...]]:
+              cc: str | None, progress: Progress | None, fmi: Format,
+              ) -> tuple[dict[str, bytes], str, tuple[str, ...]]:
     starts = start_values(unit, [p.values for p in sets])
     guid = interface_guid(starts, unit, fmi)
     # Neither Python's nor the compiler's version: any that is supported gives the same FMU but for the binaries.
@@ -74,8 +75,8 @@ def _contents(unit: FmuInterface, sets: Sequence[ParameterSet], backend: str, pl
 
 
 def build(parameters: ParameterSet, output: Path | str, backend: str | None = None,
-          platforms: Sequence[str] | None = None, cc: str | None = None, progress: Progress | None = None, fins: int = 1,
-          layout: str = "cross", files: Mapping[int, Path] | None = None, fmi: str = "2") -> Built:
+          platforms: Sequence[str] | None = None, cc: str | None = None, progress: Progress | None = None,
+          fins: int = 1, layout: str = "cross", files: Mapping[int, Path] | None = None, fmi: str = "2") -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
     `backend` is ``python``, of FMI 2.0 unless given, or ``native``, which alone knows FMI 3.0 (`fmi` of ``3``). For

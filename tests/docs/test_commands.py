@@ -27,7 +27,7 @@ WRITTEN = ("output", "plot", "report", "as_json", "junit", "markdown", "journal"
 # Files of the reader's, the one a workflow expects, what emcas explore's page saves, and words that stand for a name.
 YOURS = re.compile(r"[Mm]y_?\w*(\.\w+)?|actuator\.toml|inputs\.csv|parameters\.toml|FILE\.\w+|[A-Z]+")
 # What the README builds, and the pages begin with.
-BUILT = {Path("EMCAS.fmu"): NONLINEAR, Path("EMCAS4.fmu"): NONLINEAR}
+BUILT = {Path("EMCAS.fmu"): NONLINEAR, Path("EMCAS3.fmu"): NONLINEAR, Path("EMCAS4.fmu"): NONLINEAR}
 
 
 def parsed(arguments: list[str]) -> tuple[str, dict[str, Any]]:

@@ -30,13 +30,14 @@ BLOCKS = recipes("use/hosts.md")
 
 @pytest.fixture(scope="module")
 def place(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with EMCAS.fmu, EMCAS4.fmu and host.c, as a reader has them."""
+    """A folder with EMCAS.fmu, EMCAS3.fmu, EMCAS4.fmu and host.c, as a reader has them."""
     folder = tmp_path_factory.mktemp("recipes")
     shutil.copy(native, folder / "EMCAS.fmu")
     shutil.copy(ROOT / "examples/c_host/host.c", folder)
     local = local_platform()
     assert local is not None
     build(load_parameters(), folder / "EMCAS4.fmu", "native", [local.name], fins=4)
+    build(load_parameters(), folder / "EMCAS3.fmu", "native", [local.name], fmi="3")
     return folder
 
 
@@ -50,7 +51,8 @@ def run(name: str, place: Path) -> str:
 
 
 def test_every_block_is_run() -> None:
-    assert sorted(BLOCKS) == ["c_host", "c_loop", "c_loop_build", "fmpy", "fmpy_four", "fmpy_loop", "libcosim"]
+    assert sorted(BLOCKS) == [
+        "c_host", "c_loop", "c_loop_build", "fmpy", "fmpy_fmi3", "fmpy_four", "fmpy_loop", "libcosim"]
 
 
 def test_fmpy(place: Path) -> None:
@@ -60,6 +62,12 @@ def test_fmpy(place: Path) -> None:
 
 def test_fmpy_in_a_loop(place: Path) -> None:
     assert abs(float(run("fmpy_loop", place)) - 0.2) < 0.02
+
+
+def test_fmi_3(place: Path) -> None:
+    rows, angle = run("fmpy_fmi3", place).split()
+    assert int(rows) > 41  # of 5 ms, and one more for each event
+    assert abs(float(angle) - 0.1) < 0.01  # at its command, but for what is left of an overshoot
 
 
 def test_four_fins(place: Path) -> None:

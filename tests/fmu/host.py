@@ -205,7 +205,8 @@ class Instance3(Instance):
             made = fmu.library.fmi3InstantiateModelExchange(*identity, None, self._logger)
         else:
             made = fmu.library.fmi3InstantiateCoSimulation(
-                *identity, ct.c_bool(event_mode), ct.c_bool(early_return), None, ct.c_size_t(0), None, self._logger, None)
+                *identity, ct.c_bool(event_mode), ct.c_bool(early_return), None, ct.c_size_t(0), None, self._logger,
+                None)
         self.component = ct.c_void_p(made)
         self.event_needed, self.returned_early, self.reached = False, False, 0.0  # by the last step
 

@@ -9,47 +9,50 @@ from pathlib import Path
 import pytest
 
 from emcas_fmu.actuators import NAMES
-from emcas_fmu.fmi.fmi2.model_description import model_description
 from emcas_fmu.fmi.interface import FmuInterface, start_values
-from emcas_fmu.fmi.native import names_header
+from emcas_fmu.fmi.native import FORMATS, names_header
 from emcas_fmu.fmi.package import interface_guid
 from emcas_fmu.parameters import load_parameters
 from tests.hosts.host import STRICT, tool
 
-MACRO = re.compile(r"#define (\w+)_VR_(\w+) (\d+)u /\* (\S+): (\w+), (\w+)(?:, (\S+))? \*/")
+MACRO = re.compile(r"#define \w+_VR_\w+ (\d+)u /\* (\S+): (.+) \*/")
 
 
+@pytest.mark.parametrize("fmi", FORMATS)
 @pytest.mark.parametrize("fins", [1, 4])
 @pytest.mark.parametrize("model", [*NAMES, "nonlinear+homing+faults"])
-def test_it_says_what_the_model_description_says(model: str, fins: int, tmp_path: Path) -> None:
-    unit = FmuInterface(fins, model)
+def test_it_says_what_the_model_description_says(model: str, fins: int, fmi: str) -> None:
+    unit, chosen = FmuInterface(fins, model), FORMATS[fmi]
     starts = start_values(unit, [load_parameters(model=model).values] * fins)
-    guid = interface_guid(starts, unit)
-    text = names_header(unit, guid)
-    described = model_description(starts, guid, options={}, tool="", unit=unit)
-    found = {name: (int(place), causality, kind, of) for _, _, place, name, causality, kind, of in MACRO.findall(text)}
+    guid = interface_guid(starts, unit, chosen)
+    text = names_header(unit, guid, chosen)
+    described = chosen.model_description(starts, guid, options={}, tool="", unit=unit)
+    found = {name: (int(place), said) for place, name, said in MACRO.findall(text)}
     expected = {}
-    for scalar in described.iter("ScalarVariable"):
-        kind = "Integer" if scalar[0].tag == "Enumeration" else scalar[0].tag
-        expected[scalar.attrib["name"]] = (int(scalar.attrib["valueReference"]), scalar.attrib["causality"], kind,
-                                           scalar[0].attrib.get("unit", ""))
+    for variable in described.find("ModelVariables") or ():
+        typed = variable[0] if fmi == "2" else variable
+        kind = {("2", "Enumeration"): "Integer", ("3", "Enumeration"): "Enumeration (Int64)"}.get(
+            (fmi, typed.tag), typed.tag)
+        shape = " x ".join(d.attrib["start"] for d in variable.findall("Dimension"))
+        words = (variable.attrib["causality"], kind, typed.attrib.get("unit"), shape and f"{shape} values")
+        expected[variable.attrib["name"]] = int(variable.attrib["valueReference"]), ", ".join(filter(None, words))
     assert found == expected
     prefix = unit.model.upper()
-    assert f'#define {prefix}_GUID "{described.attrib["guid"]}"' in text
+    assert f'#define {prefix}_{chosen.token} "{guid}"' in text
     assert f'#define {prefix}_MODEL "{unit.model}"' in text
     names = re.findall(r"#define (\w+)", text)
     assert len(names) == len(set(names)) == len(expected) + 3  # guard, model and GUID
 
 
 def test_names_of_one_fin_and_of_four() -> None:
-    one, four = (names_header(FmuInterface(fins), "{}") for fins in (1, 4))
+    one, four = (names_header(FmuInterface(fins), "{}", FORMATS["2"]) for fins in (1, 4))
     assert "#define EMCAS_VR_FIN_COMMAND 0u /* fin_command: input, Real, rad */" in one
     assert re.search(r"#define EMCAS4_VR_FIN_2_FIN_ANGLE \d+u /\* fin\[2\]\.fin_angle: output, Real, rad \*/", four)
 
 
 def test_c_and_cpp_take_both_in_one_program(tmp_path: Path) -> None:
     for fins, name in ((1, "EMCAS"), (4, "EMCAS4")):
-        (tmp_path / f"{name}.h").write_text(names_header(FmuInterface(fins), "{x}"), encoding="utf-8")
+        (tmp_path / f"{name}.h").write_text(names_header(FmuInterface(fins), "{x}", FORMATS["2"]), encoding="utf-8")
     (tmp_path / "both.c").write_text(
         '#include "EMCAS.h"\n#include "EMCAS4.h"\n#include "EMCAS.h"\n'
         "const unsigned both[] = {EMCAS_VR_FIN_ANGLE, EMCAS4_VR_FIN_4_FIN_ANGLE};\n"

@@ -1,7 +1,7 @@
 """The variables of FMI 3.0: a unit's scalars as arrays, of the points of a table and of the fins.
 
 ``friction.coulomb.positive[0]`` to ``[6]`` are one array ``friction.coulomb.positive`` of 7; the variables
-``fin[1].fin_angle`` to ``fin[4].fin_angle`` are one, ``fins.fin_angle`` of 4. The tables of four fins have two dimensions.
+``fin[1].fin_angle`` to ``fin[4].fin_angle`` are one, ``fins.fin_angle`` of 4. Tables of four fins have two dimensions.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from itertools import groupby
 from os.path import commonprefix
 
 from ...errors import EmcasError
-from ...variables import Variable, real_input
+from ...variables import Variable
 from ..interface import FmuInterface
 
-TIME = replace(real_input("time", "s", "time, set by the steps", start=None), causality="independent")
+TIME = Variable("time", "Real", "independent", "continuous", "s", "time, set by the steps")
 CLOCK = "sample_clock"
 _ELEMENT = re.compile(r"(.*)\[(\d+)\]")
 _KINDS = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "Enumeration": "Enumeration"}
@@ -50,7 +50,8 @@ class Array:
     @property
     def places(self) -> tuple[int, ...]:
         """Places of the elements among the unit's scalars, the last dimension counting fastest."""
-        return tuple(self.first + fin * self.stride + k for fin in range(self.fins or 1) for k in range(self.table or 1))
+        return tuple(self.first + fin * self.stride + k
+                     for fin in range(self.fins or 1) for k in range(self.table or 1))
 
 
 def _tables(variables: tuple[Variable, ...], first: int) -> Iterator[Array]:
@@ -73,7 +74,7 @@ def _common(name: str, elements: tuple[Variable, ...]) -> Variable:
     same = {replace(v, name="", description="", sheet="") for v in elements}
     if len(same) != 1 or [v.name for v in elements] != [f"{name}[{k}]" for k in range(len(elements))]:
         raise EmcasError(f"{name}: elements of a table differ in more than their places, or stand apart")
-    words = commonprefix([v.description for v in elements])
+    words = commonprefix([v.description for v in elements])  # noqa: RUF071  characters are meant
     first, last = (v.description[len(words):] for v in (elements[0], elements[-1]))
     return replace(elements[0], name=name, description=f"{words}{first} … {last}" if first else words)
 
@@ -90,9 +91,10 @@ def arrays(unit: FmuInterface) -> tuple[Array, ...]:
         made += _tables(shared, first)
         first += len(shared)
         for v in _tables(each, first):
-            made.append(v if unit.fins == 1 else replace(
-                v, variable=replace(v.variable, name=unit.array_name(v.variable.name)), fins=unit.fins, stride=len(each)))
+            made.append(v if unit.fins == 1 else replace(v, fins=unit.fins, stride=len(each), variable=replace(
+                v.variable, name=unit.array_name(v.variable.name))))
         first += unit.fins * len(each)
     if taken := {TIME.name, CLOCK} & {v.variable.name for v in made}:
-        raise EmcasError(f"{unit.actuator.name}: a variable is named {', '.join(taken)}, which FMI 3.0 needs itself")
+        raise EmcasError(f"{unit.actuator.name}: a variable is named {', '.join(taken)}; FMI 3.0 has a variable of "
+                         "that name already: give yours another")
     return tuple(made)

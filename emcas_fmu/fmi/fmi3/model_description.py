@@ -36,7 +36,7 @@ def _variables(unit: FmuInterface, starts: Sequence[Any]) -> Iterator[Element]:
     yield _variable(len(listed), Array(TIME, 0), starts)
     yield element("Clock", {
         "name": CLOCK, "valueReference": str(len(listed) + 1), "causality": "input", "variability": "discrete",
-        "description": "ticks when the controllers sample (of fin 1, where their sample times differ); they need no tick",
+        "description": "ticks when the controllers sample (of fin 1, where sample times differ); they need no tick",
         "intervalVariability": "fixed"})
 
 

@@ -22,10 +22,12 @@ def _tables(unit: FmuInterface) -> str:
     actuator = unit.actuator
     sample_time = [v.name for v in actuator.parameters].index("controller.sample_time")
     fin_rate = [v.name for v in actuator.outputs].index("fin_rate")
-    return (f"\n/* Types of FMI 3.0, and where the elements of a variable are: `size` of a fin from `first` on, those of "
-            f"the next\n * fin `stride` further. */\nenum {{ {', '.join((*_TYPES.values(), 'TICKS'))} }};\n"
-            f"static const char *const TYPE[] = {{{', '.join(map(c_text, _NAMES.values()))}}};\n\n"
-            "typedef struct {\n    const char *name;\n    int type;\n    unsigned first, size, fins, stride;\n} array;\n\n"
+    types, names = ", ".join((*_TYPES.values(), "TICKS")), ", ".join(map(c_text, _NAMES.values()))
+    return ("\n/* Types of FMI 3.0, and where the elements of a variable are: `size` of a fin from `first` on, those "
+            f"of the next\n * fin `stride` further. */\nenum {{ {types} }};\n"
+            f"static const char *const TYPE[] = {{{names}}};\n\n"
+            "typedef struct {\n    const char *name;\n    int type;\n"
+            "    unsigned first, size, fins, stride;\n} array;\n\n"
             f"enum {{ TIME = {len(rows) - 2}, CLOCK = {len(rows) - 1}, ARRAYS = {len(rows)} }};\n"
             f"static const array ARRAY[ARRAYS] = {{\n{listed}\n}};\n\n"
             "/* Of a fin: place of the sample time among the parameters, of the rate among the outputs. */\n"
@@ -58,9 +60,10 @@ FORMAT = Format(
         "Inputs are held over a step.",
         "Event mode is optional, and the trajectory is the same with it and without. Where a host uses it, a step that "
         "changes a discrete output, or lets a fin stick or come loose, asks for event handling; where early return is "
-        "allowed, too, the step ends there, to within a thousandth of the sample time. What begins and ends within a tick is not seen.",
-        f"<code>{CLOCK}</code> says when the controllers sample (of fin 1, where their sample times differ). It need not "
-        "be activated: they sample by themselves.",
+        "allowed, too, the step ends there, to within a thousandth of the sample time. What begins and ends within a "
+        "tick is not seen.",
+        f"<code>{CLOCK}</code> says when the controllers sample (of fin 1, where their sample times differ). It need "
+        "not be activated: they sample by themselves.",
         "A call out of place or with an unknown reference is answered with <code>fmi3Error</code> at once, nothing "
         "changed; an input that is not finite with <code>fmi3Error</code> from the step. The instance may be used on.",
         "A step that cannot be followed is answered with <code>fmi3Discard</code>, the state unchanged.",
