@@ -1,8 +1,9 @@
 """An FMU in a client that nobody here wrote: `python -m tests.interop.clients CLIENT FMU TASK TABLE`.
 
 TASK is a file with ``step`` [s], ``parameters`` (name to value) and ``inputs`` (name to a value for each step, held
-over it). TABLE is written: time and every Real and Boolean output at the end of each step. What client and FMU say
-goes to standard output and error. Exit code 77: the client is not installed.
+over it); a value of an array is a list. TABLE is written: time and every Real and Boolean output at the end of each
+step, of an array a column for each element. What client and FMU say goes to standard output and error. Exit code 77:
+the client is not installed.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ class Task:
     path: Path
     step: float
     parameters: Mapping[str, Any]
-    inputs: Mapping[str, list[float]]
+    inputs: Mapping[str, list[Any]]
 
     @cached_property
     def description(self) -> Any:
@@ -68,7 +69,7 @@ class Task:
         """How many."""
         return len(next(iter(self.inputs.values())))
 
-    def at(self, k: int) -> dict[str, float]:
+    def at(self, k: int) -> dict[str, Any]:
         """Inputs of a step."""
         return {name: values[k] for name, values in self.inputs.items()}
 
@@ -77,7 +78,7 @@ def _simulated(task: Task, path: Path, parameters: Mapping[str, Any] | None = No
     """The FMU or folder at `path` in simulate_fmu."""
     names = [*task.reals, *task.flags]
     table = np.array([(k * task.step, *task.at(k).values()) for k in range(task.steps)],
-                     dtype=[("time", float), *((name, float) for name in task.inputs)])
+                     dtype=[("time", float), *((name, float, np.shape(v[0])) for name, v in task.inputs.items())])
     found = simulate_fmu(str(path), stop_time=task.steps * task.step, step_size=task.step, output_interval=task.step,
                          start_values=dict(task.parameters if parameters is None else parameters), input=table,
                          output=names, debug_logging=True)
@@ -166,23 +167,28 @@ def ecospy(task: Task) -> Iterator[Row]:
 
 def fmuloader(task: Task) -> Iterator[Row]:
     """fmuloader, stepped by hand."""
-    from fmuloader.fmi2 import Fmi2Slave, Fmi2Type
+    from fmuloader import fmi2, fmi3
 
     logging.basicConfig(level=logging.DEBUG)
-    model = task.description
-    with Fmi2Slave(task.path, model_identifier=model.coSimulation.modelIdentifier) as slave:
-        slave.instantiate("fin", Fmi2Type.CO_SIMULATION, guid=model.guid, logging_on=True)
-        slave.setup_experiment(start_time=0.0)
+    model, version_3 = task.description, task.description.fmiVersion != "2.0"
+    with (fmi3.Fmi3Slave if version_3 else fmi2.Fmi2Slave)(
+            task.path, model_identifier=model.coSimulation.modelIdentifier) as slave:
+        if version_3:
+            slave.instantiate_co_simulation("fin", instantiation_token=model.guid, logging_on=True)
+        else:
+            slave.instantiate("fin", fmi2.Fmi2Type.CO_SIMULATION, guid=model.guid, logging_on=True)
+            slave.setup_experiment(start_time=0.0)
+        set_real, get_real = ((slave.set_float64, slave.get_float64) if version_3 else
+                              (slave.set_real, slave.get_real))
         slave.enter_initialization_mode()
         for name, value in task.parameters.items():
-            setter = slave.set_boolean if isinstance(value, bool) else slave.set_real
-            setter([task.references[name]], [value])
+            (slave.set_boolean if isinstance(value, bool) else set_real)([task.references[name]], [value])
         slave.exit_initialization_mode()
         for k in range(task.steps):
             inputs = task.at(k)
-            slave.set_real([task.references[n] for n in inputs], list(inputs.values()))
+            set_real([task.references[n] for n in inputs], list(inputs.values()))
             slave.do_step(k * task.step, task.step)
-            yield [*slave.get_real([task.references[n] for n in task.reals]),
+            yield [*get_real([task.references[n] for n in task.reals]),
                    *slave.get_boolean([task.references[n] for n in task.flags])]
         slave.terminate()
         slave.free_instance()
@@ -239,6 +245,11 @@ def _program(name: str, *arguments: str | Path, cwd: Path | None = None,
         sys.exit(done.returncode)
 
 
+def _words(value: Any) -> str:
+    """Return a value, or the elements of an array, as text."""
+    return " ".join(str(element).lower() for element in np.atleast_1d(value).tolist())
+
+
 def fmutool(task: Task) -> Iterator[Row]:
     """The check of the FMU Manipulation Toolbox: schema and rules of the standard. Runs nothing."""
     _program("fmutool", "-input", task.path, "-check")
@@ -251,9 +262,10 @@ def fmucontainer(task: Task) -> Iterator[Row]:
         folder = Path(temporary)
         shutil.copy(task.path, folder / "fin.fmu")
         rows = ["rule;from_fmu;from_port;to_fmu;to_port", "FMU;fin.fmu;;;",
-                *(f"START;fin.fmu;{name};{str(value).lower()};" for name, value in task.parameters.items())]
+                *(f"START;fin.fmu;{name};{_words(value)};" for name, value in task.parameters.items())]
         (folder / "container.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
-        _program("fmucontainer", "-fmu-directory", ".", "-container", f"container.csv:{task.step}", cwd=folder)
+        _program("fmucontainer", "-fmu-directory", ".", "-container", f"container.csv:{task.step}", "-fmi",
+                 task.description.fmiVersion[0], cwd=folder)
         yield from _simulated(task, folder / "container.fmu", {})
 
 
@@ -263,15 +275,14 @@ def _in_fmusim(task: Task, environment: Mapping[str, str]) -> Iterator[Row]:
         with given.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(["time", *task.inputs])
-            writer.writerows([k * task.step, *task.at(k).values()] for k in range(task.steps))
-        starts = [word for name, value in task.parameters.items()
-                  for word in ("--start-value", name, str(value).lower())]
+            writer.writerows([k * task.step, *map(_words, task.at(k).values())] for k in range(task.steps))
+        starts = [word for name, value in task.parameters.items() for word in ("--start-value", name, _words(value))]
         _program("fmusim", "--interface-type", "cs", "--stop-time", str(task.steps * task.step), "--output-interval",
                  str(task.step), *starts, "--input-file", given, "--output-file", table, "--logging-on", task.path,
                  environment=environment)
         with table.open(encoding="utf-8") as file:
             for row in list(csv.DictReader(file))[1:]:
-                yield [row[name] for name in (*task.reals, *task.flags)]
+                yield [row[name].split() for name in (*task.reals, *task.flags)]
 
 
 def fmusim(task: Task) -> Iterator[Row]:
@@ -327,13 +338,16 @@ def main(client: str, fmu: str, given: str, table: str) -> None:
         print(f"{type(error).__name__}: {error}", file=sys.stderr)
         sys.exit(ABSENT)
     task = Task(Path(fmu), **json.loads(Path(given).read_text(encoding="utf-8")))
-    rows = list(CLIENTS[client].run(task))
+    rows = [[np.atleast_1d(value) for value in row] for row in CLIENTS[client].run(task)]
     if not rows:
         return
+    names = [name if len(value) == 1 else f"{name}[{k + 1}]"
+             for name, value in zip((*task.reals, *task.flags), rows[0]) for k in range(len(value))]
     with Path(table).open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(["time", *task.reals, *task.flags])
-        writer.writerows([(k + 1) * task.step, *(repr(float(x)) for x in row)] for k, row in enumerate(rows))
+        writer.writerow(["time", *names])
+        for k, row in enumerate(rows):
+            writer.writerow([(k + 1) * task.step, *(repr(float(x)) for x in np.concatenate(row))])
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -78,6 +79,8 @@ def run(client: str, fmu: Path, task: Mapping[str, Any], folder: Path) -> Outcom
     if done.returncode == ABSENT:
         missing(f"{client} cannot be loaded (pip install {CLIENTS[client].package}): {done.stderr.strip()}")
     said = dict.fromkeys(line for line in (done.stdout + done.stderr).splitlines() if not _NOISE.fullmatch(line))
+    if done.returncode < 0:
+        said[f"ended by {signal.Signals(-done.returncode).name}"] = None
     found = trajectory(table.read_text(encoding="utf-8")) if table.is_file() else {}
     return Outcome(done.returncode, list(said), found)
 
