@@ -6,7 +6,6 @@ import csv
 import os
 import shutil
 import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -118,8 +117,3 @@ def difference(a: Trajectory, b: Trajectory) -> float:
         scale = max(1.0, *(abs(v) for v in values))
         worst = max(worst, *(abs(x - y) / scale for x, y in zip(values, b[name])))
     return worst
-
-
-def script(name: str, *arguments: str | Path) -> str:
-    """What a script beside this file prints, run in an interpreter of its own."""
-    return run([sys.executable, HERE / name, *arguments])

@@ -1,0 +1,116 @@
+"""Every FMU in every client: runs in processes of their own, and what is to be said of them."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from emcas_fmu.toml import tomllib
+from tests.hosts.host import Trajectory, difference, missing, tool, trajectory
+
+from .clients import ABSENT, CHECKS, CLIENTS
+from .units import UNITS, Unit, step
+
+HERE = Path(__file__).parent
+# All of a traceback but its last line; an empty line.
+_NOISE = re.compile(r"Traceback \(most recent call last\):|\s.*|")
+FMUSIM = ("fmusim", "fmusim_preloaded")
+
+
+@dataclass(frozen=True)
+class Complaint:
+    """What clients are known to say of FMUs; see known_complaints.toml."""
+
+    clients: Sequence[str]
+    whose: str
+    text: str
+    meaning: str
+    units: Sequence[str] = tuple(UNITS)
+    fails: bool = False
+
+
+@cache
+def known() -> Sequence[Complaint]:
+    """The list of known complaints."""
+    entries = tomllib.loads((HERE / "known_complaints.toml").read_text(encoding="utf-8"))["complaint"]
+    return [Complaint(**entry) for entry in entries]
+
+
+def pairs() -> Iterator[tuple[str, str]]:
+    """FMUs and the clients that can be asked for them here."""
+    absent = set(() if shutil.which("fmusim") else FMUSIM)  # in no registry: where somebody has built it
+    if sys.version_info < (3, 11):
+        absent.add("fmuloader")
+    for name, unit in UNITS.items():
+        useless = "fmusim_preloaded" if unit.sources else "rebuilt"
+        yield from ((name, client) for client in CLIENTS if client not in absent | {useless})
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a client made of an FMU: its exit code, what it said, each text once, and the trajectory."""
+
+    code: int
+    said: Sequence[str]
+    found: Trajectory
+
+
+def run(client: str, fmu: Path, task: Mapping[str, Any], folder: Path) -> Outcome:
+    """Run an FMU in a client, in a process of its own; skip where the client is not installed."""
+    for name, package in CLIENTS[client].programs:
+        tool(name, package)
+    given, table = folder / f"{client}.json", folder / f"{client}.csv"
+    given.write_text(json.dumps(task), encoding="utf-8")
+    done = subprocess.run([sys.executable, "-m", "tests.interop.clients", client, fmu, given, table],
+                          cwd=HERE.parents[1], env={**os.environ, "TQDM_DISABLE": "1"},  # no progress bars
+                          capture_output=True, text=True, timeout=300)
+    if done.returncode == ABSENT:
+        missing(f"{client} cannot be loaded (pip install {CLIENTS[client].package}): {done.stderr.strip()}")
+    said = dict.fromkeys(line for line in (done.stdout + done.stderr).splitlines() if not _NOISE.fullmatch(line))
+    if done.returncode < 0:
+        said[f"ended by {signal.Signals(-done.returncode).name}"] = None
+    found = trajectory(table.read_text(encoding="utf-8")) if table.is_file() else {}
+    return Outcome(done.returncode, list(said), found)
+
+
+def problems(unit: str, client: str, outcome: Outcome) -> list[str]:
+    """What is not as the list of known complaints has it."""
+    listed = [c for c in known() if client in c.clients and unit in c.units]
+    new = [line for line in outcome.said if not any(re.fullmatch(c.text, line) for c in listed)]
+    gone = [c.text for c in listed if not any(re.fullmatch(c.text, line) for line in outcome.said)]
+    found = [*(f"said, and not in known_complaints.toml: {line}" for line in new),
+             *(f"in known_complaints.toml, and not said: {text}" for text in gone)]
+    if (outcome.code != 0) != any(c.fails for c in listed):
+        found.append(f"ended with code {outcome.code}")
+    if bool(outcome.found.get("time")) != (outcome.code == 0 and client not in CHECKS):
+        found.append(f"gave a trajectory of {len(outcome.found.get('time', ()))} steps")
+    return found
+
+
+def from_reference(unit: Unit, found: Trajectory) -> float:
+    """The largest difference [deg] of a fin's angle to the reference response."""
+    wanted = step().reference["fin_angle"][1:]
+    return float(max(np.degrees(np.abs(np.array(found[name]) - wanted).max()) for name in unit.angles))
+
+
+def compared(unit: Unit, client: str, found: Trajectory, expected: Trajectory) -> tuple[Trajectory, Trajectory]:
+    """Those columns of two trajectories that a client gives for the end of a step."""
+    names = expected if CLIENTS[client].end else unit.angles
+    return {n: found[n] for n in names}, {n: expected[n] for n in names}
+
+
+def from_fmpy(unit: Unit, client: str, found: Trajectory, expected: Trajectory) -> float:
+    """The largest difference of any output to fmpy's run, over its magnitude where that is above 1."""
+    return difference(*compared(unit, client, found, expected))

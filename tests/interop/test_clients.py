@@ -1,0 +1,115 @@
+"""Every FMU in clients that nobody here wrote: the numbers, and all that they say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+from tests.hosts.host import Trajectory, difference
+
+from . import matrix
+from .clients import CLIENTS
+from .units import UNITS
+
+pytestmark = pytest.mark.fmu
+QUICK = {(unit, client) for unit in ("native", "python") for client in ("fmpy", "libcosimpy", "ecospy")}
+PAIRS = [pytest.param(*pair, marks=[] if pair in QUICK else pytest.mark.slow) for pair in matrix.pairs()]
+LIMIT = 0.002  # deg, of `emcas validate`
+
+
+class Runs:
+    """FMUs and their runs in clients, each made once."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._outcomes: dict[tuple[str, str], matrix.Outcome] = {}
+
+    def fmu(self, unit: str) -> Path:
+        """The FMU, built on first use."""
+        folder = self._folder / unit
+        built = folder / "unit.fmu"
+        if not built.is_file():
+            folder.mkdir()
+            UNITS[unit].build(folder)
+        return built
+
+    def outcome(self, unit: str, client: str) -> matrix.Outcome:
+        """What a client made of it."""
+        if (unit, client) not in self._outcomes:
+            fmu = self.fmu(unit)
+            self._outcomes[unit, client] = matrix.run(client, fmu, UNITS[unit].task(), fmu.parent)
+        return self._outcomes[unit, client]
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Runs:
+    return Runs(tmp_path_factory.mktemp("interop"))
+
+
+@pytest.mark.parametrize(("unit", "client"), PAIRS)
+def test_numbers_and_texts(unit: str, client: str, runs: Runs, record_property: Callable[[str, object], None]) -> None:
+    """No output differs from fmpy's by a step: clients set inputs before the step they are for, and read after it.
+
+    They count time their own way (nanoseconds, a running sum), to within 1e-15 s of fmpy's; the fastest output changes
+    by 1e6 a second, hence by 1e-9 at most. The sources give the bits of the binary, by other compilers' 1e-12.
+    """
+    outcome = runs.outcome(unit, client)
+    if package := CLIENTS[client].package:
+        record_property("version", metadata.version(package))
+    for line in outcome.said:
+        record_property("said", line)
+    assert matrix.problems(unit, client, outcome) == []
+    if not outcome.found:
+        return
+    if UNITS[unit].reference:
+        deviation = matrix.from_reference(UNITS[unit], outcome.found)
+        record_property("from_reference_deg", deviation)
+        assert deviation < LIMIT
+    found, wanted = matrix.compared(UNITS[unit], client, outcome.found, runs.outcome(unit, "fmpy").found)
+    record_property("from_fmpy", difference(found, wanted))
+    assert difference(found, wanted) < (1e-12 if client == "rebuilt" else 1e-9)
+    assert difference(_from(wanted, 1), _to(found, -1)) > 1e-3  # so would a step's delay
+
+
+def _from(table: Trajectory, row: int) -> Trajectory:
+    return {name: values[row:] for name, values in table.items()}
+
+
+def _to(table: Trajectory, row: int) -> Trajectory:
+    return {name: values[:row] for name, values in table.items()}
+
+
+def test_back_ends_agree(runs: Runs) -> None:
+    """The same equations on the same doubles through the same C library: 1e-12 as for another compiler's last bits."""
+    assert difference(runs.outcome("python", "fmpy").found, runs.outcome("native", "fmpy").found) < 1e-12
+
+
+@pytest.mark.slow
+def test_the_loaded_ones_move(runs: Runs) -> None:
+    """Where there is no reference, agreement says nothing of a fin that rests."""
+    for name, unit in UNITS.items():
+        if not unit.reference:
+            assert max(runs.outcome(name, "fmpy").found["fin_angle"]) > 0.15  # of 10 deg asked for
+
+
+def test_the_list_names_what_there_is() -> None:
+    for complaint in matrix.known():
+        assert set(complaint.clients) <= set(CLIENTS)
+        assert set(complaint.units) <= set(UNITS)
+        assert complaint.whose in ("ours", "theirs")
+
+
+def test_a_new_text_and_a_lost_one_are_seen() -> None:
+    said = ["fmpy.fmi1.FMICallException: fmi2GetReal failed with status 3 (error)."]
+    refused = matrix.Outcome(1, said, {})
+    assert matrix.problems("native", "pathsim", refused) == []
+    assert len(matrix.problems("native", "fmpy", refused)) == 3  # new text, lost text, code
+    assert matrix.problems("native", "pathsim", matrix.Outcome(1, [*said, "Segmentation fault"], {})) == [
+        "said, and not in known_complaints.toml: Segmentation fault"]
+    well = matrix.Outcome(0, [], {"time": [0.001]})
+    assert matrix.problems("native", "libcosimpy", well) == []
+    assert [p.partition(":")[0] for p in matrix.problems("native", "pathsim", well)] == [
+        "in known_complaints.toml, and not said", "ended with code 0"]

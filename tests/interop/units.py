@@ -1,0 +1,79 @@
+"""The FMUs that clients get, and what they do with them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from emcas_fmu.compiler import local_platform
+from emcas_fmu.fmi.package import build
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.reference.stored import Stored, load
+
+REFERENCES = Path(__file__).parents[2] / "models" / "reference"
+
+
+@dataclass(frozen=True)
+class Unit:
+    """An FMU: arguments of `build` and the model; its commands and angles, of which several fins have several.
+
+    Where it has no `loads` its angles are those of the reference response `EMCAS_step`, which is without encoder. The
+    others are loaded too, and compared with fmpy's run.
+    """
+
+    title: str
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    model: str = "nonlinear"
+    commands: tuple[str, ...] = ("fin_command",)
+    angles: tuple[str, ...] = ("fin_angle",)
+    loads: tuple[str, ...] = ()
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def reference(self) -> bool:
+        """Whether its angles are those of the reference response."""
+        return not self.loads
+
+    @property
+    def sources(self) -> bool:
+        """Whether it has sources, to be built from."""
+        return "backend" in self.arguments
+
+    def build(self, folder: Path) -> Path:
+        """Build it for this platform."""
+        local = local_platform()
+        assert local is not None
+        return build(load_parameters(model=self.model), folder / "unit.fmu",
+                     platforms=[local.name] if self.sources else None, **self.arguments).path
+
+    def task(self) -> dict[str, Any]:
+        """What clients do with it, as :class:`.clients.Task` has it: the reference's commands, each held for a step."""
+        case = step()
+        command = case.inputs["fin_command"][:-1].tolist()
+        load = [-15.0 if k > len(command) // 3 else 0.0 for k in range(len(command))]  # N.m
+        return {"step": case.step, "parameters": dict(self.parameters),
+                "inputs": {**dict.fromkeys(self.commands, command), **dict.fromkeys(self.loads, load)}}
+
+
+@cache
+def step() -> Stored:
+    """The reference response `EMCAS_step`."""
+    (case,) = load(REFERENCES, ["step"])
+    return case
+
+
+_NATIVE = {"backend": "native"}
+_ENCODER = "encoder.enabled"
+_FINS = [f"fin[{k}]." for k in (1, 2, 3, 4)]
+UNITS = {
+    "native": Unit("native", _NATIVE, parameters={_ENCODER: False}),
+    "python": Unit("Python", parameters={_ENCODER: False}),
+    "four": Unit("native, four fins", {**_NATIVE, "fins": 4}, commands=tuple(f + "fin_command" for f in _FINS),
+                 angles=tuple(f + "fin_angle" for f in _FINS), parameters={f + _ENCODER: False for f in _FINS}),
+    "options": Unit("native, `elastic+heat+homing+faults`", _NATIVE, "elastic+heat+homing+faults",
+                    loads=("aero_torque",), parameters={"homing.required": False}),
+    "electrohydraulic": Unit("native, `electrohydraulic`", _NATIVE, "electrohydraulic", loads=("aero_torque",)),
+}
