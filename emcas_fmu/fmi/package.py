@@ -18,6 +18,7 @@ from . import native, python
 from .documentation import documents
 from .interface import FmuInterface, fin_sets, start_values
 from .model_description import model_description, terminals_and_icons, to_bytes
+from .references import reference_files
 
 BACKENDS = ("python", "native")
 
@@ -72,13 +73,14 @@ def _contents(unit: FmuInterface, sets: Sequence[ParameterSet], backend: str, pl
 
 def build(parameters: ParameterSet, output: Path | str, backend: str = "python", platforms: Sequence[str] | None = None,
           cc: str | None = None, progress: Progress | None = None, fins: int = 1, layout: str = "cross",
-          files: Mapping[int, Path] | None = None) -> Built:
+          files: Mapping[int, Path] | None = None, references: bool = True) -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
     `backend` is ``python`` or ``native``; the rest is for the native one: `platforms` to
     build for (all if not given), `cc` a system compiler instead of zig (this platform only).
     More than one of `fins` share a bus and stand in the `layout` (``plus`` or ``cross``); `files` are parameter
-    files of single fins (from 1), over the others'. Raises EmcasError for what cannot be asked for,
+    files of single fins (from 1), over the others'. It carries references of its own unless `references` is False.
+    Raises EmcasError for what cannot be asked for,
     ParameterError for a file's problems, BuildError if the FMU cannot be written and CompilerError if there is
     no compiler.
     """
@@ -94,11 +96,14 @@ def build(parameters: ParameterSet, output: Path | str, backend: str = "python",
     if fins == 1 and files:
         raise BuildError("--fin is for a unit of several: give --fins too")
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
-    contents, guid, built_for = _contents(FmuInterface(fins, parameters.model), sets, backend, platforms, cc, progress)
+    unit = FmuInterface(fins, parameters.model)
+    contents, guid, built_for = _contents(unit, sets, backend, platforms, cc, progress)
+    carried, doubts = reference_files(unit, sets, progress) if references else ({}, ())
+    contents.update(carried)
     try:
         # modelDescription.xml first: readers that stream find it at once.
         write_zip(contents, output, lambda name: (name != "modelDescription.xml", name), "binaries/")
     except OSError as error:
         raise BuildError(unwritable(output, error)) from error
-    warnings = tuple(dict.fromkeys(warning for p in sets for warning in p.warnings))
-    return Built(output, output.stat().st_size, guid, built_for, warnings)
+    warnings = dict.fromkeys((*(warning for p in sets for warning in p.warnings), *doubts))
+    return Built(output, output.stat().st_size, guid, built_for, tuple(warnings))
