@@ -126,7 +126,7 @@ def _response(parameters: ParameterSet, case: Case, warnings: list[str]) -> tupl
     if plain.actuator.reference is not None and same:
         try:
             independent = response(plain, files.suited(case, plain))
-        except Exception as error:  # a user's own integration may raise anything
+        except Exception as error:  # noqa: BLE001  a user's own integration may raise anything
             warnings.append(f"the independent integration of {case.name} failed ({error}): inside the FMU is the "
                             "package's own response instead")
         else:

@@ -59,12 +59,12 @@ def _place(model: str, values: Mapping[str, Value], inputs: Mapping[str, Array])
     reference = get(model).reference
     if not isinstance(reference, str) or not reference.startswith(__package__):
         return None
-    sources = sorted(Path(str(import_module(reference).__file__)).parent.glob("*.py"))
-    follows = hashlib.sha256(b"".join(path.read_bytes() for path in sources))
-    columns = {name: column.tolist() for name, column in inputs.items()}
-    follows.update(json.dumps([__version__, scipy.__version__, reference, files.response_hash(values), columns]).encode())
+    folder = Path(str(import_module(reference).__file__)).parent
+    follows = json.dumps([
+        __version__, scipy.__version__, reference, files.response_hash(values), files.csv_text(inputs),
+        *(path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.py")))])
     try:
-        return cache_directory() / "references" / f"{follows.hexdigest()[:32]}.csv"
+        return cache_directory() / "references" / f"{hashlib.sha256(follows.encode()).hexdigest()[:32]}.csv"
     except OSError:
         return None
 
