@@ -169,9 +169,9 @@ def validate(subject: Subject | ParameterSet | Path | str | None = None, cases: 
     """Judge a parameter set, or an FMU by its path, by the reference cases and by Table 2 of the thesis.
 
     `cases` are all unless given by name, one or several; `directory` holds the references (``emcas reference`` makes
-    them), those shipped unless given; those an FMU carries are taken instead with `inside`, or where the shipped ones are
-    of another actuator or other parameters. Of the result: `passed`, `verdict` (in words), `judged` and `failed` (each with
-    what was measured and its limit). Raises EmcasError.
+    them), those shipped unless given. Those that an FMU carries are taken with `inside`, or where the shipped ones are
+    of another actuator or other parameters. Of the result: `passed`, `verdict` (in words), `judged` and `failed` (each
+    with what was measured and its limit). Raises EmcasError.
     """
     cases = [cases] if isinstance(cases, str) else cases
     folder = None if directory is None else Path(directory)

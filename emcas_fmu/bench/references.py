@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -59,7 +59,7 @@ def _stored(experiment: Element, path: Callable[[Element | None], Path], single:
     return Stored(
         name, experiment.get("description", name), _KINDS.get(name, CARRIED), float(experiment.attrib["stepSize"]),
         float(experiment.attrib["stopTime"]),
-        dict((single[p.attrib["name"]], _value(p[0])) for p in given if p.attrib["name"] in single),
+        {single[p.attrib["name"]]: _value(p[0]) for p in given if p.attrib["name"] in single},
         columns("Stimuli", "time"), columns("References", "time", "fin_angle"), "", model, independent)
 
 

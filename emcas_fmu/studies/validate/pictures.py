@@ -226,8 +226,8 @@ def slew(result: Result) -> Drawing:
     figure, grid = plots.figure(len(panels), height=1.55, sharex=True)
     _column_of_panels(result, grid[:, 0], series, panels, plots.BLUE, 0.04, 0.2, 4)
     grid[1, 0].axhline(220.0, **_REQUIRED)
-    _legend(grid[0, 0], ("fin", {"color": plots.BLUE}), _COMMAND_ENTRY, *_reference(result, "step_plus20"), _LIMIT_ENTRY,
-            ("220 deg/s required", _REQUIRED), _SHADE_ENTRY, columns=6)
+    _legend(grid[0, 0], ("fin", {"color": plots.BLUE}), _COMMAND_ENTRY, *_reference(result, "step_plus20"),
+            _LIMIT_ENTRY, ("220 deg/s required", _REQUIRED), _SHADE_ENTRY, columns=6)
     rate = metrics.motion(series.run)
     return Drawing(
         "Rate and saturation", figure, f"A step to 20 deg: {degrees(rate['peak_rate']):.0f} deg/s at the peak, "

@@ -154,7 +154,7 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
 
     Trajectories are judged where the references are of the subject's actuator, performance always. With `inside`, or
     where the stored ones are of another actuator or other parameters, they are judged by the references that an FMU
-    carries, if it does. With `names`, only these cases and what they suffice for. `progress` is called with the name
+    carries. With `names`, only these cases and what they suffice for. `progress` is called with the name
     of the run, how many are done and how many there are. Raises EmcasError where the validation cannot be carried out;
     a failing subject is a result.
     """
@@ -200,7 +200,7 @@ def _chosen(subject: Subject, names: Sequence[str] | None, folder: Path, carried
     usual = {case.name for case in CASES}
     others = [name for name in names or () if name in usual or name not in own]
     cases = stored.load(folder, others) if others or not names else []
-    if carried and (inside or len(others) < len(names or ()) or not all(_made_of(subject, case) for case in cases)):
+    if inside or (own and (len(others) < len(names or ()) or not all(_made_of(subject, case) for case in cases))):
         # By what the others excite, performance is judged.
         return [own.pop(case.name, replace(case, reference={})) for case in cases] + list(own.values()), True
     return cases, False
