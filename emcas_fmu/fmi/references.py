@@ -86,15 +86,16 @@ def _experiments(unit: FmuInterface, sets: Sequence[ParameterSet], warnings: lis
         except (ArithmeticError, ParameterError) as error:
             warnings.append(f"the FMU carries no reference {name}, which it cannot follow: {error}")
             continue
+        yield Experiment(
+            name, title, cases[0].stop_time, cases[0].step, _of_unit(unit, [case.overrides for case in cases]),
+            _of_unit(unit, [case.inputs() for case in cases]), _of_unit(unit, [columns for columns, _ in fins]),
+            all(independent for _, independent in fins))
 
-        def named(columns: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-            """Return columns of each fin by the unit's names, `time` first."""
-            return {unit.name(key, fin) if key != "time" else key: column
-                    for fin, each in enumerate(columns) for key, column in each.items()}
 
-        yield Experiment(name, title, cases[0].stop_time, cases[0].step, named([case.overrides for case in cases]),
-                         named([case.inputs() for case in cases]), named([columns for columns, _ in fins]),
-                         all(independent for _, independent in fins))
+def _of_unit(unit: FmuInterface, fins: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return what each fin has by its own variables' names, and at the times of all, by the unit's names."""
+    return {name if name == "time" else unit.name(name, fin): value
+            for fin, each in enumerate(fins) for name, value in each.items()}
 
 
 def _cases(sets: Sequence[ParameterSet]) -> list[tuple[str, str, list[Case]]]:
@@ -121,9 +122,13 @@ def _response(parameters: ParameterSet, case: Case, warnings: list[str]) -> tupl
 
     Raises ArithmeticError or ParameterError where its own equations cannot be followed.
     """
-    own, plain = _stepped(parameters, case), _plain(parameters)
-    same = plain.model == parameters.model or np.array_equal(own["fin_angle"], _stepped(plain, case)["fin_angle"])
-    if plain.actuator.reference is not None and same:
+    plain = _plain(parameters)
+    extended = plain.model != parameters.model
+    if not extended and (known := shipped(plain, case)) is not None:
+        return known, True
+    own = _stepped(parameters, case)
+    has = plain.actuator.reference is not None
+    if has and (not extended or _same(own, _stepped(plain, case))):
         try:
             independent = response(plain, files.suited(case, plain))
         except Exception as error:  # noqa: BLE001  a user's own integration may raise anything
@@ -138,6 +143,11 @@ def _response(parameters: ParameterSet, case: Case, warnings: list[str]) -> tupl
             there = {"time", *(v.name for v in parameters.actuator.outputs)}
             return {name: column for name, column in independent.items() if name in there}, True
     return {name: own[name] for name in ("time", *OUTPUTS) if name in own}, False
+
+
+def _same(columns: Mapping[str, Array], others: Mapping[str, Array]) -> bool:
+    """Return whether some columns are, to the bit, the `others` of their names."""
+    return all(np.array_equal(columns[name], other) for name, other in others.items())
 
 
 def _stepped(parameters: ParameterSet, case: Case) -> Mapping[str, Array]:

@@ -116,16 +116,16 @@ def path_of(directory: Path, case: str, suffix: str) -> Path:
     return directory / f"EMCAS_{case}_{suffix}"
 
 
-def csv_text(columns: Mapping[str, Array]) -> str:
-    """Return a header of names and one row per time: nine significant digits, LF everywhere."""
+def csv_text(columns: Mapping[str, Array], digits: int = SIGNIFICANT_DIGITS) -> str:
+    """Return a header of names and one row per time, with significant `digits` and LF everywhere."""
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     # Adding zero turns -0.0 into 0.0: the sign of nothing is not part of a reference.
-    lines = [",".join(f"{value + 0.0:.{SIGNIFICANT_DIGITS}g}" for value in row) for row in rows]
+    lines = [",".join(f"{value + 0.0:.{digits}g}" for value in row) for row in rows]
     return "\n".join([",".join(columns), *lines, ""])
 
 
 def write_csv(path: Path, columns: Mapping[str, Array]) -> None:
-    """Write columns as `csv_text` has them."""
+    """Write columns as `csv_text` has them: nine significant digits."""
     path.write_text(csv_text(columns), encoding="utf-8", newline="\n")
 
 

@@ -17,11 +17,11 @@ from ..files import cache_directory, models_directory
 from ..parameters import ParameterSet
 from . import files, stored
 from .cases import Case
-from .cases import stored as as_stored
 from .plant import Value
 from .simulate import Array
 
-_KEPT = 256  # responses of some 15 kB
+_KEPT = 256  # responses of some 35 kB
+_EXACT = 17  # digits that tell any two floats apart: rounded here, they would lie on edges of the archive's rounding
 
 
 def shipped(parameters: ParameterSet, case: Case) -> dict[str, Array] | None:
@@ -36,7 +36,7 @@ def shipped(parameters: ParameterSet, case: Case) -> dict[str, Array] | None:
 
 
 def response(parameters: ParameterSet, case: Case) -> dict[str, Array]:
-    """Return `time` and the outputs that the independent integration of an actuator gives, to a stored file's digits.
+    """Return `time` and the outputs that the independent integration of an actuator gives.
 
     It takes a second or two, but where the response is stored, or kept in the user's cache. An actuator of the user's
     is integrated each time: nobody sees when its file changes.
@@ -48,7 +48,7 @@ def response(parameters: ParameterSet, case: Case) -> dict[str, Array]:
     if kept is not None and kept.is_file():
         return files.read_csv(kept)
     simulate = files.simulator(parameters.model)
-    result = {name: as_stored(column) for name, column in simulate(given, inputs).items()}
+    result = dict(simulate(given, inputs))
     if kept is not None:
         _keep(kept, result)
     return result
@@ -73,8 +73,8 @@ def _keep(path: Path, columns: Mapping[str, Array]) -> None:
     """Write a response whole or not at all, and let the oldest go; a cache that cannot be written is none."""
     try:
         path.parent.mkdir(exist_ok=True)
-        with NamedTemporaryFile(dir=path.parent, delete=False) as partial:
-            files.write_csv(Path(partial.name), columns)
+        with NamedTemporaryFile("w", dir=path.parent, delete=False, encoding="utf-8") as partial:
+            partial.write(files.csv_text(columns, _EXACT))
         Path(partial.name).replace(path)
         by_age = sorted(path.parent.glob("*.csv"), key=lambda each: each.stat().st_mtime)
         for old in by_age[:-_KEPT]:
