@@ -64,8 +64,9 @@ STORED, ONE, FINS = ["step", "load_opposing", "cold", "sag"], ["step_and_load"],
     pytest.param(custom, ONE, INDEPENDENT, id="custom"),
     pytest.param(of("second-order"), ONE, RECORDED, id="second-order"),
     pytest.param(of("nonlinear+homing+faults"), STORED, INDEPENDENT, id="neutral options", marks=pytest.mark.slow),
+    *(pytest.param(of(name), ONE, INDEPENDENT, id=name) for name in ("electrohydraulic", "worm-gear", "clutch")),
     *(pytest.param(of(name), ONE, INDEPENDENT, id=name, marks=pytest.mark.slow) for name in (
-        "electrohydraulic", "electrohydrostatic", "worm-gear", "worm-gear-elastic", "clutch", "series-clutch")),
+        "electrohydrostatic", "worm-gear-elastic", "series-clutch")),
     pytest.param(of(DIRECT_DRIVE), ONE, INDEPENDENT, id="own actuator", marks=pytest.mark.slow),
     pytest.param(of("clutch+faults", fins=3), FINS, INDEPENDENT, id="three clutches", marks=pytest.mark.slow)])
 def test_a_stranger_repeats_them(make: Callable[[Path], Path], names: list[str], role: str, tmp_path: Path) -> None:
@@ -284,9 +285,10 @@ def test_a_unit_that_is_off_its_integration_is_warned_of(counted: list[Mapping[s
 
 
 def test_digits_are_those_of_any_machine() -> None:
-    """What another machine's rounding does to an integration, 1e-12 of its values, changes no digit here.
+    """What another machine's rounding does to an integration changes no digit here.
 
-    An edge that near to one of the 1757 numbers, up to 6e6 of its last digits, has a chance of less than 1 %.
+    With other step sizes, 3 % off, the integration gives values that differ by 1e-15 rad and 5e-12 A; 1e-12 of every
+    value is more. That an edge is so near to one of the 1757 numbers has a chance of less than 1 %.
     """
     parameters = load_parameters().with_values(CUSTOM)
     unit = FmuInterface(1)
