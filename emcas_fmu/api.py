@@ -165,21 +165,22 @@ def _values(given: Any, variable: Variable, count: int, otherwise: str) -> Array
 
 
 def validate(subject: Subject | ParameterSet | Path | str | None = None, cases: Sequence[str] | str | None = None,
-             directory: Path | str | None = None, progress: Progress = silent) -> Validation:
+             directory: Path | str | None = None, progress: Progress = silent, inside: bool = False) -> Validation:
     """Judge a parameter set, or an FMU by its path, by the reference cases and by Table 2 of the thesis.
 
     `cases` are all unless given by name, one or several; `directory` holds the references (``emcas reference`` makes
-    them), those shipped unless given. Of the result: `passed`, `verdict` (in words), `judged` and `failed` (each with
-    what was measured and its limit). Raises EmcasError.
+    them), those shipped unless given. Those that an FMU carries are taken with `inside`, or where the shipped ones are
+    of another actuator or other parameters. Of the result: `passed`, `verdict` (in words), `judged` and `failed` (each
+    with what was measured and its limit). Raises EmcasError.
     """
     cases = [cases] if isinstance(cases, str) else cases
     folder = None if directory is None else Path(directory)
     if isinstance(subject, ParameterSet):
         subject = ParameterSubject(subject)
     if isinstance(subject, Subject):
-        return _validate(subject, cases, folder, progress)
+        return _validate(subject, cases, folder, progress, inside)
     with open_subject(None if subject is None else Path(subject)) as opened:
-        return _validate(opened, cases, folder, progress)
+        return _validate(opened, cases, folder, progress, inside)
 
 
 def analyse(parameters: ParameterSet | None = None, fin_angle: float | str = 0.0, aero_torque: float | str = 0.0,

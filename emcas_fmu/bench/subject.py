@@ -30,12 +30,14 @@ from ..namespace import with_values
 from ..ops.floats import FLOATS
 from ..parameters import ParameterSet, check_combinations, load_parameters, require_sound
 from ..reference.files import parameters_hash
+from ..reference.stored import Stored
 from ..simulation import Array, SteppedUnit, respond
 from ..variables import Variable
 from .excitation import LOAD, Excitation
 from .fmu import OpenedFmu, chosen_model, opened
 from .metrics import Figure
 from .provenance import shipped
+from .references import carried
 
 Columns = Mapping[str, Array]
 
@@ -144,6 +146,11 @@ class Subject(ABC):
     def outputs(self) -> Mapping[str, Variable]:
         """Its outputs by name."""
         return {v.name: v for v in self.actuator.outputs}
+
+    @property
+    def references(self) -> Sequence[Stored]:
+        """Responses of it that it carries."""
+        return ()
 
     @property
     def command_limit(self) -> float:
@@ -309,6 +316,10 @@ class FmuSubject(Subject):
             f"{description.modelName} {description.version or ''}".strip(), description.guid,
             description.generationTool or "", parameters_hash(self.values), f"fmpy {fmpy.__version__}", changed,
             tuple(name for name in estimates if name not in changed), self.actuator.name, self.fin)
+
+    @cached_property
+    def references(self) -> Sequence[Stored]:
+        return carried(self.unit.folder, self.unit.path, self.unit.names, self.actuator.name)
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:

@@ -36,6 +36,9 @@ def build(
                                       metavar="N")] = 1,
     layout: common.LayoutOption = "cross",
     fin: common.FinFilesOption = None,
+    references: Annotated[bool, typer.Option(
+        help="Pack responses that any host can repeat; of parameters not built before they take a second or more to "
+             "integrate.")] = True,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="FMU to write: EMCAS.fmu, or EMCAS4.fmu "
                                                 "with --fins 4, if not given.", metavar="FILE")] = None,
 ) -> None:
@@ -50,7 +53,7 @@ def build(
         common.check_outputs(target, inputs=(*(parameters or ()), *files.values()))
         chosen = load_parameters(parameters, model=model)
         built = build_fmu(chosen, target, backend, platform, cc,
-                          common.stepper(progress, "compile"), fins, layout, files, fmi)
+                          common.stepper(progress, "build"), fins, layout, files, fmi, references)
     common.warn(built.warnings)
     common.out.print(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})", highlight=False, soft_wrap=True)

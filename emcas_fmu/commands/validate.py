@@ -7,11 +7,12 @@ from typing import Annotated
 
 import typer
 
+from ..errors import EmcasError
 from . import common
 
 EPILOG = ("Examples:\n\n  emcas validate EMCAS.fmu\n\n  emcas validate EMCAS.fmu --report report.html "
                    "--junit junit.xml\n\n  emcas validate EMCAS.fmu --case step_plus20 --case load_opposing"
-          "\n\n  emcas validate --model elastic+heat")
+          "\n\n  emcas validate EMCAS_elastic.fmu --inside\n\n  emcas validate --model elastic+heat")
 
 
 def validate(
@@ -25,6 +26,9 @@ def validate(
     report: common.ReportOption = None,
     directory: Annotated[Path | None, typer.Option(help="Folder of the reference files; models/reference "
                                                       "unless given.", metavar="DIR")] = None,
+    inside: Annotated[bool, typer.Option("--inside", help="Compare trajectories with the references inside the FMU; of "
+                                         "another actuator, or other parameters than the defaults, that is so "
+                                         "unless --directory is given.")] = False,
 ) -> None:
     """Run a model on every reference case and judge it by the reference, where there is one of its actuator, and by
     the thesis's Table 2.
@@ -37,9 +41,11 @@ def validate(
     from ..studies.validate.output import summary, write_json, write_junit, write_report
 
     with common.failures():
+        if inside and directory:
+            raise EmcasError("--inside and --directory: references are of one place; give one of them")
         common.check_outputs(as_json, junit, report, inputs=(article, directory))
         with common.progress_bar() as progress, common.open_subject(article, model, fin) as subject:
-            result = run(subject, case, directory, common.stepper(progress, "validate"))
+            result = run(subject, case, directory, common.stepper(progress, "validate"), inside)
         for part in summary(result):
             common.out.print(part, highlight=False)
         for path, write in ((as_json, write_json), (junit, write_junit), (report, write_report)):

@@ -1,4 +1,4 @@
-"""Documents inside the FMU: the page, the icon, licences, reference files."""
+"""Documents inside the FMU: the page, the icon, licences."""
 
 from __future__ import annotations
 
@@ -12,9 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from .. import __version__
 from ..actuators import capabilities
-from ..files import models_directory
-from ..parameters import ParameterSet, are_defaults
-from ..reference import files
+from ..parameters import ParameterSet
 from ..runtime import schedule
 from ..variables import Variable
 from .description import describe
@@ -84,16 +82,6 @@ def _licenses(*packages: tuple[str, str]) -> dict[str, bytes]:
     return contents
 
 
-def _references(parameters: ParameterSet) -> Mapping[str, bytes]:
-    """Return the reference response of the case a newcomer plots; it holds for the shipped parameters only."""
-    if not are_defaults(parameters):
-        return {}
-    folder = models_directory() / "reference"
-    paths = [*(files.path_of(folder, "step", suffix) for suffix in ("in.csv", "ref.csv", "ref.opt")),
-             folder / files.PROVENANCE]
-    return {f"extra/reference/{path.name}": path.read_bytes() for path in paths if path.is_file()}
-
-
 def documents(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, notes: Sequence[str],
               platforms: Sequence[str]) -> dict[str, bytes]:
     """Return everything that is documentation: archive name to content.
@@ -112,5 +100,4 @@ def documents(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, backe
         "model.png": picture,
         "terminalsAndIcons/icon.png": picture,
         **_licenses(*licenses),
-        **(_references(sets[0]) if unit.fins == 1 else {}),
     }

@@ -19,6 +19,7 @@ from .description import terminals_and_icons, to_bytes
 from .documentation import documents
 from .format import Format
 from .interface import FmuInterface, fin_sets, start_values
+from .references import reference_files
 
 BACKENDS = ("python", "native")
 
@@ -76,14 +77,16 @@ def _contents(unit: FmuInterface, sets: Sequence[ParameterSet], backend: str, pl
 
 def build(parameters: ParameterSet, output: Path | str, backend: str | None = None,
           platforms: Sequence[str] | None = None, cc: str | None = None, progress: Progress | None = None,
-          fins: int = 1, layout: str = "cross", files: Mapping[int, Path] | None = None, fmi: str = "2") -> Built:
+          fins: int = 1, layout: str = "cross", files: Mapping[int, Path] | None = None, fmi: str = "2",
+          references: bool = True) -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
     `backend` is ``python``, of FMI 2.0 unless given, or ``native``, which alone knows FMI 3.0 (`fmi` of ``3``). For
     the native one are `platforms` to build for (all if not given), `cc` a system compiler instead of zig (this
     platform only).
     More than one of `fins` share a bus and stand in the `layout` (``plus`` or ``cross``); `files` are parameter
-    files of single fins (from 1), over the others'. Raises EmcasError for what cannot be asked for,
+    files of single fins (from 1), over the others'. It carries references of its own unless `references` is False.
+    Raises EmcasError for what cannot be asked for,
     ParameterError for a file's problems, BuildError if the FMU cannot be written and CompilerError if there is
     no compiler.
     """
@@ -104,12 +107,14 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     if fins == 1 and files:
         raise BuildError("--fin is for a unit of several: give --fins too")
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
-    contents, guid, built_for = _contents(FmuInterface(fins, parameters.model), sets, backend, platforms, cc, progress,
-                                          native.FORMATS[fmi])
+    unit = FmuInterface(fins, parameters.model)
+    contents, guid, built_for = _contents(unit, sets, backend, platforms, cc, progress, native.FORMATS[fmi])
+    carried, doubts = reference_files(unit, sets, progress) if references else ({}, ())
+    contents.update(carried)
     try:
         # modelDescription.xml first: readers that stream find it at once.
         write_zip(contents, output, lambda name: (name != "modelDescription.xml", name), "binaries/")
     except OSError as error:
         raise BuildError(unwritable(output, error)) from error
-    warnings = tuple(dict.fromkeys(warning for p in sets for warning in p.warnings))
-    return Built(output, output.stat().st_size, guid, built_for, warnings)
+    warnings = dict.fromkeys((*(warning for p in sets for warning in p.warnings), *doubts))
+    return Built(output, output.stat().st_size, guid, built_for, tuple(warnings))

@@ -76,22 +76,30 @@ def supply_start(model: str, values: Mapping[str, Value]) -> float:
 
 
 def cases(parameters: ParameterSet) -> tuple[Case, ...]:
-    """Return the cases an actuator can be run through, with those of their overrides that it has.
+    """Return the cases an actuator can be run through, as they are for it.
 
     A case that changes a parameter or drives an input which the actuator does not have says nothing of it; an encoder
     it does not have is left alone.
     """
     names = {"time", *parameters.values, *(v.name for v in parameters.actuator.inputs)}
-    supply = supply_start(parameters.model, parameters.values)
     return tuple(
-        replace(with_supply(case, supply), overrides=parameters.having({**case.overrides, **_true_angle(case)}))
-        for case in CASES
+        suited(case, parameters) for case in CASES
         if names.issuperset(name for name in (*case.overrides, *case.inputs()) if not name.startswith("encoder.")))
 
 
+def suited(case: Case, parameters: ParameterSet) -> Case:
+    """Return a case with a sag of the actuator's own supply and with those of its overrides that the actuator has."""
+    case = with_supply(case, supply_start(parameters.model, parameters.values))
+    return replace(case, overrides=parameters.having({**case.overrides, **_true_angle(case)}))
+
+
 def _true_angle(case: Case) -> dict[str, Value]:
-    """Return what lets other sensors than an encoder read true values, in a case without encoder."""
-    return {"transducer.resolution": 0.0} if case.overrides.get("encoder.enabled") is False else {}
+    """Return what lets other sensors than an encoder read true values, in a case without encoder.
+
+    A unit that is to be homed would follow no command before.
+    """
+    exact = case.overrides.get("encoder.enabled") is False
+    return {"transducer.resolution": 0.0, "homing.required": False} if exact else {}
 
 
 class Difference(NamedTuple):
@@ -108,12 +116,17 @@ def path_of(directory: Path, case: str, suffix: str) -> Path:
     return directory / f"EMCAS_{case}_{suffix}"
 
 
-def write_csv(path: Path, columns: Mapping[str, Array]) -> None:
-    """Write a header of names and one row per time: nine significant digits, LF everywhere."""
+def csv_text(columns: Mapping[str, Array], digits: int = SIGNIFICANT_DIGITS) -> str:
+    """Return a header of names and one row per time, with significant `digits` and LF everywhere."""
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     # Adding zero turns -0.0 into 0.0: the sign of nothing is not part of a reference.
-    lines = [",".join(f"{value + 0.0:.{SIGNIFICANT_DIGITS}g}" for value in row) for row in rows]
-    path.write_text("\n".join([",".join(columns), *lines, ""]), encoding="utf-8", newline="\n")
+    lines = [",".join(f"{value + 0.0:.{digits}g}" for value in row) for row in rows]
+    return "\n".join([",".join(columns), *lines, ""])
+
+
+def write_csv(path: Path, columns: Mapping[str, Array]) -> None:
+    """Write columns as `csv_text` has them: nine significant digits."""
+    path.write_text(csv_text(columns), encoding="utf-8", newline="\n")
 
 
 def read_csv(path: Path) -> dict[str, Array]:
@@ -203,6 +216,14 @@ def parameters_hash(values: Mapping[str, Value]) -> str:
     return _sha256(json.dumps(used, sort_keys=True).encode())
 
 
+def response_hash(values: Mapping[str, Value]) -> str:
+    """Return the hash of the parameters that the response to a case follows from.
+
+    No case moves the vehicle: where nothing weighs anything, a fin's place on the body is no part of them.
+    """
+    return parameters_hash(values if values.get("loads.gravity") else {**values, "mounting.azimuth": 0.0})
+
+
 def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
@@ -226,7 +247,7 @@ def _provenance(case: Case, directory: Path, values: Mapping[str, Value], model:
         "scipy": scipy.__version__,
         **{f"sha256_{kind}": _sha256(path_of(directory, case.name, f"{kind}.csv").read_bytes())
            for kind in ("in", "ref")},
-        "sha256_parameters": parameters_hash(values),
+        "sha256_parameters": response_hash(values),
         "start_values": dict(case.overrides),
     }
 

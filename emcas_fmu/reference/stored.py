@@ -18,7 +18,10 @@ Columns = Mapping[str, Array]
 
 @dataclass(frozen=True)
 class Stored:
-    """A reference case as its folder holds it; `model` is the actuator it is of."""
+    """A reference case as its folder, or an FMU, holds it; `model` is the actuator it is of.
+
+    One that is not `independent` is the response of the package's own stepping.
+    """
 
     name: str
     title: str
@@ -30,6 +33,7 @@ class Stored:
     reference: Columns
     parameters_hash: str
     model: str
+    independent: bool = True
 
 
 def load(folder: Path, names: Sequence[str] | None) -> list[Stored]:

@@ -186,6 +186,105 @@ def test_unsound_references_are_refused(fmu: Path, tmp_path: Path, harm: Callabl
     assert "emcas reference" in done.stderr
 
 
+@pytest.fixture(scope="module")
+def custom(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    parameters = load_parameters().with_values({"motor.resistance": 0.3})
+    return build(parameters, tmp_path_factory.mktemp("custom") / "Custom.fmu").path
+
+
+def validated(tmp_path: Path, *arguments: object) -> tuple[Result, dict[str, Any]]:
+    """The command's end, and its JSON."""
+    done = emcas(*arguments, "--json", tmp_path / "out.json")
+    assert done.exit_code in (0, 1), done.output
+    return done, json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
+
+
+def judged(document: Mapping[str, Any], group: str = "trajectory") -> list[str]:
+    return [c["name"] for c in document["criteria"] if c["group"] == group and not c["skipped"]]
+
+
+def test_other_parameters_are_judged_by_the_references_inside(custom: Path, tmp_path: Path) -> None:
+    """The outputs say so; what others excite is run for performance."""
+    done, document = validated(tmp_path, custom, "--case", "step_and_load", "--case", "load_opposing",
+                               "--junit", tmp_path / "out.xml", "--report", tmp_path / "out.html")
+    assert done.exit_code == 0, done.output
+    assert (judged(document), judged(document, "table2")) == (["step_and_load"], ["loaded_rate"])
+    assert (document["reference"], document["reference_inside"], document["reference_independent"]) == (
+        custom.name, True, True)
+    assert document["notes"][0] == (
+        "step_and_load: compared with what is inside Custom.fmu, integrated independently of its own parameters")
+    assert 'name="trajectory against the reference inside the FMU"' in (tmp_path / "out.xml").read_text("utf-8")
+    page = (tmp_path / "out.html").read_text(encoding="utf-8")
+    assert "Trajectories against the reference inside the FMU</h2>" in page
+    assert "The references are those <strong>inside the FMU</strong>" in page
+    assert page.count("<svg") == 1
+
+
+def test_the_shipped_references_are_those_of_the_default_one_unless_others_are_asked_for(fmu: Path, tmp_path: Path
+                                                                                         ) -> None:
+    _, usual = validated(tmp_path, fmu, "--case", "sag", "--case", "step_plus1")
+    assert (judged(usual), usual["reference_inside"]) == (["step_plus1", "sag"], False)
+    _, inside = validated(tmp_path, fmu, "--inside", "--case", "sag", "--case", "step_plus1")
+    assert (judged(inside), inside["reference_inside"]) == (["sag"], True)
+    (one,), (other,) = ([c for c in each["criteria"] if c["name"] == "sag"] for each in (usual, inside))
+    # Inside, half a unit of the seventh decimal of a radian is cut off.
+    assert other["measured"] == pytest.approx(one["measured"], abs=np.degrees(0.6e-7))
+    assert other["measured"] != one["measured"]
+
+
+def test_fins_are_judged_each_by_its_own(tmp_path: Path) -> None:
+    unit = build(load_parameters(), tmp_path / "EMCAS4.fmu", fins=4).path
+    _, usual = validated(tmp_path, unit, "--fin", "3", "--case", "step_plus20")
+    assert judged(usual) == ["step_plus20"]
+    assert not any("made with other parameters" in note for note in usual["notes"])  # but for its place on the body
+    for fin in ("1", "3"):
+        done, document = validated(tmp_path, unit, "--fin", fin, "--case", "fins")
+        assert (done.exit_code, judged(document), document["reference_inside"]) == (0, ["fins"], True)
+
+
+def test_a_record_is_not_called_independent(tmp_path: Path) -> None:
+    unit = build(load_parameters(model="second-order"), tmp_path / "EMCAS_second_order.fmu").path
+    done, document = validated(tmp_path, unit, "--report", tmp_path / "out.html")
+    assert (judged(document), len(judged(document, "table2"))) == (["step_and_load"], len(REQUIREMENTS))
+    assert document["reference_independent"] is False
+    assert "recorded of the package's own stepping" in document["notes"][0]
+    page = (tmp_path / "out.html").read_text(encoding="utf-8")
+    assert "recorded of the package's own stepping</strong>" in page
+    assert "recorded response</text>" in page
+    assert not re.search("independent (reference|numerical|integration)", page)
+
+
+@pytest.mark.parametrize(("pattern", "replacement", "said"), [
+    (b'source="step_and_load_ref.csv"', b'source="../../../EMCAS_step_ref.csv"', "is outside the FMU"),
+    (b'source="step_and_load_ref.csv"', b'source="gone.csv"', "gone.csv"),
+    (b"fin_angle", b"fin_angel", "fin_angle"), (b'stopTime="0.35"', b"", "stopTime"), (b"</Experiment>", b"", "mismatch")])
+def test_unsound_references_inside_are_refused(custom: Path, tmp_path: Path, pattern: bytes, replacement: bytes,
+                                               said: str) -> None:
+    harmed = rewritten(custom, tmp_path / "harmed.fmu", lambda name, content: content.replace(pattern, replacement)
+                       if name.startswith("extra/") and not name.endswith("manifest.xml") else content)
+    done = emcas(harmed, "--case", "step_and_load")
+    assert done.exit_code == 2, done.output
+    assert "harmed.fmu: the references inside cannot be read" in " ".join(done.stderr.split())
+    assert said in " ".join(done.stderr.split())
+
+
+def test_a_unit_that_is_off_the_references_inside_fails(custom: Path, tmp_path: Path) -> None:
+    other = rewritten(custom, tmp_path / "other.fmu", lambda name, content: content.replace(b"0.1745", b"0.1746")
+                      if name.endswith("_in.csv") else content)
+    done, document = validated(tmp_path, other, "--case", "step_and_load")
+    assert (done.exit_code, judged(document)) == (1, ["step_and_load"])
+
+
+def test_references_inside_are_asked_for_where_there_are_none(fmu: Path, tmp_path: Path) -> None:
+    bare = rewritten(fmu, tmp_path / "bare.fmu", lambda name, content: None if name.startswith("extra/") else content)
+    for arguments, said in (((bare, "--inside"), "bare.fmu: there are no references inside"),
+                            (("--inside",), "there are no references inside"),
+                            ((fmu, "--inside", "--directory", REFERENCE), "give one of them")):
+        done = emcas(*arguments)
+        assert done.exit_code == 2, done.output
+        assert said in " ".join(done.stderr.split())
+
+
 def test_unknown_case_is_refused(fmu: Path) -> None:
     done = emcas(fmu, "--case", "nonsense")
     assert done.exit_code == 2

@@ -32,8 +32,8 @@ def _cases(result: Result) -> Table:
     units = {"max": "mdeg", "rms": "mdeg", "rise": "ms", "settle": "ms", "over": "%", "end": "deg", "rate": "deg/s",
              "-3dB": "Hz", "-90°": "Hz"}
     table = Table("case", *units, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, title_justify="left",
-                  title="error to the reference; rise, settling, overshoot, error at the end, peak rate; bandwidth. "
-                        "> not settled, or not down, by then; – not reached")
+                  title=f"error to {result.compared_with}; rise, settling, overshoot, error at the end, peak rate; "
+                        "bandwidth. > not settled, or not down, by then; – not reached")
     table.add_row("", *units.values(), style="dim")
     for column in table.columns:
         column.no_wrap = True
@@ -88,7 +88,8 @@ def as_dict(result: Result) -> dict[str, Any]:
     criteria = [{"group": group, **j.as_dict()}
                 for group, judged in (("trajectory", result.trajectory), ("table2", result.table2)) for j in judged]
     return {"schema": SCHEMA, "passed": None if result.unjudged else result.passed, "fmu": subject,
-            "reference": result.reference, "notes": result.notes,
+            "reference": result.reference, "reference_inside": result.inside,
+            "reference_independent": result.independent if result.reference else None, "notes": result.notes,
             **{key: [asdict(item) for item in getattr(result, key)] for key in ("cases", "comparisons", "findings")},
             "criteria": criteria}
 
@@ -103,7 +104,7 @@ def write_junit(result: Result, path: Path) -> None:
     wall = {case.name: case.wall_time for case in result.cases}
     writers.write_junit("emcas validate", {
         title: [j.junit_case(f"emcas.{group}", wall.get(j.name, 0.0)) for j in judged]
-        for group, title, judged in (("trajectory", "trajectory against the reference", result.trajectory),
+        for group, title, judged in (("trajectory", f"trajectory against {result.compared_with}", result.trajectory),
                                      ("table2", "requirements of Table 2", result.table2))}, path)
 
 

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from ... import plots
 from ...bench import metrics
 from ...bench.excitation import Excitation
+from ...bench.references import CARRIED
 from ...plots import COMMAND, LIMIT, Drawing
 from ...reference.linear import LinearModel
 from .study import DISPLAY, TRAJECTORY_LIMIT, Result, Series
@@ -52,6 +53,9 @@ def drawings(result: Result) -> Iterator[Drawing]:
                                "controller compensates for.", dots=15)
     if "sag" in complete:
         yield sag(result)
+    for case in result.cases:
+        if case.name in complete and case.kind == CARRIED:
+            yield _angle_and_error(result, case.name, "Inside the FMU", plots.BLUE, f"{case.title}.", dots=10)
     if result.linear_series:
         yield linear(result)
 
@@ -85,9 +89,9 @@ def _error(axes: Axes, series: Series, **look: Any) -> None:
         axes.plot(series.compared("time")[0] * 1e3, (response - reference) * _DEG * 1e3, **look)
 
 
-def _angle_panels(result: Result, height: float) -> Any:
-    """Return a figure with a panel of angles and, where there is a reference, one of errors below."""
-    if result.reference:
+def _angle_panels(result: Result, height: float, *names: str) -> Any:
+    """Return a figure with a panel of angles and, where one of these has a reference, one of errors below."""
+    if _compared(result, *names):
         figure, grid = plots.figure(2, height=height, sharex=True, height_ratios=(2.1, 1.0))
         grid[1, 0].set_ylabel("error [mdeg]")
         grid[1, 0].axhspan(-TRAJECTORY_LIMIT * 1e3, TRAJECTORY_LIMIT * 1e3, color=plots.GREEN, alpha=0.10, linewidth=0)
@@ -103,13 +107,19 @@ def _legend(axes: Axes, *entries: tuple[str, Mapping[str, Any]], columns: int = 
     plots.legend_above(axes, columns, handles=handles)
 
 
-def _reference(result: Result) -> tuple[tuple[str, Mapping[str, Any]], ...]:
-    return (("independent reference", {"color": plots.INK, **_DOTS}),) if result.reference else ()
+def _compared(result: Result, *names: str) -> bool:
+    return any(result.series[name].reference for name in names)
+
+
+def _reference(result: Result, *names: str) -> tuple[tuple[str, Mapping[str, Any]], ...]:
+    label = "independent reference" if result.independent else "recorded response"
+    return ((label, {"color": plots.INK, **_DOTS}),) if _compared(result, *names) else ()
 
 
 def steps(result: Result, sizes: Sequence[int]) -> Drawing:
     """Draw the steps of `sizes` [deg], and their errors to the reference."""
-    figure, angle, error = _angle_panels(result, 2.5)
+    names = [f"step_{sign}{size}" for size in sizes for sign in ("plus", "minus")]
+    figure, angle, error = _angle_panels(result, 2.5, *names)
     colors = dict(zip(_SIZES, plots.COLORS, strict=False))
     for size in reversed(sizes):
         for sign, line in (("plus", "-"), ("minus", (0, (5, 1.2)))):
@@ -117,12 +127,14 @@ def steps(result: Result, sizes: Sequence[int]) -> Drawing:
             _command(angle, series.run.excitation)
             _line(angle, series, "fin_angle", 12, colors[size])
             _error(error, series, color=colors[size], linestyle=line, linewidth=0.9)
-    _legend(angle, *((f"±{size} deg", {"color": colors[size]}) for size in sizes), _COMMAND_ENTRY, *_reference(result))
+    _legend(angle, *((f"±{size} deg", {"color": colors[size]}) for size in sizes), _COMMAND_ENTRY,
+            *_reference(result, *names))
     angle.set(yticks=(-20, -10, -5, -1, 1, 5, 10, 20))
     error.set(xlim=(0, 500))
     below = (" Below, fin angle minus reference in thousandths of a degree, negative steps dashed; the green band is "
              "what the trajectory criterion allows.")
-    return Drawing("Steps", figure, "Steps of ±1, ±5, ±10 and ±20 deg at 50 ms." + (below if result.reference else ""))
+    return Drawing("Steps", figure, "Steps of ±1, ±5, ±10 and ±20 deg at 50 ms." + (
+        below if _compared(result, *names) else ""))
 
 
 def chirp_time(result: Result, names: Sequence[str]) -> Drawing:
@@ -214,8 +226,8 @@ def slew(result: Result) -> Drawing:
     figure, grid = plots.figure(len(panels), height=1.55, sharex=True)
     _column_of_panels(result, grid[:, 0], series, panels, plots.BLUE, 0.04, 0.2, 4)
     grid[1, 0].axhline(220.0, **_REQUIRED)
-    _legend(grid[0, 0], ("fin", {"color": plots.BLUE}), _COMMAND_ENTRY, *_reference(result), _LIMIT_ENTRY,
-            ("220 deg/s required", _REQUIRED), _SHADE_ENTRY, columns=6)
+    _legend(grid[0, 0], ("fin", {"color": plots.BLUE}), _COMMAND_ENTRY, *_reference(result, "step_plus20"),
+            _LIMIT_ENTRY, ("220 deg/s required", _REQUIRED), _SHADE_ENTRY, columns=6)
     rate = metrics.motion(series.run)
     return Drawing(
         "Rate and saturation", figure, f"A step to 20 deg: {degrees(rate['peak_rate']):.0f} deg/s at the peak, "
@@ -230,7 +242,7 @@ def loaded(result: Result) -> Drawing:
     for column, name, color in ((0, "load_opposing", plots.BLUE), (1, "load_aiding", plots.VERMILLION)):
         _column_of_panels(result, grid[:, column], result.series[name], panels, color, 0.3, 0.75, 12)
         what = "against 100 N.m" if column == 0 else "with 100 N.m"
-        entries = (_COMMAND_ENTRY, *_reference(result)) if column == 0 else (_LIMIT_ENTRY, _SHADE_ENTRY)
+        entries = (_COMMAND_ENTRY, *_reference(result, name)) if column == 0 else (_LIMIT_ENTRY, _SHADE_ENTRY)
         _legend(grid[0, column], (what, {"color": color}), *entries, columns=3)
     for axes in grid[:, 1]:
         axes.set_ylabel("")
@@ -247,13 +259,14 @@ def loaded(result: Result) -> Drawing:
 def _angle_and_error(result: Result, name: str, title: str, color: str, caption: str, dots: int) -> Drawing:
     """Draw the fin angle of a case, and its error to the reference."""
     series = result.series[name]
-    figure, angle, error = _angle_panels(result, 2.0)
+    figure, angle, error = _angle_panels(result, 2.0, name)
     _command(angle, series.run.excitation)
     _line(angle, series, "fin_angle", dots, color)
     _error(error, series, color=color, linewidth=0.9)
-    _legend(angle, ("fin", {"color": color}), _COMMAND_ENTRY, *_reference(result))
+    _legend(angle, ("fin", {"color": color}), _COMMAND_ENTRY, *_reference(result, name))
     error.set(xlim=(0, float(series.run.excitation.time[-1]) * 1e3))
-    return Drawing(title, figure, caption + (" Below, fin angle minus reference." if result.reference else ""))
+    return Drawing(title, figure, caption + (
+        " Below, fin angle minus reference." if _compared(result, name) else ""))
 
 
 def sag(result: Result) -> Drawing:
@@ -261,7 +274,7 @@ def sag(result: Result) -> Drawing:
     panels = _panels(result, "sag", "drive_reference")
     figure, grid = plots.figure(len(panels), height=1.6, sharex=True)
     _column_of_panels(result, grid[:, 0], result.series["sag"], panels, plots.ORANGE, 0.3, 0.699, 8)
-    _legend(grid[0, 0], ("fin", {"color": plots.ORANGE}), _COMMAND_ENTRY, *_reference(result), _LIMIT_ENTRY,
+    _legend(grid[0, 0], ("fin", {"color": plots.ORANGE}), _COMMAND_ENTRY, *_reference(result, "sag"), _LIMIT_ENTRY,
             _SHADE_ENTRY)
     brakes = ", below the back-EMF of the shipped motor at that speed, which then brakes" if result.of_thesis else ""
     return Drawing("Supply sag", figure, "A slew from +20 to -20 deg at 350 ms; from 400 to 470 ms the supply is down "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import degrees, radians
 from pathlib import Path
 from typing import Any
@@ -15,20 +15,24 @@ from ...bench import metrics, verdict
 from ...bench.excitation import Excitation, of_case, step_to, with_encoder
 from ...bench.subject import Columns, Identification, Run, Subject
 from ...bench.verdict import Judged
+from ...errors import EmcasError
 from ...files import models_directory
 from ...parameters import load_parameters
 from ...progress import Progress, silent
 from ...reference import files, stored
+from ...reference.cases import CASES, TOLERANCE
 from ...reference.linear import LinearModel, obstacle
 from . import claims
 
-# A hundredth of the accuracy: differences to the reference must not show in any figure judged by Table 2.
-TRAJECTORY_LIMIT = round(degrees(metrics.ACCURACY) / 100.0, 9)  # deg
+TRAJECTORY_LIMIT = round(degrees(TOLERANCE), 9)  # deg
 # Errors of these are written in degrees.
 DISPLAY: Mapping[str, tuple[float, str]] = {
     "fin_angle": (degrees(1.0), "deg"), "fin_rate": (degrees(1.0), "deg/s"), "motor_current": (1.0, "A"),
     "motor_voltage": (1.0, "V"), "drive_reference": (1.0, "V")}
 RECORDED = (*DISPLAY, "saturated")
+# Of references inside an FMU: how they came to be.
+_INTEGRATED = "integrated independently of its own parameters"
+_RECORDED = "recorded of the package's own stepping: this shows that it runs here as it did when it was built"
 _LINEAR_DURATION = 0.3  # s
 
 
@@ -71,13 +75,17 @@ class Series:
 class Result:
     """A whole validation; `reference` is the folder of the references, empty where there is none of this actuator.
 
-    `series` (by case) and `linear_series` (by amplitude [deg], with the linear model's angles [rad]) are for the page.
+    Where they are `inside` the subject, it is the file; not `independent` are those recorded of the package's own
+    stepping. `series` (by case) and `linear_series` (by amplitude [deg], with the linear model's angles [rad]) are for
+    the page.
     """
 
     about: Identification
     parameters: Mapping[str, Any]
     differences: tuple[Mapping[str, Any], ...]
     reference: str
+    inside: bool
+    independent: bool
     cases: tuple[CaseResult, ...]
     trajectory: tuple[Judged, ...]
     table2: tuple[Judged, ...]
@@ -120,6 +128,13 @@ class Result:
         return not self.judged and bool(self.cases) and all(case.stopped is None for case in self.cases)
 
     @property
+    def compared_with(self) -> str:
+        """What trajectories are compared with, in words."""
+        if not self.inside:
+            return "the reference"
+        return "the reference inside the FMU" if self.independent else "the response recorded inside the FMU"
+
+    @property
     def verdict(self) -> str:
         """What came of it, in words."""
         count, failed = len(self.judged), len(self.failed)
@@ -134,15 +149,18 @@ class Result:
 
 
 def validate(subject: Subject, names: Sequence[str] | None = None, directory: Path | None = None,
-             progress: Progress = silent) -> Result:
+             progress: Progress = silent, inside: bool = False) -> Result:
     """Judge a subject by the reference cases in `directory` (default: the stored ones) and by Table 2.
 
-    Trajectories are judged where the references are of the subject's actuator, performance always. With `names`,
-    only these cases and what they suffice for. `progress` is called with the name of the run, how many are done and
-    how many there are. Raises EmcasError where the validation cannot be carried out; a failing subject is a result.
+    Trajectories are judged where the references are of the subject's actuator, performance always. With `inside`, or
+    where the stored ones are of another actuator or other parameters, they are judged by the references that an FMU
+    carries. With `names`, only these cases and what they suffice for. `progress` is called with the name
+    of the run, how many are done and how many there are. Raises EmcasError where the validation cannot be carried out;
+    a failing subject is a result.
     """
     folder = directory or models_directory() / "reference"
-    cases = stored.load(folder, names)
+    cases, own = _chosen(subject, names, folder, () if directory and not inside else subject.references, inside)
+    where = subject.identification.file if own else str(folder)
     excitations = {case.name: of_case(case.title, case.inputs, case.step, case.start_values) for case in cases}
     obstacles = {name: why for name, excitation in excitations.items()
                  if (why := subject.obstacle(with_encoder(excitation)))}
@@ -157,7 +175,8 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
         progress(case.name, len(series), total)
         # The encoder's chatter hides small errors, so references do without; performance does not.
         exact, shipped = excitations[case.name], with_encoder(excitations[case.name])
-        compared = subject.run(exact, outputs=outputs) if case.model == subject.actuator.name else None
+        judged = case.reference and case.model == subject.actuator.name
+        compared = subject.run(exact, outputs=outputs) if judged else None
         same = compared if exact.start_values == shipped.start_values else None
         run = same or subject.run(shipped, outputs=outputs)
         series[case.name] = Series(run, case.reference if compared else {}, compared)
@@ -165,10 +184,35 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
         progress(name, len(series), total)
         series[name] = Series(subject.run(excitation, outputs=outputs))
     progress("done", total, total)
-    return _result(subject, folder, cases, series, notes)
+    return _result(subject, where, own, cases, series, notes)
 
 
-def _result(subject: Subject, folder: Path, cases: Sequence[stored.Stored], series: Mapping[str, Series],
+def _chosen(subject: Subject, names: Sequence[str] | None, folder: Path, carried: Sequence[stored.Stored],
+            inside: bool) -> tuple[list[stored.Stored], bool]:
+    """Return the cases to run, and whether their references are those that the subject carries.
+
+    Raises EmcasError where these are asked for and there are none, and as `stored.load` does.
+    """
+    if inside and not carried:
+        raise EmcasError(f"{subject.identification.file}: there are no references inside; an FMU that `emcas build` "
+                         "makes without --no-references has some")
+    own = {case.name: case for case in carried if not names or case.name in names}
+    usual = {case.name for case in CASES}
+    others = [name for name in names or () if name in usual or name not in own]
+    cases = stored.load(folder, others) if others or not names else []
+    if inside or (own and (len(others) < len(names or ()) or not all(_made_of(subject, case) for case in cases))):
+        # By what the others excite, performance is judged.
+        return [own.pop(case.name, replace(case, reference={})) for case in cases] + list(own.values()), True
+    return cases, False
+
+
+def _made_of(subject: Subject, case: stored.Stored) -> bool:
+    """Return whether a reference is of the subject's actuator and parameters."""
+    made = files.response_hash({**subject.values, **case.start_values})
+    return case.model == subject.actuator.name and case.parameters_hash in ("", made)
+
+
+def _result(subject: Subject, where: str, inside: bool, cases: Sequence[stored.Stored], series: Mapping[str, Series],
             notes: list[str]) -> Result:
     runs = {name: each.run for name, each in series.items()}
     linear = {}
@@ -178,14 +222,25 @@ def _result(subject: Subject, folder: Path, cases: Sequence[stored.Stored], seri
     comparisons = tuple(claims.compare(a, *pair) for a, pair in linear.items() if pair[0].stopped is None)
     results = [_case_result(case, series[case.name]) for case in cases]
     trajectory = tuple(_trajectory(result, series[result.name]) for result in results if result.errors)
-    if not trajectory:
-        notes.insert(0, f"There is no independent reference of {subject.actuator.name} in {folder}: trajectories are "
-                        "not judged, performance is")
+    compared = [case for case in cases if series[case.name].exact]
+    independent = all(case.independent for case in compared)
+    notes[:0] = _origin(subject, where, inside, compared)
     findings = (*claims.claims(comparisons), *claims.accuracy(runs))
-    notes += _notes(subject, [case for case in cases if series[case.name].exact], series)
+    notes += _notes(subject, compared, series)
     return Result(subject.identification, dict(subject.values), tuple(_differences(subject)),
-                  str(folder) if trajectory else "", tuple(results), trajectory, tuple(verdict.judge_table2(runs)),
-                  comparisons, findings, tuple(notes), series, linear, subject.actuator.origin)
+                  where if trajectory else "", inside, independent, tuple(results), trajectory,
+                  tuple(verdict.judge_table2(runs)), comparisons, findings, tuple(notes), series, linear,
+                  subject.actuator.origin)
+
+
+def _origin(subject: Subject, where: str, inside: bool, compared: Sequence[stored.Stored]) -> list[str]:
+    """Return what is to be said of where the references come from: nothing where they are those of a folder."""
+    if not compared:
+        none = (f"None of these cases has a reference inside {where}" if inside else
+                f"There is no independent reference of {subject.actuator.name} in {where}")
+        return [f"{none}: trajectories are not judged, performance is"]
+    made = _RECORDED if any(not case.independent for case in compared) else _INTEGRATED
+    return [f"{', '.join(case.name for case in compared)}: compared with what is inside {where}, {made}"] * inside
 
 
 def _linear_name(amplitude: float) -> str:
@@ -248,8 +303,7 @@ def _differences(subject: Subject) -> Iterator[Mapping[str, Any]]:
 def _notes(subject: Subject, compared: Sequence[stored.Stored], series: Mapping[str, Series]) -> Iterator[str]:
     if differences := subject.identification.differences:
         yield f"The parameters differ from the defaults: {', '.join(differences)}"
-    foreign = [case.name for case in compared
-               if files.parameters_hash({**subject.values, **case.start_values}) != case.parameters_hash]
+    foreign = [case.name for case in compared if not _made_of(subject, case)]
     if foreign:
         which = "all cases" if len(foreign) == len(compared) else ", ".join(foreign)
         yield (f"The references of {which} were made with other parameters than the subject's; make its own with "

@@ -1,0 +1,223 @@
+"""References inside the FMU, by the layered standard FMI-LS-REF: experiments that any host can repeat.
+
+https://github.com/modelica/fmi-ls-ref; its format of experiments, which now has a standard of its own, is that of its
+version 1.0.0-alpha.1. Where the actuator has an independent integration (:mod:`emcas_fmu.reference`), the results are
+that one's; an extension laid over it may change nothing in the case. Others are what this package's own stepping
+gives, and are said to be no more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import degrees, floor, log10
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from .. import __version__
+from ..actuators import get, parts
+from ..parameters import ParameterError, ParameterSet
+from ..progress import Progress, silent
+from ..reference import files
+from ..reference.cases import CASES, STEP_AND_LOAD, TOLERANCE, Case
+from ..reference.responses import response, shipped
+from ..reference.simulate import OUTPUTS, Array
+from ..simulation import simulate
+from .interface import FmuInterface
+from .model_description import element, to_bytes
+
+NAME, VERSION = "org.fmi-standard.fmi-ls-ref", "1.0.0-beta.1"
+FOLDER = f"extra/{NAME}"
+MANIFEST = "fmi-ls-manifest.xml"
+TEXT = "documentation/fmi-ls-ref.txt"
+EXPERIMENTS, PARAMETERS, TABLE = "application/x-ma-hs-experiments", "application/x-ssp-parameter-set", "text/csv"
+ROLES = {True: "validation", False: "smoke-test"}  # of experiments, by whether they are independent
+_SSP = "http://ssp-standard.org/SSP1/SystemStructure"
+
+_SHIPPED = ("step", "load_opposing", "cold", "sag")  # of one fin, where they are stored, which costs nothing
+_FINS = ("step_plus10", "step_minus5", "step_plus20", "step_minus1")  # of several, each its own
+_FINS_STOP = 0.3  # s, of these, since they may be integrated for each fin
+# After the first digit of a variable's nominal value. What another machine's integration differs by, some 1e-12 of it,
+# then hardly ever changes a digit; rounding takes less than a hundredth of the tolerance.
+_DIGITS = 6
+_ENVIRONMENT = Environment(loader=PackageLoader("emcas_fmu", "fmi"), undefined=StrictUndefined,
+                           trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What to do with a unit, by its variables' names, and what comes of it; SI.
+
+    `independent` tells whether the results are of an integration that has nothing to do with the unit's own stepping.
+    """
+
+    name: str
+    title: str
+    stop_time: float
+    step: float
+    start_values: Mapping[str, Any]
+    stimuli: Mapping[str, Array]
+    results: Mapping[str, Array]
+    independent: bool
+
+
+def reference_files(unit: FmuInterface, sets: Sequence[ParameterSet], progress: Progress | None = None,
+                    ) -> tuple[dict[str, bytes], tuple[str, ...]]:
+    """Return the references of a unit whose fins have these parameters, as files of the archive, and warnings."""
+    warnings: list[str] = []
+    experiments = list(_experiments(unit, sets, warnings, progress or silent))
+    return (_files(unit, experiments) if experiments else {}), tuple(dict.fromkeys(warnings))
+
+
+# -- experiments -----------------------------------------------------------------
+
+
+def _experiments(unit: FmuInterface, sets: Sequence[ParameterSet], warnings: list[str], progress: Progress,
+                 ) -> Iterator[Experiment]:
+    chosen = _cases(sets)
+    for done, (name, title, cases) in enumerate(chosen):
+        progress(f"reference {name}", done, len(chosen))
+        try:
+            fins = [_response(p, case, warnings) for p, case in zip(sets, cases, strict=True)]
+        except (ArithmeticError, ParameterError) as error:
+            warnings.append(f"the FMU carries no reference {name}, which it cannot follow: {error}")
+            continue
+        yield Experiment(
+            name, title, cases[0].stop_time, cases[0].step, _of_unit(unit, [case.overrides for case in cases]),
+            _of_unit(unit, [case.inputs() for case in cases]), _of_unit(unit, [columns for columns, _ in fins]),
+            all(independent for _, independent in fins))
+
+
+def _of_unit(unit: FmuInterface, fins: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return what each fin has by its own variables' names, and at the times of all, by the unit's names."""
+    return {name if name == "time" else unit.name(name, fin): value
+            for fin, each in enumerate(fins) for name, value in each.items()}
+
+
+def _cases(sets: Sequence[ParameterSet]) -> list[tuple[str, str, list[Case]]]:
+    """Return name, title and the fins' cases of each experiment."""
+    by_name = {case.name: case for case in CASES}
+    if len(sets) > 1:
+        fins = [replace(files.suited(by_name[_FINS[fin % len(_FINS)]], p), stop_time=_FINS_STOP)
+                for fin, p in enumerate(sets)]
+        return [("fins", "Each fin on its own: " + "; ".join(case.title for case in fins), fins)]
+    plain = _plain(sets[0])
+    stored = [by_name[name] for name in _SHIPPED if shipped(plain, files.suited(by_name[name], plain)) is not None]
+    return [(case.name, case.title, [files.suited(case, sets[0])]) for case in stored or [STEP_AND_LOAD]]
+
+
+def _plain(parameters: ParameterSet) -> ParameterSet:
+    """Return the parameters of an actuator without its extensions."""
+    plain, _ = parts(parameters.model)
+    names = {v.name for v in get(plain).file_entries}
+    return ParameterSet(tuple(e for e in parameters.entries if e.variable.name in names), plain)
+
+
+def _response(parameters: ParameterSet, case: Case, warnings: list[str]) -> tuple[Mapping[str, Array], bool]:
+    """Return what an actuator does in a case, and whether an independent integration says so.
+
+    Raises ArithmeticError or ParameterError where its own equations cannot be followed.
+    """
+    plain = _plain(parameters)
+    extended = plain.model != parameters.model
+    if not extended and (known := shipped(plain, case)) is not None:
+        return known, True
+    own = _stepped(parameters, case)
+    has = plain.actuator.reference is not None
+    if has and (not extended or _same(own, _stepped(plain, case))):
+        try:
+            independent = response(plain, files.suited(case, plain))
+        except Exception as error:  # noqa: BLE001  a user's own integration may raise anything
+            warnings.append(f"the independent integration of {case.name} failed ({error}): inside the FMU is the "
+                            "package's own response instead")
+        else:
+            off = float(np.max(np.abs(independent["fin_angle"] - own["fin_angle"])))
+            if off > TOLERANCE:
+                warnings.append(f"{case.name}: fin_angle is up to {degrees(off):.2g} deg off the independent "
+                                f"integration, {degrees(TOLERANCE):g} deg are usual; a smaller solver.max_tick may "
+                                "bring it nearer")
+            there = {"time", *(v.name for v in parameters.actuator.outputs)}
+            return {name: column for name, column in independent.items() if name in there}, True
+    return {name: own[name] for name in ("time", *OUTPUTS) if name in own}, False
+
+
+def _same(columns: Mapping[str, Array], others: Mapping[str, Array]) -> bool:
+    """Return whether some columns are, to the bit, the `others` of their names."""
+    return all(np.array_equal(columns[name], other) for name, other in others.items())
+
+
+def _stepped(parameters: ParameterSet, case: Case) -> Mapping[str, Array]:
+    """Return what the package's own stepping gives, in Python: to the bit what either FMU does."""
+    inputs = case.inputs()
+    del inputs["time"]
+    values = {**parameters.values, **files.suited(case, parameters).overrides}
+    return simulate(values, case.stop_time, case.step, "python", parameters.model, **inputs)
+
+
+# -- files -----------------------------------------------------------------------
+
+
+def _files(unit: FmuInterface, experiments: Sequence[Experiment]) -> dict[str, bytes]:
+    contents: dict[str, bytes] = {}
+    related: list[Element] = []
+
+    def add(name: str, kind: str, role: str, description: str, content: bytes) -> None:
+        contents[f"{FOLDER}/{name}"] = content
+        relate(name, kind, role, description)
+
+    def relate(source: str, kind: str, role: str, description: str) -> None:
+        related.append(element("Related", {"type": kind, "source": source, "role": role, "description": description}))
+
+    for independent, role in ROLES.items():
+        if group := [each for each in experiments if each.independent is independent]:
+            what = "Results by independent integration" if independent else "Results by the unit's own stepping"
+            add(f"{role}.exp", EXPERIMENTS, f"experiment/{role}", what, to_bytes(_experiments_of(unit, what, group)))
+    for each in experiments:
+        if each.start_values:
+            add(f"{each.name}.ssv", PARAMETERS, "parameter", f"Start values that differ: {each.title}",
+                to_bytes(_parameter_set(each)))
+        add(f"{each.name}_in.csv", TABLE, "other", f"Stimuli: {each.title}", files.csv_text(each.stimuli).encode())
+        add(f"{each.name}_ref.csv", TABLE, "result", f"Results: {each.title}",
+            files.csv_text(_rounded(unit, each.results)).encode())
+    relate(f"../../{TEXT}", "text/plain", "document", "How the references were made, and how to repeat them")
+    contents[TEXT] = _ENVIRONMENT.get_template("references.txt.j2").render(
+        model=unit.model, kind=unit.actuator.name, fins=unit.fins, version=__version__, standard=VERSION, folder=FOLDER,
+        experiments=experiments, ROLES=ROLES, roles={ROLES[each.independent] for each in experiments},
+        reference=Path(str(get(parts(unit.kind)[0]).reference)).name, tolerance=degrees(TOLERANCE)).encode()
+    contents[f"{FOLDER}/{MANIFEST}"] = to_bytes(element("fmiReferences", {
+        "xmlns:fmi-ls": "http://fmi-standard.org/fmi-ls-manifest", "fmi-ls:fmi-ls-name": NAME,
+        "fmi-ls:fmi-ls-version": VERSION,
+        "fmi-ls:fmi-ls-description": "Layered Standard providing information on related files included in an FMU."},
+        related))
+    return contents
+
+
+def _experiments_of(unit: FmuInterface, what: str, experiments: Sequence[Experiment]) -> Element:
+    return element("Experiments", {"name": unit.model, "description": what}, (
+        element("Experiment", {
+            "name": each.name, "description": each.title, "startTime": "0", "stopTime": f"{each.stop_time:g}",
+            "tolerance": f"{TOLERANCE:.3g}", "stepSize": f"{each.step:g}"}, [
+                *([element("Parameters", {"source": f"{each.name}.ssv"})] if each.start_values else ()),
+                element("Stimuli", {"source": f"{each.name}_in.csv"}),
+                element("References", {"source": f"{each.name}_ref.csv"})]) for each in experiments))
+
+
+def _parameter_set(experiment: Experiment) -> Element:
+    def parameter(name: str, value: Any) -> Element:
+        kind, text = ("Boolean", str(value).lower()) if isinstance(value, bool) else ("Real", repr(float(value)))
+        return element("ssv:Parameter", {"name": name}, [element(f"ssv:{kind}", {"value": text})])
+
+    return element("ssv:ParameterSet", {
+        "xmlns:ssv": f"{_SSP}ParameterValues", "xmlns:ssc": f"{_SSP}Common", "version": "1.0",
+        "name": experiment.name, "description": experiment.title}, [
+            element("ssv:Parameters", {}, [parameter(*item) for item in experiment.start_values.items()])])
+
+
+def _rounded(unit: FmuInterface, columns: Mapping[str, Array]) -> dict[str, Array]:
+    nominal = {v.name: v.nominal or 1.0 for v in unit.outputs}
+    return {name: column if name == "time" else np.round(column, _DIGITS - floor(log10(nominal[name])))
+            for name, column in columns.items()}
