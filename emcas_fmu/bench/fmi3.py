@@ -17,7 +17,7 @@ FINS = "fins."
 @dataclass(frozen=True)
 class Element:
     """An element of an array, or a scalar: its name, kind and causality as in FMI 2.0, its start value (text), and
-    where it is: value reference, place in the array, and number of elements there."""
+    where it is: value reference, place in the array, number of elements there, and the array's name."""
 
     name: str
     type: str
@@ -27,6 +27,12 @@ class Element:
     reference: int
     place: int
     count: int
+    array: str
+
+    @property
+    def in_files(self) -> str:
+        """Its name in tables and parameter sets: of an array of several fins its place there, from 0 on."""
+        return f"{self.array}[{self.place}]" if self.array.startswith(FINS) else self.name
 
 
 def elements(description: Any) -> tuple[Element, ...]:
@@ -44,7 +50,8 @@ def _elements(v: Any) -> Iterator[Element]:
         names = [f"{name}[{k}]" for name in names for k in range(size)]
     starts = [None] * len(names) if v.start is None else str(v.start).split()
     for k, (name, start) in enumerate(zip(names, starts, strict=True)):
-        yield Element(name, v.type, _KINDS[v.type], v.causality, start, int(v.valueReference), k, len(names))
+        yield Element(name, v.type, _KINDS[v.type], v.causality, start, int(v.valueReference), k, len(names),
+                      v.name)
 
 
 class Fmi3Slave:

@@ -65,6 +65,12 @@ class OpenedFmu:
                    for i, v in enumerate(self.variables)}
         return {name: by_name[full] for name, full in self.names.items()}
 
+    @property
+    def names_in_files(self) -> Mapping[str, str]:
+        """What tables and parameter sets in the archive call variables, by the names of a single actuator."""
+        in_files = {v.name: v.in_files if isinstance(v, Element) else v.name for v in self.variables}
+        return {name: in_files[full] for name, full in self.names.items()}
+
     def set_starts(self, instance: Any, values: Mapping[str, Any]) -> None:
         """Set start values, by the names of a single actuator, before the instance is initialized."""
         kinds = {v.name: v.kind if isinstance(v, Element) else v.type for v in self.variables}

@@ -319,7 +319,7 @@ class FmuSubject(Subject):
 
     @cached_property
     def references(self) -> Sequence[Stored]:
-        return carried(self.unit.folder, self.unit.path, self.unit.names, self.actuator.name)
+        return carried(self.unit.folder, self.unit.path, self.unit.names_in_files, self.actuator.name)
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:

@@ -29,7 +29,8 @@ class Format:
     `main` is the file handed to the compiler, `written` are the files beside it, of the same folder; `headers` gives
     the standard's. `tables` gives what interface.h has besides the unit's scalars. `options` are attributes of the
     CoSimulation element, `notes` say on the page in the FMU how the unit answers its host. `by_machine` is whether each
-    kind of machine has a folder of its own for its library, or each platform.
+    kind of machine has a folder of its own for its library, or each platform. `scalar_name` gives what files call a
+    variable of a fin: of an array its element.
     """
 
     version: str
@@ -43,6 +44,7 @@ class Format:
     by_machine: bool
     tables: Callable[[FmuInterface], str]
     host_variables: Callable[[FmuInterface], Iterable[HostVariable]]
+    scalar_name: Callable[[FmuInterface, str, int], str]
     model_description: Callable[..., Element]
 
     @property

@@ -109,7 +109,7 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
     unit = FmuInterface(fins, parameters.model)
     contents, guid, built_for = _contents(unit, sets, backend, platforms, cc, progress, native.FORMATS[fmi])
-    carried, doubts = reference_files(unit, sets, progress) if references else ({}, ())
+    carried, doubts = reference_files(unit, sets, native.FORMATS[fmi], progress) if references else ({}, ())
     contents.update(carried)
     try:
         # modelDescription.xml first: readers that stream find it at once.

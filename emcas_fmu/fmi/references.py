@@ -27,8 +27,9 @@ from ..reference.cases import CASES, STEP_AND_LOAD, TOLERANCE, Case
 from ..reference.responses import response, shipped
 from ..reference.simulate import OUTPUTS, Array
 from ..simulation import simulate
+from .description import element, to_bytes
+from .format import Format
 from .interface import FmuInterface
-from .model_description import element, to_bytes
 
 NAME, VERSION = "org.fmi-standard.fmi-ls-ref", "1.0.0-beta.1"
 FOLDER = f"extra/{NAME}"
@@ -65,19 +66,19 @@ class Experiment:
     independent: bool
 
 
-def reference_files(unit: FmuInterface, sets: Sequence[ParameterSet], progress: Progress | None = None,
+def reference_files(unit: FmuInterface, sets: Sequence[ParameterSet], fmi: Format, progress: Progress | None = None,
                     ) -> tuple[dict[str, bytes], tuple[str, ...]]:
     """Return the references of a unit whose fins have these parameters, as files of the archive, and warnings."""
     warnings: list[str] = []
-    experiments = list(_experiments(unit, sets, warnings, progress or silent))
+    experiments = list(_experiments(unit, sets, fmi, warnings, progress or silent))
     return (_files(unit, experiments) if experiments else {}), tuple(dict.fromkeys(warnings))
 
 
 # -- experiments -----------------------------------------------------------------
 
 
-def _experiments(unit: FmuInterface, sets: Sequence[ParameterSet], warnings: list[str], progress: Progress,
-                 ) -> Iterator[Experiment]:
+def _experiments(unit: FmuInterface, sets: Sequence[ParameterSet], fmi: Format, warnings: list[str],
+                 progress: Progress) -> Iterator[Experiment]:
     chosen = _cases(sets)
     for done, (name, title, cases) in enumerate(chosen):
         progress(f"reference {name}", done, len(chosen))
@@ -87,14 +88,15 @@ def _experiments(unit: FmuInterface, sets: Sequence[ParameterSet], warnings: lis
             warnings.append(f"the FMU carries no reference {name}, which it cannot follow: {error}")
             continue
         yield Experiment(
-            name, title, cases[0].stop_time, cases[0].step, _of_unit(unit, [case.overrides for case in cases]),
-            _of_unit(unit, [case.inputs() for case in cases]), _of_unit(unit, [columns for columns, _ in fins]),
+            name, title, cases[0].stop_time, cases[0].step, _of_unit(unit, fmi, [case.overrides for case in cases]),
+            _of_unit(unit, fmi, [case.inputs() for case in cases]),
+            _of_unit(unit, fmi, [_rounded(unit, columns) for columns, _ in fins]),
             all(independent for _, independent in fins))
 
 
-def _of_unit(unit: FmuInterface, fins: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def _of_unit(unit: FmuInterface, fmi: Format, fins: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return what each fin has by its own variables' names, and at the times of all, by the unit's names."""
-    return {name if name == "time" else unit.name(name, fin): value
+    return {name if name == "time" else fmi.scalar_name(unit, name, fin): value
             for fin, each in enumerate(fins) for name, value in each.items()}
 
 
@@ -182,10 +184,11 @@ def _files(unit: FmuInterface, experiments: Sequence[Experiment]) -> dict[str, b
                 to_bytes(_parameter_set(each)))
         add(f"{each.name}_in.csv", TABLE, "other", f"Stimuli: {each.title}", files.csv_text(each.stimuli).encode())
         add(f"{each.name}_ref.csv", TABLE, "result", f"Results: {each.title}",
-            files.csv_text(_rounded(unit, each.results)).encode())
+            files.csv_text(each.results).encode())
     relate(f"../../{TEXT}", "text/plain", "document", "How the references were made, and how to repeat them")
     contents[TEXT] = _ENVIRONMENT.get_template("references.txt.j2").render(
-        model=unit.model, kind=unit.actuator.name, fins=unit.fins, version=__version__, standard=VERSION, folder=FOLDER,
+        model=unit.model, kind=unit.actuator.name, fins=unit.fins, version=__version__,
+        arrays=any("[" in name for each in experiments for name in each.stimuli), standard=VERSION, folder=FOLDER,
         experiments=experiments, ROLES=ROLES, roles={ROLES[each.independent] for each in experiments},
         reference=Path(str(get(parts(unit.kind)[0]).reference)).name, tolerance=degrees(TOLERANCE)).encode()
     contents[f"{FOLDER}/{MANIFEST}"] = to_bytes(element("fmiReferences", {
@@ -218,6 +221,6 @@ def _parameter_set(experiment: Experiment) -> Element:
 
 
 def _rounded(unit: FmuInterface, columns: Mapping[str, Array]) -> dict[str, Array]:
-    nominal = {v.name: v.nominal or 1.0 for v in unit.outputs}
+    nominal = {v.name: v.nominal or 1.0 for v in unit.actuator.outputs}
     return {name: column if name == "time" else np.round(column, _DIGITS - floor(log10(nominal[name])))
             for name, column in columns.items()}

@@ -45,11 +45,17 @@ def _host_variables(unit: FmuInterface) -> Iterator[HostVariable]:
     yield HostVariable(CLOCK, len(listed) + 1, about("input", "Clock", ""))
 
 
+def _scalar_name(unit: FmuInterface, variable: str, fin: int) -> str:
+    """Return a variable's name, of an array of the fins with the fin's place from 0 on."""
+    name = unit.array_name(variable)
+    return name if name == variable else f"{name}[{fin}]"
+
+
 FORMAT = Format(
     version="3.0", main="fmi3.c", package="emcas_fmu.fmi.fmi3", written=("absent.h", "events.h"),
     headers=lambda: standard_headers(("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h")),
     prefix="FMI3_FUNCTION_PREFIX", by_machine=True, tables=_tables,
-    host_variables=_host_variables, model_description=model_description,
+    host_variables=_host_variables, scalar_name=_scalar_name, model_description=model_description,
     options={"needsExecutionTool": "false", "canBeInstantiatedOnlyOncePerProcess": "false",
              "canGetAndSetFMUState": "true", "canSerializeFMUState": "true", "providesDirectionalDerivatives": "false",
              "canHandleVariableCommunicationStepSize": "true", "maxOutputDerivativeOrder": "0",
