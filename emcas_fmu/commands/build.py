@@ -26,6 +26,8 @@ def build(
         help="How the FMU computes: python (needs Python in the host; FMI 2.0 unless given), or native (C, needs "
              "nothing; built with the extra 'native' or --cc).", metavar="python|native")] = None,
     fmi: Annotated[str, typer.Option("--fmi", help="Version of FMI; 3 is native only.", metavar="2|3")] = "2",
+    clock: Annotated[bool, typer.Option("--clock", help="FMI 3.0: with a clock that ticks when the controllers sample. "
+                                        "Hosts made with fmi4c, such as Ecos 0.7, crash at any clock.")] = False,
     platform: Annotated[list[str] | None, typer.Option(
         help="Only for this platform (may be given several times): linux64, win64, darwin64 (macOS on Intel's and "
              "Apple's processors), aarch64-linux; native only.", metavar="NAME")] = None,
@@ -53,7 +55,7 @@ def build(
         common.check_outputs(target, inputs=(*(parameters or ()), *files.values()))
         chosen = load_parameters(parameters, model=model)
         built = build_fmu(chosen, target, backend, platform, cc,
-                          common.stepper(progress, "build"), fins, layout, files, fmi, references)
+                          common.stepper(progress, "build"), fins, layout, files, fmi, references, clock)
     common.warn(built.warnings)
     common.out.print(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})", highlight=False, soft_wrap=True)

@@ -38,7 +38,6 @@ class Format:
     package: str
     written: tuple[str, ...]
     headers: Callable[[], Mapping[str, str]]
-    prefix: str
     options: Mapping[str, str]
     notes: tuple[str, ...]
     by_machine: bool

@@ -126,12 +126,12 @@ def binaries(model: str, files: Mapping[str, str], platforms: Sequence[Platform]
 
 
 def build_description(model: str, fmi: Format) -> Element:
-    """Return buildDescription.xml (FMI 3.0's file) of the sources."""
-    prefix = {"name": fmi.prefix, "optional": "true", "value": f"{model}_",
-              "description": "put before each function's name, to link several units into one program"}
+    """Return buildDescription.xml (FMI 3.0's file) of the sources.
+
+    It names no prefix of the functions, though the sources take one: tools that build a library would put it in.
+    """
     return element("fmiBuildDescription", {"fmiVersion": "3.0"}, (
         element("BuildConfiguration", {"modelIdentifier": model, "platform": platform}, [
-            element("SourceFileSet", {"language": "C11"}, [
-                element("SourceFile", {"name": fmi.main}), element("PreprocessorDefinition", prefix)]),
+            element("SourceFileSet", {"language": "C11"}, [element("SourceFile", {"name": fmi.main})]),
             *([] if platform.endswith("windows") else [element("Library", {"name": "m", "external": "true"})])])
         for p in PLATFORMS.values() for platform in p.targets))

@@ -17,6 +17,7 @@ from ..progress import Progress
 from . import native, python
 from .description import terminals_and_icons, to_bytes
 from .documentation import documents
+from .fmi3.native import CLOCKED
 from .format import Format
 from .interface import FmuInterface, fin_sets, start_values
 from .references import reference_files
@@ -78,12 +79,12 @@ def _contents(unit: FmuInterface, sets: Sequence[ParameterSet], backend: str, pl
 def build(parameters: ParameterSet, output: Path | str, backend: str | None = None,
           platforms: Sequence[str] | None = None, cc: str | None = None, progress: Progress | None = None,
           fins: int = 1, layout: str = "cross", files: Mapping[int, Path] | None = None, fmi: str = "2",
-          references: bool = True) -> Built:
+          references: bool = True, clock: bool = False) -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
     `backend` is ``python``, of FMI 2.0 unless given, or ``native``, which alone knows FMI 3.0 (`fmi` of ``3``). For
     the native one are `platforms` to build for (all if not given), `cc` a system compiler instead of zig (this
-    platform only).
+    platform only). With `clock` an FMU of FMI 3.0 has a clock of the controllers' samples.
     More than one of `fins` share a bus and stand in the `layout` (``plus`` or ``cross``); `files` are parameter
     files of single fins (from 1), over the others'. It carries references of its own unless `references` is False.
     Raises EmcasError for what cannot be asked for,
@@ -97,6 +98,8 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
         raise BuildError(f"--backend {backend}: there is {' and '.join(BACKENDS)}")
     if backend == "python" and (platforms is not None or cc is not None):
         raise BuildError("--platform and --cc are for --backend native: the Python back end compiles nothing")
+    if clock and fmi == "2":
+        raise BuildError("--clock is for --fmi 3: FMI 2.0 has no clocks")
     if backend == "python" and fmi != "2":
         raise BuildError(f"--fmi {fmi} is for --backend native: the Python back end exports FMI 2.0")
     output = Path(output)
@@ -107,9 +110,9 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     if fins == 1 and files:
         raise BuildError("--fin is for a unit of several: give --fins too")
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
-    unit = FmuInterface(fins, parameters.model)
-    contents, guid, built_for = _contents(unit, sets, backend, platforms, cc, progress, native.FORMATS[fmi])
-    carried, doubts = reference_files(unit, sets, native.FORMATS[fmi], progress) if references else ({}, ())
+    unit, chosen = FmuInterface(fins, parameters.model), CLOCKED if clock else native.FORMATS[fmi]
+    contents, guid, built_for = _contents(unit, sets, backend, platforms, cc, progress, chosen)
+    carried, doubts = reference_files(unit, sets, chosen, progress) if references else ({}, ())
     contents.update(carried)
     try:
         # modelDescription.xml first: readers that stream find it at once.

@@ -35,6 +35,7 @@ class Fmu:
         root = ET.parse(self.folder / "modelDescription.xml").getroot()
         self.version = root.attrib["fmiVersion"]
         self.elements: dict[str, tuple[int, int]] = {}  # of an array: place, and how many there are
+        self.arrays: dict[str, tuple[str, int]] = {}  # kind and reference
         self.references: dict[str, int] = {}
         self.kinds: dict[str, str] = {}
         self.outputs: list[str] = []
@@ -62,6 +63,7 @@ class Fmu:
         for v in root.find("ModelVariables") or ():
             sizes = [int(d.attrib["start"]) for d in v.findall("Dimension")]
             names = [v.attrib["name"]]
+            self.arrays[names[0]] = _GOT_AS_3.get(v.tag, v.tag), int(v.attrib["valueReference"])
             if names[0].startswith("fins."):
                 names = [names[0].replace("fins.", f"fin[{fin + 1}].", 1) for fin in range(sizes.pop(0))]
             if sizes:
@@ -249,6 +251,8 @@ class Instance3(Instance):
 
     def set(self, name: str, value: Any) -> int:
         name = name.replace("__", ".")
+        if isinstance(value, list):
+            return self.set_vr(*self.fmu.arrays[name], value)
         element, count = self.fmu.elements[name]
         kind, reference, values = self.fmu.kinds[name], self.fmu.references[name], [value]
         if count > 1:

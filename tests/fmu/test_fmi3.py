@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes as ct
 import zipfile
+from collections.abc import Mapping
 from math import inf, nan, radians
 from pathlib import Path
 from typing import Any
@@ -32,10 +33,11 @@ FAULTS = "elastic+heat+homing+faults"
 SAMPLE = 1e-3  # s, of the shipped parameters
 
 
-def built(folder: Path, model: str = "nonlinear", fins: int = 1, fmi: str = "3") -> Path:
+def built(folder: Path, model: str = "nonlinear", fins: int = 1, fmi: str = "3", clock: bool = False) -> Path:
     local = local_platform()
     assert local is not None
-    return build(load_parameters(model=model), folder / f"{fmi}.fmu", "native", [local.name], fins=fins, fmi=fmi).path
+    return build(load_parameters(model=model), folder / f"{fmi}.fmu", "native", [local.name], fins=fins, fmi=fmi,
+                 clock=clock).path
 
 
 def unpacked(path: Path, folder: Path) -> Fmu:
@@ -59,8 +61,14 @@ def both(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     """A unit in FMI 3.0 (the file, and unpacked) and in FMI 2.0."""
     model, fins = request.param
     folder = tmp_path_factory.mktemp("both")
-    third = built(folder, model, fins)
+    third = built(folder, model, fins, clock=True)
     return third, unpacked(third, folder / "3"), unpacked(built(folder, model, fins, "2"), folder / "2")
+
+
+@pytest.fixture(scope="module")
+def clocked3(tmp_path_factory: pytest.TempPathFactory) -> Fmu:
+    folder = tmp_path_factory.mktemp("clocked")
+    return unpacked(built(folder, clock=True), folder / "3")
 
 
 def with_events(fmu: Fmu, early_return: bool = True, **values: Any) -> Instance3:
@@ -280,9 +288,9 @@ def clock_calls(unit: Instance3, value: bool) -> tuple[int, int, bool]:
             unit.call("GetClock", reference, ct.c_size_t(1), ct.byref(ticks)), ticks.value)
 
 
-def test_the_clock_ticks_at_samples_and_changes_nothing(unit3: Fmu) -> None:
-    clocked, plain = with_events(unit3), with_events(unit3)
-    reference, interval, shift, qualifier = ((ct.c_uint * 1)(unit3.references[CLOCK]), ct.c_double(), ct.c_double(nan),
+def test_the_clock_ticks_at_samples_and_changes_nothing(clocked3: Fmu, unit3: Fmu) -> None:
+    clocked, plain = with_events(clocked3), with_events(unit3)
+    reference, interval, shift, qualifier = ((ct.c_uint * 1)(clocked3.references[CLOCK]), ct.c_double(), ct.c_double(nan),
                                              ct.c_int())
     assert clocked.call("GetIntervalDecimal", reference, ct.c_size_t(1), ct.byref(interval), ct.byref(qualifier)) == OK
     assert clocked.call("GetShiftDecimal", reference, ct.c_size_t(1), ct.byref(shift)) == OK
@@ -304,6 +312,7 @@ def test_the_clock_ticks_at_samples_and_changes_nothing(unit3: Fmu) -> None:
     assert clocked.call("EnterEventMode") == OK
     assert clock_calls(clocked, True)[0] == ERROR
     assert "is no sample" in clocked.messages(ERROR)
+    assert CLOCK not in unit3.references
 
 
 def test_states_are_kept_in_event_mode(unit3: Fmu) -> None:
@@ -343,8 +352,9 @@ def test_events_do_not_depend_on_the_steps(unit3: Fmu, torque: float, command: f
     assert np.allclose(found, expected, rtol=0.0, atol=3e-6)
 
 
-@pytest.mark.parametrize(("fmi", "backend", "said"), [("4", None, "there is 2 and 3"), ("3", "python", "native")])
-def test_what_there_is_not(tmp_path: Path, fmi: str, backend: str | None, said: str) -> None:
+@pytest.mark.parametrize(("wanted", "said"), [
+    ({"fmi": "4"}, "there is 2 and 3"), ({"fmi": "3", "backend": "python"}, "native"), ({"clock": True}, "--fmi 3")])
+def test_what_there_is_not(tmp_path: Path, wanted: Mapping[str, Any], said: str) -> None:
     with pytest.raises(BuildError, match=said):
-        build(load_parameters(), tmp_path / "EMCAS.fmu", backend, fmi=fmi)
+        build(load_parameters(), tmp_path / "EMCAS.fmu", **wanted)
     assert list(tmp_path.iterdir()) == []

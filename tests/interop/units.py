@@ -54,8 +54,10 @@ class Unit:
         case = step()
         command = case.inputs["fin_command"][:-1].tolist()
         load = [-15.0 if k > len(command) // 3 else 0.0 for k in range(len(command))]  # N.m
-        return {"step": case.step, "parameters": dict(self.parameters),
-                "inputs": {**dict.fromkeys(self.commands, command), **dict.fromkeys(self.loads, load)}}
+        arrays = "fins.fin_command" in self.commands
+        return {"step": case.step, "parameters": dict(self.parameters), "inputs": {
+            **dict.fromkeys(self.commands, [[angle] * 4 for angle in command] if arrays else command),
+            **dict.fromkeys(self.loads, load)}}
 
 
 @cache
@@ -75,5 +77,9 @@ UNITS = {
                  angles=tuple(f + "fin_angle" for f in _FINS), parameters={f + _ENCODER: False for f in _FINS}),
     "options": Unit("native, `elastic+heat+homing+faults`", _NATIVE, "elastic+heat+homing+faults",
                     loads=("aero_torque",), parameters={"homing.required": False}),
+    "fmi3": Unit("FMI 3.0", {**_NATIVE, "fmi": "3"}, parameters={_ENCODER: False}),
+    "four3": Unit("FMI 3.0, four fins", {**_NATIVE, "fmi": "3", "fins": 4}, commands=("fins.fin_command",),
+                  angles=tuple(f"fins.fin_angle[{k}]" for k in (1, 2, 3, 4)),
+                  parameters={f"fins.{_ENCODER}": [False] * 4}),
     "electrohydraulic": Unit("native, `electrohydraulic`", _NATIVE, "electrohydraulic", loads=("aero_torque",)),
 }

@@ -214,10 +214,10 @@ fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t n,
     for (size_t i = 0; i < n; ++i) {
         const core_state *core = m->s.fins.core;
         if (!value[i] && m->host.ticks)
-            return report(m, STATUS_ERROR, "fmi3SetClock: %s cannot be deactivated", ARRAY[CLOCK].name);
+            return report(m, STATUS_ERROR, "fmi3SetClock: %s cannot be deactivated", CLOCK_NAME);
         if (value[i] && (core->position != 0 || core->partial))
             return report(m, STATUS_ERROR, "fmi3SetClock: %s does not tick at %.17g s, which is no sample",
-                          ARRAY[CLOCK].name, m->s.start + m->s.now);
+                          CLOCK_NAME, m->s.start + m->s.now);
     }
     for (size_t i = 0; i < n; ++i) m->host.ticks = value[i];
     return fmi3OK;

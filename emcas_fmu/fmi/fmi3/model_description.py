@@ -29,15 +29,16 @@ def _variable(reference: int, array: Array, starts: Sequence[Any]) -> Element:
     }, (element("Dimension", {"start": str(n)}) for n in array.dimensions))
 
 
-def _variables(unit: FmuInterface, starts: Sequence[Any]) -> Iterator[Element]:
+def _variables(unit: FmuInterface, starts: Sequence[Any], clock: bool) -> Iterator[Element]:
     listed = arrays(unit)
     for reference, array in enumerate(listed):
         yield _variable(reference, array, starts)
     yield _variable(len(listed), Array(TIME, 0), starts)
-    yield element("Clock", {
-        "name": CLOCK, "valueReference": str(len(listed) + 1), "causality": "input", "variability": "discrete",
-        "description": "ticks when the controllers sample (of fin 1, where sample times differ); they need no tick",
-        "intervalVariability": "fixed"})
+    if clock:
+        yield element("Clock", {
+            "name": CLOCK, "valueReference": str(len(listed) + 1), "causality": "input", "variability": "discrete",
+            "description": "ticks when the controllers sample (of fin 1, where sample times differ); they need no tick",
+            "intervalVariability": "fixed"})
 
 
 def _type_definitions(unit: FmuInterface) -> list[Element]:
@@ -66,7 +67,7 @@ def _structure(unit: FmuInterface) -> Element:
 
 
 def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str, str], tool: str,
-                      source_files: Sequence[str] = (), unit: FmuInterface = SINGLE) -> Element:
+                      source_files: Sequence[str] = (), unit: FmuInterface = SINGLE, clock: bool = False) -> Element:
     """Return the fmiModelDescription element; `options` are attributes of its CoSimulation element.
 
     Source files are named by buildDescription.xml alone in FMI 3.0.
@@ -82,5 +83,5 @@ def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str,
             *(types if len(types[0]) else ()),
             description.log_categories(),
             description.default_experiment(),
-            element("ModelVariables", {}, _variables(unit, starts)),
+            element("ModelVariables", {}, _variables(unit, starts, clock)),
             _structure(unit)])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
 
 from ...runtime.c_sources import c_text
 from ..format import Format, HostVariable, about, standard_headers
@@ -14,10 +16,11 @@ _TYPES = {"Float64": "FLOAT64", "Int32": "INT32", "UInt32": "UINT32", "Enumerati
 _NAMES = {**{name: name for name in _TYPES}, "Enumeration": "Enumeration (Int64)", "Clock": "Clock"}
 
 
-def _tables(unit: FmuInterface) -> str:
+def _tables(unit: FmuInterface, clock: bool = False) -> str:
     """Return where the elements of each variable are, and what the clock and the events go by."""
     rows = [(v.variable.name, _TYPES[v.kind], v.first, v.table or 1, v.fins or 1, v.stride) for v in arrays(unit)]
-    rows += [(TIME.name, "FLOAT64", len(unit.variables), 1, 1, 0), (CLOCK, "TICKS", len(unit.variables), 1, 1, 0)]
+    rows += [(TIME.name, "FLOAT64", len(unit.variables), 1, 1, 0),
+             *([(CLOCK, "TICKS", len(unit.variables), 1, 1, 0)] if clock else ())]
     listed = ",\n".join(f"    {{{c_text(name)}, {', '.join(map(str, row))}}}" for name, *row in rows)
     actuator = unit.actuator
     sample_time = [v.name for v in actuator.parameters].index("controller.sample_time")
@@ -28,13 +31,15 @@ def _tables(unit: FmuInterface) -> str:
             f"static const char *const TYPE[] = {{{names}}};\n\n"
             "typedef struct {\n    const char *name;\n    int type;\n"
             "    unsigned first, size, fins, stride;\n} array;\n\n"
-            f"enum {{ TIME = {len(rows) - 2}, CLOCK = {len(rows) - 1}, ARRAYS = {len(rows)} }};\n"
+            f"enum {{ TIME = {len(rows) - 1 - clock}, ARRAYS = {len(rows)} }};\n"
+            f"/* The clock's value reference; none has the last there could be. */\n"
+            f"#define CLOCK {len(rows) - 1 if clock else 0xFFFFFFFF}u\n#define CLOCK_NAME {c_text(CLOCK)}\n"
             f"static const array ARRAY[ARRAYS] = {{\n{listed}\n}};\n\n"
             "/* Of a fin: place of the sample time among the parameters, of the rate among the outputs. */\n"
             f"enum {{ SAMPLE_TIME = {sample_time}, OUTPUT_FIN_RATE = {fin_rate} }};\n")
 
 
-def _host_variables(unit: FmuInterface) -> Iterator[HostVariable]:
+def _host_variables(unit: FmuInterface, clock: bool = False) -> Iterator[HostVariable]:
     listed = arrays(unit)
     for reference, v in enumerate(listed):
         shape = " x ".join(map(str, v.dimensions))
@@ -42,7 +47,8 @@ def _host_variables(unit: FmuInterface) -> Iterator[HostVariable]:
             v.variable.causality, _NAMES[v.kind], v.variable.unit if v.kind == "Float64" else "",
             shape and f"{shape} values"))
     yield HostVariable(TIME.name, len(listed), about(TIME.causality, "Float64", TIME.unit))
-    yield HostVariable(CLOCK, len(listed) + 1, about("input", "Clock", ""))
+    if clock:
+        yield HostVariable(CLOCK, len(listed) + 1, about("input", "Clock", ""))
 
 
 def _scalar_name(unit: FmuInterface, variable: str, fin: int) -> str:
@@ -54,7 +60,7 @@ def _scalar_name(unit: FmuInterface, variable: str, fin: int) -> str:
 FORMAT = Format(
     version="3.0", main="fmi3.c", package="emcas_fmu.fmi.fmi3", written=("absent.h", "events.h"),
     headers=lambda: standard_headers(("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h")),
-    prefix="FMI3_FUNCTION_PREFIX", by_machine=True, tables=_tables,
+    by_machine=True, tables=_tables,
     host_variables=_host_variables, scalar_name=_scalar_name, model_description=model_description,
     options={"needsExecutionTool": "false", "canBeInstantiatedOnlyOncePerProcess": "false",
              "canGetAndSetFMUState": "true", "canSerializeFMUState": "true", "providesDirectionalDerivatives": "false",
@@ -68,10 +74,15 @@ FORMAT = Format(
         "changes a discrete output, or lets a fin stick or come loose, asks for event handling; where early return is "
         "allowed, too, the step ends there, to within a thousandth of the sample time. What begins and ends within a "
         "tick is not seen.",
-        f"<code>{CLOCK}</code> says when the controllers sample (of fin 1, where their sample times differ). It need "
-        "not be activated: they sample by themselves.",
         "A call out of place or with an unknown reference is answered with <code>fmi3Error</code> at once, nothing "
         "changed; an input that is not finite with <code>fmi3Error</code> from the step. The instance may be used on.",
         "A step that cannot be followed is answered with <code>fmi3Discard</code>, the state unchanged.",
         "Parameters out of range give <code>fmi3Error</code> at the end of initialization; correct them and repeat the "
         "call. A wrong instantiation token is refused by <code>fmi3InstantiateCoSimulation</code>."))
+
+CLOCKED = replace(
+    FORMAT, tables=partial(_tables, clock=True), host_variables=partial(_host_variables, clock=True),
+    model_description=partial(model_description, clock=True), notes=(*FORMAT.notes, (
+        f"<code>{CLOCK}</code> says when the controllers sample (of fin 1, where their sample times differ). It need not "
+        "be activated: they sample by themselves.")))
+"""With a clock of the controllers' samples; hosts made with fmi4c end in a double free at any clock."""
