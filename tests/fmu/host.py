@@ -6,6 +6,7 @@ An array of FMI 3.0 is read and written by its elements, under the names that th
 from __future__ import annotations
 
 import ctypes as ct
+import math
 import pathlib
 import platform
 import xml.etree.ElementTree as ET
@@ -35,7 +36,7 @@ class Fmu:
         root = ET.parse(self.folder / "modelDescription.xml").getroot()
         self.version = root.attrib["fmiVersion"]
         self.elements: dict[str, tuple[int, int]] = {}  # of an array: place, and how many there are
-        self.arrays: dict[str, tuple[str, int]] = {}  # kind and reference
+        self.arrays: dict[str, tuple[str, int, int]] = {}  # kind, reference, number of elements
         self.references: dict[str, int] = {}
         self.kinds: dict[str, str] = {}
         self.outputs: list[str] = []
@@ -63,7 +64,7 @@ class Fmu:
         for v in root.find("ModelVariables") or ():
             sizes = [int(d.attrib["start"]) for d in v.findall("Dimension")]
             names = [v.attrib["name"]]
-            self.arrays[names[0]] = _GOT_AS_3.get(v.tag, v.tag), int(v.attrib["valueReference"])
+            self.arrays[names[0]] = (_GOT_AS_3.get(v.tag, v.tag), int(v.attrib["valueReference"]), math.prod(sizes))
             if names[0].startswith("fins."):
                 names = [names[0].replace("fins.", f"fin[{fin + 1}].", 1) for fin in range(sizes.pop(0))]
             if sizes:
@@ -251,8 +252,9 @@ class Instance3(Instance):
 
     def set(self, name: str, value: Any) -> int:
         name = name.replace("__", ".")
-        if isinstance(value, list):
-            return self.set_vr(*self.fmu.arrays[name], value)
+        if name not in self.fmu.elements:  # a whole array
+            kind, reference, count = self.fmu.arrays[name]
+            return self.set_vr(kind, reference, value if isinstance(value, list) else [value] * count)
         element, count = self.fmu.elements[name]
         kind, reference, values = self.fmu.kinds[name], self.fmu.references[name], [value]
         if count > 1:
