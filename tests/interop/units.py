@@ -71,9 +71,9 @@ _FINS = [f"fin[{k}]." for k in (1, 2, 3, 4)]
 UNITS = {
     "native": Unit("native", _NATIVE, parameters={_ENCODER: False}),
     "python": Unit("Python", parameters={_ENCODER: False}),
-    "four": Unit("native, four fins", {**_NATIVE, "fins": 4}, commands=tuple(f + "fin_command" for f in _FINS),
+    "four": Unit("native four fins", {**_NATIVE, "fins": 4}, commands=tuple(f + "fin_command" for f in _FINS),
                  angles=tuple(f + "fin_angle" for f in _FINS), parameters={f + _ENCODER: False for f in _FINS}),
-    "options": Unit("native, `elastic+heat+homing+faults`", _NATIVE, "elastic+heat+homing+faults",
+    "options": Unit("native `elastic+heat+homing+faults`", _NATIVE, "elastic+heat+homing+faults",
                     loads=("aero_torque",), parameters={"homing.required": False}),
-    "electrohydraulic": Unit("native, `electrohydraulic`", _NATIVE, "electrohydraulic", loads=("aero_torque",)),
+    "electrohydraulic": Unit("native `electrohydraulic`", _NATIVE, "electrohydraulic", loads=("aero_torque",)),
 }
