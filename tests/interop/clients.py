@@ -206,7 +206,7 @@ def sofirpy(task: Task) -> Iterator[Row]:
         def do_step(self, time: float) -> None:
             self.at = min(self.at + 1, task.steps - 1)
 
-        def get_parameter_value(self, parameter_name: str) -> float:
+        def get_parameter_value(self, parameter_name: str) -> Any:
             return task.inputs[parameter_name][self.at]
 
         def set_parameter(self, parameter_name: str, parameter_value: float) -> None:
@@ -298,13 +298,15 @@ def fmusim_preloaded(task: Task) -> Iterator[Row]:
 
 @dataclass(frozen=True)
 class Client:
-    """A client, its package on PyPI, the module to import, and programs of the system with their Debian packages.
+    """A client, what pages call it, its package on PyPI, the module to import, and programs of the system with their
+    Debian packages.
 
     With `end` outputs are those before the inputs of the next step; else those that depend on inputs at once may
     already follow these.
     """
 
     run: Callable[[Task], Iterator[Row]]
+    title: str
     package: str
     module: str
     programs: tuple[tuple[str, str], ...] = ()
@@ -313,18 +315,18 @@ class Client:
 
 _TOOLBOX = ("fmu-manipulation-toolbox", "fmu_manipulation_toolbox")
 CLIENTS: Mapping[str, Client] = {
-    "fmpy": Client(fmpy, "fmpy", "fmpy"),
-    # fmpy's project asks for C++ too.
-    "rebuilt": Client(rebuilt, "fmpy", "fmpy", (("make", "make"), ("gcc", "gcc"), ("g++", "g++"))),
-    "libcosimpy": Client(libcosimpy, "libcosimpy", "libcosimpy"),
-    "ecospy": Client(ecospy, "ecospy", "ecospy", (("unzip", "unzip"),)),
-    "sofirpy": Client(sofirpy, "sofirpy", "sofirpy", end=False),
-    "pathsim": Client(pathsim, "pathsim-fmi", "pathsim_fmi"),
-    "fmuloader": Client(fmuloader, "fmuloader", "fmuloader"),
-    "fmutool": Client(fmutool, *_TOOLBOX),
-    "fmucontainer": Client(fmucontainer, *_TOOLBOX),
-    "fmusim": Client(fmusim, "", "fmpy"),
-    "fmusim_preloaded": Client(fmusim_preloaded, "", "fmpy"),
+    "fmpy": Client(fmpy, "fmpy", "fmpy", "fmpy"),
+    "rebuilt": Client(rebuilt, "fmpy: sources rebuilt by cmake", "fmpy", "fmpy",
+                      (("make", "make"), ("gcc", "gcc"), ("g++", "g++"))),  # the project asks for C++ too
+    "libcosimpy": Client(libcosimpy, "libcosim (libcosimpy)", "libcosimpy", "libcosimpy"),
+    "ecospy": Client(ecospy, "Ecos (ecospy)", "ecospy", "ecospy", (("unzip", "unzip"),)),
+    "sofirpy": Client(sofirpy, "sofirpy", "sofirpy", "sofirpy", end=False),
+    "pathsim": Client(pathsim, "pathsim-fmi", "pathsim-fmi", "pathsim_fmi"),
+    "fmuloader": Client(fmuloader, "fmuloader", "fmuloader", "fmuloader"),
+    "fmutool": Client(fmutool, "FMU Manipulation Toolbox: check", *_TOOLBOX),
+    "fmucontainer": Client(fmucontainer, "FMU Manipulation Toolbox: container", *_TOOLBOX),
+    "fmusim": Client(fmusim, "fmusim", "", "fmpy"),
+    "fmusim_preloaded": Client(fmusim_preloaded, "fmusim with libpython preloaded", "", "fmpy"),
 }
 CHECKS = ("fmutool",)
 """Those that run nothing."""

@@ -114,3 +114,27 @@ def compared(unit: Unit, client: str, found: Trajectory, expected: Trajectory) -
 def from_fmpy(unit: Unit, client: str, found: Trajectory, expected: Trajectory) -> float:
     """The largest difference of any output to fmpy's run, over its magnitude where that is above 1."""
     return difference(*compared(unit, client, found, expected))
+
+
+class Runs:
+    """FMUs and their runs in clients, each made once."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._outcomes: dict[tuple[str, str], Outcome] = {}
+
+    def fmu(self, unit: str) -> Path:
+        """The FMU, built on first use."""
+        folder = self._folder / unit
+        built = folder / "unit.fmu"
+        if not built.is_file():
+            folder.mkdir()
+            UNITS[unit].build(folder)
+        return built
+
+    def outcome(self, unit: str, client: str) -> Outcome:
+        """What a client made of it."""
+        if (unit, client) not in self._outcomes:
+            fmu = self.fmu(unit)
+            self._outcomes[unit, client] = run(client, fmu, UNITS[unit].task(), fmu.parent)
+        return self._outcomes[unit, client]

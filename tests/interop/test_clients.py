@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from importlib import metadata
-from pathlib import Path
 
 import pytest
 
+from tests.docs.recipes import ROOT
+from tests.docs.test_tables import script
 from tests.hosts.host import Trajectory, difference
 
 from . import matrix
@@ -20,37 +22,14 @@ PAIRS = [pytest.param(*pair, marks=[] if pair in QUICK else pytest.mark.slow) fo
 LIMIT = 0.002  # deg, of `emcas validate`
 
 
-class Runs:
-    """FMUs and their runs in clients, each made once."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._outcomes: dict[tuple[str, str], matrix.Outcome] = {}
-
-    def fmu(self, unit: str) -> Path:
-        """The FMU, built on first use."""
-        folder = self._folder / unit
-        built = folder / "unit.fmu"
-        if not built.is_file():
-            folder.mkdir()
-            UNITS[unit].build(folder)
-        return built
-
-    def outcome(self, unit: str, client: str) -> matrix.Outcome:
-        """What a client made of it."""
-        if (unit, client) not in self._outcomes:
-            fmu = self.fmu(unit)
-            self._outcomes[unit, client] = matrix.run(client, fmu, UNITS[unit].task(), fmu.parent)
-        return self._outcomes[unit, client]
-
-
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> Runs:
-    return Runs(tmp_path_factory.mktemp("interop"))
+def runs(tmp_path_factory: pytest.TempPathFactory) -> matrix.Runs:
+    return matrix.Runs(tmp_path_factory.mktemp("interop"))
 
 
 @pytest.mark.parametrize(("unit", "client"), PAIRS)
-def test_numbers_and_texts(unit: str, client: str, runs: Runs, record_property: Callable[[str, object], None]) -> None:
+def test_numbers_and_texts(unit: str, client: str, runs: matrix.Runs,
+                           record_property: Callable[[str, object], None]) -> None:
     """No output differs from fmpy's by a step: clients set inputs before the step they are for, and read after it.
 
     They count time their own way (nanoseconds, a running sum), to within 1e-15 s of fmpy's; the fastest output changes
@@ -82,13 +61,21 @@ def _to(table: Trajectory, row: int) -> Trajectory:
     return {name: values[:row] for name, values in table.items()}
 
 
-def test_back_ends_agree(runs: Runs) -> None:
+def test_back_ends_agree(runs: matrix.Runs) -> None:
     """The same equations on the same doubles through the same C library: 1e-12 as for another compiler's last bits."""
     assert difference(runs.outcome("python", "fmpy").found, runs.outcome("native", "fmpy").found) < 1e-12
 
 
 @pytest.mark.slow
-def test_the_loaded_ones_move(runs: Runs) -> None:
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="one of the clients needs Python 3.11")
+def test_the_page_has_these_numbers(runs: matrix.Runs) -> None:
+    tables, maker = script("make_tables"), script("make_clients")
+    text = (ROOT / "docs" / maker.PAGE).read_text(encoding="utf-8")
+    assert tables.renewed(text, maker.tables(runs)) == text, "run python docs/figures/make_clients.py"
+
+
+@pytest.mark.slow
+def test_the_loaded_ones_move(runs: matrix.Runs) -> None:
     """Where there is no reference, agreement says nothing of a fin that rests."""
     for name, unit in UNITS.items():
         if not unit.reference:

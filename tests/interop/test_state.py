@@ -49,7 +49,7 @@ def interpreters() -> list[str]:
     return [sys.executable, *([system] if (3, 10) <= version != sys.version_info[:2] else [])]
 
 
-@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("unit", [name for name in UNITS if name != "four3"])  # its names are of arrays
 def test_goes_on_bit_for_bit(unit: str, tmp_path: Path) -> None:
     """Saved to a file amid a step response; restored by a process that has set no parameter and made no step."""
     with zipfile.ZipFile(UNITS[unit].build(tmp_path)) as archive:

@@ -73,13 +73,13 @@ _FINS = [f"fin[{k}]." for k in (1, 2, 3, 4)]
 UNITS = {
     "native": Unit("native", _NATIVE, parameters={_ENCODER: False}),
     "python": Unit("Python", parameters={_ENCODER: False}),
-    "four": Unit("native, four fins", {**_NATIVE, "fins": 4}, commands=tuple(f + "fin_command" for f in _FINS),
+    "four": Unit("native four fins", {**_NATIVE, "fins": 4}, commands=tuple(f + "fin_command" for f in _FINS),
                  angles=tuple(f + "fin_angle" for f in _FINS), parameters={f + _ENCODER: False for f in _FINS}),
-    "options": Unit("native, `elastic+heat+homing+faults`", _NATIVE, "elastic+heat+homing+faults",
+    "options": Unit("native `elastic+heat+homing+faults`", _NATIVE, "elastic+heat+homing+faults",
                     loads=("aero_torque",), parameters={"homing.required": False}),
     "fmi3": Unit("FMI 3.0", {**_NATIVE, "fmi": "3"}, parameters={_ENCODER: False}),
-    "four3": Unit("FMI 3.0, four fins", {**_NATIVE, "fmi": "3", "fins": 4}, commands=("fins.fin_command",),
+    "four3": Unit("FMI 3.0 four fins", {**_NATIVE, "fmi": "3", "fins": 4}, commands=("fins.fin_command",),
                   angles=tuple(f"fins.fin_angle[{k}]" for k in (1, 2, 3, 4)),
                   parameters={f"fins.{_ENCODER}": [False] * 4}),
-    "electrohydraulic": Unit("native, `electrohydraulic`", _NATIVE, "electrohydraulic", loads=("aero_torque",)),
+    "electrohydraulic": Unit("native `electrohydraulic`", _NATIVE, "electrohydraulic", loads=("aero_torque",)),
 }
