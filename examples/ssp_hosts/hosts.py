@@ -14,7 +14,6 @@ one component to another arrives in the next step, in all three. Connectors of t
 from __future__ import annotations
 
 import importlib
-import re
 import zipfile
 from abc import ABC, abstractmethod
 from io import BytesIO
@@ -186,31 +185,23 @@ def _runnable(archive: Archive, structure: Structure) -> None:
 def _prepared(archive: Archive, file: str, host: str) -> dict[str, bytes]:
     """The archive with one variant, as the structure hosts open. All three know SystemStructure.ssd only.
 
-    For libcosim and Ecos without connections of the system's own connectors, which they refuse, and with the others
-    under the one prefix they know; for libcosim without connectors of enumerations. Raises SspError for a connection
-    between two of those.
+    For libcosim and Ecos without connections of the system's own connectors, which they refuse; for libcosim without
+    connectors of enumerations. Raises SspError for a connection between two of those.
     """
     contents = {name: data for name, data in archive.contents().items()
                 if not (name in archive.structures and name != file)}
     root = parse(contents.pop(file), file)
-    connections = root.find("ssd:System/ssd:Connections", NAMESPACES)
-    if host == "fmpy" or connections is None:
-        contents[DEFAULT] = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
-        return contents
-    for connection in list(connections):
-        if not (connection.get("startElement") and connection.get("endElement")):
-            connections.remove(connection)
+    if host != "fmpy":
+        for connection in root.findall("ssd:System/ssd:Connections/ssd:Connection", NAMESPACES):
+            if not (connection.get("startElement") and connection.get("endElement")):
+                connection.getparent().remove(connection)
     if host == "libcosimpy":
-        _without_enumerations(root, connections, file)
-    prefix = connections.prefix
-    if len(connections) == 0:
-        connections.getparent().remove(connections)
-    text = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
-    contents[DEFAULT] = re.sub(rf"(</?){prefix}:Connections\b".encode(), rb"\1ssd:Connections", text)
+        _without_enumerations(root, file)
+    contents[DEFAULT] = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
     return contents
 
 
-def _without_enumerations(root: Any, connections: Any, file: str) -> None:
+def _without_enumerations(root: Any, file: str) -> None:
     """Take out what libcosim ends the process over."""
     gone = set()
     for enumeration in root.findall(".//ssd:Component/ssd:Connectors/ssd:Connector/ssc:Enumeration", NAMESPACES):
@@ -218,7 +209,7 @@ def _without_enumerations(root: Any, connections: Any, file: str) -> None:
         connectors = connector.getparent()
         gone.add((connectors.getparent().get("name"), connector.get("name")))
         connectors.remove(connector)
-    for connection in connections:
+    for connection in root.findall("ssd:System/ssd:Connections/ssd:Connection", NAMESPACES):
         ends = [(connection.get(f"{side}Element"), connection.get(f"{side}Connector")) for side in ("start", "end")]
         if gone.intersection(ends):
             raise SspError(f"{file}: connection {' -> '.join('.'.join(map(str, end)) for end in ends)} is of an "
