@@ -47,9 +47,9 @@ def _starts(fins: Sequence[ParameterSet]) -> Entries:
 def parameter_sets(variants: Sequence[Variant], fmu_starts: Mapping[str, Value], *, border: bool) -> dict[str, bytes]:
     """Return the sets of all variants as files by name: one of each fin with all its parameters, named as the variant.
 
-    No host composes several sets, and OMSimulator, libcosim and Ecos know no prefix, so that none is split. `fmu_starts`
-    are the start values in the FMU by entry of the parameter file: a Boolean that is the same there is left out, as
-    fmpy takes every Boolean of a set for true. With a `border` there is one more with start values of its inputs.
+    None is split: libcosim and Ecos compose nothing, and OMSimulator knows no prefix. `fmu_starts` are the start values
+    in the FMU by entry of the parameter file: a Boolean that is the same there is left out, as fmpy takes every Boolean
+    of a set for true. With a `border` there is one more with start values of its inputs.
     """
     files: dict[str, bytes] = {}
 

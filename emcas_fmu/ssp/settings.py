@@ -82,8 +82,8 @@ def check_settings(structure: Structure, report: Report, model: str | None = Non
                     name, [*element.connectors, *beginnings], f"begin it with one of {', '.join(beginnings)}"))
                 continue
             if target.element is not element:
-                report.warning(structure.file, f"binding of {binding.file}", "is at a system and sets parameters of its "
-                               "components, which libcosim and Ecos pass over, and OMSimulator, too, if it has a prefix",
+                report.warning(structure.file, f"binding of {binding.file}", "is at a system and sets parameters of "
+                               "components, which libcosim and Ecos pass over; OMSimulator passes over a prefix",
                                "bind one set to each component")
             at, connectors = target.element, target.element.connectors
             if at.interface is None and at.type == "system" and target.name not in connectors:

@@ -70,16 +70,16 @@ class _Wiring:
             self.warning("ssd:Connections", "has connections of the system's own connectors, with which libcosim and "
                          "Ecos refuse the file", "run it with examples/ssp_hosts for these, or wire components only")
         if not self.prefix and system.annotations[:1] != [OMSIMULATOR]:
-            self.warning(f"system {system.name}", "does not begin its Annotations with OMSimulator's, without which that "
-                         "does not open the file", f"add an {OMSIMULATOR} annotation, as emcas ssp writes it")
+            self.warning(f"system {system.name}", "does not begin its Annotations with the one that OMSimulator needs "
+                         "to open the file", f"add an {OMSIMULATOR} annotation, as emcas ssp writes it")
         for name in system.connectors:
             if "." in name:
-                self.warning(f"connector {self.prefix}{name}", "of the system has a dot, with which OMSimulator refuses "
-                             "to run", f"name it {name.replace('.', '_')}")
+                self.warning(f"connector {self.prefix}{name}", "of the system has a dot, with which OMSimulator does "
+                             "not run", f"name it {name.replace('.', '_')}")
         for element in system.elements.values():
             if element.type != "system" and element.annotations:
-                self.warning(f"component {self.prefix}{element.name}", "has Annotations, with which OMSimulator refuses "
-                             "the file", "put them at its system")
+                self.warning(f"component {self.prefix}{element.name}", "has Annotations, with which OMSimulator "
+                             "refuses it", "put them at its system")
             for c in element.connectors.values():
                 if element.type != "system" and c.type == "Enumeration" and c.prefix == "ssd":
                     self.warning(f"connector {self.prefix}{element.name}.{c.name}", "is of an enumeration, over which "

@@ -1,8 +1,8 @@
 """From an FMU and parameters to an SSP archive; the same inputs give the same bytes.
 
 The system has several times the FMU, and by default nothing else: libcosim and Ecos refuse a structure in which a
-connector of the system itself is wired, fmpy's simulate_ssp does not run one without, and OMSimulator finds connections
-by the letters ``ssd:Connections`` as they do, so that none can be hidden from one of them.
+connector of the system itself is wired. They find connections by the letters ``ssd:Connections``, but so does
+OMSimulator, which refuses any other prefix, so that these cannot be hidden from them. fmpy's simulate_ssp needs them.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from .interface import Interface, read_interface, typed
 from .schema import ANNOTATION, DEFAULT, FMU, NOMINAL, SspError, render
 from .sets import fmi_units, parameter_sets, started
 from .variants import Variant, derived, without_shipped
+
 
 @dataclass(frozen=True)
 class Written:

@@ -151,14 +151,14 @@ def test_warnings(edited: Edit) -> None:
 
 
 @pytest.mark.parametrize(("old", "new", "expected"), [
-    ("ssd:Connections", "emcas:Connections", "emcas:Connections: libcosim and Ecos pass over all in it, and OMSimulator"),
+    ("ssd:Connections", "emcas:Connections", "emcas:Connections: libcosim and Ecos pass over all in it, and"),
     ('"attitude_roll"', '"attitude.roll"', "connector attitude.roll: of the system has a dot, with which OMSimulator"),
-    ('type="org.openmodelica"', 'type="org.example"', "system EMCAS: does not begin its Annotations with OMSimulator's"),
+    ('type="org.openmodelica"', 'type="org.example"', "system EMCAS: does not begin its Annotations with the one that"),
     ("</ssd:ParameterBindings></ssd:Component>", "</ssd:ParameterBindings><ssd:Annotations>"
      '<ssc:Annotation type="org.example"/></ssd:Annotations></ssd:Component>',
-     "component fin1: has Annotations, with which OMSimulator refuses the file"),
+     "component fin1: has Annotations, with which OMSimulator refuses it"),
     ('source="resources/nominal_system.ssv"', 'source="resources/nominal_fin1.ssv" prefix="fin1."',
-     "binding of resources/nominal_fin1.ssv: is at a system and sets parameters of its components"),
+     "binding of resources/nominal_fin1.ssv: is at a system and sets parameters of components"),
 ])
 def test_what_a_host_is_known_not_to_read(edited: Edit, old: str, new: str, expected: str) -> None:
     spaces = ('xmlns:emcas="urn:emcas-fmu:ssp"', f'xmlns:emcas="{SSD}"') if "emcas:C" in new else ()
