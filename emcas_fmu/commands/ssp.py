@@ -24,6 +24,7 @@ from .common import (
 EPILOG = ("Examples:\n\n  emcas ssp --output EMCAS.ssp\n\n  emcas ssp --fmu EMCAS.fmu --layout plus"
           "\n\n  emcas ssp --model elastic+faults --variant jammed=jammed.toml"
           "\n\n  emcas ssp -p my_actuator.toml --fin 2=second.toml --variant hot=hot.toml"
+          "\n\n  emcas ssp --system-connectors --output wired.ssp"
           "\n\n  emcas ssp check EMCAS.ssp\n\n  emcas ssp check vehicle.ssp --fmu EMCAS.fmu --json findings.json")
 _CHECK = ("Examples:\n\n  emcas ssp check EMCAS.ssp\n\n  emcas ssp check vehicle.ssp --fmu EMCAS.fmu"
           "\n\n  emcas ssp check vehicle.ssp --json findings.json")
