@@ -24,6 +24,7 @@ from .common import (
 EPILOG = ("Examples:\n\n  emcas ssp --output EMCAS.ssp\n\n  emcas ssp --fmu EMCAS.fmu --layout plus"
           "\n\n  emcas ssp --model elastic+faults --variant jammed=jammed.toml"
           "\n\n  emcas ssp -p my_actuator.toml --fin 2=second.toml --variant hot=hot.toml"
+          "\n\n  emcas ssp --system-connectors --output wired.ssp"
           "\n\n  emcas ssp check EMCAS.ssp\n\n  emcas ssp check vehicle.ssp --fmu EMCAS.fmu --json findings.json")
 _CHECK = ("Examples:\n\n  emcas ssp check EMCAS.ssp\n\n  emcas ssp check vehicle.ssp --fmu EMCAS.fmu"
           "\n\n  emcas ssp check vehicle.ssp --json findings.json")
@@ -49,9 +50,9 @@ def write(
     variant: Annotated[list[str] | None, typer.Option(help="A further variant, or another cold or degraded; the file "
                                                            "is like models/degraded.toml.",
                                                       metavar="NAME=FILE")] = None,
-    prefix: Annotated[str, typer.Option("--connections-prefix", help="XML prefix of Connections. Tools that look for "
-                                        "'ssd' letter by letter need ssd; libcosim and Ecos refuse that.",
-                                       metavar="PREFIX")] = "wiring",
+    border: Annotated[bool, typer.Option("--system-connectors", help="Wire the fins to connectors of the system, such "
+                                         "as fin1_fin_command, as fmpy's simulate_ssp needs it; libcosim and Ecos "
+                                         "refuse that.")] = False,
 ) -> None:
     """Write an SSP 1.0 archive with variants nominal, cold and degraded.
 
@@ -68,7 +69,7 @@ def write(
         of_fins, of_variants = fin_files(fin or []), variant_files(variant or [])
         check_outputs(output, inputs=(fmu, *(parameters or ()), *of_fins.values(), *of_variants.values()))
         written = write_ssp(output, fmu, parameters, fins=fins, layout=layout, fin_files=of_fins,
-                            variant_files=of_variants, prefix=prefix, model=model,
+                            variant_files=of_variants, border=border, model=model,
                             progress=stepper(progress, "compile"))
     out.print(f"written {escape(str(output))}  {output.stat().st_size / 1024:.0f} KiB  {fins} fins, FMU {written.guid}",
               highlight=False, soft_wrap=True)

@@ -26,6 +26,9 @@ on Linux, preload the Python library, for example
     LD_PRELOAD=libpython3.11.so host ...
 
 on Windows put the folder of python3.dll on PATH. No Python package is needed: neither NumPy nor any other.
+
+The code is read from the folder that the host names to fmi2Instantiate: as a path, or as file:// and a path, with
+no other letter in percent than %20. Without it the host's process ends.
 """
 
 

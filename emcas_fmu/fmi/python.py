@@ -26,15 +26,17 @@ _EMBEDDED = ("fmi/__init__.py", "fmi/fmi2/__init__.py", "fmi/fmi2/slave.py", "ru
              "runtime/core.py", "rules.py")
 _SEVERAL = ("fmi/fmi2/multi_fin_slave.py", "runtime/multi_fin.py")
 _PACKAGE = Path(__file__).resolve().parent.parent
-_OPTIONS = {"needsExecutionTool": True, "canHandleVariableCommunicationStepSize": True, "canInterpolateInputs": False,
+_OPTIONS = {"needsExecutionTool": False, "canHandleVariableCommunicationStepSize": True, "canInterpolateInputs": False,
             "canBeInstantiatedOnlyOncePerProcess": False, "canGetAndSetFMUstate": True, "canSerializeFMUstate": True}
 # For the page in the FMU: how this back end answers its host.
 NOTES = (
     "This unit computes in Python: its host's process must have Python 3.10 or later loaded, as "
     "<code>externalDependencies.txt</code> says.",
     "Inputs are held over a step: this unit does not interpolate them and takes no input derivatives.",
-    "A call out of place or an input that is not finite is logged, and the next step is answered with "
-    "<code>fmi2Discard</code>, the state unchanged. So is a step that cannot be followed.",
+    "A call out of place, a write to what cannot be set, or an input that is not finite is logged, and the next step "
+    "is answered with <code>fmi2Discard</code>, the state unchanged. So is a step that cannot be followed.",
+    "A reference that is unknown or of another type is logged where it is used and harms no step: what is read is NaN, "
+    "0 or false; a write goes nowhere, which standard error tells, too.",
     "Parameters out of range are logged at the end of initialization, which returns <code>fmi2OK</code>; every step is "
     "then discarded. A wrong GUID is not noticed.",
 )

@@ -13,7 +13,7 @@ from .findings import Report
 from .interface import Interface, read_interface
 from .schema import DEFAULT, FMU, SspError
 from .settings import check_settings
-from .structure import Element, OnProblem, elements, read_set, read_structure
+from .structure import Element, OnProblem, elements, read_structure
 from .wiring import check_wiring
 
 T = TypeVar("T")
@@ -39,11 +39,6 @@ def check(path: Path, guid: str | None = None, fmu: Path | None = None, model: s
         report.error(path.name, "", f"has no {DEFAULT} at its root", "add one: it is what a host opens")
     structures = list(filter(None, (_read(read_structure, archive, file, report) for file in archive.structures)))
     report.variants = tuple(s.name for s in structures)
-    bound = {b.file for s in structures for _, element in (("", s.system), *elements(s.system))
-             for b in element.bindings}
-    # The parameter sets no structure binds, for hosts to which they are given by hand.
-    loose = list(filter(None, (_read(read_set, archive, file, report) for file in archive.names
-                               if file.endswith(".ssv") and file not in bound)))
     interfaces: dict[str, Interface | None] = {}
     for structure in structures:
         for name, component in elements(structure.system):
@@ -53,7 +48,7 @@ def check(path: Path, guid: str | None = None, fmu: Path | None = None, model: s
                 _guid(structure.file, place, component, component.interface, guid, report)
                 structure.units = {**component.interface.units, **structure.units}
         check_wiring(structure, report)
-        check_settings(structure, [b for b in loose if b.name == structure.name], report, model)
+        check_settings(structure, report, model)
     return report
 
 

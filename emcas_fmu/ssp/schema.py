@@ -15,6 +15,7 @@ from ..errors import EmcasError
 _BASE = "http://ssp-standard.org/SSP1/SystemStructure"
 SSD, SSC, SSV = f"{_BASE}Description", f"{_BASE}Common", f"{_BASE}ParameterValues"
 NAMESPACES = {"ssd": SSD, "ssc": SSC, "ssv": SSV, "osp": "http://opensimulationplatform.com/SSP/OSPAnnotations",
+              "oms": "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd",
               "emcas": "urn:emcas-fmu:ssp"}  # the last of the annotation that records an FMU's GUID
 ANNOTATION = "emcas-fmu"  # its type
 DEFAULT = "SystemStructure.ssd"  # the structure a host opens by default

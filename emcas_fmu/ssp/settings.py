@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from ..actuators import NONLINEAR, get
@@ -64,14 +64,10 @@ def _values(path: str, element: Element, binding: Binding) -> Values:
     return values
 
 
-def check_settings(structure: Structure, loose: Sequence[Binding], report: Report, model: str | None = None) -> None:
-    """Check all parameter sets of a structure, and the `loose` ones with hierarchical names that belong to it.
-
-    `model` is the actuator of those FMUs that do not tell their own.
-    """
+def check_settings(structure: Structure, report: Report, model: str | None = None) -> None:
+    """Check all parameter sets of a structure; `model` is the actuator of those FMUs that do not tell their own."""
     bound = list(_bindings(structure))
-    unbound = [("", structure.system, b) for b in loose]
-    for path, element, binding in (*bound, *unbound):
+    for path, element, binding in bound:
         if binding.mapped:
             report.warning(structure.file, f"binding of {binding.file}", "has a ParameterMapping, which is not checked",
                            "check it yourself; libcosim, Ecos and fmpy ignore it")
@@ -85,6 +81,10 @@ def check_settings(structure: Structure, loose: Sequence[Binding], report: Repor
                 report.error(binding.file, place, "is of no element of the system", nearest(
                     name, [*element.connectors, *beginnings], f"begin it with one of {', '.join(beginnings)}"))
                 continue
+            if target.element is not element:
+                report.warning(structure.file, f"binding of {binding.file}", "is at a system and sets parameters of "
+                               "components, which libcosim and Ecos pass over; OMSimulator passes over a prefix",
+                               "bind one set to each component")
             at, connectors = target.element, target.element.connectors
             if at.interface is None and at.type == "system" and target.name not in connectors:
                 report.error(binding.file, place, f"the system has no connector {target.name}",
@@ -94,7 +94,6 @@ def check_settings(structure: Structure, loose: Sequence[Binding], report: Repor
     files = {structure.file, *(binding.file for _, _, binding in bound)}
     if not any(f.file in files for f in report.errors):  # else combinations of wrong numbers
         _check_combinations(structure, report, model)
-    _check_agreement(structure, bound, unbound, report)
 
 
 def _fed(target: Target) -> Target | None:
@@ -150,21 +149,6 @@ def _check_variable(structure: Structure, binding: Binding, setting: Setting, pl
     if not isinstance(value, (str, bool)) and not port.minimum <= value <= port.maximum:
         report.error(binding.file, place, f"is {setting.value} {port.unit}, outside {port.minimum:g} .. "
                      f"{port.maximum:g}", "give a value within the limits")
-
-
-def _check_agreement(structure: Structure, bound: Sequence[Bound], unbound: Sequence[Bound], report: Report) -> None:
-    """Sets for hosts that do not compose must say what the composed ones do, or hosts run different systems."""
-    composed: Values = {}
-    for path, element, binding in bound:
-        if element.elements:
-            composed.update(_values(path, element, binding))
-    for path, element, binding in (*(b for b in bound if not b[1].elements), *unbound):
-        for (component, name), value in _values(path, element, binding).items():
-            if composed.get((component, name), value) != value:
-                report.warning(binding.file, f"parameter {'.'.join(filter(None, (component, name)))}",
-                               f"is {value}, but {composed[component, name]} by the sets {structure.file} binds to its "
-                               "system: hosts that read the one or the other differ",
-                               "change both, or write the archive anew from a parameter file")
 
 
 def _check_combinations(structure: Structure, report: Report, otherwise: str | None) -> None:

@@ -73,6 +73,7 @@ class Binding:
 class Element:
     """A component, a system or a signal dictionary's reference (type ``dictionary``).
 
+    `guid` is that of the FMU the archive was written for, as its system records it, `annotations` are their types;
     `interface` is that of a component's FMU, once a check has read it.
     """
 
@@ -85,6 +86,7 @@ class Element:
     elements: dict[str, Element] = field(default_factory=dict)
     connections: list[Connection] = field(default_factory=list)
     connections_prefix: str = ""
+    annotations: list[str] = field(default_factory=list)
     interface: Interface | None = None
 
 
@@ -175,10 +177,12 @@ def _element(node: Any, archive: Archive, file: str, on_problem: OnProblem) -> E
             element.bindings.append(_binding(child, archive, file, on_problem))
         except SspError as error:
             on_problem(file, f"parameter binding of {element.name}: {error}")
-    recorded = node.find(f"ssd:Annotations/ssc:Annotation[@type='{ANNOTATION}']/emcas:Fmu", NAMESPACES)
-    element.guid = "" if recorded is None else recorded.get("guid", "")
+    element.annotations = [a.get("type", "") for a in node.iterfind("ssd:Annotations/ssc:Annotation", NAMESPACES)]
+    recorded = {fmu.get("source"): fmu.get("guid", "") for fmu in node.iterfind(
+        f"ssd:Annotations/ssc:Annotation[@type='{ANNOTATION}']/emcas:Fmu", NAMESPACES)}
     for child in node.iterfind("ssd:Elements/*", NAMESPACES):
         inner = _element(child, archive, file, on_problem)
+        inner.guid = recorded.get(inner.source, "")
         if inner.name in element.elements:
             on_problem(file, f"{element.name}: there are two elements named {inner.name}")
         element.elements[inner.name] = inner
@@ -205,19 +209,15 @@ def _binding(node: Any, archive: Archive, file: str, on_problem: OnProblem) -> B
     source = node.get("source")
     mapped = node.find("ssd:ParameterMapping", NAMESPACES) is not None
     if source is not None:
-        return read_set(archive, normpath(unquote(source)), on_problem, node.get("prefix", ""), mapped)
+        name = normpath(unquote(source))
+        root = parse(archive.read(name), name)
+        if root.tag != f"{{{SSV}}}ParameterSet":
+            raise SspError(f"{name}: is not a parameter set")
+        return _set(root, name, on_problem, node.get("prefix", ""), mapped)
     inline = node.find("ssd:ParameterValues/ssv:ParameterSet", NAMESPACES)
     if inline is None:
         raise SspError("has neither a source nor values")
     return _set(inline, file, on_problem, node.get("prefix", ""), mapped)
-
-
-def read_set(archive: Archive, file: str, on_problem: OnProblem, prefix: str = "", mapped: bool = False) -> Binding:
-    """Read a parameter set of its own file. Raises SspError if nothing can be made of it."""
-    root = parse(archive.read(file), file)
-    if root.tag != f"{{{SSV}}}ParameterSet":
-        raise SspError(f"{file}: is not a parameter set")
-    return _set(root, file, on_problem, prefix, mapped)
 
 
 def _set(root: Any, file: str, on_problem: OnProblem, prefix: str, mapped: bool) -> Binding:

@@ -12,7 +12,7 @@ from ..files import models_directory
 from ..fmi.interface import require_shared
 from ..parameters import ParameterError, ParameterSet
 from ..schema import In, document
-from .schema import NOMINAL, SspError
+from .schema import DEFAULT, NOMINAL, SspError
 
 SHIPPED = ("cold", "degraded")  # variants, each a file among the models
 EVERY_FIN = "every_fin"
@@ -39,9 +39,9 @@ def variant_files(arguments: Sequence[str]) -> dict[str, Path]:
         name, separator, file = text.partition("=")
         if not separator or not file:
             raise SspError(f"--variant {text}: expected NAME=FILE, such as --variant hot=hot.toml")
-        if not _NAME.fullmatch(name) or name in (NOMINAL, "shared", "inputs", "flat") or re.fullmatch(r"fin\d+", name):
-            raise SspError(f"--variant {text}: {name!r} cannot name a variant; take a word other than {NOMINAL}, "
-                           "shared, inputs, flat and fin1 ...")
+        if not _NAME.fullmatch(name) or f"{name}.ssd" in (f"{NOMINAL}.ssd", DEFAULT):
+            raise SspError(f"--variant {text}: {name!r} cannot name a variant; take a word other than {NOMINAL} and "
+                           f"{DEFAULT.removesuffix('.ssd')}")
         files[name] = Path(file)
     return files
 

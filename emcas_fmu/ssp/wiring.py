@@ -12,6 +12,7 @@ from .interface import Interface
 from .structure import Connection, Connector, Element, Structure, systems
 from .units import Unit, conversion
 
+OMSIMULATOR = "org.openmodelica"  # the type of its annotation
 _ROLES = {"input": "sink", "parameter": "sink", "output": "source", "calculatedParameter": "source"}
 
 
@@ -57,20 +58,28 @@ class _Wiring:
         self.unused(system, used)
 
     def hosts(self, system: Element) -> None:
-        """Warn of what libcosim and Ecos, which compare prefixes letter by letter, do not do."""
+        """Warn of what libcosim, Ecos and OMSimulator, which compare prefixes letter by letter, do not do."""
         if self.prefix:
             self.warning(f"system {self.prefix[:-1]}", "is within a system, which libcosim refuses and Ecos passes "
                          "over", "put its components into the outermost one for these")
         inner = [c for c in system.connections if c.start[0] and c.end[0]]
-        if system.connections_prefix != "ssd" and inner:
-            self.warning(self.place(inner[0]), f"is below {system.connections_prefix}:Connections, which libcosim and "
-                         "Ecos pass over, as are all between components there",
-                         "run the archive with examples/ssp_hosts for these")
-        if system.connections_prefix == "ssd" and len(inner) < len(system.connections):
+        if system.connections_prefix != "ssd" and system.connections:
+            self.warning(f"{system.connections_prefix}:Connections", "libcosim and Ecos pass over all in it, and "
+                         "OMSimulator refuses the file", "write ssd:Connections")
+        elif len(inner) < len(system.connections):
             self.warning("ssd:Connections", "has connections of the system's own connectors, with which libcosim and "
-                         "Ecos refuse the file", "run it with examples/ssp_hosts for these, or give the element "
-                         "another prefix for the same namespace")
+                         "Ecos refuse the file", "run it with examples/ssp_hosts for these, or wire components only")
+        if not self.prefix and system.annotations[:1] != [OMSIMULATOR]:
+            self.warning(f"system {system.name}", "does not begin its Annotations with the one that OMSimulator needs "
+                         "to open the file", f"add an {OMSIMULATOR} annotation, as emcas ssp writes it")
+        for name in system.connectors:
+            if "." in name:
+                self.warning(f"connector {self.prefix}{name}", "of the system has a dot, with which OMSimulator does "
+                             "not run", f"name it {name.replace('.', '_')}")
         for element in system.elements.values():
+            if element.type != "system" and element.annotations:
+                self.warning(f"component {self.prefix}{element.name}", "has Annotations, with which OMSimulator "
+                             "refuses it", "put them at its system")
             for c in element.connectors.values():
                 if element.type != "system" and c.type == "Enumeration" and c.prefix == "ssd":
                     self.warning(f"connector {self.prefix}{element.name}.{c.name}", "is of an enumeration, over which "
@@ -170,7 +179,12 @@ class _Wiring:
                          'add suppressUnitConversion="true"')
 
     def unused(self, system: Element, used: set[tuple[str, str]]) -> None:
-        """Warn of inputs nothing is wired to, and of connectors of the system that lead nowhere."""
+        """Warn of inputs nothing is wired to, and of connectors of the system that lead nowhere.
+
+        In a system of components alone a host feeds the inputs.
+        """
+        if not self.prefix and not system.connections and not system.connectors:
+            return
         for element in system.elements.values():
             ports = element.interface.ports if element.interface else {}
             inputs = [p.name for p in ports.values() if p.causality == "input"] if element.interface else [

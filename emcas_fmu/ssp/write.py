@@ -1,14 +1,13 @@
 """From an FMU and parameters to an SSP archive; the same inputs give the same bytes.
 
-The system has several times the FMU, wired to connectors of its own. These are named as the variables of a unit with
-several fins: those of a fin are ``fin[1].fin_angle`` and so on, shared inputs stand by their own names. (Names such as
-fin1.fin_angle would be those of the components' connectors: fmpy tells the two apart by nothing else.)
+The system has several times the FMU, and by default nothing else: libcosim and Ecos refuse a structure in which a
+connector of the system itself is wired. They find connections by the letters ``ssd:Connections``, but so does
+OMSimulator, which refuses any other prefix, so that these cannot be hidden from them. fmpy's simulate_ssp needs them.
 """
 
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,17 +21,13 @@ from ..fmi.package import build
 from ..parameters import Value, load_parameters
 from ..progress import Progress
 from .archive import file_content, write_archive
+from .border import wires
 from .check import check
 from .findings import Report
 from .interface import Interface, read_interface, typed
 from .schema import ANNOTATION, DEFAULT, FMU, NOMINAL, SspError, render
-from .sets import fmi_units, parameter_sets, shared_inputs, started
+from .sets import fmi_units, parameter_sets, started
 from .variants import Variant, derived, without_shipped
-
-# libcosim and Ecos look for "ssd:Connections" letter by letter and refuse a file with connections of the system's own
-# connectors in it, and libcosim ends the process over a connector of an enumeration. Under another prefix for the same
-# namespace they pass both over, and readers of XML see no difference.
-PREFIX = "wiring"
 
 
 @dataclass(frozen=True)
@@ -50,21 +45,19 @@ class Written:
 
 def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] | None = None, *, fins: int = 4,
               layout: str = "cross", fin_files: Mapping[int, Path] | None = None,
-              variant_files: Mapping[str, Path] | None = None, prefix: str = PREFIX,
+              variant_files: Mapping[str, Path] | None = None, border: bool = False,
               model: str | None = None, progress: Progress | None = None) -> Written:
     """Write the archive of a system of `fins` actuators to `output`, whole or not at all, and check it.
 
     `fmu` is built, native, of the `model` (:mod:`emcas_fmu.actuators`) and the parameters if not given; the fins'
     parameters are those of the files `parameters`, or those the FMU starts with. `fin_files` and `variant_files` are
-    parameter files by number of the fin and by name of the variant. Raises EmcasError; SspError if what was written
-    does not pass its own check.
+    parameter files by number of the fin and by name of the variant. With a `border` the fins are wired to connectors of
+    the system. Raises EmcasError; SspError if what was written does not pass its own check.
     """
     if output.suffix != ".ssp":
         raise SspError(f"{output}: the output must end in .ssp")
     if output.is_dir() or not output.parent.is_dir():
         raise SspError(f"{output}: {'is a folder' if output.is_dir() else f'there is no folder {output.parent}'}")
-    if not re.fullmatch(r"[A-Za-z]\w*", prefix) or prefix in ("ssc", "ssv", "osp", "emcas", "xml", "xmlns"):
-        raise SspError(f"--connections-prefix {prefix}: expected a word other than ssc, ssv, osp, emcas and xml")
     if fmu is not None:
         content = file_content(fmu)
         interface = read_interface(content, str(fmu))
@@ -80,16 +73,17 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
         with TemporaryDirectory() as folder:
             content = build(base, Path(folder) / "EMCAS.fmu", "native", progress=progress).path.read_bytes()
         interface = read_interface(content, "EMCAS.fmu")
-    sets, bindings = parameter_sets(variants, _starts(interface, str(fmu), base.model), base)
     name = f"{interface.model}.fmu"
+    sets = parameter_sets(variants, _starts(interface, str(fmu), base.model), border=border)
     contents = {f"resources/{file}": data for file, data in {**sets, name: content}.items()}
     unit = FmuInterface(1, base.model)
     variables = unit.inputs + unit.outputs
+    outside = list(wires(base.model, built.names)) if border else []
     for variant in variants:
         contents[DEFAULT if variant.name == NOMINAL else f"{variant.name}.ssd"] = render(
             "structure.xml.j2", name=variant.name, description=describe(unit), type=FMU, fmu=name, guid=interface.guid,
-            annotation=ANNOTATION, prefix=prefix, fins=variant.names, bindings=bindings[variant.name],
-            inputs=unit.inputs, outputs=unit.outputs, shared=shared_inputs(base.model),
+            annotation=ANNOTATION, fins=variant.names, variables=variables, wires=outside,
+            connectors={wire.outer: wire.variable for wire in outside},
             enumerations={v.name: v for v in variables if v.items}.values(), units=fmi_units(variables),
             stop=STOP_TIME, step=STEP_SIZE)
     partial = output.with_name(f".{output.stem}.{os.getpid()}.ssp")

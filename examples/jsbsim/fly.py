@@ -71,7 +71,7 @@ def fly(
     bus_voltage: Annotated[float | None, typer.Option(
         help="Of the bus's source in V; what the FMU, or the archive, starts with if not given.", metavar="V")] = None,
     mixing: Annotated[bool, typer.Option("--mixing", help="Let a unit of four mix roll, pitch and yaw.")] = False,
-    host: Annotated[Host | None, typer.Option(help="Fly four single FMUs wired by an SSP in this master, too.")] = None,
+    host: Annotated[Host | None, typer.Option(help="Fly the four single FMUs of an SSP in this master, too.")] = None,
     ssp: Annotated[Path | None, typer.Option(help="The archive for --host; made of the model if not given.",
                                              metavar="FILE.ssp")] = None,
     variant: Annotated[str, typer.Option(help="Of --ssp.", metavar="NAME")] = "nominal",

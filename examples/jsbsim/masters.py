@@ -1,4 +1,4 @@
-"""The fins moved by a single FMU four times as an SSP archive wires them, under fmpy, libcosim or Ecos."""
+"""The fins moved by a single FMU four times as an SSP archive has it, under fmpy, libcosim or Ecos."""
 
 from __future__ import annotations
 
@@ -35,10 +35,12 @@ from .vehicle import AZIMUTHS, FINS, STATION, Array
 MASTERS = {"fmpy": "fmpy", "libcosim": "libcosimpy", "ecos": "ecospy"}
 """Names here, and those of the Python packages."""
 VARIANT = "rocket"
-_INPUTS = (*((origin, f"fin[{k}].{name}", unit, place + k - 1)
-             for k in FINS for origin, name, unit, place in OWN_INPUTS), *SHARED_INPUTS)
-_OUTPUTS = tuple((f"fin[{k}].{name}", unit) for k in FINS for name, unit in OUTPUTS)
-_FLAGS = tuple(f"fin[{k}].{FLAG}" for k in FINS)
+_INPUTS = (*((origin, f"fin{k}.{name}", unit, place + k - 1)
+             for k in FINS for origin, name, unit, place in OWN_INPUTS),
+           *((origin, f"fin{k}.{name}", unit, place)
+             for k in FINS for origin, name, unit, place in SHARED_INPUTS))
+_OUTPUTS = tuple((f"fin{k}.{name}", unit) for k in FINS for name, unit in OUTPUTS)
+_FLAGS = tuple(f"fin{k}.{FLAG}" for k in FINS)
 
 
 def write_archive(path: Path, fmu: Path) -> Path:
@@ -60,14 +62,14 @@ class InMaster:
         """Start `variant` with a step [s] on a bus of `bus_voltage` [V], or on the supply that the variant starts with.
 
         Raises EmcasError where the master is unknown, absent or refuses, and naming the connection where the archive's
-        system has no connector for it, or one in another unit.
+        fins have no connector for it, or one in another unit.
         """
         if master not in MASTERS:
             raise EmcasError(f"there is no master {master!r}; there is {', '.join(MASTERS)}")
         structure = _checked(ssp, variant)
         self._line = _line(structure)
         require_bus(ssp, self._line, bus_voltage)
-        start = effective(structure).get(("", self._line), nan)
+        start = effective(structure).get(("fin1", self._line), nan)
         self._supply = require_supply(ssp, self._line, float(start) if bus_voltage is None else bus_voltage)
         self._ssp, self._system = ssp, hosts.open(ssp, MASTERS[master], variant, step)
 
@@ -92,16 +94,17 @@ class InMaster:
 
 
 def _line(structure: Structure) -> str:
-    return line_of(structure.system.connectors) or VOLTAGE
+    return line_of({name for element in structure.system.elements.values() for name in element.connectors}) or VOLTAGE
 
 
 def _checked(ssp: Path, variant: str) -> Structure:
     """The variant's structure, with all that is wired."""
     structure = read_variant(ssp, variant)
-    connectors = structure.system.connectors
+    connectors = {f"{fin}.{name}": connector for fin, element in structure.system.elements.items()
+                  for name, connector in element.connectors.items()}
     supply = _line(structure)
     wanted = [*((f"{origin} -> {name}", name, "input", unit) for origin, name, unit, _ in _INPUTS),
-              (f"source -> {supply}", supply, "input", LINES[supply][0][1]),
+              *((f"source -> fin{k}.{supply}", f"fin{k}.{supply}", "input", LINES[supply][0][1]) for k in FINS),
               *((f"{name} -> rocket", name, "output", unit) for name, unit in _OUTPUTS),
               *((f"{name} -> figures", name, "output", "") for name in _FLAGS)]
     for what, name, kind, unit in wanted:

@@ -1,19 +1,19 @@
 """An SSP in one of three hosts, under one interface, for use in a loop.
 
     with hosts.open(Path("EMCAS.ssp"), "libcosimpy", variant="cold", step=1e-3) as system:
-        system.set("fin[1].fin_command", 0.1)
+        system.set("fin1.fin_command", 0.1)
+        system.set("supply_voltage", 36.0)  # of every component that has such an input
         system.step()
-        angle = system.get("fin[1].fin_angle")
+        angle = system.get("fin1.fin_angle")
 
-Names are those of the system's connectors, wired as the SSP says; parameters are those of the variant. What is set
-before a step holds in that step and after it, and what is read is of the step's end: no host adds a delay there.
-A signal wired from one component to another arrives in the next step, in all three.
+Names are those of the components and their connectors; parameters are those of the variant. What is set before a step
+holds in that step and after it, and what is read is of the step's end: no host adds a delay there. A signal wired from
+one component to another arrives in the next step, in all three. Connectors of the system itself are passed over.
 """
 
 from __future__ import annotations
 
 import importlib
-import re
 import zipfile
 from abc import ABC, abstractmethod
 from io import BytesIO
@@ -32,7 +32,7 @@ from emcas_fmu.ssp.archive import Archive, write_archive
 from emcas_fmu.ssp.check import check
 from emcas_fmu.ssp.findings import nearest
 from emcas_fmu.ssp.schema import DEFAULT, NAMESPACES, NOMINAL, SspError, parse
-from emcas_fmu.ssp.structure import Connection, Structure, read_variant
+from emcas_fmu.ssp.structure import Structure, read_variant
 
 # Python package of each host, with the module here and what installs it.
 HOSTS = {"fmpy": ("in_fmpy", "pip install fmpy"), "libcosimpy": ("in_libcosim", "pip install libcosimpy"),
@@ -51,26 +51,20 @@ class System(ABC):
         self._pending: dict[End, Value] = {}
         self._withheld: dict[str, str] = {}  # outputs this host cannot read, and why
         for connection in structure.system.connections:
-            self._wire(structure, connection)
-
-    def _wire(self, structure: Structure, connection: Connection) -> None:
-        start, end = connection.start, connection.end
-        if connection.transformation is not None:
-            raise SspError(f"{structure.file}: connection {connection} has a transformation, which is not supported "
-                           "here; convert where the value is made")
-        if start[0] and end[0]:
-            self._inner.append((start, end))
-            return
-        # Start and end say nothing of the direction: the kind of the system's connector does.
-        outer, inner = (start, end) if not start[0] else (end, start)
-        connector = structure.system.connectors.get(outer[1])
-        if connector is None or not inner[0]:
-            raise SspError(f"{structure.file}: connection {connection}: has no end at a component, or none that is "
-                           "declared; see emcas ssp check")
-        if connector.kind == "output":
-            self._outputs[outer[1]] = inner
-        else:
-            self._inputs.setdefault(outer[1], []).append(inner)
+            if connection.start[0] and connection.end[0]:
+                if connection.transformation is not None:
+                    raise SspError(f"{structure.file}: connection {connection} has a transformation, which is not "
+                                   "supported here; convert where the value is made")
+                self._inner.append((connection.start, connection.end))
+        fed = {end for _, end in self._inner}
+        for component, element in structure.system.elements.items():
+            for name, connector in element.connectors.items():
+                end, label = (component, name), f"{component}.{name}"
+                if connector.kind == "output":
+                    self._outputs[label] = end
+                elif connector.kind == "input" and end not in fed:
+                    self._inputs[label] = [end]
+                    self._inputs.setdefault(name, []).append(end)
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -88,7 +82,10 @@ class System(ABC):
         return self.steps * self.step_size
 
     def set(self, name: str, value: Value) -> None:
-        """Set an input for the next step and those after it, at every component it is wired to. Raises SspError."""
+        """Set an input, ``fin1.fin_command``, for the next step and those after it.
+
+        Without a component, ``supply_voltage``, it is that of every one that has it. Raises SspError.
+        """
         if name not in self._inputs:
             raise SspError(f"the system has no input {name!r}; {nearest(name, self._inputs, 'see inputs')}")
         if not isfinite(value):  # an FMU refuses it, and Ecos goes on as if nothing were
@@ -188,31 +185,23 @@ def _runnable(archive: Archive, structure: Structure) -> None:
 def _prepared(archive: Archive, file: str, host: str) -> dict[str, bytes]:
     """The archive with one variant, as the structure hosts open. All three know SystemStructure.ssd only.
 
-    For libcosim and Ecos without the connections of the system's own connectors, which they cannot have, and with
-    the others under the one prefix they know; for libcosim without connectors of enumerations. Raises SspError for a
-    connection between two of those.
+    For libcosim and Ecos without connections of the system's own connectors, which they refuse; for libcosim without
+    connectors of enumerations. Raises SspError for a connection between two of those.
     """
     contents = {name: data for name, data in archive.contents().items()
                 if not (name in archive.structures and name != file)}
     root = parse(contents.pop(file), file)
-    connections = root.find("ssd:System/ssd:Connections", NAMESPACES)
-    if host == "fmpy" or connections is None:
-        contents[DEFAULT] = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
-        return contents
-    for connection in list(connections):
-        if not (connection.get("startElement") and connection.get("endElement")):
-            connections.remove(connection)
+    if host != "fmpy":
+        for connection in root.findall("ssd:System/ssd:Connections/ssd:Connection", NAMESPACES):
+            if not (connection.get("startElement") and connection.get("endElement")):
+                connection.getparent().remove(connection)
     if host == "libcosimpy":
-        _without_enumerations(root, connections, file)
-    prefix = connections.prefix
-    if len(connections) == 0:
-        connections.getparent().remove(connections)
-    text = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
-    contents[DEFAULT] = re.sub(rf"(</?){prefix}:Connections\b".encode(), rb"\1ssd:Connections", text)
+        _without_enumerations(root, file)
+    contents[DEFAULT] = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
     return contents
 
 
-def _without_enumerations(root: Any, connections: Any, file: str) -> None:
+def _without_enumerations(root: Any, file: str) -> None:
     """Take out what libcosim ends the process over."""
     gone = set()
     for enumeration in root.findall(".//ssd:Component/ssd:Connectors/ssd:Connector/ssc:Enumeration", NAMESPACES):
@@ -220,7 +209,7 @@ def _without_enumerations(root: Any, connections: Any, file: str) -> None:
         connectors = connector.getparent()
         gone.add((connectors.getparent().get("name"), connector.get("name")))
         connectors.remove(connector)
-    for connection in connections:
+    for connection in root.findall("ssd:System/ssd:Connections/ssd:Connection", NAMESPACES):
         ends = [(connection.get(f"{side}Element"), connection.get(f"{side}Connector")) for side in ("start", "end")]
         if gone.intersection(ends):
             raise SspError(f"{file}: connection {' -> '.join('.'.join(map(str, end)) for end in ends)} is of an "

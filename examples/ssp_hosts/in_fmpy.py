@@ -23,11 +23,9 @@ class Running(System):
 
     def __init__(self, structure: Structure, step: float, path: Path) -> None:
         super().__init__(structure, step)
-        values = effective(structure)
-        # fmpy takes values from here only, and by hierarchical names. What is meant for the system's connectors goes
-        # on to the components they are wired to.
+        # fmpy takes values from here only, and by hierarchical names.
         parameters = [Parameter(name=f"{component}.{name}", value=value)
-                      for (component, name), value in values.items() if component]
+                      for (component, name), value in effective(structure).items() if component]
         self._components = {}
         self._folder = fmpy.extract(str(path))
         try:
@@ -38,9 +36,6 @@ class Running(System):
         except Exception as error:
             self.close()
             raise SspError(f"the system cannot be started: {error}") from error
-        for (component, name), value in values.items():
-            if not component and name in self._inputs and not isinstance(value, str):
-                self.set(name, value)
 
     def _advance(self, pending: dict[End, Value]) -> None:
         try:

@@ -12,7 +12,7 @@ import typer
 if __package__ in (None, ""):  # run as a file: modules are found from the folder above examples
     sys.path[0] = str(Path(__file__).resolve().parents[2])
 
-EPILOG = ("Examples:\n\n  python examples/ssp_hosts/run.py EMCAS.ssp --set 'fin[1].fin_command=0.1'"
+EPILOG = ("Examples:\n\n  python examples/ssp_hosts/run.py EMCAS.ssp --set 'fin1.fin_command=0.1'"
           "\n\n  python examples/ssp_hosts/run.py EMCAS.ssp --host libcosimpy --variant cold --output cold.csv")
 
 
@@ -20,7 +20,7 @@ def run(
     ssp: Annotated[Path, typer.Argument(help="Archive to run.", metavar="FILE.ssp")],
     host: Annotated[str, typer.Option(help="fmpy, libcosimpy or ecospy.")] = "fmpy",
     variant: Annotated[str, typer.Option(help="Variant of the archive.")] = "nominal",
-    inputs: Annotated[list[str] | None, typer.Option("--set", help="Input of the system, held throughout (may be given "
+    inputs: Annotated[list[str] | None, typer.Option("--set", help="Input of a fin, held throughout (may be given "
                                                      "several times).", metavar="NAME=VALUE")] = None,
     duration: Annotated[float, typer.Option(help="How long to run [s].")] = 0.3,
     step: Annotated[float, typer.Option(help="Step of the host [s].")] = 1e-3,

@@ -1,4 +1,4 @@
-"""The flight with four EMCAS.fmu wired by an SSP, in fmpy, libcosim and Ecos."""
+"""The flight with the four EMCAS.fmu of an SSP, in fmpy, libcosim and Ecos."""
 
 from __future__ import annotations
 
@@ -64,9 +64,9 @@ def test_agreement() -> None:
 
 
 @pytest.mark.parametrize(("old", "new", "message"), [
-    ('name="fin[2].fin_angle"', 'name="fin[2].angle"', "fin[2].fin_angle -> rocket: the system has no output fin[2].f"),
-    ('name="fin[4].aero_torque"', 'name="fin[4].load"', "rocket -> fin[4].aero_torque: the system has no input fin[4]"),
-    ('unit="rad/s"', 'unit="deg/s"', "rocket -> angular_rate.x: angular_rate.x is in deg/s, not rad/s"),
+    ('name="fin_angle"', 'name="angle"', "fin1.fin_angle -> rocket: the system has no output fin1.fin_angle"),
+    ('name="aero_torque"', 'name="load"', "rocket -> fin1.aero_torque: the system has no input fin1.aero_torque"),
+    ('unit="rad/s"', 'unit="deg/s"', "rocket -> fin1.angular_rate.x: fin1.angular_rate.x is in deg/s, not rad/s"),
 ])
 def test_wiring_errors_name_the_connection(old: str, new: str, message: str, ssp: Path, doctored: Doctor) -> None:
     with pytest.raises(EmcasError, match=re.escape(f"connection {message}")):

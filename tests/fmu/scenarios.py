@@ -83,7 +83,7 @@ def hostile_step(fmu: Fmu) -> Any:
 
 
 def misuse(fmu: Fmu) -> Any:
-    """Unknown references, wrong types, writes to outputs and fixed parameters: the next step is discarded, once."""
+    """Unknown references, wrong types, writes to outputs and fixed parameters, and the two steps after each."""
     findings = {}
     actions: dict[str, Callable[[Instance], int]] = {
         "set unknown": lambda i: i.set_vr("Real", 100_000, 1.0),
@@ -94,6 +94,8 @@ def misuse(fmu: Fmu) -> Any:
         "set partly": lambda i: i.set_reals([fmu.references["fin_command"], fmu.references["fin_angle"]], [-0.1, 1.0]),
         "get unknown": lambda i: i.get_vr("Real", [100_000])[0],
         "get wrong type": lambda i: i.get_vr("Boolean", [fmu.references["fin_angle"]])[0],
+        "get Boolean as Real": lambda i: i.get_vr("Real", [fmu.references["enable"]])[0],
+        "get partly": lambda i: i.get_vr("Real", [fmu.references["fin_angle"], fmu.references["enable"]])[0],
     }
     for name, action in actions.items():
         instance, clean = started(fmu), started(fmu)

@@ -41,11 +41,18 @@ def ssp(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_ssp(tmp_path_factory.mktemp("ssp") / "EMCAS.ssp", native, variant_files=variant_files([])).path
 
 
+@pytest.fixture(scope="session")
+def wired(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same with connectors of the system."""
+    target = tmp_path_factory.mktemp("wired") / "EMCAS.ssp"
+    return write_ssp(target, native, variant_files=variant_files([]), border=True).path
+
+
 @pytest.fixture
-def edited(ssp: Path, tmp_path: Path) -> Edit:
-    """A copy of the archive with text of a file replaced, everywhere it stands there: edited(file, old, new, ...)."""
+def edited(wired: Path, tmp_path: Path) -> Edit:
+    """A copy of `wired` with text of a file replaced, everywhere it stands there: edited(file, old, new, ...)."""
     def edit(file: str, *pairs: str) -> Path:
-        contents = Archive(ssp).contents()
+        contents = Archive(wired).contents()
         text = re.sub(r">\s+<", "><", contents[file].decode())
         for old, new in zip(pairs[::2], pairs[1::2]):
             assert old in text, old

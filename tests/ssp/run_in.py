@@ -24,13 +24,13 @@ def trajectory(host: str, ssp: str, variant: str, mode: str) -> None:
         print(",".join(["time", *system.outputs]))
         for i in (1, 2, 3, 4):
             if mode == "open" or i != 2:
-                system.set(f"fin[{i}].fin_command", 0.06 * i)
+                system.set(f"fin{i}.fin_command", 0.06 * i)
         for k in range(STEPS):
             if mode == "loop" and k:
-                system.set("fin[2].fin_command", system.get("fin[1].fin_angle"))
+                system.set("fin2.fin_command", system.get("fin1.fin_angle"))
             if k == 100:
                 for i in (1, 2, 3, 4):
-                    system.set(f"fin[{i}].aero_torque", -15.0 * i)
+                    system.set(f"fin{i}.aero_torque", -15.0 * i)
                 system.set("acceleration.x", 30.0)
             if k == 180:
                 system.set("supply_voltage", 20.0)

@@ -17,7 +17,10 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate, simulate_fins
 from emcas_fmu.ssp.archive import Archive
+from emcas_fmu.ssp.settings import effective
+from emcas_fmu.ssp.structure import read_variant
 from emcas_fmu.ssp.variants import variant_files, without_shipped
+from emcas_fmu.ssp.write import write_ssp
 from examples.ssp_hosts import hosts
 from tests.own_actuator.example import changed
 
@@ -74,9 +77,20 @@ def test_files_are_valid_and_inputs_those_of_the_actuator(model: str, written: t
     assert valid_documents(written[0])
     archive = Archive(written[0])
     assert (b"supply_voltage" in archive.read("SystemStructure.ssd")) is (get(model).supply is not None)
-    assert (b"supply_voltage" in archive.read("resources/inputs.ssv")) is (get(model).supply is not None)
-    own = [v.name for v in get(model).further_inputs]
-    assert all(f'"fin[2].{name}"'.encode() in archive.read("resources/inputs.ssv") for name in own)
+    fin = archive.read("resources/nominal_fin2.ssv")
+    assert (b"supply_voltage" in fin) is (get(model).supply is not None)
+    assert all(f'"{v.name}"'.encode() in fin for v in get(model).further_inputs)
+
+
+def test_connectors_of_the_system_start_where_the_fins_inputs_do(model: str, written: tuple[Path, str]) -> None:
+    """Each fin's own input has a connector of its own."""
+    target = written[0].with_name("wired.ssp")
+    write_ssp(target, written[0].with_name("unit.fmu"), fin_files={2: written[0].with_name("second.toml")}, border=True,
+              model=model)
+    starts = effective(read_variant(target, "nominal"))
+    preload = {i: starts.get(("", f"fin{i}_preload")) for i in (1, 2)}
+    assert preload == ({1: 30.0, 2: 10.0} if get(model).further_inputs else {1: None, 2: None})
+    assert (("", "supply_voltage") in starts) is (get(model).supply is not None)
 
 
 def test_a_unit_of_several_starts_each_fins_own_input_at_its_value(model: str) -> None:
@@ -96,10 +110,10 @@ def test_fmpy_computes_what_the_kernel_does(model: str, written: tuple[Path, str
         for k in range(len(excitation.time) - 1):
             for i in found:
                 for name, column in excitation.columns.items():
-                    system.set(f"fin[{i}].{name}", float(column[k]))
+                    system.set(f"fin{i}.{name}", float(column[k]))
             system.step()
             for i, angles in found.items():
-                angles.append(float(system.get(f"fin[{i}].fin_angle")))
+                angles.append(float(system.get(f"fin{i}.fin_angle")))
     base, columns = load_parameters(model=model), dict[str, Any](excitation.columns)
     for i, start in ((1, 0.0), (2, np.radians(3.0))):
         preload = base.having({"spring.preload": 10.0}) if i == 2 else {}

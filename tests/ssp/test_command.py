@@ -31,7 +31,7 @@ def test_check_fails(edited: Edit, tmp_path: Path) -> None:
     printed = emcas("check", spoilt, "--json", tmp_path / "f.json", code=1)
     assert "failed, 4 errors" in printed
     findings = json.loads((tmp_path / "f.json").read_text())["findings"]
-    assert "connection fin[2].aero_torque -> fin2.aero_torqe" in [f["place"] for f in findings]
+    assert "connection fin2_aero_torque -> fin2.aero_torqe" in [f["place"] for f in findings]
 
 
 @pytest.mark.parametrize(("arguments", "expected"), [
@@ -42,6 +42,7 @@ def test_check_fails(edited: Edit, tmp_path: Path) -> None:
     (["--fin", "second.toml"], "--fin second.toml: expected a fin's number from 1 on and a file"),
     (["--variant", "hot"], "--variant hot: expected NAME=FILE"),
     (["--variant", "nominal=a.toml"], "'nominal' cannot name a variant"),
+    (["--variant", "SystemStructure=a.toml"], "'SystemStructure' cannot name a variant"),
     (["--variant", "hot=a.toml"], "a.toml: cannot be read"),
     (["-p", "a.toml"], "a.toml: cannot be read"),
 ])

@@ -34,57 +34,70 @@ def of_fin(values: Values, number: int) -> dict[str, Any]:
     return {name: value for (component, name), value in values.items() if component == f"fin{number}"}
 
 
-def test_every_file_is_valid(ssp: Path) -> None:
-    assert valid_documents(ssp) > 20
+def test_every_file_is_valid(ssp: Path, wired: Path) -> None:
+    assert (valid_documents(ssp), valid_documents(wired)) == (3 * (1 + 4), 3 * (1 + 5))
 
 
-def test_fmpy_reads_it(ssp: Path) -> None:
+def test_fmpy_reads_it(ssp: Path, wired: Path) -> None:
     """fmpy validates against its schemas, and knows a system's connector from a component's by path only."""
-    read = read_ssd(str(ssp))
-    assert [c.name for c in find_components(read.system)] == ["fin1", "fin2", "fin3", "fin4"]
-    assert len(get_connections(read.system)) == 4 * len(INPUTS + OUTPUTS)
+    for path, connections in ((ssp, None), (wired, 4 * len(INPUTS + OUTPUTS))):
+        read = read_ssd(str(path))
+        assert [c.name for c in find_components(read.system)] == ["fin1", "fin2", "fin3", "fin4"]
+        if connections is not None:
+            assert len(get_connections(read.system)) == connections
     names = [c.name for c in read.system.connectors]
-    assert not {f"fin{i}.{v.name}" for i in range(1, 5) for v in INPUTS + OUTPUTS} & set(names)
+    assert not [name for name in names if "." in name]
     for variant in VARIANTS:
-        found = {p.name for p in read_ssv(str(ssp), f"resources/flat/{variant}.ssv").parameters}
-        reals = {f"fin{i}.{p.name}" for i in range(1, 5) for p in PARAMETERS if p.kind != "Boolean"}
-        assert found == {*reals, "supply_voltage"}
+        found = {p.name for p in read_ssv(str(ssp), f"resources/{variant}_fin2.ssv").parameters}
+        assert found == {"supply_voltage", *(p.name for p in PARAMETERS if p.kind != "Boolean")}
 
 
-def test_connectors_are_those_of_the_table(ssp: Path) -> None:
-    read = read_variant(ssp, "nominal")
+def test_components_alone_unless_asked_otherwise(ssp: Path, wired: Path) -> None:
+    """What libcosim, Ecos and OMSimulator go by letter by letter: each of them would refuse one of these."""
+    for path, wires in ((ssp, 0), (wired, 4 * len(INPUTS + OUTPUTS))):
+        root = etree.fromstring(Archive(path).read("SystemStructure.ssd"))
+        system = root.find(f"{{{SSD}}}System")
+        assert system.find(f"{{{SSD}}}Annotations/{{{SSC}}}Annotation").get("type") == "org.openmodelica"
+        assert not list(system.iterfind(f"{{{SSD}}}Elements/*/{{{SSD}}}Annotations"))
+        assert not [b for b in root.iter(f"{{{SSD}}}ParameterBinding") if b.get("prefix")]
+        assert {e.prefix for e in root.iter(f"{{{SSD}}}*")} == {"ssd"}
+        assert len(list(system.iterfind(f"{{{SSD}}}Connections/{{{SSD}}}Connection"))) == wires
+
+
+def test_connectors_are_those_of_the_table(ssp: Path, wired: Path) -> None:
+    assert not read_variant(ssp, "nominal").system.connectors
+    read = read_variant(wired, "nominal")
     for element in read.system.elements.values():
         assert {(c.name, c.kind, c.type, c.unit) for c in element.connectors.values()} == {
             (v.name, v.causality, v.kind, v.unit if v.kind == "Real" else "") for v in INPUTS + OUTPUTS}
-    shared = {v.name for v in INPUTS} - OF_FINS
-    assert set(read.system.connectors) == shared | {f"fin[{i}].{name}" for i in range(1, 5) for name in OF_FINS}
+    shared = {v.name.replace(".", "_") for v in INPUTS if v.name not in OF_FINS}
+    assert set(read.system.connectors) == shared | {f"fin{i}_{name}" for i in range(1, 5) for name in OF_FINS}
     for name, unit in read.units.items():
         assert unit.exponents == tuple(fmi_unit(name).exponents.get(b, 0)
                                        for b in ("kg", "m", "s", "A", "K", "mol", "cd", "rad"))
 
 
-def test_every_variable_is_wired(ssp: Path) -> None:
-    wired = {(c.start, c.end) for c in read_variant(ssp, "nominal").system.connections}
+def test_every_variable_is_wired(wired: Path) -> None:
+    found = {(c.start, c.end) for c in read_variant(wired, "nominal").system.connections}
     for i in range(1, 5):
-        of_fin = {name: f"fin[{i}].{name}" for name in OF_FINS}
-        assert {(("", of_fin.get(v.name, v.name)), (f"fin{i}", v.name)) for v in INPUTS} <= wired
-        assert {((f"fin{i}", v.name), ("", of_fin[v.name])) for v in OUTPUTS} <= wired
+        outer = {v.name: (f"fin{i}_{v.name}" if v.name in OF_FINS else v.name).replace(".", "_")
+                 for v in INPUTS + OUTPUTS}
+        assert {(("", outer[v.name]), (f"fin{i}", v.name)) for v in INPUTS} <= found
+        assert {((f"fin{i}", v.name), ("", outer[v.name])) for v in OUTPUTS} <= found
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-def test_components_sets_say_what_the_composed_ones_do(ssp: Path, variant: str) -> None:
-    """The three ways to the same numbers, for hosts that read one of them only."""
-    read = read_variant(ssp, variant)
-    composed = effective(read)
-    named = {p.name: p.value for p in read_ssv(str(ssp), f"resources/flat/{variant}.ssv").parameters}
-    for i in range(1, 5):
-        (binding,) = read.system.elements[f"fin{i}"].bindings
-        assert binding.name == variant  # the name Ecos asks for
-        alone = {s.name: s.typed for s in binding.settings}
-        bus = alone.pop("supply_voltage")
-        assert bus == composed["", "supply_voltage"] == float(named["supply_voltage"])
-        assert alone == {n: v for n, v in of_fin(composed, i).items() if n != "supply_voltage"}
-        assert alone == {n: float(named[f"fin{i}.{n}"]) for n in alone}
+def test_one_set_for_each_component(ssp: Path, wired: Path, variant: str, values: Mapping[str, Any]) -> None:
+    """Whole and without a prefix; with connectors of the system, what these start at besides."""
+    for path in (ssp, wired):
+        for element in read_variant(path, variant).system.elements.values():
+            (binding,) = element.bindings
+            assert (binding.name, binding.prefix) == (variant, "")  # the name Ecos asks for
+    (binding,) = read_variant(wired, variant).system.bindings
+    bus = (0.9 if variant == "degraded" else 1.0) * values["drive.supply_voltage"]
+    assert {s.name: s.typed for s in binding.settings} == {"supply_voltage": pytest.approx(bus, rel=1e-15),
+                                                           "enable": True}
+    assert not read_variant(ssp, variant).system.bindings
 
 
 @pytest.mark.parametrize(("layout", "azimuths"), [("cross", (45, 135, 225, 315)), ("plus", (0, 90, 180, 270))])
@@ -104,7 +117,7 @@ def test_variants(ssp: Path, values: Mapping[str, Any]) -> None:
     assert {n: v for n, v in of_fin(found["degraded"], 2).items() if n != "supply_voltage"} == {
         n: v for n, v in degraded.items() if n != "supply_voltage"}
     assert of_fin(found["degraded"], 1)["friction.fin_coulomb"] == 10.0
-    assert found["degraded"]["", "supply_voltage"] == pytest.approx(0.9 * values["drive.supply_voltage"], rel=1e-15)
+    assert found["degraded"]["fin3", "supply_voltage"] == pytest.approx(0.9 * values["drive.supply_voltage"], rel=1e-15)
 
 
 def test_parameters_of_the_fmu_of_a_file_and_of_a_fin(tmp_path: Path) -> None:
@@ -135,23 +148,12 @@ def test_same_bytes(ssp: Path, native: Path, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [again.path]
 
 
-def test_one_name_of_a_namespace_hides_connections_from_readers_of_prefixes(ssp: Path) -> None:
-    """libcosim and Ecos would refuse the file if they found them; readers of XML do find them."""
-    text = Archive(ssp).read("SystemStructure.ssd")
-    assert b"<ssd:Connections" not in text
-    root = etree.fromstring(text)
-    (found,) = root.iterfind(f"{{{SSD}}}System/{{{SSD}}}Connections")
-    assert found.prefix == "wiring"
-    assert root.find(f"{{{SSD}}}Units/{{{SSC}}}Unit[@name='rad']") is not None
-
-
 @pytest.mark.parametrize(("given", "expected"), [
     ({"output": Path("a.zip")}, "must end in .ssp"),
     ({"output": Path("nowhere/a.ssp")}, "there is no folder nowhere"),
     ({"fins": 0}, "--fins 0: a unit has 1 to 8 fins"),
     ({"fins": 9}, "--fins 9: a unit has 1 to 8 fins"),
     ({"layout": "x"}, "--layout x: there is plus and cross"),
-    ({"prefix": "osp"}, "--connections-prefix osp"),
     ({"fmu": Path("none.fmu")}, "none.fmu: cannot be read"),
     ({"fmu": Path(__file__)}, "is not an FMU that can be read"),
 ])

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isnan
 from typing import Any
 
 import pytest
+from pythonfmu.enums import Fmi2Status
 
 from emcas_fmu.fmi.fmi2.slave import CorruptState
 from emcas_fmu.fmi.interface import SINGLE
@@ -87,6 +89,44 @@ def test_an_interrupt_while_reading_discards_the_next_step(slave: Any, monkeypat
         slave.get_real([INDEX["fin_angle"]])
     assert not slave.do_step(0.0, 1e-3)
     assert "KeyboardInterrupt" in slave.log_queue[-1].msg
+    assert slave.do_step(0.0, 1e-3)
+
+
+def test_a_host_that_reads_a_boolean_as_a_real_steps_on(slave: Any) -> None:
+    """As one does that reads every output as a Real: it is told, and gets no number it could take for one."""
+    slave.set_real([INDEX["fin_command"]], [0.1])
+    for k in range(20):
+        angle, saturated = slave.get_real([INDEX["fin_angle"], INDEX["saturated"]])
+        assert isnan(saturated)
+        assert not isnan(angle)
+        assert slave.log_queue[-1].msg == f"no Real variable has value reference {INDEX['saturated']}"
+        assert slave.get_integer([INDEX["fin_angle"], 10_000, -1]) == [0, 0, 0]
+        assert slave.get_boolean([INDEX["enable"], INDEX["fin_angle"]]) == [True, False]
+        assert slave.do_step(k * 1e-3, 1e-3)
+    assert abs(_angle(slave)) > 1e-3
+
+
+def test_what_is_written_to_nowhere_is_said_once_and_harms_no_step(slave: Any,
+                                                                   capsys: pytest.CaptureFixture[str]) -> None:
+    for k in range(3):
+        slave.set_integer([INDEX["fin_command"]], [1])
+        slave.set_real([10_000, INDEX["fin_command"]], [1.0, 0.1])
+        assert [m.status for m in slave.log_queue[-2:]] == [Fmi2Status.error] * 2
+        assert slave.do_step(k * 1e-3, 1e-3)
+    assert slave.get_real([INDEX["fin_command"]]) == [0.1]
+    assert capsys.readouterr().err.splitlines() == [
+        f"fin: no Integer variable has value reference {INDEX['fin_command']}; it is not set",
+        "fin: no Real variable has value reference 10000; it is not set"]
+
+
+@pytest.mark.parametrize(("name", "said"), [
+    ("fin_angle", "fin_angle is an output and cannot be set"),
+    ("motor.resistance", "motor.resistance is fixed and cannot be set after initialization")])
+def test_a_write_to_what_cannot_be_set_discards_one_step(slave: Any, name: str, said: str) -> None:
+    """Its host takes it for set, and the wrapper can only say that all is well."""
+    slave.set_real([INDEX[name]], [1.0])
+    assert slave.log_queue[-1].msg == said
+    assert not slave.do_step(0.0, 1e-3)
     assert slave.do_step(0.0, 1e-3)
 
 

@@ -4,11 +4,16 @@ Standard library and pythonfmu's base class only: it is embedded in the FMU.
 
 The wrapper that loads this class turns any Python exception into fmi2Fatal and then
 releases the instance twice, so nothing raised here may leave it. It can return
-fmi2Discard from fmi2DoStep and nothing but fmi2OK elsewhere. So a call that cannot be
-honoured is logged and remembered, and the next fmi2DoStep is discarded, the state
-unchanged: for good while the cause lasts (a refused parameter, a non-finite input),
-once where it does not (a write to a read-only variable, an interrupt from the keyboard).
-An interrupt that Python delivers between a call and its first line cannot be caught here.
+fmi2Discard from fmi2DoStep and nothing but fmi2OK elsewhere.
+
+A reference that is unknown, or of another type, is logged as an error where it is read
+or written, and harms no step: what is read is NaN, 0 or false, what is written goes
+nowhere. As the caller is told fmi2OK, the write is said on standard error, too.
+Any other call that cannot be honoured is logged and remembered, and the next fmi2DoStep
+is discarded, the state unchanged: for good while the cause lasts (a refused parameter, a
+non-finite input), once where it does not (a write to an output or to a parameter that is
+fixed by now, a call out of order, an interrupt from the keyboard). An interrupt that
+Python delivers between a call and its first line cannot be caught here.
 """
 
 from __future__ import annotations
@@ -90,6 +95,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         self._misuse = ""
         self._refusal = ""
         self._warned: set[tuple[str, str]] = set()  # warnings that the log has
+        self._said: set[str] = set()  # what standard error has
         self._changed = True  # parameters since the kernel was bound
         self._current = False  # outputs in _values are those of now
         self._motion: list[float] = []
@@ -127,8 +133,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             self._refusal = "; ".join(problems)
             for problem in problems:
                 self._error(f"initialization refused: {problem}")
-            # A host with logging off would see nothing but discarded steps.
-            print(f"{self.instance_name}: initialization refused: {self._refusal}", file=sys.stderr)
+            self._say(f"initialization refused: {self._refusal}")
             return
         self._bind(anew=True)
         self._warn()
@@ -271,7 +276,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             if references.issuperset(vrs):
                 return list(map(values.__getitem__, vrs))
             unknown = ", ".join(str(v) for v in vrs if v not in references)
-            self._misused(f"no {kind} variable has value reference {unknown}")
+            self._error(f"no {kind} variable has value reference {unknown}")
             return [values[vr] if vr in references else missing for vr in vrs]
         except BaseException as error:  # noqa: BLE001  see the module's docstring
             self._misused(f"reading variables: {type(error).__name__}: {error}")
@@ -303,7 +308,9 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def _set_other(self, kind: str, vr: int, value: Any) -> None:
         if vr not in self._kinds[kind]:
-            self._misused(f"no {kind} variable has value reference {vr}")
+            message = f"no {kind} variable has value reference {vr}"
+            self._error(message)
+            self._say(f"{message}; it is not set")
         elif vr in self._outputs:
             self._misused(f"{self.rows[vr][0]} is an output and cannot be set")
         elif self._phase in ("running", "terminated") and self.rows[vr][3] == "fixed":
@@ -393,6 +400,12 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
 
     def _error(self, message: str) -> None:
         self._log(message, Fmi2Status.error)
+
+    def _say(self, message: str) -> None:
+        """Print once what a host with logging off would not hear of."""
+        if message not in self._said:
+            print(f"{self.instance_name}: {message}", file=sys.stderr)
+        self._said.add(message)
 
     def _discard(self, message: str) -> bool:
         self._log(message, Fmi2Status.discard)
