@@ -79,10 +79,9 @@ def build(parameters: ParameterSet, output: Path | str, backend: str = "python",
     `backend` is ``python`` or ``native``; the rest is for the native one: `platforms` to
     build for (all if not given), `cc` a system compiler instead of zig (this platform only).
     More than one of `fins` share a bus and stand in the `layout` (``plus`` or ``cross``); `files` are parameter
-    files of single fins (from 1), over the others'. It carries references of its own unless `references` is False.
-    Raises EmcasError for what cannot be asked for,
-    ParameterError for a file's problems, BuildError if the FMU cannot be written and CompilerError if there is
-    no compiler.
+    files of single fins (from 1), over the others'. Unless `references` is False it carries responses to compare with
+    (:mod:`.references`). Raises EmcasError for what cannot be asked for, ParameterError for a file's problems,
+    BuildError if the FMU cannot be written and CompilerError if there is no compiler.
     """
     if backend not in BACKENDS:
         raise BuildError(f"--backend {backend}: there is {' and '.join(BACKENDS)}")
