@@ -86,10 +86,9 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     the native one are `platforms` to build for (all if not given), `cc` a system compiler instead of zig (this
     platform only). With `clock` an FMU of FMI 3.0 has a clock of the controllers' samples.
     More than one of `fins` share a bus and stand in the `layout` (``plus`` or ``cross``); `files` are parameter
-    files of single fins (from 1), over the others'. It carries references of its own unless `references` is False.
-    Raises EmcasError for what cannot be asked for,
-    ParameterError for a file's problems, BuildError if the FMU cannot be written and CompilerError if there is
-    no compiler.
+    files of single fins (from 1), over the others'. Unless `references` is False it carries responses to compare with
+    (:mod:`.references`). Raises EmcasError for what cannot be asked for, ParameterError for a file's problems,
+    BuildError if the FMU cannot be written and CompilerError if there is no compiler.
     """
     if fmi not in native.FORMATS:
         raise BuildError(f"--fmi {fmi}: there is {' and '.join(native.FORMATS)}")

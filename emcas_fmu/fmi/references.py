@@ -132,19 +132,28 @@ def _response(parameters: ParameterSet, case: Case, warnings: list[str]) -> tupl
     has = plain.actuator.reference is not None
     if has and (not extended or _same(own, _stepped(plain, case))):
         try:
-            independent = response(plain, files.suited(case, plain))
-        except Exception as error:  # noqa: BLE001  a user's own integration may raise anything
-            warnings.append(f"the independent integration of {case.name} failed ({error}): inside the FMU is the "
+            independent = _integrated(plain, case)
+            off = float(np.max(np.abs(independent["fin_angle"] - own["fin_angle"])))
+        except Exception as error:  # noqa: BLE001  a user's own integration may raise, or give, anything
+            warnings.append(f"the independent integration of {case.name} failed ({error!r}): inside the FMU is the "
                             "package's own response instead")
         else:
-            off = float(np.max(np.abs(independent["fin_angle"] - own["fin_angle"])))
             if off > TOLERANCE:
                 warnings.append(f"{case.name}: fin_angle is up to {degrees(off):.2g} deg off the independent "
-                                f"integration, {degrees(TOLERANCE):g} deg are usual; a smaller solver.max_tick may "
-                                "bring it nearer")
-            there = {"time", *(v.name for v in parameters.actuator.outputs)}
-            return {name: column for name, column in independent.items() if name in there}, True
+                                f"integration, at most {degrees(TOLERANCE):g} deg are usual; a smaller solver.max_tick "
+                                "may bring it nearer")
+            return independent, True
     return {name: own[name] for name in ("time", *OUTPUTS) if name in own}, False
+
+
+def _integrated(parameters: ParameterSet, case: Case) -> Mapping[str, Array]:
+    """Return the outputs that the independent integration gives. Raises ValueError for what is not finite."""
+    given = response(parameters, files.suited(case, parameters))
+    columns = {name: np.asarray(given[name], dtype=float)
+               for name in ("time", *(v.name for v in parameters.actuator.outputs)) if name in given}
+    if bad := [name for name, column in columns.items() if not np.isfinite(column).all()]:
+        raise ValueError(f"{bad[0]} is not finite")
+    return columns
 
 
 def _same(columns: Mapping[str, Array], others: Mapping[str, Array]) -> bool:

@@ -244,7 +244,7 @@ def test_fins_are_judged_each_by_its_own(tmp_path: Path) -> None:
 
 def test_a_record_is_not_called_independent(tmp_path: Path) -> None:
     unit = build(load_parameters(model="second-order"), tmp_path / "EMCAS_second_order.fmu").path
-    done, document = validated(tmp_path, unit, "--report", tmp_path / "out.html")
+    _, document = validated(tmp_path, unit, "--report", tmp_path / "out.html")
     assert (judged(document), len(judged(document, "table2"))) == (["step_and_load"], len(REQUIREMENTS))
     assert document["reference_independent"] is False
     assert "recorded of the package's own stepping" in document["notes"][0]
@@ -257,7 +257,8 @@ def test_a_record_is_not_called_independent(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("pattern", "replacement", "said"), [
     (b'source="step_and_load_ref.csv"', b'source="../../../EMCAS_step_ref.csv"', "is outside the FMU"),
     (b'source="step_and_load_ref.csv"', b'source="gone.csv"', "gone.csv"),
-    (b"fin_angle", b"fin_angel", "fin_angle"), (b'stopTime="0.35"', b"", "stopTime"), (b"</Experiment>", b"", "mismatch")])
+    (b"fin_angle", b"fin_angel", "fin_angle"), (b'stopTime="0.35"', b"", "stopTime"),
+    (b"</Experiment>", b"", "mismatch")])
 def test_unsound_references_inside_are_refused(custom: Path, tmp_path: Path, pattern: bytes, replacement: bytes,
                                                said: str) -> None:
     harmed = rewritten(custom, tmp_path / "harmed.fmu", lambda name, content: content.replace(pattern, replacement)
