@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from math import isfinite
 from typing import Any
 from xml.etree.ElementTree import Element, indent, tostring
@@ -11,8 +11,9 @@ from pythonfmu import Fmi2Slave
 
 from ..actuators import fin_port
 from ..runtime import codegen
+from ..trace.dependencies import ZERO
 from ..variables import Terminal, Variable
-from .interface import MIXING, FmuInterface
+from .interface import AZIMUTH, MIXING, FmuInterface
 from .units import fmi_unit
 
 STEP_SIZE, STOP_TIME = 1e-3, 1.0
@@ -85,21 +86,34 @@ def default_experiment() -> Element:
 
 
 def dependencies(unit: FmuInterface) -> dict[str, tuple[str, ...]]:
-    """Return for each output that depends at once on inputs which these are."""
-    direct = codegen.direct_inputs(unit.kind)
-    if unit.fins == 1:
-        return dict(direct)
-    of_fins = {unit.name(output, fin): (*(unit.name(i, fin) for i in inputs),
-                                        *(_MIXED if "fin_command" in inputs else ()))
-               for fin in range(unit.fins) for output, inputs in direct.items()}
-    supply = unit.actuator.supply
-    if supply is None or unit.line is None:
-        return of_fins
-    power = direct.get(supply.power.name, ())
-    every = tuple(dict.fromkeys(unit.name(i, fin) for fin in range(unit.fins) for i in power))
-    drawn = tuple(dict.fromkeys((supply.input.name, *every)))  # power over what the line gives
-    shared = zip((v.name for v in unit.line_outputs), ((supply.input.name,), drawn, every), strict=True)
-    return {**of_fins, **dict(shared)}
+    """Return for each output the inputs it depends on at once, at a communication point."""
+    return _of_unit(unit, codegen.direct_inputs(unit.kind), _MIXED)
+
+
+def initial_dependencies(unit: FmuInterface) -> dict[str, tuple[str, ...]]:
+    """Return for each output the inputs and parameters its initial value depends on."""
+    values = codegen.initial_values(unit.kind)
+    listed = _of_unit(unit, {output: value.names for output, value in values.items()}, (*_MIXED, AZIMUTH))
+    if unit.line and unit.actuator.supply and values[unit.actuator.supply.power.name] == ZERO:
+        listed[unit.line.outputs[1].name] = ()  # nothing is drawn
+    return listed
+
+
+def _of_unit(unit: FmuInterface, of_one: Mapping[str, Collection[str]], mixed: tuple[str, ...],
+             ) -> dict[str, tuple[str, ...]]:
+    """Return what each output of a unit depends on; `of_one` is that of a single fin, whose command is `mixed`."""
+    def of_fin(fin: int, output: str) -> set[str]:
+        needed = of_one.get(output, ())
+        more = mixed if unit.fins > 1 and fin_port.COMMAND.name in needed else ()
+        return {name if name in _MIXED else unit.name(name, fin) for name in (*needed, *more)}
+
+    listed = {unit.name(v.name, fin): of_fin(fin, v.name) for fin in range(unit.fins) for v in unit.actuator.outputs}
+    if unit.line and unit.actuator.supply:
+        source, power = {unit.actuator.supply.input.name}, unit.actuator.supply.power.name
+        every = set().union(*(of_fin(fin, power) for fin in range(unit.fins)))
+        drawn = source | every  # power over what the line gives
+        listed |= zip((v.name for v in unit.line_outputs), (source, drawn, every), strict=True)
+    return {v.name: tuple(sorted(listed[v.name], key=unit.reference.__getitem__)) for v in unit.outputs}
 
 
 def _terminals(unit: FmuInterface) -> Iterator[Terminal]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 from xml.etree.ElementTree import Element
 
@@ -37,23 +37,16 @@ def _type_definitions(unit: FmuInterface) -> list[Element]:
 
 
 def _structure(unit: FmuInterface) -> Element:
-    index = {name: i + 1 for name, i in unit.reference.items()}
-    direct = description.dependencies(unit)
-
-    def unknown(output: str, parameters: Iterable[Variable]) -> Element:
-        needed = sorted(index[name] for name in direct.get(output, ())) + [index[v.name] for v in parameters]
-        return element("Unknown", {
-            "index": str(index[output]), "dependencies": " ".join(map(str, needed)),
-            "dependenciesKind": " ".join(["dependent"] * len(needed))})
-
-    def initial(output: str) -> Element:
-        """Return what an output's initial value follows from: all parameters, or those of its fin."""
-        fin = output.partition(".")[0] if output.startswith("fin[") else ""
-        return unknown(output, (v for v in unit.parameters if v.name.startswith(fin)))
+    def unknowns(tag: str, dependencies: Mapping[str, tuple[str, ...]]) -> Element:
+        """Return an element of all outputs; their dependence on what they list has no particular structure."""
+        return element(tag, {}, (element("Unknown", {
+            "index": str(unit.reference[v.name] + 1),
+            "dependencies": " ".join(str(unit.reference[name] + 1) for name in dependencies[v.name])})
+            for v in unit.outputs))
 
     return element("ModelStructure", {}, [
-        element("Outputs", {}, (unknown(v.name, ()) for v in unit.outputs)),
-        element("InitialUnknowns", {}, (initial(v.name) for v in unit.outputs))])
+        unknowns("Outputs", description.dependencies(unit)),
+        unknowns("InitialUnknowns", description.initial_dependencies(unit))])
 
 
 def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str, str], tool: str,
