@@ -10,11 +10,13 @@ from xml.etree.ElementTree import Element, indent, tostring
 from pythonfmu import Fmi2Slave
 
 from ..actuators import fin_port
+from ..errors import EmcasError
 from ..runtime import codegen
 from ..trace.dependencies import ZERO
+from ..units import factor
 from ..variables import Terminal, Variable
 from .interface import AZIMUTH, MIXING, FmuInterface
-from .units import fmi_unit
+from .units import DIFFERENCES, default_display, display, fmi_unit, quantity
 
 STEP_SIZE, STOP_TIME = 1e-3, 1.0
 
@@ -53,25 +55,58 @@ def describe(unit: FmuInterface) -> str:
     return unit.actuator.title + ("" if unit.fins == 1 else f"; {unit.fins} fins{line}")
 
 
-def type_name(v: Variable) -> str:
-    """Name of an enumeration's type, one for all fins; it must not be that of a variable (FMI 2.0.5, section 2.2.3)."""
-    return v.name.rpartition("].")[2] + "_type"
+def type_name(v: Variable) -> str | None:
+    """Name of a variable's type, one for all fins: its quantity, or an enumeration's own; None of others.
+
+    No variable may be called so (FMI 2.0.5, section 2.2.3).
+    """
+    if v.items:
+        return v.name.rpartition("].")[2] + "_type"
+    return quantity(v) or None if v.kind == "Real" else None
+
+
+def types(unit: FmuInterface) -> dict[str, Variable]:
+    """Return a variable of each type by the type's name. Raises EmcasError where a variable is called so."""
+    found = {name: v for v in unit.variables if (name := type_name(v))}
+    if clash := [v.name for v in unit.variables if v.name in found]:
+        raise EmcasError(f"{unit.actuator.name}: {clash[0]} is what the model description calls a type; give the "
+                         "variable another name")
+    return dict(sorted(found.items()))
+
+
+def real_type(v: Variable) -> dict[str, str | None]:
+    """Return the attributes of the type of a real variable."""
+    of = quantity(v)
+    return {"quantity": of, "unit": v.unit, "displayUnit": default_display(of) or None,
+            "relativeQuantity": "true" if of in DIFFERENCES else None}
+
+
+def real_attributes(v: Variable) -> dict[str, str | None]:
+    """Return the attributes of a real variable but its start; of its type's the unit alone, for readers of no types."""
+    shown = display(v)
+    return {"declaredType": type_name(v), "unit": v.unit,
+            "displayUnit": None if shown == default_display(quantity(v)) else shown,
+            "min": limit(v.minimum), "max": limit(v.maximum),
+            "nominal": None if v.nominal is None else text(v.nominal)}
 
 
 def unit_definitions(unit: FmuInterface) -> Element:
     """Return the UnitDefinitions element, which all versions write alike."""
-    return element("UnitDefinitions", {}, map(_unit_definition, sorted(
-        {v.unit for v in unit.variables if v.kind == "Real"})))
+    shown: dict[str, set[str]] = {}
+    for v in unit.variables:
+        if v.kind == "Real":
+            shown.setdefault(v.unit, set()).update(filter(None, (display(v), default_display(quantity(v)))))
+    return element("UnitDefinitions", {}, (_unit_definition(name, shown[name]) for name in sorted(shown)))
 
 
-def _unit_definition(name: str) -> Element:
+def _unit_definition(name: str, displays: Collection[str]) -> Element:
     unit = fmi_unit(name)
     base = element("BaseUnit", {
         **{base: str(exponent) for base, exponent in unit.exponents.items()},
         "factor": text(unit.factor) if unit.factor != 1.0 else None,
         "offset": text(unit.offset) if unit.offset else None})
-    return element("Unit", {"name": name}, [
-        base, *(element("DisplayUnit", {"name": name, "factor": text(factor)}) for name, factor in unit.displays)])
+    return element("Unit", {"name": name}, [base, *(
+        element("DisplayUnit", {"name": shown, "factor": text(factor(name, shown))}) for shown in sorted(displays))])
 
 
 def log_categories() -> Element:

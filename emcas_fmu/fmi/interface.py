@@ -106,7 +106,7 @@ class FmuInterface:
 
     @cached_property
     def outputs(self) -> tuple[Variable, ...]:
-        return self.line_outputs + self._each(self.actuator.outputs)
+        return self.line_outputs + self._each(self.actuator.limited_outputs)
 
     @cached_property
     def parameters(self) -> tuple[Variable, ...]:

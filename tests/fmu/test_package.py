@@ -8,7 +8,6 @@ import sys
 import textwrap
 import zipfile
 from collections.abc import Mapping
-from itertools import combinations
 from pathlib import Path
 from xml.etree.ElementTree import Element, fromstring, tostring
 
@@ -17,10 +16,7 @@ from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
 from emcas_fmu import compiler
-from emcas_fmu.actuators import EXTENSIONS, NAMES, get
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.fmi.fmi2.model_description import model_description
-from emcas_fmu.fmi.interface import FmuInterface
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS, VARIABLES
@@ -43,32 +39,6 @@ def unit(units: Mapping[str, Path], backend: str) -> Path:
 def description(unit: Path) -> Element:
     with zipfile.ZipFile(unit) as archive:
         return fromstring(archive.read("modelDescription.xml"))
-
-
-@pytest.mark.parametrize("model", [
-    pytest.param(name, marks=pytest.mark.slow if name.startswith("worm-gear") else ()) for name in NAMES])
-@pytest.mark.parametrize("fins", [1, 2])
-def test_no_type_has_the_name_of_a_variable(model: str, fins: int) -> None:
-    """FMI 2.0.5, section 2.2.3: of every model with each option that it takes, and with as many as go together."""
-    def fits(options: tuple[str, ...]) -> bool:
-        try:
-            get("+".join((model, *options)))
-        except EmcasError:
-            return False
-        return True
-
-    fit = [options for n in range(len(EXTENSIONS) + 1) for options in combinations(EXTENSIONS, n) if fits(options)]
-    assert ("faults",) in fit
-    for options in fit:
-        if 1 < len(options) < len(fit[-1]):
-            continue
-        unit = FmuInterface(fins, "+".join((model, *options)))
-        root = model_description([0] * len(unit.variables), "", options={}, tool="", unit=unit)
-        types = {t.attrib["name"] for t in root.findall("TypeDefinitions/SimpleType")}
-        assert types == {v[0].attrib["declaredType"] for v in root.findall("ModelVariables/ScalarVariable")
-                         if "declaredType" in v[0].attrib}
-        assert bool(types) == bool({"homing", "supply", "faults"} & set(options))
-        assert not types & {v.name for v in unit.variables}
 
 
 def test_fmpy_finds_nothing(unit: Path) -> None:
