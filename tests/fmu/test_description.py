@@ -128,7 +128,8 @@ def test_nominals_are_of_the_size_of_the_values(model: str) -> None:
 
 # Stops as far apart as they go, on a lever that allows that, and a start close to one.
 FAR = {"fin.stop_angle": radians(80.0), "fin.start_angle": radians(79.0), "command.limit": radians(80.0),
-       "kinematics.initial_angle": 0.0, "cylinder.dead_volume": 1e-3, "homing.timeout": 100.0, "homing.required": False, "drive.reference_limit": 1e3,
+       "kinematics.initial_angle": 0.0, "cylinder.dead_volume": 1e-3, "homing.timeout": 100.0,
+       "homing.required": False, "drive.reference_limit": 1e3,
        **{f"friction.coulomb.{direction}[{k}]": 0.0 for direction in ("positive", "negative") for k in range(1, 7)}}
 SUPPLIES = ("supply_voltage", "supply_pressure")
 UNITS = [*(FmuInterface(1, kind) for kind in WITH_EXTENSIONS),
