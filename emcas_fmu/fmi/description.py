@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from math import isfinite
+import hashlib
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from math import degrees, isfinite
+from pathlib import PurePath
 from typing import Any
 from xml.etree.ElementTree import Element, indent, tostring
 
 from pythonfmu import Fmi2Slave
 
+from .. import __author__, __copyright__, __license__, __version__, dates
 from ..actuators import fin_port
 from ..errors import EmcasError
+from ..parameters import ParameterSet, load_parameters
+from ..reference.files import parameters_hash
 from ..runtime import codegen
 from ..trace.dependencies import ZERO
 from ..units import factor
@@ -19,6 +24,8 @@ from .interface import AZIMUTH, MIXING, FmuInterface
 from .units import DIFFERENCES, default_display, display, fmi_unit, quantity
 
 STEP_SIZE, STOP_TIME = 1e-3, 1.0
+# Relative, for a host's own solvers: the unit steps as it does, which is within 2e-5 of the travel of its references.
+TOLERANCE = 1e-4
 
 _MIXED = tuple(v.name for v in MIXING)
 
@@ -53,6 +60,39 @@ def describe(unit: FmuInterface) -> str:
     """Return what the unit is, in a sentence."""
     line = f" on one {unit.line.name}" if unit.line else ""
     return unit.actuator.title + ("" if unit.fins == 1 else f"; {unit.fins} fins{line}")
+
+
+def about(unit: FmuInterface, sets: Sequence[ParameterSet], tool: str) -> dict[str, str]:
+    """Return the attributes that tell people whose a unit is, when and by what `tool` it was made, and its parameters.
+
+    None of them is part of the interface. `sets` are the fins' parameters. Raises EmcasError for a SOURCE_DATE_EPOCH
+    that is no number.
+    """
+    marks = [parameters_hash(each.values) for each in sets]
+    mark = marks[0] if unit.fins == 1 else hashlib.sha256("".join(marks).encode()).hexdigest()
+    return {"description": f"{describe(unit)}; {parameters_in_words(unit, sets)}",
+            "version": f"{__version__}+{mark[:8]}" if _changed(unit, sets) else __version__,
+            "author": __author__, "copyright": __copyright__, "license": __license__,
+            "generationTool": tool, "generationDateAndTime": dates.reproducible()}
+
+
+def parameters_in_words(unit: FmuInterface, sets: Sequence[ParameterSet]) -> str:
+    """Return what is special about the fins' parameters: where fins stand, and by which files how many values differ
+    from the actuator's default ones."""
+    places = [f"{degrees(each.values[AZIMUTH]):g}" for each in sets]
+    at = "" if unit.fins == 1 else f"fins at {', '.join(places)} deg; "
+    changed = len(_changed(unit, sets))
+    if not changed:
+        return f"{at}default parameters"
+    files = dict.fromkeys(PurePath(file).name for each in sets for file, _ in each.files)
+    return f"{at}{changed} value{'s' * (changed > 1)} changed" + (f" by {', '.join(files)}" if files else "")
+
+
+def _changed(unit: FmuInterface, sets: Sequence[ParameterSet]) -> set[str]:
+    """Return the names of parameters and start values that are not an actuator's default ones in every fin."""
+    shipped = load_parameters(model=unit.kind).values
+    changed = {name for each in sets for name, value in each.values.items() if value != shipped[name]}
+    return changed if unit.fins == 1 else changed - {AZIMUTH}
 
 
 def type_name(v: Variable) -> str | None:
@@ -117,7 +157,8 @@ def log_categories() -> Element:
 
 def default_experiment() -> Element:
     """Return the DefaultExperiment element."""
-    return element("DefaultExperiment", {"startTime": "0", "stopTime": text(STOP_TIME), "stepSize": text(STEP_SIZE)})
+    return element("DefaultExperiment", {"startTime": "0", "stopTime": text(STOP_TIME), "tolerance": text(TOLERANCE),
+                                         "stepSize": text(STEP_SIZE)})
 
 
 def dependencies(unit: FmuInterface) -> dict[str, tuple[str, ...]]:

@@ -15,7 +15,7 @@ from ..files import write_zip
 from ..parameters import ParameterSet
 from ..progress import Progress
 from . import native, python
-from .description import terminals_and_icons, to_bytes
+from .description import about, terminals_and_icons, to_bytes
 from .documentation import documents
 from .fmi2.model_description import model_description
 from .interface import FmuInterface, fin_sets, start_values
@@ -37,7 +37,7 @@ class Built:
 
 def interface_guid(starts: tuple[Any, ...], unit: FmuInterface) -> str:
     """Return a hash of the interface: of the model description with its GUID left empty."""
-    description = to_bytes(model_description(starts, "", options={}, tool="", unit=unit))
+    description = to_bytes(model_description(starts, "", unit=unit))
     return f"{{{UUID(bytes=hashlib.sha256(description).digest()[:16], version=5)}}}"
 
 
@@ -64,7 +64,8 @@ def _contents(unit: FmuInterface, sets: Sequence[ParameterSet], backend: str, pl
         contents, options = python.exported(unit, starts, guid)
         tool += f" with {python.TOOL}"
     contents["modelDescription.xml"] = to_bytes(
-        model_description(starts, guid, options=options, tool=tool, source_files=source_files, unit=unit))
+        model_description(starts, guid, options=options, about=about(unit, sets, tool), source_files=source_files,
+                          unit=unit))
     contents["terminalsAndIcons/terminalsAndIcons.xml"] = to_bytes(terminals_and_icons(unit))
     built_for = tuple(sorted({name.split("/")[1] for name in contents if name.startswith("binaries/")}))
     contents.update(documents(unit, sets, guid, backend, built_for))

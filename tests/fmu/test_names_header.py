@@ -26,7 +26,7 @@ def test_it_says_what_the_model_description_says(model: str, fins: int, tmp_path
     starts = start_values(unit, [load_parameters(model=model).values] * fins)
     guid = interface_guid(starts, unit)
     text = names_header(unit, guid)
-    described = model_description(starts, guid, options={}, tool="", unit=unit)
+    described = model_description(starts, guid, unit=unit)
     found = {name: (int(place), causality, kind, of) for _, _, place, name, causality, kind, of in MACRO.findall(text)}
     expected = {}
     for scalar in described.iter("ScalarVariable"):

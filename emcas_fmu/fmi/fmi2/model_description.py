@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 from xml.etree.ElementTree import Element
 
@@ -44,14 +45,15 @@ def _structure(unit: FmuInterface) -> Element:
         unknowns("InitialUnknowns", description.initial_dependencies(unit))])
 
 
-def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str, str], tool: str,
-                      source_files: Sequence[str] = (), unit: FmuInterface = SINGLE) -> Element:
-    """Return the fmiModelDescription element; `options` are attributes of its CoSimulation element."""
+def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str, str] = MappingProxyType({}),
+                      about: Mapping[str, str] = MappingProxyType({}), source_files: Sequence[str] = (),
+                      unit: FmuInterface = SINGLE) -> Element:
+    """Return the fmiModelDescription element; `options` are attributes of its CoSimulation element, `about` its own."""
     files = [element("SourceFiles", {}, (element("File", {"name": name}) for name in source_files))]
     types = (_simple_type(name, v) for name, v in description.types(unit).items())
     return element("fmiModelDescription", {
         "fmiVersion": "2.0", "modelName": unit.model, "guid": guid, "description": description.describe(unit),
-        "version": __version__, "license": "MIT", "generationTool": tool, "variableNamingConvention": "structured"}, [
+        "version": __version__, **about, "variableNamingConvention": "structured"}, [
             element("CoSimulation", {"modelIdentifier": unit.model, **options}, files if source_files else ()),
             description.unit_definitions(unit),
             element("TypeDefinitions", {}, types),
