@@ -82,7 +82,7 @@ def packed(values: Mapping[str, Any], library: Path) -> Path:
 
     Without the parameters, which are compiled in: hosts that keep account of every variable are faster for it.
     """
-    root = model_description(start_values(SINGLE, [values]), YARDSTICK, options={}, tool="benchmark")
+    root = model_description(start_values(SINGLE, [values]), YARDSTICK)
     simulation = root.find("CoSimulation")
     assert simulation is not None
     simulation.set("modelIdentifier", YARDSTICK)

@@ -27,6 +27,9 @@ class Variable:
     variable itself is no parameter. ``items`` are an enumeration's from 1 on, each with what it means;
     ``bits`` name those of an Integer that is a word of flags, the least first. ``sheet`` says where a user reads the
     value, and what it is called there, as in "motor: rotor inertia"; empty where no sheet or drawing has it.
+    ``display`` is the unit people read it in, ``quantity`` what it measures, where these are not what goes with its
+    unit (:mod:`emcas_fmu.fmi.units`). An output's magnitude is at most the sum of the parameters ``limited_by``, of an
+    actuator that has them.
     """
 
     name: str
@@ -43,6 +46,9 @@ class Variable:
     items: tuple[tuple[str, str], ...] = ()
     bits: tuple[str, ...] = ()
     sheet: str = ""
+    display: str = ""
+    quantity: str = ""
+    limited_by: tuple[str, ...] = ()
 
     def initial(self, values: Mapping[str, Any]) -> Any:
         """Return the start value of an input of an actuator whose parameters are `values`, by name."""
@@ -83,9 +89,11 @@ def boolean_input(name: str, description: str, start: bool) -> Variable:
     return Variable(name, "Boolean", "input", "discrete", "", description, start=start)
 
 
-def real_output(name: str, unit: str, description: str, nominal: float) -> Variable:
-    """Declare a continuous output."""
-    return Variable(name, "Real", "output", "continuous", unit, description, nominal=nominal)
+def real_output(name: str, unit: str, description: str, nominal: float, *, minimum: float = -inf,
+                maximum: float = inf, display: str = "", limited_by: tuple[str, ...] = ()) -> Variable:
+    """Declare a continuous output; limits are those it keeps within whatever parameters and inputs there may be."""
+    return Variable(name, "Real", "output", "continuous", unit, description, minimum, maximum, nominal,
+                    display=display, limited_by=limited_by)
 
 
 def boolean_output(name: str, description: str) -> Variable:
@@ -95,17 +103,22 @@ def boolean_output(name: str, description: str) -> Variable:
 
 def integer_output(name: str, description: str, bits: tuple[str, ...] = ()) -> Variable:
     """Declare an Integer output; of a word of flags with their names."""
-    return Variable(name, "Integer", "output", "discrete", "", description, bits=bits)
+    return Variable(name, "Integer", "output", "discrete", "", description, minimum=0 if bits else -inf,
+                    maximum=2 ** len(bits) - 1 if bits else inf, bits=bits)
 
 
-def parameter(name: str, unit: str, minimum: float, maximum: float, description: str, sheet: str = "") -> Variable:
+def parameter(name: str, unit: str, minimum: float, maximum: float, description: str, sheet: str = "", *,
+              display: str = "", quantity: str = "") -> Variable:
     """Declare a parameter that is fixed after initialization."""
-    return Variable(name, "Real", "parameter", "fixed", unit, description, minimum, maximum, sheet=sheet)
+    return Variable(name, "Real", "parameter", "fixed", unit, description, minimum, maximum, sheet=sheet,
+                    display=display, quantity=quantity)
 
 
-def tunable(name: str, unit: str, minimum: float, maximum: float, description: str, sheet: str = "") -> Variable:
+def tunable(name: str, unit: str, minimum: float, maximum: float, description: str, sheet: str = "", *,
+            display: str = "") -> Variable:
     """Declare a parameter that may change while running."""
-    return Variable(name, "Real", "parameter", "tunable", unit, description, minimum, maximum, sheet=sheet)
+    return Variable(name, "Real", "parameter", "tunable", unit, description, minimum, maximum, sheet=sheet,
+                    display=display)
 
 
 def integer_parameter(name: str, minimum: int, maximum: int, description: str, sheet: str = "") -> Variable:

@@ -33,7 +33,7 @@ from ..namespace import Record, namespace
 from ..ops.base import Ops, Value
 from ..ops.floats import FLOATS
 from ..physics.loads import LOADS
-from ..rules import Rule
+from ..rules import SLACK, Rule
 from ..steppers.smooth import Derivatives, smooth_step
 from ..variables import Terminal, Variable, parameter
 from . import capabilities, fin_port
@@ -266,6 +266,19 @@ class Actuator:
         """The fin port's inputs, the supply, the further ones."""
         port = fin_port.inputs(None if self.supply is None else self.supply.input, self.further_inputs)
         return tuple(replace(v, description=self.descriptions.get(v.name, v.description)) for v in port)
+
+    @cached_property
+    def limited_outputs(self) -> tuple[Variable, ...]:
+        """The outputs with the limits that follow from those of parameters, which a host may change."""
+        most = {v.name: v.maximum for v in self.parameters}
+
+        def limited(v: Variable) -> Variable:
+            if not v.limited_by or not all(name in most for name in v.limited_by):
+                return v
+            size = sum(most[name] for name in v.limited_by) * (1.0 + SLACK)
+            return replace(v, minimum=max(v.minimum, -size), maximum=min(v.maximum, size))
+
+        return tuple(map(limited, self.outputs))
 
     @cached_property
     def acting_inputs(self) -> tuple[Variable, ...]:

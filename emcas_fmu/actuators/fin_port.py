@@ -42,11 +42,12 @@ ENABLE = boolean_input("enable", "false switches the drive off: the fin is moved
 
 # -- outputs -----------------------------------------------------------------------
 
-FIN_ANGLE = real_output("fin_angle", "rad", "fin angle", 0.1)
+FIN_ANGLE = real_output("fin_angle", "rad", "fin angle", 0.1, limited_by=("fin.stop_angle",))
 FIN_RATE = real_output("fin_rate", "rad/s", "fin angular rate", 1.0)
 HINGE_TORQUE = real_output(
     "hinge_torque", "N.m", "total external moment about the hinge (aerodynamic + gravity + inertial)", 100.0)
-TRACKING_ERROR = real_output("tracking_error", "rad", "clipped command minus fin angle", 0.01)
+TRACKING_ERROR = real_output("tracking_error", "rad", "clipped command minus fin angle", 0.1,
+                             limited_by=("command.limit", "fin.stop_angle"))
 MEASURED_FIN_ANGLE = real_output(
     "measured_fin_angle", "rad", "fin angle the controllers read at the last sample", 0.1)
 SATURATED = boolean_output("saturated", "any limit active")
@@ -73,7 +74,7 @@ CENTERS = tuple(
               sheet=f"drawing: centre of mass of the {part} from the hinge")
     for part in ("fin", "shaft", "fork") for axis in ("x", "z"))
 SAMPLE_TIME = parameter("controller.sample_time", "s", 5e-5, 0.1, "sample time of the digital controllers",
-                        sheet="controller: sample time (cycle time)")
+                        sheet="controller: sample time (cycle time)", display="ms")
 TRAVEL = (
     parameter("command.limit", "rad", radians(0.1), radians(80), "largest fin command",
               sheet="specification: operating range of the fin, to each side"),
@@ -84,12 +85,12 @@ TRAVEL = (
 BUS = (
     parameter("command.latency", "s", 0.0, 2.0, "delay of the command on its way to the controllers, in whole sample "
               f"times (rounded), at most {bus.LONGEST} of them",
-              sheet="specification: delay of the command on the data bus"),
+              sheet="specification: delay of the command on the data bus", display="ms"),
     parameter("command.resolution", "rad", 0.0, radians(10), "step of the command, which is rounded to a multiple of "
               "it (0: none)"),
     parameter("command.update_time", "s", 0.0, 10.0, "interval at which a command is taken from the bus, in whole "
               "sample times (rounded; 0: at every sample)",
-              sheet="specification: interval between commands on the data bus"),
+              sheet="specification: interval between commands on the data bus", display="ms"),
 )
 MOUNTING = (
     switch("loads.gravity", "true: gravity acts on the moving parts (wire the attitude inputs)"),
@@ -97,7 +98,7 @@ MOUNTING = (
     parameter("mounting.station", "m", -100.0, 100.0,
               "place of the hinge along body x, from the point whose acceleration is given"),
 )
-MAX_TICK = parameter("solver.max_tick", "s", 1e-7, 1e-3, "longest internal tick")
+MAX_TICK = parameter("solver.max_tick", "s", 1e-7, 1e-3, "longest internal tick", display="ms")
 PARAMETERS = (*INERTIAS, *MASSES, *CENTERS, SAMPLE_TIME, *TRAVEL, *MOUNTING, *BUS, MAX_TICK)
 
 TERMINALS = (

@@ -52,12 +52,13 @@ BUS = Line(
     source="voltage of the source of the bus",
     power="electrical power drawn by all motors; negative while regenerating",
     outputs=(
-        real_output("bus_voltage", "V", "voltage at the drives: the supply's less the sag", 10.0),
-        real_output("bus_current", "A", "current all drives draw; negative while regenerating", 10.0)),
+        real_output("bus_voltage", "V", "voltage at the drives: the supply's less the sag", 30.0, minimum=0.0),
+        real_output("bus_current", "A", "current all drives draw; negative while regenerating", 30.0)),
     parameters=(
         parameter("bus.source_resistance", "Ohm", 0.0, 1.0,
                   "resistance between supply_voltage and the drives (0: stiff)"),
-        parameter("bus.update_time", "s", 1e-5, 1e-2, "interval at which the sag follows the drives' current")),
+        parameter("bus.update_time", "s", 1e-5, 1e-2, "interval at which the sag follows the drives' current",
+                  display="ms")),
     values={"bus.source_resistance": 0.0, "bus.update_time": 1e-4},
     start=0.0,
     sags=True,
@@ -73,7 +74,7 @@ PRESSURE_LINE = Line(
     source="pressure that the pump's regulator is set to, absolute",
     power="hydraulic power drawn by all actuators; negative while they return oil",
     outputs=(
-        real_output("line_pressure", "Pa", "pressure at the actuators, absolute", 1e7),
+        real_output("line_pressure", "Pa", "pressure at the actuators, absolute", 1e7, minimum=0.0),
         real_output("line_flow", "m3/s", "flow all actuators draw; negative while they return oil", 1e-4)),
     parameters=(
         parameter("line.accumulator_volume", "m3", 0.0, 1.0,
@@ -84,7 +85,8 @@ PRESSURE_LINE = Line(
         parameter("line.pump_gain", "m3/(s.Pa)", 0.0, 1e-6,
                   "flow of the pump for a pressure below its setting; 1.5e-10 is an estimate"),
         parameter("line.pump_flow", "m3/s", 0.0, 1.0, "largest flow of the pump; 1.5e-4 is an estimate"),
-        parameter("line.update_time", "s", 1e-5, 1e-2, "interval at which the pressure follows the actuators' flow")),
+        parameter("line.update_time", "s", 1e-5, 1e-2, "interval at which the pressure follows the actuators' flow",
+                  display="ms")),
     # Estimates: a precharge of 0.6 of 21 MPa; a pump of 9 l/min, all of it 1 MPa below its setting.
     values={"line.accumulator_volume": 0.0, "line.precharge_pressure": 12.6e6, "line.polytropic_exponent": 1.4,
             "line.pump_gain": 1.5e-10, "line.pump_flow": 1.5e-4, "line.update_time": 1e-4},

@@ -21,9 +21,9 @@ from .declaration import Acting, Actuator, Asked, State, Values
 PARAMETERS = (
     *fin_port.PARAMETERS,
     parameter("drive.transport_delay", "s", 0.0, 0.1, "delay from the sampled command to the fin",
-              sheet="specification: delay of the actuator"),
+              sheet="specification: delay of the actuator", display="ms"),
     parameter("second_order.natural_frequency", "rad/s", 1e-3, 1e5, "natural frequency, w_n",
-              sheet="specification: natural frequency of the actuator"),
+              sheet="specification: natural frequency of the actuator", quantity="AngularFrequency"),
     parameter("second_order.damping", "1", 0.0, 100.0, "damping ratio, zeta",
               sheet="specification: damping ratio of the actuator"),
     parameter("second_order.rate_limit", "rad/s", 1e-6, 1e6, "largest fin rate",

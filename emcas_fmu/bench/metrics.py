@@ -90,9 +90,8 @@ def shown(unit: str) -> tuple[str, float]:
 
 
 def shown_output(v: Variable) -> tuple[str, float]:
-    """Return the unit people read an output in, and the factor to it: rpm for the speed of a motor or screw."""
-    turning = v.unit == "rad/s" and v.name.endswith("_speed")
-    return ("rpm", 30.0 / pi) if turning else shown(v.unit)
+    """Return the unit people read an output in, and the factor to it."""
+    return ("rpm", 30.0 / pi) if v.display == "rpm" else shown(v.unit)
 
 
 # Ending of the name of a figure in a result, and the unit it is in; the longer endings first.

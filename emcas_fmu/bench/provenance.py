@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any
 
 from ..actuators import get
 from ..actuators.fin_port import SAMPLE_TIME
-from ..errors import EmcasError
+from ..dates import today
 from ..parameters import ParameterSet
 from ..reference.files import parameters_hash
 
@@ -62,19 +60,6 @@ def made(*of: ParameterSet | Identification | Source) -> Made:
         (each,) if isinstance(each, Source) else
         _of_a_set(each) if isinstance(each, ParameterSet) else _of_an_article(each))]
     return Made(tuple(dict.fromkeys(sources)), _COMMAND.get(), today())
-
-
-def today() -> str:
-    """Return the date (UTC) of what is being made: that of SOURCE_DATE_EPOCH [s] where it is set.
-
-    Raises EmcasError where that is no such number.
-    """
-    epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
-    try:
-        at = datetime.fromtimestamp(int(epoch), timezone.utc) if epoch else datetime.now(timezone.utc)
-    except (OverflowError, ValueError) as error:
-        raise EmcasError(f"SOURCE_DATE_EPOCH={epoch}: expected seconds since 1970") from error
-    return at.date().isoformat()
 
 
 def conditions(model: str, values: Mapping[str, Any]) -> list[tuple[str, str, Any, str]]:

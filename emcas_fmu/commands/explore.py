@@ -36,8 +36,8 @@ def explore(
     where the page is opened, and nothing leaves it.
     """
     from ..bench.excitation import COMMAND
-    from ..bench.provenance import today
     from ..bench.subject import ParameterSubject
+    from ..dates import today
     from ..fmi.interface import FmuInterface
     from ..studies.explore.page import About, write
 

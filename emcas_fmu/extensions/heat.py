@@ -67,8 +67,9 @@ OUTPUTS = (
 )
 I2T_OUTPUTS = (
     real_output("i2t_load", "1", "share of the I2t budget that is spent; the current limit folds back from "
-            f"{heat.FOLDING:g} to 1", 1.0),
-    real_output("current_limit", "A", "limit of the current reference that I2t, and a derated drive, leaves", 10.0),
+            f"{heat.FOLDING:g} to 1", 1.0, minimum=0.0),
+    real_output("current_limit", "A", "limit of the current reference that I2t, and a derated drive, leaves", 30.0,
+                minimum=0.0, limited_by=("drive.current_limit",)),
 )
 
 

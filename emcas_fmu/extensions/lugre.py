@@ -37,7 +37,7 @@ PARAMETERS = in_group(
     parameter("damping", "N.m.s/rad", 0.0, 1.0, "damping of the bristles at rest, sigma_1; it fades with speed"),
     parameter("static_ratio", "1", 1.0, 10.0, "breakaway over Coulomb friction at the motor, s"),
     parameter("stribeck_speed", "rad/s", 1e-3, 1e3,
-              "motor speed at which the excess over Coulomb friction has fallen to 1/e of itself, w_s"),
+              "motor speed at which the excess over Coulomb friction has fallen to 1/e of itself, w_s", display="rpm"),
 )
 OUTPUTS = (
     real_output("bristle_deflection", "rad", "mean deflection of the bristles at the motor", 0.01),

@@ -20,7 +20,7 @@ from .declaration import Extension
 PARAMETERS = (
     parameter("stribeck.static_ratio", "1", 1.0, 10.0, "breakaway over Coulomb friction at the motor, s"),
     parameter("stribeck.speed", "rad/s", 0.1, 1e3,
-              "motor speed at which the excess over Coulomb friction has fallen to 1/e of itself, w_s"),
+              "motor speed at which the excess over Coulomb friction has fallen to 1/e of itself, w_s", display="rpm"),
 )
 
 

@@ -51,11 +51,11 @@ PARAMETERS = in_group(
               "resistance"),
 )
 SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn from the source, that of its resistance "
-                           "included; negative while it takes any back", 100.0)
+                           "included; negative while it takes any back", 1000.0)
 OUTPUTS = (
-    real_output("link_voltage", "V", "voltage of the DC link, which limits the motor's", 10.0),
-    real_output("brake_power", "W", "power that the brake chopper turns into heat", 100.0),
-    real_output("inverter_loss", "W", "power that the inverter turns into heat", 10.0),
+    real_output("link_voltage", "V", "voltage of the DC link, which limits the motor's", 30.0, minimum=0.0),
+    real_output("brake_power", "W", "power that the brake chopper turns into heat", 100.0, minimum=0.0),
+    real_output("inverter_loss", "W", "power that the inverter turns into heat", 100.0, minimum=0.0),
     boolean_output("supply_tripped", "the link's voltage is too low: the bridge is open until it has recovered"),
 )
 

@@ -10,12 +10,12 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from .. import __version__
+from .. import __copyright__, __license__, __version__
 from ..actuators import capabilities
 from ..parameters import ParameterSet
 from ..runtime import schedule
 from ..variables import Variable
-from .description import describe
+from .description import describe, parameters_in_words
 from .figures import response_figures
 from .interface import FmuInterface, start_values
 
@@ -63,7 +63,8 @@ def _page(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, notes: Se
     starts = dict(zip(unit.reference, start_values(unit, [p.values for p in sets]), strict=True))
     equations = [*unit.actuator.modules, schedule, *([unit.line.equations] if unit.line else [])]
     return environment.get_template("documentation.html.j2").render(
-        model=unit.model, description=describe(unit), origin=unit.actuator.origin, version=__version__, guid=guid,
+        model=unit.model, description=describe(unit), parameters=parameters_in_words(unit, sets),
+        origin=unit.actuator.origin, version=__version__, guid=guid,
         fins=unit.fins, supply=unit.actuator.supply, line=unit.line, notes=notes, platforms=platforms,
         step_ms=_text(sets[0].values["controller.sample_time"] * 1e3),
         figures=response_figures(sets[0]), equations=[inspect.getdoc(module) for module in equations],
@@ -71,18 +72,26 @@ def _page(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, notes: Se
             ("Inputs", unit.inputs), ("Outputs", unit.outputs), ("Parameters", unit.parameters))])
 
 
-def _licenses(*packages: tuple[str, str]) -> dict[str, bytes]:
-    """Return licences as their packages ship them: of (package, name of the file in the FMU)."""
-    contents = {}
-    for name, target in packages:
-        try:
-            shipped = distribution(name).files or []
-        except PackageNotFoundError:
-            continue
-        paths = (Path(file.locate()) for file in shipped if file.name.startswith("LICENSE"))
-        if path := next(filter(Path.is_file, paths), None):
-            contents[f"documentation/licenses/{target}"] = path.read_bytes()
-    return contents
+def _license(package: str) -> str:
+    """Return the licence of a package as it ships it; where it is not installed as a package, its name."""
+    try:
+        shipped = distribution(package).files or []
+    except PackageNotFoundError:
+        shipped = []
+    paths = (Path(file.locate()) for file in shipped if file.name.startswith("LICENSE"))
+    path = next(filter(Path.is_file, paths), None)
+    return path.read_text(encoding="utf-8") if path else f"The licence of {package}.\n"
+
+
+def _licenses(model: str, backend: str) -> dict[str, bytes]:
+    """Return licences: license.txt, where readers begin (FMI 2.0.5, section 2.3), which says what else there is."""
+    others = {
+        "python": "pythonfmu-license.txt is that of PythonFMU: of the binaries, and of resources/pythonfmu.",
+        "native": "In sources, the headers whose names begin with fmi are the FMI standard's; each has its licence."}
+    text = (f"{model}.fmu was made by emcas-fmu {__version__}. {__copyright__}, {__license__} licence, as below.\n"
+            f"{others[backend]}\n\n{_license('emcas-fmu')}")
+    files = {"license.txt": text} | ({"pythonfmu-license.txt": _license("pythonfmu")} if backend == "python" else {})
+    return {f"documentation/licenses/{name}": content.encode() for name, content in files.items()}
 
 
 def documents(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, notes: Sequence[str],
@@ -92,15 +101,11 @@ def documents(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, backe
     `notes` say how the unit answers its host; it has binaries for `platforms`.
     """
     picture = Path(__file__).with_name("icon.png").read_bytes()
-    licenses = [("emcas-fmu", "LICENSE.txt")]
-    external = {}
-    if backend == "python":
-        licenses.append(("pythonfmu", "pythonfmu-LICENSE.txt"))
-        external["documentation/externalDependencies.txt"] = _EXTERNAL.encode()
+    external = {"documentation/externalDependencies.txt": _EXTERNAL.encode()} if backend == "python" else {}
     return {
         "documentation/index.html": _page(unit, sets, guid, notes, platforms).encode(),
         **external,
         "model.png": picture,
         "terminalsAndIcons/icon.png": picture,
-        **_licenses(*licenses),
+        **_licenses(unit.model, backend),
     }

@@ -103,12 +103,12 @@ class FmuInterface:
         """
         actuator, supply = self.actuator, self.actuator.supply
         if self.fins == 1:
-            return tuple(((), each) for each in (actuator.inputs, actuator.outputs, actuator.parameters))
+            return tuple(((), each) for each in (actuator.inputs, actuator.limited_outputs, actuator.parameters))
         source = {} if supply is None else {supply.input.name: supply.line.source}
         shared = tuple(replace(v, description=source.get(v.name, v.description))
                        for v in actuator.inputs if v.name in self.shared)
         each = tuple(v for v in actuator.inputs if v.name not in self.shared)
-        return ((shared + MIXING, each), (self.line_outputs, actuator.outputs),
+        return ((shared + MIXING, each), (self.line_outputs, actuator.limited_outputs),
                 (self.line.parameters if self.line else (), actuator.parameters))
 
     def _scalars(self, group: int) -> tuple[Variable, ...]:

@@ -15,7 +15,7 @@ from ..files import write_zip
 from ..parameters import ParameterSet
 from ..progress import Progress
 from . import native, python
-from .description import terminals_and_icons, to_bytes
+from .description import about, terminals_and_icons, to_bytes
 from .documentation import documents
 from .fmi3.native import CLOCKED
 from .format import Format
@@ -39,7 +39,7 @@ class Built:
 
 def interface_guid(starts: tuple[Any, ...], unit: FmuInterface, fmi: Format = native.FORMATS["2"]) -> str:
     """Return a hash of the interface: of the model description with its GUID left empty."""
-    description = to_bytes(fmi.model_description(starts, "", options={}, tool="", unit=unit))
+    description = to_bytes(fmi.model_description(starts, "", unit=unit))
     return f"{{{UUID(bytes=hashlib.sha256(description).digest()[:16], version=5)}}}"
 
 
@@ -68,7 +68,8 @@ def _contents(unit: FmuInterface, sets: Sequence[ParameterSet], backend: str, pl
         notes = python.NOTES
         tool += f" with {python.TOOL}"
     contents["modelDescription.xml"] = to_bytes(
-        fmi.model_description(starts, guid, options=options, tool=tool, source_files=source_files, unit=unit))
+        fmi.model_description(starts, guid, options=options, about=about(unit, sets, tool), source_files=source_files,
+                              unit=unit))
     contents["terminalsAndIcons/terminalsAndIcons.xml"] = to_bytes(
         terminals_and_icons(unit, arrays=fmi.version != "2.0"))
     built_for = tuple(sorted({name.split("/")[1] for name in contents if name.startswith("binaries/")}))

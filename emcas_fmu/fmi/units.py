@@ -1,4 +1,4 @@
-"""FMI's view of a unit: exponents of the base units, and display units; all from the units of parameter files."""
+"""FMI's view of units: exponents of the base units, what is measured in them, and what people read it in."""
 
 from __future__ import annotations
 
@@ -6,21 +6,35 @@ from dataclasses import dataclass
 from functools import cache
 
 from .. import units
+from ..variables import Variable
 
-# Units shown instead of a variable's, the first as its displayUnit.
-_DISPLAYS = {"rad": ("deg",), "rad/s": ("deg/s", "rpm"), "m": ("mm",), "m/rad": ("mm/rev",), "s": ("ms",),
-             "Pa": ("bar",), "m3": ("l",), "m3/s": ("l/min",)}
 _BASE = {"[mass]": "kg", "[length]": "m", "[time]": "s", "[current]": "A", "[temperature]": "K", "[angle]": "rad"}
+_QUANTITIES = {
+    "1": "Ratio", "1/K": "TemperatureCoefficient", "1/s": "InverseTime", "1/s2": "InverseTimeSquared",
+    "A": "ElectricCurrent", "A/V": "CurrentPerVoltage", "F": "Capacitance", "H": "Inductance", "J/K": "HeatCapacity",
+    "K": "TemperatureDifference", "K/W": "ThermalResistance", "N": "Force", "N.m": "Torque",
+    "N.m.s/rad": "RotationalDamping", "N.m/A": "TorqueConstant", "N.m/Pa": "TorquePerPressure",
+    "N.m/rad": "RotationalStiffness", "N.s/m": "TranslationalDamping", "N/m": "TranslationalStiffness",
+    "Ohm": "Resistance", "Pa": "Pressure", "V": "Voltage", "V.s/rad": "VoltagePerAngularVelocity",
+    "V/(A.s)": "VoltagePerCharge", "V/A": "VoltagePerCurrent", "V/rad": "VoltagePerAngle", "W": "Power",
+    "degC": "Temperature", "kg": "Mass", "kg.m2": "MomentOfInertia", "m": "Length", "m/N": "TranslationalCompliance",
+    "m/rad": "LengthPerAngle", "m/s": "Velocity", "m/s2": "Acceleration", "m2": "Area", "m3": "Volume",
+    "m3/(s.Pa)": "HydraulicConductance", "m3/rad": "VolumePerAngle", "m3/s": "VolumeFlowRate", "rad": "Angle",
+    "rad/(N.m)": "RotationalCompliance", "rad/s": "AngularVelocity", "rad/s2": "AngularAcceleration", "s": "Time"}
+# Units they are shown in, unless a variable says otherwise; others are shown in their own.
+_DISPLAYS = {"Angle": "deg", "AngularVelocity": "deg/s", "BulkModulus": "bar", "Length": "mm",
+             "LengthPerAngle": "mm/rev", "Pressure": "bar", "Volume": "l", "VolumeFlowRate": "l/min"}
+DIFFERENCES = ("TemperatureDifference",)
+"""Quantities for which the offset of a unit does not count."""
 
 
 @dataclass(frozen=True)
 class Unit:
-    """Base-unit exponents, factor and offset to SI, display units with their factors."""
+    """Base-unit exponents, factor and offset to SI."""
 
     exponents: dict[str, int]
     factor: float
     offset: float
-    displays: tuple[tuple[str, float], ...]
 
 
 @cache
@@ -28,5 +42,19 @@ def fmi_unit(name: str) -> Unit:
     """Return what FMI says of a unit. Raises UnitError for one that is not known."""
     base, factor, offset = units.to_base(name)
     exponents = {symbol: base[dimension] for dimension, symbol in _BASE.items() if dimension in base}
-    displays = tuple((display, units.factor(name, display)) for display in _DISPLAYS.get(name, ()))
-    return Unit(exponents, factor, offset, displays)
+    return Unit(exponents, factor, offset)
+
+
+def quantity(v: Variable) -> str:
+    """Return what a variable measures, as one word; empty where neither it nor its unit tells."""
+    return v.quantity or _QUANTITIES.get(v.unit, "")
+
+
+def default_display(quantity: str) -> str:
+    """Return the unit a quantity is shown in; empty where that is its own."""
+    return _DISPLAYS.get(quantity, "")
+
+
+def display(v: Variable) -> str:
+    """Return the unit a variable is shown in; empty where that is its own."""
+    return v.display or default_display(quantity(v))

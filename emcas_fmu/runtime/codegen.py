@@ -14,9 +14,10 @@ from ..errors import EmcasError
 from ..namespace import namespace
 from ..ops.base import Ops, Value
 from ..physics.loads import LOADS, Carried
+from ..trace.dependencies import ZERO, Known, dependencies
 from ..trace.python_source import python_source
 from ..trace.tracer import Tracer
-from ..trace.usage import dependencies
+from ..variables import Variable
 from . import schedule
 from .core import FIRST, Core, Inputs, Sizes, inputs_of
 from .multi_fin import MultiFin
@@ -92,20 +93,43 @@ def traced_rules(model: str = NONLINEAR) -> Tracer:
 @cache
 def direct_inputs(model: str) -> Mapping[str, tuple[str, ...]]:
     """Return for each output that depends at once on inputs which these are; the states integrate the rest."""
-    actuator, tracer = get(model), traced(False, model)
-    arguments: dict[str, tuple[str, ...]] = {
-        "command": ("fin_command",), "aero_torque": ("aero_torque",), "enable": ("enable",),
-        **({"supply": (actuator.supply.input.name,)} if actuator.supply else {}),
-        **{identifier(v.name): (v.name,) for v in actuator.acting_inputs}}
-    by_name = {function.name: function for function in tracer.functions}
-    for made, needed in zip(Carried._fields, dependencies(by_name["carried"]), strict=True):
-        arguments[made] = tuple(v.name for v in fin_port.MOTION if identifier(v.name) in needed)
-    order = {v.name: i for i, v in enumerate(actuator.inputs)}
-    direct = {}
-    for v, needed in zip(actuator.outputs, dependencies(by_name["outputs"]), strict=True):
-        names = {name for argument in needed for name in arguments.get(argument, ())}
-        direct[v.name] = tuple(sorted(names, key=order.__getitem__))
+    actuator = get(model)
+    states = [Known()] * (len(actuator.states) + 4 + len(actuator.sampled_states))
+    direct = {name: tuple(v.name for v in actuator.inputs if v.name in known.names)
+              for name, known in _outputs(model, states).items()}
     return {name: inputs for name, inputs in direct.items() if inputs}
+
+
+@cache
+def initial_values(model: str) -> Mapping[str, Known]:
+    """Return what is known of each output's initial value: the inputs and parameters that it depends on among it."""
+    actuator = get(model)
+    initial = dependencies(traced(False, model), "initial", (), _known(actuator.parameters))
+    plant, kept = len(actuator.states), len(actuator.controller_states)
+    # As a core starts (core.py): no reference is on its way, no limit is met.
+    measured, *held = initial[plant + kept:]
+    return _outputs(model, [*initial[:plant], ZERO, ZERO, measured, ZERO, *held])
+
+
+def _outputs(model: str, states: Sequence[Known]) -> dict[str, Known]:
+    """Return what is known of each output by what is of all that the actuator keeps from before."""
+    actuator, tracer = get(model), traced(False, model)
+    inputs, parameters = _known(actuator.inputs), _known(actuator.parameters)
+    carried = dependencies(tracer, "carried", [inputs[v.name] for v in fin_port.MOTION], parameters)
+    outputs = dependencies(tracer, "outputs", (
+        *states, inputs["fin_command"], inputs["aero_torque"], *carried,
+        ZERO if actuator.supply is None else inputs[actuator.supply.input.name], inputs["enable"],
+        *(inputs[v.name] for v in actuator.acting_inputs)), parameters)
+    return {v.name: known for v, known in zip(actuator.outputs, outputs, strict=True)}
+
+
+def _known(variables: Iterable[Variable]) -> dict[str, Known]:
+    """Return what is known of variables by name: parameters are within their limits, inputs need not be."""
+    known = {}
+    for v in variables:
+        limits = (0.0, 1.0) if v.kind == "Boolean" else (v.minimum, v.maximum) if v.causality == "parameter" else ()
+        known[v.name] = Known(*limits)._replace(names=frozenset({v.name}))
+    return known
 
 
 @cache

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 
-from .tracer import FUNCTIONS, Assign, Block, Expr, If, Operand, Traced, Tracer
+from .tracer import FUNCTIONS, Assign, Block, Expr, If, Operand, Tracer
 
 # Operations that Python and C write alike.
 ARITHMETIC = {
@@ -103,25 +103,3 @@ class Writer(ABC):
     def literal(self, value: float | bool) -> str:
         """Return a number in the language."""
         return repr(value)
-
-
-def dependencies(function: Traced) -> list[frozenset[str]]:
-    """Return which arguments of a traced function each of its results depends on."""
-    needed: dict[str, frozenset[str]] = {
-        printed: frozenset({argument}) for printed, argument in zip(function.printed, function.arguments, strict=True)}
-
-    def of(*values: Operand) -> frozenset[str]:
-        return frozenset().union(*(needed.get(v.name, frozenset()) for v in values if isinstance(v, Expr)))
-
-    def follow(block: Block) -> None:
-        for statement in block.statements:
-            if isinstance(statement, Assign):
-                needed[statement.name] = of(*statement.operands)
-                continue
-            follow(statement.yes)
-            follow(statement.no)
-            for name, yes, no in zip(statement.names, statement.yes_values, statement.no_values, strict=True):
-                needed[name] = of(statement.condition, yes, no)
-
-    follow(function.block)
-    return [of(value) for value in function.results]

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 import emcas_fmu
-from emcas_fmu.bench.provenance import Source, made, made_by, today
+from emcas_fmu.bench.provenance import Source, made, made_by
 from emcas_fmu.bench.writers import outlined, typeset, with_unit, write_page
+from emcas_fmu.dates import today
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.plots import Picture

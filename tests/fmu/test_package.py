@@ -8,7 +8,6 @@ import sys
 import textwrap
 import zipfile
 from collections.abc import Mapping
-from itertools import combinations
 from pathlib import Path
 from xml.etree.ElementTree import Element, fromstring, tostring
 
@@ -16,13 +15,13 @@ import pytest
 from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
-from emcas_fmu import compiler
-from emcas_fmu.actuators import EXTENSIONS, NAMES, get
+from emcas_fmu import __author__, __copyright__, __date__, __version__, compiler
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.fmi.fmi2.model_description import model_description
-from emcas_fmu.fmi.interface import FmuInterface
+from emcas_fmu.fmi.description import about
+from emcas_fmu.fmi.interface import FmuInterface, fin_sets
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.reference.files import parameters_hash
 from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS, VARIABLES
 
 pytestmark = pytest.mark.fmu
@@ -43,32 +42,6 @@ def unit(units: Mapping[str, Path], backend: str) -> Path:
 def description(unit: Path) -> Element:
     with zipfile.ZipFile(unit) as archive:
         return fromstring(archive.read("modelDescription.xml"))
-
-
-@pytest.mark.parametrize("model", [
-    pytest.param(name, marks=pytest.mark.slow if name.startswith("worm-gear") else ()) for name in NAMES])
-@pytest.mark.parametrize("fins", [1, 2])
-def test_no_type_has_the_name_of_a_variable(model: str, fins: int) -> None:
-    """FMI 2.0.5, section 2.2.3: of every model with each option that it takes, and with as many as go together."""
-    def fits(options: tuple[str, ...]) -> bool:
-        try:
-            get("+".join((model, *options)))
-        except EmcasError:
-            return False
-        return True
-
-    fit = [options for n in range(len(EXTENSIONS) + 1) for options in combinations(EXTENSIONS, n) if fits(options)]
-    assert ("faults",) in fit
-    for options in fit:
-        if 1 < len(options) < len(fit[-1]):
-            continue
-        unit = FmuInterface(fins, "+".join((model, *options)))
-        root = model_description([0] * len(unit.variables), "", options={}, tool="", unit=unit)
-        types = {t.attrib["name"] for t in root.findall("TypeDefinitions/SimpleType")}
-        assert types == {v[0].attrib["declaredType"] for v in root.findall("ModelVariables/ScalarVariable")
-                         if "declaredType" in v[0].attrib}
-        assert bool(types) == bool({"homing", "supply", "faults"} & set(options))
-        assert not types & {v.name for v in unit.variables}
 
 
 def test_fmpy_finds_nothing(unit: Path) -> None:
@@ -175,6 +148,63 @@ def test_guid_follows_the_interface(fmu: Path, tmp_path: Path) -> None:
     assert read_model_description(str(fmu)).guid == same.guid != other.guid
 
 
+def read(path: Path, name: str) -> str:
+    with zipfile.ZipFile(path) as archive:
+        return archive.read(name).decode()
+
+
+def test_whose_it_is_and_of_when(unit: Path, description: Element, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                 ) -> None:
+    said = description.attrib
+    assert (said["author"], said["copyright"], said["license"]) == (__author__, __copyright__, "MIT")
+    assert said["generationDateAndTime"] == f"{__date__}T00:00:00Z"
+    experiment = description.find("DefaultExperiment")
+    assert experiment is not None
+    assert float(experiment.attrib["tolerance"]) == 1e-4
+    licence = read(unit, "documentation/licenses/license.txt")
+    assert (Path(__file__).resolve().parents[2] / "LICENSE").read_text(encoding="utf-8") in licence
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
+    later = build(load_parameters(), tmp_path / "later.fmu")
+    assert 'generationDateAndTime="1970-01-02T00:00:00Z"' in read(later.path, "modelDescription.xml")
+    assert later.guid == said["guid"]
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "tomorrow")
+    with pytest.raises(EmcasError, match="SOURCE_DATE_EPOCH=tomorrow"):
+        build(load_parameters(), tmp_path / "never.fmu")
+
+
+def test_every_licence_is_told_where_readers_begin(unit: Path, backend: str) -> None:
+    licence = read(unit, "documentation/licenses/license.txt")
+    with zipfile.ZipFile(unit) as archive:
+        others = {name for name in archive.namelist() if name.startswith("documentation/licenses/")}
+    named = {"python": "pythonfmu-license.txt", "native": "headers whose names begin with fmi"}[backend]
+    assert named in licence
+    assert others == {"documentation/licenses/license.txt",
+                      *(["documentation/licenses/pythonfmu-license.txt"] if backend == "python" else [])}
+
+
+def test_parameter_sets_are_told_apart_in_words(description: Element, tmp_path: Path) -> None:
+    """By the description that a host shows when it opens a unit, and by the version."""
+    file, slow = tmp_path / "my_actuator.toml", tmp_path / "slow.toml"
+    file.write_text('controller.position.kp = "50 1/s"\ndrive.supply_voltage = "28 V"\n', encoding="utf-8")
+    slow.write_text('controller.speed_limit = "200 rad/s"\n', encoding="utf-8")
+    shipped, mine = load_parameters(), load_parameters(file)
+    four = fin_sets(shipped, 4, "plus", {2: slow})
+    said = [about(FmuInterface(len(sets)), sets, "") for sets in (
+        [mine], [load_parameters([file, slow])], [shipped.with_values({"controller.position.kp": 50.0})],
+        fin_sets(shipped, 4), four, [mine.with_values({"controller.position.kp": 51.0})])]
+    assert description.attrib["description"].endswith("current loops; default parameters")
+    assert description.attrib["version"] == __version__
+    assert [each["description"].rpartition("loops; ")[2] for each in said] == [
+        "2 values changed by my_actuator.toml", "3 values changed by my_actuator.toml, slow.toml", "1 value changed",
+        "4 fins on one bus; fins at 45, 135, 225, 315 deg; default parameters",
+        "4 fins on one bus; fins at 0, 90, 180, 270 deg; 1 value changed by slow.toml",
+        "2 values changed by my_actuator.toml"]
+    versions = [each["version"] for each in said]
+    assert len(set(versions)) == len(versions)
+    assert versions[0] == f"{__version__}+{parameters_hash(mine.values)[:8]}"
+    assert versions[3] == __version__
+
+
 @pytest.mark.parametrize(("name", "said"), [("EMCAS.zip", "must end in .fmu"), ("missing/EMCAS.fmu", "no folder")])
 def test_bad_outputs_are_refused(tmp_path: Path, name: str, said: str) -> None:
     with pytest.raises(EmcasError, match=said):
@@ -186,7 +216,7 @@ def test_contents(fmu: Path) -> None:
     with zipfile.ZipFile(fmu) as archive:
         assert archive.testzip() is None
         names = set(archive.namelist())
-    assert {"modelDescription.xml", "model.png", "documentation/index.html", "documentation/licenses/LICENSE.txt",
+    assert {"modelDescription.xml", "model.png", "documentation/index.html", "documentation/licenses/license.txt",
             "documentation/externalDependencies.txt", "terminalsAndIcons/terminalsAndIcons.xml",
             "binaries/linux64/EMCAS.so", "binaries/win64/EMCAS.dll"} <= names
     assert any(n.startswith("extra/") and n.endswith("_ref.csv") for n in names)
@@ -290,7 +320,7 @@ def test_native_contents(native: Path) -> None:
     assert {"sources/fmi2.c", "sources/core.h", "sources/kernel.h", "sources/model.h", "sources/interface.h",
             "sources/instance.h", "sources/states.h", "sources/rules.h", "sources/parameter_checks.h",
             "sources/fmi2Functions.h", "sources/EMCAS.h", "documentation/index.html",
-            "documentation/licenses/LICENSE.txt"} <= names
+            "documentation/licenses/license.txt"} <= names
     assert not any(n.startswith("resources/") or n.endswith(".py") for n in names)
     assert "documentation/externalDependencies.txt" not in names
 

@@ -10,11 +10,13 @@ import subprocess
 import sys
 import tarfile
 import zipfile
+from datetime import date
 from pathlib import Path
 
 import pytest
+import yaml
 
-from emcas_fmu import __version__
+from emcas_fmu import __author__, __copyright__, __date__, __license__, __version__
 from tests.hosts.host import missing
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -33,7 +35,17 @@ COMMANDS = (
 
 def test_the_changelog_begins_with_the_version() -> None:
     headings = re.findall(r"^## (.*)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
-    assert re.fullmatch(rf"{re.escape(__version__)} \((unreleased|\d{{4}}-\d\d-\d\d)\)", headings[0])
+    assert headings[0] in (f"{__version__} ({__date__})", f"{__version__} (unreleased)")
+    assert str(date.fromisoformat(__date__)) == __date__
+
+
+def test_author_and_licence_are_those_of_the_files() -> None:
+    """What an FMU says of itself, where the files have to say it too."""
+    licence = (ROOT / "LICENSE").read_text(encoding="utf-8").splitlines()
+    assert (licence[0], licence[2]) == (f"{__license__} License", __copyright__)
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert ([author["name"] for author in cited["authors"]], cited["license"]) == ([__author__], __license__)
+    assert f'\nlicense = "{__license__}"\n' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")

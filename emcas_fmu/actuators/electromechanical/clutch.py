@@ -39,7 +39,8 @@ from .as_built import NOMINAL, as_built
 STATES = (*clutches.SCREW, State("coil_current_1", "A"), State("coil_current_2", "A"),
           State("flux_1", "A", "as the current that holds it"), State("flux_2", "A", "as the current that holds it"),
           clutches.TEMPERATURE)
-SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn by motor and coils; never negative", 100.0)
+SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn by motor and coils; never negative", 1000.0,
+                           minimum=0.0)
 _WAYS = ((1, "with"), (2, "against"))
 OUTPUTS = (
     *clutches.MOTION,
@@ -51,7 +52,8 @@ OUTPUTS = (
       for k, way in _WAYS),
     *(real_output(f"clutch_torque_{k}", "N.m", f"torque on the screw of the clutch that turns it {way} the motor", 1.0)
       for k, way in _WAYS),
-    *(real_output(f"slip_power_{k}", "W", f"heat of slip of the clutch that turns the screw {way} the motor", 100.0)
+    *(real_output(f"slip_power_{k}", "W", f"heat of slip of the clutch that turns the screw {way} the motor", 1000.0,
+                  minimum=0.0)
       for k, way in _WAYS),
     clutches.CLUTCH_TEMPERATURE,
 )
@@ -66,7 +68,7 @@ _OF_SCREW = {
 PARAMETERS = (
     *fin_port.described(_OF_SCREW, without(interface.PARAMETERS, "motor.inductance", "motor.pole_pairs", "drive.ki")),
     *clutches.MOTOR,
-    parameter("motor.start_speed", "rad/s", 0.0, 1e5, "motor speed at the start"),
+    parameter("motor.start_speed", "rad/s", 0.0, 1e5, "motor speed at the start", display="rpm"),
     *clutches.CLUTCH,
     *(clutches.share(f"clutch.share_{k}", f" that turns the screw {way} the motor") for k, way in _WAYS),
     parameter("clutch.bias_current", "A", 0.0, 1e3, "least current asked of both coils while enabled, I_b"),

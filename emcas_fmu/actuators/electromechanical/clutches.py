@@ -16,7 +16,7 @@ TEMPERATURE = State("clutch_temperature", "degC")
 MOTION = (
     *only(interface.OUTPUTS, "fin_angle", "fin_rate"),
     real_output("screw_angle", "rad", "screw angle", 10.0),
-    real_output("screw_speed", "rad/s", "screw speed", 100.0),
+    real_output("screw_speed", "rad/s", "screw speed", 100.0, display="rpm"),
     *only(interface.OUTPUTS, "motor_speed"),
 )
 CLUTCH_TEMPERATURE = real_output("clutch_temperature", "degC", "temperature of the slipping surfaces", 100.0)
@@ -36,7 +36,7 @@ CLUTCH = (
     parameter("clutch.rated_current", "A", 1e-6, 1e3, "coil current for the rated torque, I_r",
               sheet="clutch: rated coil current"),
     parameter("clutch.residual", "1", 0.0, 0.99, "share of the rated torque that is left without current, r"),
-    parameter("clutch.eddy_time", "s", 1e-6, 10.0, "time constant of eddy currents, t_e"),
+    parameter("clutch.eddy_time", "s", 1e-6, 10.0, "time constant of eddy currents, t_e", display="ms"),
     parameter("clutch.driving_inertia", "kg.m2", 0.0, 10.0, "inertia of the driving side besides the rotor's",
               sheet="clutch: inertia of the driving side, with the gear"),
     parameter("clutch.driven_inertia", "kg.m2", 0.0, 10.0, "inertia of the driven side besides the screw's",

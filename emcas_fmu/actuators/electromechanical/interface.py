@@ -41,19 +41,20 @@ CONTROLLER = (State("integral", "rad/s", "integral of the position controller"),
 # -- inputs and outputs ------------------------------------------------------------
 
 SUPPLY_VOLTAGE = real_input("supply_voltage", "V", "bus voltage of the drive", minimum=0.0, maximum=1000.0,
-                            nominal=10.0, start=None, key="drive.supply_voltage",
+                            nominal=30.0, start=None, key="drive.supply_voltage",
                             sheet="drive: supply (DC-link) voltage")
 SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn by the motor; negative while regenerating",
-                           100.0)
+                           1000.0)
 OUTPUTS = (
     fin_port.FIN_ANGLE,
     fin_port.FIN_RATE,
     real_output("motor_angle", "rad", "motor angle", 10.0),
-    real_output("motor_speed", "rad/s", "motor speed", 100.0),
-    real_output("motor_current", "A", "motor current", 10.0),
-    real_output("motor_voltage", "V", "voltage the drive applies (back-EMF while disabled)", 10.0),
-    real_output("motor_torque", "N.m", "motor torque", 1.0),
-    real_output("drive_reference", "V", "analogue reference held by the controller's DAC", 1.0),
+    real_output("motor_speed", "rad/s", "motor speed", 100.0, display="rpm"),
+    real_output("motor_current", "A", "motor current", 30.0),
+    real_output("motor_voltage", "V", "voltage the drive applies (back-EMF while disabled)", 30.0),
+    real_output("motor_torque", "N.m", "motor torque", 3.0),
+    real_output("drive_reference", "V", "analogue reference held by the controller's DAC", 10.0,
+                limited_by=("drive.reference_limit",)),
     real_output("nut_position", "m", "nut displacement from the assembly position", 0.01),
     fin_port.HINGE_TORQUE,
     SUPPLY_POWER,
@@ -62,7 +63,8 @@ OUTPUTS = (
         "measured_fin_angle": "fin angle the controller reads from its encoder at the last sample",
         "saturated": "any limit active: command, speed, DAC, current or voltage",
     }, (fin_port.MEASURED_FIN_ANGLE, fin_port.SATURATED, fin_port.AT_STOP)),
-    real_output("current_error", "A", "current reference within its limit minus motor current (0 while disabled)", 1.0),
+    real_output("current_error", "A", "current reference within its limit minus motor current (0 while disabled)",
+                10.0),
 )
 INPUT_DESCRIPTIONS = {
     "acceleration.x": "vehicle acceleration along body x (forward, along the screw), where mounting.station "
@@ -127,7 +129,7 @@ PARAMETERS: tuple[Variable, ...] = (
               sheet="drive: scale of the analogue command, A/V"),
     parameter("drive.current_offset", "A", -1e3, 1e3, "current demanded at zero reference"),
     parameter("drive.transport_delay", "s", 0.0, 0.1, "delay from DAC to current reference",
-              sheet="drive: delay from a command to the current"),
+              sheet="drive: delay from a command to the current", display="ms"),
     parameter("drive.kp", "V/A", 1e-6, 1e4, "proportional gain of the current loop",
               sheet="drive: proportional gain of the current loop"),
     parameter("drive.ki", "V/(A.s)", 0.0, 1e6, "integral gain of the current loop",
@@ -155,7 +157,7 @@ PARAMETERS: tuple[Variable, ...] = (
     tunable("controller.drive_antiwindup", "1/s", 0.0, 1e5,
             "back-calculation gain of the anti-windup where DAC or drive current are limited (0: none)"),
     parameter("controller.speed_limit", "rad/s", 1e-3, 1e5, "largest motor speed reference",
-              sheet="controller: speed limit; not above the motor's permitted speed"),
+              sheet="controller: speed limit; not above the motor's permitted speed", display="rpm"),
     *fin_port.TRAVEL,
     parameter("friction.viscous.positive", "N.m.s/rad", 0.0, 10.0, "viscous friction at the motor, positive motion",
               sheet="bench: viscous friction without load"),
@@ -170,7 +172,8 @@ PARAMETERS: tuple[Variable, ...] = (
     parameter("friction.fin_coulomb", "N.m", 0.0, 1e4, "Coulomb friction about the hinge",
               sheet="bench: friction torque of the hinge's bearings and seals"),
     tunable("compensation.gain", "1", 0.0, 10.0, "share of the Coulomb friction fed forward (0: none)"),
-    tunable("compensation.speed_band", "rad/s", 1e-6, 1e4, "speed reference at which compensation is full"),
+    tunable("compensation.speed_band", "rad/s", 1e-6, 1e4, "speed reference at which compensation is full",
+            display="rpm"),
     switch("encoder.enabled", "false feeds true angle and speed to the controllers"),
     integer_parameter("encoder.pulses", 1, 1_000_000, "pulses per revolution",
                       sheet="encoder: pulses (lines) per revolution"),

@@ -23,7 +23,7 @@ PARAMETERS = (
               "efficiency of the screw where the load drives the motor (0 or less: it cannot)",
               sheet="screw: efficiency, thrust into turning"),
 )
-LOSS = real_output("screw_loss", "W", "power that the loaded screw turns into heat", 100.0)
+LOSS = real_output("screw_loss", "W", "power that the loaded screw turns into heat", 100.0, minimum=0.0)
 
 
 def jamming_text(turning: str) -> str:

@@ -46,11 +46,12 @@ from .as_built import NOMINAL, as_built
 
 STATES = (*clutches.SCREW, *interface.DRIVE, State("coil_current", "A"),
           State("flux", "A", "as the current that holds it"), clutches.TEMPERATURE)
-SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn by motor and coil; never negative", 100.0)
+SUPPLY_POWER = real_output("supply_power", "W", "electrical power drawn by motor and coil; never negative", 1000.0,
+                           minimum=0.0)
 _CLUTCH = (
     real_output("coil_current", "A", "coil current of the clutch", 1.0),
     real_output("clutch_torque", "N.m", "torque of the clutch on the screw", 1.0),
-    real_output("slip_power", "W", "heat of slip of the clutch", 100.0),
+    real_output("slip_power", "W", "heat of slip of the clutch", 1000.0, minimum=0.0),
     clutches.CLUTCH_TEMPERATURE,
 )
 OUTPUTS = (
@@ -58,13 +59,14 @@ OUTPUTS = (
     *only(interface.OUTPUTS, "motor_current", "motor_voltage", "motor_torque", "drive_reference", "nut_position",
           "hinge_torque"),
     SUPPLY_POWER,
-    real_output("braking_power", "W", "power that motor and coil return, into the drive's braking resistor", 100.0),
+    real_output("braking_power", "W", "power that motor and coil return, into the drive's braking resistor", 100.0,
+                minimum=0.0),
     *fin_port.described({
         "saturated": "any limit active: command, speed, DAC, current, the drive's voltage or the coil amplifier's"},
         only(interface.OUTPUTS, "tracking_error", "measured_fin_angle", "saturated", "at_stop")),
     *only(interface.OUTPUTS, "current_error"),
     *_CLUTCH,
-    real_output("screw_loss", "W", "power that no-back and screw turn into heat under load", 100.0),
+    real_output("screw_loss", "W", "power that no-back and screw turn into heat under load", 100.0, minimum=0.0),
 )
 PARAMETERS = (
     *fin_port.described(clutches.OF_SCREW, interface.PARAMETERS),

@@ -27,7 +27,7 @@ from . import interface, nonlinear, plausibility
 from .as_built import as_built
 from .interface import MOST_JAMMING, with_parameters
 
-LOSS = real_output("worm_loss", "W", "power that the loaded worm turns into heat", 100.0)
+LOSS = real_output("worm_loss", "W", "power that the loaded worm turns into heat", 100.0, minimum=0.0)
 OUTPUTS = (*without(interface.OUTPUTS, "nut_position"), LOSS)
 TERMINALS = tuple(replace(t, members=(*(m for m in t.members if m != "nut_position"), LOSS.name))
                   for t in interface.TERMINALS)

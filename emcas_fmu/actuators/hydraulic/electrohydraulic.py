@@ -13,6 +13,7 @@ largest speed, a check valve opens or closes, a chamber is void. Where a void en
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from typing import Any
 
 from ...control import fluid_power
@@ -30,7 +31,7 @@ from . import as_built, interface
 SUPPLY_PRESSURE = real_input("supply_pressure", "Pa", "pressure of the line that feeds the valve", minimum=0.0,
                              maximum=1e9, nominal=1e7, start=None, key="hydraulic_supply.pressure",
                              sheet="supply: line pressure")
-SUPPLY_POWER = real_output("supply_power", "W", "hydraulic power drawn from the pressure line", 100.0)
+SUPPLY_POWER = real_output("supply_power", "W", "hydraulic power drawn from the pressure line", 1000.0)
 DEVIATIONS = (*as_built.LEVER_AND_FRICTION, as_built.RATED_FLOW)
 VALVE = (State("spool_position", "1", "of its stroke"), State("spool_speed", "1/s"))
 PARAMETERS = (
@@ -43,11 +44,11 @@ PARAMETERS = (
     parameter("valve.rated_pressure", "Pa", 1e3, 1e9, "pressure drop across both edges for valve.rated_flow",
               sheet="servovalve: pressure drop of the rated flow, across both edges"),
     parameter("valve.natural_frequency", "rad/s", 1.0, 1e5, "natural frequency of the spool",
-              sheet="servovalve: natural frequency of the spool"),
+              sheet="servovalve: natural frequency of the spool", quantity="AngularFrequency"),
     parameter("valve.damping", "1", 0.0, 100.0, "damping ratio of the spool",
               sheet="servovalve: damping ratio of the spool"),
     parameter("valve.stroke_time", "s", 1e-5, 10.0, "least time from the centre to the end of the stroke",
-              sheet="servovalve: least time to full stroke"),
+              sheet="servovalve: least time to full stroke", display="ms"),
     parameter("valve.lap", "1", 0.0, 1.0, "rounding of the edges, as an underlap, of the stroke: the larger, the more "
               "leaks at null"),
     parameter("valve.laminar_pressure", "Pa", 1.0, 1e8, "pressure drop below which an edge's flow is laminar"),
@@ -214,9 +215,11 @@ ACTUATOR = Actuator(
            "value is an engineering estimate.",
     states=(*interface.FIN, *interface.CHAMBERS, *VALVE),
     controller_states=interface.CONTROLLER,
-    outputs=(*interface.OUTPUTS,
-             real_output("valve_reference", "1", "position asked of the spool, of its stroke", 1.0),
-             real_output("valve_position", "1", "position of the spool, of its stroke", 1.0),
+    outputs=(*(replace(v, minimum=0.0) if v in interface.PRESSURES else v for v in interface.OUTPUTS),
+             real_output("valve_reference", "1", "position asked of the spool, of its stroke", 1.0,
+                         minimum=-1.0, maximum=1.0),
+             real_output("valve_position", "1", "position of the spool, of its stroke", 1.0, minimum=-1.0,
+                         maximum=1.0),
              real_output("supply_flow", "m3/s", "flow drawn from the pressure line", 1e-4),
              SUPPLY_POWER),
     parameters=PARAMETERS,

@@ -62,7 +62,8 @@ PARAMETERS = (
     switch("bypass_valve.opens_disabled", "true: the bypass valve opens while the drive is disabled, and the fin "
            "yields"),
     parameter("oil.cavitation_pressure", "Pa", 0.0, 1e6, "absolute pressure at which a void opens in the oil"),
-    parameter("oil.cavitated_modulus", "Pa", 1.0, 1e9, "bulk modulus of a chamber with a void"),
+    parameter("oil.cavitated_modulus", "Pa", 1.0, 1e9, "bulk modulus of a chamber with a void",
+              quantity="BulkModulus"),
     *DEVIATIONS,
 )
 

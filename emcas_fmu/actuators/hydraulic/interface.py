@@ -18,12 +18,15 @@ CHAMBERS = (State("pressure_1", "Pa", "in the chamber that turns the fin to posi
 CONTROLLER = (State("integral", "m/s", "of the position controller"),
               State("piston", "m", "as read at the last sample"))
 
+PRESSURES = (
+    real_output("pressure_1", "Pa", "pressure in the chamber that turns the fin to positive angles", 1e7),
+    real_output("pressure_2", "Pa", "pressure in the chamber that turns the fin to negative angles", 1e7),
+)
 OUTPUTS = (
     *fin_port.described({
         "measured_fin_angle": "fin angle the controllers read from its transducer at the last sample"}),
     real_output("piston_position", "m", "piston displacement from its place at fin_angle 0", 0.01),
-    real_output("pressure_1", "Pa", "pressure in the chamber that turns the fin to positive angles", 1e7),
-    real_output("pressure_2", "Pa", "pressure in the chamber that turns the fin to negative angles", 1e7),
+    *PRESSURES,
 )
 CYLINDER = (
     parameter("cylinder.area", "m2", 1e-7, 1.0, "area of the piston on both sides, A",
@@ -38,7 +41,7 @@ CYLINDER = (
     parameter("cylinder.internal_leakage", "m3/(s.Pa)", 0.0, 1e-6, "leakage across the piston, C_ip",
               sheet="cylinder: leakage across the piston over pressure"),
     parameter("oil.bulk_modulus", "Pa", 1e6, 1e11, "effective bulk modulus of oil, air and walls, beta",
-              sheet="oil: bulk modulus, with the air and the walls"),
+              sheet="oil: bulk modulus, with the air and the walls", quantity="BulkModulus"),
 )
 CHECK_VALVE = parameter("check_valve.conductance", "m3/(s.Pa)", 0.0, 1e-6,
                         "conductance of the check valve that refills a chamber, K_cv")

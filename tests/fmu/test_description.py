@@ -1,0 +1,190 @@
+"""What the model description says of each variable: type, quantity, unit shown, nominal, limits."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from itertools import combinations
+from math import copysign, inf, radians
+from typing import Any
+
+import pytest
+
+from emcas_fmu.actuators import EXTENSIONS, NAMES, fin_port, get
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi import description
+from emcas_fmu.fmi.interface import MIXING, FmuInterface, fin_sets, start_values
+from emcas_fmu.parameters import ParameterSet, load_parameters
+from emcas_fmu.variables import Variable, real_output
+from tests.actuators.test_declaration import WITH_EXTENSIONS
+from tests.fmu.built import slave_class
+
+
+def kinds() -> Iterator[str]:
+    """Every actuator with each extension that it takes, and with as many as go together."""
+    for name in NAMES:
+        there = [""]
+        for options in (o for n in range(1, len(EXTENSIONS) + 1) for o in combinations(EXTENSIONS, n)):
+            try:
+                there.append(get("+".join((name, *options))).name)
+            except EmcasError:
+                continue
+        yield from (name, *(kind for kind in there[1:-1] if kind.count("+") == 1), there[-1])
+
+
+@pytest.mark.parametrize("fins", [1, 2])
+def test_every_real_variable_and_enumeration_has_a_type(fins: int) -> None:
+    """It agrees with it, and no type is called as a variable is (FMI 2.0.5, section 2.2.3)."""
+    measured: dict[str, set[str]] = {}
+    for unit in (FmuInterface(fins, kind) for kind in kinds()):
+        types = description.types(unit)
+        assert not types.keys() & unit.reference.keys()
+        defined = {(u.attrib["name"], d.attrib["name"]) for u in description.unit_definitions(unit)
+                   for d in u.findall("DisplayUnit")}
+        for v in unit.variables:
+            if v.kind != "Real":
+                assert (description.type_name(v) in types) == bool(v.items)
+                continue
+            given = description.real_attributes(v)
+            of = description.real_type(types[str(given["declaredType"])])
+            assert (of["quantity"], of["unit"]) == (given["declaredType"], v.unit)
+            measured.setdefault(str(of["quantity"]), set()).add(v.unit)
+            assert all((v.unit, shown) in defined for shown in (given["displayUnit"], of["displayUnit"]) if shown)
+    assert all(len(units) == 1 for units in measured.values()), measured
+    assert {"Pressure", "BulkModulus", "AngularVelocity", "AngularFrequency", "TemperatureDifference"} < set(measured)
+
+
+def test_a_variable_called_as_a_type_is_refused() -> None:
+    actuator = get("second-order")
+    unit = FmuInterface(1)
+    unit.__dict__["variables"] = (*actuator.outputs, real_output("Torque", "N.m", "a slip", 1.0))
+    with pytest.raises(EmcasError, match="Torque is what the model description calls a type"):
+        description.types(unit)
+
+
+def test_a_unit_that_measures_nothing_known_has_no_type() -> None:
+    v = real_output("draught", "N/m2", "of a user's actuator", 1.0)
+    assert (description.type_name(v), description.real_attributes(v)["unit"]) == (None, "N/m2")
+
+
+def test_speeds_of_motors_are_shown_in_rpm() -> None:
+    shown = {v.name: description.real_attributes(v)["displayUnit"] for v in get("series-clutch").outputs
+             if v.unit == "rad/s"}
+    assert shown == {"fin_rate": None, "screw_speed": "rpm", "motor_speed": "rpm"}
+
+
+# -- runs --------------------------------------------------------------------------
+
+
+class Running:
+    """A unit of a set of parameters, in this process: inputs by name, outputs after each step."""
+
+    def __init__(self, unit: FmuInterface, chosen: ParameterSet) -> None:
+        sets = [chosen.values] if unit.fins == 1 else [each.values for each in fin_sets(chosen, unit.fins)]
+        self.unit, self.time = unit, 0.0
+        self.inputs = dict(zip(unit.reference, start_values(unit, sets), strict=True))
+        self.slave: Any = slave_class(unit, sets)(instance_name="running")
+        self.slave.setup_experiment(0.0)
+        self.slave.enter_initialization_mode()
+        self.slave.exit_initialization_mode()
+
+    def step(self, size: float) -> Mapping[str, float]:
+        """Move on by `size` [s]; the outputs."""
+        for i, v in enumerate(self.unit.inputs):
+            (self.slave.set_boolean if v.kind == "Boolean" else self.slave.set_real)([i], [self.inputs[v.name]])
+        assert self.slave.do_step(self.time, size), self.slave.log_queue[-1].msg
+        self.time += size
+        kinds = {"Real": self.slave.get_real, "Boolean": self.slave.get_boolean}
+        return {v.name: kinds.get(v.kind, self.slave.get_integer)([self.unit.reference[v.name]])[0]
+                for v in self.unit.outputs}
+
+
+# A share of the I2t budget, and the slip of a clutch that is closed: they stay far below 1 and 1000 W in this run.
+SMALL = {"i2t_load", "slip_power"}
+
+
+@pytest.mark.parametrize("model", [kind for kind in WITH_EXTENSIONS if not kind.startswith("linear")])
+def test_nominals_are_of_the_size_of_the_values(model: str) -> None:
+    """Within ten times up and down of the largest in a slew against a load; the linear actuator knows no limits."""
+    chosen = load_parameters(model=model)
+    if "homing.required" in chosen.values:
+        chosen = chosen.with_values({"homing.required": False})
+    unit = FmuInterface(1, chosen.model)
+    running, peaks = Running(unit, chosen), dict.fromkeys((v.name for v in unit.outputs), 0.0)
+    for v in unit.inputs:
+        if v.kind == "Real" and running.inputs[v.name]:
+            assert v.nominal is not None
+            assert 1 / 3 < running.inputs[v.name] / v.nominal < 3, v.name
+    for k in range(300):
+        running.inputs |= {"fin_command": radians(10.0 if k < 150 else -10.0),
+                           "aero_torque": -copysign(50.0, 150 - k)}
+        peaks = {name: max(peaks[name], abs(value)) for name, value in running.step(2e-3).items()}
+    for v in unit.outputs:
+        if v.kind == "Real":
+            assert v.nominal is not None
+            assert (0.0 if v.name in SMALL else 0.1) <= peaks[v.name] / v.nominal <= 10.0, (v.name, peaks[v.name])
+
+
+# Stops as far apart as they go, on a lever that allows that, and a start close to one.
+FAR = {"fin.stop_angle": radians(80.0), "fin.start_angle": radians(79.0), "command.limit": radians(80.0),
+       "kinematics.initial_angle": 0.0, "cylinder.dead_volume": 1e-3, "homing.timeout": 100.0,
+       "homing.required": False, "drive.reference_limit": 1e3,
+       **{f"friction.coulomb.{direction}[{k}]": 0.0 for direction in ("positive", "negative") for k in range(1, 7)}}
+SUPPLIES = ("supply_voltage", "supply_pressure")
+UNITS = [*(FmuInterface(1, kind) for kind in WITH_EXTENSIONS),
+         FmuInterface(2), FmuInterface(2, "nonlinear+supply"), FmuInterface(2, "electrohydraulic")]
+
+
+def wide(chosen: ParameterSet, rng: random.Random, far: bool) -> ParameterSet:
+    """Parameters at their limits or as shipped, some faults scheduled."""
+    values = {name: value for name, value in FAR.items() if far and name in chosen.values}
+    for name in chosen.values:
+        if name.startswith("fault.") and name.endswith(".begin") and rng.random() < 0.3:
+            values |= {name: rng.uniform(0.4, 0.8), name.replace("begin", "end"): 1e9}
+    return chosen.with_values(values)
+
+
+def drawn(v: Variable, size: float, rng: random.Random) -> Any:
+    """A value of an input of about a size."""
+    if v.kind == "Boolean":
+        return rng.random() < 0.8
+    return size * (rng.choice([0.0, 0.3, 1.0]) if v.minimum == 0.0 else rng.choice([-1.0, 1.0, rng.gauss(0.0, 1.0)]))
+
+
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.model)
+def test_outputs_keep_within_their_limits(unit: FmuInterface) -> None:
+    """Under random commands, loads, supply and faults, with the shipped parameters and with stops as far as they go."""
+    chosen, most = load_parameters(model=unit.kind), 0.0
+    limited = [v for v in unit.outputs if v.kind == "Real" and (v.minimum > -inf or v.maximum < inf)]
+    for seed in range(4):
+        rng = random.Random(seed)
+        running = Running(unit, wide(chosen, rng, far=seed % 2 == 0))
+        scales = {"rad": 1.4, "N.m": 100.0, "V": 60.0, "Pa": 3e7}
+        for k in range(80):
+            for v in unit.inputs:
+                if k == 0 or rng.random() < 0.15:
+                    running.inputs[v.name] = drawn(v, scales.get(v.unit, 1.0), rng)
+            if k < 20:  # against a stop first
+                running.inputs |= {v.name: 0.0 if v in MIXING else scales.get(v.unit, True) for v in unit.inputs
+                                   if v.name.endswith(("command", "aero_torque", *SUPPLIES, "enable"))}
+            outputs = running.step(2e-2 if k < 20 else rng.choice([1e-3, 5e-3, 2e-2]))
+            for v in limited:
+                assert v.minimum <= outputs[v.name] <= v.maximum, (v.name, outputs[v.name], running.time)
+            most = max(most, *(abs(value) for name, value in outputs.items() if name.endswith("fin_angle")))
+    assert most >= 0.999 * min(v.maximum for v in limited if v.limited_by == ("fin.stop_angle",))
+
+
+def test_limits_follow_those_of_the_parameters_that_set_them() -> None:
+    angle, = (v for v in get("nonlinear").limited_outputs if v.name == "fin_angle")
+    stop, = (v for v in get("nonlinear").parameters if v.name == "fin.stop_angle")
+    assert angle.maximum == -angle.minimum == pytest.approx(stop.maximum, rel=1e-11)
+    reference = {kind: next(v.maximum for v in get(kind).limited_outputs if v.name == "drive_reference")
+                 for kind in ("nonlinear", "linear")}
+    assert reference == {"nonlinear": pytest.approx(1e3), "linear": inf}
+    words = [v for v in get("elastic+faults").outputs if v.bits]
+    assert words
+    assert all((v.minimum, v.maximum) == (0, 2 ** len(v.bits) - 1) for v in words)
+    unlimited = replace(get("second-order"), outputs=(*fin_port.OUTPUTS, replace(fin_port.FIN_ANGLE, name="other",
+                                                                                limited_by=("drive.voltage",))))
+    assert unlimited.limited_outputs[-1].maximum == inf

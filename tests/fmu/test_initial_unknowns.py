@@ -1,0 +1,126 @@
+"""InitialUnknowns: what an output's initial value is said to depend on, by trying every input and parameter."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator, Mapping
+from math import isnan
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fmpy import extract, instantiate_fmu, read_model_description
+
+from emcas_fmu.fmi.description import initial_dependencies
+from emcas_fmu.fmi.interface import SINGLE, FmuInterface, fin_sets, start_values
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime.codegen import initial_values
+from emcas_fmu.variables import Variable
+from tests.fmu.built import slave_class
+
+UNITS = [FmuInterface(1, kind) for kind in (
+    "nonlinear", "second-order", "ristanovic", "elastic+heat+homing+faults", "nonlinear+supply", "worm-gear",
+    "series-clutch", "electrohydrostatic", "electrohydraulic")] + [
+    FmuInterface(4), FmuInterface(2, "electrohydraulic")]
+# Where outputs react that do not at the shipped values, and a fin that starts at its stop.
+AWAY = {"loads.gravity": True, "fin.start_angle": 0.1, "attitude.roll": 0.5, "homing.required": False,
+        "supply.one_way": False}
+AT_STOP = {"command.limit": 0.05, "fin.start_angle": 0.2, "fin.stop_angle": 0.2}
+
+
+def sets_of(unit: FmuInterface) -> list[Mapping[str, Any]]:
+    shipped = load_parameters(model=unit.kind)
+    return [each.values for each in ([shipped] if unit.fins == 1 else fin_sets(shipped, unit.fins))]
+
+
+class Starting:
+    """A unit in initialization, in this process; a call gives its outputs for start values, None if it refuses."""
+
+    def __init__(self, unit: FmuInterface) -> None:
+        self.slave: Any = slave_class(unit, sets_of(unit))(instance_name="starting")
+        self.slave.setup_experiment(0.0)
+        self.slave.enter_initialization_mode()
+        self.kinds = [("integer" if v.items else v.kind.lower(), i, v) for i, v in enumerate(unit.variables)]
+
+    def __call__(self, values: Mapping[str, Any]) -> dict[str, Any] | None:
+        for kind, i, v in self.kinds:
+            if v.causality != "output":
+                getattr(self.slave, f"set_{kind}")([i], [values[v.name]])
+        outputs = {v.name: getattr(self.slave, f"get_{kind}")([i])[0] for kind, i, v in self.kinds
+                   if v.causality == "output"}
+        return None if any(map(isnan, outputs.values())) else outputs
+
+
+def changed(v: Variable, value: Any, rng: random.Random) -> Any:
+    """Another value of a variable: near it, anywhere, or a limit."""
+    if v.kind == "Boolean":
+        return not value
+    free = v.causality == "input"  # no input is refused
+    low, high = (-1e3, 1e3) if free else (max(v.minimum, -1e3), min(v.maximum, 1e3))
+    near = value * rng.choice([0.5, 0.9, 1.1, 2.0]) + (0.0 if value else rng.gauss(0.0, 0.1))
+    other = rng.choice([min(max(near, low), high), rng.uniform(low, high), low, high])
+    return int(other) if v.kind == "Integer" else other
+
+
+def places(unit: FmuInterface, started: Any, rng: random.Random) -> Iterator[dict[str, Any]]:
+    """Start values that the unit takes: the shipped ones, two chosen places, and one drawn at random."""
+    shipped = dict(zip(unit.reference, start_values(unit, sets_of(unit)), strict=True))
+    for place in ({}, AWAY, AT_STOP):
+        yield {name: place.get(name.rpartition("].")[2], value) for name, value in shipped.items()}
+    values = dict(shipped)
+    for v in (*unit.inputs, *unit.parameters):
+        before, values[v.name] = values[v.name], changed(v, values[v.name], rng)
+        if rng.random() < 0.7 or started(values) is None:
+            values[v.name] = before
+    yield values
+
+
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.model)
+def test_what_reacts_is_listed_and_what_lists_anything_reacts(unit: FmuInterface) -> None:
+    started, rng = Starting(unit), random.Random(16)
+    reacts: dict[str, set[str]] = {v.name: set() for v in unit.outputs}
+    known, lines = initial_values(unit.kind), {v.name for v in unit.line_outputs}
+    for values in places(unit, started, rng):
+        before = started(values)
+        assert before is not None
+        for v in (*unit.inputs, *unit.parameters):
+            smaller = 0.9 * values[v.name] if v.kind == "Real" else values[v.name]
+            for other in (smaller, *(changed(v, values[v.name], rng) for _ in range(3))):
+                after = started({**values, v.name: other}) or before
+                for name in before:
+                    if name.rpartition("].")[2] in known and name not in lines:
+                        low, high, _ = known[name.rpartition("].")[2]]
+                        assert low <= after[name] <= high, name
+                    if after[name] != before[name]:
+                        reacts[name].add(v.name)
+    listed = initial_dependencies(unit)
+    for name, needed in reacts.items():
+        assert needed <= set(listed[name]), name
+    assert {name for name, needed in listed.items() if needed} == {name for name, needed in reacts.items() if needed}
+
+
+@pytest.mark.fmu
+@pytest.mark.parametrize("backend", ["python", "native"])
+def test_a_built_unit_has_the_same_outputs_before_and_after_the_end_of_initialization(
+        units: Mapping[str, Path], backend: str) -> None:
+    folder = extract(str(units[backend]))
+    description = read_model_description(folder)
+    references = {v.name: (v.type, v.valueReference) for v in description.modelVariables}
+    instance = instantiate_fmu(folder, description, "CoSimulation")
+    started = Starting(SINGLE)
+
+    def outputs() -> dict[str, Any]:
+        return {v.name: getattr(instance, f"get{kind}")([reference])[0]
+                for v in SINGLE.outputs for kind, reference in [references[v.name]]}
+
+    for values in places(SINGLE, started, random.Random(17)):
+        instance.setupExperiment(startTime=0.0)
+        instance.enterInitializationMode()
+        for v in (*SINGLE.inputs, *SINGLE.parameters):
+            kind, reference = references[v.name]
+            getattr(instance, f"set{kind}")([reference], [values[v.name]])
+        before = outputs()
+        instance.exitInitializationMode()
+        assert before == outputs() == started(values)
+        instance.reset()
+    instance.freeInstance()
