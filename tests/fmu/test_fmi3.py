@@ -290,8 +290,8 @@ def clock_calls(unit: Instance3, value: bool) -> tuple[int, int, bool]:
 
 def test_the_clock_ticks_at_samples_and_changes_nothing(clocked3: Fmu, unit3: Fmu) -> None:
     clocked, plain = with_events(clocked3), with_events(unit3)
-    reference, interval, shift, qualifier = ((ct.c_uint * 1)(clocked3.references[CLOCK]), ct.c_double(), ct.c_double(nan),
-                                             ct.c_int())
+    reference = (ct.c_uint * 1)(clocked3.references[CLOCK])
+    interval, shift, qualifier = ct.c_double(), ct.c_double(nan), ct.c_int()
     assert clocked.call("GetIntervalDecimal", reference, ct.c_size_t(1), ct.byref(interval), ct.byref(qualifier)) == OK
     assert clocked.call("GetShiftDecimal", reference, ct.c_size_t(1), ct.byref(shift)) == OK
     assert (interval.value, shift.value) == (SAMPLE, 0.0)

@@ -18,6 +18,7 @@ import pytest
 
 from emcas_fmu.fmi import references
 from emcas_fmu.fmi.interface import FmuInterface, fin_sets
+from emcas_fmu.fmi.native import FORMATS
 from emcas_fmu.fmi.package import build
 from emcas_fmu.fmi.references import FOLDER, MANIFEST, TEXT, reference_files
 from emcas_fmu.parameters import load_parameters
@@ -100,7 +101,8 @@ def test_the_start_values_are_part_of_it(fmu: Path, tmp_path: Path) -> None:
 def made(model: str = "nonlinear", fins: int = 1, values: Mapping[str, Any] | None = None
          ) -> tuple[dict[str, bytes], tuple[str, ...]]:
     parameters = load_parameters(model=model).with_values(values or {})
-    return reference_files(FmuInterface(fins, model), [parameters] if fins == 1 else fin_sets(parameters, fins))
+    return reference_files(FmuInterface(fins, model), [parameters] if fins == 1 else fin_sets(parameters, fins),
+                           FORMATS["2"])
 
 
 def xml(contents: Mapping[str, bytes], name: str) -> Element:
@@ -170,7 +172,7 @@ def test_fins_of_their_own_parameters_have_their_own_responses() -> None:
     unit = FmuInterface(2, "second-order")
     alike, _ = made("second-order", 2)
     slow = load_parameters(model="second-order").with_values({"second_order.natural_frequency": 150.0})
-    contents, _ = reference_files(unit, [load_parameters(model="second-order"), slow])
+    contents, _ = reference_files(unit, [load_parameters(model="second-order"), slow], FORMATS["2"])
     ours, theirs = (np.loadtxt(each[f"{FOLDER}/fins_ref.csv"].decode().splitlines()[1:], delimiter=",").T
                     for each in (contents, alike))
     header = contents[f"{FOLDER}/fins_ref.csv"].decode().splitlines()[0].split(",")

@@ -83,6 +83,6 @@ FORMAT = Format(
 CLOCKED = replace(
     FORMAT, tables=partial(_tables, clock=True), host_variables=partial(_host_variables, clock=True),
     model_description=partial(model_description, clock=True), notes=(*FORMAT.notes, (
-        f"<code>{CLOCK}</code> says when the controllers sample (of fin 1, where their sample times differ). It need not "
-        "be activated: they sample by themselves.")))
+        f"<code>{CLOCK}</code> says when the controllers sample (of fin 1, where their sample times differ). It need "
+        "not be activated: they sample by themselves.")))
 """With a clock of the controllers' samples; hosts made with fmi4c end in a double free at any clock."""
