@@ -271,8 +271,12 @@ class Instance3(Instance):
         return status, list(values)
 
     def get_vr(self, kind: str, references: Sequence[int]) -> tuple[int, list[Any]]:
-        (reference,) = references
-        return self.get_elements(kind, reference, 1)
+        ctype, kind = self._typed(kind)
+        count = len(references)
+        values = (ctype * count)()
+        status = self.call(f"Get{kind}", (ct.c_uint * count)(*references), ct.c_size_t(count), values,
+                           ct.c_size_t(count))
+        return status, list(values)
 
     def get(self, name: str) -> Any:
         element, count = self.fmu.elements[name]
