@@ -62,6 +62,9 @@ def read_interface(content: bytes, name: str) -> Interface:
         ports = {v.name: _port(v) for v in description.modelVariables}
     except Exception as error:  # fmpy raises what its parsers raise: of zipfile, lxml, float and its own
         raise SspError(f"{name}: is not an FMU that can be read: {error}") from error
+    if description.fmiVersion != "2.0":
+        raise SspError(f"{name}: is of FMI {description.fmiVersion}; hosts of SSP 1.0 know FMUs of FMI 2.0: build "
+                       "it without --fmi 3")
     return Interface(description.modelName, str(description.guid), ports, units)
 
 

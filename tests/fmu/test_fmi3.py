@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes as ct
+import subprocess
 import zipfile
 from collections.abc import Mapping
 from math import inf, nan, radians
@@ -350,6 +351,25 @@ def test_events_do_not_depend_on_the_steps(unit3: Fmu, torque: float, command: f
     # An event within the tolerance of a step's end is met there.
     assert len(found) == len(expected)
     assert np.allclose(found, expected, rtol=0.0, atol=3e-6)
+
+
+def test_built_twice_the_same_bytes(native3: Path, tmp_path: Path) -> None:
+    assert built(tmp_path).read_bytes() == native3.read_bytes()
+
+
+def test_two_units_linked_into_one_program(native3: Path, tmp_path: Path) -> None:
+    """By the prefix the standard has for it; nothing of theirs meets."""
+    with zipfile.ZipFile(native3) as archive:
+        archive.extractall(tmp_path)
+    sources = tmp_path / "sources"
+    (sources / "main.c").write_text(
+        "const char *A_fmi3GetVersion(void), *B_fmi3GetVersion(void);\n"
+        "int main(void) { return A_fmi3GetVersion()[0] != B_fmi3GetVersion()[0]; }\n", encoding="utf-8")
+    for prefix in ("A_", "B_"):
+        subprocess.run(["cc", "-std=c11", "-c", f"-DFMI3_FUNCTION_PREFIX={prefix}", "fmi3.c", "-o", f"{prefix}.o"],
+                       cwd=sources, check=True)
+    subprocess.run(["cc", "main.c", "A_.o", "B_.o", "-o", "two", "-lm"], cwd=sources, check=True)
+    subprocess.run([sources / "two"], check=True)
 
 
 @pytest.mark.parametrize(("wanted", "said"), [

@@ -43,6 +43,15 @@ def native(native_fmu: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
+def every_machine(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The FMU of FMI 3.0 with a library for every machine, unpacked."""
+    if importlib.util.find_spec("ziglang") is None:
+        missing("there is no ziglang (pip install ziglang)")
+    fmu = build(load_parameters(), tmp_path_factory.mktemp("every") / "EMCAS.fmu", fmi="3").path
+    return unpack(fmu, tmp_path_factory.mktemp("unpacked") / "every3")
+
+
+@pytest.fixture(scope="session")
 def every_platform(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The native FMU with a library for every platform, unpacked; where zig has built nothing yet it takes minutes."""
     if importlib.util.find_spec("ziglang") is None:

@@ -14,7 +14,7 @@ import pytest
 
 from emcas_fmu.compiler import PLATFORMS
 
-from .host import HERE, tool
+from .host import FMI_HEADERS, HERE, tool
 
 pytestmark = [pytest.mark.fmu, pytest.mark.slow]
 lief.logging.disable()  # it prints what it makes of empty optional tables
@@ -30,6 +30,9 @@ LINUX = ["x86_64-linux", "aarch64-linux"]
 DARWIN = ["x86_64-darwin", "aarch64-darwin"]
 # What the C host calls is what FMI 2.0 asks of a co-simulation FMU.
 FUNCTIONS = set(re.findall(r"X\((\w+)\)", (HERE / "fmu.h").read_text(encoding="utf-8"))) - {"name"}
+# Hosts look for all that FMI 3.0 has.
+FUNCTIONS_3 = set(re.findall(r"FMI3_Export\s+\w+\s+(fmi3\w+);",
+                             (FMI_HEADERS / "fmi3Functions.h").read_text(encoding="utf-8")))
 LINKER = {"__mh_dylib_header", "___dso_handle"}  # zig's linker adds them to every dylib
 SYSTEM = re.compile(r"lib[cm]\.so\.6|kernel32\.dll|api-ms-win-crt-[a-z]+-l1-1-0\.dll|/usr/lib/libSystem\.B\.dylib",
                     re.IGNORECASE)
@@ -58,22 +61,31 @@ def machine(request: pytest.FixtureRequest) -> str:
     return found
 
 
+@pytest.fixture(params=["2", "3"])
+def fmi(request: pytest.FixtureRequest) -> str:
+    """A version of FMI."""
+    found: str = request.param
+    return found
+
+
 @pytest.fixture
-def path(every_platform: Path, machine: str) -> Path:
+def path(request: pytest.FixtureRequest, machine: str, fmi: str) -> Path:
     """The file with the machine's library."""
     (platform,) = [p for p in PLATFORMS.values() if machine in p.targets]
-    (found,) = (every_platform / "binaries" / platform.name).iterdir()
+    unpacked: Path = request.getfixturevalue("every_platform" if fmi == "2" else "every_machine")
+    (found,) = (unpacked / "binaries" / (platform.name if fmi == "2" else machine)).iterdir()
     assert found.name == "EMCAS" + platform.suffix
     return found
 
 
 @pytest.fixture
-def binary(path: Path, machine: str) -> Binary:
-    """The machine's library: the file, or its part of a universal one."""
+def binary(path: Path, machine: str, fmi: str) -> Binary:
+    """The machine's library: the file, or in FMI 2.0 its part of a universal one."""
     _, cpu = FORMATS[machine]
     if isinstance(cpu, lief.MachO.Header.CPU_TYPE):
         parts = lief.MachO.parse(str(path))
         assert parts is not None
+        assert len(parts) == (2 if fmi == "2" else 1)
         part = parts.take(cpu)
         assert part is not None
         return part
@@ -111,8 +123,9 @@ def libraries(binary: Binary) -> set[str]:
     return {str(d.name) for d in binary.libraries if d.command != lief.MachO.LoadCommand.TYPE.ID_DYLIB}
 
 
-def test_every_platform_is_looked_at(every_platform: Path) -> None:
+def test_every_platform_is_looked_at(every_platform: Path, every_machine: Path) -> None:
     assert {f.name for f in (every_platform / "binaries").iterdir()} == set(PLATFORMS)
+    assert {f.name for f in (every_machine / "binaries").iterdir()} == set(FORMATS)
     assert {machine for p in PLATFORMS.values() for machine in p.targets} == set(FORMATS)
 
 
@@ -128,9 +141,9 @@ def test_format_and_machine(binary: Binary, machine: str) -> None:
         assert (binary.header.cpu_type, binary.header.file_type) == (cpu, lief.MachO.Header.FILE_TYPE.DYLIB)
 
 
-def test_exports_are_the_functions_of_fmi(binary: Binary) -> None:
-    assert len(FUNCTIONS) == 34
-    assert exported(binary) == {f"fmi2{name}" for name in FUNCTIONS}
+def test_exports_are_the_functions_of_fmi(binary: Binary, fmi: str) -> None:
+    assert (len(FUNCTIONS), len(FUNCTIONS_3)) == (34, 75)
+    assert exported(binary) == ({f"fmi2{name}" for name in FUNCTIONS} if fmi == "2" else FUNCTIONS_3)
 
 
 def test_needs_only_the_system_libraries(binary: Binary) -> None:
@@ -203,6 +216,7 @@ def test_apple_processors_will_run_it(binary: Binary, path: Path) -> None:
 
 
 @pytest.mark.parametrize("machine", ["aarch64-darwin"])
+@pytest.mark.parametrize("fmi", ["2"])  # FMI 3.0 has a folder for each
 def test_universal_as_llvm_makes_it(path: Path, tmp_path: Path) -> None:
     """Taken apart and put together again by LLVM's own tool, to the byte."""
     lipo = tool("llvm-lipo-14", "llvm-14")

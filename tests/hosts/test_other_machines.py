@@ -12,7 +12,7 @@ import pytest
 from emcas_fmu.compiler import PLATFORMS
 
 from .conftest import UNUSED, Host
-from .expected import MISUSE, STATES
+from .expected import MISUSE, MISUSE3, STATES
 from .host import compile_host, difference, missing, run, table, tool, trajectory
 
 pytestmark = [pytest.mark.fmu, pytest.mark.slow]
@@ -24,7 +24,9 @@ def calling(unpacked: Path, host: Path, target: str, platform: str, runner: list
             environment: dict[str, str]) -> Host:
     """Runs the host, built for zig's `target`, with the FMU's library for a platform."""
     made = compile_host([sys.executable, "-m", "ziglang", "cc", "-target", target], unpacked, host)
-    library = unpacked / "binaries" / platform / f"EMCAS{PLATFORMS[platform].suffix}"
+    (machine,) = PLATFORMS[platform].targets
+    folder = next(f for f in (unpacked / "binaries" / name for name in (platform, machine)) if f.is_dir())
+    library = folder / f"EMCAS{PLATFORMS[platform].suffix}"
 
     def call(*arguments: str) -> str:
         return run([*runner, made, library, UNUSED, *arguments], environment=environment)
@@ -54,11 +56,19 @@ def qemu(unpacked: Path, folder: Path) -> Iterator[Host]:
                   [tool("qemu-aarch64", "qemu-user"), "-L", ARM_LIBRARIES], {})
 
 
+@pytest.fixture(scope="module", params=["2", "3"])
+def fmi(request: pytest.FixtureRequest) -> str:
+    """A version of FMI."""
+    found: str = request.param
+    return found
+
+
 @pytest.fixture(scope="module", params=[wine, qemu], ids=["win64", "aarch64-linux"])
-def machine(request: pytest.FixtureRequest, every_platform: Path, tmp_path_factory: pytest.TempPathFactory,
-            linux: None) -> Iterator[Host]:
+def machine(request: pytest.FixtureRequest, fmi: str, tmp_path_factory: pytest.TempPathFactory, linux: None
+            ) -> Iterator[Host]:
     """Runs the host for another machine with the FMU's library for that."""
-    yield from request.param(every_platform, tmp_path_factory.mktemp("machine"))
+    unpacked = request.getfixturevalue("every_platform" if fmi == "2" else "every_machine")
+    yield from request.param(unpacked, tmp_path_factory.mktemp("machine"))
 
 
 def test_same_numbers_as_on_linux(machine: Host, loading: Host) -> None:
@@ -87,7 +97,7 @@ def test_states(machine: Host) -> None:
     assert found == {**STATES, "damaged": found["damaged"], "refused": found["damaged"]}
 
 
-def test_misuse(machine: Host) -> None:
+def test_misuse(machine: Host, fmi: str) -> None:
     found = table(machine("misuse"))
     assert abs(float(found.pop("angle")) - 0.1) < 0.01  # as on Linux
-    assert found == MISUSE
+    assert found == (MISUSE if fmi == "2" else MISUSE3)
