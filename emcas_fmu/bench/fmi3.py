@@ -5,7 +5,7 @@ The elements of its arrays go by the names they have in FMI 2.0, and by places i
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,21 +31,24 @@ class Element:
 
     @property
     def in_files(self) -> str:
-        """Its name in tables and parameter sets: of an array of several fins its place there, from 0 on."""
-        return f"{self.array}[{self.place}]" if self.array.startswith(FINS) else self.name
+        """Its name in tables and parameter sets: of an array its place there, from 0 on."""
+        return self.array if self.count == 1 else f"{self.array}[{self.place}]"
 
 
-def elements(description: Any) -> tuple[Element, ...]:
-    """Return the elements of all variables of fmpy's model description, in order; neither time nor clocks."""
+def elements(description: Any, structured: Mapping[str, str]) -> tuple[Element, ...]:
+    """Return the elements of all variables of fmpy's model description, in order; neither time nor clocks.
+
+    `structured` gives the structured names of variables that have others.
+    """
     return tuple(e for v in description.modelVariables if v.causality != "independent" and v.type in _KINDS
-                 for e in _elements(v))
+                 for e in _elements(v, structured.get(v.name, v.name)))
 
 
-def _elements(v: Any) -> Iterator[Element]:
+def _elements(v: Any, structured: str) -> Iterator[Element]:
     sizes = [int(d.start) for d in v.dimensions]
-    names = [v.name]
-    if sizes and v.name.startswith(FINS):
-        names = [f"fin[{fin + 1}].{v.name.removeprefix(FINS)}" for fin in range(sizes.pop(0))]
+    names = [structured]
+    if sizes and structured.startswith(FINS):
+        names = [f"fin[{fin + 1}].{structured.removeprefix(FINS)}" for fin in range(sizes.pop(0))]
     for size in sizes:
         names = [f"{name}[{k}]" for name in names for k in range(size)]
     starts = [None] * len(names) if v.start is None else str(v.start).split()

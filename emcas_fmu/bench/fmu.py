@@ -22,10 +22,11 @@ from fmpy.simulation import instantiate_fmu
 
 from ..actuators import EXTENSIONS, NAMES, get
 from ..errors import EmcasError
-from ..fmi.interface import model_name
+from ..fmi.fmi3.arrays import arrays
+from ..fmi.interface import FmuInterface, flat, model_name
 from .fmi3 import Element, Fmi3Slave, elements
 
-_NAME = re.compile(r"(EMCAS)\d*(|_\w+)")
+_NAME = re.compile(r"(EMCAS)(\d*)(|_\w+)")
 _FIN = re.compile(r"fin\[\d+\]\.")
 
 
@@ -91,7 +92,7 @@ class OpenedFmu:
 def model_of(name: str) -> str | None:
     """Return the model, as in ``elastic+faults``, of an FMU by its modelName; None for a name of no such FMU."""
     match = _NAME.fullmatch(name)
-    model = match and _models().get("".join(match.groups()))
+    model = match and _models().get(match[1] + match[3])
     try:
         return get(model).name if model else None
     except EmcasError:  # extensions that do not go together
@@ -122,10 +123,11 @@ def _models() -> Mapping[str, str]:
 
 
 @contextmanager
-def opened(path: Path, fin: int | None = None) -> Iterator[OpenedFmu]:
+def opened(path: Path, fin: int | None = None, model: str | None = None) -> Iterator[OpenedFmu]:
     """Unpack the FMU at `path` for as long as the context lasts; EmcasError where it cannot run here.
 
-    `fin` counts from 1 and chooses one of a unit of several; the first unless given.
+    `fin` counts from 1 and chooses one of a unit of several; the first unless given. `model` is needed to know the
+    variables of an FMU with flat names, where its modelName does not tell.
     """
     if path.is_dir():
         raise EmcasError(f"{path}: is a folder, not an FMU")
@@ -143,8 +145,10 @@ def opened(path: Path, fin: int | None = None) -> Iterator[OpenedFmu]:
     if fmpy.platform not in platforms:
         raise EmcasError(f"{path}: has no binary for this platform, {fmpy.platform} (it has: "
                          f"{', '.join(p for p in platforms if p != 'c-code') or 'none'}); build the FMU for it")
-    listed = description.modelVariables if description.fmiVersion == "2.0" else elements(description)
-    names = _names(path, [v.name for v in listed], fin)
+    structured = _structured(description, model)
+    listed = description.modelVariables if description.fmiVersion == "2.0" else elements(description, structured)
+    spelt = {structured.get(v.name, v.name): v.name for v in listed}
+    names = {name: spelt[full] for name, full in _names(path, list(spelt), fin).items()}
     variables = {v.name: v for v in listed if v.causality in ("input", "parameter")}
     starts = {name: _start(variables[full]) for name, full in names.items() if full in variables}
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
@@ -158,6 +162,16 @@ def opened(path: Path, fin: int | None = None) -> Iterator[OpenedFmu]:
             yield OpenedFmu(path, Path(folder), description, listed, starts, digest, names)
         finally:
             os.chdir(working_directory)  # fmpy stays in the FMU's folder where a library does not load
+
+
+def _structured(description: Any, model: str | None) -> dict[str, str]:
+    """Return the structured names of the variables of an FMU with flat names of a known model; of others none."""
+    name = _NAME.fullmatch(description.modelName)
+    kind = model_of(description.modelName) or model
+    if description.variableNamingConvention != "flat" or name is None or kind is None:
+        return {}
+    unit = FmuInterface(int(name[2] or 1), kind)
+    return {flat(known): known for known in (*unit.reference, *(v.variable.name for v in arrays(unit)))}
 
 
 def _names(path: Path, present: Sequence[str], fin: int | None) -> dict[str, str]:

@@ -429,9 +429,9 @@ def open_subject(path: Path | None, model: str | None = None, fin: int | None = 
                          "or .toml")
     if parameters:
         raise EmcasError(f"--parameters {parameters[0]}: {path} has its parameters in it; build an FMU of these")
-    with opened(path, fin) as unit:
-        subject = FmuSubject(unit, chosen_model(str(path), unit.description.modelName, model and full_name(model)),
-                             fin or 1)
+    model = model and full_name(model)
+    with opened(path, fin, model) as unit:
+        subject = FmuSubject(unit, chosen_model(str(path), unit.description.modelName, model), fin or 1)
         try:
             yield subject
         finally:

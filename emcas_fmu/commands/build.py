@@ -16,6 +16,7 @@ EPILOG = ("Examples:\n\n  emcas build\n\n  emcas build --parameters my_actuator.
                 "\n\n  emcas build --backend native --platform linux64 --platform win64"
                 "\n\n  emcas build --backend native --cc gcc"
                 "\n\n  emcas build --fmi 3"
+                "\n\n  emcas build --backend native --names flat"
                 "\n\n  emcas build --model second-order"
                 "\n\n  emcas build --fins 4 --layout cross --fin 2=my_actuator.toml --backend native")
 
@@ -38,6 +39,9 @@ def build(
                                       metavar="N")] = 1,
     layout: common.LayoutOption = "cross",
     fin: common.FinFilesOption = None,
+    names: Annotated[str, typer.Option(help="Names of variables, as fin[2].fin_angle, or flat, as fin_2_fin_angle: for "
+                                            "tools that refuse dots and brackets, or make buses of them.",
+                                       metavar="structured|flat")] = "structured",
     references: Annotated[bool, typer.Option(
         help="Pack responses that any host can repeat; of parameters not built before they take a second or more to "
              "integrate.")] = True,
@@ -55,7 +59,7 @@ def build(
         common.check_outputs(target, inputs=(*(parameters or ()), *files.values()))
         chosen = load_parameters(parameters, model=model)
         built = build_fmu(chosen, target, backend, platform, cc,
-                          common.stepper(progress, "build"), fins, layout, files, fmi, references, clock)
+                          common.stepper(progress, "build"), fins, layout, files, fmi, references, clock, names)
     common.warn(built.warnings)
     common.out.print(f"built {escape(str(built.path))}  {built.size / 1024:.0f} KiB  GUID {built.guid}  "
                f"({', '.join(built.platforms)})", highlight=False, soft_wrap=True)

@@ -108,7 +108,7 @@ def type_name(v: Variable) -> str | None:
 def types(unit: FmuInterface) -> dict[str, Variable]:
     """Return a variable of each type by the type's name. Raises EmcasError where a variable is called so."""
     found = {name: v for v in unit.variables if (name := type_name(v))}
-    if clash := [v.name for v in unit.variables if v.name in found]:
+    if clash := [v.name for v in unit.variables if unit.spelt(v.name) in found]:
         raise EmcasError(f"{unit.actuator.name}: {clash[0]} is what the model description calls a type; give the "
                          "variable another name")
     return dict(sorted(found.items()))
@@ -224,5 +224,6 @@ def terminals_and_icons(unit: FmuInterface, arrays: bool = False) -> Element:
         element("Terminals", {}, (
             element("Terminal", {"name": t.name, "matchingRule": "bus", "description": t.description}, (
                 element("TerminalMemberVariable", {
-                    "variableName": member, "memberName": member, "variableKind": "signal"}) for member in t.members))
+                    "variableName": member, "memberName": member, "variableKind": "signal"})
+                for member in map(unit.spelt, t.members)))
             for t in _terminals(unit, arrays)))])

@@ -62,7 +62,7 @@ def _page(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, notes: Se
                               trim_blocks=True, lstrip_blocks=True)
     starts = dict(zip(unit.reference, start_values(unit, [p.values for p in sets]), strict=True))
     equations = [*unit.actuator.modules, schedule, *([unit.line.equations] if unit.line else [])]
-    return environment.get_template("documentation.html.j2").render(
+    page = environment.get_template("documentation.html.j2").render(
         model=unit.model, description=describe(unit), parameters=parameters_in_words(unit, sets),
         origin=unit.actuator.origin, version=__version__, guid=guid,
         fins=unit.fins, supply=unit.actuator.supply, line=unit.line, notes=notes, platforms=platforms,
@@ -70,6 +70,7 @@ def _page(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, notes: Se
         figures=response_figures(sets[0]), equations=[inspect.getdoc(module) for module in equations],
         tables=[(title, _rows(unit, variables, sets, starts)) for title, variables in (
             ("Inputs", unit.inputs), ("Outputs", unit.outputs), ("Parameters", unit.parameters))])
+    return unit.respelt(page)
 
 
 def _license(package: str) -> str:

@@ -6,6 +6,7 @@ and so on; vehicle motion and supply are shared, and the supply's line and mixin
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,8 +22,13 @@ from ..parameters import ParameterSet, load_parameters
 from ..variables import Variable, real_input
 
 MOST_FINS = 8
+SPELLINGS = ("structured", "flat")
+"""Of variables' names: ``fin[2].fault.jam.begin`` or ``fin_2_fault_jam_begin``, as FMI calls these conventions."""
 LAYOUTS = ("plus", "cross")
 AZIMUTH = "mounting.azimuth"
+# In texts: a name, or what the names of a group begin with, as in heat.*; and what those of a fin begin with.
+_NAME = re.compile(r"(?<![\w/])[a-z_]\w*(?:\.[a-z_]\w*)*(?:\[\w\]|\.(?=\*))?")
+_OF_FIN = re.compile(r"\bfin\[(\w+)\]\.?")
 VEHICLE = tuple(v.name for v in fin_port.MOTION)
 
 
@@ -42,20 +48,34 @@ def model_name(actuator: str, fins: int = 1) -> str:
         "" if actuator == NONLINEAR else f"_{identifier(actuator.removeprefix(f'{NONLINEAR}+'))}")
 
 
+def flat(name: str) -> str:
+    """Return a variable's name without dots and brackets: ``friction.table.viscous[0]`` is friction_table_viscous_0."""
+    return re.sub(r"\W+", "_", name).strip("_")
+
+
 @dataclass(frozen=True)
 class FmuInterface:
     """`fins` actuators of a `kind` (a name for :func:`emcas_fmu.actuators.get`) in one FMU.
 
-    A variable's value reference is its place in `variables`. Inputs come first, then outputs, then parameters; of each
-    the shared ones first, then fin by fin in the actuator's order.
+    The names here are structured ones; in what the FMU shows they have the `spelling` (:data:`SPELLINGS`). A variable's
+    value reference is its place in `variables`. Inputs come first, then outputs, then parameters; of each the shared
+    ones first, then fin by fin in the actuator's order.
     """
 
     fins: int
     kind: str = NONLINEAR
+    spelling: str = SPELLINGS[0]
 
     def __post_init__(self) -> None:
         if not 1 <= self.fins <= MOST_FINS:
             raise EmcasError(f"--fins {self.fins}: a unit has 1 to {MOST_FINS} fins")
+        if self.spelling not in SPELLINGS:
+            raise EmcasError(f"--names {self.spelling}: there is {' and '.join(SPELLINGS)}")
+        spelt: dict[str, str] = {}
+        for name in self.reference if self.spelling == "flat" else ():
+            if spelt.setdefault(flat(name), name) != name:
+                raise EmcasError(f"--names flat: {spelt[flat(name)]} and {name} would both be {flat(name)}; give one "
+                                 "another name, or build with structured names")
 
     @property
     def model(self) -> str:
@@ -70,6 +90,36 @@ class FmuInterface:
     def name(self, variable: str, fin: int) -> str:
         """Return the interface's name of a variable of fin 0, 1, ..."""
         return variable if self.fins == 1 or variable in self.shared else f"fin[{fin + 1}].{variable}"
+
+    def spelt(self, name: str) -> str:
+        """Return a variable's name as the FMU shows it."""
+        return flat(name) if self.spelling == "flat" else name
+
+    def respelt(self, text: str) -> str:
+        """Return a text with the names in it as the FMU shows them."""
+        if self.spelling != "flat":
+            return text
+
+        def respelt(match: re.Match[str]) -> str:
+            if match[0] in self._written:
+                return flat(match[0])
+            name, bracket, rest = match[0].partition("[")
+            known = name.rstrip(".") in self._written
+            return flat(name) + "_" * name.endswith(".") + bracket + rest if known else match[0]
+
+        return _OF_FIN.sub(r"fin_\1_", _NAME.sub(respelt, text))
+
+    @cached_property
+    def _written(self) -> frozenset[str]:
+        """What texts may call variables of a fin or the line: their names, those of arrays, what groups begin with."""
+        line = self.line.parameters if self.line else ()
+        names = [v.name for v in (*self.actuator.inputs, *self.actuator.outputs, *self.actuator.parameters, *line)]
+        parts = [name.partition("[")[0].split(".") for name in (*names, *map(self.array_name, names))]
+        return frozenset((*names, *(".".join(each[:i]) for each in parts for i in range(1, len(each) + 1))))
+
+    def of_fin(self, number: object) -> str:
+        """Return what messages call the fin of a number from 1 on."""
+        return f"fin_{number}" if self.spelling == "flat" else f"fin[{number}]"
 
     def array_name(self, variable: str) -> str:
         """Return the name of the array that has a variable of every fin, where arrays are (FMI 3.0)."""

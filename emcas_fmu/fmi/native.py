@@ -26,8 +26,8 @@ _COMMON = ("instance.h", "states.h", "step.h")
 def interface_header(unit: FmuInterface, starts: Sequence[Any], guid: str, code: str, fmi: Format) -> str:
     """Return interface.h: the variables, start values and the unit's identity."""
     rows = ",\n".join(
-        f"    {{{c_text(v.name)}, {'INTEGER' if v.items else v.kind.upper()}, {int(v.variability == 'tunable')}, "
-        f"{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in unit.variables)
+        f"    {{{c_text(unit.spelt(v.name))}, {'INTEGER' if v.items else v.kind.upper()}, "
+        f"{int(v.variability == 'tunable')}, {c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in unit.variables)
     values = ",\n".join(f"    {c_number(start)}" for start in starts)
     categories = ", ".join(c_text(name) for name in Fmi2Slave.log_categories)
     formats = "".join(f"static const char {name}[] = {c_text(getattr(rules, name))};\n"
@@ -36,7 +36,9 @@ def interface_header(unit: FmuInterface, starts: Sequence[Any], guid: str, code:
         "interface", "The interface: variables, their places, identity", "#include <math.h>\n\n"
         f"#define MODEL_NAME {c_text(unit.model)}\n#define MODEL_GUID {c_text(guid)}\n"
         f"#define MODEL_STATE {c_text(guid + code)}\n#define LOG_CATEGORIES {{{categories}}}\n\n"
-        f"#define FINS {unit.fins}\n\n{_sizes(unit)}\nenum {{ REAL, INTEGER, BOOLEAN }};\n"
+        f"#define FINS {unit.fins}\n/* What goes before a fin's messages. */\n"
+        f"#define OF_FIN {c_text(unit.of_fin('%u') + ': ')}\n\n{_sizes(unit)}\n"
+        "enum { REAL, INTEGER, BOOLEAN };\n"
         'static const char *const KIND[] = {"Real", "Integer", "Boolean"};\n'
         f"{formats}\n"
         "typedef struct {\n    const char *name;\n    int kind, tunable;\n    double minimum, maximum;\n} variable;\n\n"
@@ -70,7 +72,7 @@ def names_header(unit: FmuInterface, guid: str, fmi: Format) -> str:
         name = enumerator(v.name)
         name = f"{name}_{v.reference}" if name in taken else name  # a.b_c and a_b.c are two variables
         taken.add(name)
-        lines.append(f"#define {prefix}_VR_{name} {v.reference}u /* {v.name}: {v.about} */")
+        lines.append(f"#define {prefix}_VR_{name} {v.reference}u /* {unit.spelt(v.name)}: {v.about} */")
     return header(f"{unit.model}_names", f"{unit.model}: model identifier, GUID and value references for a host",
                   "\n".join(lines) + "\n")
 
@@ -80,7 +82,7 @@ def sources(unit: FmuInterface, starts: Sequence[Any], guid: str, fmi: Format = 
     compiler."""
     code = {**{name: handwritten(name, fmi.package) for name in (fmi.main, *fmi.written)},
             **{name: handwritten(name, "emcas_fmu.fmi.common") for name in _COMMON},
-            "multi_fin.h": handwritten("multi_fin.h"), **core_sources(unit.fins > 1, unit.kind)}
+            "multi_fin.h": handwritten("multi_fin.h"), **core_sources(unit.fins > 1, unit.kind, unit.respelt)}
     digest = hashlib.sha256("\0".join(f"{n}\0{t}" for n, t in sorted(code.items())).encode()).hexdigest()[:16]
     return {**code, **fmi.headers(), "interface.h": interface_header(unit, starts, guid, digest, fmi),
             f"{unit.model}.h": names_header(unit, guid, fmi)}

@@ -19,7 +19,7 @@ from .description import about, terminals_and_icons, to_bytes
 from .documentation import documents
 from .fmi3.native import CLOCKED
 from .format import Format
-from .interface import FmuInterface, fin_sets, start_values
+from .interface import SPELLINGS, FmuInterface, fin_sets, start_values
 from .references import reference_files
 
 BACKENDS = ("python", "native")
@@ -80,12 +80,13 @@ def _contents(unit: FmuInterface, sets: Sequence[ParameterSet], backend: str, pl
 def build(parameters: ParameterSet, output: Path | str, backend: str | None = None,
           platforms: Sequence[str] | None = None, cc: str | None = None, progress: Progress | None = None,
           fins: int = 1, layout: str = "cross", files: Mapping[int, Path] | None = None, fmi: str = "2",
-          references: bool = True, clock: bool = False) -> Built:
+          references: bool = True, clock: bool = False, names: str = SPELLINGS[0]) -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
     `backend` is ``python``, of FMI 2.0 unless given, or ``native``, which alone knows FMI 3.0 (`fmi` of ``3``). For
     the native one are `platforms` to build for (all if not given), `cc` a system compiler instead of zig (this
-    platform only). With `clock` an FMU of FMI 3.0 has a clock of the controllers' samples.
+    platform only). With `clock` an FMU of FMI 3.0 has a clock of the controllers' samples. `names` of variables are
+    ``structured``, or ``flat``: without dots and brackets.
     More than one of `fins` share a bus and stand in the `layout` (``plus`` or ``cross``); `files` are parameter
     files of single fins (from 1), over the others'. Unless `references` is False it carries responses to compare with
     (:mod:`.references`). Raises EmcasError for what cannot be asked for, ParameterError for a file's problems,
@@ -110,7 +111,7 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     if fins == 1 and files:
         raise BuildError("--fin is for a unit of several: give --fins too")
     sets = [parameters] if fins == 1 else fin_sets(parameters, fins, layout, files or {})
-    unit, chosen = FmuInterface(fins, parameters.model), CLOCKED if clock else native.FORMATS[fmi]
+    unit, chosen = FmuInterface(fins, parameters.model, names), CLOCKED if clock else native.FORMATS[fmi]
     contents, guid, built_for = _contents(unit, sets, backend, platforms, cc, progress, chosen)
     carried, doubts = reference_files(unit, sets, chosen, progress) if references else ({}, ())
     contents.update(carried)

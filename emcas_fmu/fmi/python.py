@@ -19,7 +19,7 @@ from pythonfmu.builder import FmuBuilder
 from ..errors import BuildError
 from ..runtime import codegen
 from ..trace.python_source import python_source
-from .interface import FmuInterface
+from .interface import MIXING, VEHICLE, FmuInterface
 
 # What the slave needs of this package, under a name of its own in the FMU.
 _EMBEDDED = ("fmi/__init__.py", "fmi/fmi2/__init__.py", "fmi/fmi2/slave.py", "runtime/__init__.py",
@@ -47,13 +47,14 @@ def slave_attributes(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> 
     """Return what a slave class says of a unit besides its equations (:class:`.fmi2.slave.Slave`)."""
     actuator = unit.actuator
     # Enumerations are got as integers are.
-    rows = tuple((v.name, "Integer" if v.items else v.kind, v.causality, v.variability, v.minimum, v.maximum)
-                 for v in unit.variables)
-    one = {"rows": rows, "start_values": starts, "unit_guid": guid,
-           "rules": tuple(rule[1:] for rule in actuator.all_rules),
+    rows = tuple((unit.spelt(v.name), "Integer" if v.items else v.kind, v.causality, v.variability, v.minimum,
+                  v.maximum) for v in unit.variables)
+    one = {"rows": rows, "start_values": starts, "unit_guid": guid, "motion": unit.reference[VEHICLE[0]],
+           "rules": tuple((unit.respelt(rule.message), rule.scanned, rule.warning) for rule in actuator.all_rules),
            "sizes": tuple(codegen.sizes(actuator)), "power": codegen.power_place(actuator)}
     return one if unit.fins == 1 else {
-        **one, "names": tuple(v.name for v in actuator.parameters), "places": unit.places,
+        **one, "names": tuple(unit.spelt(v.name) for v in actuator.parameters), "places": unit.places,
+        "mixing": tuple(unit.reference[v.name] for v in MIXING), "of_fin": unit.of_fin("%d"),
         "line_start": codegen.line_start(actuator)}
 
 
@@ -63,9 +64,10 @@ def _sources(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str
     embedded = _EMBEDDED + _SEVERAL if several else _EMBEDDED
     files = {name: (_PACKAGE / name).read_text(encoding="utf-8") for name in embedded}
     files["__init__.py"] = f'"""The EM-CAS actuator, as embedded in {unit.model}.fmu; generated, do not edit."""\n'
-    files["kernel.py"] = codegen.source(several, unit.kind)
+    files["kernel.py"] = codegen.source(several, unit.kind, unit.spelt)
     files["checks.py"] = python_source(codegen.traced_rules(unit.kind),
-                                       "Rules for the parameters as straight-line code; generated, do not edit.")
+                                       "Rules for the parameters as straight-line code; generated, do not edit.",
+                                       unit.spelt)
     base, module = ("MultiFinSlave", "multi_fin_slave") if several else ("Slave", "slave")
     attributes = "".join(f"    {name} = {pformat(value, width=110)}\n"
                          for name, value in slave_attributes(unit, starts, guid).items())

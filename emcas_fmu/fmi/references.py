@@ -197,6 +197,7 @@ def _files(unit: FmuInterface, experiments: Sequence[Experiment]) -> dict[str, b
     relate(f"../../{TEXT}", "text/plain", "document", "How the references were made, and how to repeat them")
     contents[TEXT] = _ENVIRONMENT.get_template("references.txt.j2").render(
         model=unit.model, kind=unit.actuator.name, fins=unit.fins, version=__version__,
+        example=f"{unit.spelt('fins.fin_angle')}[0]",
         arrays=any("[" in name for each in experiments for name in each.stimuli), standard=VERSION, folder=FOLDER,
         experiments=experiments, ROLES=ROLES, roles={ROLES[each.independent] for each in experiments},
         reference=Path(str(get(parts(unit.kind)[0]).reference)).name, tolerance=degrees(TOLERANCE)).encode()

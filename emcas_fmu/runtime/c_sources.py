@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from importlib.resources import files
 
 from .. import rules
@@ -100,14 +101,15 @@ def c_text(value: str) -> str:
     return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def rules_header(model: str) -> str:
-    """Return rules.h: limits of the parameters, and the rules for sets of them."""
+def rules_header(model: str, worded: Callable[[str], str] = str) -> str:
+    """Return rules.h: limits of the parameters, and the rules for sets of them, with their messages as `worded`."""
     actuator, tracer = get(model), codegen.traced_rules(model)
     rows = []
     for i, (rule, function) in enumerate(zip(actuator.all_rules, tracer.functions, strict=True)):
         if len(function.results) - 1 > MOST_NUMBERS:
             raise ValueError(f"instance.h prints {MOST_NUMBERS} numbers of a rule, not those of {rule.message!r}")
-        rows.append(f"    {{rules_check_{i}, {int(rule.scanned)}, {int(rule.warning)}, {c_text(rule.message)}}}")
+        message = c_text(worded(rule.message))
+        rows.append(f"    {{rules_check_{i}, {int(rule.scanned)}, {int(rule.warning)}, {message}}}")
     limits = ",\n".join(f"    {{{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in actuator.parameters)
     return header(
         "rules", "What parameters must fulfil",
@@ -119,7 +121,11 @@ def rules_header(model: str) -> str:
         "static const rule RULE[RULES] = {\n" + ",\n".join(rows) + "\n};\n")
 
 
-def core_sources(several: bool = False, model: str = NONLINEAR) -> dict[str, str]:
-    """Return the headers that hold the actuator, or what each of several needs: file name to text."""
+def core_sources(several: bool = False, model: str = NONLINEAR, worded: Callable[[str], str] = str) -> dict[str, str]:
+    """Return the headers that hold the actuator, or what each of several needs: file name to text.
+
+    `worded` puts the names in messages as they are shown.
+    """
     return {"kernel.h": kernel_header(several, model), "model.h": model_header(get(model)),
-            "rules.h": rules_header(model), **{name: handwritten(name) for name in ("core.h", "parameter_checks.h")}}
+            "rules.h": rules_header(model, worded),
+            **{name: handwritten(name) for name in ("core.h", "parameter_checks.h")}}

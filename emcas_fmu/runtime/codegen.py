@@ -132,14 +132,13 @@ def _known(variables: Iterable[Variable]) -> dict[str, Known]:
     return known
 
 
-@cache
-def source(several: bool = False, model: str = NONLINEAR) -> str:
+def source(several: bool = False, model: str = NONLINEAR, spelt: Callable[[str], str] = str) -> str:
     """Return the Python source of a module with ``make(parameters)``.
 
-    `make` takes the flat parameter mapping and gives the functions in their order, bound to it.
+    `make` takes the flat parameter mapping, its names as `spelt`, and gives the functions in their order, bound to it.
     """
     return python_source(traced(several, model),
-                         "The actuator's equations as straight-line code; generated, do not edit.")
+                         "The actuator's equations as straight-line code; generated, do not edit.", spelt)
 
 
 def core(values: Mapping[str, Any], model: str = NONLINEAR) -> Core:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from .tracer import If, Operand, Tracer
 from .usage import ARITHMETIC, Writer
@@ -18,15 +18,18 @@ TEMPLATES = {
 _TEMPORARY = re.compile(r"\bt\d+\b")
 
 
-def python_source(tracer: Tracer, docstring: str) -> str:
-    """Return a module with `make(parameters) -> tuple of functions`, `parameters` being a flat mapping."""
+def python_source(tracer: Tracer, docstring: str, spelt: Callable[[str], str] = str) -> str:
+    """Return a module with `make(parameters) -> tuple of functions`, `parameters` being a flat mapping.
+
+    Its keys are the parameters' names as `spelt`.
+    """
     writer = _PythonWriter(tracer, TEMPLATES)
     body: list[str] = []
     for function in tracer.functions:
         lines = writer.block(function.block, 2)
         lines.append(f"        return {writer.listed(function.results)}" + ("," if len(function.results) == 1 else ""))
         body += [f"    def {function.name}({', '.join(function.printed)}):", *_registers(lines), ""]
-    prologue = [f"    {name} = parameters[{key!r}]" for name, key in tracer.parameters if writer.uses.get(name)]
+    prologue = [f"    {name} = parameters[{spelt(key)!r}]" for name, key in tracer.parameters if writer.uses.get(name)]
     prologue += writer.block(tracer.prologue, 1)
     functions = ", ".join(function.name for function in tracer.functions)
     return "\n".join([f'"""{docstring}"""', "",

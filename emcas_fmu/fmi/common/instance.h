@@ -156,7 +156,7 @@ static bool out_of_range(const instance *m, size_t vr, double value)
 static void report_rule(const instance *m, int status, size_t fin, const char *message, const double *n)
 {
     char format[MESSAGE] = "";
-    if (FINS > 1) snprintf(format, sizeof format, "fin[%u]: ", (unsigned)fin + 1);
+    if (FINS > 1) snprintf(format, sizeof format, OF_FIN, (unsigned)fin + 1);
     strncat(format, message, sizeof format - strlen(format) - 1);
     report(m, status, format, n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11]);
 }

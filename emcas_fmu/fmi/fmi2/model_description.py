@@ -16,13 +16,13 @@ from ..interface import SINGLE, FmuInterface
 _INITIAL = {"output": "calculated", "parameter": "exact"}
 
 
-def _scalar(reference: int, v: Variable, start: Any) -> Element:
+def _scalar(unit: FmuInterface, reference: int, v: Variable, start: Any) -> Element:
     attributes = description.real_attributes(v) if v.kind == "Real" else {
         "declaredType": description.type_name(v), "min": limit(v.minimum), "max": limit(v.maximum)}
     typed = element(v.kind, {**attributes, "start": None if v.causality == "output" else text(start)})
     return element("ScalarVariable", {
-        "name": v.name, "valueReference": str(reference), "description": v.description, "causality": v.causality,
-        "variability": v.variability, "initial": _INITIAL.get(v.causality)}, [typed])
+        "name": unit.spelt(v.name), "valueReference": str(reference), "description": unit.respelt(v.description),
+        "causality": v.causality, "variability": v.variability, "initial": _INITIAL.get(v.causality)}, [typed])
 
 
 def _simple_type(name: str, v: Variable) -> Element:
@@ -53,12 +53,12 @@ def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str,
     types = (_simple_type(name, v) for name, v in description.types(unit).items())
     return element("fmiModelDescription", {
         "fmiVersion": "2.0", "modelName": unit.model, "guid": guid, "description": description.describe(unit),
-        "version": __version__, **about, "variableNamingConvention": "structured"}, [
+        "version": __version__, **about, "variableNamingConvention": unit.spelling}, [
             element("CoSimulation", {"modelIdentifier": unit.model, **options}, files if source_files else ()),
             description.unit_definitions(unit),
             element("TypeDefinitions", {}, types),
             description.log_categories(),
             description.default_experiment(),
-            element("ModelVariables", {}, (_scalar(reference, v, start) for reference, (v, start) in enumerate(
+            element("ModelVariables", {}, (_scalar(unit, reference, v, start) for reference, (v, start) in enumerate(
                 zip(unit.variables, starts, strict=True)))),
             _structure(unit)])

@@ -14,25 +14,26 @@ from .slave import Slave
 class MultiFinSlave(Slave):
     """Base of the generated slave class of several fins.
 
-    It adds the names of one fin's parameters, the value references of the inputs of each fin's actuator, and the state
-    that the line which feeds them starts with. The line's parameters come before those of the fins.
+    It adds the names of one fin's parameters, the value references of the inputs of each fin's actuator and of the
+    mixing inputs, what goes before a fin's messages, and the state that the line which feeds them starts with. The
+    line's parameters come before those of the fins.
     """
 
     names: ClassVar[tuple[str, ...]]
     places: ClassVar[tuple[tuple[int, ...], ...]]
+    mixing: ClassVar[tuple[int, ...]]
+    of_fin: ClassVar[str]
     line_start: ClassVar[float]
-    _mixing: ClassVar[list[int]]
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        cls._mixing = [cls._index[name] for name in ("roll_command", "pitch_command", "yaw_command")]
         cls._unknown = [cls._unknown] * len(cls.places)
 
     def _fins(self, values: Mapping[str, Any]) -> Mapping[str, Mapping[str, Any]]:
         count, fins = len(self.names), len(self.places)
         of_fins = list(values.values())[-fins * count:]
-        return {f"fin[{fin + 1}]: ": dict(zip(self.names, of_fins[fin * count:(fin + 1) * count], strict=True))
-                for fin in range(fins)}
+        return {f"{self.of_fin % (fin + 1)}: ":
+                dict(zip(self.names, of_fins[fin * count:(fin + 1) * count], strict=True)) for fin in range(fins)}
 
     def _functions(self, values: Mapping[str, Any]) -> Sequence[Functions]:
         return [type(self).make(one) for one in self._fins(values).values()]
@@ -44,7 +45,7 @@ class MultiFinSlave(Slave):
     def _acting(self, core: Any) -> tuple[Any, ...]:
         values = self._values
         rows = [[values[i] for i in places] for places in self.places]
-        return core.acting(rows, self._carried, [values[i] for i in self._mixing])  # type: ignore[no-any-return]
+        return core.acting(rows, self._carried, [values[i] for i in self.mixing])  # type: ignore[no-any-return]
 
     @staticmethod
     def _finite(inputs: tuple[Any, ...]) -> bool:

@@ -53,6 +53,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     rows: ClassVar[tuple[tuple[str, str, str, str, float, float], ...]]
     start_values: ClassVar[tuple[Any, ...]]
     unit_guid: ClassVar[str]
+    motion: ClassVar[int]  # where the vehicle's motion begins among the rows
     sizes: ClassVar[tuple[int, ...]]  # of a core, in the order of Sizes
     power: ClassVar[int | None]  # place of the supply's power among a fin's outputs, None without a supply
     # Derived from the rows once per class.
@@ -60,7 +61,6 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     _inputs: ClassVar[range]
     _outputs: ClassVar[range]
     _parameters: ClassVar[range]
-    _index: ClassVar[dict[str, int]]
     _motion_slice: ClassVar[slice]  # the vehicle's motion stands together
     _output_slice: ClassVar[slice]
     _core_sizes: ClassVar[Sizes]
@@ -78,10 +78,8 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         cls._outputs = range(counts[0], counts[0] + counts[1])
         cls._parameters = range(counts[0] + counts[1], len(rows))
         cls._output_slice = slice(cls._outputs.start, cls._outputs.stop)
-        cls._index = {row[0]: i for i, row in enumerate(rows)}
         cls._core_sizes = Sizes(*cls.sizes)
-        motion = cls._index["acceleration.x"]
-        cls._motion_slice = slice(motion, motion + cls._core_sizes.motion)
+        cls._motion_slice = slice(cls.motion, cls.motion + cls._core_sizes.motion)
         cls._unknown = (nan,) * (cls._core_sizes.loads - 1)
 
     def __init__(self, **kwargs: Any) -> None:

@@ -15,14 +15,15 @@ from ..interface import SINGLE, FmuInterface
 from .arrays import CLOCK, TIME, Array, arrays
 
 
-def _variable(reference: int, array: Array, starts: Sequence[Any]) -> Element:
+def _variable(unit: FmuInterface, reference: int, array: Array, starts: Sequence[Any]) -> Element:
     v = array.variable
     attributes = description.real_attributes(v) if v.kind == "Real" else {
         "declaredType": description.type_name(v), "min": limit(v.minimum), "max": limit(v.maximum)}
     given = v.causality in ("input", "parameter")
     return element(array.kind, {
-        "name": v.name, "valueReference": str(reference), "description": v.description, "causality": v.causality,
-        "variability": v.variability, "initial": "calculated" if v.causality == "output" else None,
+        "name": unit.spelt(v.name), "valueReference": str(reference), "description": unit.respelt(v.description),
+        "causality": v.causality, "variability": v.variability,
+        "initial": "calculated" if v.causality == "output" else None,
         **attributes, "start": " ".join(text(starts[place]) for place in array.places) if given else None,
     }, (element("Dimension", {"start": str(n)}) for n in array.dimensions))
 
@@ -30,8 +31,8 @@ def _variable(reference: int, array: Array, starts: Sequence[Any]) -> Element:
 def _variables(unit: FmuInterface, starts: Sequence[Any], clock: bool) -> Iterator[Element]:
     listed = arrays(unit)
     for reference, array in enumerate(listed):
-        yield _variable(reference, array, starts)
-    yield _variable(len(listed), Array(TIME, 0), starts)
+        yield _variable(unit, reference, array, starts)
+    yield _variable(unit, len(listed), Array(TIME, 0), starts)
     if clock:
         yield element("Clock", {
             "name": CLOCK, "valueReference": str(len(listed) + 1), "causality": "input", "variability": "discrete",
@@ -75,7 +76,7 @@ def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str,
     return element("fmiModelDescription", {
         "fmiVersion": "3.0", "modelName": unit.model, "instantiationToken": guid,
         "description": description.describe(unit), "version": __version__, **about,
-        "variableNamingConvention": "structured"}, [
+        "variableNamingConvention": unit.spelling}, [
             element("CoSimulation", {"modelIdentifier": unit.model, **options}),
             description.unit_definitions(unit),
             element("TypeDefinitions", {}, (_type(name, v) for name, v in description.types(unit).items())),

@@ -18,7 +18,8 @@ _NAMES = {**{name: name for name in _TYPES}, "Enumeration": "Enumeration (Int64)
 
 def _tables(unit: FmuInterface, clock: bool = False) -> str:
     """Return where the elements of each variable are, and what the clock and the events go by."""
-    rows = [(v.variable.name, _TYPES[v.kind], v.first, v.table or 1, v.fins or 1, v.stride) for v in arrays(unit)]
+    rows = [(unit.spelt(v.variable.name), _TYPES[v.kind], v.first, v.table or 1, v.fins or 1, v.stride)
+            for v in arrays(unit)]
     rows += [(TIME.name, "FLOAT64", len(unit.variables), 1, 1, 0),
              *([(CLOCK, "TICKS", len(unit.variables), 1, 1, 0)] if clock else ())]
     listed = ",\n".join(f"    {{{c_text(name)}, {', '.join(map(str, row))}}}" for name, *row in rows)
@@ -53,8 +54,8 @@ def _host_variables(unit: FmuInterface, clock: bool = False) -> Iterator[HostVar
 
 def _scalar_name(unit: FmuInterface, variable: str, fin: int) -> str:
     """Return a variable's name, of an array of the fins with the fin's place from 0 on."""
-    name = unit.array_name(variable)
-    return name if name == variable else f"{name}[{fin}]"
+    name, bracket, place = unit.array_name(variable).partition("[")
+    return unit.spelt(name) + (bracket + place if unit.array_name(variable) == variable else f"[{fin}]")
 
 
 FORMAT = Format(
