@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,9 @@ from .. import __copyright__, __license__, __version__
 from ..actuators import capabilities
 from ..parameters import ParameterSet
 from ..runtime import schedule
-from ..variables import Variable
 from .description import describe, parameters_in_words
 from .figures import response_figures
+from .format import Format
 from .interface import FmuInterface, start_values
 
 _EXTERNAL = """This FMU computes in Python. Its binaries (linux64, win64) load into a process that has Python 3.10 or
@@ -38,17 +38,21 @@ def _text(value: Any) -> str:
     return f"{value:.6g}"
 
 
-def _rows(unit: FmuInterface, variables: tuple[Variable, ...], sets: Sequence[ParameterSet],
-          starts: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _rows(unit: FmuInterface, causality: str, sets: Sequence[ParameterSet], fmi: Format) -> list[dict[str, Any]]:
+    """Return rows of the variables of a causality; of an array its values, once if they are all the same."""
     entries = {unit.name(e.variable.name, fin): e for fin, p in enumerate(sets) for e in p.entries}
+    starts, names = start_values(unit, [p.values for p in sets]), [v.name for v in unit.variables]
     rows, screw = [], capabilities.SCREW_AND_LEVER in unit.actuator.provides
-    for v in variables:
-        row: dict[str, Any] = {"v": v, "source": "", "note": ""}
+    for v, dimensions, places in fmi.listed(unit):
+        if v.causality != causality:
+            continue
+        row: dict[str, Any] = {"v": v, "dimensions": dimensions, "source": "", "note": ""}
         if v.causality == "parameter":
             limits = "" if v.kind == "Boolean" else f"{v.minimum:.4g} … {v.maximum:.4g}"
-            row |= {"range": limits, "value": _text(starts[v.name])}
-            if v.name in entries:
-                entry = entries[v.name]
+            values = [_text(starts[place]) for place in places]
+            row |= {"range": limits, "value": values[0] if len(set(values)) == 1 else ", ".join(values)}
+            if names[places[0]] in entries:
+                entry = entries[names[places[0]]]
                 # Of the fin port's, which every actuator has, the shipped file tells what is so with a screw.
                 applies = screw or entry.file != "emcas.toml" or "screw" not in entry.note
                 row |= {"source": entry.source, "note": entry.note if applies else ""}
@@ -56,11 +60,10 @@ def _rows(unit: FmuInterface, variables: tuple[Variable, ...], sets: Sequence[Pa
     return rows
 
 
-def _page(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, notes: Sequence[str],
+def _page(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, notes: Sequence[str], fmi: Format,
           platforms: Sequence[str]) -> str:
     environment = Environment(loader=PackageLoader("emcas_fmu", "fmi"), undefined=StrictUndefined,
                               trim_blocks=True, lstrip_blocks=True)
-    starts = dict(zip(unit.reference, start_values(unit, [p.values for p in sets]), strict=True))
     equations = [*unit.actuator.modules, schedule, *([unit.line.equations] if unit.line else [])]
     page = environment.get_template("documentation.html.j2").render(
         model=unit.model, description=describe(unit), parameters=parameters_in_words(unit, sets),
@@ -68,8 +71,8 @@ def _page(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, notes: Se
         fins=unit.fins, supply=unit.actuator.supply, line=unit.line, notes=notes, platforms=platforms,
         step_ms=_text(sets[0].values["controller.sample_time"] * 1e3),
         figures=response_figures(sets[0]), equations=[inspect.getdoc(module) for module in equations],
-        tables=[(title, _rows(unit, variables, sets, starts)) for title, variables in (
-            ("Inputs", unit.inputs), ("Outputs", unit.outputs), ("Parameters", unit.parameters))])
+        tables=[(title, _rows(unit, causality, sets, fmi)) for title, causality in (
+            ("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))])
     return unit.respelt(page)
 
 
@@ -96,7 +99,7 @@ def _licenses(model: str, backend: str) -> dict[str, bytes]:
 
 
 def documents(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, backend: str, notes: Sequence[str],
-              platforms: Sequence[str]) -> dict[str, bytes]:
+              fmi: Format, platforms: Sequence[str]) -> dict[str, bytes]:
     """Return everything that is documentation: archive name to content.
 
     `notes` say how the unit answers its host; it has binaries for `platforms`.
@@ -104,7 +107,7 @@ def documents(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, backe
     picture = Path(__file__).with_name("icon.png").read_bytes()
     external = {"documentation/externalDependencies.txt": _EXTERNAL.encode()} if backend == "python" else {}
     return {
-        "documentation/index.html": _page(unit, sets, guid, notes, platforms).encode(),
+        "documentation/index.html": _page(unit, sets, guid, notes, fmi, platforms).encode(),
         **external,
         "model.png": picture,
         "terminalsAndIcons/icon.png": picture,

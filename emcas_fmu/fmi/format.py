@@ -10,6 +10,7 @@ from xml.etree.ElementTree import Element
 
 import fmpy
 
+from ..variables import Variable
 from .interface import FmuInterface
 
 
@@ -30,7 +31,8 @@ class Format:
     the standard's. `tables` gives what interface.h has besides the unit's scalars. `options` are attributes of the
     CoSimulation element, `notes` say on the page in the FMU how the unit answers its host. `by_machine` is whether each
     kind of machine has a folder of its own for its library, or each platform. `scalar_name` gives what files call a
-    variable of a fin: of an array its element.
+    variable of a fin: of an array its element. `listed` gives each variable, its dimensions in words, and the places of
+    its elements among the unit's scalars.
     """
 
     version: str
@@ -43,6 +45,7 @@ class Format:
     by_machine: bool
     tables: Callable[[FmuInterface], str]
     host_variables: Callable[[FmuInterface], Iterable[HostVariable]]
+    listed: Callable[[FmuInterface], Iterable[tuple[Variable, str, tuple[int, ...]]]]
     scalar_name: Callable[[FmuInterface, str, int], str]
     model_description: Callable[..., Element]
 

@@ -73,7 +73,7 @@ def _contents(unit: FmuInterface, sets: Sequence[ParameterSet], backend: str, pl
     contents["terminalsAndIcons/terminalsAndIcons.xml"] = to_bytes(
         terminals_and_icons(unit, arrays=fmi.version != "2.0"))
     built_for = tuple(sorted({name.split("/")[1] for name in contents if name.startswith("binaries/")}))
-    contents.update(documents(unit, sets, guid, backend, notes, built_for))
+    contents.update(documents(unit, sets, guid, backend, notes, fmi, built_for))
     return contents, guid, built_for
 
 

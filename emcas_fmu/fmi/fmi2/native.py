@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ...errors import BuildError
+from ...variables import Variable
 from ..format import Format, HostVariable, about, standard_headers
 from ..interface import FmuInterface
 from .model_description import model_description
@@ -37,10 +38,13 @@ def _host_variables(unit: FmuInterface) -> Iterator[HostVariable]:
         yield HostVariable(v.name, reference, about(v.causality, kind, v.unit if v.kind == "Real" else ""))
 
 
+def _listed(unit: FmuInterface) -> Iterator[tuple[Variable, str, tuple[int, ...]]]:
+    return ((v, "", (place,)) for place, v in enumerate(unit.variables))
+
+
 FORMAT = Format(
-    version="2.0", main="fmi2.c", package="emcas_fmu.fmi.fmi2", written=(), headers=_headers,
-    by_machine=False, tables=lambda unit: "",
-    host_variables=_host_variables, scalar_name=lambda unit, variable, fin: unit.spelt(unit.name(variable, fin)),
+    version="2.0", main="fmi2.c", package="emcas_fmu.fmi.fmi2", written=(), headers=_headers, by_machine=False,
+    tables=lambda unit: "", host_variables=_host_variables, listed=_listed, scalar_name=FmuInterface.name,
     model_description=model_description,
     options={"needsExecutionTool": "false", "canHandleVariableCommunicationStepSize": "true",
              "canInterpolateInputs": "true", "maxOutputDerivativeOrder": "0", "canRunAsynchronuously": "false",

@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 from ...runtime.c_sources import c_text
+from ...variables import Variable
 from ..format import Format, HostVariable, about, standard_headers
 from ..interface import FmuInterface
 from .arrays import CLOCK, TIME, arrays
@@ -52,6 +53,10 @@ def _host_variables(unit: FmuInterface, clock: bool = False) -> Iterator[HostVar
         yield HostVariable(CLOCK, len(listed) + 1, about("input", "Clock", ""))
 
 
+def _listed(unit: FmuInterface) -> Iterator[tuple[Variable, str, tuple[int, ...]]]:
+    return ((v.variable, " × ".join(map(str, v.dimensions)), v.places) for v in arrays(unit))
+
+
 def _scalar_name(unit: FmuInterface, variable: str, fin: int) -> str:
     """Return a variable's name, of an array of the fins with the fin's place from 0 on."""
     name, bracket, place = unit.array_name(variable).partition("[")
@@ -62,7 +67,7 @@ FORMAT = Format(
     version="3.0", main="fmi3.c", package="emcas_fmu.fmi.fmi3", written=("absent.h", "events.h"),
     headers=lambda: standard_headers(("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h")),
     by_machine=True, tables=_tables,
-    host_variables=_host_variables, scalar_name=_scalar_name, model_description=model_description,
+    host_variables=_host_variables, listed=_listed, scalar_name=_scalar_name, model_description=model_description,
     options={"needsExecutionTool": "false", "canBeInstantiatedOnlyOncePerProcess": "false",
              "canGetAndSetFMUState": "true", "canSerializeFMUState": "true", "providesDirectionalDerivatives": "false",
              "canHandleVariableCommunicationStepSize": "true", "maxOutputDerivativeOrder": "0",
