@@ -44,8 +44,8 @@ def _listed(unit: FmuInterface) -> Iterator[tuple[Variable, str, tuple[int, ...]
 
 FORMAT = Format(
     version="2.0", main="fmi2.c", package="emcas_fmu.fmi.fmi2", written=(), headers=_headers, by_machine=False,
-    tables=lambda unit: "", host_variables=_host_variables, listed=_listed, scalar_name=FmuInterface.name,
-    model_description=model_description,
+    tables=lambda unit: "", host_variables=_host_variables, listed=_listed,
+    scalar_name=lambda unit, variable, fin: unit.spelt(unit.name(variable, fin)), model_description=model_description,
     options={"needsExecutionTool": "false", "canHandleVariableCommunicationStepSize": "true",
              "canInterpolateInputs": "true", "maxOutputDerivativeOrder": "0", "canRunAsynchronuously": "false",
              "canBeInstantiatedOnlyOncePerProcess": "false", "canNotUseMemoryManagementFunctions": "false",
