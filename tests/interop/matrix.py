@@ -26,6 +26,8 @@ from .units import UNITS, Unit, step
 HERE = Path(__file__).parent
 # All of a traceback but its last line; an empty line.
 _NOISE = re.compile(r"Traceback \(most recent call last\):|\s.*|")
+# Of sofirpy's, and not of an FMU: progress bars, and a warning at its import that newer versions of setuptools give.
+_QUIET = {"TQDM_DISABLE": "1", "PYTHONWARNINGS": "ignore:pkg_resources is deprecated:UserWarning"}
 FMUSIM = ("fmusim", "fmusim_preloaded")
 
 
@@ -74,8 +76,8 @@ def run(client: str, fmu: Path, task: Mapping[str, Any], folder: Path) -> Outcom
     given, table = folder / f"{client}.json", folder / f"{client}.csv"
     given.write_text(json.dumps(task), encoding="utf-8")
     done = subprocess.run([sys.executable, "-m", "tests.interop.clients", client, fmu, given, table],
-                          cwd=HERE.parents[1], env={**os.environ, "TQDM_DISABLE": "1"},  # no progress bars
-                          capture_output=True, text=True, timeout=300)
+                          cwd=HERE.parents[1], env={**os.environ, **_QUIET}, capture_output=True, text=True,
+                          timeout=300)
     if done.returncode == ABSENT:
         missing(f"{client} cannot be loaded (pip install {CLIENTS[client].package}): {done.stderr.strip()}")
     said = dict.fromkeys(line for line in (done.stdout + done.stderr).splitlines() if not _NOISE.fullmatch(line))
