@@ -225,13 +225,31 @@ def sofirpy(task: Task) -> Iterator[Row]:
 
 
 def pathsim(task: Task) -> Iterator[Row]:
-    """A block of pathsim-fmi, begun: it reads and sets Booleans as reals, and gets no further."""
-    from pathsim import Simulation
+    """A block of pathsim-fmi; every input has a source, since one without would be set to 0."""
+    from pathsim import Connection, Simulation
+    from pathsim.blocks import Source
     from pathsim_fmi import CoSimulationFMU
 
-    block = CoSimulationFMU(str(task.path), start_values=dict(task.parameters), dt=task.step)
-    Simulation([block], [], dt=task.step, log=False).run(task.step)
-    yield from ()
+    rows: list[Row] = []
+
+    class Recorded(CoSimulationFMU):  # type: ignore[misc]
+        """The block, with what it gave after each step."""
+
+        def _step_fmu(self, t: float) -> None:
+            super()._step_fmu(t)
+            given = dict(zip(self.fmu_wrapper.output_refs, self.outputs.to_array()))
+            rows.append([given[name] for name in (*task.reals, *task.flags)])
+
+    def source(name: str, start: float) -> Any:
+        values = task.inputs.get(name, [start])
+        return Source(lambda t: values[min(round(t / task.step), len(values) - 1)])
+
+    block = Recorded(str(task.path), start_values=dict(task.parameters), dt=task.step)
+    sources = {v.name: source(v.name, float(v.start)) for v in task.description.modelVariables
+               if v.causality == "input" and v.type in ("Real", "Float64")}
+    wires = [Connection(block_of_input, block[name]) for name, block_of_input in sources.items()]
+    Simulation([block, *sources.values()], wires, dt=task.step, log=False).run(task.steps * task.step)
+    yield from rows[:task.steps]  # it makes one at the end, too
 
 
 def _program(name: str, *arguments: str | Path, cwd: Path | None = None,
@@ -301,8 +319,8 @@ class Client:
     """A client, what pages call it, its package on PyPI, the module to import, and programs of the system with their
     Debian packages.
 
-    With `end` outputs are those before the inputs of the next step; else those that depend on inputs at once may
-    already follow these.
+    Without `whole` the angles alone are what they are to others: sofirpy reads outputs after it has set the inputs of
+    the next step, which those that depend on inputs at once follow; pathsim-fmi takes Booleans for reals.
     """
 
     run: Callable[[Task], Iterator[Row]]
@@ -310,7 +328,7 @@ class Client:
     package: str
     module: str
     programs: tuple[tuple[str, str], ...] = ()
-    end: bool = True
+    whole: bool = True
 
 
 _TOOLBOX = ("fmu-manipulation-toolbox", "fmu_manipulation_toolbox")
@@ -320,8 +338,8 @@ CLIENTS: Mapping[str, Client] = {
                       (("make", "make"), ("gcc", "gcc"), ("g++", "g++"))),  # the project asks for C++ too
     "libcosimpy": Client(libcosimpy, "libcosim (libcosimpy)", "libcosimpy", "libcosimpy"),
     "ecospy": Client(ecospy, "Ecos (ecospy)", "ecospy", "ecospy", (("unzip", "unzip"),)),
-    "sofirpy": Client(sofirpy, "sofirpy", "sofirpy", "sofirpy", end=False),
-    "pathsim": Client(pathsim, "pathsim-fmi", "pathsim-fmi", "pathsim_fmi"),
+    "sofirpy": Client(sofirpy, "sofirpy", "sofirpy", "sofirpy", whole=False),
+    "pathsim": Client(pathsim, "pathsim-fmi", "pathsim-fmi", "pathsim_fmi", whole=False),
     "fmuloader": Client(fmuloader, "fmuloader", "fmuloader", "fmuloader"),
     "fmutool": Client(fmutool, "FMU Manipulation Toolbox: check", *_TOOLBOX),
     "fmucontainer": Client(fmucontainer, "FMU Manipulation Toolbox: container", *_TOOLBOX),

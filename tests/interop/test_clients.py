@@ -40,7 +40,8 @@ def test_numbers_and_texts(unit: str, client: str, runs: matrix.Runs,
         record_property("version", metadata.version(package))
     for line in outcome.said:
         record_property("said", line)
-    assert matrix.problems(unit, client, outcome) == []
+    problems = matrix.problems(unit, client, outcome)
+    assert not problems, "\n".join(problems)
     if not outcome.found:
         return
     if UNITS[unit].reference:
