@@ -144,7 +144,13 @@ class Response:
         """
         if not 0 <= fin < self.unit.fins:
             raise EmcasError(f"there is no fin {fin}: they are counted from 0 to {self.unit.fins - 1} here")
-        run = self.fins[fin]
+        return dict(self._figures[fin])
+
+    @cached_property
+    def _figures(self) -> tuple[Mapping[str, float], ...]:
+        return tuple(map(self._figures_of, self.fins))
+
+    def _figures_of(self, run: Run) -> dict[str, float]:
         motion = metrics.motion(run) if len(run.excitation.moves) == 1 else {}
         return {**{f"{name}_final_deg": degrees(run.columns[name][-1]) for name in ("fin_angle", "tracking_error")},
                 **metrics.displayed({**metrics.usage(run), **motion}),
@@ -154,15 +160,14 @@ class Response:
         """Return the figures for JSON: of several fins a list, and their line's."""
         if self.unit.fins == 1:
             return {"title": self.excitation.title, **self.metrics()}
-        line = {self.unit.line.group: self.line} if self.unit.line else {}
-        return {"title": self.excitation.title, **line,
-                "fins": [self.metrics(fin) for fin in range(self.unit.fins)]}
+        line = {self.unit.line.group: dict(self.line)} if self.unit.line else {}
+        return {"title": self.excitation.title, **line, "fins": [dict(each) for each in self._figures]}
 
     def lines(self) -> list[tuple[str, ...]]:
         """Return name and value for each fin of every figure; statuses by name, as they changed."""
-        every = [self.metrics(fin) for fin in range(self.unit.fins)]
         discrete = {f"{v.name}_final": v for v in self.extension_outputs if v.items or v.bits}
-        rows = [(name, *(self._text(name, each[name]) for each in every)) for name in every[0] if name not in discrete]
+        rows = [(name, *(self._text(name, each[name]) for each in self._figures))
+                for name in self._figures[0] if name not in discrete]
         return rows + [(v.name, *(_history(v, self.time, run.columns[v.name]) for run in self.fins))
                        for v in discrete.values()]
 
@@ -221,14 +226,15 @@ class Response:
                    conditions=conditions(self.unit.kind, self.sets[0].values))
 
     def _rows(self) -> list[tuple[str, str, list[str]]]:
-        """Return the figures in words, their units, and a value for each fin; times in ms."""
+        """Return the figures in words, their units, and a value for each fin; times that are reached in ms."""
         units = {f"{v.name}_final": v.unit for v in self.extension_outputs}
-        every = [self.metrics(fin) for fin in range(self.unit.fins)]
         rows = []
         for name, *values in self.lines():
             unit = units.get(name, metrics.unit_of(name))
             if unit == "s":
-                unit, values = "ms", [number(1e3 * each[name]) for each in every]
+                unit = "ms"
+                values = [number(1e3 * each[name]) if isfinite(each[name]) else text
+                          for each, text in zip(self._figures, values, strict=True)]
             rows.append((metrics.in_words(name), unit, values))
         return rows
 
