@@ -51,17 +51,17 @@ class About:
     date: str = ""
 
 
-def compiled(model: str) -> bytes:
-    """Return the WebAssembly of an actuator. Raises CompilerError."""
-    compiler = zig()
-    if compiler is None:
-        raise EmcasError("emcas explore needs zig, which is not installed: pip install 'emcas-fmu[native]'")
-    return compiler.library(sources(model), _MAIN, WEB, "unit")
-
-
 def sources(model: str) -> dict[str, str]:
     """Return the C of an actuator's page: file name to text."""
     return {_MAIN: handwritten(_MAIN, _HERE), "batch.c": handwritten("batch.c"), **core_sources(model=model)}
+
+
+def compiled(files: Mapping[str, str]) -> bytes:
+    """Return the WebAssembly of an actuator's C, as `sources` has it. Raises CompilerError."""
+    compiler = zig()
+    if compiler is None:
+        raise EmcasError("emcas explore needs zig, which is not installed: pip install 'emcas-fmu[native]'")
+    return compiler.library(files, _MAIN, WEB, "unit")
 
 
 def document(parameters: ParameterSet, inputs: Mapping[str, float]) -> dict[str, Any]:
@@ -202,9 +202,10 @@ def _joined(names: Iterable[str]) -> str:
 
 def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) -> str:
     """Return the page. The same parameters, inputs and words about it give the same text. Raises CompilerError."""
-    described, code = document(parameters, inputs), compiled(parameters.model)
+    described, files = document(parameters, inputs), sources(parameters.model)
+    code = compiled(files)
     digest = hashlib.sha256(_embedded(described).encode() + code).hexdigest()
-    source_digest = hashlib.sha256("".join(sources(parameters.model).values()).encode()).hexdigest()
+    source_digest = hashlib.sha256("".join(files.values()).encode()).hexdigest()
     return page(
         "studies/explore/page.html.j2", about=about, digest=digest, source_digest=source_digest,
         entries=parameters.entries, model=described["model"], title=parameters.actuator.title,
