@@ -218,8 +218,8 @@ def _require_made_for(made_for: Any, path: Path, model: str) -> None:
     if actuator in NAMES and not {actuator, *(f"+{each}" for each in extensions)} & set(made_for):
         name = path.stem if named_sets().get(path.stem) == path else str(path)
         raise ParameterError(f"{name}: is made for {', '.join(made_for)} ({MADE_FOR}) and not for {model}, where its "
-                             "values mean nothing or were found for another actuator: leave it out, or give such a "
-                             "--model")
+                             "values mean nothing or were measured or tuned for another actuator: leave it out, or "
+                             "give such a --model")
 
 
 def _defaults(model: str) -> ParameterSet:

@@ -35,7 +35,7 @@ from .variables import Variable
 if TYPE_CHECKING:
     import pandas
 
-_MOST_OWN = 8  # panels of an actuator's own outputs
+_MOST_PANELS = 8  # panels of an actuator's own outputs
 _LINES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))  # of outputs in one panel, of several fins
 # Of a command beyond its limit [rad, deg, deg]; C's formats, which a page of emcas explore fills in too.
 CLIPPED = f"{COMMAND} reaches %.4g rad (%.4g deg); beyond command.limit = %.4g deg it is clipped"
@@ -80,12 +80,12 @@ class Response:
 
     def in_unit(self, name: str, unit: str) -> Array:
         """Return one of these in another unit: ``response.in_unit("fin_angle", "deg")``. Raises EmcasError."""
-        column, own = self[name], self.units[name]
+        column, measured_in = self[name], self.units[name]
         try:
-            zero, one = (convert(Decimal(amount), own, unit) for amount in (0, 1))
+            zero, one = (convert(Decimal(amount), measured_in, unit) for amount in (0, 1))
         except UnitError as error:
             raise EmcasError(f"{name}: the unit {unit} does not measure it; "
-                             f"{f'it is in {own}' if own else 'it has none'}") from error
+                             f"{f'it is in {measured_in}' if measured_in else 'it has none'}") from error
         return zero + (one - zero) * column
 
     @cached_property
@@ -122,14 +122,14 @@ class Response:
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """What is worth a look in the commands given, a line each."""
-        found: dict[str, None] = {}
+        messages: dict[str, None] = {}
         for run, parameters in zip(self.fins, self.sets, strict=True):
             limit = parameters.values.get("command.limit", inf)
             most = float(np.max(np.abs(run.excitation.command)))
             if most > limit * (1.0 + ROUNDING):
                 clipped = CLIPPED % (most, degrees(most), degrees(limit))
-                found[clipped + (IN_DEGREES if most > LIKE_DEGREES else "")] = None
-        return tuple(found)
+                messages[clipped + (IN_DEGREES if most > LIKE_DEGREES else "")] = None
+        return tuple(messages)
 
     @property
     def extension_outputs(self) -> tuple[Variable, ...]:
@@ -287,15 +287,15 @@ def draw(response: Response) -> Figure:
     brief = response.time[-1] <= 1.0
     time, unit_of_time = response.time * (1e3 if brief else 1.0), "ms" if brief else "s"
     fins, extensions = response.fins, response.extension_outputs
-    own = panels(response.unit.kind)
+    of_actuator = panels(response.unit.kind)
     shared = response.unit.line.outputs if response.unit.line else ()
-    count = len(own) + len(shared) + len(extensions)
+    count = len(of_actuator) + len(shared) + len(extensions)
     made, grid = figure((count + 1) // 2, 2, width=10.0, sharex=True)
     first, places = grid[0, 0], iter(grid.ravel())
     commands = [run.excitation.command for run in fins if COMMAND in run.excitation.columns]
     for k, command in enumerate(commands):
         first.step(time, np.degrees(command), where="post", label=None if k else "command", **COMMAND_LINE)
-    for panel, axes in zip(own, places, strict=False):
+    for panel, axes in zip(of_actuator, places, strict=False):
         _draw_panel(axes, panel, time, fins)
     first.set_title(response.excitation.title)
     first.legend(loc="best", ncols=1 + len(fins) // 5)
@@ -320,12 +320,12 @@ def draw(response: Response) -> Figure:
 def panels(model: str) -> list[list[Variable]]:
     """Return the outputs of each panel: the port's one by one, then the actuator's own Real ones by units as shown."""
     aside = {v.name for v in (*fin_port.OUTPUTS, *extension_outputs(model))}
-    own: dict[tuple[str, float], list[Variable]] = {}
+    by_unit: dict[tuple[str, float], list[Variable]] = {}
     for v in get(model).outputs:
         if v.kind == "Real" and v.name not in aside:
-            own.setdefault(metrics.shown_output(v), []).append(v)
+            by_unit.setdefault(metrics.shown_output(v), []).append(v)
     port = (fin_port.FIN_ANGLE, fin_port.TRACKING_ERROR, fin_port.FIN_RATE, fin_port.HINGE_TORQUE)
-    return [*([v] for v in port), *list(own.values())[:_MOST_OWN]]
+    return [*([v] for v in port), *list(by_unit.values())[:_MOST_PANELS]]
 
 
 def _draw_panel(axes: Axes, panel: Sequence[Variable], time: Any, fins: Sequence[Run]) -> None:

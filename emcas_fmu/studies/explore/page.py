@@ -36,7 +36,7 @@ _HERE = "emcas_fmu.studies.explore"
 _MAIN = "explore.c"
 SCRIPTS = ("unit.js", "excitations.js", "metrics.js", "settings.js", "plots.js", "results.js", "controls.js", "page.js")
 MOST_ROWS = 60_000  # of a CSV file; a minute
-_MOST_OWN = 12  # parameters of an actuator without gains that stand first
+_MOST_FIRST = 12  # parameters of an actuator without gains that stand first
 _HEADLINES = ("rise_time", "settling_time", "overshoot", "steady_error", "peak_rate", "peak_current", "energy_drawn")
 # Figures of metrics.motion and metrics.usage, in the order of the table.
 _FIGURES = tuple(name for name in metrics.FIGURES if name in (*metrics.MOTION, *metrics.USAGE))
@@ -146,7 +146,7 @@ def _first(parameters: ParameterSet) -> dict[str, list[str]]:
     gains = [v.name for v in tunable if v.name.startswith("controller.")]
     if not gains:
         ports = {v.name for v in port.PARAMETERS}
-        gains = [v.name for v in get(parts(parameters.model)[0]).parameters if v.name not in ports][:_MOST_OWN]
+        gains = [v.name for v in get(parts(parameters.model)[0]).parameters if v.name not in ports][:_MOST_FIRST]
     further = [v.name for v in actuator.further_inputs]
     further += [v.name for v in tunable if v.name == "homing.required"]  # without which nothing moves before homing
     return {"supply": [*([actuator.supply.input.name] if actuator.supply else []), *further],
