@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from . import extras
 from .actuators import extension_outputs, fin_port, get
 from .bench import metrics
 from .bench.excitation import COMMAND, Excitation
@@ -191,11 +192,9 @@ class Response:
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a pandas DataFrame of these over time [s]; ``attrs["units"]`` has the units. Needs pandas."""
-        try:
-            import pandas
-        except ImportError as error:
-            raise EmcasError("to_dataframe() needs the Python package pandas, which is not installed: "
-                             "pip install pandas") from error
+        extras.require("", "to_dataframe() needs", "pandas")
+        import pandas
+
         frame = pandas.DataFrame({name: column for name, column in self._every.items() if name != "time"},
                                  index=pandas.Index(self.time, name="time"))
         frame.attrs["units"] = dict(self.units)

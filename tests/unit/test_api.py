@@ -179,7 +179,7 @@ def test_dataframe() -> None:
 
 def test_dataframe_without_pandas(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(EmcasError, match="pip install pandas"):
+    with pytest.raises(EmcasError, match=r"^to_dataframe\(\) needs .* pandas, .*: pip install pandas$"):
         simulate(stop=0.01).to_dataframe()
 
 
