@@ -1,4 +1,4 @@
-"""The package's extras: heavy libraries that only some uses need."""
+"""Libraries that only some uses need: the package's extras, and what belongs to none."""
 
 from __future__ import annotations
 
@@ -8,10 +8,14 @@ from .errors import EmcasError
 
 
 def require(extra: str, what: str, *modules: str) -> None:
-    """Import the modules of an extra. Raises EmcasError, naming it, where one is not installed."""
+    """Import the modules of an extra, or, where it is empty, packages by their names.
+
+    Raises EmcasError, with what to install, where one is missing.
+    """
     for module in modules:
         try:
             import_module(module)
         except ImportError as error:
+            install = f"'emcas-fmu[{extra}]'" if extra else module
             raise EmcasError(f"{what} the Python package {module}, which is not installed: "
-                             f"pip install 'emcas-fmu[{extra}]'") from error
+                             f"pip install {install}") from error

@@ -93,7 +93,7 @@ class Entry:
 
     `text` is the value as written; `source` is ``thesis``, ``derived``, ``tuned`` or ``estimate`` in
     the default set, and ``user`` or what the user calls it elsewhere; `file` is the name of the
-    file, empty for values set in a program.
+    file, empty for values set in a program. `default` tells whether it is of the default set.
     """
 
     variable: Variable
@@ -102,6 +102,7 @@ class Entry:
     source: str
     note: str
     file: str
+    default: bool = field(default=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -118,9 +119,8 @@ class ParameterSet:
     files: tuple[tuple[str, str], ...] = field(default=(), compare=False)
 
     def __repr__(self) -> str:
-        shipped = _defaults(self.model).values
-        differing = [name for name, value in self.values.items() if value != shipped[name]]
-        return f"<ParameterSet of {self.model}: {len(self.entries)} values, {len(differing)} not the shipped ones>"
+        given = sum(not e.default for e in self.entries)
+        return f"<ParameterSet of {self.model}: {len(self.entries)} values, {given} given over the default ones>"
 
     @property
     def actuator(self) -> Actuator:
@@ -218,8 +218,8 @@ def _require_made_for(made_for: Any, path: Path, model: str) -> None:
     if actuator in NAMES and not {actuator, *(f"+{each}" for each in extensions)} & set(made_for):
         name = path.stem if named_sets().get(path.stem) == path else str(path)
         raise ParameterError(f"{name}: is made for {', '.join(made_for)} ({MADE_FOR}) and not for {model}, where its "
-                             "values mean nothing or were found for another actuator: leave it out, or give such a "
-                             "--model")
+                             "values mean nothing or were measured or tuned for another actuator: leave it out, or "
+                             "give such a --model")
 
 
 def _defaults(model: str) -> ParameterSet:
@@ -242,7 +242,8 @@ def _defaults(model: str) -> ParameterSet:
     if missing := [f"{where}: {v.name}: missing; the defaults must give every parameter of the {actuator.name} actuator"
                    for v in actuator.file_entries if v.name not in entries]:
         raise ParameterError(missing)
-    return _checked(tuple(entries[v.name] for v in actuator.file_entries), model, str(where))
+    return _checked(tuple(dataclass_replace(entries[v.name], default=True) for v in actuator.file_entries), model,
+                    str(where))
 
 
 def check_parameters(values: Mapping[str, Any], model: str = NONLINEAR) -> list[str]:

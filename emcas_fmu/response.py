@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from . import extras
 from .actuators import extension_outputs, fin_port, get
 from .bench import metrics
 from .bench.excitation import COMMAND, Excitation
@@ -35,7 +36,7 @@ from .variables import Variable
 if TYPE_CHECKING:
     import pandas
 
-_MOST_OWN = 8  # panels of an actuator's own outputs
+_MOST_PANELS = 8  # panels of an actuator's own outputs
 _LINES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (5, 1.5, 1, 1.5)))  # of outputs in one panel, of several fins
 # Of a command beyond its limit [rad, deg, deg]; C's formats, which a page of emcas explore fills in too.
 CLIPPED = f"{COMMAND} reaches %.4g rad (%.4g deg); beyond command.limit = %.4g deg it is clipped"
@@ -80,12 +81,12 @@ class Response:
 
     def in_unit(self, name: str, unit: str) -> Array:
         """Return one of these in another unit: ``response.in_unit("fin_angle", "deg")``. Raises EmcasError."""
-        column, own = self[name], self.units[name]
+        column, measured_in = self[name], self.units[name]
         try:
-            zero, one = (convert(Decimal(amount), own, unit) for amount in (0, 1))
+            zero, one = (convert(Decimal(amount), measured_in, unit) for amount in (0, 1))
         except UnitError as error:
             raise EmcasError(f"{name}: the unit {unit} does not measure it; "
-                             f"{f'it is in {own}' if own else 'it has none'}") from error
+                             f"{f'it is in {measured_in}' if measured_in else 'it has none'}") from error
         return zero + (one - zero) * column
 
     @cached_property
@@ -122,14 +123,14 @@ class Response:
     @cached_property
     def warnings(self) -> tuple[str, ...]:
         """What is worth a look in the commands given, a line each."""
-        found: dict[str, None] = {}
+        messages: dict[str, None] = {}
         for run, parameters in zip(self.fins, self.sets, strict=True):
             limit = parameters.values.get("command.limit", inf)
             most = float(np.max(np.abs(run.excitation.command)))
             if most > limit * (1.0 + ROUNDING):
                 clipped = CLIPPED % (most, degrees(most), degrees(limit))
-                found[clipped + (IN_DEGREES if most > LIKE_DEGREES else "")] = None
-        return tuple(found)
+                messages[clipped + (IN_DEGREES if most > LIKE_DEGREES else "")] = None
+        return tuple(messages)
 
     @property
     def extension_outputs(self) -> tuple[Variable, ...]:
@@ -144,7 +145,13 @@ class Response:
         """
         if not 0 <= fin < self.unit.fins:
             raise EmcasError(f"there is no fin {fin}: they are counted from 0 to {self.unit.fins - 1} here")
-        run = self.fins[fin]
+        return dict(self._figures[fin])
+
+    @cached_property
+    def _figures(self) -> tuple[Mapping[str, float], ...]:
+        return tuple(map(self._figures_of, self.fins))
+
+    def _figures_of(self, run: Run) -> dict[str, float]:
         motion = metrics.motion(run) if len(run.excitation.moves) == 1 else {}
         return {**{f"{name}_final_deg": degrees(run.columns[name][-1]) for name in ("fin_angle", "tracking_error")},
                 **metrics.displayed({**metrics.usage(run), **motion}),
@@ -154,15 +161,14 @@ class Response:
         """Return the figures for JSON: of several fins a list, and their line's."""
         if self.unit.fins == 1:
             return {"title": self.excitation.title, **self.metrics()}
-        line = {self.unit.line.group: self.line} if self.unit.line else {}
-        return {"title": self.excitation.title, **line,
-                "fins": [self.metrics(fin) for fin in range(self.unit.fins)]}
+        line = {self.unit.line.group: dict(self.line)} if self.unit.line else {}
+        return {"title": self.excitation.title, **line, "fins": [dict(each) for each in self._figures]}
 
     def lines(self) -> list[tuple[str, ...]]:
         """Return name and value for each fin of every figure; statuses by name, as they changed."""
-        every = [self.metrics(fin) for fin in range(self.unit.fins)]
         discrete = {f"{v.name}_final": v for v in self.extension_outputs if v.items or v.bits}
-        rows = [(name, *(self._text(name, each[name]) for each in every)) for name in every[0] if name not in discrete]
+        rows = [(name, *(self._text(name, each[name]) for each in self._figures))
+                for name in self._figures[0] if name not in discrete]
         return rows + [(v.name, *(_history(v, self.time, run.columns[v.name]) for run in self.fins))
                        for v in discrete.values()]
 
@@ -186,11 +192,9 @@ class Response:
 
     def to_dataframe(self) -> pandas.DataFrame:
         """Return a pandas DataFrame of these over time [s]; ``attrs["units"]`` has the units. Needs pandas."""
-        try:
-            import pandas
-        except ImportError as error:
-            raise EmcasError("to_dataframe() needs the Python package pandas, which is not installed: "
-                             "pip install pandas") from error
+        extras.require("", "to_dataframe() needs", "pandas")
+        import pandas
+
         frame = pandas.DataFrame({name: column for name, column in self._every.items() if name != "time"},
                                  index=pandas.Index(self.time, name="time"))
         frame.attrs["units"] = dict(self.units)
@@ -221,14 +225,15 @@ class Response:
                    conditions=conditions(self.unit.kind, self.sets[0].values))
 
     def _rows(self) -> list[tuple[str, str, list[str]]]:
-        """Return the figures in words, their units, and a value for each fin; times in ms."""
+        """Return the figures in words, their units, and a value for each fin; times that are reached in ms."""
         units = {f"{v.name}_final": v.unit for v in self.extension_outputs}
-        every = [self.metrics(fin) for fin in range(self.unit.fins)]
         rows = []
         for name, *values in self.lines():
             unit = units.get(name, metrics.unit_of(name))
             if unit == "s":
-                unit, values = "ms", [number(1e3 * each[name]) for each in every]
+                unit = "ms"
+                values = [number(1e3 * each[name]) if isfinite(each[name]) else text
+                          for each, text in zip(self._figures, values, strict=True)]
             rows.append((metrics.in_words(name), unit, values))
         return rows
 
@@ -281,15 +286,15 @@ def draw(response: Response) -> Figure:
     brief = response.time[-1] <= 1.0
     time, unit_of_time = response.time * (1e3 if brief else 1.0), "ms" if brief else "s"
     fins, extensions = response.fins, response.extension_outputs
-    own = panels(response.unit.kind)
+    of_actuator = panels(response.unit.kind)
     shared = response.unit.line.outputs if response.unit.line else ()
-    count = len(own) + len(shared) + len(extensions)
+    count = len(of_actuator) + len(shared) + len(extensions)
     made, grid = figure((count + 1) // 2, 2, width=10.0, sharex=True)
     first, places = grid[0, 0], iter(grid.ravel())
     commands = [run.excitation.command for run in fins if COMMAND in run.excitation.columns]
     for k, command in enumerate(commands):
         first.step(time, np.degrees(command), where="post", label=None if k else "command", **COMMAND_LINE)
-    for panel, axes in zip(own, places, strict=False):
+    for panel, axes in zip(of_actuator, places, strict=False):
         _draw_panel(axes, panel, time, fins)
     first.set_title(response.excitation.title)
     first.legend(loc="best", ncols=1 + len(fins) // 5)
@@ -314,12 +319,12 @@ def draw(response: Response) -> Figure:
 def panels(model: str) -> list[list[Variable]]:
     """Return the outputs of each panel: the port's one by one, then the actuator's own Real ones by units as shown."""
     aside = {v.name for v in (*fin_port.OUTPUTS, *extension_outputs(model))}
-    own: dict[tuple[str, float], list[Variable]] = {}
+    by_unit: dict[tuple[str, float], list[Variable]] = {}
     for v in get(model).outputs:
         if v.kind == "Real" and v.name not in aside:
-            own.setdefault(metrics.shown_output(v), []).append(v)
+            by_unit.setdefault(metrics.shown_output(v), []).append(v)
     port = (fin_port.FIN_ANGLE, fin_port.TRACKING_ERROR, fin_port.FIN_RATE, fin_port.HINGE_TORQUE)
-    return [*([v] for v in port), *list(own.values())[:_MOST_OWN]]
+    return [*([v] for v in port), *list(by_unit.values())[:_MOST_PANELS]]
 
 
 def _draw_panel(axes: Axes, panel: Sequence[Variable], time: Any, fins: Sequence[Run]) -> None:

@@ -66,9 +66,9 @@ class Panel {
             values: (u, splits) => splits.map(at => at === null ? "" : shownTick(at, log)),
         };
         if (ticks) {
-            const own = {};
-            ticks[0].forEach((at, k) => { own[at] = ticks[1][k]; });
-            axis.values = (u, splits) => splits.map(at => at === null ? "" : own[at] ?? shownTick(at, log));
+            const labels = {};
+            ticks[0].forEach((at, k) => { labels[at] = ticks[1][k]; });
+            axis.values = (u, splits) => splits.map(at => at === null ? "" : labels[at] ?? shownTick(at, log));
             axis.splits = (u, k, min, max, step, space) => enough(u, k, min, max) ? fixed(u, k, min, max) : even(min, max);
             axis.filter = (u, splits) => splits;
         } else if (log) {

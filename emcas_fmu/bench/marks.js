@@ -59,11 +59,11 @@ function between(line, at, data) {
 }
 
 function nearest(u, line, left, top) {
-    let best = NEAR, found = null;
+    let best = NEAR, label = null;
     for (let i = 0; i < line.x.length; ++i) {
         if (line.x[i] === null || line.y[i] === null) continue;
         const away = Math.hypot(u.valToPos(line.x[i], "x") - left, u.valToPos(line.y[i], "y") - top);
-        if (away < best) [best, found] = [away, `${shown(line.x[i])}, ${shown(line.y[i])}`];
+        if (away < best) [best, label] = [away, `${shown(line.x[i])}, ${shown(line.y[i])}`];
     }
-    return found;
+    return label;
 }

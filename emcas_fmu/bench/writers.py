@@ -99,7 +99,7 @@ def with_unit(value: float | bool | None, unit: str) -> str:
 
 def typeset(unit: str) -> str:
     """Return a unit as a page shows it."""
-    raised = re.sub(r"(?<=[A-Za-z)])[23]", lambda found: "²³"[int(found[0]) - 2], unit).replace(".", "·")
+    raised = re.sub(r"(?<=[A-Za-z)])[23]", lambda digit: "²³"[int(digit[0]) - 2], unit).replace(".", "·")
     return {"1": "", "deg": "°", "deg/s": "°/s", "degC": "°C"}.get(unit, raised)
 
 
@@ -141,8 +141,8 @@ def outlined(body: str) -> str:
         body = first + "".join(f"<{element}><b>{word} {n}.</b> {rest}" for n, rest in enumerate(others, 1))
     headings: list[tuple[str, str, str]] = []
 
-    def listed(found: re.Match[str]) -> str:
-        level, given, text = found.groups()
+    def listed(heading: re.Match[str]) -> str:
+        level, given, text = heading.groups()
         name = given or f"section-{len(headings) + 1}"
         headings.append((level, name, text))
         return f'<h{level} id="{name}">{text}</h{level}>'

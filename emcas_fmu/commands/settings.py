@@ -36,13 +36,13 @@ def read_settings(texts: Iterable[str], unit: FmuInterface) -> tuple[
             (constants if name in inputs else of_line)[name] = entered(f"--set {text}", entry, In.of(variable))
             continue
         fin = _FIN.fullmatch(name)
-        number, own = (int(fin[1]), fin[2]) if fin and 1 <= int(fin[1]) <= unit.fins > 1 else (0, name)
-        if own not in known:
+        number, parameter = (int(fin[1]), fin[2]) if fin and 1 <= int(fin[1]) <= unit.fins > 1 else (0, name)
+        if parameter not in known:
             if fin and not number:
                 raise EmcasError(f"--set {text}: there is no fin {fin[1]}; " + (
                     f"fins are 1 to {unit.fins}" if unit.fins > 1 else "fin[N] goes with --fins, of several fins"))
-            raise EmcasError(f"--set {text}: {_unknown(own, unit, [*inputs, *line, *known])}")
-        parameters[number][own] = _value(entry)
+            raise EmcasError(f"--set {text}: {_unknown(parameter, unit, [*inputs, *line, *known])}")
+        parameters[number][parameter] = _value(entry)
     return parameters, of_line, constants
 
 

@@ -1,4 +1,4 @@
-"""Files to begin an actuator of one's own from: parameters to fill in, and the shipped studies for them.
+"""Starter files of a new actuator: parameters to fill in from its datasheets, and the shipped studies for them.
 
 Nothing here is a second copy: names, units and what a datasheet calls a value come from the actuator's declaration,
 values with their sources from its default set, studies from the files in models.

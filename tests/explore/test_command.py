@@ -25,7 +25,7 @@ from .browser import SHOWN
 def explore(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     """The command without its compiler."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(page, "compiled", lambda model: b"unit")
+    monkeypatch.setattr(page, "compiled", lambda files: b"unit")
 
     def run(*arguments: str) -> Result:
         return CliRunner().invoke(app, ["explore", *arguments])
@@ -111,7 +111,7 @@ def test_the_page_in_docs_is_not_stale(explore: Any, monkeypatch: pytest.MonkeyP
     shown = SHOWN.read_text(encoding="utf-8")
     unit = re.search(r'id="unit">([^<]*)</script>', shown)
     assert unit is not None
-    monkeypatch.setattr(page, "compiled", lambda model: base64.b64decode(unit[1]))
+    monkeypatch.setattr(page, "compiled", lambda files: base64.b64decode(unit[1]))
     path = SHOWN.relative_to(ROOT)
     path.parent.mkdir(parents=True)  # in the test's own folder
     date = re.search(r"--date (\d{4}-\d\d-\d\d)", shown)

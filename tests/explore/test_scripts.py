@@ -62,7 +62,7 @@ def columns_of(browser: Browser, script: str) -> dict[str, np.ndarray[Any, Any]]
 
 def test_a_page_whose_unit_does_not_run_says_so(browser: Browser, tmp_path: Path,
                                                 monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(page, "compiled", lambda model: b"")
+    monkeypatch.setattr(page, "compiled", lambda files: b"")
     browser.open(written(tmp_path, "nonlinear"))
     assert "does not run the page's unit" in browser.run("document.getElementById('problems').textContent")
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from math import radians
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from emcas_fmu import (
     tune,
     validate,
 )
+from emcas_fmu.bench import metrics
 from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate as of_kernel
 
@@ -152,6 +154,20 @@ def test_response(tmp_path: Path) -> None:
     assert "fin_angle_final_deg" in response._repr_html_()
 
 
+def test_figures_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For all that shows them; a dictionary that is handed out is the caller's to change."""
+    usage = Mock(side_effect=metrics.usage)
+    monkeypatch.setattr(metrics, "usage", usage)
+    response = simulate(fin_sets(BASE, 2), stop=0.01)
+    shown = response.as_dict(), response.lines()
+    figures = response.metrics(1)
+    assert figures == response.as_dict()["fins"][1]
+    for handed_out in (figures, response.as_dict()["fins"][1], response.as_dict()["bus"]):
+        handed_out.clear()
+    assert (response.as_dict(), response.lines()) == shown
+    assert usage.call_count == 3  # of each fin, and of their line
+
+
 def test_dataframe() -> None:
     pytest.importorskip("pandas")
     response = simulate(stop=0.01)
@@ -163,7 +179,7 @@ def test_dataframe() -> None:
 
 def test_dataframe_without_pandas(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(EmcasError, match="pip install pandas"):
+    with pytest.raises(EmcasError, match=r"^to_dataframe\(\) needs .* pandas, .*: pip install pandas$"):
         simulate(stop=0.01).to_dataframe()
 
 

@@ -86,14 +86,18 @@ def test_what_is_no_number_is_shown_in_words() -> None:
     assert [number(x) for x in (-0.0, -1e-5, inf, nan, None)] == ["0", "-1e-05", "not reached", "–", "–"]
 
 
-def test_a_step_that_does_not_settle_says_for_how_long_it_was_waited_for() -> None:
+def test_a_step_that_does_not_settle_says_for_how_long_it_was_waited_for(tmp_path: Path) -> None:
+    page = tmp_path / "step.html"
     done = CliRunner(env={"COLUMNS": "120"}).invoke(app, ["simulate", "--step", "10", "--stop", "0.08", "--model",
-                                                          "second-order", "--kernel", "python"])
+                                                          "second-order", "--kernel", "python", "--plot", str(page)])
     assert done.exit_code == 0, done.output
     rows = dict(line.strip("│ ").split(" │ ") for line in done.output.splitlines() if " │ " in line)
     shown = {name.strip(): value.strip() for name, value in rows.items()}
     assert shown["settling_time_s"] == shown["rise_time_s"] == "not within 0.03 s"  # of 80 ms: it comes at 50 ms
     assert shown["sustained_rate_deg_per_s"] == "not reached"
+    text = page.read_text(encoding="utf-8")
+    for figure in ("settling time", "rise time"):
+        assert f'<td>{figure}</td><td class="n">not within 0.03 s</td>' in text
 
 
 @pytest.mark.parametrize(("code", "said"), [

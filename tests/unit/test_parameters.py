@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import builtins
+import io
+import os
 import pickle
 import re
 import subprocess
@@ -556,6 +559,22 @@ def test_a_set_cannot_be_changed_and_can_be_pickled() -> None:
         DEFAULTS.entries = ()  # type: ignore[misc]
     assert pickle.loads(pickle.dumps(DEFAULTS)) == DEFAULTS
     assert hash(DEFAULTS) == hash(load_parameters())
+
+
+def test_repr_counts_what_is_given_and_reads_no_file(load: Load, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two values of a file, with the one that follows; one of a program more, another anew."""
+    given = load("screw.lead = '5 mm/turn'\nmotor.torque_constant = '0.05 N.m/A'")
+    changed = given.with_values({"screw.lead": "6 mm/turn", "kinematics.moment_arm": "42 mm"})
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("a file is looked at")
+
+    with monkeypatch.context() as patched:
+        for module, function in ((os, "stat"), (os, "lstat"), (os, "open"), (builtins, "open"), (io, "open")):
+            patched.setattr(module, function, refuse)
+        shown = [repr(each) for each in (DEFAULTS, given, changed)]
+    count = len(DEFAULTS.entries)
+    assert shown == [f"<ParameterSet of nonlinear: {count} values, {k} given over the default ones>" for k in (0, 3, 4)]
 
 
 def test_nested_values() -> None:

@@ -112,12 +112,12 @@ function lagOf(command, response) {
     return Math.max(lag, 0);
 }
 
-/** Sums over Hann segments: conjugate spectrum of the command by that of the response, and by itself, for each bin. */
+/** Cross- and auto-spectrum, sums over Hann segments: the command's conjugate by the response, and by itself, a bin. */
 function spectra(command, response, length, bins) {
     const points = 8 * length, step = length - Math.floor(DATA.constants.OVERLAP * length);
     const cosine = Float64Array.from({length: points}, (_, k) => Math.cos(2 * Math.PI * k / points));
     const sine = Float64Array.from({length: points}, (_, k) => Math.sin(2 * Math.PI * k / points));
-    const cross = bins.map(() => [0, 0]), own = bins.map(() => 0);
+    const cross = bins.map(() => [0, 0]), auto = bins.map(() => 0);
     const c = new Float64Array(length), r = new Float64Array(length);
     for (let first = 0; first + length <= command.length; first += step) {
         for (let k = 0; k < length; ++k) {
@@ -133,10 +133,10 @@ function spectra(command, response, length, bins) {
             }
             cross[i][0] += cc * rc + cs * rs;
             cross[i][1] += cc * rs - cs * rc;
-            own[i] += cc * cc + cs * cs;
+            auto[i] += cc * cc + cs * cs;
         });
     }
-    return {cross, own};
+    return {cross, auto};
 }
 
 /** The H1 estimate of a run under a sweep: frequency [Hz], gain [dB], phase [rad, unwrapped], both bandwidths [Hz]. */
@@ -146,12 +146,12 @@ function frequencyResponse({excitation: {columns: {fin_command: given}}, outputs
     const length = Math.min(Math.round(DATA.constants.SEGMENT / STEP), command.length);
     const spacing = 1 / (8 * length * STEP);
     const bins = Array.from({length: Math.floor(high / spacing) + 1}, (_, bin) => bin);
-    const {cross, own} = spectra(command, response, length, bins);
-    own[0] /= 2;  // of a one-sided density
-    const strongest = largest(own);
-    const taken = bins.filter(bin => bin * spacing >= low && own[bin] > DATA.constants.EXCITED * strongest);
+    const {cross, auto} = spectra(command, response, length, bins);
+    auto[0] /= 2;  // of a one-sided density
+    const strongest = largest(auto);
+    const taken = bins.filter(bin => bin * spacing >= low && auto[bin] > DATA.constants.EXCITED * strongest);
     const frequency = taken.map(bin => bin * spacing);
-    const gain = taken.map(bin => 20 * Math.log10(Math.hypot(...cross[bin]) / own[bin]));
+    const gain = taken.map(bin => 20 * Math.log10(Math.hypot(...cross[bin]) / auto[bin]));
     const phase = taken.map(bin =>
         Math.atan2(cross[bin][1], cross[bin][0]) - 2 * Math.PI * bin * spacing * lag * STEP);
     const turn = 2 * Math.PI;

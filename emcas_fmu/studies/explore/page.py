@@ -36,7 +36,7 @@ _HERE = "emcas_fmu.studies.explore"
 _MAIN = "explore.c"
 SCRIPTS = ("unit.js", "excitations.js", "metrics.js", "settings.js", "plots.js", "results.js", "controls.js", "page.js")
 MOST_ROWS = 60_000  # of a CSV file; a minute
-_MOST_OWN = 12  # parameters of an actuator without gains that stand first
+_MOST_FIRST = 12  # parameters of an actuator without gains that stand first
 _HEADLINES = ("rise_time", "settling_time", "overshoot", "steady_error", "peak_rate", "peak_current", "energy_drawn")
 # Figures of metrics.motion and metrics.usage, in the order of the table.
 _FIGURES = tuple(name for name in metrics.FIGURES if name in (*metrics.MOTION, *metrics.USAGE))
@@ -51,17 +51,17 @@ class About:
     date: str = ""
 
 
-def compiled(model: str) -> bytes:
-    """Return the WebAssembly of an actuator. Raises CompilerError."""
-    compiler = zig()
-    if compiler is None:
-        raise EmcasError("emcas explore needs zig, which is not installed: pip install 'emcas-fmu[native]'")
-    return compiler.library(sources(model), _MAIN, WEB, "unit")
-
-
 def sources(model: str) -> dict[str, str]:
     """Return the C of an actuator's page: file name to text."""
     return {_MAIN: handwritten(_MAIN, _HERE), "batch.c": handwritten("batch.c"), **core_sources(model=model)}
+
+
+def compiled(files: Mapping[str, str]) -> bytes:
+    """Return the WebAssembly of an actuator's C, as `sources` has it. Raises CompilerError."""
+    compiler = zig()
+    if compiler is None:
+        raise EmcasError("emcas explore needs zig, which is not installed: pip install 'emcas-fmu[native]'")
+    return compiler.library(files, _MAIN, WEB, "unit")
 
 
 def document(parameters: ParameterSet, inputs: Mapping[str, float]) -> dict[str, Any]:
@@ -146,7 +146,7 @@ def _first(parameters: ParameterSet) -> dict[str, list[str]]:
     gains = [v.name for v in tunable if v.name.startswith("controller.")]
     if not gains:
         ports = {v.name for v in port.PARAMETERS}
-        gains = [v.name for v in get(parts(parameters.model)[0]).parameters if v.name not in ports][:_MOST_OWN]
+        gains = [v.name for v in get(parts(parameters.model)[0]).parameters if v.name not in ports][:_MOST_FIRST]
     further = [v.name for v in actuator.further_inputs]
     further += [v.name for v in tunable if v.name == "homing.required"]  # without which nothing moves before homing
     return {"supply": [*([actuator.supply.input.name] if actuator.supply else []), *further],
@@ -202,9 +202,10 @@ def _joined(names: Iterable[str]) -> str:
 
 def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) -> str:
     """Return the page. The same parameters, inputs and words about it give the same text. Raises CompilerError."""
-    described, code = document(parameters, inputs), compiled(parameters.model)
+    described, files = document(parameters, inputs), sources(parameters.model)
+    code = compiled(files)
     digest = hashlib.sha256(_embedded(described).encode() + code).hexdigest()
-    source_digest = hashlib.sha256("".join(sources(parameters.model).values()).encode()).hexdigest()
+    source_digest = hashlib.sha256("".join(files.values()).encode()).hexdigest()
     return page(
         "studies/explore/page.html.j2", about=about, digest=digest, source_digest=source_digest,
         entries=parameters.entries, model=described["model"], title=parameters.actuator.title,

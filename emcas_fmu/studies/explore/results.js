@@ -105,31 +105,32 @@ function drawRequirements(table, cases) {
 
 /** The sweeps there are: of Table 2, and the excitation where it is one. */
 function sweeps(each) {
-    const own = each.setting.shape === "chirp" && {"this chirp": each.own ??= {frequency: frequencyResponse(each.run)}};
+    const chirp = each.setting.shape === "chirp" && {
+        "this chirp": each.chirp ??= {frequency: frequencyResponse(each.run)}};
     const listed = Object.entries(DATA.runs).filter(([, run]) => run.sweep).map(([name, run]) =>
         [`${shownNumber(degrees(run.sweep.amplitude))}°`, each.runs[name]]);
-    return [...listed, ...Object.entries(own || {})].filter(([, run]) => run.frequency?.frequency.length);
+    return [...listed, ...Object.entries(chirp || {})].filter(([, run]) => run.frequency?.frequency.length);
 }
 
 const DASHES = [undefined, [7, 4], [2, 3]];
 
 function drawBode(gain, phase, cases) {
     const two = cases.length > 1;
-    const found = cases.flatMap(([letter, each]) => sweeps(each).map(([label, {frequency}], k) => ({
+    const responses = cases.flatMap(([letter, each]) => sweeps(each).map(([label, {frequency}], k) => ({
         label: two ? `${label} ${letter}` : label, frequency, dash: DASHES[k],
         stroke: COLORS[letter === "A" ? 1 : 0]})));
-    const curves = part => found.map(({frequency, ...look}) => (
+    const curves = part => responses.map(({frequency, ...look}) => (
         {...look, x: frequency.frequency, y: frequency[part].map(part === "phase" ? degrees : x => x)}));
     const required = DATA.requirements.find(({measure}) => measure === "bandwidth");
     gain.under = u => forbidden(u, required.limit, -3);
     gain.over = u => {
         rule(u, "y", -3, "−3 dB");
         rule(u, "x", required.limit, `required ${shownNumber(required.limit)} Hz`);
-        for (const {frequency: {bandwidth}, stroke} of found) mark(u, bandwidth, -3, stroke());
+        for (const {frequency: {bandwidth}, stroke} of responses) mark(u, bandwidth, -3, stroke());
     };
     phase.over = u => {
         rule(u, "y", -90, "−90°");
-        for (const {frequency, stroke} of found) mark(u, frequency.phase_bandwidth, -90, stroke());
+        for (const {frequency, stroke} of responses) mark(u, frequency.phase_bandwidth, -90, stroke());
     };
     gain.draw(curves("gain"));
     phase.draw(curves("phase"));

@@ -88,8 +88,8 @@ class Unit {
         const reached = this.code.actuator_simulate(this.actuator, rows, step, table, out, this.result);
         const reason = new Int32Array(this.code.memory.buffer, this.result, 1)[0];
         if (reached < rows) throw new Error(`at ${general(reached * step, 6)} s: ${DATA.reasons[reason]}`);
-        const found = this.doubles(out, rows * wide);
+        const computed = this.doubles(out, rows * wide);
         return Object.fromEntries(DATA.outputs.map(({name}, place) =>
-            [name, Float64Array.from({length: rows}, (_, k) => found[k * wide + place])]));
+            [name, Float64Array.from({length: rows}, (_, k) => computed[k * wide + place])]));
     }
 }
