@@ -77,6 +77,7 @@ UNITS = {
                  angles=tuple(f + "fin_angle" for f in _FINS), parameters={f + _ENCODER: False for f in _FINS}),
     "options": Unit("native `elastic+heat+homing+faults`", _NATIVE, "elastic+heat+homing+faults",
                     loads=("aero_torque",), parameters={"homing.required": False}),
+    "flat": Unit("native, `--names flat`", {**_NATIVE, "names": "flat"}, parameters={"encoder_enabled": False}),
     "fmi3": Unit("FMI 3.0", {**_NATIVE, "fmi": "3"}, parameters={_ENCODER: False}),
     "four3": Unit("FMI 3.0 four fins", {**_NATIVE, "fmi": "3", "fins": 4}, commands=("fins.fin_command",),
                   angles=tuple(f"fins.fin_angle[{k}]" for k in (1, 2, 3, 4)),
