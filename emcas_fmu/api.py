@@ -22,7 +22,7 @@ from .bench.subject import ParameterSubject, Subject, open_subject
 from .errors import EmcasError, hint
 from .fmi.interface import FmuInterface, fin_sets, require_shared
 from .fmi.package import Built, build
-from .parameters import ParameterError, ParameterSet, load_parameters
+from .parameters import ParameterError, ParameterSet, load_parameters, require_set
 from .progress import Progress, silent
 from .response import Response
 from .runtime import compiled
@@ -98,11 +98,7 @@ def _sets(what: str, given: Any) -> tuple[ParameterSet, ...]:
 
 def _set(what: str, given: Any) -> ParameterSet:
     """Return a parameter set, the default one unless given. Raises EmcasError."""
-    if given is None:
-        return load_parameters()
-    if not isinstance(given, ParameterSet):
-        raise EmcasError(f"{what}: {given!r} is no parameter set; load_parameters() reads one from a file")
-    return given
+    return load_parameters() if given is None else require_set(what, given)
 
 
 def _in(unit: str, given: float | str | None, otherwise: float) -> float:
@@ -248,10 +244,12 @@ class Batch:
         """Move every actuator on to `end` [s] and return its outputs by name, SI, an array of one for each actuator.
 
         Inputs, SI, by name with ``__`` for the dot, are a number or text with a unit for all or an array of one for
-        each, and stay as they are until given anew. Raises EmcasError for an unknown input, an unsound value or an end
-        before `time`, and nothing has changed; ArithmeticError naming the actuators that cannot be followed: these stay
-        where they were.
+        each, and stay as they are until given anew. Raises EmcasError for an unknown input, an unsound value, an end
+        that is no number or before `time`, and nothing has changed; ArithmeticError naming the actuators that cannot be
+        followed: these stay where they were.
         """
+        if not isinstance(end, (int, float, np.number)):
+            raise EmcasError(f"Batch.run: end = {end!r}: expected a number, the time to move on to in s")
         if not self.time <= end < float("inf"):
             raise EmcasError(f"Batch.run: the end {end:g} s is before {self.time:g} s, which is reached, or not finite")
         rows, columns = self._inputs.copy(), list(self._variables)

@@ -204,6 +204,13 @@ def load_parameters(files: Path | str | Iterable[Path | str] | None = None, base
     return chosen
 
 
+def require_set(what: str, given: object) -> ParameterSet:
+    """Return what is given to the function `what`, a parameter set. Raises ParameterError where it is none."""
+    if not isinstance(given, ParameterSet):
+        raise ParameterError(f"{what}: {given!r} is no parameter set; load_parameters() reads one from a file")
+    return given
+
+
 def _require_made_for(made_for: Any, path: Path, model: str) -> None:
     """Raise ParameterError where a file says that it is for actuators, or +extensions, other than this shipped one.
 

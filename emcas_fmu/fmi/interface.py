@@ -18,7 +18,7 @@ from ..actuators import NONLINEAR, fin_port, get
 from ..actuators.declaration import Actuator, identifier
 from ..actuators.line import Line
 from ..errors import EmcasError
-from ..parameters import ParameterSet, load_parameters
+from ..parameters import ParameterSet, load_parameters, require_set
 from ..variables import Variable, real_input
 
 MOST_FINS = 8
@@ -227,6 +227,7 @@ def fin_sets(base: ParameterSet, fins: int, layout: str = "cross", files: Mappin
     `layout` is ``plus`` or ``cross``; `files` are by the fin's number, from 1. Raises EmcasError for a fin, number or
     layout there is not, and where fins differ in what they share; ParameterError for a file's problems.
     """
+    require_set("fin_sets", base)
     FmuInterface(fins)
     places = azimuths(fins, layout)
     for fin in files:

@@ -12,7 +12,7 @@ from uuid import UUID
 from .. import __version__
 from ..errors import BuildError, unwritable
 from ..files import write_zip
-from ..parameters import ParameterSet
+from ..parameters import ParameterSet, require_set
 from ..progress import Progress
 from . import native, python
 from .description import about, terminals_and_icons, to_bytes
@@ -92,6 +92,7 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     (:mod:`.references`). Raises EmcasError for what cannot be asked for, ParameterError for a file's problems,
     BuildError if the FMU cannot be written and CompilerError if there is no compiler.
     """
+    require_set("build", parameters)
     if fmi not in native.FORMATS:
         raise BuildError(f"--fmi {fmi}: there is {' and '.join(native.FORMATS)}")
     backend = backend or ("python" if fmi == "2" else "native")

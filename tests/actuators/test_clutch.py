@@ -20,6 +20,7 @@ from emcas_fmu.physics import coupled
 from emcas_fmu.reference import clutch as reference
 from tests.simulation import acting, simulate
 
+from .engaging import assert_locks, ratio
 from .hammers import hammered
 
 MODEL = "clutch"
@@ -30,12 +31,6 @@ ACTUATOR = get(MODEL)
 def values() -> Mapping[str, Any]:
     """The shipped parameters, without the encoder's chatter."""
     return {**load_parameters(model=MODEL).values, "encoder.enabled": False}
-
-
-def ratio(values: Mapping[str, Any], fin: float = 0.0) -> float:
-    """Screw over fin, d/(l cos^2)."""
-    lever = fin + values["kinematics.initial_angle"]
-    return float(values["kinematics.moment_arm"] / values["screw.lead"] / np.cos(lever)**2)
 
 
 # -- closed forms ------------------------------------------------------------------
@@ -62,20 +57,7 @@ def test_time_and_energy_until_a_clutch_locks(values: Mapping[str, Any], torque:
     fin = (v["inertia.fin"] + v["inertia.shaft"] + v["inertia.fork"]) / ratio(v)**2
     driven = v["inertia.screw"] + v["clutch.driven_inertia"] + fin
     approach = torque / driving + torque * (1.0 - share) / driven
-    time, h = 0.0, 1e-4
-    while x.motor_speed != x.screw_speed:
-        moved, used = ACTUATOR.step(FLOATS, p, x, u, h)
-        x, time = x.replace(**moved), time + used
-        assert time < 1.0
-    # Torques are constant, so that steps are exact but for rounding of the differences in ROS2 (1e-8).
-    assert time == pytest.approx(begin / approach, rel=1e-6)
-    heat = v["clutch.heat_capacity"] * (x.clutch_temperature - v["friction.temperature"])
-    assert heat == pytest.approx(0.5 * torque * begin**2 / approach, rel=1e-6)
-    # Locked they stay, to the bit, and share the load.
-    for _ in range(20):
-        moved, _ = ACTUATOR.step(FLOATS, p, x, u, h)
-        x = x.replace(**moved)
-        assert x.motor_speed == x.screw_speed
+    assert_locks(ACTUATOR, v, x, u, torque, approach)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

@@ -21,6 +21,8 @@ from emcas_fmu.studies.tuning.evaluate import evaluate
 from emcas_fmu.studies.tuning.study import shipped_study
 from tests.simulation import acting, simulate
 
+from .engaging import assert_locks, ratio
+
 MODEL = "series-clutch"
 ACTUATOR = get(MODEL)
 LOAD = 100.0  # N.m
@@ -30,12 +32,6 @@ LOAD = 100.0  # N.m
 def values() -> Mapping[str, Any]:
     """The shipped parameters, without the encoder's chatter."""
     return {**load_parameters(model=MODEL).values, "encoder.enabled": False}
-
-
-def ratio(values: Mapping[str, Any], fin: float = 0.0) -> float:
-    """Screw over fin, d/(l cos^2)."""
-    lever = fin + values["kinematics.initial_angle"]
-    return float(values["kinematics.moment_arm"] / values["screw.lead"] / np.cos(lever)**2)
 
 
 def capacity(values: Mapping[str, Any], run: Mapping[str, Any]) -> Any:
@@ -80,20 +76,7 @@ def test_time_and_energy_until_the_clutch_locks(values: Mapping[str, Any], torqu
     fin = (v["inertia.fin"] + v["inertia.shaft"] + v["inertia.fork"]) / ratio(v)**2
     driven = v["inertia.screw"] + v["clutch.driven_inertia"] + e * fin
     approach = torque / driving + torque * (1.0 - e * share) / driven
-    time, h = 0.0, 1e-4
-    while x.motor_speed != x.screw_speed:
-        moved, used = ACTUATOR.step(FLOATS, p, x, u, h)
-        x, time = x.replace(**moved), time + used
-        assert time < 1.0
-    # Torques are constant, so that steps are exact but for rounding of the differences in ROS2 (1e-8).
-    assert time == pytest.approx(begin / approach, rel=1e-6)
-    heat = v["clutch.heat_capacity"] * (x.clutch_temperature - v["friction.temperature"])
-    assert heat == pytest.approx(0.5 * torque * begin**2 / approach, rel=1e-6)
-    # Locked they stay, to the bit.
-    for _ in range(20):
-        moved, _ = ACTUATOR.step(FLOATS, p, x, u, h)
-        x = x.replace(**moved)
-        assert x.motor_speed == x.screw_speed
+    assert_locks(ACTUATOR, v, x, u, torque, approach)
 
 
 @pytest.mark.parametrize("load", [3.0 * LOAD, -3.0 * LOAD])

@@ -18,6 +18,7 @@ from emcas_fmu import (
     EmcasError,
     ParameterSet,
     analyse,
+    build,
     excitations,
     fin_sets,
     load_parameters,
@@ -92,6 +93,8 @@ def test_start_values_of_an_excitation() -> None:
     (lambda: simulate(BASE, line={"bus.source_resistance": 0.1}), "several fins"),
     (lambda: simulate("my.toml"), r"no parameter set; load_parameters\(\)"),  # type: ignore[arg-type]
     (lambda: analyse("my.toml"), "no parameter set"),  # type: ignore[arg-type]
+    (lambda: build("my.toml", "my.fmu"), r"^build: 'my.toml' is no .*; load_parameters\(\)"),  # type: ignore[arg-type]
+    (lambda: fin_sets("my.toml", 4), r"^fin_sets: 'my.toml' is no .*; load_parameters\(\)"),  # type: ignore[arg-type]
     (lambda: simulate(BASE, "step_plus10"), "excitations.reference_case"),  # type: ignore[arg-type]
     (lambda: validate(BASE, cases="nonsense"), "no case nonsense|nonsense"),
     (lambda: tune(study="missing.toml"), "missing.toml"),
@@ -201,6 +204,8 @@ def test_batch() -> None:
             batch.run(0.03, aero_torque=5.0, fin_command=refused)
     with pytest.raises(EmcasError, match=r"0.01 s is before 0.02 s"):
         batch.run(0.01)
+    with pytest.raises(EmcasError, match=r"^Batch.run: end = '30 ms': expected a number, .* in s$"):
+        batch.run("30 ms")  # type: ignore[arg-type]
     after = batch.run(0.03, fin_command="0.1 rad")["fin_angle"]  # what was refused has left nothing behind
     alone = of_kernel(BASE.values, 0.03, 0.01, fin_command=0.1)
     assert after[0] == alone["fin_angle"][-1]
