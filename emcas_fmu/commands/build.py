@@ -39,7 +39,7 @@ def build(
                                       metavar="N")] = 1,
     layout: common.LayoutOption = "cross",
     fin: common.FinFilesOption = None,
-    names: Annotated[str, typer.Option(help="Names of variables, as fin[2].fin_angle, or flat, as fin_2_fin_angle: for "
+    names: Annotated[str, typer.Option(help="Names of variables, as fin[2].fin_angle, or flat, as fin2_fin_angle: for "
                                             "tools that refuse dots and brackets, or make buses of them.",
                                        metavar="structured|flat")] = "structured",
     references: Annotated[bool, typer.Option(

@@ -23,12 +23,12 @@ from ..variables import Variable, real_input
 
 MOST_FINS = 8
 SPELLINGS = ("structured", "flat")
-"""Of variables' names: ``fin[2].fault.jam.begin`` or ``fin_2_fault_jam_begin``, as FMI calls these conventions."""
+"""Of variables' names: ``fin[2].fault.jam.begin`` or ``fin2_fault_jam_begin``, as FMI calls these conventions."""
 LAYOUTS = ("plus", "cross")
 AZIMUTH = "mounting.azimuth"
 # In texts: a name, or what the names of a group begin with, as in heat.*; and what those of a fin begin with.
-_NAME = re.compile(r"(?<![\w/])[a-z_]\w*(?:\.[a-z_]\w*)*(?:\[\w\]|\.(?=\*))?")
-_OF_FIN = re.compile(r"\bfin\[(\w+)\]\.?")
+_NAME = re.compile(r"(?<!\w)[a-z_]\w*(?:\.[a-z_]\w*)*(?:\[\w\]|\.(?=\*))?")
+_OF_FIN = re.compile(r"\bfin\[\d\]\.?")
 VEHICLE = tuple(v.name for v in fin_port.MOTION)
 
 
@@ -49,8 +49,8 @@ def model_name(actuator: str, fins: int = 1) -> str:
 
 
 def flat(name: str) -> str:
-    """Return a variable's name without dots and brackets: ``friction.table.viscous[0]`` is friction_table_viscous_0."""
-    return re.sub(r"\W+", "_", name).strip("_")
+    """Return a variable's name with _ for dots, without brackets: ``fin[2].fin.stop_angle`` is fin2_fin_stop_angle."""
+    return re.sub(r"[\[\]]", "", name).replace(".", "_")
 
 
 @dataclass(frozen=True)
@@ -104,10 +104,9 @@ class FmuInterface:
             if match[0] in self._written:
                 return flat(match[0])
             name, bracket, rest = match[0].partition("[")
-            known = name.rstrip(".") in self._written
-            return flat(name) + "_" * name.endswith(".") + bracket + rest if known else match[0]
+            return flat(name) + bracket + rest if name.rstrip(".") in self._written else match[0]
 
-        return _OF_FIN.sub(r"fin_\1_", _NAME.sub(respelt, text))
+        return _OF_FIN.sub(lambda match: flat(match[0]), _NAME.sub(respelt, text))
 
     @cached_property
     def _written(self) -> frozenset[str]:
@@ -119,7 +118,7 @@ class FmuInterface:
 
     def of_fin(self, number: object) -> str:
         """Return what messages call the fin of a number from 1 on."""
-        return f"fin_{number}" if self.spelling == "flat" else f"fin[{number}]"
+        return f"fin{number}" if self.spelling == "flat" else f"fin[{number}]"
 
     def array_name(self, variable: str) -> str:
         """Return the name of the array that has a variable of every fin, where arrays are (FMI 3.0)."""

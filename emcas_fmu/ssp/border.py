@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ..actuators import get
 from ..actuators.fin_port import ENABLE
-from ..fmi.interface import FmuInterface
+from ..fmi.interface import FmuInterface, flat
 from ..variables import Variable
 
 
@@ -27,7 +27,7 @@ def outer_name(number: int, name: str, model: str) -> str:
     connector of the system from one of a component by their paths alone.
     """
     shared = (*FmuInterface(1, model).shared, ENABLE.name)
-    return (name if name in shared else f"fin{number}_{name}").replace(".", "_")
+    return flat(name if name in shared else f"fin[{number}].{name}")
 
 
 def wires(model: str, fins: Sequence[str]) -> Iterator[Wire]:

@@ -27,8 +27,10 @@ def both(parameters: ParameterSet, folder: Path, fins: int = 1) -> Mapping[str, 
 
 def slave_class(unit: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> type[Slave]:
     """The Python unit's class in this process, on the package's own modules; `sets` are the fins' values."""
-    space: dict[str, Any] = {}
-    exec(python_source(codegen.traced_rules(unit.kind), "Rules"), space)
+    kernel: dict[str, Any] = {}
+    checks: dict[str, Any] = {}
+    exec(codegen.source(unit.fins > 1, unit.kind, unit.spelt), kernel)
+    exec(python_source(codegen.traced_rules(unit.kind), "Rules", unit.spelt), checks)
     return type("Local", (MultiFinSlave if unit.fins > 1 else Slave,), {
-        "make": staticmethod(codegen.make(unit.fins > 1, unit.kind)), "make_checks": staticmethod(space["make"]),
+        "make": staticmethod(kernel["make"]), "make_checks": staticmethod(checks["make"]),
         **python.slave_attributes(unit, start_values(unit, sets), "{guid}")})

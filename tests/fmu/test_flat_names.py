@@ -1,0 +1,201 @@
+"""``--names flat``: the same unit under names without dots and brackets."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from xml.etree.ElementTree import fromstring
+
+import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
+from fmpy.validation import validate_fmu
+from typer.testing import CliRunner
+
+from emcas_fmu.actuators import get
+from emcas_fmu.bench.excitation import reference_case, step_to
+from emcas_fmu.bench.subject import FmuSubject, open_subject
+from emcas_fmu.cli import app
+from emcas_fmu.compiler import local_platform
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi.description import terminals_and_icons
+from emcas_fmu.fmi.fmi3.arrays import arrays
+from emcas_fmu.fmi.interface import SPELLINGS, FmuInterface, flat
+from emcas_fmu.fmi.native import FORMATS, names_header
+from emcas_fmu.fmi.package import build
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.variables import parameter
+from tests.fmu.built import slave_class
+from tests.fmu.test_description import kinds
+
+ROOT = Path(__file__).resolve().parents[2]
+WORD = re.compile(r"[a-z]\w*")
+UNITS = [(backend, fmi, fins) for backend, fmi in (("python", "2"), ("native", "2"), ("native", "3"))
+         for fins in (1, 4)]
+
+
+@pytest.mark.parametrize("fins", [1, 2, 8])
+def test_names_are_words_of_their_own(fins: int) -> None:
+    """Of every actuator, its extensions, and any number of fins; of FMI 3.0's arrays, too."""
+    for kind in kinds():
+        unit = FmuInterface(fins, kind, "flat")
+        for names in ([v.name for v in unit.variables], [v.variable.name for v in arrays(unit)]):
+            spelt = [unit.spelt(name) for name in names]
+            assert len(set(spelt)) == len(spelt)
+            assert all(WORD.fullmatch(name) for name in spelt)
+
+
+def test_two_names_that_would_be_one_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    shipped = get("second-order")
+    both = replace(shipped, parameters=(*shipped.parameters, parameter("solver_max.tick", "s", 0.0, 1.0, "a slip")))
+    monkeypatch.setattr("emcas_fmu.fmi.interface.get", lambda _: both)
+    assert FmuInterface(1, "second-order").spelt("solver_max.tick") == "solver_max.tick"
+    with pytest.raises(EmcasError, match=r"solver\.max_tick and solver_max\.tick would both be solver_max_tick"):
+        FmuInterface(1, "second-order", "flat")
+    with pytest.raises(EmcasError, match="--names round: there is structured and flat"):
+        FmuInterface(1, "second-order", "round")
+
+
+def test_texts_name_what_there_is() -> None:
+    """Descriptions, rules' messages and the page: not a name with a dot is left, and nothing else is changed."""
+    for kind in kinds():
+        unit = FmuInterface(2, kind, "flat")
+        left = re.compile("|".join(rf"(?<!\w){re.escape(v.name)}(?!\w)" for v in unit.actuator.parameters
+                                   if flat(v.name) != v.name))
+        for text in (*(v.description for v in unit.variables), *(rule.message for rule in unit.actuator.all_rules)):
+            assert not left.search(unit.respelt(text)), text
+    unit = FmuInterface(4, "nonlinear+heat", "flat")
+    said = "a fin[2].fin.stop_angle of 0.1 N.m; motor.* and friction.table, e.g. friction.table.viscous[0]"
+    assert unit.respelt(said) == (
+        "a fin2_fin_stop_angle of 0.1 N.m; motor_* and friction_table, e.g. friction_table_viscous0")
+    assert FmuInterface(4).respelt("fin[2].fin.stop_angle") == "fin[2].fin.stop_angle"
+
+
+@pytest.mark.parametrize("fmi", FORMATS)
+def test_a_host_in_c_finds_the_same_macros(fmi: str) -> None:
+    structured, spelt = (names_header(FmuInterface(4, "nonlinear", names), "{}", FORMATS[fmi]) for names in SPELLINGS)
+    assert re.findall("#define .* /", structured) == re.findall("#define .* /", spelt)
+    assert "fin2_motor_speed" in spelt if fmi == "2" else "fins_motor_speed" in spelt
+    assert not re.search(r"/\* [\w]*[.\[]", spelt)
+
+
+@pytest.mark.parametrize("arrays", [False, True])
+def test_terminals_have_the_names_of_the_variables(arrays: bool) -> None:
+    members = [e.attrib[key] for e in terminals_and_icons(FmuInterface(4, "nonlinear", "flat"), arrays).iter(
+        "TerminalMemberVariable") for key in ("variableName", "memberName")]
+    assert {"acceleration_x", "fins_fin_angle" if arrays else "fin3_fin_angle"} < set(members)
+    assert all(map(WORD.fullmatch, members))
+
+
+def test_messages_have_the_names_of_the_variables() -> None:
+    """Of the Python unit in this process."""
+    unit = FmuInterface(2, "nonlinear", "flat")
+    slave = slave_class(unit, [load_parameters().values] * 2)(instance_name="fin")
+    slave.setup_experiment(0.0)
+    slave.enter_initialization_mode()
+    slave.set_real([unit.reference["fin[2].fin.stop_angle"]], [0.1])
+    slave.exit_initialization_mode()
+    assert slave.log_queue[-1].msg.startswith(
+        "initialization refused: fin2: fin_stop_angle = 0.1 rad (5.72958 deg) must be at least command_limit")
+    slave.set_real([unit.reference["fin[1].controller.position.kp"]], [-1.0])
+    assert not slave.do_step(0.0, 1e-3)
+    assert slave.log_queue[-1].msg.startswith("initialization was refused: fin2: ")
+
+
+# -- built -------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Mapping[tuple[str, str, int, str], Path]:
+    """Their files by back end, version of FMI, fins and names."""
+    folder, local = tmp_path_factory.mktemp("flat"), local_platform()
+    assert local is not None
+    return {(*unit, names): build(
+        load_parameters(), folder / f"{'_'.join(map(str, (*unit, names)))}.fmu", backend,
+        [local.name] if backend == "native" else None, fins=fins, fmi=fmi, names=names).path
+        for unit in UNITS for backend, fmi, fins in [unit] for names in SPELLINGS}
+
+
+@pytest.mark.fmu
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: "-".join(map(str, unit)))
+def test_the_same_bits(built: Mapping[tuple[str, str, int, str], Path], unit: tuple[str, str, int]) -> None:
+    """Of every output, in a slew against a load; and the tools find the variables of a fin by their usual names."""
+    runs = []
+    for key in ((*unit, names) for names in SPELLINGS):
+        with open_subject(built[key], fin=2 if unit[2] > 1 else None) as subject:
+            assert isinstance(subject, FmuSubject)
+            runs.append(subject.run(reference_case("load_opposing"), {"friction.temperature": 0.0,
+                                                                      "friction.table.viscous[2]": 1.3}))
+            assert subject.identification.differences == (("mounting.azimuth",) if unit[2] > 1 else ())
+            assert len(subject.references) == (1 if unit[2] > 1 else 4)
+    assert all(run.stopped is None for run in runs)
+    assert runs[0].columns.keys() == runs[1].columns.keys() == {"time", *(v.name for v in get("nonlinear").outputs)}
+    assert all(np.array_equal(column, runs[1].columns[name]) for name, column in runs[0].columns.items())
+    assert np.ptp(runs[0].columns["fin_angle"]) > 0.5
+
+
+@pytest.mark.fmu
+@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: "-".join(map(str, unit)))
+def test_nothing_in_the_archive_has_other_names(built: Mapping[tuple[str, str, int, str], Path],
+                                                unit: tuple[str, str, int]) -> None:
+    flat_one = (*unit, "flat")
+    path = built[flat_one]
+    assert validate_fmu(str(path)) == []
+    with zipfile.ZipFile(path) as archive:
+        root = fromstring(archive.read("modelDescription.xml"))
+        listed = root.find("ModelVariables")
+        assert listed is not None
+        names = {v.attrib["name"] for v in listed}
+        page = archive.read("documentation/index.html").decode()
+        tables = [archive.read(name).decode().splitlines()[0] for name in archive.namelist() if name.endswith(".csv")]
+        sets = [archive.read(name).decode() for name in archive.namelist() if name.endswith(".ssv")]
+    assert root.attrib["variableNamingConvention"] == "flat"
+    assert all(map(WORD.fullmatch, names))
+    assert all(f"<code>{name}</code>" in page for name in names) or unit[1] == "3"
+    of_tables = {column.partition("[")[0] for table in tables for column in table.replace('"', "").split(",")}
+    of_sets = {name.partition("[")[0] for text in sets for name in re.findall(r'Parameter name="([^"]+)"', text)}
+    assert of_tables - {"time"} <= names
+    assert of_sets <= names
+    assert of_sets
+
+
+@pytest.mark.fmu
+def test_messages_of_the_native_unit(built: Mapping[tuple[str, str, int, str], Path]) -> None:
+    with open_subject(built["native", "2", 4, "flat"], fin=3) as subject:
+        assert isinstance(subject, FmuSubject)
+        messages: list[str] = []
+        instance = subject.unit.instance(lambda *arguments: messages.append(arguments[4].decode()))
+        subject.unit.set_starts(instance, {"fin.stop_angle": 0.1})
+        instance.setupExperiment(startTime=0.0)
+        instance.enterInitializationMode()
+        with pytest.raises(FMICallException):
+            instance.exitInitializationMode()
+        instance.freeInstance()
+    assert any(message.startswith("fin3: fin_stop_angle = 0.1 rad") for message in messages)
+
+
+@pytest.mark.fmu
+def test_an_actuator_of_the_user_s(tmp_path: Path) -> None:
+    """Its FMU's names tell nothing of its variables': with --model they are known."""
+    own = ROOT / "examples" / "own_actuator" / "direct_drive.py"
+    path = build(load_parameters(model=str(own)), tmp_path / "own.fmu", names="flat", references=False).path
+    with open_subject(path, model=str(own)) as subject:
+        assert subject.run(step_to(0.1, 0.2)).stopped is None
+    with pytest.raises(EmcasError, match="does not tell its model; name it with --model"), open_subject(path):
+        pass
+
+
+@pytest.mark.fmu
+def test_commands(built: Mapping[tuple[str, str, int, str], Path], tmp_path: Path) -> None:
+    path = tmp_path / "EMCAS.fmu"
+    done = CliRunner().invoke(app, ["build", "--names", "flat", "-o", str(path)])
+    assert done.exit_code == 0, done.output
+    assert path.read_bytes() == built["python", "2", 1, "flat"].read_bytes()
+    done = CliRunner().invoke(app, ["validate", str(path), "--case", "step_plus20"])
+    assert done.exit_code == 0, done.output
+    refused = CliRunner().invoke(app, ["build", "--names", "round", "-o", str(path)])
+    assert refused.exit_code == 2
+    assert "--names round: there is structured and flat" in refused.output
