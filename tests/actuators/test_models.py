@@ -174,10 +174,12 @@ def test_fit_keeps_the_actuator(tmp_path: Path) -> None:
 def test_registry_and_files() -> None:
     with pytest.raises(EmcasError, match=r"no actuator 'hydraulic';.* there is nonlinear, linear"):
         get("hydraulic")
-    # A name means the same wherever it is: the same unit, limits and kind, whatever it is said to do there.
+    # A name means the same wherever it is: the same unit, limits and kind, whatever it is said to do there. How far an
+    # output can go is the actuator's: a pump gives no power back.
     meant: dict[str, Any] = {}
     for v in (v for name in NAMES for v in get(name).inputs + get(name).outputs + get(name).file_entries):
-        same = (v.kind, v.causality, v.variability, v.unit, v.minimum, v.maximum)
+        limits = () if v.causality == "output" else (v.minimum, v.maximum)
+        same = (v.kind, v.causality, v.variability, v.unit, *limits)
         assert meant.setdefault(v.name, same) == same, v.name
     assert {"second_order.damping", "pwm.gain"} <= set(meant)
     with pytest.raises(ParameterError, match="the nonlinear actuator has no such parameter"):

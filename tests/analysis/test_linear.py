@@ -177,8 +177,9 @@ def test_every_gain_margin_is_an_edge_of_stability(values: Values) -> None:
         loop, margins = linear.loop(name), frequency.margins(linear.loop(name))
         for factor, stable in ((0.995, True), (1.005, False)):
             poles = ct.feedback(loop * (margins.gain * factor), 1).poles()
-            # With the position loop open its integrators stay, at 1 but for rounding.
-            assert (float(np.max(np.abs(poles))) < 1.0 + 1e-9) is stable
+            # With the position loop open its two integrators stay at 1; rounding splits a double pole by its square
+            # root, some 1e-8. Half a percent of gain moves the pole at the edge by 1e-3.
+            assert (float(np.max(np.abs(poles))) < 1.0 + 1e-7) is stable
 
 
 def test_final_values_are_those_of_closed_forms(values: Values) -> None:
