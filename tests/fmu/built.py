@@ -18,11 +18,12 @@ from emcas_fmu.trace.python_source import python_source
 
 
 def both(parameters: ParameterSet, folder: Path, fins: int = 1) -> Mapping[str, Path]:
-    """Their files by back end, the native one for this platform."""
+    """Their files by back end, the native one for this platform; without references, which take long to make."""
     local = local_platform()
     assert local is not None
-    return {"python": build(parameters, folder / "python.fmu", fins=fins).path,
-            "native": build(parameters, folder / "native.fmu", "native", [local.name], fins=fins).path}
+    return {"python": build(parameters, folder / "python.fmu", fins=fins, references=False).path,
+            "native": build(parameters, folder / "native.fmu", "native", [local.name], fins=fins,
+                            references=False).path}
 
 
 def slave_class(unit: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> type[Slave]:

@@ -75,7 +75,8 @@ def places(unit: FmuInterface, started: Any, rng: random.Random) -> Iterator[dic
     yield values
 
 
-@pytest.mark.parametrize("unit", UNITS, ids=lambda unit: unit.model)
+@pytest.mark.parametrize("unit", [pytest.param(unit, marks=[pytest.mark.slow] if unit.fins == 4 else [])
+                                  for unit in UNITS], ids=lambda unit: unit.model)
 def test_what_reacts_is_listed_and_what_lists_anything_reacts(unit: FmuInterface) -> None:
     started, rng = Starting(unit), random.Random(16)
     reacts: dict[str, set[str]] = {v.name: set() for v in unit.outputs}

@@ -46,7 +46,7 @@ class Unit:
         """Build it for this platform."""
         local = local_platform()
         assert local is not None
-        return build(load_parameters(model=self.model), folder / "unit.fmu",
+        return build(load_parameters(model=self.model), folder / "unit.fmu", references=False,
                      platforms=[local.name] if self.sources else None, **self.arguments).path
 
     def task(self) -> dict[str, Any]:
