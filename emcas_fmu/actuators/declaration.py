@@ -23,7 +23,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import isnan
+from math import ceil, floor, isnan, log10
 from pathlib import Path
 from typing import Any
 
@@ -123,6 +123,12 @@ def _no_outputs(ops: Ops, p: Parameters, x: Record, u: Acting) -> Values:
 
 def _unchanged(ops: Ops, p: Parameters) -> Parameters:
     return p
+
+
+def _rounded_up(limit: float) -> float:
+    """Return a positive limit with four digits, no smaller."""
+    unit = 10.0 ** (floor(log10(limit)) - 3)
+    return float(f"{ceil(limit / unit) * unit:.4g}")
 
 
 def identifier(name: str) -> str:
@@ -275,7 +281,7 @@ class Actuator:
         def limited(v: Variable) -> Variable:
             if not v.limited_by or not all(name in most for name in v.limited_by):
                 return v
-            size = sum(most[name] for name in v.limited_by) * (1.0 + SLACK)
+            size = _rounded_up(sum(most[name] for name in v.limited_by) * (1.0 + SLACK))
             return replace(v, minimum=max(v.minimum, -size), maximum=min(v.maximum, size))
 
         return tuple(map(limited, self.outputs))

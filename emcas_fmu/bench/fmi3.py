@@ -9,9 +9,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ..fmi.interface import FINS
+
 _KINDS = {"Float64": "Real", "Int32": "Integer", "UInt32": "Integer", "Enumeration": "Integer", "Boolean": "Boolean"}
 _ACCESS = {"Enumeration": "Int64"}
-FINS = "fins."
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -49,7 +49,7 @@ def carried(unit: Path, file: Path, names: Mapping[str, str], model: str) -> tup
 def _stored(experiment: Element, path: Callable[[Element | None], Path], single: Mapping[str, str], model: str,
             independent: bool) -> Stored:
     def columns(tag: str, *needed: str) -> dict[str, Any]:
-        table = files.read_csv(path(experiment.find(tag)))
+        table = dict(_scalars(files.read_csv(path(experiment.find(tag)))))
         chosen = {single[name]: column for name, column in table.items() if name in single}
         return {name: chosen[name] for name in (*needed, *chosen)}
 
@@ -59,10 +59,21 @@ def _stored(experiment: Element, path: Callable[[Element | None], Path], single:
     return Stored(
         name, experiment.get("description", name), _KINDS.get(name, CARRIED), float(experiment.attrib["stepSize"]),
         float(experiment.attrib["stopTime"]),
-        {single[p.attrib["name"]]: _value(p[0]) for p in given if p.attrib["name"] in single},
+        {single[name]: value for name, value in _scalars({p.attrib["name"]: _value(p[0]) for p in given})
+         if name in single},
         columns("Stimuli", "time"), columns("References", "time", "fin_angle"), "", model, independent)
 
 
-def _value(element: Element) -> bool | float:
-    text = element.attrib["value"]
-    return text == "true" if element.tag.endswith("Boolean") else float(text)
+def _scalars(values: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Give columns and values by name; the elements of an array with their places from 0 on."""
+    for name, value in values.items():
+        if isinstance(value, list) or getattr(value, "ndim", 1) > 1:
+            yield from ((f"{name}[{k}]", each) for k, each in enumerate(value if isinstance(value, list) else value.T))
+        else:
+            yield name, value
+
+
+def _value(element: Element) -> bool | float | list[bool | float]:
+    """Return a value of a parameter set; what is a text there has the elements of an array."""
+    values = [word == "true" if word in ("true", "false") else float(word) for word in element.attrib["value"].split()]
+    return values if element.tag.endswith("String") else values[0]

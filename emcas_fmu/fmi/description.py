@@ -20,7 +20,7 @@ from ..runtime import codegen
 from ..trace.dependencies import ZERO
 from ..units import factor
 from ..variables import Terminal, Variable
-from .interface import AZIMUTH, MIXING, FmuInterface
+from .interface import AZIMUTH, FINS, MIXING, FmuInterface
 from .units import DIFFERENCES, default_display, display, fmi_unit, quantity
 
 STEP_SIZE, STOP_TIME = 1e-3, 1.0
@@ -95,13 +95,18 @@ def _changed(unit: FmuInterface, sets: Sequence[ParameterSet]) -> set[str]:
     return changed if unit.fins == 1 else changed - {AZIMUTH}
 
 
+def of_fin(name: str) -> str:
+    """Return a variable's structured name without what says of which fin it is, or that it is an array of theirs."""
+    return name.rpartition("].")[2].removeprefix(FINS)
+
+
 def type_name(v: Variable) -> str | None:
     """Name of a variable's type, one for all fins: its quantity, or an enumeration's own; None of others.
 
     No variable may be called so (FMI 2.0.5, section 2.2.3).
     """
     if v.items:
-        return v.name.rpartition("].")[2] + "_type"
+        return of_fin(v.name) + "_type"
     return quantity(v) or None if v.kind == "Real" else None
 
 
@@ -149,10 +154,11 @@ def _unit_definition(name: str, displays: Collection[str]) -> Element:
         element("DisplayUnit", {"name": shown, "factor": text(factor(name, shown))}) for shown in sorted(displays))])
 
 
-def log_categories() -> Element:
-    """Return the LogCategories element."""
-    return element("LogCategories", {}, (element("Category", {"name": name, "description": description})
-                                         for name, description in Fmi2Slave.log_categories.items()))
+def log_categories(version: int) -> Element:
+    """Return the LogCategories element of a version of FMI; pythonfmu's words are of the second."""
+    return element("LogCategories", {}, (
+        element("Category", {"name": name, "description": description.replace("fmi2", f"fmi{version}")})
+        for name, description in Fmi2Slave.log_categories.items()))
 
 
 def default_experiment() -> Element:
@@ -224,6 +230,6 @@ def terminals_and_icons(unit: FmuInterface, arrays: bool = False) -> Element:
         element("Terminals", {}, (
             element("Terminal", {"name": t.name, "matchingRule": "bus", "description": t.description}, (
                 element("TerminalMemberVariable", {
-                    "variableName": member, "memberName": member, "variableKind": "signal"})
-                for member in map(unit.spelt, t.members)))
+                    "variableName": unit.spelt(member), "memberName": unit.spelt(of_fin(member)),
+                    "variableKind": "signal"}) for member in t.members))
             for t in _terminals(unit, arrays)))])

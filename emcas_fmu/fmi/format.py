@@ -30,9 +30,9 @@ class Format:
     `main` is the file handed to the compiler, `written` are the files beside it, of the same folder; `headers` gives
     the standard's. `tables` gives what interface.h has besides the unit's scalars. `options` are attributes of the
     CoSimulation element, `notes` say on the page in the FMU how the unit answers its host. `by_machine` is whether each
-    kind of machine has a folder of its own for its library, or each platform. `scalar_name` gives what files call a
-    variable of a fin: of an array its element. `listed` gives each variable, its dimensions in words, and the places of
-    its elements among the unit's scalars.
+    kind of machine has a folder of its own for its library, or each platform. `in_files` gives what fins have by
+    their own names, and at the times of all, by the names of the unit. `listed` gives each variable, its dimensions in
+    words, and the places of its elements among the unit's scalars.
     """
 
     version: str
@@ -46,7 +46,7 @@ class Format:
     tables: Callable[[FmuInterface], str]
     host_variables: Callable[[FmuInterface], Iterable[HostVariable]]
     listed: Callable[[FmuInterface], Iterable[tuple[Variable, str, tuple[int, ...]]]]
-    scalar_name: Callable[[FmuInterface, str, int], str]
+    in_files: Callable[[FmuInterface, Sequence[Mapping[str, Any]]], dict[str, Any]]
     model_description: Callable[..., Element]
 
     @property

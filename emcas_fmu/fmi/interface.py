@@ -26,6 +26,8 @@ SPELLINGS = ("structured", "flat")
 """Of variables' names: ``fin[2].fault.jam.begin`` or ``fin2_fault_jam_begin``, as FMI calls these conventions."""
 LAYOUTS = ("plus", "cross")
 AZIMUTH = "mounting.azimuth"
+FINS = "fins."
+"""What the name of an array of every fin's begins with, where arrays are (FMI 3.0)."""
 # In texts: a name, or what the names of a group begin with, as in heat.*; and what those of a fin begin with.
 _NAME = re.compile(r"(?<!\w)[a-z_]\w*(?:\.[a-z_]\w*)*(?:\[\w\]|\.(?=\*))?")
 _OF_FIN = re.compile(r"\bfin\[\d\]\.?")
@@ -122,7 +124,7 @@ class FmuInterface:
 
     def array_name(self, variable: str) -> str:
         """Return the name of the array that has a variable of every fin, where arrays are (FMI 3.0)."""
-        return variable if self.fins == 1 or variable in self.shared else f"fins.{variable}"
+        return variable if self.fins == 1 or variable in self.shared else f"{FINS}{variable}"
 
     @cached_property
     def shared(self) -> tuple[str, ...]:

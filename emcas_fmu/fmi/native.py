@@ -73,7 +73,7 @@ def names_header(unit: FmuInterface, guid: str, fmi: Format) -> str:
         name = f"{name}_{v.reference}" if name in taken else name  # a.b_c and a_b.c are two variables
         taken.add(name)
         lines.append(f"#define {prefix}_VR_{name} {v.reference}u /* {unit.spelt(v.name)}: {v.about} */")
-    return header(f"{unit.model}_names", f"{unit.model}: model identifier, GUID and value references for a host",
+    return header(f"{unit.model}_names", f"{unit.model}: model identifier, {fmi.token} and value references for a host",
                   "\n".join(lines) + "\n")
 
 

@@ -79,7 +79,7 @@ def _contents(unit: FmuInterface, sets: Sequence[ParameterSet], backend: str, pl
 
 def build(parameters: ParameterSet, output: Path | str, backend: str | None = None,
           platforms: Sequence[str] | None = None, cc: str | None = None, progress: Progress | None = None,
-          fins: int = 1, layout: str = "cross", files: Mapping[int, Path] | None = None, fmi: str = "2",
+          fins: int = 1, layout: str = "cross", files: Mapping[int, Path] | None = None, fmi: str | int = "2",
           references: bool = True, clock: bool = False, names: str = SPELLINGS[0]) -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
@@ -93,6 +93,7 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     BuildError if the FMU cannot be written and CompilerError if there is no compiler.
     """
     require_set("build", parameters)
+    fmi = str(fmi)
     if fmi not in native.FORMATS:
         raise BuildError(f"--fmi {fmi}: there is {' and '.join(native.FORMATS)}")
     backend = backend or ("python" if fmi == "2" else "native")

@@ -88,16 +88,10 @@ def _experiments(unit: FmuInterface, sets: Sequence[ParameterSet], fmi: Format, 
             warnings.append(f"the FMU carries no reference {name}, which it cannot follow: {error}")
             continue
         yield Experiment(
-            name, title, cases[0].stop_time, cases[0].step, _of_unit(unit, fmi, [case.overrides for case in cases]),
-            _of_unit(unit, fmi, [case.inputs() for case in cases]),
-            _of_unit(unit, fmi, [_rounded(unit, columns) for columns, _ in fins]),
+            name, title, cases[0].stop_time, cases[0].step, fmi.in_files(unit, [case.overrides for case in cases]),
+            fmi.in_files(unit, [case.inputs() for case in cases]),
+            fmi.in_files(unit, [_rounded(unit, columns) for columns, _ in fins]),
             all(independent for _, independent in fins))
-
-
-def _of_unit(unit: FmuInterface, fmi: Format, fins: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return what each fin has by its own variables' names, and at the times of all, by the unit's names."""
-    return {name if name == "time" else fmi.scalar_name(unit, name, fin): value
-            for fin, each in enumerate(fins) for name, value in each.items()}
 
 
 def _cases(sets: Sequence[ParameterSet]) -> list[tuple[str, str, list[Case]]]:
@@ -197,8 +191,8 @@ def _files(unit: FmuInterface, experiments: Sequence[Experiment]) -> dict[str, b
     relate(f"../../{TEXT}", "text/plain", "document", "How the references were made, and how to repeat them")
     contents[TEXT] = _ENVIRONMENT.get_template("references.txt.j2").render(
         model=unit.model, kind=unit.actuator.name, fins=unit.fins, version=__version__,
-        example=f"{unit.spelt('fins.fin_angle')}[0]",
-        arrays=any("[" in name for each in experiments for name in each.stimuli), standard=VERSION, folder=FOLDER,
+        arrays=any(column.ndim > 1 for each in experiments for column in each.stimuli.values()),
+        standard=VERSION, folder=FOLDER,
         experiments=experiments, ROLES=ROLES, roles={ROLES[each.independent] for each in experiments},
         reference=Path(str(get(parts(unit.kind)[0]).reference)).name, tolerance=degrees(TOLERANCE)).encode()
     contents[f"{FOLDER}/{MANIFEST}"] = to_bytes(element("fmiReferences", {
@@ -221,7 +215,10 @@ def _experiments_of(unit: FmuInterface, what: str, experiments: Sequence[Experim
 
 def _parameter_set(experiment: Experiment) -> Element:
     def parameter(name: str, value: Any) -> Element:
-        kind, text = ("Boolean", str(value).lower()) if isinstance(value, bool) else ("Real", repr(float(value)))
+        if isinstance(value, np.ndarray):  # SSP 1.0 has no arrays
+            kind, text = "String", " ".join(str(each).lower() for each in value.tolist())
+        else:
+            kind, text = ("Boolean", str(value).lower()) if isinstance(value, bool) else ("Real", repr(float(value)))
         return element("ssv:Parameter", {"name": name}, [element(f"ssv:{kind}", {"value": text})])
 
     return element("ssv:ParameterSet", {

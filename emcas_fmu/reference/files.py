@@ -117,10 +117,16 @@ def path_of(directory: Path, case: str, suffix: str) -> Path:
 
 
 def csv_text(columns: Mapping[str, Array], digits: int = SIGNIFICANT_DIGITS) -> str:
-    """Return a header of names and one row per time, with significant `digits` and LF everywhere."""
+    """Return a header of names and one row per time, with significant `digits` and LF everywhere.
+
+    Elements of an array of columns stand in one cell, apart by spaces.
+    """
+    def cell(value: float | list[float]) -> str:
+        # Adding zero turns -0.0 into 0.0: the sign of nothing is not part of a reference.
+        return " ".join(map(cell, value)) if isinstance(value, list) else f"{value + 0.0:.{digits}g}"
+
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
-    # Adding zero turns -0.0 into 0.0: the sign of nothing is not part of a reference.
-    lines = [",".join(f"{value + 0.0:.{digits}g}" for value in row) for row in rows]
+    lines = [",".join(map(cell, row)) for row in rows]
     return "\n".join([",".join(columns), *lines, ""])
 
 
@@ -130,10 +136,11 @@ def write_csv(path: Path, columns: Mapping[str, Array]) -> None:
 
 
 def read_csv(path: Path) -> dict[str, Array]:
-    """Return the columns of a file `write_csv` has written."""
-    with path.open(encoding="utf-8") as file:
-        header = file.readline().strip().split(",")
-        return dict(zip(header, np.loadtxt(file, delimiter=",", ndmin=2).T, strict=True))
+    """Return the columns of a file `write_csv` has written; those of an array have two dimensions."""
+    header, *rows = ([cell.split() for cell in line.split(",")] for line in path.read_text("utf-8").splitlines())
+    columns = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
+    return {name: column[:, 0] if column.shape[1] == 1 else column
+            for (name,), column in zip(header, columns, strict=True)}
 
 
 def read_provenance(directory: Path) -> dict[str, Any]:

@@ -61,6 +61,9 @@ STORED, ONE, FINS = ["step", "load_opposing", "cold", "sag"], ["step_and_load"],
 @pytest.mark.fmu
 @pytest.mark.parametrize(("make", "names", "role"), [
     pytest.param(of("nonlinear", fins=4), FINS, INDEPENDENT, id="four fins"),
+    pytest.param(of("nonlinear", fmi="3", cc="gcc"), STORED, INDEPENDENT, id="FMI 3.0"),
+    pytest.param(of("nonlinear", fmi="3", cc="gcc", fins=4), FINS, INDEPENDENT, id="FMI 3.0, four fins"),
+    pytest.param(of("nonlinear", backend="native", cc="gcc", fins=3, names="flat"), FINS, INDEPENDENT, id="flat"),
     pytest.param(of("elastic+heat+homing+faults"), ONE, RECORDED, id="options"),
     pytest.param(custom, ONE, INDEPENDENT, id="custom"),
     pytest.param(of("second-order"), ONE, RECORDED, id="second-order"),

@@ -81,7 +81,7 @@ static void special(bytes *b, instance *m, uint32_t *vr, size_t n)
     double interval[3], next;
     fmi3IntervalQualifier qualifiers[3];
     for (size_t i = 0; i < n; ++i)
-        if (byte(b) < 230) vr[i] = CLOCK;
+        if (byte(b) < 230) vr[i] = ARRAYS - 1; /* the clock */
     switch (byte(b) % 6) {
     case 0: fmi3EnterEventMode(m); break;
     case 1: fmi3EnterStepMode(m); break;

@@ -40,7 +40,7 @@ typedef struct {
     double start, now;          /* now counts from the start */
     int32_t phase;
     int32_t rated;      /* some rate was given */
-    int32_t terminated; /* the last step could not be followed */
+    int32_t terminated; /* the last step could not be followed (FMI 2.0) */
     int32_t fresh;      /* the outputs in values are those of now */
     multi_fin_state fins;
 } model_state;

@@ -16,7 +16,6 @@ static int bad_inputs(const instance *m, double time)
 
 static int refused_step(instance *m, core_result result, double time, double size)
 {
-    m->s.terminated = 1; /* else fmpy asks for the same step for ever */
     if (result == CORE_TOO_MANY_TICKS)
         return report(m, STATUS_DISCARD, "step from %.17g s of %.17g s has more than %d ticks", time, size,
                       CORE_MOST_TICKS);
@@ -68,7 +67,6 @@ static int step_done(instance *m, core_result result, double time, double size, 
     if (result != CORE_DONE) return refused_step(m, result, time, size);
     m->s.fresh = 1;
     m->s.now = end;
-    m->s.terminated = 0;
     return STATUS_OK;
 }
 

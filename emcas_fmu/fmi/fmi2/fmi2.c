@@ -196,7 +196,9 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real size, fmi2Boolean
     if (!allowed(m, RUNNING, "fmi2DoStep")) return fmi2Error;
     if (step_end(m, time, size, &end) != STATUS_OK) return fmi2Error;
     const double begin = time - m->s.start;
-    return step_done(m, m->s.rated && end > begin ? ramped_step(m, begin, end) : held_step(m, end), time, size, end);
+    const core_result result = m->s.rated && end > begin ? ramped_step(m, begin, end) : held_step(m, end);
+    m->s.terminated = result != CORE_DONE; /* else fmpy asks for the same step for ever */
+    return step_done(m, result, time, size, end);
 }
 
 fmi2Status fmi2CancelStep(fmi2Component c)

@@ -57,7 +57,7 @@ def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str,
             element("CoSimulation", {"modelIdentifier": unit.model, **options}, files if source_files else ()),
             description.unit_definitions(unit),
             element("TypeDefinitions", {}, types),
-            description.log_categories(),
+            description.log_categories(2),
             description.default_experiment(),
             element("ModelVariables", {}, (_scalar(unit, reference, v, start) for reference, (v, start) in enumerate(
                 zip(unit.variables, starts, strict=True)))),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 from ...errors import BuildError
 from ...variables import Variable
@@ -42,10 +43,15 @@ def _listed(unit: FmuInterface) -> Iterator[tuple[Variable, str, tuple[int, ...]
     return ((v, "", (place,)) for place, v in enumerate(unit.variables))
 
 
+def _in_files(unit: FmuInterface, fins: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    return {name if name == "time" else unit.spelt(unit.name(name, fin)): value
+            for fin, each in enumerate(fins) for name, value in each.items()}
+
+
 FORMAT = Format(
     version="2.0", main="fmi2.c", package="emcas_fmu.fmi.fmi2", written=(), headers=_headers, by_machine=False,
     tables=lambda unit: "", host_variables=_host_variables, listed=_listed,
-    scalar_name=lambda unit, variable, fin: unit.spelt(unit.name(variable, fin)), model_description=model_description,
+    in_files=_in_files, model_description=model_description,
     options={"needsExecutionTool": "false", "canHandleVariableCommunicationStepSize": "true",
              "canInterpolateInputs": "true", "maxOutputDerivativeOrder": "0", "canRunAsynchronuously": "false",
              "canBeInstantiatedOnlyOncePerProcess": "false", "canNotUseMemoryManagementFunctions": "false",

@@ -21,7 +21,8 @@ static bool same_situation(const double *a, const double *b)
     return true;
 }
 
-/* Where the next tick of any fin ends [s from the start], after now; and the shortest tick [s]. */
+/* Where events are looked for next [s from the start]: where a fin's tick ends, or about where the one after it does
+ * if now is its end, or the fins' line has its next instant; and the shortest tick [s]. */
 static double next_tick(const instance *m, double *shortest)
 {
     double next = HUGE_VAL;
@@ -34,6 +35,9 @@ static double next_tick(const instance *m, double *shortest)
         next = fmin(next, end > m->s.now + m->fins.slack ? end : end + h);
         *shortest = fmin(*shortest, fmin(plan.h_before, plan.h_after));
     }
+#if MULTI_FIN_LINE
+    if (!multi_fin_stiff(&m->fins)) next = fmin(next, (double)m->s.fins.instant * multi_fin_interval(&m->fins));
+#endif
     return next;
 }
 
@@ -71,6 +75,8 @@ static core_result step_to_event(instance *m, double *end, bool *event)
             else
                 high = middle;
         }
+        /* What lies within the tolerance before a tick or an instant is met there. */
+        if (until - high <= m->fins.slack) high = until;
         if (result == CORE_DONE) result = step_from(m, &kept, from, high);
         *end = high;
     }

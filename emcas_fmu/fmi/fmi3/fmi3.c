@@ -191,7 +191,7 @@ static bool is_clock(const instance *m, int phases, const fmi3ValueReference vr[
 {
     if (!allowed(m, phases, function) || array_missing(m, n, vr, value, function)) return false;
     for (size_t i = 0; i < n; ++i)
-        if (vr[i] != CLOCK) {
+        if (vr[i] >= ARRAYS || ARRAY[vr[i]].type != TICKS) {
             report(m, STATUS_ERROR, "%s: no clock has value reference %u", function, (unsigned)vr[i]);
             return false;
         }

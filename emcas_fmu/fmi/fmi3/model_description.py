@@ -80,7 +80,7 @@ def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str,
             element("CoSimulation", {"modelIdentifier": unit.model, **options}),
             description.unit_definitions(unit),
             element("TypeDefinitions", {}, (_type(name, v) for name, v in description.types(unit).items())),
-            description.log_categories(),
+            description.log_categories(3),
             description.default_experiment(),
             element("ModelVariables", {}, _variables(unit, starts, clock)),
             _structure(unit)])

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
+
+import numpy as np
 
 from ...runtime.c_sources import c_text
 from ...variables import Variable
@@ -34,8 +37,7 @@ def _tables(unit: FmuInterface, clock: bool = False) -> str:
             "typedef struct {\n    const char *name;\n    int type;\n"
             "    unsigned first, size, fins, stride;\n} array;\n\n"
             f"enum {{ TIME = {len(rows) - 1 - clock}, ARRAYS = {len(rows)} }};\n"
-            f"/* The clock's value reference; none has the last there could be. */\n"
-            f"#define CLOCK {len(rows) - 1 if clock else 0xFFFFFFFF}u\n#define CLOCK_NAME {c_text(CLOCK)}\n"
+            f"#define CLOCK_NAME {c_text(CLOCK)}\n"
             f"static const array ARRAY[ARRAYS] = {{\n{listed}\n}};\n\n"
             "/* Of a fin: place of the sample time among the parameters, of the rate among the outputs. */\n"
             f"enum {{ SAMPLE_TIME = {sample_time}, OUTPUT_FIN_RATE = {fin_rate} }};\n")
@@ -57,17 +59,19 @@ def _listed(unit: FmuInterface) -> Iterator[tuple[Variable, str, tuple[int, ...]
     return ((v.variable, " × ".join(map(str, v.dimensions)), v.places) for v in arrays(unit))
 
 
-def _scalar_name(unit: FmuInterface, variable: str, fin: int) -> str:
-    """Return a variable's name, of an array of the fins with the fin's place from 0 on."""
-    name, bracket, place = unit.array_name(variable).partition("[")
-    return unit.spelt(name) + (bracket + place if unit.array_name(variable) == variable else f"[{fin}]")
+def _in_files(unit: FmuInterface, fins: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return columns and values by the unit's names; of several fins with one more dimension."""
+    first = fins[0]
+    return {name if name == "time" else unit.spelt(unit.array_name(name)):
+            first[name] if name == "time" or unit.array_name(name) == name else np.stack(
+                [each[name] for each in fins], axis=-1) for name in first}
 
 
 FORMAT = Format(
     version="3.0", main="fmi3.c", package="emcas_fmu.fmi.fmi3", written=("absent.h", "events.h"),
     headers=lambda: standard_headers(("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h")),
     by_machine=True, tables=_tables,
-    host_variables=_host_variables, listed=_listed, scalar_name=_scalar_name, model_description=model_description,
+    host_variables=_host_variables, listed=_listed, in_files=_in_files, model_description=model_description,
     options={"needsExecutionTool": "false", "canBeInstantiatedOnlyOncePerProcess": "false",
              "canGetAndSetFMUState": "true", "canSerializeFMUState": "true", "providesDirectionalDerivatives": "false",
              "canHandleVariableCommunicationStepSize": "true", "maxOutputDerivativeOrder": "0",
