@@ -178,10 +178,11 @@ def test_outputs_keep_within_their_limits(unit: FmuInterface) -> None:
 def test_limits_follow_those_of_the_parameters_that_set_them() -> None:
     angle, = (v for v in get("nonlinear").limited_outputs if v.name == "fin_angle")
     stop, = (v for v in get("nonlinear").parameters if v.name == "fin.stop_angle")
-    assert angle.maximum == -angle.minimum == pytest.approx(stop.maximum, rel=1e-11)
+    assert angle.maximum == -angle.minimum == 1.397  # of 80 deg, with four digits and no smaller
+    assert stop.maximum == pytest.approx(radians(80.0))
     reference = {kind: next(v.maximum for v in get(kind).limited_outputs if v.name == "drive_reference")
                  for kind in ("nonlinear", "linear")}
-    assert reference == {"nonlinear": pytest.approx(1e3), "linear": inf}
+    assert reference == {"nonlinear": 1001.0, "linear": inf}  # of 1000 V and rounding
     words = [v for v in get("elastic+faults").outputs if v.bits]
     assert words
     assert all((v.minimum, v.maximum) == (0, 2 ** len(v.bits) - 1) for v in words)
