@@ -89,7 +89,7 @@ def sources(unit: FmuInterface, starts: Sequence[Any], guid: str, fmi: Format = 
 
 
 def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
-    """Return platforms to build for: those named, else all (with a system compiler: this machine's).
+    """Return platforms to build for: those named, by FMI 2.0 or 3.0, else all (with a system compiler: this machine's).
 
     Raises CompilerError for an unknown one and for one a system compiler cannot build.
     """
@@ -97,7 +97,8 @@ def chosen(platforms: Sequence[str] | None, cc: str | None) -> list[Platform]:
     if platforms is None:
         names = list(PLATFORMS) if cc is None else [local.name] if local else []
     else:
-        names = list(dict.fromkeys(platforms))
+        by_machine = {machine: p.name for p in PLATFORMS.values() for machine in p.targets}  # FMI 3.0's names
+        names = list(dict.fromkeys(by_machine.get(name, name) for name in platforms))
     for name in names:
         if name not in PLATFORMS:
             raise CompilerError(f"--platform {name}: there is {', '.join(PLATFORMS)}")

@@ -21,10 +21,11 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from emcas_fmu.actuators import NAMES
-from emcas_fmu.compiler import local_platform
+from emcas_fmu.compiler import PLATFORMS, local_platform
 from emcas_fmu.errors import BuildError
 from emcas_fmu.fmi.fmi3.arrays import CLOCK, arrays
 from emcas_fmu.fmi.interface import FmuInterface
+from emcas_fmu.fmi.native import chosen
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 
@@ -376,6 +377,11 @@ def test_events_do_not_depend_on_the_steps(unit3: Fmu, torque: float, command: f
     # An event within the tolerance of a step's end is met there.
     assert len(found) == len(expected)
     assert np.allclose(found, expected, rtol=0.0, atol=3e-6)
+
+
+def test_platforms_have_the_names_of_both_versions() -> None:
+    assert chosen(["x86_64-linux", "linux64", "x86_64-darwin", "aarch64-darwin"], None) == [
+        PLATFORMS["linux64"], PLATFORMS["darwin64"]]
 
 
 def test_built_twice_the_same_bytes(native3: Path, tmp_path: Path) -> None:
