@@ -58,14 +58,14 @@ static core_result step_to_event(instance *m, double *end, bool *event)
     memcpy(before, m->s.values + OUTPUT_BEGIN, sizeof before);
     next_tick(m, &shortest);
     if (!((*end - m->s.now) / shortest <= CORE_MOST_TICKS)) return CORE_TOO_MANY_TICKS;
-    while (result == CORE_DONE && !*event && m->s.now < *end) {
+    do { /* once at least, for the outputs' sake */
         const double next = next_tick(m, &shortest);
         const double from = m->s.now, until = next < *end - m->fins.slack ? next : *end;
         const multi_fin_state kept = m->s.fins;
         result = held_step(m, until);
         *event = result == CORE_DONE && !same_situation(before, m->s.values + OUTPUT_BEGIN);
         m->s.now = until;
-        if (!*event) continue;
+        if (!*event) continue; /* to the condition */
         double low = from, high = until;
         while (result == CORE_DONE && high - low > m->fins.slack) {
             const double middle = 0.5 * (low + high);
@@ -79,7 +79,7 @@ static core_result step_to_event(instance *m, double *end, bool *event)
         if (until - high <= m->fins.slack) high = until;
         if (result == CORE_DONE) result = step_from(m, &kept, from, high);
         *end = high;
-    }
+    } while (result == CORE_DONE && !*event && m->s.now < *end);
     if (result != CORE_DONE) m->s = begun;
     return result;
 }
