@@ -11,7 +11,8 @@ from typing import Any
 
 from ..fmi.interface import FINS
 
-_KINDS = {"Float64": "Real", "Int32": "Integer", "UInt32": "Integer", "Enumeration": "Integer", "Boolean": "Boolean"}
+_KINDS = {"Real": "Real", "Integer": "Integer", "String": "String", "Boolean": "Boolean", "Enumeration": "Integer",
+          "Float64": "Real", "Int32": "Integer", "UInt32": "Integer"}
 _ACCESS = {"Enumeration": "Int64"}
 
 
@@ -37,7 +38,7 @@ class Element:
 
 
 def elements(description: Any, structured: Mapping[str, str]) -> tuple[Element, ...]:
-    """Return the elements of all variables of fmpy's model description, in order; neither time nor clocks.
+    """Return the variables of fmpy's model description, of arrays their elements, in order; neither time nor clocks.
 
     `structured` gives the structured names of variables that have others.
     """
@@ -52,7 +53,7 @@ def _elements(v: Any, structured: str) -> Iterator[Element]:
         names = [f"fin[{fin + 1}].{structured.removeprefix(FINS)}" for fin in range(sizes.pop(0))]
     for size in sizes:
         names = [f"{name}[{k}]" for name in names for k in range(size)]
-    starts = [None] * len(names) if v.start is None else str(v.start).split()
+    starts = [v.start] * len(names) if v.start is None or not v.dimensions else str(v.start).split()
     for k, (name, start) in enumerate(zip(names, starts, strict=True)):
         yield Element(name, v.type, _KINDS[v.type], v.causality, start, int(v.valueReference), k, len(names),
                       v.name)

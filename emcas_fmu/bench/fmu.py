@@ -35,14 +35,14 @@ class OpenedFmu:
     """An FMU unpacked and understood; `starts` are the start values of inputs and parameters.
 
     Of a unit of several fins it is one of them: all names are those of a single actuator, `names` gives the
-    FMU's for them. The other fins stay at their start values. `variables` are fmpy's; of FMI 3.0 the elements of its
-    arrays, under the names of FMI 2.0.
+    FMU's for them. The other fins stay at their start values. `variables` are its variables, of arrays their elements,
+    under the structured names of FMI 2.0.
     """
 
     path: Path
     folder: Path
     description: Any
-    variables: Sequence[Any]
+    variables: Sequence[Element]
     starts: Mapping[str, Any]
     sha256: str
     names: Mapping[str, str]
@@ -52,34 +52,36 @@ class OpenedFmu:
         try:
             # Without debug logging on, pythonfmu's wrapper passes no message on.
             slave = instantiate_fmu(str(self.folder), self.description, "CoSimulation", debug_logging=True,
-                                    logger=log if self.description.fmiVersion == "2.0" else _logger_3(log))
+                                    logger=_logger_3(log) if self._fmi3 else log)
         # fmpy reports a failed load or instantiation as OSError or as a bare Exception.
         except Exception as error:
             raise EmcasError(f"{self.path}: its binary for {fmpy.platform} does not start ({error}); see the FMU's "
                              "documentation/externalDependencies.txt for what it needs") from error
-        return slave if self.description.fmiVersion == "2.0" else Fmi3Slave(slave, self.variables)
+        return Fmi3Slave(slave, self.variables) if self._fmi3 else slave
+
+    @property
+    def _fmi3(self) -> bool:
+        return bool(self.description.fmiVersion == "3.0")
 
     @cached_property
     def references(self) -> Mapping[str, int]:
         """What an instance knows variables by, by the names of a single actuator."""
-        by_name = {v.name: i if isinstance(v, Element) else int(v.valueReference)
-                   for i, v in enumerate(self.variables)}
+        by_name = {v.name: i if self._fmi3 else v.reference for i, v in enumerate(self.variables)}
         return {name: by_name[full] for name, full in self.names.items()}
 
     @property
     def names_in_files(self) -> Mapping[str, str]:
         """What tables and parameter sets in the archive call variables, by the names of a single actuator."""
-        in_files = {v.name: v.in_files if isinstance(v, Element) else v.name for v in self.variables}
+        in_files = {v.name: v.in_files for v in self.variables}
         return {name: in_files[full] for name, full in self.names.items()}
 
     def set_starts(self, instance: Any, values: Mapping[str, Any]) -> None:
         """Set start values, by the names of a single actuator, before the instance is initialized."""
-        kinds = {v.name: v.kind if isinstance(v, Element) else v.type for v in self.variables}
+        kinds = {v.name: v.kind for v in self.variables}
         for name, value in values.items():
             kind = kinds[self.names[name]]
             convert = {"Real": float, "Boolean": bool}.get(kind, int)
-            setter = getattr(instance, f"set{'Integer' if kind == 'Enumeration' else kind}")
-            setter([self.references[name]], [convert(value)])
+            getattr(instance, f"set{kind}")([self.references[name]], [convert(value)])
 
     def require(self, names: Sequence[str], causality: str) -> None:
         """Raise EmcasError where the FMU lacks variables of that causality."""
@@ -145,10 +147,8 @@ def opened(path: Path, fin: int | None = None, model: str | None = None) -> Iter
     if fmpy.platform not in platforms:
         raise EmcasError(f"{path}: has no binary for this platform, {fmpy.platform} (it has: "
                          f"{', '.join(p for p in platforms if p != 'c-code') or 'none'}); build the FMU for it")
-    structured = _structured(description, model)
-    listed = description.modelVariables if description.fmiVersion == "2.0" else elements(description, structured)
-    spelt = {structured.get(v.name, v.name): v.name for v in listed}
-    names = {name: spelt[full] for name, full in _names(path, list(spelt), fin).items()}
+    listed = elements(description, _structured(description, model))
+    names = _names(path, [v.name for v in listed], fin)
     variables = {v.name: v for v in listed if v.causality in ("input", "parameter")}
     starts = {name: _start(variables[full]) for name, full in names.items() if full in variables}
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
@@ -188,8 +188,8 @@ def _names(path: Path, present: Sequence[str], fin: int | None) -> dict[str, str
     return shared | {name.removeprefix(prefix): name for name in present if name.startswith(prefix)}
 
 
-def _start(variable: Any) -> Any:
-    start, kind = variable.start, variable.kind if isinstance(variable, Element) else variable.type
+def _start(variable: Element) -> Any:
+    start, kind = variable.start, variable.kind
     if kind == "Boolean":
         return start in ("true", "1", True)
     return start if kind == "String" else int(start or 0) if kind == "Integer" else float(start or 0)

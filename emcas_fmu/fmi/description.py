@@ -112,11 +112,11 @@ def type_name(v: Variable) -> str | None:
 
 def types(unit: FmuInterface) -> dict[str, Variable]:
     """Return a variable of each type by the type's name. Raises EmcasError where a variable is called so."""
-    found = {name: v for v in unit.variables if (name := type_name(v))}
-    if clash := [v.name for v in unit.variables if unit.spelt(v.name) in found]:
+    named = {name: v for v in unit.variables if (name := type_name(v))}
+    if clash := [v.name for v in unit.variables if unit.spelt(v.name) in named]:
         raise EmcasError(f"{unit.actuator.name}: {clash[0]} is what the model description calls a type; give the "
                          "variable another name")
-    return dict(sorted(found.items()))
+    return dict(sorted(named.items()))
 
 
 def real_type(v: Variable) -> dict[str, str | None]:
@@ -126,11 +126,20 @@ def real_type(v: Variable) -> dict[str, str | None]:
             "relativeQuantity": "true" if of in DIFFERENCES else None}
 
 
-def real_attributes(v: Variable) -> dict[str, str | None]:
-    """Return the attributes of a real variable but its start; of its type's the unit alone, for readers of no types."""
-    shown = display(v)
-    return {"declaredType": type_name(v), "unit": v.unit,
-            "displayUnit": None if shown == default_display(quantity(v)) else shown,
+def enumeration_items(v: Variable) -> Iterator[Element]:
+    """Yield the items of an enumeration's type."""
+    for value, (item, meaning) in enumerate(v.items, 1):
+        yield element("Item", {"name": item, "value": str(value), "description": meaning})
+
+
+def typed_attributes(v: Variable) -> dict[str, str | None]:
+    """Return the attributes of a variable that go with its type but its start.
+
+    Of a real variable's type they repeat the unit alone, for readers of no types.
+    """
+    unit, shown = (v.unit, display(v)) if v.kind == "Real" else (None, None)
+    return {"declaredType": type_name(v), "unit": unit,
+            "displayUnit": None if unit is None or shown == default_display(quantity(v)) else shown,
             "min": limit(v.minimum), "max": limit(v.maximum),
             "nominal": None if v.nominal is None else text(v.nominal)}
 

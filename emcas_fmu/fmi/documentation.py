@@ -69,7 +69,7 @@ def _page(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, notes: Se
         model=unit.model, description=describe(unit), parameters=parameters_in_words(unit, sets),
         origin=unit.actuator.origin, version=__version__, guid=guid,
         fins=unit.fins, supply=unit.actuator.supply, line=unit.line, notes=notes, platforms=platforms,
-        arrays=fmi.version != "2.0",
+        arrays=fmi.arrays,
         step_ms=_text(sets[0].values["controller.sample_time"] * 1e3),
         figures=response_figures(sets[0]), equations=[inspect.getdoc(module) for module in equations],
         tables=[(title, _rows(unit, causality, sets, fmi)) for title, causality in (

@@ -30,7 +30,8 @@ class Format:
     `main` is the file handed to the compiler, `written` are the files beside it, of the same folder; `headers` gives
     the standard's. `tables` gives what interface.h has besides the unit's scalars. `options` are attributes of the
     CoSimulation element, `notes` say on the page in the FMU how the unit answers its host. `by_machine` is whether each
-    kind of machine has a folder of its own for its library, or each platform. `in_files` gives what fins have by
+    kind of machine has a folder of its own for its library, or each platform. `of_sources` are arguments of
+    `model_description` that name the sources. `in_files` gives what fins have by
     their own names, and at the times of all, by the names of the unit. `listed` gives each variable, its dimensions in
     words, and the places of its elements among the unit's scalars.
     """
@@ -43,6 +44,7 @@ class Format:
     options: Mapping[str, str]
     notes: tuple[str, ...]
     by_machine: bool
+    of_sources: Mapping[str, Any]
     tables: Callable[[FmuInterface], str]
     host_variables: Callable[[FmuInterface], Iterable[HostVariable]]
     listed: Callable[[FmuInterface], Iterable[tuple[Variable, str, tuple[int, ...]]]]
@@ -50,9 +52,14 @@ class Format:
     model_description: Callable[..., Element]
 
     @property
+    def arrays(self) -> bool:
+        """Whether variables may be arrays."""
+        return self.version != "2.0"
+
+    @property
     def token(self) -> str:
         """What the version calls the identification of the interface in the header for hosts."""
-        return "GUID" if self.version == "2.0" else "TOKEN"
+        return "TOKEN" if self.arrays else "GUID"
 
 
 def standard_headers(names: Sequence[str]) -> dict[str, str]:

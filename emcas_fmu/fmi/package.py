@@ -59,19 +59,18 @@ def _contents(unit: FmuInterface, sets: Sequence[ParameterSet], backend: str, pl
     guid = interface_guid(starts, unit, fmi)
     # Neither Python's nor the compiler's version: any that is supported gives the same FMU but for the binaries.
     tool = f"emcas-fmu {__version__}"
-    source_files: tuple[str, ...] = ()
+    of_sources: Mapping[str, Any] = {}
     if backend == "native":
         contents = _native(unit, starts, guid, platforms, cc, progress, fmi)
-        options, source_files, notes = dict(fmi.options), (fmi.main,), fmi.notes
+        options, of_sources, notes = dict(fmi.options), fmi.of_sources, fmi.notes
     else:
         contents, options = python.exported(unit, starts, guid)
         notes = python.NOTES
         tool += f" with {python.TOOL}"
     contents["modelDescription.xml"] = to_bytes(
-        fmi.model_description(starts, guid, options=options, about=about(unit, sets, tool), source_files=source_files,
-                              unit=unit))
+        fmi.model_description(starts, guid, options=options, about=about(unit, sets, tool), unit=unit, **of_sources))
     contents["terminalsAndIcons/terminalsAndIcons.xml"] = to_bytes(
-        terminals_and_icons(unit, arrays=fmi.version != "2.0"))
+        terminals_and_icons(unit, fmi.arrays))
     built_for = tuple(sorted({name.split("/")[1] for name in contents if name.startswith("binaries/")}))
     contents.update(documents(unit, sets, guid, backend, notes, fmi, built_for))
     return contents, guid, built_for

@@ -24,7 +24,7 @@ from ..parameters import ParameterError, ParameterSet
 from ..progress import Progress, silent
 from ..reference import files
 from ..reference.cases import CASES, STEP_AND_LOAD, TOLERANCE, Case
-from ..reference.responses import response, shipped
+from ..reference.responses import is_shipped, response, shipped
 from ..reference.simulate import OUTPUTS, Array
 from ..simulation import simulate
 from .description import element, to_bytes
@@ -102,7 +102,7 @@ def _cases(sets: Sequence[ParameterSet]) -> list[tuple[str, str, list[Case]]]:
                 for fin, p in enumerate(sets)]
         return [("fins", "Each fin on its own: " + "; ".join(case.title for case in fins), fins)]
     plain = _plain(sets[0])
-    stored = [by_name[name] for name in _SHIPPED if shipped(plain, files.suited(by_name[name], plain)) is not None]
+    stored = [by_name[name] for name in _SHIPPED if is_shipped(plain, files.suited(by_name[name], plain))]
     return [(case.name, case.title, [files.suited(case, sets[0])]) for case in stored or [STEP_AND_LOAD]]
 
 
@@ -122,12 +122,12 @@ def _response(parameters: ParameterSet, case: Case, warnings: list[str]) -> tupl
     extended = plain.model != parameters.model
     if not extended and (known := shipped(plain, case)) is not None:
         return known, True
-    own = _stepped(parameters, case)
+    stepped = _stepped(parameters, case)
     has = plain.actuator.reference is not None
-    if has and (not extended or _same(own, _stepped(plain, case))):
+    if has and (not extended or _same(stepped, _stepped(plain, case))):
         try:
             independent = _integrated(plain, case)
-            off = float(np.max(np.abs(independent["fin_angle"] - own["fin_angle"])))
+            off = float(np.max(np.abs(independent["fin_angle"] - stepped["fin_angle"])))
         except Exception as error:  # noqa: BLE001  a user's own integration may raise, or give, anything
             warnings.append(f"the independent integration of {case.name} failed ({error!r}): inside the FMU is the "
                             "package's own response instead")
@@ -137,7 +137,7 @@ def _response(parameters: ParameterSet, case: Case, warnings: list[str]) -> tupl
                                 f"integration, at most {degrees(TOLERANCE):g} deg are usual; a smaller solver.max_tick "
                                 "may bring it nearer")
             return independent, True
-    return {name: own[name] for name in ("time", *OUTPUTS) if name in own}, False
+    return {name: stepped[name] for name in ("time", *OUTPUTS) if name in stepped}, False
 
 
 def _integrated(parameters: ParameterSet, case: Case) -> Mapping[str, Array]:

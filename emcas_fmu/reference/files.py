@@ -137,10 +137,11 @@ def write_csv(path: Path, columns: Mapping[str, Array]) -> None:
 
 def read_csv(path: Path) -> dict[str, Array]:
     """Return the columns of a file `write_csv` has written; those of an array have two dimensions."""
-    header, *rows = ([cell.split() for cell in line.split(",")] for line in path.read_text("utf-8").splitlines())
-    columns = (np.array(column, dtype=float) for column in zip(*rows, strict=True))
-    return {name: column[:, 0] if column.shape[1] == 1 else column
-            for (name,), column in zip(header, columns, strict=True)}
+    header, *rows = path.read_text("utf-8").splitlines()
+    table = np.loadtxt((row.replace(" ", ",") for row in rows), delimiter=",", ndmin=2).T
+    ends = np.cumsum([len(cell.split()) for cell in rows[0].split(",")])
+    return {name: part[0] if len(part) == 1 else part.T
+            for name, part in zip(header.split(","), np.split(table, ends[:-1]), strict=True)}
 
 
 def read_provenance(directory: Path) -> dict[str, Any]:

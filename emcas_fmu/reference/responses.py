@@ -24,15 +24,21 @@ _KEPT = 256  # responses of some 35 kB
 _EXACT = 17  # digits that tell any two floats apart: rounded here, they would lie on edges of the archive's rounding
 
 
+def is_shipped(parameters: ParameterSet, case: Case) -> bool:
+    """Return whether the response of an actuator is stored."""
+    if parameters.model != NONLINEAR:
+        return False
+    made = files.read_provenance(models_directory() / "reference").get(case.name)
+    wanted = files.response_hash({**parameters.values, **case.overrides})
+    return made is not None and made["sha256_parameters"] == wanted
+
+
 def shipped(parameters: ParameterSet, case: Case) -> dict[str, Array] | None:
     """Return the stored response of an actuator, as far as the case goes; None where none is stored."""
-    folder = models_directory() / "reference"
-    made = files.read_provenance(folder).get(case.name)
-    wanted = files.response_hash({**parameters.values, **case.overrides})
-    if parameters.model != NONLINEAR or made is None or made["sha256_parameters"] != wanted:
+    if not is_shipped(parameters, case):
         return None
-    rows = len(case.inputs()["time"])
-    return {name: column[:rows] for name, column in stored.load(folder, [case.name])[0].reference.items()}
+    (known,), rows = stored.load(models_directory() / "reference", [case.name]), len(case.inputs()["time"])
+    return {name: column[:rows] for name, column in known.reference.items()}
 
 
 def response(parameters: ParameterSet, case: Case) -> dict[str, Array]:

@@ -46,7 +46,7 @@ def test_every_real_variable_and_enumeration_has_a_type(fins: int) -> None:
             if v.kind != "Real":
                 assert (description.type_name(v) in types) == bool(v.items)
                 continue
-            given = description.real_attributes(v)
+            given = description.typed_attributes(v)
             of = description.real_type(types[str(given["declaredType"])])
             assert (of["quantity"], of["unit"]) == (given["declaredType"], v.unit)
             measured.setdefault(str(of["quantity"]), set()).add(v.unit)
@@ -65,11 +65,11 @@ def test_a_variable_called_as_a_type_is_refused() -> None:
 
 def test_a_unit_that_measures_nothing_known_has_no_type() -> None:
     v = real_output("draught", "N/m2", "of a user's actuator", 1.0)
-    assert (description.type_name(v), description.real_attributes(v)["unit"]) == (None, "N/m2")
+    assert (description.type_name(v), description.typed_attributes(v)["unit"]) == (None, "N/m2")
 
 
 def test_speeds_of_motors_are_shown_in_rpm() -> None:
-    shown = {v.name: description.real_attributes(v)["displayUnit"] for v in get("series-clutch").outputs
+    shown = {v.name: description.typed_attributes(v)["displayUnit"] for v in get("series-clutch").outputs
              if v.unit == "rad/s"}
     assert shown == {"fin_rate": None, "screw_speed": "rpm", "motor_speed": "rpm"}
 

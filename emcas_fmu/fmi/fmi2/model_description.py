@@ -10,16 +10,15 @@ from xml.etree.ElementTree import Element
 from ... import __version__
 from ...variables import Variable
 from .. import description
-from ..description import element, limit, text
+from ..description import element, text
 from ..interface import SINGLE, FmuInterface
 
 _INITIAL = {"output": "calculated", "parameter": "exact"}
 
 
 def _scalar(unit: FmuInterface, reference: int, v: Variable, start: Any) -> Element:
-    attributes = description.real_attributes(v) if v.kind == "Real" else {
-        "declaredType": description.type_name(v), "min": limit(v.minimum), "max": limit(v.maximum)}
-    typed = element(v.kind, {**attributes, "start": None if v.causality == "output" else text(start)})
+    typed = element(v.kind, {
+        **description.typed_attributes(v), "start": None if v.causality == "output" else text(start)})
     return element("ScalarVariable", {
         "name": unit.spelt(v.name), "valueReference": str(reference), "description": unit.respelt(v.description),
         "causality": v.causality, "variability": v.variability, "initial": _INITIAL.get(v.causality)}, [typed])
@@ -27,9 +26,8 @@ def _scalar(unit: FmuInterface, reference: int, v: Variable, start: Any) -> Elem
 
 def _simple_type(name: str, v: Variable) -> Element:
     return element("SimpleType", {"name": name}, [
-        element("Real", description.real_type(v)) if v.kind == "Real" else element("Enumeration", {}, (
-            element("Item", {"name": item, "value": str(value), "description": meaning})
-            for value, (item, meaning) in enumerate(v.items, 1)))])
+        element("Real", description.real_type(v)) if v.kind == "Real" else element(
+            "Enumeration", {}, description.enumeration_items(v))])
 
 
 def _structure(unit: FmuInterface) -> Element:

@@ -50,6 +50,7 @@ def _in_files(unit: FmuInterface, fins: Sequence[Mapping[str, Any]]) -> dict[str
 
 FORMAT = Format(
     version="2.0", main="fmi2.c", package="emcas_fmu.fmi.fmi2", written=(), headers=_headers, by_machine=False,
+    of_sources={"source_files": ("fmi2.c",)},
     tables=lambda unit: "", host_variables=_host_variables, listed=_listed,
     in_files=_in_files, model_description=model_description,
     options={"needsExecutionTool": "false", "canHandleVariableCommunicationStepSize": "true",

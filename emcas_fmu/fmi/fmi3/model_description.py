@@ -10,21 +10,20 @@ from xml.etree.ElementTree import Element
 from ... import __version__
 from ...variables import Variable
 from .. import description
-from ..description import element, limit, text
+from ..description import element, text
 from ..interface import SINGLE, FmuInterface
 from .arrays import CLOCK, TIME, Array, arrays
 
 
 def _variable(unit: FmuInterface, reference: int, array: Array, starts: Sequence[Any]) -> Element:
     v = array.variable
-    attributes = description.real_attributes(v) if v.kind == "Real" else {
-        "declaredType": description.type_name(v), "min": limit(v.minimum), "max": limit(v.maximum)}
     given = v.causality in ("input", "parameter")
     return element(array.kind, {
         "name": unit.spelt(v.name), "valueReference": str(reference), "description": unit.respelt(v.description),
         "causality": v.causality, "variability": v.variability,
         "initial": "calculated" if v.causality == "output" else None,
-        **attributes, "start": " ".join(text(starts[place]) for place in array.places) if given else None,
+        **description.typed_attributes(v),
+        "start": " ".join(text(starts[place]) for place in array.places) if given else None,
     }, (element("Dimension", {"start": str(n)}) for n in array.dimensions))
 
 
@@ -43,9 +42,7 @@ def _variables(unit: FmuInterface, starts: Sequence[Any], clock: bool) -> Iterat
 def _type(name: str, v: Variable) -> Element:
     if v.kind == "Real":
         return element("Float64Type", {"name": name, **description.real_type(v)})
-    return element("EnumerationType", {"name": name}, (
-        element("Item", {"name": item, "value": str(value), "description": meaning})
-        for value, (item, meaning) in enumerate(v.items, 1)))
+    return element("EnumerationType", {"name": name}, description.enumeration_items(v))
 
 
 def _structure(unit: FmuInterface) -> Element:
@@ -66,13 +63,9 @@ def _structure(unit: FmuInterface) -> Element:
 
 
 def model_description(starts: Sequence[Any], guid: str, *, options: Mapping[str, str] = MappingProxyType({}),
-                      about: Mapping[str, str] = MappingProxyType({}), source_files: Sequence[str] = (),
-                      unit: FmuInterface = SINGLE, clock: bool = False) -> Element:
-    """Return the fmiModelDescription element; `options` are attributes of its CoSimulation element, `about` its own.
-
-    Source files are named by buildDescription.xml alone in FMI 3.0.
-    """
-    del source_files
+                      about: Mapping[str, str] = MappingProxyType({}), unit: FmuInterface = SINGLE,
+                      clock: bool = False) -> Element:
+    """Return the fmiModelDescription element; `options` are attributes of its CoSimulation element, `about` its own."""
     return element("fmiModelDescription", {
         "fmiVersion": "3.0", "modelName": unit.model, "instantiationToken": guid,
         "description": description.describe(unit), "version": __version__, **about,

@@ -159,8 +159,8 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
     a failing subject is a result.
     """
     folder = directory or models_directory() / "reference"
-    cases, own = _chosen(subject, names, folder, () if directory and not inside else subject.references, inside)
-    where = subject.identification.file if own else str(folder)
+    cases, from_inside = _chosen(subject, names, folder, () if directory and not inside else subject.references, inside)
+    where = subject.identification.file if from_inside else str(folder)
     excitations = {case.name: of_case(case.title, case.inputs, case.step, case.start_values) for case in cases}
     obstacles = {name: why for name, excitation in excitations.items()
                  if (why := subject.obstacle(with_encoder(excitation)))}
@@ -184,7 +184,7 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
         progress(name, len(series), total)
         series[name] = Series(subject.run(excitation, outputs=outputs))
     progress("done", total, total)
-    return _result(subject, where, own, cases, series, notes)
+    return _result(subject, where, from_inside, cases, series, notes)
 
 
 def _chosen(subject: Subject, names: Sequence[str] | None, folder: Path, carried: Sequence[stored.Stored],
@@ -196,13 +196,13 @@ def _chosen(subject: Subject, names: Sequence[str] | None, folder: Path, carried
     if inside and not carried:
         raise EmcasError(f"{subject.identification.file}: there are no references inside; an FMU that `emcas build` "
                          "makes without --no-references has some")
-    own = {case.name: case for case in carried if not names or case.name in names}
+    chosen = {case.name: case for case in carried if not names or case.name in names}
     usual = {case.name for case in CASES}
-    others = [name for name in names or () if name in usual or name not in own]
+    others = [name for name in names or () if name in usual or name not in chosen]
     cases = stored.load(folder, others) if others or not names else []
-    if inside or (own and (len(others) < len(names or ()) or not all(_made_of(subject, case) for case in cases))):
+    if inside or (chosen and (len(others) < len(names or ()) or not all(_made_of(subject, case) for case in cases))):
         # By what the others excite, performance is judged.
-        return [own.pop(case.name, replace(case, reference={})) for case in cases] + list(own.values()), True
+        return [chosen.pop(case.name, replace(case, reference={})) for case in cases] + list(chosen.values()), True
     return cases, False
 
 
