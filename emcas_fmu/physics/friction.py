@@ -38,7 +38,7 @@ def _temperature_factor(ops: Ops, p: Any, ratios: Sequence[Value]) -> Value:
 
 def coulomb_polynomial(coefficients: Any, fin: Value) -> Value:
     """Return the polynomial [N.m] of one direction at a fin angle [rad], as fitted: it may leave the positive."""
-    z = fin / POLYNOMIAL_SPAN
+    z = fin * (1.0 / POLYNOMIAL_SPAN)
     value = coefficients[6]
     for coefficient in reversed(coefficients[:6]):
         value = value * z + coefficient

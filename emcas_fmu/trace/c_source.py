@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isfinite
 
 from .tracer import Assign, Expr, If, Operand, Tracer
@@ -52,9 +52,9 @@ def _bare(text: str) -> str:
 
 
 class CWriter(Writer):
-    def __init__(self, tracer: Tracer) -> None:
-        super().__init__(tracer, TEMPLATES)
-        self._conditions: set[str] = set()
+    def __init__(self, tracer: Tracer, templates: Mapping[str, str] = TEMPLATES) -> None:
+        super().__init__(tracer, templates)
+        self.conditions: set[str] = set()
         # Only what a function reads is kept; the rest of the prologue is forgotten after it.
         self.constants = {s.name: i for i, s in enumerate(
             s for s in tracer.prologue.statements if isinstance(s, Assign) and s.name in self.read_by_functions)}
@@ -71,12 +71,12 @@ class CWriter(Writer):
 
     def expression(self, statement: Assign) -> str | None:
         text = super().expression(statement)
-        if self._condition(statement):
-            self._conditions.add(statement.name)
+        if self.is_condition(statement):
+            self.conditions.add(statement.name)
         return text
 
     def assignment(self, name: str, text: str) -> str:
-        kind = "int" if name in self._conditions else "double"
+        kind = "int" if name in self.conditions else "double"
         declared = "" if name in self.constants else f"const {kind} "
         return f"{declared}{self.name(name)} = {text};"
 
@@ -85,9 +85,9 @@ class CWriter(Writer):
         yes, no = self.block(statement.yes, depth + 1), self.block(statement.no, depth + 1)
         kinds: dict[str, list[str]] = {"int": [], "double": []}
         for i in live:
-            both = self._holds(statement.yes_values[i]) and self._holds(statement.no_values[i])
+            both = self.holds(statement.yes_values[i]) and self.holds(statement.no_values[i])
             kinds["int" if both else "double"].append(statement.names[i])
-        self._conditions.update(kinds["int"])
+        self.conditions.update(kinds["int"])
         lines = [f"{indent}{kind} {', '.join(names)};" for kind, names in kinds.items() if names]
         lines.append(f"{indent}if ({_bare(self.operand(statement.condition))}) {{")
         for inner, values, end in ((yes, statement.yes_values, "} else {"), (no, statement.no_values, "}")):
@@ -96,10 +96,10 @@ class CWriter(Writer):
             lines.append(f"{indent}{end}")
         return lines
 
-    def _condition(self, statement: Assign) -> bool:
+    def is_condition(self, statement: Assign) -> bool:
         if statement.operation == "where":
-            return all(self._holds(value) for value in statement.operands[1:])
+            return all(self.holds(value) for value in statement.operands[1:])
         return statement.operation in _CONDITIONS
 
-    def _holds(self, value: Operand) -> bool:
-        return value.name in self._conditions if isinstance(value, Expr) else isinstance(value, bool)
+    def holds(self, value: Operand) -> bool:
+        return value.name in self.conditions if isinstance(value, Expr) else isinstance(value, bool)
