@@ -8,6 +8,8 @@
 #define API __attribute__((visibility("default")))
 #endif
 
+enum { ALL = (1 << LANES) - 1 };
+
 API int batch_lanes(void)
 {
     return LANES;
@@ -39,29 +41,31 @@ API int batch_bind(group_parameters *to, int lane, const double *parameters, dou
     return 1;
 }
 
-static group_step prepared(const group_parameters *of)
+static group_step prepared(const group_parameters *of, double end)
 {
     group_step g = {.p = of->parameters, .c = of->constants};
-    vector_schedule(lanes_of_bits(1), g.p, g.c, (lanes *)&g.plan);
+    vector_schedule(1u, g.p, g.c, (lanes *)&g.plan);
     const double before = *group_at(&g.plan.before, 0), after = *group_at(&g.plan.after, 0);
     g.before = (int32_t)before;
     g.ticks = (int32_t)(before + after);
     g.values = (size_t)*group_at(&g.plan.samples, 0) + 2;
     g.late = (size_t)*group_at(&g.plan.late_commands, 0);
+    g.end = end;
+    vector_locate(ALL, g.p, g.c, lanes_set(end), g.at);
     return g;
 }
 
 /* core_start; the delay lines of all lanes are as long. */
 API void batch_start(group *at, const group_parameters *of)
 {
-    const group_step g = prepared(of);
+    const group_step g = prepared(of, 0.0);
     memset(at, 0, batch_group_size(g.values + g.late));
     at->of = of;
     at->motion[0] = lanes_set(NAN);
     group_state *s = &at->state;
     const size_t limited = CORE_CONTROLLER + 1;
     lanes out[CORE_PLANT + CORE_SAMPLED - 1];
-    vector_initial(lanes_of_bits((1u << LANES) - 1u), g.p, g.c, out);
+    vector_initial(ALL, g.p, g.c, out);
     memcpy(s->plant.x, out, sizeof s->plant.x);
     s->tentative = s->plant;
     for (size_t i = 0; i < limited; ++i) s->sampled[i] = out[CORE_PLANT + i];
@@ -113,7 +117,7 @@ static void put_back(const core_state *s, group_state *to, int lane, size_t line
 }
 
 /* core_run of one lane, from `before`; its state and outputs replace what is in `s` and `out`. */
-static core_result alone(const group_step *g, const group_state *before, group_state *s, int lane, double end,
+static core_result alone(const group_step *g, const group_state *before, group_state *s, int lane,
                          const group_inputs *in, lanes *out)
 {
     double p[MODEL_PARAMETERS], c[KERNEL_CONSTANTS], outputs[MODEL_OUTPUTS];
@@ -123,25 +127,34 @@ static core_result alone(const group_step *g, const group_state *before, group_s
     of_lane(c, lane, g->c, KERNEL_CONSTANTS);
     of_lane((double *)&inputs, lane, (const lanes *)in, INPUTS);
     take_out(before, lane, &state, g->values + g->late);
-    const core_result result = core_run(p, c, &state, end, &inputs, NULL, outputs);
+    const core_result result = core_run(p, c, &state, g->end, &inputs, NULL, outputs);
     put_back(&state, s, lane, g->values + g->late);
     if (result == CORE_DONE) to_lane(out, lane, outputs, MODEL_OUTPUTS);
     return result;
 }
 
-/* Move a group's lanes `which` on, all or nothing each; a result for each goes to `result`. */
-static void move(group *at, unsigned which, double end, const group_inputs *in, lanes *out, int *result)
+/* Copy a group's state, without the part of a tick if no lane is inside one. */
+static void keep(const group_state *s, group_state *to, size_t line)
 {
-    const group_step g = prepared(at->of);
+    int32_t partial = 0;
+    for (int l = 0; l < LANES; ++l) partial |= s->partial[l];
+    memcpy(to, s, partial ? offsetof(group_state, line) : offsetof(group_state, origin));
+    for (size_t i = 0; i < line; ++i) to->line[i] = s->line[i];
+}
+
+/* Move a group's lanes `which` on, all or nothing each; a result for each goes to `result`. */
+static void move(const group_step *g, group_state *s, unsigned which, const group_inputs *in, lanes *out, int *result)
+{
     group_state before;
-    group_state *s = &at->state;
-    const size_t line = g.values + g.late;
-    memcpy(&before, s, offsetof(group_state, line) + line * sizeof(lanes));
+    const size_t line = g->values + g->late;
+    keep(s, &before, line);
     unsigned together = which & group_together(s, __builtin_ctz(which)), done = 0;
-    done = lanes_bits(group_move(&g, together, s, end, in, out));
+    done = lanes_bits(group_move(g, together, s, in, out));
+    for (int l = 0; l < LANES; ++l) result[l] = CORE_DONE;
+    if (done == ALL) return;
     for (int l = 0; l < LANES; ++l) {
-        if (done >> l & 1u) result[l] = CORE_DONE;
-        else if (which >> l & 1u) result[l] = alone(&g, &before, s, l, end, in, out);
+        if (done >> l & 1u) continue;
+        if (which >> l & 1u) result[l] = alone(g, &before, s, l, in, out);
         else {
             core_state state;
             take_out(&before, l, &state, line);
@@ -163,12 +176,12 @@ static void gather(group *at, const size_t *actuator, const double *const *colum
         else
             for (int l = 0; l < LANES; ++l) *group_at(&row[i], l) = columns[i][actuator[l] * stride[i]];
     }
-    lanes_mask same = lanes_of_bits((1u << LANES) - 1u);
+    lanes_mask same = lanes_of_bits(ALL);
     for (int i = 0; i < MODEL_MOTION; ++i)
         same = lanes_both(same, lanes_equal(at->motion[i], row[INPUT_ACCELERATION_X + i]));
     if (lanes_any(lanes_negate(same))) {
         memcpy(at->motion, row + INPUT_ACCELERATION_X, sizeof at->motion);
-        vector_carried(lanes_negate(same), at->of->parameters, at->of->constants, MODEL_MOTION_OF(at->motion), at->carried);
+        vector_carried(lanes_bits(lanes_negate(same)), at->of->parameters, at->of->constants, MODEL_MOTION_OF(at->motion), at->carried);
     }
     in->command = row[INPUT_FIN_COMMAND];
     in->loads[0] = row[INPUT_AERO_TORQUE];
@@ -188,6 +201,7 @@ API size_t batch_run(char *groups, size_t bytes, size_t first, size_t last, size
                      const double *const *columns, const size_t *stride, double *out, size_t out_stride, int *result)
 {
     size_t failed = 0;
+    group_step g = {.p = NULL};
     for (size_t k = first; k < last; ++k) {
         group *at = (group *)(groups + k * bytes);
         const size_t *actuator = order + k * LANES;
@@ -196,7 +210,8 @@ API size_t batch_run(char *groups, size_t bytes, size_t first, size_t last, size
         group_inputs in;
         int results[LANES];
         gather(at, actuator, columns, stride, &in);
-        move(at, (1u << LANES) - 1u, end, &in, outputs, results);
+        if (at->of->parameters != g.p) g = prepared(at->of, end);
+        move(&g, &at->state, ALL, &in, outputs, results);
         if (full == LANES && actuator[LANES - 1] == actuator[0] + LANES - 1 && 1) {
             for (int i = 0; i < MODEL_OUTPUTS; ++i) lanes_store(out + i * out_stride + actuator[0], outputs[i]);
         } else {

@@ -47,6 +47,8 @@ typedef struct {
 typedef struct {
     const lanes *p, *c;
     group_schedule plan;
+    double end;
+    lanes at[3]; /* period, position and rest of `end` */
     int32_t before, ticks;
     size_t values, late; /* of the line */
 } group_step;
@@ -71,18 +73,19 @@ static inline unsigned group_together(const group_state *s, int lane)
     return together;
 }
 
-static inline lanes_mask group_finite(const lanes *x, size_t count)
+/* x - x is 0, or no number where x is infinite or none; four sums, so that none waits for another. */
+static inline lanes group_unsound(const lanes *x, size_t count)
 {
-    lanes sum = lanes_set(0.0);
-    for (size_t i = 0; i < count; ++i) sum = sum + (x[i] - x[i]); /* not 0 of what is infinite or no number */
-    return lanes_equal(sum, lanes_set(0.0));
+    lanes sum[4] = {lanes_set(0.0), lanes_set(0.0), lanes_set(0.0), lanes_set(0.0)};
+    for (size_t i = 0; i < count; ++i) sum[i % 4] = sum[i % 4] + (x[i] - x[i]);
+    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }
 
 static inline void group_outputs(const group_step *g, lanes_mask which, const group_state *s, const group_inputs *in,
                                  lanes *out)
 {
     const group_plant *x = &s->tentative;
-    vector_outputs(which, g->p, g->c, CORE_PLANT_OF(x), s->active, s->line[g->values - 1], CORE_SHOWN_OF(s)
+    vector_outputs(lanes_bits(which), g->p, g->c, CORE_PLANT_OF(x), s->active, s->line[g->values - 1], CORE_SHOWN_OF(s)
                    CORE_HELD_OF(s), in->command CORE_LOADS_OF(in), in->supply, in->enable CORE_ACTING_OF(in), out);
 }
 
@@ -93,7 +96,7 @@ static inline lanes_mask group_finish(const group_step *g, lanes_mask which, con
     lanes_mask moving = lanes_both(which, lanes_greater(left, lanes_set(0.0)));
     for (int i = 0; i < CORE_MOST_EVENTS && lanes_any(moving); ++i) {
         lanes out[CORE_PLANT + 1];
-        vector_step(moving, g->p, g->c, CORE_PLANT_OF(x) CORE_HELD_OF(s), s->active CORE_LOADS_OF(in), in->supply,
+        vector_step(lanes_bits(moving), g->p, g->c, CORE_PLANT_OF(x) CORE_HELD_OF(s), s->active CORE_LOADS_OF(in), in->supply,
                     in->enable CORE_ACTING_OF(in), left, out);
         for (int k = 0; k < CORE_PLANT; ++k) x->x[k] = lanes_where(moving, out[k], x->x[k]);
         moving = lanes_but(moving, lanes_greater_equal(out[CORE_PLANT], left));
@@ -149,12 +152,12 @@ static inline void group_sample(const group_step *g, lanes_mask which, group_sta
     if (g->late) {
         lanes *commands = s->line + g->values;
         command = commands[0];
-        memmove(commands, commands + 1, (g->late - 1) * sizeof *commands);
+        for (size_t i = 1; i < g->late; ++i) commands[i - 1] = commands[i];
         commands[g->late - 1] = in->command;
     }
-    vector_sample(which, g->p, g->c, CORE_PLANT_OF(x) CORE_CONTROLLER_OF(s) CORE_HELD_OF(s), command, in->supply,
+    vector_sample(lanes_bits(which), g->p, g->c, CORE_PLANT_OF(x) CORE_CONTROLLER_OF(s) CORE_HELD_OF(s), command, in->supply,
                   in->enable CORE_FURTHER_OF(in), out);
-    memmove(s->line, s->line + 1, (g->values - 1) * sizeof *s->line);
+    for (size_t i = 1; i < g->values; ++i) s->line[i - 1] = s->line[i];
     s->line[g->values - 1] = out[0];
     memcpy(s->sampled, out + 1, sizeof s->sampled);
 }
@@ -188,18 +191,16 @@ static inline lanes_mask group_tick(const group_step *g, lanes_mask which, group
 
 /* Move those lanes on to `end` [s] that can go together; gives which of them got there. Of the others nothing in `s`
  * and `out` has a meaning. */
-static inline lanes_mask group_move(const group_step *g, unsigned which, group_state *s, double end,
-                                    const group_inputs *in, lanes *out)
+static inline lanes_mask group_move(const group_step *g, unsigned which, group_state *s, const group_inputs *in,
+                                    lanes *out)
 {
-    int lead = 0;
-    while (!(which >> lead & 1u)) ++lead;
-    lanes at[3];
-    lanes_mask moving = lanes_of_bits(which);
-    vector_locate(moving, g->p, g->c, lanes_set(end), at);
-    double periods = *group_at(&at[0], lead);
-    int32_t position = (int32_t)*group_at(&at[1], lead);
-    moving = lanes_both(moving, lanes_both(lanes_equal(at[0], group_lane(&at[0], lead)),
-                                           lanes_equal(at[1], group_lane(&at[1], lead))));
+    const int lead = __builtin_ctz(which);
+    const lanes *at = g->at;
+    const lanes first = group_lane(&at[0], lead), second = group_lane(&at[1], lead);
+    lanes_mask moving = lanes_both(lanes_of_bits(which), lanes_both(lanes_equal(at[0], first),
+                                                                   lanes_equal(at[1], second)));
+    const double periods = *(const double *)&first;
+    int32_t position = (int32_t)*(const double *)&second;
     int64_t here = s->period[lead];
     int32_t there = s->position[lead];
     s->partial[0] = s->partial[lead];
@@ -232,9 +233,9 @@ static inline lanes_mask group_move(const group_step *g, unsigned which, group_s
         s->partial[l] = s->partial[0];
     }
     group_outputs(g, moving, s, in, out);
-    moving = lanes_both(moving, group_finite(s->sampled, CORE_SAMPLED));
-    moving = lanes_both(moving, group_finite(s->tentative.x, CORE_PLANT));
-    return lanes_both(moving, group_finite(out, MODEL_OUTPUTS));
+    const lanes unsound = (group_unsound(s->sampled, CORE_SAMPLED) + group_unsound(s->tentative.x, CORE_PLANT))
+                          + group_unsound(out, MODEL_OUTPUTS);
+    return lanes_both(moving, lanes_equal(unsound, lanes_set(0.0)));
 }
 
 #endif

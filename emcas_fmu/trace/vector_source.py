@@ -23,14 +23,14 @@ TEMPLATES = {**ARITHMETIC, **{name: f"lanes_{name}({', '.join(f'{{{i}}}' for i i
 def vector_source(tracer: Tracer, prefix: str) -> str:
     """Return functions over lanes, as :func:`emcas_fmu.trace.c_source.c_source` gives them over numbers.
 
-    Each takes first the lanes that count, a mask: what it gives for others has no meaning. Constants are prepared for
+    Each takes first the lanes that count, a bit each: what it gives for others has no meaning. Constants are prepared for
     each lane by the scalar program.
     """
     writer = _VectorWriter(tracer)
     text: list[str] = []
     for function in tracer.functions:
         arguments = "".join(f", lanes {a}" for a in function.printed)
-        text += [f"static inline void {prefix}_{function.name}(lanes_mask which, const lanes *restrict p, "
+        text += [f"static inline void {prefix}_{function.name}(unsigned which, const lanes *restrict p, "
                  f"const lanes *restrict c{arguments}, lanes *restrict out)", "{", "    (void)which, (void)p, (void)c;"]
         if function.printed:
             text.append("    " + ", ".join(f"(void){a}" for a in function.printed) + ";")
@@ -43,7 +43,7 @@ def vector_source(tracer: Tracer, prefix: str) -> str:
 class _VectorWriter(CWriter):
     def __init__(self, tracer: Tracer) -> None:
         super().__init__(tracer, TEMPLATES)
-        self._which = ["which"]  # the mask of each block around, from the outside
+        self._which = ["which"]  # the lanes that count in each block around, from the outside
 
     def literal(self, value: float | bool) -> str:
         return f"lanes_set({super().literal(value)})"
@@ -94,11 +94,11 @@ class _VectorWriter(CWriter):
         for i in live:
             lines.append(f"{indent}{kind[i]} {statement.names[i]} = "
                          f"{'lanes_true(lanes_set(0.0))' if i in both else 'lanes_set(0.0)'};")
-        lines += [f"{indent}const lanes_mask yes_{label} = lanes_both({around}, if_{label});",
-                  f"{indent}if (lanes_any(yes_{label})) {{", *yes]
+        lines += [f"{indent}const unsigned bits_{label} = lanes_bits(if_{label});",
+                  f"{indent}const unsigned yes_{label} = {around} & bits_{label}, no_{label} = {around} & ~bits_{label};",
+                  f"{indent}if (yes_{label}) {{", *yes]
         lines += [f"{indent}    {statement.names[i]} = {first[i]};" for i in live]
-        lines += [f"{indent}}}", f"{indent}const lanes_mask no_{label} = lanes_but({around}, if_{label});",
-                  f"{indent}if (lanes_any(no_{label})) {{", *no]
+        lines += [f"{indent}}}", f"{indent}if (no_{label}) {{", *no]
         lines += [f"{indent}    {statement.names[i]} = {select[i]}(if_{label}, {statement.names[i]}, {second[i]});"
                   for i in live]
         return [*lines, f"{indent}}}"]
