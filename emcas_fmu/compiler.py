@@ -58,7 +58,7 @@ PLATFORMS = {p.name: p for p in (
     Platform("aarch64-linux", ".so", {"aarch64-linux": "aarch64-linux-gnu.2.17"}, _LINUX),
 )}
 
-# For a browser. Traps there are none there, and clang says so; musl's libm needs nothing of the page.
+# For a browser. Traps there are none there, and clang says so; musl needs nothing of the page.
 WEB = Platform("wasm", ".wasm", {"wasm32-wasi": "wasm32-wasi"}, (
     "-Wno-unsupported-floating-point-opt", "-mexec-model=reactor", "-Wl,--export-dynamic", "-Wl,--export=__heap_base"))
 

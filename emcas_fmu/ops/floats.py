@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from . import elementary
 from .base import Thunk, Value
 
 
@@ -23,15 +24,17 @@ def _of_number(function: Callable[[float], float]) -> staticmethod[[Value], floa
 class FloatOps:
     """See :class:`emcas_fmu.ops.base.Ops`."""
 
-    sin = _of_number(math.sin)
-    cos = _of_number(math.cos)
-    tan = _of_number(math.tan)
-    atan = _of_number(math.atan)
-    exp = _of_number(math.exp)
-    log = _of_number(math.log)
+    sin = _of_number(lambda x: elementary.sin(FLOATS, x))
+    cos = _of_number(lambda x: elementary.cos(FLOATS, x))
+    tan = _of_number(lambda x: elementary.tan(FLOATS, x))
+    atan = _of_number(lambda x: elementary.atan(FLOATS, x))
+    exp = _of_number(lambda x: elementary.exp(FLOATS, x))
+    log = _of_number(lambda x: elementary.log(FLOATS, x))
     sqrt = _of_number(math.sqrt)
     fabs = _of_number(math.fabs)
     floor = _of_number(lambda x: float(math.floor(x)))
+    power_of_two = _of_number(lambda k: math.ldexp(1.0, int(k)) if k == k else k)
+    exponent = _of_number(lambda x: float(math.frexp(x)[1] - 1))
 
     @staticmethod
     def minimum(a: Value, b: Value) -> Value:
@@ -70,4 +73,4 @@ class FloatOps:
         return yes() if _real(condition) else no()
 
 
-FLOATS = FloatOps()
+FLOATS: FloatOps = FloatOps()

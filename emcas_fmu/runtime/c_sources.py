@@ -12,7 +12,8 @@ from ..actuators.declaration import Actuator, identifier
 from ..actuators.fin_port import LONGEST_DELAY
 from ..control import command as bus
 from ..physics.loads import LOADS
-from ..trace.c_source import c_source
+from ..trace import elementary
+from ..trace.c_source import c_elementary, c_source
 from . import codegen, core
 
 MOST_NUMBERS = 12  # of a rule's message: as many as instance.h hands to printf
@@ -36,7 +37,14 @@ def kernel_header(several: bool = False, model: str = NONLINEAR) -> str:
     """Return kernel.h: the equations."""
     equations = c_source(codegen.traced(several, model), "kernel")
     return header("kernel", "The actuator's equations as straight-line code",
-                  f"#include <math.h>\n\n{_NO_CONTRACTION}\n{equations}")
+                  f"#include <math.h>\n\n#include \"elementary.h\"\n\n{_NO_CONTRACTION}\n{equations}")
+
+
+def elementary_header() -> str:
+    """Return elementary.h: sine, exponential and the like, the same on every platform."""
+    return header("elementary", "Elementary functions as straight-line code",
+                  "#include <math.h>\n#include <stdint.h>\n#include <string.h>\n\n"
+                  f"{_NO_CONTRACTION}\n{c_elementary(elementary.traced())}")
 
 
 def enumerator(name: str) -> str:
@@ -113,7 +121,7 @@ def rules_header(model: str, worded: Callable[[str], str] = str) -> str:
     limits = ",\n".join(f"    {{{c_number(v.minimum)}, {c_number(v.maximum)}}}" for v in actuator.parameters)
     return header(
         "rules", "What parameters must fulfil",
-        "#include <math.h>\n\nstatic const struct {\n    double minimum, maximum;\n"
+        "#include <math.h>\n\n#include \"elementary.h\"\n\nstatic const struct {\n    double minimum, maximum;\n"
         f"}} LIMIT[] = {{\n{limits}\n}};\n\n{c_source(tracer, 'rules')}\n"
         f"enum {{ RULE_NUMBERS = {MOST_NUMBERS}, RULE_SCAN = {rules.SCAN}, RULES = {len(rows)} }};\n\n"
         "typedef struct {\n    void (*check)(const double *restrict, const double *restrict, double, "
@@ -126,6 +134,6 @@ def core_sources(several: bool = False, model: str = NONLINEAR, worded: Callable
 
     `worded` puts the names in messages as they are shown.
     """
-    return {"kernel.h": kernel_header(several, model), "model.h": model_header(get(model)),
-            "rules.h": rules_header(model, worded),
+    return {"elementary.h": elementary_header(), "kernel.h": kernel_header(several, model),
+            "model.h": model_header(get(model)), "rules.h": rules_header(model, worded),
             **{name: handwritten(name) for name in ("core.h", "parameter_checks.h")}}

@@ -142,7 +142,7 @@ def _table(rows: Array, shape: tuple[int, ...], what: str, model: str) -> Array:
 
 
 class CompiledCore:
-    """:class:`emcas_fmu.runtime.core.Core` in machine code: the same methods and, on one C library, the same bits.
+    """:class:`emcas_fmu.runtime.core.Core` in machine code: the same methods and the same bits.
 
     `values` are the flat parameters in SI. `state` is a string of bytes.
     Raises CompilerError where there is no compiled kernel.

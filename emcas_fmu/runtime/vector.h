@@ -35,6 +35,15 @@ static inline lanes_mask lanes_both(lanes_mask a, lanes_mask b) { return a & b; 
 static inline lanes_mask lanes_but(lanes_mask a, lanes_mask b) { return (lanes_mask)(a & ~b); }
 static inline lanes_mask lanes_either(lanes_mask a, lanes_mask b) { return a | b; }
 static inline lanes lanes_where(lanes_mask m, lanes yes, lanes no) { return _mm512_mask_blend_pd(m, no, yes); }
+static inline lanes lanes_shifted(lanes x)
+{
+    return _mm512_castsi512_pd(_mm512_slli_epi64(_mm512_castpd_si512(x), 52));
+}
+static inline lanes lanes_exponent_bits(lanes x)
+{
+    return _mm512_castsi512_pd(_mm512_srli_epi64(_mm512_castpd_si512(x), 52));
+}
+static inline lanes lanes_or(lanes a, lanes b) { return _mm512_or_pd(a, b); }
 static inline unsigned lanes_bits(lanes_mask m) { return m; }
 static inline lanes_mask lanes_of_bits(unsigned bits) { return (lanes_mask)bits; }
 #elif defined __AVX2__
@@ -56,6 +65,15 @@ static inline lanes_mask lanes_both(lanes_mask a, lanes_mask b) { return _mm256_
 static inline lanes_mask lanes_but(lanes_mask a, lanes_mask b) { return _mm256_andnot_pd(b, a); }
 static inline lanes_mask lanes_either(lanes_mask a, lanes_mask b) { return _mm256_or_pd(a, b); }
 static inline lanes lanes_where(lanes_mask m, lanes yes, lanes no) { return _mm256_blendv_pd(no, yes, m); }
+static inline lanes lanes_shifted(lanes x)
+{
+    return _mm256_castsi256_pd(_mm256_slli_epi64(_mm256_castpd_si256(x), 52));
+}
+static inline lanes lanes_exponent_bits(lanes x)
+{
+    return _mm256_castsi256_pd(_mm256_srli_epi64(_mm256_castpd_si256(x), 52));
+}
+static inline lanes lanes_or(lanes a, lanes b) { return _mm256_or_pd(a, b); }
 static inline unsigned lanes_bits(lanes_mask m) { return (unsigned)_mm256_movemask_pd(m); }
 static inline lanes_mask lanes_of_bits(unsigned b)
 {
@@ -64,9 +82,11 @@ static inline lanes_mask lanes_of_bits(unsigned b)
 }
 #endif
 
+enum { LANES_ALL = (1 << LANES) - 1 };
+
 static inline lanes_mask lanes_greater(lanes a, lanes b) { return lanes_less(b, a); }
 static inline lanes_mask lanes_greater_equal(lanes a, lanes b) { return lanes_less_equal(b, a); }
-static inline lanes_mask lanes_negate(lanes_mask m) { return lanes_but(lanes_of_bits((1u << LANES) - 1u), m); }
+static inline lanes_mask lanes_negate(lanes_mask m) { return lanes_but(lanes_of_bits(LANES_ALL), m); }
 static inline lanes lanes_number(lanes_mask m) { return lanes_where(m, lanes_set(1.0), lanes_set(0.0)); }
 static inline lanes_mask lanes_where_mask(lanes_mask m, lanes_mask yes, lanes_mask no)
 {
@@ -76,6 +96,14 @@ static inline bool lanes_any(lanes_mask m) { return lanes_bits(m) != 0; }
 static inline lanes lanes_clip(lanes x, lanes low, lanes high)
 {
     return lanes_where(lanes_less(x, low), low, lanes_minimum(high, x));
+}
+
+/* The two operations on bits of ops/elementary.py. Added to a number of which the last digit counts ones, a whole number
+ * stands in the last bits; and bits put below such a number's are a whole number added to it. */
+static inline lanes lanes_power_of_two(lanes k) { return lanes_shifted(k + lanes_set(0x1.8p52 + 1023.0)); }
+static inline lanes lanes_exponent(lanes x)
+{
+    return lanes_or(lanes_exponent_bits(x), lanes_set(0x1p52)) - lanes_set(0x1p52) - lanes_set(1023.0);
 }
 
 #endif

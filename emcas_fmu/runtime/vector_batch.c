@@ -8,8 +8,6 @@
 #define API __attribute__((visibility("default")))
 #endif
 
-enum { ALL = (1 << LANES) - 1 };
-
 API int batch_lanes(void)
 {
     return LANES;
@@ -51,7 +49,7 @@ static group_step prepared(const group_parameters *of, double end)
     g.values = (size_t)*group_at(&g.plan.samples, 0) + 2;
     g.late = (size_t)*group_at(&g.plan.late_commands, 0);
     g.end = end;
-    vector_locate(ALL, g.p, g.c, lanes_set(end), g.at);
+    vector_locate(LANES_ALL, g.p, g.c, lanes_set(end), g.at);
     return g;
 }
 
@@ -65,7 +63,7 @@ API void batch_start(group *at, const group_parameters *of)
     group_state *s = &at->state;
     const size_t limited = CORE_CONTROLLER + 1;
     lanes out[CORE_PLANT + CORE_SAMPLED - 1];
-    vector_initial(ALL, g.p, g.c, out);
+    vector_initial(LANES_ALL, g.p, g.c, out);
     memcpy(s->plant.x, out, sizeof s->plant.x);
     s->tentative = s->plant;
     for (size_t i = 0; i < limited; ++i) s->sampled[i] = out[CORE_PLANT + i];
@@ -151,7 +149,7 @@ static void move(const group_step *g, group_state *s, unsigned which, const grou
     unsigned together = which & group_together(s, __builtin_ctz(which)), done = 0;
     done = lanes_bits(group_move(g, together, s, in, out));
     for (int l = 0; l < LANES; ++l) result[l] = CORE_DONE;
-    if (done == ALL) return;
+    if (done == LANES_ALL) return;
     for (int l = 0; l < LANES; ++l) {
         if (done >> l & 1u) continue;
         if (which >> l & 1u) result[l] = alone(g, &before, s, l, in, out);
@@ -176,7 +174,7 @@ static void gather(group *at, const size_t *actuator, const double *const *colum
         else
             for (int l = 0; l < LANES; ++l) *group_at(&row[i], l) = columns[i][actuator[l] * stride[i]];
     }
-    lanes_mask same = lanes_of_bits(ALL);
+    lanes_mask same = lanes_of_bits(LANES_ALL);
     for (int i = 0; i < MODEL_MOTION; ++i)
         same = lanes_both(same, lanes_equal(at->motion[i], row[INPUT_ACCELERATION_X + i]));
     if (lanes_any(lanes_negate(same))) {
@@ -211,7 +209,7 @@ API size_t batch_run(char *groups, size_t bytes, size_t first, size_t last, size
         int results[LANES];
         gather(at, actuator, columns, stride, &in);
         if (at->of->parameters != g.p) g = prepared(at->of, end);
-        move(&g, &at->state, ALL, &in, outputs, results);
+        move(&g, &at->state, LANES_ALL, &in, outputs, results);
         if (full == LANES && actuator[LANES - 1] == actuator[0] + LANES - 1 && 1) {
             for (int i = 0; i < MODEL_OUTPUTS; ++i) lanes_store(out + i * out_stride + actuator[0], outputs[i]);
         } else {

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import isfinite
+from math import isfinite, isnan
 
-from .tracer import Assign, Expr, If, Operand, Tracer
+from ..ops.elementary import NAMES
+from .tracer import BITS, Assign, Expr, If, Operand, Tracer
 from .usage import ARITHMETIC, Writer
 
 TEMPLATES = {
@@ -13,8 +14,42 @@ TEMPLATES = {
     "both": "{0} && {1}", "either": "{0} || {1}", "negate": "!{0}",
     "minimum": "{0} < {1} ? {0} : {1}", "maximum": "{0} > {1} ? {0} : {1}",
     "clip": "{0} < {1} ? {1} : {0} > {2} ? {2} : {0}", "where": "{0} ? {1} : {2}",
+    **{name: f"elementary_{name}({{0}})" for name in (*NAMES, *BITS)},
 }
 _CONDITIONS = {"less", "less_equal", "greater", "greater_equal", "equal", "both", "either", "negate"}
+
+# Added to a number of which the last digit counts ones, a whole number stands in the last bits.
+_BITS = """\
+/* 2 to the power of a whole number from -1022 to 1023. */
+static inline double elementary_power_of_two(double k)
+{
+    const double last = k + (0x1.8p52 + 1023.0);
+    uint64_t bits;
+    memcpy(&bits, &last, sizeof bits);
+    bits <<= 52;
+    double power;
+    memcpy(&power, &bits, sizeof power);
+    return power;
+}
+
+/* The exponent of a number above 2 to the power of -1022. */
+static inline double elementary_exponent(double x)
+{
+    uint64_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    return (double)((int)(bits >> 52) - 1023);
+}
+"""
+
+
+def c_elementary(tracer: Tracer) -> str:
+    """Return functions of one value with one result as ``static inline double elementary_<name>(double x)``."""
+    writer, text = _ElementaryWriter(tracer), [_BITS]
+    for function in tracer.functions:
+        (argument,), (result,) = function.printed, function.results
+        text += [f"static inline double elementary_{function.name}(double {argument})", "{",
+                 *writer.block(function.block, 1), f"    return {writer.operand(result)};", "}", ""]
+    return "\n".join(text)
 
 
 def c_source(tracer: Tracer, prefix: str) -> str:
@@ -39,6 +74,13 @@ def c_source(tracer: Tracer, prefix: str) -> str:
         text += [f"    out[{i}] = {writer.operand(value)};" for i, value in enumerate(function.results)]
         text += ["}", ""]
     return "\n".join(text)
+
+
+def any_literal(value: float | bool) -> str:
+    """Return a number, or what is none, in C."""
+    if isfinite(value):
+        return repr(float(value))
+    return "NAN" if isnan(value) else "HUGE_VAL" if value > 0.0 else "-HUGE_VAL"
 
 
 def _bare(text: str) -> str:
@@ -103,3 +145,8 @@ class CWriter(Writer):
 
     def holds(self, value: Operand) -> bool:
         return value.name in self.conditions if isinstance(value, Expr) else isinstance(value, bool)
+
+
+class _ElementaryWriter(CWriter):
+    def literal(self, value: float | bool) -> str:
+        return any_literal(value)

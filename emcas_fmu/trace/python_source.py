@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 
+from . import elementary
 from .tracer import If, Operand, Tracer
 from .usage import ARITHMETIC, Writer
 
@@ -14,6 +15,8 @@ TEMPLATES = {
     "minimum": "{0} if {0} < {1} else {1}", "maximum": "{0} if {0} > {1} else {1}",
     "clip": "{1} if {0} < {1} else {2} if {0} > {2} else {0}", "where": "{1} if {0} else {2}",
     "floor": "float(floor({0}))",
+    # Of NaN, which the other languages take, int() would raise.
+    "power_of_two": "ldexp(1.0, int({0})) if {0} == {0} else {0}", "exponent": "float(frexp({0})[1] - 1)",
 }
 _TEMPORARY = re.compile(r"\bt\d+\b")
 
@@ -33,8 +36,22 @@ def python_source(tracer: Tracer, docstring: str, spelt: Callable[[str], str] = 
     prologue += writer.block(tracer.prologue, 1)
     functions = ", ".join(function.name for function in tracer.functions)
     return "\n".join([f'"""{docstring}"""', "",
-                      "from math import atan, cos, exp, fabs, floor, log, sin, sqrt, tan  # noqa: F401", "", "",
-                      "def make(parameters):", *prologue, "", *body, f"    return {functions},", ""])
+                      "from math import fabs, floor, frexp, inf, ldexp, nan, sqrt  # noqa: F401", "", "",
+                      *_elementary(writer.operations), "def make(parameters):", *prologue, "", *body,
+                      f"    return {functions},", ""])
+
+
+def _elementary(names: Container[str]) -> list[str]:
+    """Return the lines of those elementary functions that are among `names`."""
+    tracer = elementary.traced()
+    writer = _PythonWriter(tracer, TEMPLATES)
+    lines = []
+    for function in tracer.functions:
+        if function.name in names:
+            (result,) = function.results
+            body = [*writer.block(function.block, 1), f"    return {writer.operand(result)}"]
+            lines += [f"def {function.name}({', '.join(function.printed)}):", *_registers(body), "", ""]
+    return lines
 
 
 class _PythonWriter(Writer):

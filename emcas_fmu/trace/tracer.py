@@ -23,6 +23,8 @@ from ..ops.base import Ops, Thunk, Value
 Operand = Union["Expr", float, bool]
 FUNCTIONS = ("sin", "cos", "tan", "atan", "exp", "log", "sqrt", "fabs", "floor")
 """Operations that are functions of one value."""
+BITS = ("power_of_two", "exponent")
+"""Operations on the bits of one value, for the elementary functions (:class:`emcas_fmu.ops.elementary.Bits`)."""
 
 
 def _operator(operation: str, swapped: bool = False) -> Callable[[Expr, Value], Value]:
@@ -144,9 +146,9 @@ class Block:
 
 # Of Python, of C, and of what is printed around the functions.
 _WORDS = f"""
-    {" ".join(keyword.kwlist)} {" ".join(FUNCTIONS)} auto bool case char const default do double enum extern goto inline
-    int long register restrict short signed sizeof static struct switch typedef union unsigned void volatile
-    main size_t fmin fmax errno NULL NAN INFINITY HUGE_VAL float parameters make out p c"""
+    {" ".join(keyword.kwlist)} {" ".join(FUNCTIONS)} auto bool case char const default do double enum extern frexp goto
+    inf inline int ldexp long nan register restrict short signed sizeof static struct switch typedef union unsigned void
+    volatile main size_t fmin fmax errno NULL NAN INFINITY HUGE_VAL float parameters make out p c"""
 _RESERVED = re.compile(rf"([pctr]\d+|{'|'.join(_WORDS.split())})_*")
 
 
@@ -223,6 +225,8 @@ class Tracer:
     log = partialmethod(emit, "log")
     sqrt = partialmethod(emit, "sqrt")
     floor = partialmethod(emit, "floor")
+    power_of_two = partialmethod(emit, "power_of_two")
+    exponent = partialmethod(emit, "exponent")
 
     def fabs(self, x: Value) -> Value:
         return self.emit("fabs", x) if _traced(x) else abs(x)

@@ -26,6 +26,7 @@ class Writer(ABC):
     def __init__(self, tracer: Tracer, templates: Mapping[str, str]) -> None:
         self.templates = templates
         self.uses: dict[str, int] = {}
+        self.operations: set[str] = set()
         self._text: dict[str, str] = {}
         for function in tracer.functions:
             for value in function.results:
@@ -43,6 +44,7 @@ class Writer(ABC):
         for statement in reversed(block.statements):
             if isinstance(statement, Assign):
                 if self.uses.get(statement.name):
+                    self.operations.add(statement.operation)
                     template = self.templates[statement.operation]
                     for index, operand in enumerate(statement.operands):
                         self._use(operand, template.count(f"{{{index}}}"))

@@ -9,15 +9,26 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from .c_source import CWriter
-from .tracer import FUNCTIONS, Assign, Expr, If, Operand, Tracer
+from .c_source import CWriter, any_literal
+from .tracer import BITS, FUNCTIONS, Assign, Expr, If, Operand, Tracer
 from .usage import ARITHMETIC
 
 _WORK = re.compile(r" / |lanes_(?:sqrt|sin|cos|tan|atan|exp|log)")  # more of it than a branch costs
-_CALLS = {**dict.fromkeys((*FUNCTIONS, "negate"), 1), "where": 3, "clip": 3, **dict.fromkeys((
+_CALLS = {**dict.fromkeys((*FUNCTIONS, *BITS, "negate"), 1), "where": 3, "clip": 3, **dict.fromkeys((
     "both", "either", "minimum", "maximum", "less", "less_equal", "greater", "greater_equal", "equal"), 2)}
 TEMPLATES = {**ARITHMETIC, **{name: f"lanes_{name}({', '.join(f'{{{i}}}' for i in range(count))})"
                               for name, count in _CALLS.items()}}
+
+
+def vector_elementary(tracer: Tracer) -> str:
+    """Return functions of one value with one result as ``static inline lanes lanes_<name>(lanes x)``."""
+    writer, text = _VectorWriter(tracer), []
+    for function in tracer.functions:
+        (argument,), (result,) = function.printed, function.results
+        text += [f"static inline lanes lanes_{function.name}(lanes {argument})", "{",
+                 "    const unsigned which = LANES_ALL;", "    (void)which;",
+                 *writer.block(function.block, 1), f"    return {writer.number(result)};", "}", ""]
+    return "\n".join(text)
 
 
 def vector_source(tracer: Tracer, prefix: str) -> str:
@@ -46,7 +57,7 @@ class _VectorWriter(CWriter):
         self._which = ["which"]  # the lanes that count in each block around, from the outside
 
     def literal(self, value: float | bool) -> str:
-        return f"lanes_set({super().literal(value)})"
+        return f"lanes_set({any_literal(value)})"
 
     def number(self, value: Operand) -> str:
         """Return the text of an operand as numbers: 1 where a condition holds, else 0."""

@@ -66,7 +66,7 @@ def specification(folder: Path, limit: str = "1 deg", figure: str = "static_accu
 def test_fmu_and_parameter_set_give_the_same_figures(by_fmu: Result, shipped: Result) -> None:
     there, here = dict(flat(by_fmu.outcomes)), dict(flat(shipped.outcomes))
     assert there.keys() == here.keys()
-    # The back ends take the same steps in the same order at the same times: on one C library the bits are the same.
+    # The back ends take the same steps in the same order at the same times: the bits are the same.
     different = {name for name in here if there[name] != here[name] and not (isnan(there[name]) and isnan(here[name]))}
     assert not different
     assert [j.measured for j in by_fmu.judged] == [j.measured for j in shipped.judged]

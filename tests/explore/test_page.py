@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-import platform
 import re
-import subprocess
-import sys
 from math import radians
 from pathlib import Path
 from typing import Any
@@ -19,10 +16,8 @@ from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.api import simulate
 from emcas_fmu.bench.excitation import csv_file
 from emcas_fmu.cli import app
-from emcas_fmu.compiler import Platform, zig
 from emcas_fmu.parameters import check_combinations, check_parameters, load_parameters
 from emcas_fmu.runtime.compiled import run_table
-from emcas_fmu.studies.explore import page
 from tests.hosts.host import missing
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 from tests.tools.test_every_actuator import TOGETHER
@@ -32,22 +27,6 @@ from .browser import SHOWN, Browser, written
 MODELS = (*NAMES, DIRECT_DRIVE, *TOGETHER)
 SETTING = "excitation.shape=slew&excitation.amplitude=0.15&excitation.load=-40"
 STEP = 1e-3
-
-
-def by_program(model: str, values: Any, table: np.ndarray[Any, Any], folder: Path) -> np.ndarray[Any, Any]:
-    """Return the outputs of the same C as a program of this machine, with musl's libm as the page's."""
-    compiler = zig()
-    assert compiler is not None
-    sources = {"run.c": (Path(__file__).parent / "run.c").read_text(encoding="utf-8"), **page.sources(model)}
-    machine = {"AMD64": "x86_64", "arm64": "aarch64"}.get(platform.machine(), platform.machine())
-    target = Platform("musl", "", {"musl": f"{machine}-linux-musl"}, ("-static",))
-    program = folder / "run"
-    program.write_bytes(compiler.library(sources, "run.c", target, "run"))
-    program.chmod(0o700)
-    numbers = [float(values[v.name]) for v in get(model).parameters] + table.ravel().tolist()
-    given = " ".join([str(len(table)), *(x.hex() for x in (STEP, *numbers))])
-    done = subprocess.run([program], input=given.encode(), capture_output=True, check=True)
-    return np.frombuffer(done.stdout).reshape(len(table), -1)
 
 
 def computed(browser: Browser, path: Path) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
@@ -63,12 +42,8 @@ def computed(browser: Browser, path: Path) -> tuple[np.ndarray[Any, Any], np.nda
 
 
 def check_kernel(model: str, table: np.ndarray[Any, Any], found: np.ndarray[Any, Any]) -> None:
-    """Fail unless outputs are the compiled kernel's but for last digits of the libm, which grow by the loop's gain."""
-    kernel = run_table(load_parameters(model=model).values, STEP, table, model)
-    # Measured up to 3e-11, a pump's voltage; an encoder's count or the end of a stick may fall a row later.
-    scale = np.maximum(np.max(np.abs(kernel), axis=0), 1e-300)
-    apart = np.max(np.abs(found - kernel) / scale, axis=1)
-    assert np.mean(apart < 1e-8) > 0.99
+    """Fail unless outputs are the compiled kernel's to the bit."""
+    np.testing.assert_array_equal(found, run_table(load_parameters(model=model).values, STEP, table, model))
 
 
 def test_numbers_are_the_kernel_s(browser: Browser) -> None:
@@ -77,19 +52,15 @@ def test_numbers_are_the_kernel_s(browser: Browser) -> None:
     check_kernel("nonlinear", table, found)
 
 
-@pytest.mark.slow  # zig makes its C library for a browser, and for the program beside it: a minute each, once
+@pytest.mark.slow  # zig makes its C library for a browser: a minute, once
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: Path(model).stem)
-def test_numbers_of_every_actuator_are_those_of_its_c(browser: Browser, model: str, tmp_path: Path) -> None:
-    """To the bit of the same C with the same libm."""
+def test_numbers_of_every_actuator_are_the_kernel_s(browser: Browser, model: str, tmp_path: Path) -> None:
     if importlib.util.find_spec("ziglang") is None:
         missing("there is no ziglang (pip install ziglang)")
     path = written(tmp_path, model)
     assert path.stat().st_size < 1_000_000
     table, found = computed(browser, path)
     assert np.ptp(found[:, 0]) > radians(1.0) or "homing" in model  # which begins by looking for its zero
-    if sys.platform == "linux":
-        values = load_parameters(model=model).values
-        np.testing.assert_array_equal(found, by_program(model, values, table, tmp_path))
     check_kernel(model, table, found)
 
 
@@ -316,8 +287,7 @@ def test_files_give_the_same_response_in_simulate(opened: Browser, tmp_path: Pat
     found, again = (Path(name).read_text(encoding="utf-8").splitlines() for name in ("response.csv", "again.csv"))
     assert found[0] == again[0]
     one, other = (np.array([line.split(",") for line in lines[1:]], dtype=float) for lines in (found, again))
-    # Another libm, as above; without an encoder there is no count that could fall a row later.
-    assert np.all(np.abs(one - other) <= 1e-8 * np.max(np.abs(other), axis=0))
+    np.testing.assert_array_equal(one, other)
 
 
 def test_a_csv_file_is_flown(opened: Browser, tmp_path: Path) -> None:

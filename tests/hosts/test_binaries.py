@@ -38,8 +38,7 @@ SYSTEM = re.compile(r"lib[cm]\.so\.6|kernel32\.dll|api-ms-win-crt-[a-z]+-l1-1-0\
                     re.IGNORECASE)
 # Functions of C11 that compute, compare, copy, format and allocate; none opens a file, asks for the time or ends the
 # host.
-C = {"atan", "cos", "exp", "floor", "fmin", "log", "sin", "tan",
-     "calloc", "free", "memcmp", "memcpy", "memmove", "memset", "strcmp", "strlen", "strncat", "vsnprintf"}
+C = {"floor", "fmin", "calloc", "free", "memcmp", "memcpy", "memmove", "memset", "strcmp", "strlen", "strncat", "vsnprintf"}
 # What compilers and C libraries make of these, and what the loader and a library's start need.
 FURTHER = {
     "linux": {"bcmp"},
@@ -154,7 +153,7 @@ def test_needs_only_the_system_libraries(binary: Binary) -> None:
 
 def test_imports_only_functions_of_c(binary: Binary, machine: str) -> None:
     found = imported(binary)
-    assert {"calloc", "atan"} <= found  # seen at all
+    assert "calloc" in found  # seen at all
     assert found <= C | FURTHER[machine.partition("-")[2]]
 
 

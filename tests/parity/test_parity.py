@@ -1,4 +1,4 @@
-"""The Python and the native unit are one model: FMI calls in lockstep, and the same bits on one C library."""
+"""The Python and the native unit are one model: FMI calls in lockstep, and the same bits."""
 
 from __future__ import annotations
 

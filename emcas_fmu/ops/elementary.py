@@ -1,0 +1,195 @@
+"""Elementary functions made of the four operations: the same bits on every platform, in every language and in vectors.
+
+A C library's functions differ from one to the next in their last digits. These are written once, over `ops`: floats
+evaluate them, :mod:`emcas_fmu.trace.elementary` traces each once, and the printers print it as a function of the
+language. The order of operations is the order written; short chains (Estrin's) beside each other are quicker than
+one long one (Horner's).
+
+Coefficients interpolate at Chebyshev's nodes, computed with 50 digits; what a polynomial leaves out is below 2e-17 of
+the function. Beside it every function has the rounding of its last operations, 1/2 ulp each, of which those that act
+on a smaller part count less: that is where the bounds in the docstrings are from. Tests compare with 45 digits.
+
+Nothing that is not chosen divides by zero or is invalid: hosts run with traps. NaN gives NaN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf, nan
+from typing import Protocol
+
+from .base import Ops, Value
+
+NAMES = ("exp", "log", "sin", "cos", "tan", "atan")
+
+
+class Bits(Ops, Protocol):
+    """Operations, and two more on the bits of a number."""
+
+    def power_of_two(self, k: Value) -> Value:
+        """Return 2**k of a whole number from -1022 to 1023."""
+        ...
+
+    def exponent(self, x: Value) -> Value:
+        """Return the whole number e of x = m 2**e with m from 1 to 2, of a number above 2**-1022."""
+        ...
+
+
+# Added and taken off again, it rounds a number below 2**51 to a whole one, as numbers so large have no fraction.
+_WHOLE = 1.5 * 2.0**52
+
+# The high part of ln 2 has 32 bits, those of pi/2 have 33: times a whole number below 2**20 they are exact.
+_LN2 = float.fromhex("0x1.62e42feep-1"), float.fromhex("0x1.a39ef35793c76p-33")
+_INVERSE_LN2 = float.fromhex("0x1.71547652b82fep+0")
+_HALF_PI = (float.fromhex("0x1.921fb544p+0"), float.fromhex("0x1.0b4611a6p-34"),
+            float.fromhex("0x1.3198a2e037073p-69"))
+_TWO_OVER_PI = float.fromhex("0x1.45f306dc9c883p-1")
+_QUARTER_PI = float.fromhex("0x1.921fb54442d18p-1")
+_ROOT_TWO = float.fromhex("0x1.6a09e667f3bcdp+0")
+
+# (exp(r) - 1 - r)/r^2 in r, |r| <= ln(2)/2
+_EXP = (0.5000000000000001, 0.16666666666666669, 0.041666666666623824, 0.008333333333330039, 0.0013888888917367081,
+        0.00019841269863171557, 2.4801521057868204e-05, 2.7557268276905696e-06, 2.7620201591031547e-07,
+        2.5100472505694996e-08)
+# (log((1 + s)/(1 - s))/s - 2)/z in z = s^2, 1/sqrt(2) <= (1 + s)/(1 - s) <= sqrt(2)
+_LOG = (0.666666666666667, 0.39999999999899505, 0.28571428625975487, 0.2222221113479508, 0.18182889125261723,
+        0.15331721600556042, 0.14616449685043406)
+# (sin(r)/r - 1)/z, (cos(r) - 1 + z/2)/z^2 and (tan(r)/r - 1)/z in z = r^2, |r| <= pi/4
+_SIN = (-0.16666666666666666, 0.008333333333330948, -0.00019841269836758574, 2.755731610255244e-06,
+        -2.5051131845003624e-08, 1.5918129294866608e-10)
+_COS = (0.041666666666666664, -0.0013888888888887398, 2.480158729876569e-05, -2.7557317271729777e-07,
+        2.087614626840078e-09, -1.138263242537927e-11)
+_TAN = ((0.33333333333333326, -0.020534910849743862, 0.00020078443938274115),
+        (1.0, -0.4616047325492664, 0.023339484433737852, -0.00020825506873056867))
+# (atan(t)/t - 1)/z in z = t^2, |t| <= tan(pi/8)
+_ATAN = (-0.3333333333333333, 0.1999999999999552, -0.14285714284666542, 0.11111111015256361, -0.09090904578123903,
+         0.07692183190826087, -0.06664511447381948, 0.0585814891280221, -0.0508544973794026, 0.03923165829558719,
+         -0.019176887119062257)
+_TAN_PI_8, _TAN_3_PI_8 = float.fromhex("0x1.a827999fcef32p-2"), float.fromhex("0x1.3504f333f9de6p+1")
+# pi/4 and pi/2, and what these leave out
+_PI_4, _PI_2 = ((float.fromhex(f"0x1.921fb54442d18p{e}"), float.fromhex(f"0x1.1a62633145c07p{e - 54}"))
+                for e in (-1, 0))
+
+# exp is 0 below: half a percent above where numbers lose digits. The largest has the logarithm 709.78.
+_LEAST_EXPONENT, _MOST_EXPONENT = -708.0, 709.8
+# log takes less as so much more: 2**-1000.
+_SMALL, _LARGER = 2.0**-1000, 2.0**100
+_LARGEST = float.fromhex("0x1.fffffffffffffp+1023")
+
+
+def _polynomial(x: Value, coefficients: Sequence[float]) -> Value:
+    """Return a polynomial, that of x^0 first, by Estrin's scheme: neighbours in pairs, then pairs of pairs."""
+    terms: list[Value] = list(coefficients)
+    while len(terms) > 1:
+        pairs = [low + high * x for low, high in zip(terms[::2], terms[1::2], strict=False)]
+        terms = pairs + terms[2 * len(pairs):]
+        x = x * x
+    return terms[0]
+
+
+def exp(ops: Bits, x: Value) -> Value:
+    """Return e^x: 0 below -708, infinity where that is beyond the largest number; within 1.1 ulp.
+
+    x = k ln 2 + r, e^x = 2^k e^r. The sum's last addition rounds by 1/2 ulp, that of r and what follows (less than
+    0.36) by 1/4 ulp of a result above 0.7, as does r.
+    """
+    inside = ops.clip(x, _LEAST_EXPONENT, _MOST_EXPONENT)
+    k = inside * _INVERSE_LN2 + _WHOLE - _WHOLE
+    r = inside - k * _LN2[0] - k * _LN2[1]
+    # Twice e^r and half the power of two, which is then one of those there are, up to the largest results.
+    twice = 2.0 + (2.0 * r + r * r * _polynomial(r, [2.0 * c for c in _EXP]))
+    return ops.where(x < _LEAST_EXPONENT, 0.0, twice * ops.power_of_two(k - 1.0))
+
+
+def log(ops: Bits, x: Value) -> Value:
+    """Return the natural logarithm: -infinity of 0, NaN of what is negative; within 1 ulp.
+
+    x = 2^e (1 + f) with 1 + f from 1/sqrt(2) to sqrt(2), log(1 + f) = 2 atanh(s) of s = f/(2 + f). As in Sun's
+    fdlibm the largest part of that, f, is taken last: log(1 + f) = f - (f^2/2 - s (f^2/2 + R(s^2))).
+    """
+    ordinary = ops.where(ops.both(x > 0.0, x <= _LARGEST), x, 1.0)
+    small = ordinary < _SMALL
+    scaled = ordinary * ops.where(small, _LARGER, 1.0)
+    exponent = ops.exponent(scaled)
+    mantissa = 0.5 * scaled * ops.power_of_two(1.0 - exponent)
+    upper = mantissa > _ROOT_TWO
+    f = ops.where(upper, 0.5 * mantissa, mantissa) - 1.0
+    e = exponent + ops.where(upper, 1.0, 0.0) - ops.where(small, 100.0, 0.0)
+    s = f / (2.0 + f)
+    z = s * s
+    half = 0.5 * f * f
+    result = e * _LN2[0] - (half - (s * (half + z * _polynomial(z, _LOG)) + e * _LN2[1]) - f)
+    beyond = ops.where(ops.equal(x, 0.0), -inf, ops.where(x > 0.0, inf, nan))
+    return ops.where(ops.both(x > 0.0, x <= _LARGEST), result, beyond)
+
+
+def _reduced(ops: Bits, x: Value) -> tuple[Value, Value]:
+    """Return k and r of x = k pi/2 + r.
+
+    The first difference is exact, the other two round by 1/2 ulp of r each. What pi/2 leaves out, and the rounding of
+    k times its last part, is at most 1e-32 |x| while k is below 2^20. Beyond, r is off by more and more, and at last
+    arbitrary; the limit keeps sine and cosine within 1.
+    """
+    k = x * _TWO_OVER_PI + _WHOLE - _WHOLE
+    r = x - k * _HALF_PI[0] - k * _HALF_PI[1] - k * _HALF_PI[2]
+    return k, ops.clip(r, -0.8, 0.8)
+
+
+def _sine(ops: Bits, x: Value, turned: float) -> Value:
+    """Return the sine of an angle so many quarters of a turn beyond x; of an angle within pi/4 nothing is reduced."""
+    def reduced() -> tuple[Value, ...]:
+        k, r = _reduced(ops, x)
+        quarters = k + turned if turned else k
+        quarters = quarters - 4.0 * (quarters * 0.25 + _WHOLE - _WHOLE)  # -2 to 2
+        return (r, ops.equal(ops.fabs(quarters), 1.0), ops.either(quarters < -0.5, quarters > 1.5))
+
+    r, odd, below = ops.branch(ops.fabs(x) > _QUARTER_PI, reduced, lambda: (x, bool(turned), False))
+    z = r * r
+    sine = r + r * (z * _polynomial(z, _SIN))
+    cosine = 1.0 - (0.5 * z - z * z * _polynomial(z, _COS))
+    size = ops.where(odd, cosine, sine)
+    return ops.where(below, -size, size)
+
+
+def sin(ops: Bits, x: Value) -> Value:
+    """Return the sine of an angle [rad]: within 1.6 ulp up to 1000, 2.5 ulp up to a million, and 1e-32 |x|."""
+    return _sine(ops, x, 0.0)
+
+
+def cos(ops: Bits, x: Value) -> Value:
+    """Return the cosine of an angle [rad]: within 1.6 ulp up to 1000, 2.5 ulp up to a million, and 1e-32 |x|."""
+    return _sine(ops, x, 1.0)
+
+
+def tan(ops: Bits, x: Value) -> Value:
+    """Return the tangent of an angle [rad]: within 2.5 ulp up to pi/4, 4 ulp up to a million, and 1e-32 |x|.
+
+    tan(r) = r + a/b with a = r z P(z), b = Q(z), z = r^2; a quarter of a turn on it is -b/(r b + a): one division.
+    """
+    def reduced() -> tuple[Value, ...]:
+        k, r = _reduced(ops, x)
+        return r, ops.fabs(k - 2.0 * (k * 0.5 + _WHOLE - _WHOLE)) > 0.5
+
+    r, odd = ops.branch(ops.fabs(x) > _QUARTER_PI, reduced, lambda: (x, False))
+    z = r * r
+    above, below = (_polynomial(z, coefficients) for coefficients in _TAN)
+    a = r * (z * above)
+    quotient = ops.where(odd, -below, a) / ops.where(odd, r * below + a, below)
+    return ops.where(odd, quotient, r + quotient)
+
+
+def atan(ops: Bits, x: Value) -> Value:
+    """Return the angle [rad] of a tangent; within 1.8 ulp.
+
+    Beyond tan(pi/8) and tan(3 pi/8) it is pi/4 or pi/2 more than the angle of (x - 1)/(x + 1) or -1/x.
+    """
+    def reduced() -> tuple[Value, ...]:
+        size, side = ops.fabs(x), ops.where(x < 0.0, -1.0, 1.0)
+        steep = size > _TAN_3_PI_8
+        t = ops.where(steep, -1.0, size - 1.0) / ops.where(steep, size, size + 1.0)
+        high, low = (ops.where(steep, half, quarter) for half, quarter in zip(_PI_2, _PI_4, strict=True))
+        return side * t, side * high, side * low
+
+    t, high, low = ops.branch(ops.fabs(x) > _TAN_PI_8, reduced, lambda: (x, 0.0, 0.0))
+    z = t * t
+    return high + (t + (low + t * z * _polynomial(z, _ATAN)))
