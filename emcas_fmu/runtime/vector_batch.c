@@ -136,7 +136,15 @@ static void keep(const group_state *s, group_state *to, size_t line)
 {
     int32_t partial = 0;
     for (int l = 0; l < LANES; ++l) partial |= s->partial[l];
-    memcpy(to, s, partial ? offsetof(group_state, line) : offsetof(group_state, origin));
+    if (partial) memcpy(to, s, offsetof(group_state, period));
+    memcpy(to->period, s->period, sizeof s->period);
+    memcpy(to->position, s->position, sizeof s->position);
+    memcpy(to->partial, s->partial, sizeof s->partial);
+    enum { HOT = (offsetof(group_state, line) - offsetof(group_state, sampled)) / sizeof(lanes) };
+    const lanes *from = s->sampled;
+    lanes *copy = to->sampled;
+#pragma GCC unroll 32
+    for (int i = 0; i < HOT; ++i) copy[i] = from[i];
     for (size_t i = 0; i < line; ++i) to->line[i] = s->line[i];
 }
 
@@ -161,26 +169,54 @@ static void move(const group_step *g, group_state *s, unsigned which, const grou
     }
 }
 
-/* A group's inputs from `columns` of the interface's inputs, each a value for each actuator or, where `stride` is 0, one
- * for all. */
-static void gather(group *at, const size_t *actuator, const double *const *columns, const size_t *stride,
-                   group_inputs *in)
-{
+/* Columns of the interface's inputs, of a run: a value for each actuator, `stride` apart, or, where that is 0, one for all.
+ * `row` has the latter; `varying` lists the others. The motion that is one for all has a number above 0. */
+typedef struct {
+    const double *const *columns;
+    const size_t *stride;
     lanes row[MODEL_INPUTS];
-    const bool beside = actuator[LANES - 1] == actuator[0] + LANES - 1;
+    int varying[MODEL_INPUTS], count;
+    uint64_t shared;
+} input_columns;
+
+static input_columns opened(const double *const *columns, const size_t *stride, uint64_t motion)
+{
+    input_columns c = {.columns = columns, .stride = stride, .shared = motion};
     for (int i = 0; i < MODEL_INPUTS; ++i) {
-        if (stride[i] == 0) row[i] = lanes_set(*columns[i]);
-        else if (stride[i] == 1 && beside) row[i] = lanes_load(columns[i] + actuator[0]);
+        if (stride[i]) {
+            c.varying[c.count++] = i;
+            if (i >= INPUT_ACCELERATION_X && i < INPUT_ACCELERATION_X + MODEL_MOTION) c.shared = 0;
+        } else {
+            c.row[i] = lanes_set(*columns[i]);
+        }
+    }
+    return c;
+}
+
+/* What the vehicle's motion makes of a group, anew if it has changed. */
+static void carry(group *at, const input_columns *c)
+{
+    const lanes *motion = c->row + INPUT_ACCELERATION_X;
+    if (c->shared && at->shared == c->shared) return;
+    lanes_mask same = lanes_of_bits(at->shared ? 0 : LANES_ALL);
+    for (int i = 0; i < MODEL_MOTION; ++i) same = lanes_both(same, lanes_equal(at->motion[i], motion[i]));
+    at->shared = c->shared;
+    if (lanes_bits(same) == LANES_ALL) return;
+    memcpy(at->motion, motion, sizeof at->motion);
+    vector_carried(LANES_ALL, at->of->parameters, at->of->constants, MODEL_MOTION_OF(motion), at->carried);
+}
+
+/* A group's inputs. */
+static void gather(group *at, const size_t *actuator, bool beside, input_columns *c, group_inputs *in)
+{
+    lanes *row = c->row;
+    for (int k = 0; k < c->count; ++k) {
+        const int i = c->varying[k];
+        if (beside && c->stride[i] == 1) row[i] = lanes_load(c->columns[i] + actuator[0]);
         else
-            for (int l = 0; l < LANES; ++l) *group_at(&row[i], l) = columns[i][actuator[l] * stride[i]];
+            for (int l = 0; l < LANES; ++l) *group_at(&row[i], l) = c->columns[i][actuator[l] * c->stride[i]];
     }
-    lanes_mask same = lanes_of_bits(LANES_ALL);
-    for (int i = 0; i < MODEL_MOTION; ++i)
-        same = lanes_both(same, lanes_equal(at->motion[i], row[INPUT_ACCELERATION_X + i]));
-    if (lanes_any(lanes_negate(same))) {
-        memcpy(at->motion, row + INPUT_ACCELERATION_X, sizeof at->motion);
-        vector_carried(lanes_bits(lanes_negate(same)), at->of->parameters, at->of->constants, MODEL_MOTION_OF(at->motion), at->carried);
-    }
+    carry(at, c);
     in->command = row[INPUT_FIN_COMMAND];
     in->loads[0] = row[INPUT_AERO_TORQUE];
     for (int i = 0; i < CORE_CARRIED; ++i) in->loads[i + 1] = at->carried[i];
@@ -193,28 +229,40 @@ static void gather(group *at, const size_t *actuator, const double *const *colum
     in->further[CORE_FURTHER] = lanes_set(0.0);
 }
 
+/* Have what a step of a group needs on its way from memory. */
+static void expect(const group *at, size_t bytes)
+{
+    const char *here = (const char *)&at->state.period, *end = (const char *)at + bytes;
+    for (; here < end; here += 64) __builtin_prefetch(here);
+}
+
 /* Groups first to last - 1 of `bytes` each, to `end` [s]; the actuator of each lane in `order`, one repeated where a
- * group is not full. Gives how many did not get there. */
+ * group is not full. `motion` is the number of the vehicle's motion if all have the same: as before, or another. Gives
+ * how many did not get there. */
 API size_t batch_run(char *groups, size_t bytes, size_t first, size_t last, size_t count, const size_t *order, double end,
-                     const double *const *columns, const size_t *stride, double *out, size_t out_stride, int *result)
+                     const double *const *columns, const size_t *stride, uint64_t motion, double *out,
+                     size_t out_stride, int *result)
 {
     size_t failed = 0;
     group_step g = {.p = NULL};
+    input_columns inputs = opened(columns, stride, motion);
     for (size_t k = first; k < last; ++k) {
         group *at = (group *)(groups + k * bytes);
+        if (k + 1 < last) expect((const group *)(groups + (k + 1) * bytes), bytes);
         const size_t *actuator = order + k * LANES;
         const size_t full = count - k * LANES < LANES ? count - k * LANES : LANES;
+        const bool beside = actuator[LANES - 1] == actuator[0] + LANES - 1;
         lanes outputs[MODEL_OUTPUTS];
         group_inputs in;
         int results[LANES];
-        gather(at, actuator, columns, stride, &in);
+        gather(at, actuator, beside, &inputs, &in);
         if (at->of->parameters != g.p) g = prepared(at->of, end);
         move(&g, &at->state, LANES_ALL, &in, outputs, results);
-        if (full == LANES && actuator[LANES - 1] == actuator[0] + LANES - 1 && 1) {
-            for (int i = 0; i < MODEL_OUTPUTS; ++i) lanes_store(out + i * out_stride + actuator[0], outputs[i]);
-        } else {
-            for (int i = 0; i < MODEL_OUTPUTS; ++i)
-                for (size_t l = 0; l < full; ++l) out[i * out_stride + actuator[l]] = *group_at(&outputs[i], (int)l);
+        for (int i = 0; i < MODEL_OUTPUTS; ++i) {
+            double *column = out + (size_t)i * out_stride;
+            if (beside) lanes_store(column + actuator[0], outputs[i]);
+            else
+                for (size_t l = 0; l < full; ++l) column[actuator[l]] = *group_at(&outputs[i], (int)l);
         }
         for (size_t l = 0; l < full; ++l) {
             result[actuator[l]] = results[l];

@@ -26,19 +26,22 @@ typedef struct {
     lanes parameters[MODEL_PARAMETERS], constants[KERNEL_CONSTANTS];
 } group_parameters;
 
-/* A lane's time is `period`, `position` and `partial`, as in core_state. */
+/* What is needed at every step stands together, at the end; a core_part, which is not, first. A lane's time is `period`,
+ * `position` and `partial`, as in core_state. */
 typedef struct {
+    lanes origin, covered, loads[CORE_LOADS];
+    group_inputs first;
     int64_t period[LANES];
     int32_t position[LANES], partial[LANES];
     lanes sampled[CORE_SAMPLED], active;
     group_plant plant, tentative;
-    lanes origin, covered, loads[CORE_LOADS]; /* of a core_part */
-    group_inputs first;
     lanes line[CORE_LINE];
 } group_state;
 
+/* `carried` is of `motion`, or of the motion with the number `shared` that all groups have in common. */
 typedef struct {
     const group_parameters *of;
+    uint64_t shared;
     lanes motion[MODEL_MOTION], carried[CORE_CARRIED];
     group_state state; /* its line as long as the longest that is needed */
 } group;
@@ -73,11 +76,12 @@ static inline unsigned group_together(const group_state *s, int lane)
     return together;
 }
 
-/* x - x is 0, or no number where x is infinite or none; four sums, so that none waits for another. */
-static inline lanes group_unsound(const lanes *x, size_t count)
+/* A sum, which is no number or infinite where one of its terms is; in four parts, so that none waits for another. */
+static inline lanes group_sum(const lanes *x, int count)
 {
     lanes sum[4] = {lanes_set(0.0), lanes_set(0.0), lanes_set(0.0), lanes_set(0.0)};
-    for (size_t i = 0; i < count; ++i) sum[i % 4] = sum[i % 4] + (x[i] - x[i]);
+#pragma GCC unroll 32
+    for (int i = 0; i < count; ++i) sum[i % 4] = sum[i % 4] + x[i];
     return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }
 
@@ -233,9 +237,9 @@ static inline lanes_mask group_move(const group_step *g, unsigned which, group_s
         s->partial[l] = s->partial[0];
     }
     group_outputs(g, moving, s, in, out);
-    const lanes unsound = (group_unsound(s->sampled, CORE_SAMPLED) + group_unsound(s->tentative.x, CORE_PLANT))
-                          + group_unsound(out, MODEL_OUTPUTS);
-    return lanes_both(moving, lanes_equal(unsound, lanes_set(0.0)));
+    const lanes sum = (group_sum(s->sampled, CORE_SAMPLED) + group_sum(s->tentative.x, CORE_PLANT))
+                      + group_sum(out, MODEL_OUTPUTS);
+    return lanes_both(moving, lanes_equal(sum - sum, lanes_set(0.0)));
 }
 
 #endif
