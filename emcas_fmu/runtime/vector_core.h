@@ -21,9 +21,11 @@ typedef struct {
     lanes period, before, after, arrival, h_before, h_after, samples, late_commands, slack;
 } group_schedule;
 
-/* Parameters of LANES actuators, and what follows from them. */
+/* Parameters of LANES actuators, and behind them what follows from these. */
+enum { GROUP_VALUES = MODEL_PARAMETERS + KERNEL_CONSTANTS };
+
 typedef struct {
-    lanes parameters[MODEL_PARAMETERS], constants[KERNEL_CONSTANTS];
+    lanes values[GROUP_VALUES];
 } group_parameters;
 
 /* What is needed at every step stands together, at the end; a core_part, which is not, first. A lane's time is `period`,
@@ -38,10 +40,9 @@ typedef struct {
     lanes line[CORE_LINE];
 } group_state;
 
-/* `carried` is of `motion`, or of the motion with the number `shared` that all groups have in common. */
+/* `carried` is of `motion`: where that is all groups', of the one with this number. */
 typedef struct {
-    const group_parameters *of;
-    uint64_t shared;
+    uint64_t common_motion;
     lanes motion[MODEL_MOTION], carried[CORE_CARRIED];
     group_state state; /* its line as long as the longest that is needed */
 } group;
@@ -53,7 +54,8 @@ typedef struct {
     double end;
     lanes at[3]; /* period, position and rest of `end` */
     int32_t before, ticks;
-    size_t values, late; /* of the line */
+    size_t values, late, line; /* of the line: DAC's values, commands, the longest of all lanes */
+    unsigned together;         /* lanes whose schedules are alike */
 } group_step;
 
 static inline lanes group_lane(const lanes *x, int lane)
@@ -85,11 +87,11 @@ static inline lanes group_sum(const lanes *x, int count)
     return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }
 
-static inline void group_outputs(const group_step *g, lanes_mask which, const group_state *s, const group_inputs *in,
+static inline void group_outputs(const group_step *g, unsigned which, const group_state *s, const group_inputs *in,
                                  lanes *out)
 {
     const group_plant *x = &s->tentative;
-    vector_outputs(lanes_bits(which), g->p, g->c, CORE_PLANT_OF(x), s->active, s->line[g->values - 1], CORE_SHOWN_OF(s)
+    vector_outputs(which, g->p, g->c, CORE_PLANT_OF(x), s->active, s->line[g->values - 1], CORE_SHOWN_OF(s)
                    CORE_HELD_OF(s), in->command CORE_LOADS_OF(in), in->supply, in->enable CORE_ACTING_OF(in), out);
 }
 
@@ -236,7 +238,7 @@ static inline lanes_mask group_move(const group_step *g, unsigned which, group_s
         s->position[l] = there;
         s->partial[l] = s->partial[0];
     }
-    group_outputs(g, moving, s, in, out);
+    group_outputs(g, lanes_bits(moving), s, in, out);
     const lanes sum = (group_sum(s->sampled, CORE_SAMPLED) + group_sum(s->tentative.x, CORE_PLANT))
                       + group_sum(out, MODEL_OUTPUTS);
     return lanes_both(moving, lanes_equal(sum - sum, lanes_set(0.0)));
