@@ -85,16 +85,31 @@ static void row(actuator *a, const double *in, core_inputs *out)
     core_inputs_of(in, a->carried, out);
 }
 
-/* `count` actuators, each to `end` [s] with its own row of the interface's inputs and outputs.
- * A result for each; gives how many did not get there. */
-API size_t actuators_run(actuator *a, size_t count, double end, const double *in, double *out, int *result)
+/* How many actuators the processor's vectors hold, of those that vectors.c is compiled for. */
+API int actuator_lanes(void)
+{
+#if defined __x86_64__
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq")) return 8;
+    if (__builtin_cpu_supports("avx2")) return 4;
+#endif
+    return 1;
+}
+
+/* Move actuators first to last - 1 on to `end` [s], with the interface's inputs held: columns of a value for each
+ * actuator, `stride` [doubles] apart, 0 where it is one for all. An output's column begins `out_stride` [doubles] behind
+ * the one before. A result for each; gives how many did not get there. */
+API size_t actuators_run(actuator *a, size_t first, size_t last, double end, const double *const *columns,
+                         const size_t *stride, double *out, size_t out_stride, int *result)
 {
     size_t failed = 0;
-    for (size_t i = 0; i < count; ++i) {
+    for (size_t k = first; k < last; ++k) {
+        double in[MODEL_INPUTS], now[MODEL_OUTPUTS];
         core_inputs inputs;
-        row(a + i, in + i * MODEL_INPUTS, &inputs);
-        result[i] = core_run(a[i].parameters, a[i].constants, &a[i].state, end, &inputs, NULL, out + i * MODEL_OUTPUTS);
-        failed += result[i] != CORE_DONE;
+        for (size_t i = 0; i < MODEL_INPUTS; ++i) in[i] = columns[i][k * stride[i]];
+        row(a + k, in, &inputs);
+        result[k] = core_run(a[k].parameters, a[k].constants, &a[k].state, end, &inputs, NULL, now);
+        failed += result[k] != CORE_DONE;
+        for (size_t i = 0; result[k] == CORE_DONE && i < MODEL_OUTPUTS; ++i) out[i * out_stride + k] = now[i];
     }
     return failed;
 }

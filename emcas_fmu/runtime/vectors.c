@@ -38,20 +38,25 @@ API size_t batch_group_size(size_t line)
     return offsetof(group, state.line) + line * sizeof(lanes);
 }
 
-/* The values and schedules of actuators with `parameters`, `apart` [doubles] from one to the next. Gives how many there
- * are before one whose parameters are no set to compute with. */
+/* The values and schedules of actuators with `parameters`, `apart` [doubles] from one to the next. The schedule of those
+ * whose parameters are no set to compute with is no number; gives how many these are. */
 API size_t batch_prepare(size_t count, const double *parameters, size_t apart, double *values, double *schedules)
 {
+    size_t refused = 0;
     for (size_t i = 0; i < count; ++i) {
         const double *p = parameters + i * apart;
         double *to = values + i * GROUP_VALUES;
-        if (!rules_hold(p)) return i;
-        memcpy(to, p, MODEL_PARAMETERS * sizeof *p);
-        kernel_prepare(p, to + MODEL_PARAMETERS);
-        const core_schedule plan = core_scheduled(p, to + MODEL_PARAMETERS);
+        core_schedule plan = {.period = NAN};
+        if (rules_hold(p)) {
+            memcpy(to, p, MODEL_PARAMETERS * sizeof *p);
+            kernel_prepare(p, to + MODEL_PARAMETERS);
+            plan = core_scheduled(p, to + MODEL_PARAMETERS);
+        } else {
+            ++refused;
+        }
         memcpy(schedules + i * PLAN, &plan, sizeof plan);
     }
-    return count;
+    return refused;
 }
 
 /* Where a group is to go. Lanes whose schedule has other numbers of ticks or samples are not `together` with lane 0. */
@@ -288,15 +293,18 @@ API size_t batch_run(const batch *b, size_t first, size_t last, double end, cons
         carry(at, &g, row + INPUT_ACCELERATION_X, motion);
         inputs_of(at, row, &in);
         move(&g, &at->state, LANES_ALL, &in, outputs, results);
-        for (int i = 0; i < MODEL_OUTPUTS; ++i) {
-            double *column = out + (size_t)i * out_stride;
-            if (beside) lanes_store(column + actuator[0], outputs[i]);
-            else
-                for (size_t l = 0; l < full; ++l) column[actuator[l]] = *group_at(&outputs[i], (int)l);
-        }
+        size_t stopped = 0;
         for (size_t l = 0; l < full; ++l) {
             result[actuator[l]] = results[l];
-            failed += results[l] != CORE_DONE;
+            stopped += results[l] != CORE_DONE;
+        }
+        failed += stopped;
+        for (int i = 0; i < MODEL_OUTPUTS; ++i) {
+            double *column = out + (size_t)i * out_stride;
+            if (beside && !stopped) lanes_store(column + actuator[0], outputs[i]);
+            else
+                for (size_t l = 0; l < full; ++l)
+                    if (results[l] == CORE_DONE) column[actuator[l]] = *group_at(&outputs[i], (int)l);
         }
     }
     return failed;
