@@ -77,7 +77,7 @@ _SMALL, _LARGER = 2.0**-1000, 2.0**100
 _LARGEST = float.fromhex("0x1.fffffffffffffp+1023")
 
 
-def _polynomial(x: Value, coefficients: Sequence[float]) -> Value:
+def polynomial(x: Value, coefficients: Sequence[Value]) -> Value:
     """Return a polynomial, that of x^0 first, by Estrin's scheme: neighbours in pairs, then pairs of pairs."""
     terms: list[Value] = list(coefficients)
     while len(terms) > 1:
@@ -97,7 +97,7 @@ def exp(ops: Bits, x: Value) -> Value:
     k = inside * _INVERSE_LN2 + _WHOLE - _WHOLE
     r = inside - k * _LN2[0] - k * _LN2[1]
     # Twice e^r and half the power of two, which is then one of those there are, up to the largest results.
-    twice = 2.0 + (2.0 * r + r * r * _polynomial(r, [2.0 * c for c in _EXP]))
+    twice = 2.0 + (2.0 * r + r * r * polynomial(r, [2.0 * c for c in _EXP]))
     return ops.where(x < _LEAST_EXPONENT, 0.0, twice * ops.power_of_two(k - 1.0))
 
 
@@ -118,7 +118,7 @@ def log(ops: Bits, x: Value) -> Value:
     s = f / (2.0 + f)
     z = s * s
     half = 0.5 * f * f
-    result = e * _LN2[0] - (half - (s * (half + z * _polynomial(z, _LOG)) + e * _LN2[1]) - f)
+    result = e * _LN2[0] - (half - (s * (half + z * polynomial(z, _LOG)) + e * _LN2[1]) - f)
     beyond = ops.where(ops.equal(x, 0.0), -inf, ops.where(x > 0.0, inf, nan))
     return ops.where(ops.both(x > 0.0, x <= _LARGEST), result, beyond)
 
@@ -145,8 +145,8 @@ def _sine(ops: Bits, x: Value, turned: float) -> Value:
 
     r, odd, below = ops.branch(ops.fabs(x) > _QUARTER_PI, reduced, lambda: (x, bool(turned), False))
     z = r * r
-    sine = r + r * (z * _polynomial(z, _SIN))
-    cosine = 1.0 - (0.5 * z - z * z * _polynomial(z, _COS))
+    sine = r + r * (z * polynomial(z, _SIN))
+    cosine = 1.0 - (0.5 * z - z * z * polynomial(z, _COS))
     size = ops.where(odd, cosine, sine)
     return ops.where(below, -size, size)
 
@@ -172,7 +172,7 @@ def tan(ops: Bits, x: Value) -> Value:
 
     r, odd = ops.branch(ops.fabs(x) > _QUARTER_PI, reduced, lambda: (x, False))
     z = r * r
-    above, below = (_polynomial(z, coefficients) for coefficients in _TAN)
+    above, below = (polynomial(z, coefficients) for coefficients in _TAN)
     a = r * (z * above)
     quotient = ops.where(odd, -below, a) / ops.where(odd, r * below + a, below)
     return ops.where(odd, quotient, r + quotient)
@@ -190,6 +190,8 @@ def atan(ops: Bits, x: Value) -> Value:
         high, low = (ops.where(steep, half, quarter) for half, quarter in zip(_PI_2, _PI_4, strict=True))
         return side * t, side * high, side * low
 
-    t, high, low = ops.branch(ops.fabs(x) > _TAN_PI_8, reduced, lambda: (x, 0.0, 0.0))
+    reduces = ops.fabs(x) > _TAN_PI_8
+    t, high, low = ops.branch(reduces, reduced, lambda: (x, 0.0, 0.0))
     z = t * t
-    return high + (t + (low + t * z * _polynomial(z, _ATAN)))
+    bent = t * z * polynomial(z, _ATAN)
+    return ops.branch(reduces, lambda: (high + (t + (low + bent)),), lambda: (t + bent,))[0]

@@ -22,6 +22,7 @@ from math import radians
 from typing import Any
 
 from ..ops.base import Ops, Value
+from ..ops.elementary import polynomial
 
 _LEAST = 1e-12  # N.m, bristles of less are none: they slip at once
 POLYNOMIAL_SPAN = radians(20.0)  # the polynomials' variable is fin_angle / POLYNOMIAL_SPAN
@@ -38,11 +39,8 @@ def _temperature_factor(ops: Ops, p: Any, ratios: Sequence[Value]) -> Value:
 
 def coulomb_polynomial(coefficients: Any, fin: Value) -> Value:
     """Return the polynomial [N.m] of one direction at a fin angle [rad], as fitted: it may leave the positive."""
-    z = fin / POLYNOMIAL_SPAN
-    value = coefficients[6]
-    for coefficient in reversed(coefficients[:6]):
-        value = value * z + coefficient
-    return value
+    # Coefficients of the angle itself follow from parameters alone.
+    return polynomial(fin, [c * (1.0 / POLYNOMIAL_SPAN**n) for n, c in enumerate(coefficients)])
 
 
 def coulomb_reference(ops: Ops, coefficients: Any, fin: Value) -> Value:
