@@ -61,13 +61,14 @@ def coefficients(ops: Ops, p: Any, motor_angle: Value, u: Any = loads.NONE) -> M
     """Return the equation's coefficients at a motor angle [rad] under the loads.LOADS that `u` has."""
     tangent = kinematics.lever_tangent(ops, p, motor_angle)
     ratio = kinematics.reduction_ratio(ops, p, tangent)
-    reflected = fin_inertia(p) / (ratio * ratio)
+    inverse = 1.0 / ratio  # one division for all: they take long
+    reflected = fin_inertia(p) * (inverse * inverse)
     moment, rotor = external_moment(ops, p, tangent, u), rotor_torque(p, u)
     return Mechanics(
         inertia=screw_inertia(p) + reflected,
-        load=moment / ratio + p.screw.lead * loads.nut_force(ops, p, u) + rotor,
+        load=moment * inverse + p.screw.lead * loads.nut_force(ops, p, u) + rotor,
         rotor=rotor,
-        centrifugal=0.0 if p.structure.constant_ratio else 2.0 * tangent * reflected / ratio,
+        centrifugal=0.0 if p.structure.constant_ratio else 2.0 * tangent * reflected * inverse,
         ratio=ratio,
         fin=kinematics.fin_angle(ops, p, tangent),
     )
@@ -75,9 +76,10 @@ def coefficients(ops: Ops, p: Any, motor_angle: Value, u: Any = loads.NONE) -> M
 
 def breakaway(ops: Ops, p: Any, m: Mechanics, direction: Value, speed: Value = 0.0) -> Value:
     """Return T_c/R [N.m], dry friction at the motor for motion along `direction`, at a motor speed [rad/s]."""
-    return friction.coulomb(ops, p, direction, m.fin, speed) + p.friction.fin_coulomb / m.ratio
+    return friction.coulomb(ops, p, direction, m.fin, speed) + p.friction.fin_coulomb * (1.0 / m.ratio)
 
 
 def damping(ops: Ops, p: Any, m: Mechanics, direction: Value) -> Value:
     """Return viscous coefficient [N.m.s/rad] at the motor, that of the hinge included (2.17)."""
-    return friction.viscous(ops, p, direction) + p.friction.fin_viscous / (m.ratio * m.ratio)
+    inverse = 1.0 / m.ratio
+    return friction.viscous(ops, p, direction) + p.friction.fin_viscous * (inverse * inverse)

@@ -221,8 +221,9 @@ def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: Drive, h: Valu
     Mean speed and mean integral are linear in the final current, which is therefore
     found without iteration. A disabled drive's bridge is open: no current.
     """
-    half_step = 0.5 * h
-    drift = s.speed + half_step * motion.torque / motion.inertia  # mean speed if there were no current
+    # Torque and source are known last: the inverses of what they are divided by do not wait for them.
+    half_step, per_torque = 0.5 * h, 1.0 / motion.inertia
+    drift = s.speed + half_step * per_torque * motion.torque  # mean speed if there were no current
 
     def flowing() -> tuple[Value, ...]:
         decay = ops.exp(-h / d.tau)
@@ -230,12 +231,12 @@ def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: Drive, h: Valu
         gone = 1.0 - kept
         lag = d.tau * gone  # its share in the mean speed, times its torque over the inertia
         half = half_step * d.integral_gain
-        gain = ops.where(ops.equal(motion.direction, 0.0), 0.0, p.motor.torque_constant / motion.inertia)
+        gain = ops.where(ops.equal(motion.direction, 0.0), 0.0, p.motor.torque_constant * per_torque)
         speed_at_zero = drift + gain * lag * s.current
         speed_slope = gain * (half_step - lag)
         at_rest = d.source + half * (d.i_ref - kept * s.current) - drive.back_emf(
             p, ops.where(ops.equal(motion.direction, 0.0), 0.0, speed_at_zero))
-        final = at_rest / (d.loop + half * gone + drive.back_emf(p, speed_slope))
+        final = at_rest * (1.0 / (d.loop + half * gone + drive.back_emf(p, speed_slope)))
         mean = final * gone + s.current * kept
         return final, mean, final + (s.current - final) * decay, speed_at_zero + speed_slope * final
 
@@ -275,7 +276,7 @@ def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at: V
     c = current_course(ops, p, s, motion, d, h)
 
     def sliding() -> tuple[Value, ...]:
-        speed = s.speed + h * (drive.torque(p, c.mean) + motion.torque) / motion.inertia
+        speed = s.speed + h * (1.0 / motion.inertia) * (drive.torque(p, c.mean) + motion.torque)
         angle = s.angle + h * c.speed
         if heading:
             return angle, speed
