@@ -28,6 +28,7 @@ _BAND = 1e-6
 # the time constant that makes of the winding's inductance; and at least this share of the longest tick.
 _RESOLVED, _SHORTEST = 0.1, 0.03
 # A time constant that is a smaller share of a step: the current has long settled on a course of its own with the speed.
+# A limit that is met within it: by a supply of microvolts, in ever shorter steps that would not end.
 _SETTLED = 1.0 / 16.0
 _TINY = 1e-300
 
@@ -365,7 +366,8 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
     """Return when the demanded voltage crosses the limit [s], `h` if it does not; `part` gives a shorter step.
 
     Where the current settles in much less than the step, it follows the speed to the limit: what its course meets at
-    once, with the back-EMF of mid-step, it may meet much later. A secant from there to the step's end gives when.
+    once, with the back-EMF of mid-step, it may meet much later, as may a current that is little by then. A secant from
+    there to the step's end gives when.
     """
     if p.structure.current == "pwm":
         return h
@@ -402,7 +404,7 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
         return (ops.where(left > 0.0, ops.clip(zero_between(ops, time, left, h, reserve(step.end)), time, h), time),)
 
     met = ops.either(*crossing)
-    (time,) = ops.branch(ops.both(met, d.tau < _SETTLED * h), later, lambda: (time,))
+    (time,) = ops.branch(ops.both(met, ops.minimum(d.tau, time) < _SETTLED * h), later, lambda: (time,))
     return ops.where(met, time, h)
 
 
