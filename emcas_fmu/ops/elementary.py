@@ -190,6 +190,8 @@ def atan(ops: Bits, x: Value) -> Value:
         high, low = (ops.where(steep, half, quarter) for half, quarter in zip(_PI_2, _PI_4, strict=True))
         return side * t, side * high, side * low
 
-    t, high, low = ops.branch(ops.fabs(x) > _TAN_PI_8, reduced, lambda: (x, 0.0, 0.0))
+    reduces = ops.fabs(x) > _TAN_PI_8
+    t, high, low = ops.branch(reduces, reduced, lambda: (x, 0.0, 0.0))
     z = t * t
-    return high + (t + (low + t * z * polynomial(z, _ATAN)))
+    bent = t * z * polynomial(z, _ATAN)
+    return ops.branch(reduces, lambda: (high + (t + (low + bent)),), lambda: (t + bent,))[0]

@@ -39,8 +39,8 @@ def _temperature_factor(ops: Ops, p: Any, ratios: Sequence[Value]) -> Value:
 
 def coulomb_polynomial(coefficients: Any, fin: Value) -> Value:
     """Return the polynomial [N.m] of one direction at a fin angle [rad], as fitted: it may leave the positive."""
-    z = fin * (1.0 / POLYNOMIAL_SPAN)
-    return polynomial(z, coefficients)
+    # Coefficients of the angle itself follow from parameters alone.
+    return polynomial(fin, [c * (1.0 / POLYNOMIAL_SPAN**n) for n, c in enumerate(coefficients)])
 
 
 def coulomb_reference(ops: Ops, coefficients: Any, fin: Value) -> Value:

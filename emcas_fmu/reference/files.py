@@ -41,7 +41,7 @@ Simulate = Callable[[Mapping[str, Value], Mapping[str, Array]], Mapping[str, Arr
 _RELATIVE = 1e-6
 # How far a recomputed response may lie from the stored one.  Both carry the integration error: tightening
 # rtol tenfold moves no case by more than 1e-10 of a variable's range.  Storing nine digits adds half a unit
-# in the ninth, at most 5e-9 of the range.  What is left is room for another libm under the integration, yet a hundred times less
+# in the ninth, at most 5e-9 of the range.  What is left is room for another libm, yet a hundred times less
 # than what one encoder count taken the other way does (1e-6 rad, 0.3 A), so that a flipped count is seen.
 TOLERANCES = {
     "fin_angle": 1e-8,  # rad, of 0.4

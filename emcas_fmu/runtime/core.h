@@ -15,8 +15,10 @@
 #include "kernel.h"
 #include "model.h"
 
+/* The states that steps move and, behind them, the time that the last step took: kernel_step writes it all in place. A
+ * copy would be read in wider words than it was just written in, which makes a processor wait. */
 typedef struct {
-    double x[CORE_PLANT];
+    double x[CORE_PLANT + 1];
 } core_plant;
 
 /* Command, loads (aero_torque and what the vehicle's motion makes, with a mean over a tick), what acts through limits,
@@ -103,7 +105,7 @@ static inline void core_start(const double *p, const double *c, core_state *s)
     double out[CORE_PLANT + CORE_SAMPLED - 1];
     kernel_initial(p, c, out);
     memset(s, 0, sizeof *s);
-    memcpy(s->plant.x, out, sizeof s->plant.x);
+    memcpy(s->plant.x, out, CORE_PLANT * sizeof *out);
     s->tentative = s->plant;
     for (size_t i = 0; i < limited; ++i) s->sampled[i] = out[CORE_PLANT + i];
     for (size_t i = limited + 1; i < CORE_SAMPLED; ++i) s->sampled[i] = out[CORE_PLANT + i - 1];
@@ -130,12 +132,17 @@ static inline void core_inputs_of(const double *in, const double *carried, core_
     out->further[CORE_FURTHER] = 0.0;
 }
 
+static inline void core_outputs_of(const double *p, const double *c, const core_state *s, const core_plant *x,
+                                   const core_schedule *plan, const core_inputs *in, double *out)
+{
+    kernel_outputs(p, c, CORE_PLANT_OF(x), s->active, s->line[core_values(plan) - 1], CORE_SHOWN_OF(s) CORE_HELD_OF(s),
+                   in->command CORE_LOADS_OF(in), in->supply, in->enable CORE_ACTING_OF(in), out);
+}
+
 static inline void core_outputs(const double *p, const double *c, const core_state *s, const core_schedule *plan,
                                 const core_inputs *in, double *out)
 {
-    const core_plant *x = &s->tentative;
-    kernel_outputs(p, c, CORE_PLANT_OF(x), s->active, s->line[core_values(plan) - 1], CORE_SHOWN_OF(s) CORE_HELD_OF(s),
-                   in->command CORE_LOADS_OF(in), in->supply, in->enable CORE_ACTING_OF(in), out);
+    core_outputs_of(p, c, s, &s->tentative, plan, in, out);
 }
 
 /* The inputs at a time of a ramp, put into `then`; `ramp` may be null: held, those that were given. */
@@ -157,12 +164,10 @@ static inline bool core_finish(const double *p, const double *c, const core_stat
 {
     if (left <= 0.0) return true;
     for (int i = 0; i < CORE_MOST_EVENTS; ++i) {
-        double out[CORE_PLANT + 1];
         kernel_step(p, c, CORE_PLANT_OF(x) CORE_HELD_OF(s), s->active CORE_LOADS_OF(in), in->supply, in->enable
-                    CORE_ACTING_OF(in), left, out);
-        memcpy(x->x, out, sizeof x->x);
-        if (out[CORE_PLANT] >= left) return true;
-        left -= out[CORE_PLANT];
+                    CORE_ACTING_OF(in), left, x->x);
+        if (x->x[CORE_PLANT] >= left) return true;
+        left -= x->x[CORE_PLANT];
     }
     return false;
 }
@@ -263,8 +268,9 @@ static inline core_result core_move(const double *p, const double *c, core_state
                                     double end, const core_inputs *in, const core_ramp *ramp, double *out)
 {
     const int32_t ticks = (int32_t)(plan->before + plan->after);
-    double at[3];
-    kernel_locate(p, c, end, at);
+    double at[3] = {(double)(s->period + 1), 0.0, 0.0}; /* most hosts step from sample to sample */
+    const double beyond = end - at[0] * plan->period;
+    if (!(beyond <= plan->slack && -plan->slack <= beyond)) kernel_locate(p, c, end, at);
     if (!((at[0] - (double)s->period) * ticks <= CORE_MOST_TICKS)) return CORE_TOO_MANY_TICKS;
     int64_t period = (int64_t)at[0];
     int32_t position = (int32_t)at[1];
@@ -284,11 +290,15 @@ static inline core_result core_move(const double *p, const double *c, core_state
             ++s->period;
         }
     }
+    const core_plant *reached = &s->plant; /* not its copy, which would be waited for */
     s->tentative = s->plant;
-    if (rest > 0.0 && !core_tick(p, c, s, plan, in, ramp, rest, false)) return CORE_TOO_MANY_EVENTS;
+    if (rest > 0.0) {
+        if (!core_tick(p, c, s, plan, in, ramp, rest, false)) return CORE_TOO_MANY_EVENTS;
+        reached = &s->tentative;
+    }
     core_inputs final;
     double outputs[MODEL_OUTPUTS];
-    core_outputs(p, c, s, plan, core_at(in, ramp, end, &final), outputs);
+    core_outputs_of(p, c, s, reached, plan, core_at(in, ramp, end, &final), outputs);
     if (!core_all_finite(s->sampled, CORE_SAMPLED) || !core_all_finite(s->tentative.x, CORE_PLANT)
         || !core_all_finite(outputs, MODEL_OUTPUTS))
         return CORE_NOT_FINITE;

@@ -125,8 +125,10 @@ class Core:
             raise
 
     def _run(self, end: float, inputs: Inputs, ramp: Ramp | None) -> tuple[Any, ...]:
-        _, before, ticks, _, h_before, h_after, *_ = self.schedule
-        periods, at, rest = self._kernel_locate(end)
+        length, before, ticks, _, h_before, h_after, _, _, slack = self.schedule
+        periods, at, rest = self._period + 1, 0, 0.0  # most hosts step from sample to sample
+        if not -slack <= end - periods * length <= slack:
+            periods, at, rest = self._kernel_locate(end)
         if not (periods - self._period) * ticks <= MOST_TICKS:
             raise ArithmeticError(f"{(periods - self._period) * ticks:g} ticks in one step are more than {MOST_TICKS}")
         reached, to = (self._period, self._position), (int(periods), int(at))

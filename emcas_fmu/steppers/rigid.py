@@ -28,6 +28,7 @@ _BAND = 1e-6
 # the time constant that makes of the winding's inductance; and at least this share of the longest tick.
 _RESOLVED, _SHORTEST = 0.1, 0.03
 # A time constant that is a smaller share of a step: the current has long settled on a course of its own with the speed.
+# A limit that is met within it: by a supply of microvolts, in ever shorter steps that would not end.
 _SETTLED = 1.0 / 16.0
 _TINY = 1e-300
 
@@ -225,8 +226,9 @@ def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: Drive, h: Valu
     Mean speed and mean integral are linear in the final current, which is therefore
     found without iteration. A disabled drive's bridge is open: no current.
     """
+    # Torque and source are known last: the inverses of what they are divided by do not wait for them.
     half_step = 0.5 * h
-    drift = s.speed + half_step * motion.torque * motion.mobility  # mean speed if there were no current
+    drift = s.speed + half_step * motion.mobility * motion.torque  # mean speed if there were no current
 
     def flowing() -> tuple[Value, ...]:
         decay = ops.exp(-h / d.tau)
@@ -239,7 +241,7 @@ def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: Drive, h: Valu
         speed_slope = gain * (half_step - lag)
         at_rest = d.source + half * (d.i_ref - kept * s.current) - drive.back_emf(
             p, ops.where(motion.stuck, 0.0, speed_at_zero))
-        final = at_rest / (d.loop + half * gone + drive.back_emf(p, speed_slope))
+        final = at_rest * (1.0 / (d.loop + half * gone + drive.back_emf(p, speed_slope)))
         mean = final * gone + s.current * kept
         return final, mean, final + (s.current - final) * decay, speed_at_zero + speed_slope * final
 
@@ -279,7 +281,7 @@ def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None
     c = current_course(ops, p, s, motion, d, h)
 
     def sliding() -> tuple[Value, ...]:
-        speed = s.speed + h * (drive.torque(p, c.mean) + motion.torque) * motion.mobility
+        speed = s.speed + h * motion.mobility * (drive.torque(p, c.mean) + motion.torque)
         angle = s.angle + h * c.speed
         if heading is not None:
             return angle, speed
@@ -367,7 +369,8 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
     """Return when the demanded voltage crosses the limit [s], `h` if it does not; `part` gives a shorter step.
 
     Where the current settles in much less than the step, it follows the speed to the limit: what its course meets at
-    once, with the back-EMF of mid-step, it may meet much later. A secant from there to the step's end gives when.
+    once, with the back-EMF of mid-step, it may meet much later, as may a current that is little by then. A secant from
+    there to the step's end gives when.
     """
     if p.structure.current == "pwm":
         return h
@@ -404,7 +407,7 @@ def voltage_time(ops: Ops, p: Any, s: Plant, step: Step, crossing: Crossing, h: 
         return (ops.where(left > 0.0, ops.clip(zero_between(ops, time, left, h, reserve(step.end)), time, h), time),)
 
     met = ops.either(*crossing)
-    (time,) = ops.branch(ops.both(met, d.tau < _SETTLED * h), later, lambda: (time,))
+    (time,) = ops.branch(ops.both(met, ops.minimum(d.tau, time) < _SETTLED * h), later, lambda: (time,))
     return ops.where(met, time, h)
 
 

@@ -38,7 +38,8 @@ SYSTEM = re.compile(r"lib[cm]\.so\.6|kernel32\.dll|api-ms-win-crt-[a-z]+-l1-1-0\
                     re.IGNORECASE)
 # Functions of C11 that compute, compare, copy, format and allocate; none opens a file, asks for the time or ends the
 # host.
-C = {"floor", "fmin", "calloc", "free", "memcmp", "memcpy", "memmove", "memset", "strcmp", "strlen", "strncat", "vsnprintf"}
+C = {"floor", "fmin",
+     "calloc", "free", "memcmp", "memcpy", "memmove", "memset", "strcmp", "strlen", "strncat", "vsnprintf"}
 # What compilers and C libraries make of these, and what the loader and a library's start need.
 FURTHER = {
     "linux": {"bcmp"},

@@ -127,3 +127,15 @@ def test_a_current_loop_much_faster_than_the_tick_gets_through_supply_jumps(valu
                               supply_voltage=supply) for tick in (7e-4, 2e-5))
     # Second order leaves up to 0.0008 deg at the default tick; a motion of 40 deg.
     np.testing.assert_allclose(np.degrees(default["fin_angle"]), np.degrees(fine["fin_angle"]), rtol=0.0, atol=0.002)
+
+
+@pytest.mark.parametrize("supply", [1e-9, 3e-7, 2.5e-5, 3e-4])
+@pytest.mark.parametrize("load", [71.0, -200.0])
+def test_a_supply_of_almost_nothing_is_got_through(supply: float, load: float) -> None:
+    """The back-EMF of a fin that a load begins to turn meets so low a limit within nanoseconds; then as without one."""
+    values = {**load_parameters().values, "encoder.enabled": False, "drive.current_offset": 0.0}
+    some, none = (simulate(values, 0.02, aero_torque=load,
+                           supply_voltage=voltage)["fin_angle"] for voltage in (supply, 0.0))
+    assert np.abs(some).max() > 1e-3
+    # 0.3 mV move the motor, of 0.12 V s/rad and a ratio of 60, at some 1e-5 rad/s.
+    np.testing.assert_allclose(some, none, rtol=0.0, atol=1e-5)
