@@ -317,7 +317,7 @@ def test_what_cannot_be_computed_is_hopeless(study: Study, monkeypatch: pytest.M
     gains = {t.name: t.lower for t in study.tunables}
     assert judged(gains) != {HOPELESS}
     assert judged({**gains, "controller.sample_time": 1.0}) == {HOPELESS}  # beyond its limits
-    monkeypatch.setattr(subject, "respond", fails)
+    monkeypatch.setattr(subject, "respond_all", fails)
     assert judged(gains) == {HOPELESS}
 
 
