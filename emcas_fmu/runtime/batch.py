@@ -19,7 +19,7 @@ from .library import loaded, vectors
 
 _LINE = 64  # bytes of a cache's line, and of the longest vectors
 _CHUNK = 4096  # actuators that are prepared at a time
-_STEPS = 10_000  # of an actuator that a batch is taken to make
+_STEPS = 100_000  # of an actuator that a batch is taken to make: 100 s of 1 ms
 _PIECES = 50  # of a step, between which progress is reported
 
 # Units of a batch, actuators or groups of them, from one to before another: to an end [s], under inputs (columns,

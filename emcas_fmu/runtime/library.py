@@ -20,9 +20,8 @@ from .c_sources import core_sources, handwritten, vector_sources
 _ONE, _MANY = "batch.c", "vectors.c"
 # By the actuators that a vector holds. No host's traps are on in Python, which is what FLAGS think of.
 _VECTOR_FLAGS = {8: ("-fno-trapping-math", "-mavx512f", "-mavx512dq"), 4: ("-fno-trapping-math", "-mavx2")}
-# Steps of an actuator that are worth compiling for: a vector saves some tenths of a microsecond of each, and compiling
-# takes some ten seconds, once.
-WORTH = 1_000_000
+# Steps of an actuator in which a vector saves about as long as it takes to compile, some ten seconds, once.
+WORTH = 20_000_000
 
 _DOUBLES = ct.POINTER(ct.c_double)
 _SIMULATE = [ct.c_size_t, ct.c_double, ct.c_size_t, ct.c_void_p, ct.c_void_p, ct.c_size_t, ct.c_void_p, ct.c_void_p]
