@@ -96,7 +96,7 @@ def compared(count: int, own: bool, hard: bool, rounds: int, lanes: int | None) 
                     batches[which].hold(place, values)
                 batches[which].run(k * STEP)
                 spent[which] += process_time() - begin
-            if not np.array_equal(*(batch.outputs for batch in batches)):
+            if not np.array_equal(batches[0].outputs, batches[1].outputs):
                 raise RuntimeError(f"vectors and loop differ after {k} steps")
         times.append([1e9 * t / (steps * count) for t in spent])
     if not np.ptp(batches[0].outputs[0]) > 0.01:

@@ -246,18 +246,20 @@ class Batch:
         columns = {name: self._column("parameter", name, values, count) for name, values in (varied or {}).items()}
         if columns:
             parameters = np.broadcast_to(parameters, (count, parameters.shape[1])).copy()
-        names = [v.name for v in actuator.parameters]
+        places = {v.name: k for k, v in enumerate(actuator.parameters)}
+        starting = {v.key for v in actuator.inputs}  # parameters that are an input's start, and may be nothing else
         for name, values in columns.items():
-            if name not in names:
-                raise EmcasError(f"Batch: {actuator.name} has no parameter {name}{hint(name, names)}")
-            parameters[:, names.index(name)] = values
+            if name in places:
+                parameters[:, places[name]] = values
+            elif name not in starting:
+                raise EmcasError(f"Batch: {actuator.name} has no parameter {name}{hint(name, places)}")
         self._kernel = batch.Batch(parameters, count, given[0].model, threads, progress)
         self._variables = {v.name: v for v in actuator.inputs}
         self._places = {v.name: k for k, v in enumerate(actuator.inputs)}
         for k, variable in enumerate(actuator.inputs):
             starts = np.array([variable.initial(each.values) for each in of_each.values()], dtype=float)
-            start = columns.get(variable.key, starts[0] if len(starts) == 1 else starts[which])
-            self._kernel.hold(k, start)
+            start = starts[0] if len(starts) == 1 else starts[which]
+            self._kernel.hold(k, columns.get(variable.key or "", start))
         self.outputs: dict[str, Array] = dict(zip((v.name for v in actuator.outputs), self._kernel.outputs,
                                                   strict=True))
         """Outputs at `time` by name, SI, an array of a value for each actuator. The next step writes over it."""

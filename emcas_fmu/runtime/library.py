@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from tempfile import NamedTemporaryFile
+from typing import Any
 
 from ..actuators import NONLINEAR
 from ..compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers, local_platform
@@ -24,7 +25,9 @@ _VECTOR_FLAGS = {8: ("-fno-trapping-math", "-mavx512f", "-mavx512dq"), 4: ("-fno
 WORTH = 20_000_000
 
 _DOUBLES = ct.POINTER(ct.c_double)
-_SIMULATE = [ct.c_size_t, ct.c_double, ct.c_size_t, ct.c_void_p, ct.c_void_p, ct.c_size_t, ct.c_void_p, ct.c_void_p]
+# Of points of time, inputs and outputs of whole runs.
+_SIMULATE: Any = [ct.c_size_t, ct.c_double, ct.c_size_t, ct.c_void_p, ct.c_void_p, ct.c_size_t, ct.c_void_p,
+                  ct.c_void_p]
 _making = threading.Lock()
 
 

@@ -47,7 +47,7 @@ def varied(model: str, count: int, rng: np.random.Generator) -> Array:
 
 def inputs(model: str, count: int, rng: np.random.Generator) -> dict[int, Any]:
     """Return some of an actuator's inputs, by their place: a number for all, or a value for each."""
-    chosen = {}
+    chosen: dict[int, Any] = {}
     for place, variable in enumerate(get(model).inputs):
         if rng.random() > (0.8 if variable.name in LARGEST else 0.15):
             continue
