@@ -96,14 +96,14 @@ class Traced:
         opened = ca.SX.sym(_GAIN, len(gains))
         values = {**fixed, **dict(zip(gains, ca.vertsplit(opened), strict=True))}
         equations = Equations(actuator, values, actuator.namespace(values), fin_angle)
-        start = ca.vertcat(*equations.start())
-        self._start = ca.Function("start", [opened], [start])
+        begun = equations.start()
+        self._start = ca.Function("start", [opened], [ca.vertcat(*begun)])
         self.states, self.sampled = equations.states, equations.sampled
         count, sampled = len(self.states), len(self.sampled)
         self.plant = Linearised(equations.plant, count + 2 + sampled, opened)
         self.controllers = Linearised(equations.controllers, len(equations.kept) + count + 1, opened)
-        begun = ca.vertcat(start[:count], start[start.numel() - sampled:])
-        self.plant_varies = self.plant.varies or bool(ca.depends_on(begun, opened))
+        of_plant = ca.SX(ca.vertcat(*begun[:count], *begun[len(begun) - sampled:]))
+        self.plant_varies = self.plant.varies or bool(ca.depends_on(of_plant, opened))
 
     def start(self, gains: Sequence[float]) -> Array:
         """Return `Equations.start`."""
