@@ -188,10 +188,14 @@ class SteppedUnit:
         return self._rows[-1]
 
     def run(self, **inputs: float) -> tuple[Any, ...]:
-        """Return the outputs a step later; inputs that are not given stay as they were."""
+        """Return the outputs a step later; inputs that are not given stay as they were. Raises ArithmeticError."""
         if inputs:
             self._set(inputs)
-        self._rows.append(self._core.run(len(self._rows) * self._step, self._acting))
+        time = len(self._rows) * self._step
+        try:
+            self._rows.append(self._core.run(time, self._acting))
+        except ArithmeticError as error:
+            raise ArithmeticError(f"at {time:.6g} s: {error}") from error
         return self.now
 
     def columns(self) -> dict[str, Array]:
