@@ -246,7 +246,7 @@ def motion(run: Run, number: int = 0) -> dict[str, float]:
 def held_error(run: Run) -> float:
     """Return the mean fin angle - command [rad] over the end of a hold."""
     time = run.columns["time"]
-    return float(np.mean(run.columns["fin_angle"][time > time[-1] - HELD])) - run.excitation.moves[-1].level
+    return float(np.mean(run.columns["fin_angle"][time > time[-1] - HELD]) - run.excitation.moves[-1].level)
 
 
 def usage(run: Run) -> dict[str, float]:

@@ -104,20 +104,92 @@ API size_t actuators_run(actuator *a, size_t count, double end, const double *in
     return failed;
 }
 
-/* A whole run from the start: the outputs at `rows` times `step` [s] apart, the first at 0, with
- * the inputs of each row held until the next. Gives how many rows were reached. */
+/* An input of many runs: its first value, and how far on [doubles] that of the next run and of the next row is; 0 where
+ * it is the same. */
+typedef struct {
+    const double *first;
+    ptrdiff_t run, row;
+} input_column;
+
+/* An output of many runs, likewise: its place among the outputs, and of which points of time it is kept, every nth. */
+typedef struct {
+    double *first;
+    ptrdiff_t run, row;
+    size_t place, every;
+} output_column;
+
+/* Why a run went no further, behind the reasons of core_result. */
+enum { RUN_REFUSED = CORE_TOO_MANY_TICKS + 1, RUN_INPUT_NOT_FINITE };
+
+/* The inputs of a run's row; 0 if one is not finite. */
+static int row_at(actuator *a, const input_column *columns, size_t run, size_t k, core_inputs *out)
+{
+    double in[MODEL_INPUTS];
+    for (size_t i = 0; i < MODEL_INPUTS; ++i)
+        in[i] = columns[i].first[(ptrdiff_t)run * columns[i].run + (ptrdiff_t)k * columns[i].row];
+    if (!core_all_finite(in, MODEL_INPUTS)) return 0;
+    row(a, in, out);
+    return 1;
+}
+
+static double *value_at(const output_column *column, size_t run, size_t k)
+{
+    return column->first + (ptrdiff_t)run * column->run + (ptrdiff_t)(k / column->every) * column->row;
+}
+
+/* One of actuators_simulate's runs, of an actuator at its start. Gives how many points were reached. */
+static size_t simulate(actuator *a, size_t run, size_t points, double step, size_t held, const input_column *in,
+                       const output_column *out, size_t columns, int *result)
+{
+    core_inputs inputs;
+    double now[MODEL_OUTPUTS];
+    *result = CORE_DONE;
+    for (size_t k = 0; k < points; ++k) {
+        /* The last row's inputs act nowhere: what is put out at a row is under those before it. */
+        if (k) *result = core_run(a->parameters, a->constants, &a->state, (double)k * step, &inputs, NULL, now);
+        if (*result != CORE_DONE) return k;
+        if (k % held == 0 && !row_at(a, in, run, k / held, &inputs)) {
+            *result = RUN_INPUT_NOT_FINITE;
+            return k;
+        }
+        if (k == 0) outputs(a, &inputs, now);
+        for (size_t j = 0; j < columns; ++j)
+            if (k % out[j].every == 0) *value_at(&out[j], run, k) = now[out[j].place];
+    }
+    return points;
+}
+
+/* `count` whole runs from the start, each with its parameters, `apart` [doubles] from one to the next (0: one set for
+ * all): outputs at `points` of time, `step` [s] apart and the first at 0. Each row of the inputs, of which there are
+ * MODEL_INPUTS columns, is held for `held` steps. Outputs at points that were not reached are NaN; `reached` and
+ * `result` have a number for each run. Gives how many runs went no further. */
+API size_t actuators_simulate(size_t count, const double *parameters, size_t apart, size_t points, double step,
+                              size_t held, const input_column *in, const output_column *out, size_t columns,
+                              int64_t *reached, int *result)
+{
+    size_t failed = 0;
+    for (size_t i = 0; i < count; ++i) {
+        actuator a;
+        size_t done = 0;
+        if (actuator_start(&a, parameters + i * apart))
+            done = simulate(&a, i, points, step, held, in, out, columns, &result[i]);
+        else
+            result[i] = RUN_REFUSED;
+        reached[i] = (int64_t)done;
+        failed += result[i] != CORE_DONE;
+        for (; done < points; ++done)
+            for (size_t j = 0; j < columns; ++j)
+                if (done % out[j].every == 0) *value_at(&out[j], i, done) = NAN;
+    }
+    return failed;
+}
+
+/* The run of an actuator at its start: all outputs at the rows of `in`, a table as `out`. Gives how many were reached. */
 API size_t actuator_simulate(actuator *a, size_t rows, double step, const double *in, double *out, int *result)
 {
-    if (rows == 0) return 0;
-    core_inputs inputs;
-    row(a, in, &inputs);
-    outputs(a, &inputs, out);
-    for (size_t k = 1; k < rows; ++k) {
-        /* The last row's inputs act nowhere: what is put out at a row is under those before it. */
-        *result = core_run(a->parameters, a->constants, &a->state, (double)k * step, &inputs, NULL,
-                           out + k * MODEL_OUTPUTS);
-        if (*result != CORE_DONE) return k;
-        row(a, in + k * MODEL_INPUTS, &inputs);
-    }
-    return rows;
+    input_column inputs[MODEL_INPUTS];
+    output_column columns[MODEL_OUTPUTS];
+    for (size_t i = 0; i < MODEL_INPUTS; ++i) inputs[i] = (input_column){in + i, 0, MODEL_INPUTS};
+    for (size_t i = 0; i < MODEL_OUTPUTS; ++i) columns[i] = (output_column){out + i, 0, MODEL_OUTPUTS, i, 1};
+    return simulate(a, 0, rows, step, 1, inputs, columns, MODEL_OUTPUTS, result);
 }

@@ -6,7 +6,8 @@ import ctypes as ct
 import hashlib
 import threading
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from math import isfinite
 from pathlib import Path
@@ -29,8 +30,34 @@ from .c_sources import core_sources, handwritten
 _MAIN = "batch.c"
 _DOUBLES = ct.POINTER(ct.c_double)
 REASONS = ("", "the state is no longer finite", f"more than {core.MOST_EVENTS} events in a tick",
-            f"more than {core.MOST_TICKS} ticks in one step")
+            f"more than {core.MOST_TICKS} ticks in one step", "the parameters are refused", "an input is not finite")
+_REFUSED, _INPUT_NOT_FINITE = len(REASONS) - 2, len(REASONS) - 1
 Array = NDArray[Any]
+
+
+class _InputColumn(ct.Structure):
+    """input_column of batch.c."""
+
+    _fields_ = (("first", ct.c_void_p), ("run", ct.c_ssize_t), ("row", ct.c_ssize_t))
+
+
+class _OutputColumn(ct.Structure):
+    """output_column of batch.c."""
+
+    _fields_ = (*_InputColumn._fields_, ("place", ct.c_size_t), ("every", ct.c_size_t))
+
+
+@dataclass(frozen=True)
+class Tables:
+    """What many runs gave: `columns` by the outputs' names, arrays [runs, rows] with NaN in rows that were not reached.
+
+    `reached` is how many steps and the start each run has; `failures` what one that went no further would raise alone,
+    by its place.
+    """
+
+    columns: dict[str, Array]
+    reached: Array
+    failures: dict[int, ValueError | ArithmeticError]
 
 
 _making = threading.Lock()
@@ -97,14 +124,16 @@ def _compile(compiler: Compiler, sources: Mapping[str, str], target: Platform, d
 
 def _declare(loaded: ct.CDLL) -> ct.CDLL:
     loaded.actuator_size.restype = loaded.actuator_state.restype = ct.c_size_t
-    loaded.actuators_run.restype = loaded.actuator_simulate.restype = ct.c_size_t
+    loaded.actuators_run.restype = loaded.actuators_simulate.restype = ct.c_size_t
     for function in ("bind", "start"):
         getattr(loaded, f"actuator_{function}").argtypes = [ct.c_void_p, _DOUBLES]
     for function in ("carried", "outputs"):
         getattr(loaded, f"actuator_{function}").argtypes = [ct.c_void_p, _DOUBLES, _DOUBLES]
     loaded.actuator_run.argtypes = [ct.c_void_p, ct.c_double, _DOUBLES, _DOUBLES, _DOUBLES]
     loaded.actuators_run.argtypes = [ct.c_void_p, ct.c_size_t, ct.c_double, ct.c_void_p, ct.c_void_p, ct.c_void_p]
-    loaded.actuator_simulate.argtypes = [ct.c_void_p, ct.c_size_t, ct.c_double, ct.c_void_p, ct.c_void_p, ct.c_void_p]
+    loaded.actuators_simulate.argtypes = [
+        ct.c_size_t, ct.c_void_p, ct.c_size_t, ct.c_size_t, ct.c_double, ct.c_size_t, ct.c_void_p, ct.c_void_p,
+        ct.c_size_t, ct.c_void_p, ct.c_void_p]
     return loaded
 
 
@@ -129,16 +158,6 @@ def _take(function: Callable[..., int], memory: int, values: Mapping[str, Any], 
     """Hand parameters to the C side, which judges them by the same limits and rules; the words are found here."""
     if not function(memory, _numbers(values, model)):
         raise ParameterError(check_parameters(values, model) or ["the parameters are refused"])
-
-
-def _table(rows: Array, shape: tuple[int, ...], what: str, model: str) -> Array:
-    table: Array = np.ascontiguousarray(rows, dtype=np.float64)
-    if table.shape != shape:
-        raise ValueError(f"inputs have shape {table.shape}, not {shape}")
-    if not np.isfinite(table).all():
-        row, column = np.argwhere(~np.isfinite(table))[0]
-        raise ValueError(f"{what} {row}: {get(model).inputs[column].name} = {table[row, column]} is not finite")
-    return table
 
 
 class CompiledCore:
@@ -239,7 +258,12 @@ class Batch:
         table, in SI; the result likewise for the outputs, and is overwritten by the next call.
         Raises ArithmeticError naming the actuators that cannot be followed; these stay where they were.
         """
-        rows = _table(inputs, (self.count, len(get(self._model).inputs)), "actuator", self._model)
+        rows, there_are = np.ascontiguousarray(inputs, dtype=np.float64), get(self._model).inputs
+        if rows.shape != (self.count, len(there_are)):
+            raise ValueError(f"inputs have shape {rows.shape}, not {(self.count, len(there_are))}")
+        if not np.isfinite(rows).all():
+            row, column = np.argwhere(~np.isfinite(rows))[0]
+            raise ValueError(f"actuator {row}: {there_are[column].name} = {rows[row, column]} is not finite")
         if not isfinite(end):
             raise ValueError(f"the time to move on to is {end} s")
         failed = self._library.actuators_run(self._at, self.count, end, rows.ctypes.data, self.outputs.ctypes.data,
@@ -251,22 +275,67 @@ class Batch:
         return self.outputs
 
 
-def run_table(values: Mapping[str, Any], step: float, inputs: Array, model: str = NONLINEAR) -> Array:
-    """Return the outputs at the times of the rows of `inputs`, `step` [s] apart from 0, each row held until the next.
+def parameter_row(values: Mapping[str, Any], model: str = NONLINEAR) -> Array:
+    """Return a model's parameters in their order, from flat values in SI. Raises ParameterError for wrong names."""
+    return np.array(_numbers(values, model))
 
-    Columns as the inputs and outputs of the variable table, in SI. Raises ArithmeticError
-    where the equations cannot be followed, CompilerError where there is no compiled kernel.
+
+def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str],
+               model: str = NONLINEAR, held: int = 1, fine: Collection[str] = ()) -> Tables:
+    """Return the outputs of many actuators at the rows of their inputs, each row held until the next.
+
+    `parameters` is an array [runs, parameters] in their order (:func:`parameter_row`); `inputs` has for each input, in
+    the interface's order, an array that broadcasts to [runs, rows], in SI. Nothing is copied: what is the same for all
+    runs, or in all rows, is given once. A run takes `held` steps of `step` [s] from a row to the next; `outputs` are
+    those at the rows, but those that are `fine` at every step. A run that fails leaves the others alone.
+    Raises ValueError for shapes that do not go together, CompilerError where there is no compiled kernel.
     """
-    library = _loaded(model)
-    rows = _table(inputs, (len(inputs), len(get(model).inputs)), "row", model)
-    memory = ct.create_string_buffer(library.actuator_size())
-    _take(library.actuator_start, ct.addressof(memory), values, model)
-    outputs: Array = np.empty((len(rows), len(get(model).outputs)))
-    result = ct.c_int(0)
-    reached = library.actuator_simulate(ct.addressof(memory), len(rows), step, rows.ctypes.data, outputs.ctypes.data,
-                                        ct.addressof(result))
-    if reached < len(rows):
-        raise ArithmeticError(f"at {reached * step:.6g} s: {REASONS[result.value]}")
-    return outputs
+    library, actuator = _loaded(model), get(model)
+    sets: Array = np.ascontiguousarray(parameters, dtype=np.float64)
+    if sets.ndim != 2 or sets.shape[1] != len(actuator.parameters):
+        raise ValueError(f"parameters have shape {sets.shape}, not (runs, {len(actuator.parameters)})")
+    columns = [np.asarray(column, dtype=np.float64) for column in inputs]
+    if len(columns) != len(actuator.inputs):
+        raise ValueError(f"there are {len(columns)} inputs, not {len(actuator.inputs)}")
+    count, rows = np.broadcast_shapes((len(sets), 1), *{column.shape for column in columns})
+    points = max((rows - 1) * held + 1, 0)
+    places = {v.name: i for i, v in enumerate(actuator.outputs)}
+    out = {name: np.empty((count, points if name in fine else rows)) for name in outputs}
+    reached, results = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.intc)
+    failed = library.actuators_simulate(
+        count, _address(sets), sets.shape[1] if len(sets) > 1 else 0, points, step, held,
+        (_InputColumn * len(columns))(*(_InputColumn(*_layout(column)) for column in columns)),
+        (_OutputColumn * len(out))(*(_OutputColumn(*_layout(column), places[name], 1 if name in fine else held)
+                                     for name, column in out.items())),
+        len(out), _address(reached), _address(results))
+    return Tables(out, reached, {run: _failure(sets[run % len(sets)], columns, run, int(reached[run]), step, held,
+                                               int(results[run]), model)
+                                 for run in np.flatnonzero(results).tolist()} if failed else {})
 
 
+def _failure(parameters: Array, inputs: Sequence[Array], run: int, reached: int, step: float, held: int,
+             result: int, model: str) -> ValueError | ArithmeticError:
+    """Return what is wrong with a run, in words."""
+    actuator = get(model)
+    if result == _REFUSED:
+        values = dict(zip((v.name for v in actuator.parameters), parameters.tolist(), strict=True))
+        return ParameterError(check_parameters(values, model) or [REASONS[result]])
+    if result == _INPUT_NOT_FINITE:
+        now = [column[min(run, len(column) - 1)] if column.ndim == 2 else column for column in inputs]
+        at = [float(column[min(reached // held, len(column) - 1)] if column.ndim else column) for column in now]
+        name, value = next((v.name, x) for v, x in zip(actuator.inputs, at, strict=True) if not isfinite(x))
+        return ValueError(f"input {name} is {value} at {reached * step:.6g} s")
+    return ArithmeticError(f"at {reached * step:.6g} s: {REASONS[result]}")
+
+
+def _address(array: Array) -> int:
+    address: int = array.__array_interface__["data"][0]
+    return address
+
+
+def _layout(column: Array) -> tuple[int, int, int]:
+    """Return where values are and how far apart [doubles] those of runs and rows, 0 where they are one."""
+    strides = [0 if n == 1 else stride // column.itemsize
+               for n, stride in zip(column.shape, column.strides, strict=True)]
+    run, row = [0, 0, *strides][-2:]
+    return _address(column), run, row

@@ -129,7 +129,7 @@ def test_a_sample_that_cannot_be_is_recorded(write: Write) -> None:
     assert all(isnan(rows[0][name]) for name in sample.columns(plan))
 
     class Lost(ParameterSubject):
-        def run(self, *_: Any, **__: Any) -> Any:
+        def run_all(self, *_: Any, **__: Any) -> Any:
             raise KeyError("odd")
 
     row = sample.row(plan, 5, [0.11, 20.0, 0.0, 0.0], Lost(SUBJECT.parameters))
