@@ -83,6 +83,8 @@ def evaluate(study: Study, gains: Sequence[Mapping[str, float]]) -> list[Evaluat
         requirements = list(group)
         units = [(k, case) for k in range(len(gains)) for case in study.cases
                  if any(case.name in r.cases for r in requirements)]
+        if not units:
+            continue
         measured = measure(test, subject, [{**case.values, **gains[k]} for k, case in units],
                            tuple(r.figure for r in requirements), tuple(r.sense for r in requirements))
         for (k, case), figures in zip(units, measured.tolist(), strict=True):

@@ -70,8 +70,8 @@ def measure(test: Test, subject: ParameterSubject, changes: Sequence[Mapping[str
     outputs = tuple(dict.fromkeys(name for figure in (*MOTION, *figures) for name in FIGURES[figure].needs))
     sides = [_moved(subject.run_all(_motion(test, sign), columns(subject, changes), outputs)) for sign in (1.0, -1.0)]
     worse = {"maximum": np.maximum, "minimum": np.minimum}
-    return np.stack([worse[sense](*(side[name] for side in sides)) for name, sense in zip(figures, senses, strict=True)],
-                    axis=1)
+    return np.column_stack([worse[sense](*(side[name] for side in sides))
+                            for name, sense in zip(figures, senses, strict=True)])
 
 
 def columns(subject: ParameterSubject, changes: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
@@ -99,11 +99,21 @@ def _motion(test: Test, sign: float) -> Excitation:
 
 def _moved(runs: Runs) -> dict[str, Array]:
     """Return the figures of steps, slews or loads."""
-    figures = usage(runs)
-    if runs.excitation.moves:
-        figures |= motion(runs, -1)
-        figures["steady_error"] = np.abs(figures["steady_error"])
-    return {name: runs.where_finished(values) for name, values in figures.items()}
+    each = []
+    for k in range(len(runs)):
+        run = runs[k]
+        figures = usage(run)
+        if runs.excitation.moves:
+            figures |= motion(run, -1)
+            figures["steady_error"] = np.abs(figures["steady_error"])
+        each.append(figures)
+    return {name: _of_finished(runs, np.array([e[name] for e in each])) for name in each[0]}
+
+
+def _of_finished(runs: Runs, values: Array) -> Array:
+    """Return values of runs, nan of those that are refused or end early."""
+    values[[*runs.refused, *runs.stopped]] = nan
+    return values
 
 
 def _bandwidths(test: Test, subject: ParameterSubject, changes: Sequence[Mapping[str, Any]], figures: Sequence[str]
@@ -115,7 +125,8 @@ def _bandwidths(test: Test, subject: ParameterSubject, changes: Sequence[Mapping
     found, searches = np.full((len(changes), len(figures)), nan), [_search(figures) for _ in changes]
     asked = {unit: next(search) for unit, search in enumerate(searches)}
     while asked:
-        responses = describing_function(subject, [changes[unit] for unit in asked], test.amplitude, list(asked.values()))
+        responses = describing_function(subject, [changes[unit] for unit in asked], test.amplitude,
+                                        list(asked.values()))
         for unit, response in zip(list(asked), responses.tolist(), strict=True):
             if isnan(abs(response)):
                 del asked[unit]
@@ -176,7 +187,7 @@ def describing_function(subject: ParameterSubject, changes: Sequence[Mapping[str
     runs = subject.run_all(sine(amplitude, at, cycles, _TRANSIENT), columns(subject, changes), ("fin_angle",))
     fundamentals = [_fundamental(*each) for each in zip(runs.columns["fin_angle"], at.tolist(), cycles.tolist(),
                                                         strict=True)]
-    return runs.where_finished(1j * np.array(fundamentals) / amplitude)
+    return _of_finished(runs, 1j * np.array(fundamentals) / amplitude)
 
 
 def _fundamental(angle: Array, frequency: float, cycles: float) -> complex:
