@@ -15,9 +15,10 @@ import numpy as np
 
 from ...actuators import capabilities, require
 from ...bench.excitation import COMMAND, LOAD, SETTLE, STEP, Excitation, sine, slew_to, step_to
-from ...bench.metrics import FIGURES, MOTION, USAGE, Array, fundamental_weights, motion, usage
+from ...bench.metrics import FIGURES, MOTION, USAGE, fundamental_weights, motion, usage
 from ...bench.subject import ParameterSubject, Run, Runs
 from ...parameters import ParameterError, ParameterSet
+from ...simulation import Array
 
 T = TypeVar("T")
 
