@@ -186,7 +186,7 @@ def _part(gains: Sequence[Gains], cases: Sequence[Case]) -> list[Evaluation]:
 def _parted(gains: Sequence[Gains], study: Study, workers: int) -> Iterator[tuple[Sequence[Gains], Any]]:
     """Return gains in parts, each with the groups of cases that as many workers judge at the same time."""
     together = _TOGETHER if compiled.available(study.base.model) else 1  # in Python nothing is gained
-    size = min(together, -(-len(gains) // workers))
+    size = min(together, -(-len(gains) // workers) or 1)
     groups = 1 if len(gains) > 1 else min(workers, len(study.cases))
     ends = [len(study.cases) * k // groups for k in range(groups + 1)]
     for first in range(0, len(gains), size):
