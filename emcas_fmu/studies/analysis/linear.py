@@ -26,7 +26,7 @@ import numpy as np
 from ...actuators import NONLINEAR, capabilities, get, parts, require
 from ...control import command as bus
 from ...errors import EmcasError
-from ...namespace import Record
+from ...namespace import Record, with_values
 from ...ops.floats import FLOATS
 from ...parameters import ParameterSet
 from ...physics import kinematics
@@ -90,13 +90,14 @@ class LinearActuator:
         if not abs(fin_angle) <= limit * (1.0 + 1e-9):
             raise EmcasError(f"operating point {degrees(fin_angle):g} deg: no command reaches it; give an angle within "
                              f"±{degrees(limit):g} deg (command.limit)")
-        self._late = int(bus.late(FLOATS, actuator.namespace(values)))
-        self.values = {**values, "compensation.gain": 0.0, **_AT_ONCE}
-        self.p = p = actuator.namespace(self.values)
-        self.period = float(p.controller.sample_time)
+        given = actuator.namespace(values)
+        self._late = int(bus.late(FLOATS, given))
+        left_out = {"compensation.gain": 0.0, **_AT_ONCE}
+        self.values, self.p = {**values, **left_out}, with_values(given, left_out)
+        self.period = float(given.controller.sample_time)
         self.loops = tuple(name for name, need in LOOPS.items() if need in actuator.provides)
         self._at, self.model = (fin_angle, aero_torque), model
-        self._equations = Equations(actuator, self.values, p, fin_angle)
+        self._equations = Equations(actuator, self.values, self.p, fin_angle)
         gains = gains_of(actuator, self.values)
         fixed = tuple((name, value) for name, value in self.values.items() if name not in gains)
         self._traced, self._gains = traced(model, fixed, tuple(gains), fin_angle), tuple(gains.values())
@@ -138,7 +139,7 @@ class LinearActuator:
                                  f"{unit}; give a smaller torque")
         ratio = nan
         if capabilities.SCREW_DRIVE in provides:
-            built = self.actuator.plant(self.values)
+            built = self.actuator.plant_parameters(FLOATS, self.p)
             tangent = kinematics.lever_tangent(FLOATS, built, kinematics.motor_angle(FLOATS, built, fin_angle))
             ratio = float(kinematics.reduction_ratio(FLOATS, built, tangent))
         return OperatingPoint(fin_angle, aero_torque, reference, motor, ratio, current, voltage)
