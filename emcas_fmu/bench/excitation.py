@@ -91,11 +91,11 @@ class Excitation:
                    for name, column in columns.items()}
         return replace(self, columns={**self.columns, **further})
 
-    def of(self, run: int) -> Excitation:
-        """Return the excitation of one run of many."""
-        columns = {name: column[min(run, len(column) - 1)] if column.ndim == 2 else column
+    def of(self, runs: Any) -> Excitation:
+        """Return the excitation of one run of many, or of some."""
+        columns = {name: column[np.minimum(runs, len(column) - 1)] if column.ndim == 2 else column
                    for name, column in self.columns.items()}
-        return replace(self, columns=columns, spring=self.spring[run] if np.ndim(self.spring) else self.spring)
+        return replace(self, columns=columns, spring=self.spring[runs] if np.ndim(self.spring) else self.spring)
 
     def with_start_values(self, values: Mapping[str, Any]) -> Excitation:
         """Return the same with further parameters that differ."""

@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
 from math import radians
@@ -27,6 +27,7 @@ from ..actuators import NONLINEAR, full_name, get
 from ..actuators.declaration import Actuator
 from ..errors import EmcasError
 from ..namespace import with_values
+from ..ops.arrays import ARRAYS
 from ..ops.floats import FLOATS
 from ..parameters import ParameterSet, check_combinations, load_parameters, require_sound
 from ..reference.files import parameters_hash
@@ -78,6 +79,7 @@ class Identification:
 class Run:
     """The response to an excitation: `columns` by name, `time` [s] first, and those that were asked for between rows.
 
+    Of many runs that ended well the columns are arrays [runs, rows], but for ``time``.
     ``stopped`` is the time [s] the subject went no further than, None where it ran to the end;
     ``messages`` what it logged; ``wall_time`` [s].
     """
@@ -94,6 +96,10 @@ class Run:
         if self.stopped is None:
             return ""
         return f"went no further than {self.stopped:.6g} s: {self.messages[-1] if self.messages else 'no reason given'}"
+
+    def of(self, run: int) -> Run:
+        """Return one run of many."""
+        return replace(self, excitation=self.excitation.of(run), columns=_of(self.columns, run))
 
     def finished(self) -> Columns:
         """Return the columns. Raises StoppedError, saying why, where the run ended early."""
@@ -128,13 +134,26 @@ class Runs:
         if place in self.refused:
             raise self.refused[place]
         time, taken = self.columns["time"], self.wall_time / self.number
-        columns = {name: column if name == "time" else column[place] for name, column in self.columns.items()}
+        columns = _of(self.columns, place)
         if place not in self.stopped:
             return Run(self.excitation.of(place), columns, None, (), taken)
         rows, messages = self.stopped[place]
         steps = max((rows - 1) * self.substeps + 1, 0)
         columns = {name: column[:rows if len(column) == len(time) else steps] for name, column in columns.items()}
         return Run(self.excitation.of(place), columns, float(np.max(columns["time"], initial=0.0)), messages, taken)
+
+
+    def finished(self) -> tuple[Any, Run]:
+        """Return the places of the runs that ended well, and these as one."""
+        if not self.refused and not self.stopped:
+            return np.arange(self.number), Run(self.excitation, self.columns, None, (), self.wall_time)
+        places = np.setdiff1d(np.arange(self.number), [*self.refused, *self.stopped])
+        return places, Run(self.excitation.of(places), _of(self.columns, places), None, (), self.wall_time)
+
+
+def _of(columns: Columns, runs: Any) -> dict[str, Array]:
+    """Return the columns of one run, or of some."""
+    return {name: column if name == "time" else column[runs] for name, column in columns.items()}
 
 
 class Subject(ABC):
@@ -229,10 +248,13 @@ class Subject(ABC):
     def _namespace(self) -> Any:
         return get(self.model).namespace(self.values)
 
-    def transport_delay(self, start_values: Mapping[str, Any]) -> float:
-        """Return the time [s] from a sample of the controllers to the drive, with parameters that differ."""
-        delay = self.actuator.transport_delay
-        return 0.0 if delay is None else float(delay(FLOATS, with_values(self._namespace, start_values)))
+    def transport_delay(self, start_values: Mapping[str, Any]) -> Any:
+        """Return the time [s] from a sample of the controllers to the drive, with parameters that differ.
+
+        An array where these are and it depends on them.
+        """
+        delay, ops = self.actuator.transport_delay, ARRAYS if any(map(np.ndim, start_values.values())) else FLOATS
+        return 0.0 if delay is None else delay(ops, with_values(self._namespace, start_values))
 
     def obstacle(self, excitation: Excitation) -> str:
         """Return why it cannot be excited so, in words; empty where it can."""

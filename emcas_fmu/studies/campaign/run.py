@@ -19,7 +19,7 @@ from ...runtime import compiled
 from ...simulation import Array
 from .distributions import CampaignError
 from .plan import Plan
-from .sample import Row, failed, rows
+from .sample import Rows, failed, rows
 from .sampling import Sampler
 from .study import Study
 
@@ -35,8 +35,8 @@ _UNINTERRUPTED = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 _CONNECT = 20.0  # s
 _WORKERS = 120.0  # s, until the first worker is there
 
-Work = Callable[[bytes, Sequence[int], Array], list[Row]]
-Keep = Callable[[list[Row]], object]
+Work = Callable[[bytes, Sequence[int], Array], Rows]
+Keep = Callable[[Rows], object]
 Indices = NDArray[np.int64]
 
 
@@ -158,8 +158,8 @@ def by_dask(client: Any, study: Study, missing: Indices, keep: Keep, chunk: int 
     chunks = chunked(missing, chunk or chunk_size(study.plan, len(missing), threads))
     suspects = _run(submit, chunks, keep, _AHEAD * threads)
     for index in _run(submit, chunked(suspects, 1), keep, 1).tolist():
-        keep([failed(study.plan, index, sampler.draw([index])[0].tolist(),
-                     "every worker that ran it died (out of memory, or a crash)")])
+        keep(failed(study.plan, [index], sampler.draw([index]),
+                    ["every worker that ran it died (out of memory, or a crash)"]))
 
 
 @contextmanager
