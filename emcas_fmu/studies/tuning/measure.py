@@ -100,21 +100,19 @@ def _motion(test: Test, sign: float) -> Excitation:
 
 def _moved(runs: Runs) -> dict[str, Array]:
     """Return the figures of steps, slews or loads."""
-    each = []
-    for k in range(len(runs)):
-        run = runs[k]
-        figures = usage(run)
-        if runs.excitation.moves:
-            figures |= motion(run, -1)
-            figures["steady_error"] = np.abs(figures["steady_error"])
-        each.append(figures)
-    return {name: _of_finished(runs, np.array([e[name] for e in each])) for name in each[0]}
+    places, finished = runs.finished()
+    figures = usage(finished)
+    if finished.excitation.moves:
+        figures |= motion(finished, -1)
+        figures["steady_error"] = np.abs(figures["steady_error"])
+    return {name: _among(runs, places, values) for name, values in figures.items()}
 
 
-def _of_finished(runs: Runs, values: Array) -> Array:
-    """Return values of runs, nan of those that are refused or end early."""
-    values[[*runs.refused, *runs.stopped]] = nan
-    return values
+def _among(runs: Runs, places: Array, values: Any) -> Array:
+    """Return values of the runs at these places among nan for the others."""
+    every = np.full(len(runs), nan, dtype=np.result_type(values))
+    every[places] = values
+    return every
 
 
 def _bandwidths(test: Test, subject: ParameterSubject, changes: Sequence[Mapping[str, Any]], figures: Sequence[str]
@@ -186,9 +184,10 @@ def describing_function(subject: ParameterSubject, changes: Sequence[Mapping[str
     at = np.array(frequency)
     cycles = np.ceil(np.maximum(_CYCLES / at, _FITTED) * at)
     runs = subject.run_all(sine(amplitude, at, cycles, _TRANSIENT), columns(subject, changes), ("fin_angle",))
-    fundamentals = [_fundamental(*each) for each in zip(runs.columns["fin_angle"], at.tolist(), cycles.tolist(),
-                                                        strict=True)]
-    return _of_finished(runs, 1j * np.array(fundamentals) / amplitude)
+    places, finished = runs.finished()
+    fundamentals = [_fundamental(*each) for each in zip(
+        finished.columns["fin_angle"], at[places].tolist(), cycles[places].tolist(), strict=True)]
+    return _among(runs, places, 1j * np.array(fundamentals, dtype=complex) / amplitude)
 
 
 def _fundamental(angle: Array, frequency: float, cycles: float) -> complex:
