@@ -33,7 +33,7 @@ from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.tuning.evaluate import HOPELESS, Evaluation, Journal, Judgement, evaluate, share
 from emcas_fmu.studies.tuning.measure import KINDS, Test, describing_function, measure
 from emcas_fmu.studies.tuning.optimise import Result as Tuned
-from emcas_fmu.studies.tuning.optimise import rounded, tune
+from emcas_fmu.studies.tuning.optimise import _parted, rounded, tune
 from emcas_fmu.studies.tuning.output import at_bounds, verdict, write_json, write_report, write_tuned
 from emcas_fmu.studies.tuning.pictures import conflict, front
 from emcas_fmu.studies.tuning.study import Study, StudyError, load_study
@@ -242,6 +242,26 @@ def test_finds_better_gains_and_the_same_again(study: Study) -> None:
     assert all(type(j.measured) is type(j.share) is float for j in first.best.judgements)  # what JSON can hold
     (checked,) = evaluate(study, [first.best.gains])
     assert checked == first.best  # what is reported is what the rounded gains do
+
+
+def test_gains_are_judged_beside_others_as_alone() -> None:
+    """To the bit, of every kind of test; each follows its own bisection."""
+    whole = load_study(models_directory() / "tuning.toml", load_parameters())
+    study = replace(whole, cases=tuple(case for case in whole.cases if case.name in ("nominal", "light_dry")))
+    gains = [{t.name: t.lower ** (1.0 - share) * t.upper ** share for t in study.tunables} for share in (0.0, 0.4, 1.0)]
+    together = evaluate(study, gains)
+    assert together == [evaluate(study, [each])[0] for each in gains]
+    assert len({e.by_requirement()["bandwidth_1deg"].measured for e in together}) == len(gains)
+
+
+@pytest.mark.parametrize(("count", "workers"), [(0, 2), (1, 1), (1, 3), (2, 3), (40, 2), (33, 1)])
+def test_parts_are_of_all_gains_in_all_cases(count: int, workers: int) -> None:
+    study, gains = load_study(models_directory() / "tuning.toml", load_parameters()), [{"g": k} for k in range(count)]
+    parts = list(_parted(gains, study, workers))
+    assert [each for part, _ in parts for each in part] == gains
+    for _, groups in parts:
+        assert tuple(case for group in groups for case in group) == study.cases
+        assert all(groups)
 
 
 @pytest.mark.slow

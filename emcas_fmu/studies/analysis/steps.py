@@ -49,7 +49,7 @@ def compare(values: Mapping[str, Any], linear: LinearActuator, size: float, thes
     at, period = linear.point.fin_angle, linear.period
     time = np.arange(round(STOP / period) + 1) * period
     command = np.full(len(time), radians(size))
-    angle = ct.forced_response(linear.command_to_angle, time, command).outputs
+    angle = np.array(ct.forced_response(linear.command_to_angle, time, command).outputs)
     torque = linear.point.aero_torque
     lead = round(_CARRY / period) if torque else 0
     held = np.full(lead + len(time), at)
