@@ -33,7 +33,9 @@ from .plan import Plan, source_sha256
 OK, FAILED = "ok", "failed"
 Rows = dict[str, Any]
 """Columns by name, in the order of a row's entries."""
-BYTES = 16e6  # of the responses that are held at a time
+# Of responses that are held at a time: what is computed of them stays in a processor's cache. Fewer samples than some
+# make no use of vectors.
+BYTES, FEWEST = 4e6, 8
 
 
 def columns(plan: Plan) -> dict[str, Figure]:
@@ -185,4 +187,4 @@ def _together(plan: Plan) -> int:
         rows = len(outputs) + 1 + (measure.POWER_ROWS - 1) * (measure.POWER in outputs)
         return 8.0 * rows * (LEAD_IN + experiment.duration) / STEP
 
-    return max(1, int(BYTES / max(map(held, plan.experiments))))
+    return max(FEWEST, int(BYTES / max(map(held, plan.experiments))))
