@@ -13,7 +13,8 @@ import numpy as np
 from ...bench.metrics import StepMetrics, step_metrics
 from ...reference.linear import LinearModel
 from ...simulation import simulate
-from .linear import Array, LinearActuator
+from .linear import LinearActuator
+from .systems import Array
 
 SIZES = (1.0, 3.0, 10.0, 20.0)  # deg
 STOP = 0.6  # s, past the settling of the slowest step
