@@ -97,27 +97,30 @@ class Compiler:
     version: str
     zig: bool
 
-    def library(self, sources: Mapping[str, str], main: str, target: Platform, name: str) -> bytes:
+    def library(self, sources: Mapping[str, str], main: str, target: Platform, name: str,
+                flags: Sequence[str] = ()) -> bytes:
         """Return the shared library `name` of a platform, for all its machines in one file; see :meth:`libraries`."""
-        made = list(self.libraries(sources, main, target, name).values())
+        made = list(self.libraries(sources, main, target, name, flags).values())
         return made[0] if len(made) == 1 else universal(made)
 
-    def libraries(self, sources: Mapping[str, str], main: str, target: Platform, name: str) -> dict[str, bytes]:
+    def libraries(self, sources: Mapping[str, str], main: str, target: Platform, name: str,
+                  flags: Sequence[str] = ()) -> dict[str, bytes]:
         """Return the shared library `name` for each machine of a platform, by FMI 3.0's platform tuple.
 
         It is made of one source file and the headers beside it: file name to text. A system compiler makes that of
-        this machine only. The same sources give the same bytes. Raises CompilerError with what the compiler said.
+        this machine only. `flags` come behind FLAGS. The same sources give the same bytes. Raises CompilerError with what the compiler said.
         """
         machines = target.targets if self.zig else {_local_tuple(): ""}
         with TemporaryDirectory(prefix="emcas_cc_") as temporary:
             folder = Path(temporary)
             for file, text in sources.items():
                 (folder / file).write_text(text, encoding="utf-8", newline="\n")
-            return {machine: self._library(folder, main, target, name, triple) for machine, triple in machines.items()}
+            return {machine: self._library(folder, main, target, name, triple, flags) for machine, triple in machines.items()}
 
-    def _library(self, folder: Path, main: str, target: Platform, name: str, triple: str) -> bytes:
+    def _library(self, folder: Path, main: str, target: Platform, name: str, triple: str,
+                 further: Sequence[str]) -> bytes:
         output = f"{name}{target.suffix}"
-        flags = [*FLAGS, *(("-target", triple, *_ZIG_FLAGS) if self.zig else ("-s",))]
+        flags = [*FLAGS, *further, *(("-target", triple, *_ZIG_FLAGS) if self.zig else ("-s",))]
         command = [*self.command, *flags, main, "-o", output, *(f.format(output) for f in target.link)]
         # Zig's own choice of a cache may be a home that cannot be written: it would then wait for ever.
         environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(cache_directory() / "zig"),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -74,7 +75,7 @@ def simulate_fins(sets: Sequence[Mapping[str, Any]], stop: float, step: float = 
         fins = [[row[i] for i in places] for places in unit.places]
         return cores.acting(fins, cores.carried(*fins[0][codegen.MOTION]), [row[i] for i in mixing])
 
-    rows = _rows(cores, table, step, arranged)
+    rows = np.array(list(_rows(cores, table, step, arranged)), dtype=float)
     return {"time": np.arange(len(table)) * step, **{v.name: rows[:, i].copy() for i, v in enumerate(unit.outputs)}}
 
 
@@ -123,14 +124,25 @@ def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = 
     The table's columns are the inputs of the variable table, in SI. All outputs unless they are named; see
     :func:`simulate` for the rest.
     """
+    names = [v.name for v in get(model).outputs if outputs is None or v.name in outputs]
+    sets = compiled.parameter_row(values, model)[np.newaxis]
+    tables = respond_all(sets, list(table.T), step, names, kernel, model)
+    for failure in tables.failures.values():
+        raise failure
+    return {"time": np.arange(len(table)) * step, **{name: column[0] for name, column in tables.columns.items()}}
+
+
+def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str], kernel: str = "auto",
+                model: str = NONLINEAR, held: int = 1, fine: Collection[str] = ()) -> compiled.Tables:
+    """Return the outputs of many actuators; see :func:`emcas_fmu.runtime.compiled.run_tables`.
+
+    Without a compiled kernel they run in Python, and give the same numbers.
+    """
     if kernel not in KERNELS:
         raise EmcasError(f"kernel {kernel}: there is {', '.join(KERNELS)}")
-    _check_finite(table, get(model).inputs, step)
-    fast = kernel == "compiled" or (kernel == "auto" and compiled.available(model))
-    rows = compiled.run_table(values, step, table, model) if fast else _by_python(values, table, step, model)
-    times = np.arange(len(table)) * step
-    return {"time": times, **{v.name: rows[:, i].copy() for i, v in enumerate(get(model).outputs)
-                              if outputs is None or v.name in outputs}}
+    if kernel == "compiled" or (kernel == "auto" and compiled.available(model)):
+        return compiled.run_tables(sets, inputs, step, outputs, model, held, fine)
+    return _by_python(sets, inputs, step, outputs, model, held, fine)
 
 
 def _check_finite(table: Array, inputs: Sequence[Variable], step: float) -> None:
@@ -176,10 +188,14 @@ class SteppedUnit:
         return self._rows[-1]
 
     def run(self, **inputs: float) -> tuple[Any, ...]:
-        """Return the outputs a step later; inputs that are not given stay as they were."""
+        """Return the outputs a step later; inputs that are not given stay as they were. Raises ArithmeticError."""
         if inputs:
             self._set(inputs)
-        self._rows.append(self._core.run(len(self._rows) * self._step, self._acting))
+        time = len(self._rows) * self._step
+        try:
+            self._rows.append(self._core.run(time, self._acting))
+        except ArithmeticError as error:
+            raise ArithmeticError(f"at {time:.6g} s: {error}") from error
         return self.now
 
     def columns(self) -> dict[str, Array]:
@@ -194,19 +210,40 @@ def _python_core(values: Mapping[str, Any], model: str) -> Any:
     return codegen.core(values, model)
 
 
-def _by_python(values: Mapping[str, Any], table: Array, step: float, model: str) -> Array:
-    core = _python_core(values, model)
-    return _rows(core, table, step, lambda row: codegen.core_inputs(core, row, model))
+def _by_python(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str], model: str, held: int,
+               fine: Collection[str]) -> compiled.Tables:
+    actuator = get(model)
+    count, rows = np.broadcast_shapes((len(sets), 1), *{np.shape(column) for column in inputs})
+    points = max((rows - 1) * held + 1, 0)
+    out = np.full((len(actuator.outputs), count, points), np.nan)
+    reached = np.zeros(count, dtype=np.int64)
+    failures: dict[int, ValueError | ArithmeticError] = {}
+    for run in range(count):
+        values = dict(zip((v.name for v in actuator.parameters), sets[run % len(sets)].tolist(), strict=True))
+        table = np.stack([np.broadcast_to(column, (count, rows))[run] for column in inputs], axis=1)
+        table = np.repeat(table, held, axis=0)[:points]
+        try:
+            _check_finite(table, actuator.inputs, step)
+            core = _python_core(values, model)
+            for row in _rows(core, table, step, partial(codegen.core_inputs, core, model=model)):
+                out[:, run, reached[run]] = row
+                reached[run] += 1
+        except ArithmeticError as error:
+            failures[run] = ArithmeticError(f"at {reached[run] * step:.6g} s: {error}")
+        except ValueError as error:
+            failures[run] = error
+    places = {v.name: i for i, v in enumerate(actuator.outputs)}
+    return compiled.Tables({name: np.ascontiguousarray(out[places[name]][:, ::1 if name in fine else held])
+                            for name in outputs}, reached, failures)
 
 
-def _rows(core: Any, table: Array, step: float, arranged: Callable[[Sequence[float]], Any]) -> Array:
-    """Return outputs of a core, or of those of several fins, at each row; `arranged` gives what it takes of one."""
-    rows: list[tuple[Any, ...]] = []
+def _rows(core: Any, table: Array, step: float,
+          arranged: Callable[[Sequence[float]], Any]) -> Iterator[tuple[Any, ...]]:
+    """Give outputs of a core, or of those of several fins, at each row; `arranged` gives what it takes of one."""
     acting: Any = ()
     for k, row in enumerate(table.tolist()):
         if k:
-            rows.append(core.run(k * step, acting))
+            yield core.run(k * step, acting)
         acting = arranged(row)
         if not k:
-            rows.append(core.outputs(acting))
-    return np.array(rows, dtype=float)
+            yield core.outputs(acting)

@@ -30,10 +30,13 @@ COMMAND, LOAD = "fin_command", "aero_torque"
 
 
 class Move(NamedTuple):
-    """A jump of the command: its instant [s], the level [rad], and when the next one comes or the rows end [s]."""
+    """A jump of the command: its instant [s], the level [rad], and when the next one comes or the rows end [s].
+
+    Of many runs the level is an array [runs].
+    """
 
     start: float
-    level: float
+    level: Any
     end: float
 
 
@@ -41,8 +44,9 @@ class Move(NamedTuple):
 class Excitation:
     """Columns of inputs by name, SI, whose rows are `step` [s] apart from 0, and parameters that differ with them.
 
-    What is judged begins at `begin` [s]. A `spring` [N.m/rad] takes its moment, by the fin angle at the beginning of
-    each row, off the hinge moment.
+    Of many runs at once a column is an array [runs, rows], or what broadcasts to it. What is judged begins at `begin`
+    [s]. A `spring` [N.m/rad], one or an array [runs], takes its moment, by the fin angle at the beginning of each row,
+    off the hinge moment.
     """
 
     title: str
@@ -50,12 +54,12 @@ class Excitation:
     begin: float = 0.0
     step: float = STEP
     start_values: Mapping[str, Any] = field(default_factory=dict)
-    spring: float = 0.0
+    spring: Any = 0.0
 
     @cached_property
     def time(self) -> Array:
         """Times of the rows [s]: the floats a host gets that counts its steps."""
-        return np.arange(len(next(iter(self.columns.values())))) * self.step
+        return np.arange(next(iter(self.columns.values())).shape[-1]) * self.step
 
     @property
     def stop(self) -> float:
@@ -70,9 +74,10 @@ class Excitation:
     @cached_property
     def moves(self) -> tuple[Move, ...]:
         """The jumps of a command that moves in steps."""
-        jumps = np.flatnonzero(np.diff(self.command)) + 1
+        differ = np.diff(self.command) != 0.0
+        jumps = np.flatnonzero(differ.any(axis=tuple(range(differ.ndim - 1)))) + 1
         ends = [*self.time[jumps].tolist(), self.stop]
-        return tuple(Move(start, float(self.command[row]), end)
+        return tuple(Move(start, self.command[..., row][()], end)
                      for row, (start, end) in zip(jumps, pairwise(ends), strict=True))
 
     def judged(self, time: Array) -> Any:
@@ -80,9 +85,17 @@ class Excitation:
         return time > self.begin - self.step / 2
 
     def holding(self, columns: Mapping[str, Any]) -> Excitation:
-        """Return the same with further inputs, each a column or a constant."""
-        further = {name: np.full(self.time.shape, column, dtype=float) for name, column in columns.items()}
+        """Return the same with further inputs, each a column, a constant, or an array [runs, 1] of constants."""
+        further = {name: np.broadcast_to(np.asarray(column, dtype=float),
+                                         np.broadcast_shapes(np.shape(column), self.time.shape))
+                   for name, column in columns.items()}
         return replace(self, columns={**self.columns, **further})
+
+    def of(self, runs: Any) -> Excitation:
+        """Return the excitation of one run of many, or of some."""
+        columns = {name: column[np.minimum(runs, len(column) - 1)] if column.ndim == 2 else column
+                   for name, column in self.columns.items()}
+        return replace(self, columns=columns, spring=self.spring[runs] if np.ndim(self.spring) else self.spring)
 
     def with_start_values(self, values: Mapping[str, Any]) -> Excitation:
         """Return the same with further parameters that differ."""

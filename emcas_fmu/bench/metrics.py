@@ -1,5 +1,7 @@
 """The figures of responses, each defined once: pure functions of uniformly sampled columns, SI throughout.
 
+A column is an array [rows], or of many runs [runs, rows]; a figure then is a number, or an array [runs]. What it is of
+one run does not depend on the others: rows are contiguous, and reduced one by one.
 Angles in rad, rates in rad/s, times in s, frequencies in Hz, shares as numbers; `shown` gives what people read.
 FIGURES names them all, with their units and the standard or book a definition follows.
 """
@@ -142,42 +144,48 @@ def errors(response: Array, reference: Array, unit: str = "1") -> Errors:
     return Errors(largest, mean, unit)
 
 
-def rms(values: Array) -> float:
+def rms(values: Array) -> Any:
     """Return the root mean square."""
-    return float(np.sqrt(np.mean(np.square(values))))
+    return np.sqrt(np.mean(np.square(values), axis=-1))
 
 
-def crossing(time: Array, values: Array, level: float) -> float:
+def _at(values: NDArray[Any], row: Any) -> Any:
+    """Return the values at a row, of many runs each at its own."""
+    return np.take_along_axis(values, row[..., np.newaxis], -1)[..., 0]
+
+
+def crossing(time: Array, values: Array, level: float) -> Any:
     """Return the first time [s] `values` reach `level` from below, by linear interpolation; nan if never."""
     above = values >= level
-    if not above.any():
-        return nan
-    k = int(np.argmax(above))
-    if k == 0:
-        return float(time[0])
-    return float(time[k - 1] + (level - values[k - 1]) / (values[k] - values[k - 1]) * (time[k] - time[k - 1]))
+    k = np.argmax(above, axis=-1)
+    before = np.maximum(k - 1, 0)
+    low, high = _at(values, before), _at(values, k)
+    with np.errstate(divide="ignore", invalid="ignore"):  # at the first row there is none before
+        between = time[before] + (level - low) / (high - low) * (time[k] - time[before])
+    return np.where(_at(above, k), np.where(k == 0, time[0], between), nan)[()]
 
 
-def settling(time: Array, distance: Array, band: float) -> float:
+def settling(time: Array, distance: Array, band: float) -> Any:
     """Return the time [s] from the first row on after which `distance` stays within `band` for good.
 
     By linear interpolation; 0 where it is never outside, inf where it is not within it at the end.
     """
-    outside = np.flatnonzero(~(distance <= band))
-    if not len(outside):
-        return 0.0
-    k = int(outside[-1])
-    if k == len(time) - 1:
-        return inf
-    inside = (distance[k] - band) / (distance[k] - distance[k + 1])
-    return float(time[k] - time[0] + inside * (time[k + 1] - time[k]))
+    outside = ~(distance <= band)
+    last = len(time) - 1
+    k = last - np.argmax(outside[..., ::-1], axis=-1)
+    after = np.minimum(k + 1, last)
+    here = _at(distance, k)
+    with np.errstate(divide="ignore", invalid="ignore"):  # at the last row there is none after
+        inside = (here - band) / (here - _at(distance, after))
+        within = time[k] - time[0] + inside * (time[after] - time[k])
+    return np.where(_at(outside, k), np.where(k == last, inf, within), 0.0)[()]
 
 
 def since(start: float, time: Array, *columns: Array) -> tuple[Array, ...]:
     """Return time and columns from `start` [s] on."""
     # Communication times carry rounding: a nanosecond early is on time.
     begin = int(np.searchsorted(time, start - 1e-9))
-    return (time[begin:], *(column[begin:] for column in columns))
+    return (time[begin:], *(column[..., begin:] for column in columns))
 
 
 @dataclass(frozen=True)
@@ -187,20 +195,20 @@ class StepMetrics:
     nan where a level is never reached, inf for a time that does not end within the record.
     """
 
-    rise_time: float
-    settling_time: float
-    time_to_accuracy: float
-    time_to_90_percent: float
-    overshoot: float
-    steady_error: float
-    ripple: float
+    rise_time: Any
+    settling_time: Any
+    time_to_accuracy: Any
+    time_to_90_percent: Any
+    overshoot: Any
+    steady_error: Any
+    ripple: Any
 
 
 MOTION = (*(field.name for field in fields(StepMetrics)), "peak_rate", "sustained_rate")
 """The figures of `motion`."""
 
 
-def step_metrics(time: Array, response: Array, start: float, command: float) -> StepMetrics:
+def step_metrics(time: Array, response: Array, start: float, command: Any) -> StepMetrics:
     """Return the figures of the response [rad] to a command that jumps to a level at `start` [s] and stays there.
 
     All levels refer to the commanded change, from the response at `start`, and not to the value the
@@ -208,59 +216,63 @@ def step_metrics(time: Array, response: Array, start: float, command: float) -> 
     "Modern Control Engineering", 5th ed., section 5-3. `time_to_accuracy` is settling within ACCURACY.
     """
     time, response = since(start, time, response)
-    share = (response - response[0]) / (command - response[0])
-    tenth, most = (crossing(time, share, level) for level in (0.1, 0.9))
+    level = np.asarray(command)[..., np.newaxis]
+    share = (response - response[..., :1]) / (level - response[..., :1])
+    tenth, most = (crossing(time, share, reached) for reached in (0.1, 0.9))
+    tail = int(np.argmax(time > time[-1] - TAIL))
     return StepMetrics(
         rise_time=most - tenth,
         settling_time=settling(time, np.abs(share - 1.0), 0.02),
-        time_to_accuracy=settling(time, np.abs(response - command), ACCURACY),
+        time_to_accuracy=settling(time, np.abs(response - level), ACCURACY),
         time_to_90_percent=most - start,
-        overshoot=max(float(np.max(share)) - 1.0, 0.0),
-        steady_error=float(np.mean(response[-max(len(time) // 10, 1):]) - command),
-        ripple=float(np.ptp(response[time > time[-1] - TAIL])),
+        overshoot=np.maximum(np.max(share, axis=-1) - 1.0, 0.0),
+        steady_error=np.mean(response[..., -max(len(time) // 10, 1):], axis=-1) - command,
+        ripple=np.ptp(response[..., tail:], axis=-1),
     )
 
 
-def sustained_rate(time: Array, angle: Array, start: float, command: float) -> float:
+def sustained_rate(time: Array, angle: Array, start: float, command: Any) -> Any:
     """Return the mean rate [rad/s] over the middle 60 % of a motion commanded at `start` [s]; nan if it falls short.
 
     The middle of the travel leaves out the run-up and the braking, and a mean does not reward a
     spike: this, and not the largest rate, is what a guidance loop can count on.
     """
     time, angle = since(start, time, angle)
-    travel = command - angle[0]
-    share = (angle - angle[0]) / travel
-    return float(abs(travel) * 0.6 / (crossing(time, share, 0.8) - crossing(time, share, 0.2)))
+    first = angle[..., :1]
+    travel = command - angle[..., 0]
+    share = (angle - first) / travel[..., np.newaxis]
+    return np.abs(travel) * 0.6 / (crossing(time, share, 0.8) - crossing(time, share, 0.2))
 
 
-def motion(run: Run, number: int = 0) -> dict[str, float]:
+def motion(run: Run, number: int = 0) -> dict[str, Any]:
     """Return the figures of the nth jump of the command of a finished run, judged until the next."""
     move, columns = run.excitation.moves[number], run.columns
-    upto = columns["time"] <= move.end + 1e-9
-    time, angle, rate = (columns[name][upto] for name in ("time", "fin_angle", "fin_rate"))
+    upto = int(np.searchsorted(columns["time"], move.end + 1e-9, side="right"))
+    time, angle, rate = (columns[name][..., :upto] for name in ("time", "fin_angle", "fin_rate"))
     return {**vars(step_metrics(time, angle, move.start, move.level)),
-            "peak_rate": float(np.max(np.abs(since(move.start, time, rate)[1]))),
+            "peak_rate": np.max(np.abs(since(move.start, time, rate)[1]), axis=-1),
             "sustained_rate": sustained_rate(time, angle, move.start, move.level)}
 
 
-def held_error(run: Run) -> float:
+def held_error(run: Run) -> Any:
     """Return the mean fin angle - command [rad] over the end of a hold."""
     time = run.columns["time"]
-    return float(np.mean(run.columns["fin_angle"][time > time[-1] - HELD])) - run.excitation.moves[-1].level
+    end = int(np.argmax(time > time[-1] - HELD))
+    return np.mean(run.columns["fin_angle"][..., end:], axis=-1) - run.excitation.moves[-1].level
 
 
-def usage(run: Run) -> dict[str, float]:
+def usage(run: Run) -> dict[str, Any]:
     """Return what any run has, from the excitation's beginning on, as far as the outputs it needs were recorded."""
     at = dict(zip(run.columns, since(run.excitation.begin, *run.columns.values()), strict=True))
     reductions: Mapping[str, Callable[[Array], Any]] = {
-        "peak": lambda column: np.max(np.abs(column)), "rms": rms, "share": lambda column: np.mean(column > 0.5)}
-    figures = {name: float(reductions[reduction](at[output])) for name, (reduction, output) in REDUCED.items()
-               if output in at}
+        "peak": lambda column: np.max(np.abs(column), axis=-1), "rms": rms,
+        "share": lambda column: np.mean(column > 0.5, axis=-1)}
+    figures = {name: reductions[reduction](at[output]) for name, (reduction, output) in REDUCED.items() if output in at}
     if "supply_power" in at:
         power = at["supply_power"]
         drawn, returned = energies(at["time"], power)
-        figures |= {"peak_power": float(np.max(power, initial=0.0)), "energy_drawn": drawn, "energy_returned": returned,
-                    "peak_returned_power": float(np.max(0.0 - power, initial=0.0))}
+        figures |= {"peak_power": np.max(power, axis=-1, initial=0.0), "energy_drawn": drawn,
+                    "energy_returned": returned, "peak_returned_power": np.max(0.0 - power, axis=-1, initial=0.0)}
     return figures
 
 
@@ -273,29 +285,35 @@ USAGE = (*REDUCED, "peak_power", "energy_drawn", "energy_returned", "peak_return
 """The figures of `usage`."""
 
 
-def energies(time: Array, power: Array) -> tuple[float, float]:
+def energies(time: Array, power: Array) -> tuple[Any, Any]:
     """Return the energy [J] drawn and, as a magnitude, fed back, by the trapezoidal rule."""
-    return (float(np.trapezoid(np.maximum(power, 0.0), time)), float(np.trapezoid(np.maximum(-power, 0.0), time)))
+    return np.trapezoid(np.maximum(power, 0.0), time), np.trapezoid(np.maximum(-power, 0.0), time)
 
 
-def leaping_power(power: Array, step: float, leaps: Array) -> dict[str, float]:
-    """Return peak, root mean square and net energy of power in rows `step` [s] apart that leaps at times between them.
+def leap_weights(count: int, step: float, leaps: Array) -> Array:
+    """Return what each of `count` rows, `step` [s] apart, adds to an integral of power that leaps between them.
 
     `leaps` [s], two rows apart or more, are from the first row on. The cut with a leap is extended to it from either
     side, by the line through the two rows there: leaps in step with the rows would bias the trapezoidal rule.
     """
-    weights = np.full(len(power), step)
+    weights = np.full(count, step)
     weights[[0, -1]] /= 2.0
     last = np.floor(leaps / step + 1e-6).astype(int)  # row before the leap
-    inside = (last >= 1) & (last <= len(power) - 3)
+    inside = (last >= 1) & (last <= count - 3)
     before = last[inside]
     left = leaps[inside] - before * step
     for row, inner, length in ((before, -1, left), (before + 1, 1, step - left)):
         line = length**2 / (2.0 * step)
         weights[row] += length - step / 2.0 + line
         weights[row + inner] -= line
-    return {"peak_power": float(power.max()), "net_energy": float(weights @ power),
-            "rms_power": float(np.sqrt(weights @ power**2 / weights.sum()))}
+    return weights
+
+
+def leaping_power(power: Array, weights: Array) -> dict[str, Any]:
+    """Return peak, root mean square and net energy of power whose rows have these :func:`leap_weights`."""
+    weighted = weights * power
+    return {"peak_power": np.max(power, axis=-1), "net_energy": np.sum(weighted, axis=-1),
+            "rms_power": np.sqrt(np.sum(weighted * power, axis=-1) / np.sum(weights, axis=-1))}
 
 
 @dataclass(frozen=True)
@@ -316,12 +334,12 @@ class FrequencyResponse:
     @property
     def bandwidth(self) -> float:
         """Lowest frequency [Hz] at which the gain falls 3 dB below unity; nan if it does not."""
-        return crossing(self.frequency, -self.gain_db, 3.0)
+        return float(crossing(self.frequency, -self.gain_db, 3.0))
 
     @property
     def phase_bandwidth(self) -> float:
         """Lowest frequency [Hz] at which the response lags by 90 degrees; nan if it does not."""
-        return crossing(self.frequency, -np.degrees(self.phase), 90.0)
+        return float(crossing(self.frequency, -np.degrees(self.phase), 90.0))
 
     @property
     def beyond(self) -> float:

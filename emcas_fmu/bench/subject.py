@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
 from math import radians
@@ -27,11 +27,13 @@ from ..actuators import NONLINEAR, full_name, get
 from ..actuators.declaration import Actuator
 from ..errors import EmcasError
 from ..namespace import with_values
+from ..ops.arrays import ARRAYS
 from ..ops.floats import FLOATS
 from ..parameters import ParameterSet, check_combinations, load_parameters, require_sound
 from ..reference.files import parameters_hash
 from ..reference.stored import Stored
-from ..simulation import Array, SteppedUnit, respond
+from ..runtime.compiled import Tables, parameter_row
+from ..simulation import Array, SteppedUnit, respond_all
 from ..variables import Variable
 from .excitation import LOAD, Excitation
 from .fmu import OpenedFmu, chosen_model, opened
@@ -77,6 +79,7 @@ class Identification:
 class Run:
     """The response to an excitation: `columns` by name, `time` [s] first, and those that were asked for between rows.
 
+    Of many runs that ended well the columns are arrays [runs, rows], but for ``time``.
     ``stopped`` is the time [s] the subject went no further than, None where it ran to the end;
     ``messages`` what it logged; ``wall_time`` [s].
     """
@@ -94,11 +97,63 @@ class Run:
             return ""
         return f"went no further than {self.stopped:.6g} s: {self.messages[-1] if self.messages else 'no reason given'}"
 
+    def of(self, run: int) -> Run:
+        """Return one run of many."""
+        return replace(self, excitation=self.excitation.of(run), columns=_of(self.columns, run))
+
     def finished(self) -> Columns:
         """Return the columns. Raises StoppedError, saying why, where the run ended early."""
         if self.stopped is not None:
             raise StoppedError(f"the subject {self.reason}")
         return self.columns
+
+
+@dataclass(frozen=True)
+class Runs:
+    """The responses of many runs to excitations with the same rows.
+
+    `columns` by name are arrays [runs, rows], but ``time`` [rows]; those that are fine have `substeps` to each row. In
+    rows that a run did not get to they are NaN. By a run's place: `refused` is what a single run would raise, `stopped`
+    the rows it has and what it logged. A run of it is what it is alone, its columns are views.
+    """
+
+    excitation: Excitation = field(repr=False)
+    columns: Columns = field(repr=False)
+    number: int
+    substeps: int
+    refused: Mapping[int, Exception]
+    stopped: Mapping[int, tuple[int, tuple[str, ...]]]
+    wall_time: float
+
+    def __len__(self) -> int:
+        return self.number
+
+    def __getitem__(self, place: int) -> Run:
+        """Return a run. Raises what it was refused with."""
+        place = range(self.number)[place]
+        if place in self.refused:
+            raise self.refused[place]
+        time, taken = self.columns["time"], self.wall_time / self.number
+        columns = _of(self.columns, place)
+        if place not in self.stopped:
+            return Run(self.excitation.of(place), columns, None, (), taken)
+        rows, messages = self.stopped[place]
+        steps = max((rows - 1) * self.substeps + 1, 0)
+        columns = {name: column[:rows if len(column) == len(time) else steps] for name, column in columns.items()}
+        return Run(self.excitation.of(place), columns, float(np.max(columns["time"], initial=0.0)), messages, taken)
+
+
+    def finished(self) -> tuple[Any, Run]:
+        """Return the places of the runs that ended well, and these as one."""
+        if not self.refused and not self.stopped:
+            return np.arange(self.number), Run(self.excitation, self.columns, None, (), self.wall_time)
+        places = np.setdiff1d(np.arange(self.number), [*self.refused, *self.stopped])
+        return places, Run(self.excitation.of(places), _of(self.columns, places), None, (), self.wall_time)
+
+
+def _of(columns: Columns, runs: Any) -> dict[str, Array]:
+    """Return the columns of one run, or of some."""
+    return {name: column if name == "time" else column[runs] for name, column in columns.items()}
 
 
 class Subject(ABC):
@@ -126,6 +181,34 @@ class Subject(ABC):
         unless given. Raises EmcasError for what the subject has not and ParameterError for values it refuses; what
         goes wrong on the way is in the run.
         """
+
+    def run_all(self, excitation: Excitation, changes: Mapping[str, Array], outputs: Iterable[str] | None = None,
+                substeps: int = 1, fine: Sequence[str] = ()) -> Runs:
+        """Return the responses of many runs, each as `run` gives it: one after the other, where no faster way is known.
+
+        `changes` are parameters that differ, by name an array with a value for each run; columns of the excitation may
+        differ, too. A run that is refused or stops leaves the others alone. Raises EmcasError for what the subject has
+        not.
+        """
+        begin = perf_counter()
+        count, changes = _spread(excitation, changes)
+        names = tuple(self.outputs if outputs is None else outputs)
+        rows, steps = len(excitation.time), (len(excitation.time) - 1) * substeps + 1
+        columns = {name: np.full((count, steps if name in fine else rows), np.nan) for name in names}
+        refused, stopped = dict[int, Exception](), dict[int, tuple[int, tuple[str, ...]]]()
+        for place in range(count):
+            try:
+                run = self.run(excitation.of(place), {name: values[place].item() for name, values in changes.items()},
+                               names, substeps, fine)
+            except Exception as error:  # whatever it is: the others run  # noqa: BLE001
+                refused[place] = error
+                continue
+            if run.stopped is not None:
+                stopped[place] = len(run.columns["time"]), run.messages
+            for name in names:
+                columns[name][place, :len(run.columns[name])] = run.columns[name]
+        time = np.arange(rows) * substeps * (excitation.step / substeps)
+        return Runs(excitation, {"time": time, **columns}, count, substeps, refused, stopped, perf_counter() - begin)
 
     @property
     def actuator(self) -> Actuator:
@@ -165,22 +248,32 @@ class Subject(ABC):
     def _namespace(self) -> Any:
         return get(self.model).namespace(self.values)
 
-    def transport_delay(self, start_values: Mapping[str, Any]) -> float:
-        """Return the time [s] from a sample of the controllers to the drive, with parameters that differ."""
-        delay = self.actuator.transport_delay
-        return 0.0 if delay is None else float(delay(FLOATS, with_values(self._namespace, start_values)))
+    def transport_delay(self, start_values: Mapping[str, Any]) -> Any:
+        """Return the time [s] from a sample of the controllers to the drive, with parameters that differ.
+
+        An array where these are and it depends on them.
+        """
+        delay, ops = self.actuator.transport_delay, ARRAYS if any(map(np.ndim, start_values.values())) else FLOATS
+        return 0.0 if delay is None else delay(ops, with_values(self._namespace, start_values))
 
     def obstacle(self, excitation: Excitation) -> str:
         """Return why it cannot be excited so, in words; empty where it can."""
         return _without([*(name for name in excitation.columns if name not in self.inputs),
                          *(name for name in excitation.start_values if name not in self.values)])
 
-    def _changes(self, excitation: Excitation, start_values: Mapping[str, Any] | None) -> Mapping[str, Any]:
-        """Return the parameters that differ in a run. Raises EmcasError where the subject cannot be excited so."""
-        excitation = excitation.with_start_values(start_values or {})
+    def _changes(self, excitation: Excitation, changes: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the parameters that differ. Raises EmcasError where the subject cannot be excited so."""
+        excitation = excitation.with_start_values(changes)
         if obstacle := self.obstacle(excitation):
             raise EmcasError(f"{excitation.title}: {obstacle} ({self.model})")
         return excitation.start_values
+
+
+def _spread(excitation: Excitation, changes: Mapping[str, Any]) -> tuple[int, dict[str, Array]]:
+    """Return how many runs there are, and for each parameter that differs an array with its value in each."""
+    of_runs = [len(column) for column in excitation.columns.values() if column.ndim == 2]
+    (count,) = np.broadcast_shapes((1,), *of_runs, *map(np.shape, changes.values()))
+    return count, {name: np.broadcast_to(values, count) for name, values in changes.items()}
 
 
 def lacking(outputs: Iterable[str], present: Collection[str]) -> str:
@@ -227,47 +320,68 @@ class ParameterSubject(Subject):
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
+        return self.run_all(excitation, start_values or {}, outputs, substeps, fine)[0]
+
+    def run_all(self, excitation: Excitation, changes: Mapping[str, Array], outputs: Iterable[str] | None = None,
+                substeps: int = 1, fine: Sequence[str] = ()) -> Runs:
         begin = perf_counter()
-        names = ("time", *(self.outputs if outputs is None else outputs))
-        values = {**self.values, **self._changes(excitation, start_values)}
-        table = self._table(values, excitation)
-        table = table if substeps == 1 else np.repeat(table, substeps, axis=0)[:1 - substeps]
+        count, changes = _spread(excitation, self._changes(excitation, changes))
+        names = tuple(self.outputs if outputs is None else outputs)
+        inputs = [excitation.columns[v.name] if v.name in excitation.columns
+                  else np.asarray(v.initial({**self.values, **changes}), dtype=float)[..., np.newaxis]
+                  for v in self.inputs.values()]
+        sets = np.repeat(self._numbers[np.newaxis], count, axis=0)
+        for name in changes.keys() & self._places.keys():
+            sets[:, self._places[name]] = changes[name]
         step = excitation.step / substeps
-        try:
-            if excitation.spring:
-                columns = _sprung(values, self.model, table, step, excitation.spring, substeps)
+        if np.any(excitation.spring):
+            tables = self._sprung(sets, inputs, step, names, substeps, fine, excitation.spring)
+        else:
+            tables = respond_all(sets, inputs, step, names, model=self.model, held=substeps, fine=fine)
+        time = np.arange((len(excitation.time) - 1) * substeps + 1) * step
+        stopped = {run: (0, (str(error),)) for run, error in tables.failures.items()
+                   if isinstance(error, ArithmeticError)}
+        refused = {run: error for run, error in tables.failures.items() if run not in stopped}
+        return Runs(excitation, {"time": time[::substeps], **tables.columns}, count, substeps, refused, stopped,
+                    perf_counter() - begin)
+
+    def _sprung(self, sets: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str], held: int,
+                fine: Sequence[str], springs: Any) -> Tables:
+        """Return what `respond_all` does, under springs [N.m/rad], one for all runs or an array with that of each.
+
+        A spring's moment is that of the fin angle at the last row.
+        """
+        count, rows = np.broadcast_shapes((len(sets), 1), *(column.shape for column in inputs))
+        springs = np.broadcast_to(springs, count).tolist()
+        columns = {name: np.full((count, (rows - 1) * held + 1 if name in fine else rows), np.nan) for name in outputs}
+        reached, failures = np.zeros(count, dtype=np.int64), dict[int, ValueError | ArithmeticError]()
+        for run, spring in enumerate(springs):
+            values = {**self.values, **dict(zip(self._places, sets[run].tolist(), strict=True))}
+            table = np.stack([np.broadcast_to(column, (count, rows))[run] for column in inputs], axis=1).tolist()
+            at_rows = [dict(zip(self.inputs, row, strict=True)) for row in table]
+            try:
+                unit = SteppedUnit(values, step, self.model, at_rows[0])
+                angle = unit.place("fin_angle")
+                for row in at_rows[:-1]:
+                    unit.run(**{**row, LOAD: row[LOAD] - spring * unit.now[angle]})
+                    for _ in range(held - 1):
+                        unit.run()
+            except (ValueError, ArithmeticError) as error:
+                failures[run] = error
             else:
-                columns = respond(values, table, step, model=self.model, outputs=names)
-        except ArithmeticError as error:
-            return Run(excitation, dict.fromkeys(names, np.array([])), 0.0, (str(error),), perf_counter() - begin)
-        thinned = {name: columns[name] if name in fine else columns[name][::substeps] for name in names}
-        return Run(excitation, thinned, None, (), perf_counter() - begin)
+                reached[run] = (rows - 1) * held + 1
+                for name, column in unit.columns().items():
+                    if name in columns:
+                        columns[name][run] = column[::1 if name in fine else held]
+        return Tables(columns, reached, failures)
 
-    def _table(self, values: Mapping[str, Any], excitation: Excitation) -> Array:
-        """Return the rows of all inputs, those that are not excited at their start."""
-        table = np.empty((len(excitation.time), len(self.inputs)))
-        table[:] = [v.initial(values) for v in self.inputs.values()]
-        for i, name in enumerate(self.inputs):
-            if name in excitation.columns:
-                table[:, i] = excitation.columns[name]
-        return table
+    @cached_property
+    def _places(self) -> Mapping[str, int]:
+        return {v.name: i for i, v in enumerate(self.actuator.parameters)}
 
-
-def _sprung(values: Mapping[str, Any], model: str, table: Array, step: float, spring: float, substeps: int
-            ) -> dict[str, Array]:
-    """Return the outputs at rows of inputs `step` [s] apart, as `respond`, under a spring [N.m/rad].
-
-    The spring's moment is that of the fin angle at the last row that is a multiple of `substeps`.
-    """
-    names = [v.name for v in get(model).inputs]
-    rows = [dict(zip(names, row, strict=True)) for row in table[::substeps].tolist()]
-    unit = SteppedUnit(values, step, model, rows[0])
-    angle = unit.place("fin_angle")
-    for row in rows[:-1]:
-        unit.run(**{**row, LOAD: row[LOAD] - spring * unit.now[angle]})
-        for _ in range(substeps - 1):
-            unit.run()
-    return unit.columns()
+    @cached_property
+    def _numbers(self) -> Array:
+        return parameter_row(self.values, self.model)
 
 
 class _Recorder:
@@ -323,7 +437,7 @@ class FmuSubject(Subject):
 
     def run(self, excitation: Excitation, start_values: Mapping[str, Any] | None = None,
             outputs: Iterable[str] | None = None, substeps: int = 1, fine: Sequence[str] = ()) -> Run:
-        begin, changes = perf_counter(), self._changes(excitation, start_values)
+        begin, changes = perf_counter(), self._changes(excitation, start_values or {})
         names = list(self.outputs if outputs is None else outputs)
         if changes:  # an FMU refuses, too, in words of its own or by not stepping
             _check({**self.values, **changes}, self.model)

@@ -136,9 +136,9 @@ def _run(store: Any, study: Any, workers: int | None, scheduler: str | None, chu
         task = progress.add_task(f"campaign {study.path.name}", total=study.samples,
                                  completed=study.samples - len(missing))
 
-        def keep(rows: list[dict[str, Any]]) -> None:
+        def keep(rows: dict[str, Any]) -> None:
             store.write(rows)
-            progress.advance(task, len(rows))
+            progress.advance(task, len(rows["index"]))
 
         try:
             if workers == 0:
@@ -160,7 +160,7 @@ def _one(study: Any, index: int, as_json: Path | None, output: Path | None, plot
     from ..plots import check_ending
     from ..studies.campaign.extension_outputs import in_words
     from ..studies.campaign.history import history
-    from ..studies.campaign.sample import columns, observed, rows, subject_of
+    from ..studies.campaign.sample import columns, listed, observed, rows, subject_of
     from ..studies.campaign.sampling import Sampler
 
     if not 0 <= index < study.samples:
@@ -171,7 +171,7 @@ def _one(study: Any, index: int, as_json: Path | None, output: Path | None, plot
                       for path in (output, plot)) for e in plan.experiments}
     check_outputs(as_json, *(path for each in files.values() for path in each), inputs=inputs)
     drawn = Sampler(study).draw([index])
-    row = rows(plan.packed(), [index], drawn)[0]
+    (row,) = listed(rows(plan.packed(), [index], drawn))
     if as_json:
         write_json(row, as_json)
     for experiment, (table_file, picture) in files.items() if output or plot else ():

@@ -27,7 +27,7 @@ class Mechanics(NamedTuple):
 
     ``inertia`` [kg.m2], ``load`` [N.m] (external, positive along positive motor
     angle), ``rotor`` [N.m] (the share of it that acts on the rotor itself),
-    ``centrifugal`` [N.m.s2/rad2] (coefficient of w^2), ``ratio`` R [-], ``fin`` angle [rad].
+    ``centrifugal`` [N.m.s2/rad2] (coefficient of w^2), ``ratio`` R [-], ``gain`` 1/R [-], ``fin`` angle [rad].
     """
 
     inertia: Value
@@ -35,6 +35,7 @@ class Mechanics(NamedTuple):
     rotor: Value
     centrifugal: Value
     ratio: Value
+    gain: Value
     fin: Value
 
 
@@ -61,25 +62,25 @@ def coefficients(ops: Ops, p: Any, motor_angle: Value, u: Any = loads.NONE) -> M
     """Return the equation's coefficients at a motor angle [rad] under the loads.LOADS that `u` has."""
     tangent = kinematics.lever_tangent(ops, p, motor_angle)
     ratio = kinematics.reduction_ratio(ops, p, tangent)
-    inverse = 1.0 / ratio  # one division for all: they take long
-    reflected = fin_inertia(p) * (inverse * inverse)
+    gain = 1.0 / ratio
+    reflected = fin_inertia(p) * (gain * gain)
     moment, rotor = external_moment(ops, p, tangent, u), rotor_torque(p, u)
     return Mechanics(
         inertia=screw_inertia(p) + reflected,
-        load=moment * inverse + p.screw.lead * loads.nut_force(ops, p, u) + rotor,
+        load=moment * gain + p.screw.lead * loads.nut_force(ops, p, u) + rotor,
         rotor=rotor,
-        centrifugal=0.0 if p.structure.constant_ratio else 2.0 * tangent * reflected * inverse,
+        centrifugal=0.0 if p.structure.constant_ratio else 2.0 * tangent * reflected * gain,
         ratio=ratio,
+        gain=gain,
         fin=kinematics.fin_angle(ops, p, tangent),
     )
 
 
 def breakaway(ops: Ops, p: Any, m: Mechanics, direction: Value, speed: Value = 0.0) -> Value:
     """Return T_c/R [N.m], dry friction at the motor for motion along `direction`, at a motor speed [rad/s]."""
-    return friction.coulomb(ops, p, direction, m.fin, speed) + p.friction.fin_coulomb * (1.0 / m.ratio)
+    return friction.coulomb(ops, p, direction, m.fin, speed) + p.friction.fin_coulomb * m.gain
 
 
 def damping(ops: Ops, p: Any, m: Mechanics, direction: Value) -> Value:
     """Return viscous coefficient [N.m.s/rad] at the motor, that of the hinge included (2.17)."""
-    inverse = 1.0 / m.ratio
-    return friction.viscous(ops, p, direction) + p.friction.fin_viscous * (inverse * inverse)
+    return friction.viscous(ops, p, direction) + p.friction.fin_viscous * (m.gain * m.gain)

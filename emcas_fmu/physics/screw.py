@@ -61,7 +61,7 @@ def hold(ops: Ops, p: Any, transmitted: Value, direction: Value) -> Value:
 
 def held(ops: Ops, p: Any, m: Mechanics, high: Value, low: Value) -> tuple[Value, Value]:
     """Return the torques [N.m] that move a rotor at rest, with the friction of a loaded screw."""
-    hinge = p.friction.fin_coulomb / m.ratio
+    hinge = p.friction.fin_coulomb * m.gain
     return high + hold(ops, p, hinge - behind(m), 1.0), low - hold(ops, p, -hinge - behind(m), -1.0)
 
 
@@ -75,9 +75,9 @@ def nut_inertia(p: Any) -> Value:
     return p.mass.nut * p.screw.lead * p.screw.lead
 
 
-def load_inertia(p: Any, ratio: Value) -> Value:
-    """Return J_l [kg.m2] of nut and fin behind a rigid line of a ratio R."""
-    return nut_inertia(p) + fin_inertia(p) / (ratio * ratio)
+def load_inertia(p: Any, gain: Value) -> Value:
+    """Return J_l [kg.m2] of nut and fin behind a rigid line of a gain 1/R."""
+    return nut_inertia(p) + fin_inertia(p) * (gain * gain)
 
 
 def behind(m: Mechanics) -> Value:
@@ -87,14 +87,14 @@ def behind(m: Mechanics) -> Value:
 
 def load(p: Any, m: Mechanics, speed: Value, direction: Value) -> Value:
     """Return L_0 [N.m] behind a rigid line at a motor speed [rad/s]."""
-    hinge = direction * p.friction.fin_coulomb / m.ratio + p.friction.fin_viscous / (m.ratio * m.ratio) * speed
+    hinge = direction * p.friction.fin_coulomb * m.gain + p.friction.fin_viscous * (m.gain * m.gain) * speed
     return hinge - behind(m) - m.centrifugal * speed * speed
 
 
 def felt(p: Any, m: Mechanics, e: Value) -> tuple[Any, Mechanics]:
     """Return parameters and coefficients with `e` times what is on the load side."""
     hinge = {"friction.fin_coulomb": e * p.friction.fin_coulomb, "friction.fin_viscous": e * p.friction.fin_viscous}
-    inertia = m.inertia + (e - 1.0) * load_inertia(p, m.ratio)
+    inertia = m.inertia + (e - 1.0) * load_inertia(p, m.gain)
     load = e * behind(m) + m.rotor
     return with_values(p, hinge), m._replace(inertia=inertia, load=load, centrifugal=e * m.centrifugal)
 

@@ -14,8 +14,8 @@ def _load_side(ops: Ops, p: Any, speed: Value, fin: Value, moment: Value, u: Rec
                ) -> tuple[Value, Value]:
     """Return J_l [kg.m2] and L_0 [N.m] of a rigid drive line at a speed of the motor [rad/s] and a fin angle [rad]."""
     m = mechanics.coefficients(ops, p, kinematics.motor_angle(ops, p, fin))
-    m = m._replace(load=moment / m.ratio + p.screw.lead * loads.nut_force(ops, p, u))
-    return screw.load_inertia(p, m.ratio), screw.load(p, m, speed, direction)
+    m = m._replace(load=moment * m.gain + p.screw.lead * loads.nut_force(ops, p, u))
+    return screw.load_inertia(p, m.gain), screw.load(p, m, speed, direction)
 
 
 def _line_load(ops: Ops, p: Any, x: Record, fin: Value, u: Record) -> tuple[Value, Value]:

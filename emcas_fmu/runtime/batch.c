@@ -1,12 +1,7 @@
 /* The actuator as a library for the Python API: one, many, and whole runs at a call. */
 #include "core.h"
 #include "parameter_checks.h"
-
-#if defined _WIN32
-#define API __declspec(dllexport)
-#else
-#define API __attribute__((visibility("default")))
-#endif
+#include "tables.h"
 
 /* One actuator, laid out by its user: actuator_size() bytes, aligned for double. */
 typedef struct {
@@ -90,34 +85,97 @@ static void row(actuator *a, const double *in, core_inputs *out)
     core_inputs_of(in, a->carried, out);
 }
 
-/* `count` actuators, each to `end` [s] with its own row of the interface's inputs and outputs.
- * A result for each; gives how many did not get there. */
-API size_t actuators_run(actuator *a, size_t count, double end, const double *in, double *out, int *result)
+/* How many actuators the processor's vectors hold, of those that vectors.c is compiled for. */
+API int actuator_lanes(void)
+{
+#if defined __x86_64__
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq")) return 8;
+    if (__builtin_cpu_supports("avx2")) return 4;
+#endif
+    return 1;
+}
+
+/* Move actuators first to last - 1 on to `end` [s], with the interface's inputs held: columns of a value for each
+ * actuator, `stride` [doubles] apart, 0 where it is one for all. An output's column begins `out_stride` [doubles] behind
+ * the one before. A result for each; gives how many did not get there. */
+API size_t actuators_run(actuator *a, size_t first, size_t last, double end, const double *const *columns,
+                         const size_t *stride, double *out, size_t out_stride, int *result)
 {
     size_t failed = 0;
-    for (size_t i = 0; i < count; ++i) {
+    for (size_t k = first; k < last; ++k) {
+        double in[MODEL_INPUTS], now[MODEL_OUTPUTS];
         core_inputs inputs;
-        row(a + i, in + i * MODEL_INPUTS, &inputs);
-        result[i] = core_run(a[i].parameters, a[i].constants, &a[i].state, end, &inputs, NULL, out + i * MODEL_OUTPUTS);
-        failed += result[i] != CORE_DONE;
+        for (size_t i = 0; i < MODEL_INPUTS; ++i) in[i] = columns[i][k * stride[i]];
+        row(a + k, in, &inputs);
+        result[k] = core_run(a[k].parameters, a[k].constants, &a[k].state, end, &inputs, NULL, now);
+        failed += result[k] != CORE_DONE;
+        for (size_t i = 0; result[k] == CORE_DONE && i < MODEL_OUTPUTS; ++i) out[i * out_stride + k] = now[i];
     }
     return failed;
 }
 
-/* A whole run from the start: the outputs at `rows` times `step` [s] apart, the first at 0, with
- * the inputs of each row held until the next. Gives how many rows were reached. */
+/* The inputs of a run's row; 0 if one is not finite. */
+static int row_at(actuator *a, const input_column *columns, size_t run, size_t k, core_inputs *out)
+{
+    double in[MODEL_INPUTS];
+    for (size_t i = 0; i < MODEL_INPUTS; ++i)
+        in[i] = columns[i].first[(ptrdiff_t)run * columns[i].run + (ptrdiff_t)k * columns[i].row];
+    if (!core_all_finite(in, MODEL_INPUTS)) return 0;
+    row(a, in, out);
+    return 1;
+}
+
+/* One of actuators_simulate's runs, of an actuator at its start. Gives how many points were reached. */
+static size_t simulate(actuator *a, size_t run, size_t points, double step, size_t held, const input_column *in,
+                       const output_column *out, size_t columns, int *result)
+{
+    core_inputs inputs;
+    double now[MODEL_OUTPUTS];
+    *result = CORE_DONE;
+    for (size_t k = 0; k < points; ++k) {
+        /* The last row's inputs act nowhere: what is put out at a row is under those before it. */
+        if (k) *result = core_run(a->parameters, a->constants, &a->state, (double)k * step, &inputs, NULL, now);
+        if (*result != CORE_DONE) return k;
+        if (k % held == 0 && !row_at(a, in, run, k / held, &inputs)) {
+            *result = RUN_INPUT_NOT_FINITE;
+            return k;
+        }
+        if (k == 0) outputs(a, &inputs, now);
+        for (size_t j = 0; j < columns; ++j)
+            if (k % out[j].every == 0) *value_at(&out[j], run, k) = now[out[j].place];
+    }
+    return points;
+}
+
+/* `count` whole runs from the start, each with its parameters, `apart` [doubles] from one to the next (0: one set for
+ * all): outputs at `points` of time, `step` [s] apart and the first at 0. Each row of the inputs, of which there are
+ * MODEL_INPUTS columns, is held for `held` steps. Outputs at points that were not reached are NaN; `reached` and
+ * `result` have a number for each run. Gives how many runs went no further. */
+API size_t actuators_simulate(size_t count, const double *parameters, size_t apart, size_t points, double step,
+                              size_t held, const input_column *in, const output_column *out, size_t columns,
+                              int64_t *reached, int *result)
+{
+    size_t failed = 0;
+    for (size_t i = 0; i < count; ++i) {
+        actuator a;
+        size_t done = 0;
+        if (actuator_start(&a, parameters + i * apart))
+            done = simulate(&a, i, points, step, held, in, out, columns, &result[i]);
+        else
+            result[i] = RUN_REFUSED;
+        reached[i] = (int64_t)done;
+        failed += result[i] != CORE_DONE;
+        not_reached(out, columns, i, done, points);
+    }
+    return failed;
+}
+
+/* The run of an actuator at its start: all outputs at the rows of `in`, a table as `out`. Gives how many were reached. */
 API size_t actuator_simulate(actuator *a, size_t rows, double step, const double *in, double *out, int *result)
 {
-    if (rows == 0) return 0;
-    core_inputs inputs;
-    row(a, in, &inputs);
-    outputs(a, &inputs, out);
-    for (size_t k = 1; k < rows; ++k) {
-        /* The last row's inputs act nowhere: what is put out at a row is under those before it. */
-        *result = core_run(a->parameters, a->constants, &a->state, (double)k * step, &inputs, NULL,
-                           out + k * MODEL_OUTPUTS);
-        if (*result != CORE_DONE) return k;
-        row(a, in + k * MODEL_INPUTS, &inputs);
-    }
-    return rows;
+    input_column inputs[MODEL_INPUTS];
+    output_column columns[MODEL_OUTPUTS];
+    for (size_t i = 0; i < MODEL_INPUTS; ++i) inputs[i] = (input_column){in + i, 0, MODEL_INPUTS};
+    for (size_t i = 0; i < MODEL_OUTPUTS; ++i) columns[i] = (output_column){out + i, 0, MODEL_OUTPUTS, i, 1};
+    return simulate(a, 0, rows, step, 1, inputs, columns, MODEL_OUTPUTS, result);
 }

@@ -14,6 +14,7 @@ from ..control import command as bus
 from ..physics.loads import LOADS
 from ..trace import elementary
 from ..trace.c_source import c_elementary, c_source
+from ..trace.vector_source import vector_elementary, vector_source
 from . import codegen, core
 
 MOST_NUMBERS = 12  # of a rule's message: as many as instance.h hands to printf
@@ -45,6 +46,14 @@ def elementary_header() -> str:
     return header("elementary", "Elementary functions as straight-line code",
                   "#include <math.h>\n#include <stdint.h>\n#include <string.h>\n\n"
                   f"{_NO_CONTRACTION}\n{c_elementary(elementary.traced())}")
+
+
+def vector_sources(model: str = NONLINEAR) -> dict[str, str]:
+    """Return the headers that hold many of an actuator at once, beside those of :func:`core_sources`."""
+    equations = f"{vector_elementary(elementary.traced())}\n{vector_source(codegen.traced(False, model), 'vector')}"
+    return {"vector_kernel.h": header("vector_kernel", "The actuator's equations for many at once",
+                                      f'#include "vector.h"\n\n{_NO_CONTRACTION}\n{equations}'),
+            **{name: handwritten(name) for name in ("vector.h", "vector_core.h")}}
 
 
 def enumerator(name: str) -> str:

@@ -1,111 +1,53 @@
-"""The kernel and its stepping as machine code, compiled on first use and kept in the user's cache."""
+"""Actuators in machine code: one, stepped by its user, and many whole runs at a call."""
 
 from __future__ import annotations
 
 import ctypes as ct
-import hashlib
-import threading
-import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from math import isfinite
-from pathlib import Path
-from tempfile import NamedTemporaryFile
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..actuators import NONLINEAR, get
 from ..actuators.fin_port import MOTION
-from ..compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers, local_platform
-from ..files import cache_directory
 from ..parameters import ParameterError, check_parameters
 from ..physics.loads import LOADS, Carried
-from ..progress import LOG
 from . import core
-from .c_sources import core_sources, handwritten
+from .library import loaded, vectors
 
-_MAIN = "batch.c"
-_DOUBLES = ct.POINTER(ct.c_double)
 REASONS = ("", "the state is no longer finite", f"more than {core.MOST_EVENTS} events in a tick",
-            f"more than {core.MOST_TICKS} ticks in one step")
+            f"more than {core.MOST_TICKS} ticks in one step", "the parameters are refused", "an input is not finite")
+_REFUSED, _INPUT_NOT_FINITE = len(REASONS) - 2, len(REASONS) - 1
 Array = NDArray[Any]
 
 
-_making = threading.Lock()
+class _InputColumn(ct.Structure):
+    """input_column of batch.c."""
+
+    _fields_ = (("first", ct.c_void_p), ("run", ct.c_ssize_t), ("row", ct.c_ssize_t))
 
 
-@cache
-def _library(model: str) -> ct.CDLL | str:
-    """Return the compiled library of a model, or why there is none, with a warning if a compiler was tried."""
-    target = local_platform()
-    if target is None:
-        return "this platform is not known"
-    sources = {_MAIN: handwritten(_MAIN), **core_sources(model=model)}
-    text = "\0".join([target.name, *FLAGS, *(f"{n}\0{t}" for n, t in sorted(sources.items()))])
-    problem = ""
-    for compiler in local_compilers():
-        described = hashlib.sha256(f"{compiler.version}\0{text}".encode()).hexdigest()[:20]
-        try:
-            path = _cached(described, target.suffix) or _compile(compiler, sources, target, described, model)
-            return _declare(ct.CDLL(str(path)))
-        except (OSError, CompilerError) as error:
-            problem = str(error)
-    if problem:
-        warnings.warn(f"no compiled kernel, Python is used instead: {problem}", RuntimeWarning, stacklevel=5)
-    return problem or "install a C compiler, or ziglang with  pip install 'emcas-fmu[native]'"
+class _OutputColumn(ct.Structure):
+    """output_column of batch.c."""
+
+    _fields_ = (*_InputColumn._fields_, ("place", ct.c_size_t), ("every", ct.c_size_t))
 
 
-def _loaded(model: str) -> ct.CDLL:
-    with _making:  # the first use may come from several threads
-        library = _library(model)
-    if isinstance(library, str):
-        raise CompilerError(f"no compiled kernel: {library}")
-    return library
+@dataclass(frozen=True)
+class Tables:
+    """What many runs gave: `columns` by the outputs' names, arrays [runs, rows] with NaN in rows that were not reached.
 
+    `reached` is how many steps and the start each run has; `failures` what one that went no further would raise alone,
+    by its place.
+    """
 
-def available(model: str = NONLINEAR) -> bool:
-    """Return whether there is a compiled kernel of a model on this machine; compile it if need be."""
-    try:
-        _loaded(model)
-    except CompilerError:
-        return False
-    return True
-
-
-def _cached(described: str, suffix: str) -> Path | None:
-    """Return a library compiled before, if it is still what it was: its content's hash is in its name."""
-    for path in cache_directory().glob(f"kernel_{described}_*{suffix}"):
-        if path.stem.endswith(hashlib.sha256(path.read_bytes()).hexdigest()[:16]):
-            return path
-        path.unlink(missing_ok=True)
-    return None
-
-
-def _compile(compiler: Compiler, sources: Mapping[str, str], target: Platform, described: str,
-             model: str) -> Path:
-    LOG.info(f"compiling the actuator {model} (once, up to a minute) ...")
-    # A rebuilt library at the same path would give the old one to a process that has it loaded.
-    content = compiler.library(sources, _MAIN, target, "kernel")
-    path = cache_directory() / f"kernel_{described}_{hashlib.sha256(content).hexdigest()[:16]}{target.suffix}"
-    with NamedTemporaryFile(dir=path.parent, delete=False) as partial:
-        partial.write(content)
-    Path(partial.name).replace(path)  # whole or not at all, whoever else is compiling
-    return path
-
-
-def _declare(loaded: ct.CDLL) -> ct.CDLL:
-    loaded.actuator_size.restype = loaded.actuator_state.restype = ct.c_size_t
-    loaded.actuators_run.restype = loaded.actuator_simulate.restype = ct.c_size_t
-    for function in ("bind", "start"):
-        getattr(loaded, f"actuator_{function}").argtypes = [ct.c_void_p, _DOUBLES]
-    for function in ("carried", "outputs"):
-        getattr(loaded, f"actuator_{function}").argtypes = [ct.c_void_p, _DOUBLES, _DOUBLES]
-    loaded.actuator_run.argtypes = [ct.c_void_p, ct.c_double, _DOUBLES, _DOUBLES, _DOUBLES]
-    loaded.actuators_run.argtypes = [ct.c_void_p, ct.c_size_t, ct.c_double, ct.c_void_p, ct.c_void_p, ct.c_void_p]
-    loaded.actuator_simulate.argtypes = [ct.c_void_p, ct.c_size_t, ct.c_double, ct.c_void_p, ct.c_void_p, ct.c_void_p]
-    return loaded
+    columns: dict[str, Array]
+    reached: Array
+    failures: dict[int, ValueError | ArithmeticError]
 
 
 def _numbers(values: Mapping[str, Any], model: str) -> ct.Array[ct.c_double]:
@@ -131,16 +73,6 @@ def _take(function: Callable[..., int], memory: int, values: Mapping[str, Any], 
         raise ParameterError(check_parameters(values, model) or ["the parameters are refused"])
 
 
-def _table(rows: Array, shape: tuple[int, ...], what: str, model: str) -> Array:
-    table: Array = np.ascontiguousarray(rows, dtype=np.float64)
-    if table.shape != shape:
-        raise ValueError(f"inputs have shape {table.shape}, not {shape}")
-    if not np.isfinite(table).all():
-        row, column = np.argwhere(~np.isfinite(table))[0]
-        raise ValueError(f"{what} {row}: {get(model).inputs[column].name} = {table[row, column]} is not finite")
-    return table
-
-
 class CompiledCore:
     """:class:`emcas_fmu.runtime.core.Core` in machine code: the same methods and the same bits.
 
@@ -149,7 +81,7 @@ class CompiledCore:
     """
 
     def __init__(self, values: Mapping[str, Any], model: str = NONLINEAR) -> None:
-        self._library = _loaded(model)
+        self._library = loaded(model)
         self._model = model
         self._memory = ct.create_string_buffer(self._library.actuator_size())
         self._at = ct.addressof(self._memory)
@@ -204,69 +136,107 @@ class CompiledCore:
         return tuple(x != 0.0 if i in self._flags else x for i, x in enumerate(self._out))
 
 
-class Batch:
-    """Many actuators side by side, each with its own parameters and inputs.
+def parameter_row(values: Mapping[str, Any], model: str = NONLINEAR) -> Array:
+    """Return a model's parameters in their order, from flat values in SI. Raises ParameterError for wrong names."""
+    return np.array(_numbers(values, model))
 
-    `sets` are flat parameter mappings in SI, one for each actuator. Instances may be
-    stepped from several threads at once: a call gives up the interpreter's lock.
-    Raises CompilerError where there is no compiled kernel.
+
+def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str],
+               model: str = NONLINEAR, held: int = 1, fine: Collection[str] = ()) -> Tables:
+    """Return the outputs of many actuators at the rows of their inputs, each row held until the next.
+
+    `parameters` is an array [runs, parameters] in their order (:func:`parameter_row`); `inputs` has for each input, in
+    the interface's order, an array that broadcasts to [runs, rows], in SI. Nothing is copied: what is the same for all
+    runs, or in all rows, is given once. A run takes `held` steps of `step` [s] from a row to the next; `outputs` are
+    those at the rows, but those that are `fine` at every step. A run that fails leaves the others alone.
+    Raises ValueError for shapes that do not go together, CompilerError where there is no compiled kernel.
+    """
+    library, actuator = loaded(model), get(model)
+    sets: Array = np.ascontiguousarray(parameters, dtype=np.float64)
+    if sets.ndim != 2 or sets.shape[1] != len(actuator.parameters):
+        raise ValueError(f"parameters have shape {sets.shape}, not (runs, {len(actuator.parameters)})")
+    columns = [np.asarray(column, dtype=np.float64) for column in inputs]
+    if len(columns) != len(actuator.inputs):
+        raise ValueError(f"there are {len(columns)} inputs, not {len(actuator.inputs)}")
+    count, rows = np.broadcast_shapes((len(sets), 1), *{column.shape for column in columns})
+    points = max((rows - 1) * held + 1, 0)
+    places = {v.name: i for i, v in enumerate(actuator.outputs)}
+    out = {name: np.empty((count, points if name in fine else rows)) for name in outputs}
+    reached, results = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.intc)
+    table = (points, step, held, (_InputColumn * len(columns))(*(_InputColumn(*_layout(column)) for column in columns)),
+             (_OutputColumn * len(out))(*(_OutputColumn(*_layout(column), places[name], 1 if name in fine else held)
+                                          for name, column in out.items())),
+             len(out), address(reached), address(results))
+    many = vectors(model, count * points) if count > 1 else None
+    if many is None:
+        library.actuators_simulate(count, address(sets), sets.shape[1] if len(sets) > 1 else 0, *table)
+    else:
+        prepared = prepare(many, sets)
+        refused = np.broadcast_to(prepared.refused, count)
+        order = by_schedule(prepared.schedules) if len(sets) > 1 else np.arange(count, dtype=np.uintp)
+        order = order[~refused[order]]
+        many.batch_simulate(len(order), address(order), address(prepared.values),
+                            prepared.values.shape[1] if len(sets) > 1 else 0, *table)
+        results[refused] = _REFUSED
+        for column in out.values():
+            column[refused] = np.nan
+    return Tables(out, reached, {run: _failure(sets[run % len(sets)], columns, run, int(reached[run]), step, held,
+                                               int(results[run]), model)
+                                 for run in np.flatnonzero(results).tolist()})
+
+
+class Prepared(NamedTuple):
+    """Many actuators' parameters and what follows from them, `values` [actuators, values], and when they sample.
+
+    `schedules` [actuators, numbers of a :class:`emcas_fmu.runtime.schedule.Schedule`]; `refused` are those whose
+    parameters are no set to compute with.
     """
 
-    def __init__(self, sets: Sequence[Mapping[str, Any]], model: str = NONLINEAR) -> None:
-        if not sets:
-            raise ValueError("a batch has at least one actuator")
-        self._library = _loaded(model)
-        self._model = model
-        self._size = self._library.actuator_size()
-        self._memory = ct.create_string_buffer(self._size * len(sets))
-        self._at = ct.addressof(self._memory)
-        self.count = len(sets)
-        self.outputs: Array = np.empty((self.count, len(get(model).outputs)))
-        self._results = np.zeros(self.count, dtype=np.intc)
-        self.restart(sets)
-
-    def restart(self, sets: Sequence[Mapping[str, Any]]) -> None:
-        """Put every actuator at rest at its start, with these parameters."""
-        if len(sets) != self.count:
-            raise ValueError(f"{len(sets)} parameter sets for {self.count} actuators")
-        for i, values in enumerate(sets):
-            _take(self._library.actuator_start, self._at + i * self._size, values, self._model)
-
-    def run(self, end: float, inputs: Array) -> Array:
-        """Move every actuator on to `end` [s] from the start with its inputs held.
-
-        `inputs` has a row for each actuator and a column for each input of the variable
-        table, in SI; the result likewise for the outputs, and is overwritten by the next call.
-        Raises ArithmeticError naming the actuators that cannot be followed; these stay where they were.
-        """
-        rows = _table(inputs, (self.count, len(get(self._model).inputs)), "actuator", self._model)
-        if not isfinite(end):
-            raise ValueError(f"the time to move on to is {end} s")
-        failed = self._library.actuators_run(self._at, self.count, end, rows.ctypes.data, self.outputs.ctypes.data,
-                                             self._results.ctypes.data)
-        if failed:
-            which = np.flatnonzero(self._results)
-            listed = ", ".join(map(str, which[:10])) + (", ..." if len(which) > 10 else "")
-            raise ArithmeticError(f"actuators {listed}: {REASONS[self._results[which[0]]]}")
-        return self.outputs
+    values: Array
+    schedules: Array
+    refused: Array
 
 
-def run_table(values: Mapping[str, Any], step: float, inputs: Array, model: str = NONLINEAR) -> Array:
-    """Return the outputs at the times of the rows of `inputs`, `step` [s] apart from 0, each row held until the next.
-
-    Columns as the inputs and outputs of the variable table, in SI. Raises ArithmeticError
-    where the equations cannot be followed, CompilerError where there is no compiled kernel.
-    """
-    library = _loaded(model)
-    rows = _table(inputs, (len(inputs), len(get(model).inputs)), "row", model)
-    memory = ct.create_string_buffer(library.actuator_size())
-    _take(library.actuator_start, ct.addressof(memory), values, model)
-    outputs: Array = np.empty((len(rows), len(get(model).outputs)))
-    result = ct.c_int(0)
-    reached = library.actuator_simulate(ct.addressof(memory), len(rows), step, rows.ctypes.data, outputs.ctypes.data,
-                                        ct.addressof(result))
-    if reached < len(rows):
-        raise ArithmeticError(f"at {reached * step:.6g} s: {REASONS[result.value]}")
-    return outputs
+def prepare(library: ct.CDLL, parameters: Array) -> Prepared:
+    """Return actuators of `parameters` [actuators, parameters] as a library of vectors takes them."""
+    size = ct.c_size_t()
+    values = np.empty((len(parameters), library.batch_values(ct.byref(size))))
+    schedules = np.empty((len(parameters), size.value))
+    library.batch_prepare(len(parameters), address(parameters), parameters.shape[1], address(values),
+                          address(schedules))
+    return Prepared(values, schedules, np.isnan(schedules[:, 0]))
 
 
+def by_schedule(schedules: Array) -> Array:
+    """Return an order in which actuators that have as many ticks and samples under way are neighbours."""
+    _, before, after, _, _, _, samples, late, _ = schedules.T
+    return np.lexsort((late, samples, after, before)).astype(np.uintp)
+
+
+def _failure(parameters: Array, inputs: Sequence[Array], run: int, reached: int, step: float, held: int,
+             result: int, model: str) -> ValueError | ArithmeticError:
+    """Return what is wrong with a run, in words."""
+    actuator = get(model)
+    if result == _REFUSED:
+        values = dict(zip((v.name for v in actuator.parameters), parameters.tolist(), strict=True))
+        return ParameterError(check_parameters(values, model) or [REASONS[result]])
+    if result == _INPUT_NOT_FINITE:
+        now = [column[min(run, len(column) - 1)] if column.ndim == 2 else column for column in inputs]
+        at = [float(column[min(reached // held, len(column) - 1)] if column.ndim else column) for column in now]
+        name, value = next((v.name, x) for v, x in zip(actuator.inputs, at, strict=True) if not isfinite(x))
+        return ValueError(f"input {name} is {value} at {reached * step:.6g} s")
+    return ArithmeticError(f"at {reached * step:.6g} s: {REASONS[result]}")
+
+
+def address(array: Array) -> int:
+    """Return where an array's first value is."""
+    at: int = array.__array_interface__["data"][0]
+    return at
+
+
+def _layout(column: Array) -> tuple[int, int, int]:
+    """Return where values are and how far apart [doubles] those of runs and rows, 0 where they are one."""
+    strides = [0 if n == 1 else stride // column.itemsize
+               for n, stride in zip(column.shape, column.strides, strict=True)]
+    run, row = [0, 0, *strides][-2:]
+    return address(column), run, row

@@ -125,7 +125,7 @@ def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value,
     nowhere = side * (free.end.angle - s.angle) >= 0.0
 
     def held(h: Value) -> Step:
-        motion = Motion(0.0, 1.0, 0.0, 0.0, 0.0, m.load)
+        motion = Motion(0.0, 1.0, 0.0, 0.0, 0.0, m.load, True)
         d = rigid.electrical_mode(ops, p, s, u, h)
         c = rigid.current_course(ops, p, s, motion, d, h)
         return Step(Plant(s.angle, 0.0, c.end, rigid.integral_end(ops, p, s, d, c, 0.0, h)), motion, d, c)

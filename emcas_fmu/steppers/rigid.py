@@ -51,6 +51,12 @@ class Motion(NamedTuple):
     high: Value  # applied torque that moves a motor at rest in the positive direction
     low: Value  # and in the negative one
     load: Value
+    stuck: Value = False
+
+    @property
+    def mobility(self) -> Value:
+        """Acceleration [rad/s2] of a torque of 1 N.m."""
+        return 1.0 / self.inertia
 
 
 class Drive(NamedTuple):
@@ -102,19 +108,17 @@ def _sign(ops: Ops, x: Value) -> Value:
     return ops.where(x > 0.0, 1.0, ops.where(x < 0.0, -1.0, 0.0))
 
 
-def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at: Value,
+def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None, at: Value,
             felt: Value = 1.0) -> Motion:
-    """Return the mechanics of a motor that turns one way (heading 1 or -1), or of one at rest (0).
+    """Return the mechanics of a motor that turns one way (`heading` 1 or -1), or of one at rest (None).
 
     Friction is that of a speed `at` [rad/s].
 
     `felt` is the share of the load that a screw with losses leaves it to feel.
     """
     m = mechanics.coefficients(ops, p, s.angle + 0.5 * h * s.speed, u)
-    direction: Value = heading
-    high: Value = 0.0
-    low: Value = 0.0
-    if heading:
+    direction, high, low = heading, 0.0, 0.0
+    if heading is not None:
         dry = heading * mechanics.breakaway(ops, p, m, heading, at)
     else:
         low_stop, high_stop = stops(ops, p)
@@ -137,21 +141,21 @@ def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at:
     # Midpoint speed w + h dw/2 in the viscous and (linearised) the centrifugal term.
     inertia = m.inertia + 0.5 * h * damping - h * w * m.centrifugal
     torque = m.load - dry - damping * w + m.centrifugal * w * w
-    return Motion(direction, inertia, torque, high, low, load)
+    return Motion(direction, inertia, torque, high, low, load, heading is None and ops.equal(direction, 0.0))
 
 
-def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: Drive, h: Value, heading: float, at: Value) -> Motion:
+def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: Drive, h: Value, heading: Value | None, at: Value) -> Motion:
     """Return the motion by the efficiency that the step's mean torques ask for: forward where they drive the load.
 
     Its sign is the same whichever of the two it is found with (:mod:`emcas_fmu.physics.screw`). A speed against the
     heading counts as rest.
     """
-    along = ops.maximum(heading * at, 0.0) if heading and screw.falls(p) else at
+    along = ops.maximum(heading * at, 0.0) if heading is not None and screw.falls(p) else at
     driving = _motion(ops, p, s, u, h, heading, at, screw.forward(ops, p, along))
     driven = _motion(ops, p, s, u, h, heading, at, screw.backward(ops, p, along))
     alone = _motion(ops, p, s, u, h, heading, at, 0.0)
     torque = drive.torque(p, current_course(ops, p, s, driving, d, h).mean)
-    rate = (torque + driving.torque) / driving.inertia
+    rate = (torque + driving.torque) * driving.mobility
     forward = (torque + alone.torque - alone.inertia * rate) * driving.direction > 0.0
     return driving._replace(inertia=ops.where(forward, driving.inertia, driven.inertia),
                             torque=ops.where(forward, driving.torque, driven.torque))
@@ -222,9 +226,9 @@ def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: Drive, h: Valu
     Mean speed and mean integral are linear in the final current, which is therefore
     found without iteration. A disabled drive's bridge is open: no current.
     """
-    # Torque and source are known last: the inverses of what they are divided by do not wait for them.
-    half_step, per_torque = 0.5 * h, 1.0 / motion.inertia
-    drift = s.speed + half_step * per_torque * motion.torque  # mean speed if there were no current
+    half_step = 0.5 * h
+    # Torque and source are known last: what they are multiplied with, inverses among it, does not wait for them.
+    drift = s.speed + half_step * motion.mobility * motion.torque  # mean speed if there were no current
 
     def flowing() -> tuple[Value, ...]:
         decay = ops.exp(-h / d.tau)
@@ -232,11 +236,11 @@ def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: Drive, h: Valu
         gone = 1.0 - kept
         lag = d.tau * gone  # its share in the mean speed, times its torque over the inertia
         half = half_step * d.integral_gain
-        gain = ops.where(ops.equal(motion.direction, 0.0), 0.0, p.motor.torque_constant * per_torque)
+        gain = ops.where(motion.stuck, 0.0, p.motor.torque_constant * motion.mobility)
         speed_at_zero = drift + gain * lag * s.current
         speed_slope = gain * (half_step - lag)
         at_rest = d.source + half * (d.i_ref - kept * s.current) - drive.back_emf(
-            p, ops.where(ops.equal(motion.direction, 0.0), 0.0, speed_at_zero))
+            p, ops.where(motion.stuck, 0.0, speed_at_zero))
         final = at_rest * (1.0 / (d.loop + half * gone + drive.back_emf(p, speed_slope)))
         mean = final * gone + s.current * kept
         return final, mean, final + (s.current - final) * decay, speed_at_zero + speed_slope * final
@@ -261,7 +265,7 @@ class Step(NamedTuple):
     current: Current
 
 
-def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at: Value | None = None) -> Step:
+def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None, at: Value | None = None) -> Step:
     """Return a step under the friction of a speed `at` [rad/s].
 
     Where friction depends on one and it is not given, it is that of mid-step as a first step has it.
@@ -277,19 +281,19 @@ def _step(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float, at: V
     c = current_course(ops, p, s, motion, d, h)
 
     def sliding() -> tuple[Value, ...]:
-        speed = s.speed + h * (1.0 / motion.inertia) * (drive.torque(p, c.mean) + motion.torque)
+        speed = s.speed + h * motion.mobility * (drive.torque(p, c.mean) + motion.torque)
         angle = s.angle + h * c.speed
-        if heading:
+        if heading is not None:
             return angle, speed
         # A start from rest that leads nowhere is none.
         starts = speed * motion.direction > 0.0
         return ops.where(starts, angle, s.angle), ops.where(starts, speed, 0.0)
 
-    angle, speed = ops.branch(ops.equal(motion.direction, 0.0), lambda: (s.angle, 0.0), sliding)
+    angle, speed = ops.branch(motion.stuck, lambda: (s.angle, 0.0), sliding)
     return Step(Plant(angle, speed, c.end, integral_end(ops, p, s, d, c, speed, h)), motion, d, c)
 
 
-def _friction_speed(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float) -> Value:
+def _friction_speed(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None) -> Value:
     """Return the speed [rad/s] whose friction a step is under: that of mid-step, where friction depends on one."""
     def predicted() -> tuple[Value, ...]:
         return (_step(ops, p, s, u, h, heading, s.speed).current.speed,)
@@ -303,8 +307,7 @@ def _friction_speed(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: fl
 
 def acceleration(ops: Ops, p: Any, s: Plant, motion: Motion) -> Value:
     """Return the acceleration [rad/s2] a step starts with."""
-    return ops.where(ops.equal(motion.direction, 0.0), 0.0,
-                     (drive.torque(p, s.current) + motion.torque) / motion.inertia)
+    return ops.where(motion.stuck, 0.0, (drive.torque(p, s.current) + motion.torque) * motion.mobility)
 
 
 def integral_end(ops: Ops, p: Any, s: Plant, d: Drive, c: Current, speed: Value, h: Value) -> Value:
@@ -349,13 +352,13 @@ def voltage_events(ops: Ops, p: Any, d: Drive, end: Plant) -> Crossing:
     return Crossing(entering, ops.both(watched, ops.both(ops.negate(free), demand * d.side < limit)))
 
 
-def _events(ops: Ops, p: Any, s: Plant, step: Step, heading: float) -> Events:
+def _events(ops: Ops, p: Any, s: Plant, step: Step, heading: Value | None) -> Events:
     end, motion, d, _ = step
     crossing = voltage_events(ops, p, d, end)
     stopping = (end.angle - _stop_ahead(ops, p, motion.direction)) * motion.direction >= 0.0
-    if heading:
+    if heading is not None:
         return Events(crossing, False, False, end.speed * heading <= 0.0, stopping)
-    stuck = ops.equal(motion.direction, 0.0)
+    stuck = motion.stuck
     applied = drive.torque(p, end.current) + motion.load
     return Events(crossing, ops.both(stuck, applied > motion.high), ops.both(stuck, applied < motion.low), False,
                   ops.both(ops.negate(stuck), stopping))
@@ -426,13 +429,13 @@ def stop_time(ops: Ops, s: Plant, step: Step, stopping: Value, stop: Value, h: V
 
 
 def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events, h: Value,
-                    heading: float) -> tuple[Value, ...]:
+                    heading: Value | None) -> tuple[Value, ...]:
     """Return the state at the first event, and the time that took [s]."""
     stop = _stop_ahead(ops, p, step.motion.direction)
     voltage = voltage_time(ops, p, s, step, e.crossing, h, lambda time: _step(
         ops, p, s, u, ops.maximum(time, PROGRESS * h), heading))
     stopping = stop_time(ops, s, step, e.stopping, stop, h)
-    if heading:
+    if heading is not None:
         # First where the line between the speeds is zero, then on the line to that point.
         slowing = ops.where(e.reversing, s.speed - step.end.speed, 1.0)
         guess = ops.where(e.reversing, h * s.speed / slowing, h)
@@ -447,7 +450,7 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events
     return (ops.where(hits, stop, part.angle), ops.where(rests, 0.0, part.speed), part.current, part.integral, used)
 
 
-def _refined(ops: Ops, p: Any, s: Plant, u: Record, step: Step, guess: Value, h: Value, heading: float) -> Value:
+def _refined(ops: Ops, p: Any, s: Plant, u: Record, step: Step, guess: Value, h: Value, heading: Value | None) -> Value:
     """Return a better time of zero speed [s] than `guess`, by the secant to the side where it lies."""
     speed = _step(ops, p, s, u, ops.maximum(guess, PROGRESS * h), heading).end.speed
     late = speed * heading <= 0.0
@@ -456,7 +459,7 @@ def _refined(ops: Ops, p: Any, s: Plant, u: Record, step: Step, guess: Value, h:
     return ops.clip(guess - speed * (guess - other_time) / change, 0.0, h)
 
 
-def _follow(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: float) -> tuple[Value, ...]:
+def _follow(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | None) -> tuple[Value, ...]:
     step = _step(ops, p, s, u, h, heading)
     e = _events(ops, p, s, step, heading)
     any_motion = ops.either(ops.either(e.up, e.down), ops.either(e.reversing, e.stopping))
@@ -503,9 +506,6 @@ def advance(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Plant, Val
 
 def _headed(ops: Ops, p: Any, s: Plant, u: Record, h: Value) -> tuple[Value, ...]:
     """Return the same by the way the motor turns."""
-    return ops.branch(
-        s.speed > 0.0,
-        lambda: _follow(ops, p, s, u, h, 1.0),
-        lambda: ops.branch(s.speed < 0.0, lambda: _follow(ops, p, s, u, h, -1.0),
-                           lambda: _follow(ops, p, s, u, h, 0.0)),
-    )
+    return ops.branch(ops.fabs(s.speed) > 0.0,
+                      lambda: _follow(ops, p, s, u, h, ops.where(s.speed > 0.0, 1.0, -1.0)),
+                      lambda: _follow(ops, p, s, u, h, None))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isfinite, isnan
 
 from ..ops.elementary import NAMES
@@ -76,6 +76,13 @@ def c_source(tracer: Tracer, prefix: str) -> str:
     return "\n".join(text)
 
 
+def any_literal(value: float | bool) -> str:
+    """Return a number, or what is none, in C."""
+    if isfinite(value):
+        return repr(float(value))
+    return "NAN" if isnan(value) else "HUGE_VAL" if value > 0.0 else "-HUGE_VAL"
+
+
 def _bare(text: str) -> str:
     """Return a condition without parentheses around the whole: compilers take ((a == b)) for a slip."""
     depth = 0
@@ -87,9 +94,9 @@ def _bare(text: str) -> str:
 
 
 class CWriter(Writer):
-    def __init__(self, tracer: Tracer) -> None:
-        super().__init__(tracer, TEMPLATES)
-        self._conditions: set[str] = set()
+    def __init__(self, tracer: Tracer, templates: Mapping[str, str] = TEMPLATES) -> None:
+        super().__init__(tracer, templates)
+        self.conditions: set[str] = set()
         # Only what a function reads is kept; the rest of the prologue is forgotten after it.
         self.constants = {s.name: i for i, s in enumerate(
             s for s in tracer.prologue.statements if isinstance(s, Assign) and s.name in self.read_by_functions)}
@@ -106,12 +113,12 @@ class CWriter(Writer):
 
     def expression(self, statement: Assign) -> str | None:
         text = super().expression(statement)
-        if self._condition(statement):
-            self._conditions.add(statement.name)
+        if self.is_condition(statement):
+            self.conditions.add(statement.name)
         return text
 
     def assignment(self, name: str, text: str) -> str:
-        kind = "int" if name in self._conditions else "double"
+        kind = "int" if name in self.conditions else "double"
         declared = "" if name in self.constants else f"const {kind} "
         return f"{declared}{self.name(name)} = {text};"
 
@@ -120,9 +127,9 @@ class CWriter(Writer):
         yes, no = self.block(statement.yes, depth + 1), self.block(statement.no, depth + 1)
         kinds: dict[str, list[str]] = {"int": [], "double": []}
         for i in live:
-            both = self._holds(statement.yes_values[i]) and self._holds(statement.no_values[i])
+            both = self.holds(statement.yes_values[i]) and self.holds(statement.no_values[i])
             kinds["int" if both else "double"].append(statement.names[i])
-        self._conditions.update(kinds["int"])
+        self.conditions.update(kinds["int"])
         lines = [f"{indent}{kind} {', '.join(names)};" for kind, names in kinds.items() if names]
         lines.append(f"{indent}if ({_bare(self.operand(statement.condition))}) {{")
         for inner, values, end in ((yes, statement.yes_values, "} else {"), (no, statement.no_values, "}")):
@@ -131,17 +138,15 @@ class CWriter(Writer):
             lines.append(f"{indent}{end}")
         return lines
 
-    def _condition(self, statement: Assign) -> bool:
+    def is_condition(self, statement: Assign) -> bool:
         if statement.operation == "where":
-            return all(self._holds(value) for value in statement.operands[1:])
+            return all(self.holds(value) for value in statement.operands[1:])
         return statement.operation in _CONDITIONS
 
-    def _holds(self, value: Operand) -> bool:
-        return value.name in self._conditions if isinstance(value, Expr) else isinstance(value, bool)
+    def holds(self, value: Operand) -> bool:
+        return value.name in self.conditions if isinstance(value, Expr) else isinstance(value, bool)
 
 
 class _ElementaryWriter(CWriter):
     def literal(self, value: float | bool) -> str:
-        if isfinite(value):
-            return super().literal(value)
-        return "NAN" if isnan(value) else "HUGE_VAL" if value > 0.0 else "-HUGE_VAL"
+        return any_literal(value)

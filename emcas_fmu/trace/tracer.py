@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import keyword
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partialmethod
 from math import isinf
@@ -124,14 +124,24 @@ class Block:
     parent: Block | None = None
     statements: list[Assign | If] = field(default_factory=list)
     computed: dict[tuple[Any, ...], Expr] = field(default_factory=dict)
+    holding: dict[str, bool] = field(default_factory=dict)
+    """Conditions of the branch that the block is a side of: whether they hold in it."""
 
     def find(self, key: tuple[Any, ...]) -> Expr | None:
+        return next((block.computed[key] for block in self._outwards() if key in block.computed), None)
+
+    def holds(self, condition: Value) -> Value:
+        """Return whether a condition holds in the block, where a branch around it has settled that; else itself."""
+        if not isinstance(condition, Expr):
+            return condition
+        return next((block.holding[condition.name] for block in self._outwards() if condition.name in block.holding),
+                    condition)
+
+    def _outwards(self) -> Iterator[Block]:
         block: Block | None = self
         while block is not None:
-            if key in block.computed:
-                return block.computed[key]
+            yield block
             block = block.parent
-        return None
 
 
 # Of Python, of C, and of what is printed around the functions.
@@ -249,17 +259,19 @@ class Tracer:
         return self.emit("negate", a) if _traced(a) else not a
 
     def where(self, condition: Value, yes: Value, no: Value) -> Value:
+        condition = self._block.holds(condition)
         if not _traced(condition):
             return yes if condition else no
         return self.emit("where", condition, yes, no)
 
     def branch(self, condition: Value, yes: Thunk, no: Thunk) -> tuple[Value, ...]:
+        outer = self._block
+        condition = outer.holds(condition)
         if not isinstance(condition, Expr):
             return yes() if condition else no()
-        outer = self._block
-        self._block = yes_block = Block(outer)
+        self._block = yes_block = Block(outer, holding={condition.name: True})
         yes_values = tuple(yes())
-        self._block = no_block = Block(outer)
+        self._block = no_block = Block(outer, holding={condition.name: False})
         no_values = tuple(no())
         self._block = outer
         if len(yes_values) != len(no_values):

@@ -87,12 +87,16 @@ class Writer(ABC):
         text = self.literal(value)
         return f"({text})" if text.startswith("-") else text
 
+    def operation(self, statement: Assign) -> str:
+        """Return the text of an operation."""
+        return self.templates[statement.operation].format(*(self.operand(o) for o in statement.operands))
+
     def expression(self, statement: Assign) -> str | None:
         """Return the text of an operation to be assigned to its name; None if nobody reads it or it is inlined."""
         uses = self.uses.get(statement.name, 0)
         if not uses:
             return None
-        text = self.templates[statement.operation].format(*(self.operand(o) for o in statement.operands))
+        text = self.operation(statement)
         if uses == 1 and not statement.name.startswith("c"):
             self._text[statement.name] = f"({text})"
             return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 
 from emcas_fmu.bench.excitation import Excitation, reference_case, slew_to, step_to
-from emcas_fmu.bench.subject import ParameterSubject, Subject, open_subject
+from emcas_fmu.bench.subject import ParameterSubject, Run, Subject, open_subject
 from emcas_fmu.compiler import local_platform
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.interface import fin_sets
@@ -53,6 +54,43 @@ def test_every_way_gives_the_same_bits(subjects: Subjects, excitation: Excitatio
         assert list(run.columns) == ["time", *subjects["kernel"].outputs]
         for name, column in expected.columns.items():
             np.testing.assert_array_equal(run.columns[name], column, err_msg=name)
+
+
+class OneByOne(ParameterSubject):
+    """The kernel, run as an FMU is."""
+
+    run_all = Subject.run_all
+
+    def run(self, *given: Any) -> Run:
+        """The run of a subject that knows nothing else."""
+        return ParameterSubject(self.parameters).run(*given)
+
+
+@pytest.mark.parametrize("spring", [0.0, np.array([300.0, 0.0, 100.0, 0.0])], ids=["", "springs"])
+def test_many_runs_are_the_runs_alone(spring: Any) -> None:
+    """Whatever fails; one may be refused, another stop on its way."""
+    one = step_to(0.2, 0.1)
+    load = np.outer([0.0, 10.0, 0.0, 1e300], one.time > one.time[-30])
+    excitation = replace(one, columns={"fin_command": one.command, "aero_torque": load}, spring=spring)
+    changes = {"controller.position.kp": np.array([40.0, 50.0, -1.0, 60.0]),
+               "encoder.pulses": np.array([500, 2000, 500, 2000]),
+               "drive.supply_voltage": np.array([31.0, 39.0, 39.0, 39.0])}
+    recorded: Any = (("fin_angle", "supply_power"), 5, ("supply_power",))
+    for subject in (ParameterSubject(load_parameters()), OneByOne(load_parameters())):
+        runs = subject.run_all(excitation, changes, *recorded)
+        assert (len(runs), list(runs.refused), list(runs.stopped)) == (4, [2], [3])
+        for place in range(4):
+            of_run = {name: values[place].item() for name, values in changes.items()}
+            alone = partial(subject.run, excitation.of(place), of_run, *recorded)
+            if place == 2:
+                for refused in (alone, partial(runs.__getitem__, place)):
+                    with pytest.raises(ParameterError, match=r"controller\.position\.kp = -1 "):
+                        refused()
+                continue
+            expected, run = alone(), runs[place]
+            assert (run.stopped, run.messages) == (expected.stopped, expected.messages)
+            for name, column in expected.columns.items():
+                np.testing.assert_array_equal(run.columns[name], column, err_msg=name)
 
 
 def test_a_run_leaves_nothing_to_the_next(subjects: Subjects) -> None:

@@ -24,7 +24,7 @@ from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.store import Store
 from emcas_fmu.studies.campaign.study import load_study
 
-from .conftest import A_STEP, Write, assert_same_rows, campaign, native_unit
+from .conftest import A_STEP, Write, assert_same_rows, campaign, native_unit, rows_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_actuator"
 DIRECT = A_STEP + """
@@ -88,7 +88,7 @@ def test_a_users_actuator_varies_by_spring_and_load(direct: Path) -> None:
     assert {name for name in sample.columns(plan) if name.startswith("pulled.")} == {
         f"pulled.{name}" for name in (*POWERED, "peak_rate", "tracking_error_peak", "tracking_error_rms",
                                       "saturated_share", "at_stop_share")}
-    soft, stiff, loaded = sample.rows(plan.packed(), [0, 1, 2], np.array([[10.0, 0.0], [30.0, 0.0], [10.0, -4.0]]))
+    soft, stiff, loaded = rows_of(plan.packed(), [0, 1, 2], np.array([[10.0, 0.0], [30.0, 0.0], [10.0, -4.0]]))
     assert {row["status"] for row in (soft, stiff, loaded)} == {"ok"}
     assert stiff["step.energy"] > soft["step.energy"]
     assert not any(isnan(row[name]) for row in (soft, stiff, loaded) for name in sample.columns(plan))
@@ -102,7 +102,7 @@ def test_a_users_actuator_varies_by_spring_and_load(direct: Path) -> None:
 def test_power_of_one_without_delay_leaps_at_its_samples(direct: Path) -> None:
     """Against rows of 20 us, whose own error is about a third of the 1.2 % asked for."""
     plan = load_study(direct).plan
-    (row,) = sample.rows(plan.packed(), [0], np.array([[20.0, 0.0]]))
+    (row,) = rows_of(plan.packed(), [0], np.array([[20.0, 0.0]]))
     made = excitation(plan.experiments[0], plan.base, {**plan.numbers, "inputs.aero_torque.value": 0.0}, plan.model)
     fine = sample.subject_of(plan).run(made, {"spring.stiffness": 20.0}, substeps=50, fine=[measure.POWER]).columns
     power = fine[measure.POWER][round(LEAD_IN / STEP) * 50:]
@@ -128,7 +128,7 @@ def test_a_users_file_that_changed_is_another_campaign(direct: Path, tmp_path: P
         Store(tmp_path / "out", load_study(direct))
     sample._opened.cache_clear()
     with pytest.raises(CampaignError, match=r"direct_drive\.py: is not the file the campaign began with"):
-        sample.rows(study.plan.packed(), [0], np.array([[20.0, 0.0]]))
+        rows_of(study.plan.packed(), [0], np.array([[20.0, 0.0]]))
 
 
 @pytest.mark.slow
@@ -158,7 +158,7 @@ def test_an_fmu_of_a_users_actuator(direct: Path, tmp_path: Path) -> None:
 def test_one_without_motor_and_supply_leaves_their_figures_out(write: Write, tmp_path: Path) -> None:
     plan = load_study(write(SECOND_ORDER)).plan
     assert not {name.partition(".")[2] for name in sample.columns(plan)} & set(POWERED)
-    slow, quick = sample.rows(plan.packed(), [0, 1], np.array([[60.0], [120.0]]))
+    slow, quick = rows_of(plan.packed(), [0, 1], np.array([[60.0], [120.0]]))
     # From the closed form of a damping near 0.7 the -90 deg frequency is the natural one, but for hold and delay.
     assert quick["sweep.bandwidth_90deg"] > 1.3 * slow["sweep.bandwidth_90deg"]
     assert slow["step.rise_time"] > 1.3 * quick["step.rise_time"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from emcas_fmu.bench.writers import plain
-from emcas_fmu.studies.campaign.sample import Row
+from emcas_fmu.studies.campaign.sample import Rows
 from emcas_fmu.studies.campaign.store import Store
 
 from .conftest import SMALL, Write, campaign
@@ -143,9 +143,9 @@ def test_missing_samples_are_told(write: Write, tmp_path: Path, monkeypatch: pyt
     """Whatever lost them: here a part that is removed while the run goes on."""
     written, folder = Store.write, tmp_path / "out"
 
-    def losing(store: Store, rows: Sequence[Row]) -> Path:
+    def losing(store: Store, rows: Rows) -> Path:
         path = written(store, rows)
-        if rows[0]["index"] == 10:
+        if rows["index"][0] == 10:
             path.unlink()
         return path
 

@@ -12,7 +12,7 @@ from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.store import identity
 from emcas_fmu.studies.campaign.study import load_study
 
-from .conftest import SMALL, Write, assert_same_rows, campaign, native_unit
+from .conftest import SMALL, Write, assert_same_rows, campaign, native_unit, rows_of
 
 pytestmark = pytest.mark.fmu
 
@@ -38,7 +38,7 @@ def test_a_fin_has_the_figures_of_its_parameters(write: Write, pair: Path) -> No
         subject = sample.subject_of(by_fin[fin].plan)
         assert isinstance(subject, FmuSubject)
         assert subject.unit.names["fin_command"] == f"fin[{fin}].fin_command"  # and no other with its parameters
-    sound, worn = (sample.rows(study.plan.packed(), [0], drawn)[0] for study in alone.values())
+    sound, worn = (rows_of(study.plan.packed(), [0], drawn)[0] for study in alone.values())
     assert worn["step.energy"] > 1.1 * sound["step.energy"]
 
 

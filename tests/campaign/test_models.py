@@ -26,7 +26,7 @@ from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.store import Store, identity
 from emcas_fmu.studies.campaign.study import Study, load_study
 
-from .conftest import SMALL, Write, assert_same_rows, campaign, native_unit
+from .conftest import SMALL, Write, assert_same_rows, campaign, native_unit, rows_of
 
 FAULTS = """
 [campaign]
@@ -86,7 +86,7 @@ def test_the_nonlinear_model_is_as_ever(small: Study) -> None:
 def test_a_fault_shows_in_words_state_and_time(write: Write) -> None:
     """Against the outputs of the same run, made here."""
     study = load_study(write(FAULTS))
-    rows = sample.rows(study.plan.packed(), [0, 1], np.array([[0.15, 1000.0], [0.15, 0.0]]))
+    rows = rows_of(study.plan.packed(), [0, 1], np.array([[0.15, 1000.0], [0.15, 0.0]]))
     jammed, sound = rows
     angle = radians(10.0)
     values = load_parameters(model="nonlinear+faults").with_values(
@@ -112,7 +112,7 @@ def test_an_own_input_and_a_flag(write: Write, monkeypatch: pytest.MonkeyPatch, 
     if not machine:
         monkeypatch.setattr(compiled, "available", lambda *_: False)
     plan = load_study(write(HOMED)).plan
-    (row,) = sample.rows(plan.packed(), [0], np.array([[0.02]]))
+    (row,) = rows_of(plan.packed(), [0], np.array([[0.02]]))
     assert (row["status"], row["error"]) == ("ok", "")
     assert (row["home.status_last"], row["home.homed_last"], row["home.homed_share"]) == ("homing", False, 0.0)
     made = excitation(plan.experiments[0], plan.base, plan.numbers, plan.model)
@@ -126,7 +126,7 @@ def test_own_real_outputs_are_reduced(write: Write) -> None:
     text = text.replace("fault.jam.begin", "heat.case_start_rise").replace("0.1 s", "0 K").replace("0.2 s", "60 K")
     head, rest = text.split('[vary."fault.jam.end"]')
     plan = load_study(write(head + rest[rest.index("[experiments"):])).plan
-    cold, warm = sample.rows(plan.packed(), [0, 1], np.array([[0.0], [60.0]]))
+    cold, warm = rows_of(plan.packed(), [0, 1], np.array([[0.0], [60.0]]))
     rise = warm["fly.case_temperature_last"] - cold["fly.case_temperature_last"]
     assert rise == pytest.approx(60.0, abs=1.0)  # some of it goes into the winding
     for row in (cold, warm):
@@ -152,12 +152,13 @@ def test_a_model_is_another_campaign(write: Write, tmp_path: Path) -> None:
 
 def test_a_sample_that_cannot_be_has_no_words(write: Write, tmp_path: Path) -> None:
     study = load_study(write(FAULTS))
-    (row,) = sample.rows(study.plan.packed(), [0], np.array([[-1.0, 0.0]]))
+    rows = sample.rows(study.plan.packed(), [0], np.array([[-1.0, 0.0]]))
+    (row,) = sample.listed(rows)
     assert row["status"] == "failed"
     assert "fault.jam.begin = -1 is below its minimum" in row["error"]
     assert row["fly.status_last"] is row["fly.fault_word_ever"] is None
     with Store(tmp_path / "out", study) as store:
-        store.write([row])
+        store.write(rows)
         assert store.table().num_rows == 1
 
 

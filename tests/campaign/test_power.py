@@ -94,5 +94,6 @@ def test_leaps_between_rows_cost_nothing(leap: float) -> None:
 def test_samples_too_close_to_be_told_apart() -> None:
     made = excitation(Experiment("a", "hold", 0.1), SUBJECT.values, {"experiments.a.amplitude": 0.0}, SUBJECT.model)
     run = SUBJECT.run(made)
-    assert not len(measure.leaps(SUBJECT, {"controller.sample_time": 0.25e-3}, run))
-    assert len(measure.leaps(SUBJECT, {}, run)) == 100
+    lengths = [[len(each) for each in measure.leaps(SUBJECT, changes, run)] for changes in (
+        {"controller.sample_time": 0.25e-3}, {}, {"controller.sample_time": np.array([0.25e-3, 1e-3])})]
+    assert lengths == [[0], [100], [0, 100]]

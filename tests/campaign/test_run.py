@@ -16,6 +16,7 @@ import pytest
 
 from emcas_fmu.studies.campaign.distributions import CampaignError
 from emcas_fmu.studies.campaign.run import by_dask, chunk_size, in_process, local_client
+from emcas_fmu.studies.campaign.sample import Rows
 from emcas_fmu.studies.campaign.store import Store
 from emcas_fmu.studies.campaign.study import Study, load_study
 
@@ -46,10 +47,10 @@ def test_a_worker_killed_mid_run(small: Study, store: Store, tmp_path: Path, cli
     victims = list(client.run(os.getpid).values())
     kept: list[int] = []
 
-    def keep(rows: list[dict[str, Any]]) -> None:
+    def keep(rows: Rows) -> None:
         if not kept:
             os.kill(victims[0], signal.SIGKILL)
-        kept.extend(row["index"] for row in rows)
+        kept.extend(rows["index"].tolist())
         store.write(rows)
 
     by_dask(client, small, store.missing(), keep, chunk=2, work=slow)
@@ -71,7 +72,7 @@ def test_a_sample_that_kills_its_workers(small: Study, store: Store, tmp_path: P
 @pytest.mark.slow
 def test_a_scheduler_that_is_lost(small: Study, store: Store) -> None:
     with local_client(1) as other:
-        def keep(rows: list[dict[str, Any]]) -> None:
+        def keep(rows: Rows) -> None:
             store.write(rows)
             other.cluster.close()
 

@@ -25,7 +25,7 @@ from emcas_fmu.studies.campaign.sampling import Sampler
 from emcas_fmu.studies.campaign.study import Study, load_study
 from tests.bench.subjects import Broken
 
-from .conftest import SMALL, Write, assert_same_rows
+from .conftest import SMALL, Write, assert_same_rows, row_of, rows_of
 
 SUBJECT = ParameterSubject(load_parameters())
 FAULTY = SMALL + """
@@ -98,7 +98,7 @@ def test_a_spring_pulls_by_the_angle_a_step_ago(monkeypatch: pytest.MonkeyPatch,
 def test_faults_show_in_the_figures(write: Write) -> None:
     plan = load_study(write(FAULTY)).plan
     drawn = [0.11, 24.0, -20.0]
-    low, full = (sample.row(plan, 0, [*drawn, volts], SUBJECT) for volts in (12.0, 39.0))
+    low, full = (row_of(plan, 0, [*drawn, volts], SUBJECT) for volts in (12.0, 39.0))
     assert low["status"] == full["status"] == "ok"
     # At a third of the voltage the fin cannot go half as fast.
     assert low["step.rise_time"] > 1.5 * full["step.rise_time"]
@@ -107,21 +107,21 @@ def test_faults_show_in_the_figures(write: Write) -> None:
 
 def test_a_row_names_everything(write: Write) -> None:
     study = load_study(write(FAULTY))
-    row = sample.rows(study.plan.packed(), [3], Sampler(study).draw([3]))[0]
+    row = rows_of(study.plan.packed(), [3], Sampler(study).draw([3]))[0]
     assert row["index"] == 3
     assert row["seed"] == 5
     assert {"motor.torque_constant", "motor.back_emf_constant", "friction.temperature", "inputs.aero_torque.value",
             "experiments.step.inputs.supply_voltage.value"} < set(row)
     # Settling may take longer than the run, and is then infinite: a figure all the same.
     assert not any(isnan(row[name]) for name in sample.columns(study.plan))
-    assert list(row) == list(sample.failed(study.plan, 3, Sampler(study).draw([3])[0].tolist(), ""))
+    assert list(row) == list(sample.failed(study.plan, [3], Sampler(study).draw([3]), [""]))
 
 
 def test_a_sample_that_cannot_be_is_recorded(write: Write) -> None:
     """Tails beyond a limit, combinations that do not go, a response that cannot be followed: a reason each."""
     text = SMALL + '[vary."fin.start_angle"]\ndistribution = "normal"\nmean = "0 deg"\nsd = "20 deg"\n'
     plan = load_study(write(text)).plan
-    rows = sample.rows(plan.packed(), [0, 1, 2], np.array([[0.11, 20.0, radians(40.0), 0.0], [-1.0, 20.0, 0.0, 0.0],
+    rows = rows_of(plan.packed(), [0, 1, 2], np.array([[0.11, 20.0, radians(40.0), 0.0], [-1.0, 20.0, 0.0, 0.0],
                                                             [0.11, 20.0, 0.0, 0.0]]))
     assert [row["status"] for row in rows] == ["failed", "failed", "ok"]
     assert "fin.start_angle" in rows[0]["error"]
@@ -129,18 +129,18 @@ def test_a_sample_that_cannot_be_is_recorded(write: Write) -> None:
     assert all(isnan(rows[0][name]) for name in sample.columns(plan))
 
     class Lost(ParameterSubject):
-        def run(self, *_: Any, **__: Any) -> Any:
+        def run_all(self, *_: Any, **__: Any) -> Any:
             raise KeyError("odd")
 
-    row = sample.row(plan, 5, [0.11, 20.0, 0.0, 0.0], Lost(SUBJECT.parameters))
+    row = row_of(plan, 5, [0.11, 20.0, 0.0, 0.0], Lost(SUBJECT.parameters))
     assert row["error"] == "KeyError: 'odd'"
-    stopped = sample.row(plan, 5, [0.11, 20.0, 0.0, 0.0], Broken(SUBJECT.values))
+    stopped = row_of(plan, 5, [0.11, 20.0, 0.0, 0.0], Broken(SUBJECT.values))
     assert (stopped["status"], stopped["error"]) == ("failed", "error: the bridge is open")
 
 
 def test_a_level_never_reached_is_no_failure(small: Study) -> None:
     """Against more than the motor can hold the fin goes the other way: times are missing, the rest is there."""
-    row = sample.row(small.plan, 0, [0.11, 20.0, -2000.0], SUBJECT)
+    row = row_of(small.plan, 0, [0.11, 20.0, -2000.0], SUBJECT)
     assert row["status"] == "ok"
     assert isnan(row["step.rise_time"])
     assert row["step.at_stop_share"] > 0.0
@@ -167,7 +167,7 @@ duration = "2 s"
 def test_no_response_is_no_bandwidth(write: Write, recwarn: pytest.WarningsRecorder) -> None:
     """At rest 0, and no gain; -3 dB is at about 30 Hz: beyond sweeps that end before, which is infinite."""
     plan = load_study(write(SWEPT)).plan
-    dead, alive = (sample.row(plan, 0, [0.11, enable, 6.0], SUBJECT) for enable in (0.0, 1.0))
+    dead, alive = (row_of(plan, 0, [0.11, enable, 6.0], SUBJECT) for enable in (0.0, 1.0))
     assert dead["status"] == alive["status"] == "ok"
     assert (dead["sweep.bandwidth_3db"], dead["sweep.bandwidth_90deg"], dead["sweep.peak_gain"]) == (0.0, 0.0, -inf)
     assert (alive["sweep.bandwidth_3db"], alive["sweep.bandwidth_90deg"]) == (inf, inf)
@@ -184,12 +184,12 @@ begin = "20 ms"
 end = { distribution = "uniform", low = "10 ms", high = "40 ms" }
 """
     plan = load_study(write(text)).plan
-    wrong, right = (sample.row(plan, 0, [0.11, 20.0, 0.0, end], SUBJECT) for end in (0.012, 0.03))
+    wrong, right = (row_of(plan, 0, [0.11, 20.0, 0.0, end], SUBJECT) for end in (0.012, 0.03))
     assert right["status"] == "ok"
     assert wrong["error"] == "a window's end = 0.012 s is before its begin = 0.02 s"
     tails = SWEPT.replace('{ levels = ["20 Hz", "6 Hz"] }', '{ distribution = "normal", mean = "20 Hz", sd = "5 Hz" }')
     plan = load_study(write(tails)).plan
-    row = sample.row(plan, 0, [0.11, 1.0, 1.5], SUBJECT)
+    row = row_of(plan, 0, [0.11, 1.0, 1.5], SUBJECT)
     assert row["error"] == "the sweep's low = 2 Hz is not below its high = 1.5 Hz"
 
 
@@ -206,10 +206,10 @@ def test_an_fmu_after_a_failure_and_another_file(write: Write, native: Path, tmp
     plan = load_study(write(SMALL), native).plan
     subject = sample.subject_of(plan)
     good = [0.11, 20.0, 0.0]
-    before = sample.row(plan, 0, good, subject)
-    bad = sample.row(plan, 0, [0.11, 20.0, nan], subject)
+    before = row_of(plan, 0, good, subject)
+    bad = row_of(plan, 0, [0.11, 20.0, nan], subject)
     assert bad["status"] == "failed"
     assert "aero_torque" in bad["error"]
-    assert sample.row(plan, 0, good, subject) == before
+    assert row_of(plan, 0, good, subject) == before
     with pytest.raises(CampaignError, match="is not the file the campaign began with"):
         sample.subject_of(replace(plan, fmu_sha256="0" * 64))

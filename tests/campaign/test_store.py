@@ -53,8 +53,8 @@ def test_killed_before_the_first_sample(small: Study, tmp_path: Path) -> None:
 def test_a_sample_kept_twice_is_read_once(small: Study, store: Store) -> None:
     in_process(small, store.missing()[:4], store.write, 4)
     in_process(small, store.missing()[:2], store.write, 2)
-    rows = store.table().slice(3, 2).to_pylist()
-    store.write([dict(rows[0]), {**rows[1], "index": 4}])  # named after sample 3, which is in another part
+    rows = store.table().slice(3, 2).to_pydict()
+    store.write({**rows, "index": [3, 4]})  # named after sample 3, which is in another part
     assert store.table()["index"].to_pylist() == [0, 1, 2, 3, 4, 5]
 
 

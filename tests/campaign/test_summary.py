@@ -28,12 +28,10 @@ Summarised = Callable[..., summary.Summary]
 def summarised(write: Write, tmp_path: Path) -> Summarised:
     """Gives the summary of rows with figures 1, 2, 3, ... by index but for the columns given."""
     def made(text: str = SMALL, **columns: Any) -> summary.Summary:
-        study, rows = load_study(write(text)), []
-        for i in range(100):
-            drawn = [float(i % 7)] * len(study.plan.factors)
-            rows.append({**sample.failed(study.plan, i, drawn, ""),
-                         **dict.fromkeys(sample.columns(study.plan), i + 1.0), "status": "ok",
-                         **{name: values[i] for name, values in columns.items()}})
+        study = load_study(write(text))
+        drawn = np.tile(np.arange(100.0)[:, np.newaxis] % 7, len(study.plan.factors))
+        rows = {**sample.failed(study.plan, range(100), drawn, [""] * 100),
+                **dict.fromkeys(sample.columns(study.plan), np.arange(100) + 1.0), "status": ["ok"] * 100, **columns}
         with Store(tmp_path / "out", study) as store:
             store.write(rows)
             return summary.summarise(study, store.table())

@@ -8,19 +8,19 @@ import time
 from collections.abc import Sequence
 
 from emcas_fmu.simulation import Array
-from emcas_fmu.studies.campaign.sample import Row, rows
+from emcas_fmu.studies.campaign.sample import Rows, rows
 
 DEADLY = 13
 
 
-def deadly(packed: bytes, indices: Sequence[int], drawn: Array) -> list[Row]:
+def deadly(packed: bytes, indices: Sequence[int], drawn: Array) -> Rows:
     """One sample ends the process it runs in."""
     if DEADLY in indices:
         os.kill(os.getpid(), signal.SIGKILL)
     return rows(packed, indices, drawn)
 
 
-def slow(packed: bytes, indices: Sequence[int], drawn: Array) -> list[Row]:
+def slow(packed: bytes, indices: Sequence[int], drawn: Array) -> Rows:
     """Long enough for a worker to be killed meanwhile."""
     time.sleep(0.2)
     return rows(packed, indices, drawn)

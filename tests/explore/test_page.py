@@ -17,7 +17,7 @@ from emcas_fmu.api import simulate
 from emcas_fmu.bench.excitation import csv_file
 from emcas_fmu.cli import app
 from emcas_fmu.parameters import check_combinations, check_parameters, load_parameters
-from emcas_fmu.runtime.compiled import run_table
+from emcas_fmu.simulation import respond
 from tests.hosts.host import missing
 from tests.own_actuator.example import MODEL as DIRECT_DRIVE
 from tests.tools.test_every_actuator import TOGETHER
@@ -43,7 +43,8 @@ def computed(browser: Browser, path: Path) -> tuple[np.ndarray[Any, Any], np.nda
 
 def check_kernel(model: str, table: np.ndarray[Any, Any], found: np.ndarray[Any, Any]) -> None:
     """Fail unless outputs are the compiled kernel's to the bit."""
-    np.testing.assert_array_equal(found, run_table(load_parameters(model=model).values, STEP, table, model))
+    _, *columns = respond(load_parameters(model=model).values, table, STEP, "compiled", model).values()
+    np.testing.assert_array_equal(found, np.column_stack(columns))
 
 
 def test_numbers_are_the_kernel_s(browser: Browser) -> None:

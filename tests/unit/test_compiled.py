@@ -18,8 +18,8 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.runtime import compiled
 from emcas_fmu.runtime.compiled import Batch, CompiledCore
-from emcas_fmu.simulation import KERNELS, simulate
-from tests.default_actuator import INPUTS, OUTPUTS
+from emcas_fmu.simulation import KERNELS, respond, respond_all, simulate
+from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS
 
 from ..simulation import inputs_at_rest, new_core
 
@@ -161,14 +161,50 @@ def test_parameters_are_judged_before_memory_is_laid_out_by_them(values: Mapping
 
 
 def test_tables_have_a_shape(values: Mapping[str, Any]) -> None:
-    for shape in ((100, 2), (0, 9), (5,)):
-        with pytest.raises(ValueError, match="shape"):
-            compiled.run_table(values, 1e-3, np.zeros(shape))
-    assert compiled.run_table(values, 1e-3, np.zeros((0, len(INPUTS)))).shape == (0, len(OUTPUTS))
+    sets, columns = compiled.parameter_row(values)[np.newaxis], [np.zeros(5)] * len(INPUTS)
+    for wrong, inputs, said in ((sets[0], columns, "parameters have shape"), (sets[:, 1:], columns, "have shape"),
+                                (sets, columns[1:], f"{len(INPUTS) - 1} inputs"),
+                                (sets, [np.zeros(4), *columns[1:]], "shape"),
+                                (np.repeat(sets, 3, axis=0), [np.zeros((2, 5)), *columns[1:]], "shape")):
+        with pytest.raises(ValueError, match=said):
+            compiled.run_tables(wrong, inputs, 1e-3, ["fin_angle"])
+    nothing = compiled.run_tables(sets, [np.zeros(0)] * len(INPUTS), 1e-3, ["fin_angle"])
+    assert nothing.columns["fin_angle"].shape == (1, 0)
+    assert not nothing.failures
     with pytest.raises(TypeError, match="12 inputs, not 1"):
         CompiledCore(values).carried(1.0)
     with pytest.raises(TypeError, match="mapping"):
         CompiledCore([1.0])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kernel", KERNELS[1:])
+def test_many_runs_are_the_runs_alone(values: Mapping[str, Any], kernel: str) -> None:
+    """Inputs of every run, of all and of a row; runs whose parameters, inputs or equations fail leave the others."""
+    rows, step, held = 12, 2e-4, 5
+    sets = np.stack([compiled.parameter_row({**values, "friction.temperature": t, "mass.fin": 2.0})
+                     for t in (24.0, -5.0, 500.0, 10.0, 10.0)])
+    tables = np.stack([np.repeat(_inputs(1, k * 1e-3), len(sets), axis=0) for k in range(rows)], axis=1)
+    of_runs = (2, 5)  # an acceleration and an angular rate
+    tables[:, :, of_runs] = np.arange(len(sets))[:, np.newaxis, np.newaxis]
+    tables[3, 7, 1], tables[4, 4, 1] = nan, 1e300
+    inputs = [tables[..., i] if i < 2 else tables[:, :1, i] if i in of_runs else tables[0, 0, i]
+              for i in range(len(INPUTS))]
+    outputs = ["fin_rate", "motor_current"]
+    together = respond_all(sets, inputs, step, outputs, kernel, held=held, fine=["motor_current"])
+    for run, kind, said in ((2, ValueError, "friction.temperature"), (4, ArithmeticError, "at 0.00"),
+                            (3, ValueError, "input aero_torque is nan at 0.007")):
+        assert isinstance(together.failures[run], kind)
+        assert str(together.failures[run]).startswith(said)
+    assert len(together.failures) == 3
+    for run in (0, 1):
+        alone = respond(dict(zip((v.name for v in PARAMETERS), sets[run], strict=True)),
+                        np.repeat(tables[run], held, axis=0)[:1 - held], step, kernel)
+        np.testing.assert_array_equal(together.columns["fin_rate"][run], alone["fin_rate"][::held])
+        np.testing.assert_array_equal(together.columns["motor_current"][run], alone["motor_current"])
+    assert np.isnan(together.columns["fin_rate"][2]).all()
+    reached = together.reached[4]
+    assert 4 * held < reached <= 5 * held
+    np.testing.assert_array_equal(np.isnan(together.columns["motor_current"][4]), np.arange(56) >= reached)
 
 
 @pytest.mark.parametrize(("stop", "step"), [(-1.0, 1e-3), (1.0, 0.0), (1.0, -1e-3), (nan, 1e-3), (1.0, nan),

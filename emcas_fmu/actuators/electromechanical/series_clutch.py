@@ -141,7 +141,7 @@ def _train(ops: Ops, p: Any, x: Record, m: Record) -> Train:
     wet = ops.where(x.screw_speed > 0.0, m.wet[0], m.wet[1])
     share = p.clutch.share * clutch.share_at(ops, p, x.clutch_temperature)
     return Train(
-        rotor=rotor, screw=screw.rotor_inertia(side), behind_inertia=screw.load_inertia(side, c.ratio),
+        rotor=rotor, screw=screw.rotor_inertia(side), behind_inertia=screw.load_inertia(side, c.gain),
         rotor_torque=drive.torque(p, x.motor_current) - p.motor.viscous_friction * x.motor_speed - rotor * m.alpha_x,
         screw_torque=c.rotor - wet * x.screw_speed, dry=p.motor.coulomb_friction,
         capacity=clutch.capacity(p, x.flux, share), sliding=m.sliding,

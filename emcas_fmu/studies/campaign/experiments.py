@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from math import pi
+from functools import lru_cache
+from math import degrees, pi
 from typing import Any
 
 import numpy as np
 
 from ...actuators import get
-from ...bench.excitation import STEP, Excitation, sine_from_rest, staircase, step_to, sweep
+from ...bench.excitation import COMMAND, STEP, Excitation, sine_from_rest, staircase, step_to, sweep
 from ...reference.cases import LEAD_IN
 from ...simulation import Array
 
@@ -61,48 +62,65 @@ def excitation(experiment: Experiment, values: Mapping[str, Any], numbers: Mappi
                model: str) -> Excitation:
     """Return the excitation of an experiment; its command begins after LEAD_IN, and profiles count from there.
 
-    `values` are flat parameters in SI of the `model`, `numbers` those of profiles and commands by name. Raises
-    ValueError for numbers that do not go together.
+    `values` are flat parameters in SI of the `model`, `numbers` those of profiles and commands by name; of many samples
+    those that vary are arrays. Raises ValueError for numbers that do not go together.
     """
-    made = _COMMANDS[experiment.kind](_finder(numbers, experiment.prefix, 0.0), experiment.duration)
-    time = made.time - LEAD_IN
+    number = _finder(numbers, experiment.prefix, 0.0)
+    amplitude, *shape = (number(field) for field in EXPERIMENTS[experiment.kind])
+    each = zip(*(np.ravel(x).tolist() for x in np.broadcast_arrays(*shape)), strict=True) if shape else [()]
+    made = [_unit(experiment.kind, experiment.duration, *numbers_of) for numbers_of in each]
+    one, time = made[0], made[0].time - LEAD_IN
+    unit = one.command if len(made) == 1 else np.stack([each.command for each in made])
+    columns: dict[str, Any] = {COMMAND: amplitude * unit + 0.0}  # no -0.0 of a negative amplitude
     inputs = {v.name: v for v in get(model).inputs}
-    columns: dict[str, Any] = {}
-    spring = 0.0
+    spring: Any = 0.0
     for profile in experiment.profiles:
         v = inputs[profile.variable]
-        number = _finder(numbers, profile.prefix, float(v.initial(values)))
+        number = _finder(numbers, profile.prefix, v.initial(values))
         if profile.kind == "spring":
             columns[v.name], spring = number("offset"), number("stiffness")
         else:
             columns[v.name] = _SHAPES[profile.kind](time, number)
-    return replace(made.holding(columns), spring=spring)
+    size = "" if np.ndim(amplitude) else f" of {degrees(amplitude):.6g} deg"
+    return replace(one.holding(columns), title=experiment.kind + size,
+                   spring=np.ravel(spring) if np.ndim(spring) else spring)
 
 
-Number = Callable[[str], float]
+Number = Callable[[str], Any]
 
 
-def _finder(numbers: Mapping[str, Any], prefix: str, start: float) -> Number:
-    return lambda field: float(numbers.get(f"{prefix}.{field}", start))
+def _finder(numbers: Mapping[str, Any], prefix: str, start: Any) -> Number:
+    """Return what gives a number by its field; of many samples an array [samples, 1], if it varies."""
+    def found(field: str) -> Any:
+        value = numbers.get(f"{prefix}.{field}", start)
+        return np.asarray(value, dtype=float)[:, np.newaxis] if np.ndim(value) else float(value)
+    return found
 
 
-_COMMANDS: Mapping[str, Callable[[Number, float], Excitation]] = {
-    "step": lambda number, duration: step_to(number("amplitude"), duration),
-    "hold": lambda number, duration: staircase((number("amplitude"),) * 2, (LEAD_IN, duration)),
-    "sine": lambda number, duration: sine_from_rest(number("amplitude"), number("frequency"), duration),
-    "chirp": lambda number, duration: sweep(number("amplitude"), duration, number("low"), number("high")),
+# Of amplitude 1, by the fields besides the amplitude.
+_UNITS: Mapping[str, Callable[..., Excitation]] = {
+    "step": lambda duration: step_to(1.0, duration),
+    "hold": lambda duration: staircase((1.0, 1.0), (LEAD_IN, duration)),
+    "sine": lambda duration, frequency: sine_from_rest(1.0, frequency, duration),
+    "chirp": lambda duration, low, high: sweep(1.0, duration, low, high),
 }
 
 
-def _from(time: Array, instant: float) -> Array:
-    """Return rows at an instant or later; a row a rounding short of it is on it."""
+@lru_cache(maxsize=64)
+def _unit(kind: str, duration: float, *shape: float) -> Excitation:
+    return _UNITS[kind](duration, *shape)
+
+
+def _from(time: Array, instant: Any) -> Any:
+    """Return whether rows are at an instant or later; one a rounding short of it is on it."""
     return time > instant - STEP / 2
 
 
-def _window(time: Array, number: Number) -> Array:
+def _window(time: Array, number: Number) -> Any:
     begin, end = number("begin"), number("end")
-    if end < begin:
-        raise ValueError(f"a window's end = {end:g} s is before its begin = {begin:g} s")
+    for first, last in np.broadcast(begin, end):
+        if last < first:
+            raise ValueError(f"a window's end = {last:g} s is before its begin = {first:g} s")
     return np.where(_from(time, begin) & ~_from(time, end), number("value"), number("outside"))
 
 
@@ -110,6 +128,7 @@ _SHAPES: Mapping[str, Callable[[Array, Number], Any]] = {
     "constant": lambda time, number: number("value"),
     "step": lambda time, number: np.where(_from(time, number("at")), number("after"), number("before")),
     "window": _window,
-    "sine": lambda time, number: number("offset") + number("amplitude") * np.sin(
-        2.0 * pi * number("frequency") * np.maximum(time, 0.0)),
+    # Row by row, so that the library takes the same steps whichever others there are.
+    "sine": lambda time, number: number("offset") + number("amplitude") * np.apply_along_axis(
+        np.sin, -1, 2.0 * pi * number("frequency") * np.maximum(time, 0.0)),
 }

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...actuators import extension_outputs
-from ...bench.metrics import Figure
+from ...bench.metrics import Figure, since
 from ...bench.subject import Run
 from ...simulation import Array
 from ...variables import Variable
@@ -26,7 +26,7 @@ class Reduction(NamedTuple):
     output: Variable
     figure: Figure | None
     value: Callable[[Array, Array], Any]
-    """From the column and its times [s]."""
+    """From the columns of runs [runs, rows] and their times [s], of each run."""
 
 
 @cache
@@ -41,32 +41,33 @@ def _reductions(v: Variable) -> dict[str, tuple[Figure | None, Callable[[Array, 
         return Figure(unit, title, (v.name,), bad)
 
     if v.kind == "Real":
-        return {"last": (figure(v.unit, f"{v.description}, at the end"), lambda column, time: float(column[-1])),
-                "largest": (figure(v.unit, f"{v.description}, largest"), lambda column, time: float(column.max())),
+        return {"last": (figure(v.unit, f"{v.description}, at the end"), lambda column, time: column[..., -1]),
+                "largest": (figure(v.unit, f"{v.description}, largest"), lambda column, time: column.max(axis=-1)),
                 "smallest": (figure(v.unit, f"{v.description}, smallest", -1.0),
-                             lambda column, time: float(column.min()))}
+                             lambda column, time: column.min(axis=-1))}
     if v.kind == "Boolean":
-        return {"last": (None, lambda column, time: bool(column[-1])),
+        return {"last": (None, lambda column, time: column[..., -1].astype(bool)),
                 "share": (figure("1", f"share of the time in which {v.name} is true", -1.0),
-                          lambda column, time: float(np.mean(column)))}
+                          lambda column, time: np.mean(column, axis=-1))}
     if v.items:
-        return {"last": (None, lambda column, time: v.in_words(column[-1]))}
+        return {"last": (None, lambda column, time: np.array([v.in_words(x) for x in column[..., -1]], dtype=object))}
     if not v.bits:
-        return {"last": (None, lambda column, time: int(column[-1]))}
-    return {"last": (None, lambda column, time: int(column[-1])),
-            "ever": (None, lambda column, time: int(np.bitwise_or.reduce(column.astype(np.int64)))),
+        return {"last": (None, lambda column, time: column[..., -1].astype(np.int64))}
+    return {"last": (None, lambda column, time: column[..., -1].astype(np.int64)),
+            "ever": (None, lambda column, time: np.bitwise_or.reduce(column.astype(np.int64), axis=-1)),
             "first": (figure("s", f"when {v.name} first has a bit set"), _first)}
 
 
-def _first(column: Array, time: Array) -> float:
-    return float(time[np.argmax(column != 0.0)]) if column.any() else float("nan")
+def _first(column: Array, time: Array) -> Array:
+    first = np.argmax(column != 0.0, axis=-1)
+    return np.where(column.any(axis=-1), time[first], np.nan)
 
 
-def reduced(experiment: Experiment, model: str, run: Run) -> dict[str, Any]:
-    """Return figures and observations of a finished run by column name."""
-    rows = run.excitation.judged(run.columns["time"])
-    time = run.columns["time"][rows] - run.excitation.begin
-    return {f"{experiment.name}.{name}": reduction.value(run.columns[reduction.output.name][rows], time)
+def reduced(experiment: Experiment, model: str, run: Run) -> dict[str, Array]:
+    """Return figures and observations of many finished runs by column name."""
+    time, *columns = since(run.excitation.begin, *run.columns.values())
+    at = dict(zip([*run.columns][1:], columns, strict=True))
+    return {f"{experiment.name}.{name}": reduction.value(at[reduction.output.name], time - run.excitation.begin)
             for name, reduction in reductions(model).items()}
 
 

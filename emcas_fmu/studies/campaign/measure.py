@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from math import inf, isnan
@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from ...actuators import get
-from ...bench.metrics import FIGURES, Figure, leaping_power, motion, sweep_response, swept, usage
+from ...bench.excitation import Excitation
+from ...bench.metrics import FIGURES, Figure, leap_weights, leaping_power, motion, sweep_response, swept, usage
 from ...bench.subject import Run, Subject, left_out
 from ...simulation import Array
 from .experiments import Experiment
@@ -50,26 +51,35 @@ def lacking(model: str) -> dict[str, list[str]]:
                     [v.name for v in get(model).outputs])
 
 
-def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps: Array) -> dict[str, float]:
-    """Return the figures of a finished run, by the bench's names; nan where there is none (a level never reached).
+def measured(experiment: Experiment, numbers: Mapping[str, Any], run: Run, leaps: Sequence[Array]) -> dict[str, Any]:
+    """Return the figures of a finished run, or of many, by the bench's names; nan where there is none (a level never
+    reached).
 
-    Of its columns POWER has POWER_ROWS to each row; it leaps at `leaps` [s] from the command's instant.
+    Of its columns POWER has POWER_ROWS to each row; it leaps at `leaps` [s] from the command's instant, one array for
+    all runs or one for each. Raises ValueError where a step has no height.
     """
     columns = {name: column for name, column in run.columns.items() if name != POWER}
     rows = replace(run, columns=columns)
     begun = int(np.argmax(run.excitation.judged(columns["time"])))
     measures = usage(rows)
     if POWER in run.columns:
-        measures |= leaping_power(run.columns[POWER][begun * POWER_ROWS:], run.excitation.step / POWER_ROWS, leaps)
+        power = run.columns[POWER][..., begun * POWER_ROWS:]
+        weights = [leap_weights(power.shape[-1], run.excitation.step / POWER_ROWS, each) for each in leaps]
+        measures |= leaping_power(power, weights[0] if len(weights) == 1 else np.stack(weights))
     if experiment.kind == "step":
-        moves = run.excitation.moves
-        if not moves or moves[0].level == columns["fin_angle"][begun]:
+        command = run.excitation.command
+        if np.any((command[..., -1] == command[..., 0]) | (command[..., -1] == columns["fin_angle"][..., begun])):
             raise ValueError("the step has no height: the command stays where it is")
         measures |= motion(rows)
-        measures["steady_error"] = abs(measures["steady_error"])
+        measures["steady_error"] = np.abs(measures["steady_error"])
     if experiment.kind == "chirp":
-        low, high = (float(numbers[f"{experiment.prefix}.{side}"]) for side in ("low", "high"))
-        measures |= _bandwidths(swept(sweep_response(rows, low, high)))
+        low, high = (numbers[f"{experiment.prefix}.{side}"] for side in ("low", "high"))
+        if columns["fin_angle"].ndim == 1:
+            return measures | _bandwidths(swept(sweep_response(rows, float(low), float(high))))
+        count = len(columns["fin_angle"])
+        low, high = (np.broadcast_to(side, count).tolist() for side in (low, high))
+        each = [_bandwidths(swept(sweep_response(rows.of(k), low[k], high[k]))) for k in range(count)]
+        measures |= {name: np.array([one[name] for one in each]) for name in each[0]}
     return measures
 
 
@@ -82,21 +92,27 @@ def _bandwidths(measures: dict[str, float]) -> dict[str, float]:
             "bandwidth_90deg": beyond if isnan(phase) else phase}
 
 
-def named(experiment: Experiment, model: str, measures: Mapping[str, float]) -> dict[str, float]:
+def named(experiment: Experiment, model: str, measures: Mapping[str, Any]) -> dict[str, Any]:
     """Return the figures of an experiment by column name."""
-    return {f"{experiment.name}.{name}": float(measures[_COLUMNS[name][0]])
-            for name in figures(experiment.kind, model)}
+    return {f"{experiment.name}.{name}": measures[_COLUMNS[name][0]] for name in figures(experiment.kind, model)}
 
 
-def leaps(subject: Subject, changes: Mapping[str, Any], run: Run) -> Array:
+def leaps(subject: Subject, changes: Mapping[str, Any], run: Run) -> list[Array]:
     """Return when [s], from the command's instant, the drive gets a new reference: each sample, a delay later.
 
-    None where samples come too often to be distinguished.
+    One array if it is the same in all runs, otherwise one for each. Without times where samples come too often to be
+    distinguished.
     """
-    begin, stop = run.excitation.begin, run.excitation.stop
-    period = float(changes.get(_PERIOD, subject.values[_PERIOD]))
-    if period < 2.0 * run.excitation.step / POWER_ROWS:
+    period, delay = changes.get(_PERIOD, subject.values[_PERIOD]), subject.transport_delay(changes)
+    periods, delays = np.broadcast_arrays(np.atleast_1d(period), delay)
+    pairs = [*zip(periods.tolist(), delays.tolist(), strict=True)]
+    made = {(period, delay): _leaps(period, delay, run.excitation) for period, delay in dict.fromkeys(pairs)}
+    return [made[pair] for pair in pairs] if len(made) > 1 else [*made.values()]
+
+
+def _leaps(period: float, delay: float, excitation: Excitation) -> Array:
+    if period < 2.0 * excitation.step / POWER_ROWS:
         return np.empty(0)
-    delay = subject.transport_delay(changes)
+    begin = excitation.begin
     first = np.ceil((begin - delay) / period - 1e-6)
-    return np.arange(first, (stop - delay) / period) * period + delay - begin
+    return np.arange(first, (excitation.stop - delay) / period) * period + delay - begin

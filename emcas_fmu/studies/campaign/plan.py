@@ -6,6 +6,9 @@ import hashlib
 import pickle
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 
 from ...actuators import NONLINEAR, get
 from ...actuators.declaration import Actuator
@@ -22,9 +25,10 @@ class Factor:
     type: str
     distribution: Distribution
 
-    def value(self, drawn: float) -> Value:
-        """Return a number drawn, as what the factor is."""
-        return bool(drawn) if self.type == "Boolean" else int(drawn) if self.type == "Integer" else float(drawn)
+    def value(self, drawn: Any) -> Any:
+        """Return a number drawn, or an array of them, as what the factor is."""
+        made = np.asarray(drawn).astype({"Boolean": bool, "Integer": np.int64, "Real": float}[self.type])
+        return made if made.ndim else made.item()
 
 
 @dataclass(frozen=True)
@@ -58,15 +62,21 @@ class Plan:
         """Return the plan as it is sent to a worker."""
         return pickle.dumps(self)
 
-    def chosen(self, drawn: Iterable[float]) -> dict[str, Value]:
-        """Return the factors with the values `drawn`, and the parameters that follow them."""
+    def chosen(self, drawn: Iterable[Any]) -> dict[str, Any]:
+        """Return the factors with the values `drawn`, and the parameters that follow them.
+
+        Of each factor a number, or an array of those of many samples.
+        """
         chosen = {f.name: f.value(x) for f, x in zip(self.factors, drawn, strict=True)}
         return chosen | {name: self.base[name] * (chosen[leader] / self.base[leader])
                          for name, leader in self.followers.items()}
 
-    def varied(self, drawn: Iterable[float]) -> tuple[dict[str, Value], dict[str, Value]]:
-        """Return parameters (flat, SI) and numbers of profiles of a sample whose factors have the values `drawn`."""
-        values, numbers = dict(self.base), dict(self.numbers)
+    def varied(self, drawn: Iterable[Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Return parameters (flat, SI) and numbers of profiles of a sample whose factors have the values `drawn`.
+
+        Of many samples those that vary are arrays.
+        """
+        values, numbers = dict[str, Any](self.base), dict[str, Any](self.numbers)
         for name, value in self.chosen(drawn).items():
             (values if name in values else numbers)[name] = value
         return values, numbers

@@ -19,13 +19,13 @@ from ...runtime import compiled
 from ...simulation import Array
 from .distributions import CampaignError
 from .plan import Plan
-from .sample import Row, failed, rows
+from .sample import Rows, failed, rows
 from .sampling import Sampler
 from .study import Study
 
 # Simulated in a task by default: some tenths of a second to two of work with the kernel, and about as much with
 # an FMU's tenth of it. What is taken for a task (milliseconds) is little beside it, what a kill loses is little.
-SIMULATED, BY_FMU = 200.0, 20.0  # s
+SIMULATED, BY_FMU = 1000.0, 20.0  # s
 # Deaths of a worker under a task before it is given up. Dask's own 3 costs as many restarts more for a
 # sample that kills every worker, and one spares a task whose worker was killed from outside.
 ALLOWED_DEATHS = 1
@@ -35,8 +35,8 @@ _UNINTERRUPTED = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 _CONNECT = 20.0  # s
 _WORKERS = 120.0  # s, until the first worker is there
 
-Work = Callable[[bytes, Sequence[int], Array], list[Row]]
-Keep = Callable[[list[Row]], object]
+Work = Callable[[bytes, Sequence[int], Array], Rows]
+Keep = Callable[[Rows], object]
 Indices = NDArray[np.int64]
 
 
@@ -158,8 +158,8 @@ def by_dask(client: Any, study: Study, missing: Indices, keep: Keep, chunk: int 
     chunks = chunked(missing, chunk or chunk_size(study.plan, len(missing), threads))
     suspects = _run(submit, chunks, keep, _AHEAD * threads)
     for index in _run(submit, chunked(suspects, 1), keep, 1).tolist():
-        keep([failed(study.plan, index, sampler.draw([index])[0].tolist(),
-                     "every worker that ran it died (out of memory, or a crash)")])
+        keep(failed(study.plan, [index], sampler.draw([index]),
+                    ["every worker that ran it died (out of memory, or a crash)"]))
 
 
 @contextmanager

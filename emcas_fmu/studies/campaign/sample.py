@@ -1,29 +1,41 @@
-"""One sample: from the factors' values to a row of figures, whatever happens on the way."""
+"""Samples: from the factors' values to rows of figures, whatever happens on the way.
+
+Samples advance together, and rows are columns: by name an array or list with an entry for each sample. What a row says
+does not depend on which samples it is computed with.
+"""
 
 from __future__ import annotations
 
 import atexit
 import pickle
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ...actuators import extension_outputs
+from ...bench.excitation import STEP
 from ...bench.metrics import Figure
 from ...bench.subject import Subject, open_subject
 from ...errors import EmcasError
+from ...reference.cases import LEAD_IN
 from ...simulation import Array
 from ...variables import Variable
 from . import measure
 from .distributions import CampaignError
-from .experiments import excitation
+from .experiments import Experiment, excitation
 from .extension_outputs import reduced, reductions
 from .plan import Plan, source_sha256
 
 OK, FAILED = "ok", "failed"
-Row = dict[str, Any]
+Rows = dict[str, Any]
+"""Columns by name, in the order of a row's entries."""
+# Of responses that are held at a time: what is computed of them stays in a processor's cache. Fewer samples than some
+# make no use of vectors.
+BYTES, FEWEST = 4e6, 8
 
 
 def columns(plan: Plan) -> dict[str, Figure]:
@@ -39,40 +51,85 @@ def observed(plan: Plan) -> dict[str, Variable]:
             for name, r in reductions(plan.model).items() if r.figure is None}
 
 
-def row(plan: Plan, index: int, drawn: Sequence[float], subject: Subject) -> Row:
-    """Return index, seed, what varied, figures (nan where there is none), status and error of a sample."""
+def failed(plan: Plan, indices: Sequence[int], drawn: Array, errors: Sequence[str]) -> Rows:
+    """Return the rows of samples without figures."""
+    return _rows(plan, indices, drawn, {}, dict(enumerate(errors)))
+
+
+def listed(rows: Rows) -> list[dict[str, Any]]:
+    """Return rows one by one, by column name."""
+    columns = [column.tolist() if isinstance(column, np.ndarray) else column for column in rows.values()]
+    return [dict(zip(rows, row, strict=True)) for row in zip(*columns, strict=True)]
+
+
+def joined(parts: Sequence[Rows]) -> Rows:
+    """Return the rows of all parts."""
+    def column(name: str) -> Any:
+        columns = [part[name] for part in parts]
+        return np.concatenate(columns) if isinstance(columns[0], np.ndarray) else [x for part in columns for x in part]
+    return parts[0] if len(parts) == 1 else {name: column(name) for name in parts[0]}
+
+
+def _rows(plan: Plan, indices: Sequence[int], drawn: Array, entries: Mapping[str, Any], errors: Mapping[int, str]
+          ) -> Rows:
+    """Return rows from figures and observations of samples, and why some have failed, by their places."""
+    count, bad = len(indices), [*errors]
+    rows: Rows = {"index": np.asarray(indices), "seed": np.full(count, plan.seed),
+                  **{name: np.broadcast_to(values, count) for name, values in plan.chosen(drawn.T).items()}}
+    for name in columns(plan):
+        rows[name] = entries.get(name, np.full(count, np.nan))
+        rows[name][bad] = np.nan
+    for name in observed(plan):
+        values = [None] * count if name not in entries else entries[name].tolist()
+        rows[name] = [None if place in errors else value for place, value in enumerate(values)]
+    rows["status"] = [FAILED if place in errors else OK for place in range(count)]
+    rows["error"] = [errors.get(place, "") for place in range(count)]
+    return rows
+
+
+def together(plan: Plan, indices: Sequence[int], drawn: Array, subject: Subject) -> Rows:
+    """Return index, seed, what varied, figures (nan where there is none), status and error of samples."""
     try:
-        return {**_identity(plan, index, drawn), **_figures(plan, drawn, subject), "status": OK, "error": ""}
-    # Nothing one sample does may end a campaign.
+        return _rows(plan, indices, drawn, *_entries(plan, drawn, subject))
+    # Nothing one sample does may end a campaign. Which one it was is seen when each is alone.
     except Exception as error:  # noqa: BLE001
-        expected = isinstance(error, (ArithmeticError, ValueError, EmcasError))
-        return failed(plan, index, drawn, str(error) if expected else f"{type(error).__name__}: {error}")
+        half = len(indices) // 2
+        if half:
+            return joined([together(plan, indices[:half], drawn[:half], subject),
+                           together(plan, indices[half:], drawn[half:], subject)])
+        return failed(plan, indices, drawn, [_said(error)])
 
 
-def failed(plan: Plan, index: int, drawn: Sequence[float], error: str) -> Row:
-    """Return the row of a sample without figures."""
-    return {**_identity(plan, index, drawn), **dict.fromkeys(columns(plan), float("nan")),
-            **dict.fromkeys(observed(plan)), "status": FAILED, "error": error}
+def _said(error: Exception) -> str:
+    expected = isinstance(error, (ArithmeticError, ValueError, EmcasError))
+    return str(error) if expected else f"{type(error).__name__}: {error}"
 
 
-def _identity(plan: Plan, index: int, drawn: Sequence[float]) -> Row:
-    return {"index": index, "seed": plan.seed, **plan.chosen(drawn)}
-
-
-def _figures(plan: Plan, drawn: Sequence[float], subject: Subject) -> Row:
-    values, numbers = plan.varied(drawn)
-    changes = {name: value for name, value in values.items() if value != subject.values[name]}
-    entries: Row = {}
-    for experiment in plan.experiments:
+def _entries(plan: Plan, drawn: Array, subject: Subject) -> tuple[dict[str, Any], dict[int, str]]:
+    """Return figures and observations of samples, and why some of them have none, by their places."""
+    values, numbers = plan.varied(drawn.T)
+    changes = {name: value for name, value in values.items() if np.ndim(value) or value != subject.values[name]}
+    excitations = [excitation(experiment, values, numbers, plan.model) for experiment in plan.experiments]
+    entries: dict[str, Any] = {}
+    errors: dict[int, str] = {}
+    for experiment, made in zip(plan.experiments, excitations, strict=True):
         outputs = _outputs(experiment.kind, plan.model)
-        run = subject.run(excitation(experiment, values, numbers, plan.model), changes, outputs, measure.POWER_ROWS,
-                          [name for name in outputs if name == measure.POWER])
-        if run.stopped is not None:
-            raise ArithmeticError("; ".join(run.messages[-3:]) or run.reason)
-        figures = measure.measured(experiment, numbers, run, measure.leaps(subject, changes, run))
-        entries |= measure.named(experiment, plan.model, figures)
-        entries |= reduced(experiment, plan.model, run)
-    return {name: entries[name] for name in (*columns(plan), *observed(plan))}
+        runs = subject.run_all(made, changes, outputs, measure.POWER_ROWS,
+                               [name for name in outputs if name == measure.POWER])
+        errors = {**{place: _said(error) for place, error in runs.refused.items()},
+                  **{place: "; ".join(messages[-3:]) or runs[place].reason
+                     for place, (_, messages) in runs.stopped.items()}, **errors}
+        places, run = runs.finished()
+        if not len(places):
+            continue
+        of_run, shape = ({name: value[places] if np.ndim(value) else value for name, value in given.items()}
+                         for given in (changes, numbers))
+        figures = measure.measured(experiment, shape, run, measure.leaps(subject, of_run, run))
+        for name, values_of in {**measure.named(experiment, plan.model, figures),
+                                **reduced(experiment, plan.model, run)}.items():
+            entries[name] = np.full(len(drawn), np.nan if values_of.dtype.kind == "f" else 0, values_of.dtype)
+            entries[name][places] = values_of
+    return entries, errors
 
 
 @cache
@@ -112,11 +169,22 @@ def _check_same(path: str, digest: str, begun: str) -> None:
                             f"{begun[:16]}); every worker must see the same file")
 
 
-def rows(packed: bytes, indices: Sequence[int], drawn: Array) -> list[Row]:
+def rows(packed: bytes, indices: Sequence[int], drawn: Array) -> Rows:
     """Return the rows of samples, which is the work of a task; `drawn` (indices, factors).
 
     Raises CampaignError where no sample can be run here at all, as without the FMU.
     """
     plan = _unpacked(packed)
-    subject = subject_of(plan)
-    return [row(plan, index, values.tolist(), subject) for index, values in zip(indices, drawn, strict=True)]
+    subject, size = subject_of(plan), _together(plan)
+    return joined([together(plan, indices[k:k + size], drawn[k:k + size], subject)
+                   for k in range(0, len(indices), size)])
+
+
+def _together(plan: Plan) -> int:
+    """Return how many samples advance together."""
+    def held(experiment: Experiment) -> float:
+        outputs = _outputs(experiment.kind, plan.model)
+        rows = len(outputs) + 1 + (measure.POWER_ROWS - 1) * (measure.POWER in outputs)
+        return 8.0 * rows * (LEAD_IN + experiment.duration) / STEP
+
+    return max(FEWEST, int(BYTES / max(map(held, plan.experiments))))

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ... import __version__
 from ...actuators import NONLINEAR
 from .distributions import CampaignError
-from .sample import Row, columns, observed
+from .sample import Rows, columns, observed
 from .study import Study
 
 SCHEMA = "emcas-campaign/1"
@@ -96,13 +96,13 @@ class Store:
             missing[_read(part, ["index"])["index"].to_numpy()] = False
         return np.flatnonzero(missing)
 
-    def write(self, rows: Sequence[Row]) -> Path:
-        """Write rows as a part of their own: on disk when this returns."""
+    def write(self, rows: Rows) -> Path:
+        """Write rows as a part of their own, one row group: on disk when this returns."""
         # No part can have this name: the first of these rows would be in it.
-        name = f"part-{min(row['index'] for row in rows):09d}.parquet"
+        name = f"part-{min(rows['index']):09d}.parquet"
         sink = pa.BufferOutputStream()
         # Figures hardly repeat, and nobody searches them by range: dictionaries and statistics would only cost.
-        pq.write_table(pa.Table.from_pylist(list(rows), self._schema), sink, compression="zstd",
+        pq.write_table(pa.Table.from_pydict(rows, self._schema), sink, compression="zstd",
                        use_dictionary=["status", "error"], write_statistics=["index"])
         return _whole(self._parts_folder / name, sink.getvalue())
 

@@ -1,0 +1,188 @@
+"""Many actuators side by side, in machine code."""
+
+from __future__ import annotations
+
+import ctypes as ct
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from math import isfinite
+from typing import NoReturn
+
+import numpy as np
+
+from ..actuators import NONLINEAR, get
+from ..parameters import ParameterError, check_parameters
+from ..progress import Progress, silent
+from .codegen import MOTION
+from .compiled import REASONS, Array, address, by_schedule, prepare
+from .library import loaded, vectors
+
+_LINE = 64  # bytes of a cache's line, and of the longest vectors
+_CHUNK = 4096  # actuators that are prepared at a time
+_STEPS = 10_000  # of an actuator that a batch is taken to make
+_PIECES = 50  # of a step, between which progress is reported
+
+# Units of a batch, actuators or groups of them, from one to before another: to an end [s], under inputs (columns,
+# strides, number of the motion), with outputs to (address, stride, results). Gives how many did not get there.
+_Move = Callable[..., int]
+
+
+class _Vectors(ct.Structure):
+    """batch of vectors.c."""
+
+    _fields_ = (("count", ct.c_size_t), ("order", ct.c_void_p), ("common", ct.c_void_p), ("places_count", ct.c_size_t),
+                ("places", ct.c_void_p), ("varying", ct.c_void_p), ("groups", ct.c_void_p),
+                ("group_size", ct.c_size_t), ("same_schedule", ct.c_size_t))
+
+
+class Batch:
+    """Many actuators side by side, at rest at their start, each with its parameters and inputs.
+
+    `parameters` is an array [count, parameters] in the model's order, SI
+    (:func:`emcas_fmu.runtime.compiled.parameter_row`), or [1, parameters] for `count` with the same. `threads` share
+    the work of a step. As many actuators are moved at once as the processor's vectors hold, or `lanes` of 1, 4 and 8;
+    the numbers are the same. Raises ParameterError naming an actuator that cannot have its parameters, CompilerError
+    where there is no compiled kernel.
+    """
+
+    def __init__(self, parameters: Array, count: int, model: str = NONLINEAR, threads: int = 1,
+                 progress: Progress = silent, lanes: int | None = None) -> None:
+        if count < 1:
+            raise ValueError("a batch has at least one actuator")
+        actuator = get(model)
+        self.count, self._model = count, model
+        self._parameters: Array = np.ascontiguousarray(parameters, dtype=np.float64)
+        if self._parameters.shape not in ((count, len(actuator.parameters)), (1, len(actuator.parameters))):
+            raise ValueError(f"parameters have shape {self._parameters.shape}, not ({count}, "
+                             f"{len(actuator.parameters)})")
+        self._threads = ThreadPoolExecutor(threads) if threads > 1 else None
+        self._pieces = threads
+        # Columns that begin a multiple of a page apart would compete for the same places in the cache.
+        stride = -(-count // 8) * 8 + 8
+        self._table = np.zeros((len(actuator.outputs), stride))
+        self.outputs: Array = self._table[:, :count]
+        """Outputs at the time that was reached, a column of the interface's each [outputs, count], SI."""
+        self._results = np.zeros(count, dtype=np.intc)
+        self._motion: tuple[float, ...] | None = None
+        self._motions = 0
+        many = vectors(model, _STEPS * count, lanes)
+        self._units, self._move = self._alone(progress) if many is None else self._together(many, progress)
+
+    def _alone(self, progress: Progress) -> tuple[int, _Move]:
+        library = loaded(self._model)
+        size = library.actuator_size()
+        memory = _aligned(size * self.count)
+        apart = self._parameters.strides[0] if len(self._parameters) > 1 else 0
+        for chunk in _chunks(self.count, _CHUNK):
+            for i in range(chunk.start, chunk.stop):
+                parameters = ct.cast(address(self._parameters) + i * apart, ct.POINTER(ct.c_double))
+                if not library.actuator_start(address(memory) + i * size, parameters):
+                    self._refuse(i)
+            progress("preparing actuators", chunk.stop, self.count)
+
+        def move(first: int, last: int, end: float, columns: object, strides: object, _: int, *out: object) -> int:
+            failed: int = library.actuators_run(address(memory), first, last, end, columns, strides, *out)
+            return failed
+
+        return self.count, move
+
+    def _together(self, library: ct.CDLL, progress: Progress) -> tuple[int, _Move]:
+        lanes, sets = library.batch_lanes(), self._parameters
+        units = -(-self.count // lanes)
+        common = prepare(library, sets[:1]).values[0]
+        varies, schedules = np.zeros(len(common), dtype=bool), []
+        for chunk in _chunks(len(sets), _CHUNK):
+            prepared = prepare(library, sets[chunk])
+            if prepared.refused.any():
+                self._refuse(chunk.start + int(np.argmax(prepared.refused)))
+            varies |= (prepared.values != common).any(axis=0)
+            schedules.append(prepared.schedules)
+            progress("preparing actuators", chunk.stop, 2 * len(sets))
+        all_schedules = np.concatenate(schedules)
+        same = bool((all_schedules == all_schedules[0]).all())
+        order = np.arange(self.count, dtype=np.uintp) if same else by_schedule(all_schedules)
+        order = np.concatenate([order, np.full(units * lanes - self.count, order[-1])])
+        places = np.flatnonzero(varies).astype(np.uintp)
+        varying = _aligned(units * lanes * len(places) * 8).view(np.float64).reshape(units, len(places), lanes)
+        for chunk in _chunks(units, _CHUNK // lanes) if len(places) else ():
+            values = prepare(library, sets[order[chunk.start * lanes:chunk.stop * lanes]]).values[:, places]
+            varying[chunk] = values.reshape(-1, lanes, len(places)).transpose(0, 2, 1)
+            progress("preparing actuators", len(sets) + chunk.stop * lanes, 2 * len(sets))
+        size = library.batch_group_size(int(np.max(all_schedules[:, 6] + all_schedules[:, 7])) + 2)
+        size = -(-size // _LINE) * _LINE
+        groups = _aligned(size * units)
+        self._kept = order, common, places, varying, groups  # the library has their addresses
+        batch = _Vectors(self.count, address(order), address(common), len(places), address(places), address(varying),
+                         address(groups), size, same)
+        library.batch_start(ct.byref(batch), 0, units)
+
+        def move(first: int, last: int, *more: object) -> int:
+            failed: int = library.batch_run(ct.byref(batch), first, last, *more)
+            return failed
+
+        return units, move
+
+    def _refuse(self, place: int) -> NoReturn:
+        """Raise ParameterError for an actuator's parameters."""
+        values = dict(zip((v.name for v in get(self._model).parameters),
+                          self._parameters[min(place, len(self._parameters) - 1)].tolist(), strict=True))
+        raise ParameterError([f"actuator {place}: {problem}" for problem in check_parameters(values, self._model)
+                              or [REASONS[-2]]])
+
+    def run(self, end: float, inputs: Sequence[float | Array], progress: Progress = silent) -> Array:
+        """Move every actuator on to `end` [s] from the start with its inputs held; return :attr:`outputs`.
+
+        `inputs` has for each of the interface's, SI, a number for all or an array [count], which is not copied.
+        Raises ArithmeticError naming the actuators that cannot be followed; these stay where they were.
+        """
+        if not isfinite(end):
+            raise ValueError(f"the time to move on to is {end} s")
+        there_are = get(self._model).inputs
+        columns = [np.asarray(column, dtype=np.float64) for column in inputs]
+        for variable, column in zip(there_are, columns, strict=True):
+            if column.shape not in ((), (self.count,)):
+                raise ValueError(f"input {variable.name} has shape {column.shape}, not ({self.count},)")
+            if not np.isfinite(column).all():
+                place = int(np.argmin(np.isfinite(column)))
+                raise ValueError(f"actuator {place}: {variable.name} = {column.flat[place]} is not finite")
+        given = ((ct.c_void_p * len(columns))(*map(address, columns)),
+                 (ct.c_size_t * len(columns))(*(c.strides[0] // c.itemsize if c.shape else 0 for c in columns)),
+                 self._number(columns[MOTION]), address(self._table), self._table.shape[1], address(self._results))
+        if self._move_all(end, given, progress):
+            which = np.flatnonzero(self._results)
+            listed = ", ".join(map(str, which[:10])) + (", ..." if len(which) > 10 else "")
+            raise ArithmeticError(f"actuators {listed}: {REASONS[self._results[which[0]]]}")
+        return self.outputs
+
+    def _move_all(self, end: float, given: tuple[object, ...], progress: Progress) -> int:
+        """Move all units, by the threads there are; return how many actuators did not get there."""
+        pieces = _chunks(self._units, -(-self._units // (self._pieces if progress is silent else _PIECES)))
+
+        def move(piece: slice) -> int:
+            return self._move(piece.start, piece.stop, end, *given)
+
+        failed = 0
+        for piece, stopped in zip(pieces, (self._threads.map if self._threads else map)(move, pieces), strict=True):
+            failed += stopped
+            progress("moving actuators", piece.stop, self._units)
+        return failed
+
+    def _number(self, motion: Sequence[Array]) -> int:
+        """Return the number of the vehicle's motion: another one where that has changed, 0 where it is not one."""
+        if any(column.shape for column in motion):
+            return 0
+        now = tuple(map(float, motion))
+        if now != self._motion:
+            self._motion, self._motions = now, self._motions + 1
+        return self._motions
+
+
+def _chunks(count: int, size: int) -> list[slice]:
+    return [slice(k, min(k + size, count)) for k in range(0, count, size)]
+
+
+def _aligned(size: int) -> Array:
+    """Return so many bytes from the beginning of a line of the cache on."""
+    memory = np.empty(size + _LINE, dtype=np.uint8)
+    begin = -address(memory) % _LINE
+    return memory[begin:begin + size]

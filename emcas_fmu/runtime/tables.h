@@ -1,0 +1,43 @@
+/* Columns of the inputs and outputs of many whole runs. */
+#ifndef EMCAS_TABLES_H
+#define EMCAS_TABLES_H
+
+#include "core.h"
+
+#if defined _WIN32
+#define API __declspec(dllexport)
+#else
+#define API __attribute__((visibility("default")))
+#endif
+
+/* An input of many runs: its first value, and how far on [doubles] that of the next run and of the next row is; 0 where
+ * it is the same. */
+typedef struct {
+    const double *first;
+    ptrdiff_t run, row;
+} input_column;
+
+/* An output of many runs, likewise: its place among the outputs, and of which points of time it is kept, every nth. */
+typedef struct {
+    double *first;
+    ptrdiff_t run, row;
+    size_t place, every;
+} output_column;
+
+/* Why a run went no further, behind the reasons of core_result. */
+enum { RUN_REFUSED = CORE_TOO_MANY_TICKS + 1, RUN_INPUT_NOT_FINITE };
+
+static inline double *value_at(const output_column *column, size_t run, size_t k)
+{
+    return column->first + (ptrdiff_t)run * column->run + (ptrdiff_t)(k / column->every) * column->row;
+}
+
+/* Outputs of a run at the points that it did not reach. */
+static inline void not_reached(const output_column *out, size_t columns, size_t run, size_t reached, size_t points)
+{
+    for (size_t k = reached; k < points; ++k)
+        for (size_t j = 0; j < columns; ++j)
+            if (k % out[j].every == 0) *value_at(&out[j], run, k) = NAN;
+}
+
+#endif

@@ -1,0 +1,115 @@
+"""Traced programs as C over vectors: the scalar program's operations in its order, for several actuators at once.
+
+In runtime/vector.h ``lanes`` is a number for each actuator of a vector and ``lanes_mask`` a condition for each. A
+branch runs when a lane of those that count wants it, and its values are taken where its condition holds.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from .c_source import CWriter, any_literal
+from .tracer import BITS, FUNCTIONS, Assign, Expr, If, Operand, Tracer
+from .usage import ARITHMETIC
+
+_WORK = re.compile(r" / |lanes_(?:sqrt|sin|cos|tan|atan|exp|log)")  # more of it than a branch costs
+_CALLS = {**dict.fromkeys((*FUNCTIONS, *BITS, "negate"), 1), "where": 3, "clip": 3, **dict.fromkeys((
+    "both", "either", "minimum", "maximum", "less", "less_equal", "greater", "greater_equal", "equal"), 2)}
+TEMPLATES = {**ARITHMETIC, **{name: f"lanes_{name}({', '.join(f'{{{i}}}' for i in range(count))})"
+                              for name, count in _CALLS.items()}}
+
+
+def vector_elementary(tracer: Tracer) -> str:
+    """Return functions of one value with one result as ``static inline lanes lanes_<name>(lanes x)``."""
+    writer, text = _VectorWriter(tracer), []
+    for function in tracer.functions:
+        (argument,), (result,) = function.printed, function.results
+        text += [f"static inline lanes lanes_{function.name}(lanes {argument})", "{",
+                 "    const unsigned which = LANES_ALL;", "    (void)which;",
+                 *writer.block(function.block, 1), f"    return {writer.number(result)};", "}", ""]
+    return "\n".join(text)
+
+
+def vector_source(tracer: Tracer, prefix: str) -> str:
+    """Return functions over lanes, as :func:`emcas_fmu.trace.c_source.c_source` gives them over numbers.
+
+    Each takes first the lanes that count, a bit each: what it gives for others has no meaning. Constants are prepared for
+    each lane by the scalar program.
+    """
+    writer = _VectorWriter(tracer)
+    text: list[str] = []
+    for function in tracer.functions:
+        arguments = "".join(f", lanes {a}" for a in function.printed)
+        text += [f"static inline void {prefix}_{function.name}(unsigned which, const lanes *restrict p, "
+                 f"const lanes *restrict c{arguments}, lanes *restrict out)", "{", "    (void)which, (void)p, (void)c;"]
+        if function.printed:
+            text.append("    " + ", ".join(f"(void){a}" for a in function.printed) + ";")
+        text += writer.block(function.block, 1)
+        text += [f"    out[{i}] = {writer.number(value)};" for i, value in enumerate(function.results)]
+        text += ["}", ""]
+    return "\n".join(text)
+
+
+class _VectorWriter(CWriter):
+    def __init__(self, tracer: Tracer) -> None:
+        super().__init__(tracer, TEMPLATES)
+        self._which = ["which"]  # the lanes that count in each block around, from the outside
+
+    def literal(self, value: float | bool) -> str:
+        return f"lanes_set({any_literal(value)})"
+
+    def number(self, value: Operand) -> str:
+        """Return the text of an operand as numbers: 1 where a condition holds, else 0."""
+        text = self.operand(value)
+        return f"lanes_number({text})" if isinstance(value, Expr) and self.holds(value) else text
+
+    def mask(self, value: Operand) -> str:
+        """Return the text of an operand as a condition: a number that is not 0 is one that holds."""
+        text = self.operand(value)
+        return text if isinstance(value, Expr) and self.holds(value) else f"lanes_true({text})"
+
+    def operation(self, statement: Assign) -> str:
+        name, operands, value = statement.operation, statement.operands, self.number
+        if name in ("both", "either", "negate"):
+            value = self.mask
+        if name == "where":
+            condition, *operands = operands
+            if self.is_condition(statement):
+                value, name = self.mask, "where_mask"
+            return f"lanes_{name}({', '.join([self.mask(condition), *map(value, operands)])})"
+        return self.templates[name].format(*map(value, operands))
+
+    def assignment(self, name: str, text: str) -> str:
+        return f"const {'lanes_mask' if name in self.conditions else 'lanes'} {name} = {text};"
+
+    def branch(self, statement: If, live: Sequence[int], depth: int) -> list[str]:
+        indent, label, around = "    " * depth, statement.names[live[0]], self._which[-1]
+        lines = [f"{indent}const lanes_mask if_{label} = {self.mask(statement.condition)};"]
+        blocks: list[list[str]] = []
+        for name, block in (("yes", statement.yes), ("no", statement.no)):
+            self._which.append(f"{name}_{label}")
+            blocks.append(self.block(block, depth + 1))
+            self._which.pop()
+        yes, no = blocks
+        both = {i for i in live if self.holds(statement.yes_values[i]) and self.holds(statement.no_values[i])}
+        self.conditions.update(statement.names[i] for i in both)
+        value = {i: self.mask if i in both else self.number for i in live}
+        select = {i: "lanes_where_mask" if i in both else "lanes_where" for i in live}
+        kind = {i: "lanes_mask" if i in both else "lanes" for i in live}
+        first, second = ({i: value[i](values[i]) for i in live} for values in (statement.yes_values,
+                                                                             statement.no_values))
+        if not yes and not no and not any(_WORK.search(text) for text in (*first.values(), *second.values())):
+            return lines + [f"{indent}const {kind[i]} {statement.names[i]} = {select[i]}(if_{label}, {first[i]}, "
+                            f"{second[i]});" for i in live]
+        for i in live:
+            lines.append(f"{indent}{kind[i]} {statement.names[i]} = "
+                         f"{'lanes_true(lanes_set(0.0))' if i in both else 'lanes_set(0.0)'};")
+        lines += [f"{indent}const unsigned bits_{label} = lanes_bits(if_{label});",
+                  f"{indent}const unsigned yes_{label} = {around} & bits_{label}, no_{label} = {around} & ~bits_{label};",
+                  f"{indent}if (yes_{label}) {{", *yes]
+        lines += [f"{indent}    {statement.names[i]} = {first[i]};" for i in live]
+        lines += [f"{indent}}}", f"{indent}if (no_{label}) {{", *no]
+        lines += [f"{indent}    {statement.names[i]} = {select[i]}(if_{label}, {statement.names[i]}, {second[i]});"
+                  for i in live]
+        return [*lines, f"{indent}}}"]
