@@ -464,7 +464,7 @@ def _follow(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | No
     e = _events(ops, p, s, step, heading)
     any_motion = ops.either(ops.either(e.up, e.down), ops.either(e.reversing, e.stopping))
     return ops.branch(ops.either(ops.either(*e.crossing), any_motion),
-                      lambda: _to_first_event(ops, p, s, u, step, e, h, heading), lambda: (*step.end, h))
+                      lambda: _to_first_event(ops, p, s, u, step, e, h, heading), lambda: (*step.end, h), rare=True)
 
 
 def switched(ops: Ops, s: Any, enabled: Value) -> Any:
