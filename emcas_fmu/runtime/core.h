@@ -80,6 +80,14 @@ static inline bool core_all_finite(const double *x, size_t count)
     return !(carried >> 63);
 }
 
+/* Finite if all of these are, and small enough to be added. */
+static inline double core_sum(const double *x, size_t count)
+{
+    double sum = 0.0;
+    for (size_t i = 0; i < count; ++i) sum += x[i];
+    return sum;
+}
+
 static inline core_schedule core_scheduled(const double *p, const double *c)
 {
     double out[9];
@@ -299,8 +307,8 @@ static inline core_result core_move(const double *p, const double *c, core_state
     core_inputs final;
     double outputs[MODEL_OUTPUTS];
     core_outputs_of(p, c, s, reached, plan, core_at(in, ramp, end, &final), outputs);
-    if (!core_all_finite(s->sampled, CORE_SAMPLED) || !core_all_finite(s->tentative.x, CORE_PLANT)
-        || !core_all_finite(outputs, MODEL_OUTPUTS))
+    if (!core_finite(core_sum(s->sampled, CORE_SAMPLED) + core_sum(reached->x, CORE_PLANT)
+                     + core_sum(outputs, MODEL_OUTPUTS)))
         return CORE_NOT_FINITE;
     memcpy(out, outputs, sizeof outputs);
     return CORE_DONE;
