@@ -20,9 +20,10 @@ from .errors import EmcasError
 from .files import cache_directory
 
 # No contraction: a fused multiply-add rounds once where the Python source rounds twice. No speculation
-# of what may raise a floating-point exception: hosts run with traps on.
+# of what may raise a floating-point exception: hosts run with traps on. No numbers read two at once that were just
+# written one by one: processors wait until both have left them.
 FLAGS = ("-std=c11", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2", "-ffp-contract=off", "-ftrapping-math",
-         "-fno-math-errno", "-fvisibility=hidden", "-g0")
+         "-fno-math-errno", "-fno-tree-slp-vectorize", "-fomit-frame-pointer", "-fvisibility=hidden", "-g0")
 _ZIG_FLAGS = ("-fno-sanitize=undefined", "-ffp-exception-behavior=maytrap", "-s")
 # A first compilation by zig makes its C library: a minute on a slow machine.
 _PATIENCE = 600

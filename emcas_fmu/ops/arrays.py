@@ -34,7 +34,7 @@ class ArrayOps:
         return np.minimum(np.maximum(x, low), high)
 
     @staticmethod
-    def branch(condition: Value, yes: Thunk, no: Thunk) -> tuple[Value, ...]:
+    def branch(condition: Value, yes: Thunk, no: Thunk, rare: bool = False) -> tuple[Value, ...]:
         return tuple(np.where(condition, a, b) for a, b in zip(yes(), no(), strict=True))
 
 

@@ -39,8 +39,8 @@ class Ops(Protocol):
         """Return `yes` where the condition holds, else `no`; both may be evaluated."""
         ...
 
-    def branch(self, condition: Value, yes: Thunk, no: Thunk) -> tuple[Value, ...]:
-        """Return several values at once from one of two thunks.
+    def branch(self, condition: Value, yes: Thunk, no: Thunk, rare: bool = False) -> tuple[Value, ...]:
+        """Return several values at once from one of two thunks; a condition that is `rare` hardly ever holds.
 
         Floats and traced source evaluate only the branch taken; arrays and
         symbols evaluate both, so neither may fail where it is not taken.

@@ -69,7 +69,7 @@ class FloatOps:
         return yes if _real(condition) else no
 
     @staticmethod
-    def branch(condition: Value, yes: Thunk, no: Thunk) -> tuple[Value, ...]:
+    def branch(condition: Value, yes: Thunk, no: Thunk, rare: bool = False) -> tuple[Value, ...]:
         return yes() if _real(condition) else no()
 
 

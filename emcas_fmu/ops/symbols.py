@@ -44,7 +44,7 @@ class SymbolOps:
         return ca.fmin(ca.fmax(x, low), high)
 
     @staticmethod
-    def branch(condition: Value, yes: Thunk, no: Thunk) -> tuple[Value, ...]:
+    def branch(condition: Value, yes: Thunk, no: Thunk, rare: bool = False) -> tuple[Value, ...]:
         return tuple(ca.if_else(condition, a, b) for a, b in zip(yes(), no(), strict=True))
 
 

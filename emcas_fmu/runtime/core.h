@@ -41,7 +41,7 @@ typedef struct {
 } core_part;
 
 /* Everything that changes while running. The line ends with the DAC's present value and, behind it, the commands on
- * their way, the oldest first. */
+ * their way, the oldest first. There is a part only while `partial`. */
 typedef struct {
     int64_t period;
     int32_t position;
@@ -49,8 +49,8 @@ typedef struct {
     double sampled[CORE_SAMPLED]; /* controller states, measured fin angle, limited, states that steps see */
     double active;
     core_plant plant, tentative;
-    core_part part;
     double line[CORE_LINE];
+    core_part part;
 } core_state;
 
 typedef enum { CORE_DONE, CORE_NOT_FINITE, CORE_TOO_MANY_EVENTS, CORE_TOO_MANY_TICKS } core_result;
@@ -80,6 +80,14 @@ static inline bool core_all_finite(const double *x, size_t count)
     return !(carried >> 63);
 }
 
+/* Finite if all of these are, and small enough to be added. */
+static inline double core_sum(const double *x, size_t count)
+{
+    double sum = 0.0;
+    for (size_t i = 0; i < count; ++i) sum += x[i];
+    return sum;
+}
+
 static inline core_schedule core_scheduled(const double *p, const double *c)
 {
     double out[9];
@@ -90,12 +98,12 @@ static inline core_schedule core_scheduled(const double *p, const double *c)
 /* DAC values in the line. */
 static inline size_t core_values(const core_schedule *plan)
 {
-    return (size_t)plan->samples + 2;
+    return (size_t)(int32_t)plan->samples + 2; /* processors turn numbers into signed integers at once */
 }
 
 static inline size_t core_line_length(const core_schedule *plan)
 {
-    return core_values(plan) + (size_t)plan->late_commands;
+    return core_values(plan) + (size_t)(int32_t)plan->late_commands;
 }
 
 /* The state at rest at the start. */
@@ -214,7 +222,7 @@ static inline void core_sample(const double *p, const double *c, core_state *s, 
 {
     double out[1 + CORE_SAMPLED], command = in->command;
     const core_plant *x = &s->plant;
-    const size_t line = core_values(plan), late = (size_t)plan->late_commands;
+    const size_t line = core_values(plan), late = (size_t)(int32_t)plan->late_commands;
     if (late) {
         double *commands = s->line + line;
         command = commands[0];
@@ -299,8 +307,8 @@ static inline core_result core_move(const double *p, const double *c, core_state
     core_inputs final;
     double outputs[MODEL_OUTPUTS];
     core_outputs_of(p, c, s, reached, plan, core_at(in, ramp, end, &final), outputs);
-    if (!core_all_finite(s->sampled, CORE_SAMPLED) || !core_all_finite(s->tentative.x, CORE_PLANT)
-        || !core_all_finite(outputs, MODEL_OUTPUTS))
+    if (!core_finite(core_sum(s->sampled, CORE_SAMPLED) + core_sum(reached->x, CORE_PLANT)
+                     + core_sum(outputs, MODEL_OUTPUTS)))
         return CORE_NOT_FINITE;
     memcpy(out, outputs, sizeof outputs);
     return CORE_DONE;
@@ -315,8 +323,12 @@ static inline core_result core_run(const double *p, const double *c, core_state 
     const size_t used = offsetof(core_state, line) + core_line_length(&plan) * sizeof *s->line;
     core_state before;
     memcpy(&before, s, used);
+    if (s->partial) before.part = s->part;
     const core_result result = core_move(p, c, s, &plan, end, in, ramp, out);
-    if (result != CORE_DONE) memcpy(s, &before, used);
+    if (result != CORE_DONE) {
+        memcpy(s, &before, used);
+        if (s->partial) s->part = before.part;
+    }
     return result;
 }
 

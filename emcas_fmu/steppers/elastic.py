@@ -292,5 +292,5 @@ def advance(ops: Ops, p: Any, s: Pair, acting: Record, h: Value) -> tuple[Pair, 
                 ops.where(upper, high_stop, ops.where(lower, low_stop, part.fin_angle)),
                 ops.where(fin_stops, 0.0, part.fin_speed), used)
 
-    *state, used = ops.branch(reduce(ops.either, gone), to_event, lambda: (*whole, h))
+    *state, used = ops.branch(reduce(ops.either, gone), to_event, lambda: (*whole, h), rare=True)
     return Pair(*state), used

@@ -82,7 +82,7 @@ def advance(ops: Ops, p: Any, system: Switched, x: Record, u: Record, h: Value) 
         return *landed(moved(used), events), used
 
     *states, used = ops.branch(reduce(ops.either, lost.values()), to_event,
-                               lambda: (*landed(whole, dict.fromkeys(before, False)), h))
+                               lambda: (*landed(whole, dict.fromkeys(before, False)), h), rare=True)
     return Record(**dict(zip(vars(x), states, strict=True))), used
 
 

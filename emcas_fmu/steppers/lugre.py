@@ -108,7 +108,8 @@ def _free(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, st
         return (ops.where(hits, stop, end.angle), ops.where(hits, 0.0, end.speed), end.current, end.integral,
                 part_deflection, used)
 
-    return ops.branch(ops.either(ops.either(*crossing), stopping), to_event, lambda: (*step.end, end_deflection, h))
+    return ops.branch(ops.either(ops.either(*crossing), stopping), to_event, lambda: (*step.end, end_deflection, h),
+                      rare=True)
 
 
 def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value, side: Value) -> tuple[Value, ...]:
@@ -143,7 +144,8 @@ def _at_stop(ops: Ops, p: Any, s: Plant, deflection: Value, u: Record, h: Value,
             used = ops.maximum(first, PROGRESS * h)
             return *held(used).end, deflection, used
 
-        return ops.branch(ops.either(released, ops.either(*crossing)), to_event, lambda: (*step.end, deflection, h))
+        return ops.branch(ops.either(released, ops.either(*crossing)), to_event, lambda: (*step.end, deflection, h),
+                          rare=True)
 
     return ops.branch(ops.either(pressed, nowhere), stays,
                       lambda: _free(ops, p, s, deflection, u, h, free, free_deflection))

@@ -227,8 +227,8 @@ def current_course(ops: Ops, p: Any, s: Plant, motion: Motion, d: Drive, h: Valu
     Mean speed and mean integral are linear in the final current, which is therefore
     found without iteration. A disabled drive's bridge is open: no current.
     """
-    # Torque and source are known last: the inverses of what they are divided by do not wait for them.
     half_step = 0.5 * h
+    # Torque and source are known last: what they are multiplied with, inverses among it, does not wait for them.
     drift = s.speed + half_step * motion.mobility * motion.torque  # mean speed if there were no current
 
     def flowing() -> tuple[Value, ...]:
@@ -465,7 +465,7 @@ def _follow(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | No
     e = _events(ops, p, s, step, heading)
     any_motion = ops.either(ops.either(e.up, e.down), ops.either(e.reversing, e.stopping))
     return ops.branch(ops.either(ops.either(*e.crossing), any_motion),
-                      lambda: _to_first_event(ops, p, s, u, step, e, h, heading), lambda: (*step.end, h))
+                      lambda: _to_first_event(ops, p, s, u, step, e, h, heading), lambda: (*step.end, h), rare=True)
 
 
 def switched(ops: Ops, s: Any, enabled: Value) -> Any:

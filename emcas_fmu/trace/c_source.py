@@ -18,8 +18,15 @@ TEMPLATES = {
 }
 _CONDITIONS = {"less", "less_equal", "greater", "greater_equal", "equal", "both", "either", "negate"}
 
-# Added to a number of which the last digit counts ones, a whole number stands in the last bits.
-_BITS = """\
+# A whole number stands in the last bits of its sum with one of which the last digit counts ones.
+_HELPERS = """\
+/* A condition that hardly ever holds: code behind it is put where it is in nobody's way. */
+#if defined __GNUC__
+#define ELEMENTARY_RARELY(condition) __builtin_expect(!!(condition), 0)
+#else
+#define ELEMENTARY_RARELY(condition) (condition)
+#endif
+
 /* 2 to the power of a whole number from -1022 to 1023. */
 static inline double elementary_power_of_two(double k)
 {
@@ -44,7 +51,7 @@ static inline double elementary_exponent(double x)
 
 def c_elementary(tracer: Tracer) -> str:
     """Return functions of one value with one result as ``static inline double elementary_<name>(double x)``."""
-    writer, text = _ElementaryWriter(tracer), [_BITS]
+    writer, text = _ElementaryWriter(tracer), [_HELPERS]
     for function in tracer.functions:
         (argument,), (result,) = function.printed, function.results
         text += [f"static inline double elementary_{function.name}(double {argument})", "{",
@@ -131,7 +138,8 @@ class CWriter(Writer):
             kinds["int" if both else "double"].append(statement.names[i])
         self.conditions.update(kinds["int"])
         lines = [f"{indent}{kind} {', '.join(names)};" for kind, names in kinds.items() if names]
-        lines.append(f"{indent}if ({_bare(self.operand(statement.condition))}) {{")
+        condition = _bare(self.operand(statement.condition))
+        lines.append(f"{indent}if ({f'ELEMENTARY_RARELY({condition})' if statement.rare else condition}) {{")
         for inner, values, end in ((yes, statement.yes_values, "} else {"), (no, statement.no_values, "}")):
             lines += inner
             lines += [f"{indent}    {statement.names[i]} = {self.operand(values[i])};" for i in live]

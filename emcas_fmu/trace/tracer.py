@@ -115,6 +115,7 @@ class If:
     no: Block
     yes_values: tuple[Operand, ...]
     no_values: tuple[Operand, ...]
+    rare: bool = False
 
 
 @dataclass
@@ -264,7 +265,7 @@ class Tracer:
             return yes if condition else no
         return self.emit("where", condition, yes, no)
 
-    def branch(self, condition: Value, yes: Thunk, no: Thunk) -> tuple[Value, ...]:
+    def branch(self, condition: Value, yes: Thunk, no: Thunk, rare: bool = False) -> tuple[Value, ...]:
         outer = self._block
         condition = outer.holds(condition)
         if not isinstance(condition, Expr):
@@ -278,7 +279,7 @@ class Tracer:
             raise ValueError(f"branches give {len(yes_values)} and {len(no_values)} values")
         results = tuple(self._new(False) for _ in yes_values)
         outer.statements.append(
-            If(condition, tuple(r.name for r in results), yes_block, no_block, yes_values, no_values))
+            If(condition, tuple(r.name for r in results), yes_block, no_block, yes_values, no_values, rare))
         return results
 
 
