@@ -27,11 +27,9 @@ from emcas_fmu import (
     validate,
 )
 from emcas_fmu.bench import metrics
-from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate as of_kernel
 
 BASE = load_parameters()
-compiled_only = pytest.mark.skipif(not compiled.available("nonlinear"), reason="there is no C compiler")
 
 
 def test_names() -> None:
@@ -186,7 +184,7 @@ def test_dataframe_without_pandas(monkeypatch: pytest.MonkeyPatch) -> None:
         simulate(stop=0.01).to_dataframe()
 
 
-@compiled_only
+@pytest.mark.kernel("nonlinear")
 def test_batch() -> None:
     """Each of a batch moves as it does alone, to the bit; inputs stay until they are given anew."""
     sets = [BASE, BASE.with_values({"friction.temperature": "-6 degC"})]
