@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import os
+
+# Before NumPy comes: a worker has a core, and threads of the linear algebra that wait for each other on cores that
+# others use take a hundred times what these small matrices do. Workers and programs that tests start have it, too.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
