@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -22,6 +23,9 @@ Array = NDArray[Any]
 Signal = float | bool | Sequence[float] | Array | Callable[[float], float | bool]
 KERNELS = ("auto", "compiled", "python")
 MOST_POINTS = 10_000_000  # the outputs of more would not fit in memory
+# Of responses [s]: for as much Python takes half a second to two, a compiler one to twelve.
+WORTH_COMPILING = 20.0
+_asked: Counter[str] = Counter()  # s of responses by model, in this process
 
 
 def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel: str = "auto",
@@ -30,9 +34,9 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel:
 
     `values` are the flat parameters in SI. Inputs are given by name with ``__`` for the
     dot (``attitude__roll``), as a constant, a function of time [s] or an array of values at
-    the communication points, held over a step. `kernel` is ``compiled``, ``python``, or
-    ``auto``: compiled if there is a C compiler; both give the same numbers. `model` is one of
-    :mod:`emcas_fmu.actuators`, whose parameters `values` must have.
+    the communication points, held over a step. `kernel` is ``compiled``, ``python``, or ``auto``: compiled if there
+    is a C compiler and, where it has not been compiled before, 20 s of responses are asked for; both give the same
+    numbers. `model` is one of :mod:`emcas_fmu.actuators`, whose parameters `values` must have.
     Gives an array per output and ``time``. Raises TypeError for an unknown input, ValueError for one
     that is not finite and for parameters out of their limits, ArithmeticError where the equations
     cannot be followed.
@@ -126,11 +130,20 @@ def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = 
     if kernel not in KERNELS:
         raise EmcasError(f"kernel {kernel}: there is {', '.join(KERNELS)}")
     _check_finite(table, get(model).inputs, step)
-    fast = kernel == "compiled" or (kernel == "auto" and compiled.available(model))
+    fast = kernel == "compiled" or (
+        kernel == "auto" and _pays(model, (len(table) - 1) * step) and compiled.available(model))
     rows = compiled.run_table(values, step, table, model) if fast else _by_python(values, table, step, model)
     times = np.arange(len(table)) * step
     return {"time": times, **{v.name: rows[:, i].copy() for i, v in enumerate(get(model).outputs)
                               if outputs is None or v.name in outputs}}
+
+
+def _pays(model: str, duration: float) -> bool:
+    """Return whether responses of a model so far, and another of a `duration` [s], are worth a compiled kernel."""
+    _asked[model] += duration
+    if _asked[model] < WORTH_COMPILING and compiled.kept(model):
+        _asked[model] += WORTH_COMPILING  # it costs nothing: no need to look again
+    return _asked[model] >= WORTH_COMPILING
 
 
 def _check_finite(table: Array, inputs: Sequence[Variable], step: float) -> None:

@@ -37,18 +37,27 @@ _making = threading.Lock()
 
 
 @cache
+def _sources(model: str) -> Mapping[str, str]:
+    return {_MAIN: handwritten(_MAIN), **core_sources(model=model)}
+
+
+def _described(compiler: Compiler, target: Platform, model: str) -> str:
+    """Return a hash of all that a library depends on."""
+    text = "\0".join([target.name, *FLAGS, *(f"{n}\0{t}" for n, t in sorted(_sources(model).items()))])
+    return hashlib.sha256(f"{compiler.version}\0{text}".encode()).hexdigest()[:20]
+
+
+@cache
 def _library(model: str) -> ct.CDLL | str:
     """Return the compiled library of a model, or why there is none, with a warning if a compiler was tried."""
     target = local_platform()
     if target is None:
         return "this platform is not known"
-    sources = {_MAIN: handwritten(_MAIN), **core_sources(model=model)}
-    text = "\0".join([target.name, *FLAGS, *(f"{n}\0{t}" for n, t in sorted(sources.items()))])
     problem = ""
     for compiler in local_compilers():
-        described = hashlib.sha256(f"{compiler.version}\0{text}".encode()).hexdigest()[:20]
+        described = _described(compiler, target, model)
         try:
-            path = _cached(described, target.suffix) or _compile(compiler, sources, target, described, model)
+            path = _cached(described, target.suffix) or _compile(compiler, _sources(model), target, described, model)
             return _declare(ct.CDLL(str(path)))
         except (OSError, CompilerError) as error:
             problem = str(error)
@@ -72,6 +81,14 @@ def available(model: str = NONLINEAR) -> bool:
     except CompilerError:
         return False
     return True
+
+
+def kept(model: str = NONLINEAR) -> bool:
+    """Return whether a model's kernel has been compiled on this machine before."""
+    target, compiler = local_platform(), next(local_compilers(), None)
+    if target is None or compiler is None:
+        return False
+    return _cached(_described(compiler, target, model), target.suffix) is not None
 
 
 def _cached(described: str, suffix: str) -> Path | None:
