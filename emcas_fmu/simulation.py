@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -25,7 +25,7 @@ KERNELS = ("auto", "compiled", "python")
 MOST_POINTS = 10_000_000  # the outputs of more would not fit in memory
 # Of responses [s]: for as much Python takes half a second to two, a compiler one to twelve.
 WORTH_COMPILING = 20.0
-_asked: Counter[str] = Counter()  # s of responses by model, in this process
+_asked: defaultdict[str, float] = defaultdict(float)  # s of responses by model, in this process
 
 
 def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel: str = "auto",

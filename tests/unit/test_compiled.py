@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import threading
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from math import nan, radians, sin
 from pathlib import Path
@@ -271,14 +271,14 @@ def test_a_cache_that_cannot_be_written_is_not_used(tmp_path: Path, monkeypatch:
 
 def test_what_is_short_is_not_worth_compiling(uncached: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Python computes it, until more is asked for, by whichever way; or where the kernel is there."""
-    monkeypatch.setattr(simulation, "_asked", Counter())
+    monkeypatch.setattr(simulation, "_asked", defaultdict(float))
     values = load_parameters(model=SMALL).values
     runs = [simulate(values, 1.0, 1e-3, model=SMALL, fin_command=0.1)]
     assert not list(uncached.iterdir())
     simulate(values, simulation.WORTH_COMPILING - 1.0, 1e-2, model=SMALL)
     (kept,) = uncached.iterdir()
-    for asked in (Counter(), Counter({SMALL: 100})):
-        monkeypatch.setattr(simulation, "_asked", asked)
+    for asked in (0.0, 100.0):
+        monkeypatch.setattr(simulation, "_asked", defaultdict(float, {SMALL: asked}))
         runs.append(simulate(values, 1.0, 1e-3, model=SMALL, fin_command=0.1))
     assert list(uncached.iterdir()) == [kept]
     assert all(np.array_equal(run[name], runs[0][name]) for run in runs for name in run)
