@@ -23,8 +23,8 @@ Array = NDArray[Any]
 Signal = float | bool | Sequence[float] | Array | Callable[[float], float | bool]
 KERNELS = ("auto", "compiled", "python")
 MOST_POINTS = 10_000_000  # the outputs of more would not fit in memory
-# Of responses [s]: for as much Python takes half a second to two, a compiler one to twelve.
-WORTH_COMPILING = 20.0
+# Of responses [s]: for as much Python takes a tenth of a second to a half, a compiler a half to twelve.
+WORTH_COMPILING = 5.0
 _asked: defaultdict[str, float] = defaultdict(float)  # s of responses by model, in this process
 
 
@@ -35,7 +35,7 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel:
     `values` are the flat parameters in SI. Inputs are given by name with ``__`` for the
     dot (``attitude__roll``), as a constant, a function of time [s] or an array of values at
     the communication points, held over a step. `kernel` is ``compiled``, ``python``, or ``auto``: compiled if there
-    is a C compiler and, where it has not been compiled before, 20 s of responses are asked for; both give the same
+    is a C compiler and, where it has not been compiled before, 5 s of responses are asked for; both give the same
     numbers. `model` is one of :mod:`emcas_fmu.actuators`, whose parameters `values` must have.
     Gives an array per output and ``time``. Raises TypeError for an unknown input, ValueError for one
     that is not finite and for parameters out of their limits, ArithmeticError where the equations
