@@ -15,7 +15,7 @@ from ..parameters import ParameterError, check_parameters
 from ..progress import Progress, silent
 from .codegen import MOTION
 from .compiled import REASONS, Array, address, by_schedule, prepare
-from .library import loaded, vectors
+from .library import WORTH, loaded, vectors
 
 _LINE = 64  # bytes of a cache's line, and of the longest vectors
 _CHUNK = 4096  # actuators that are prepared at a time
@@ -70,7 +70,7 @@ class Batch:
         self._columns: list[Array] = [np.zeros(()) for _ in self._inputs]
         self._addresses = (ct.c_void_p * len(self._inputs))(*map(address, self._columns))
         self._strides = (ct.c_size_t * len(self._inputs))()
-        many = vectors(model, _STEPS * count, lanes)
+        many = vectors(model, _STEPS * count if lanes is None else WORTH, lanes)
         self._units, self._move = self._alone(progress) if many is None else self._together(many, progress)
 
     def _alone(self, progress: Progress) -> tuple[int, _Move]:

@@ -118,7 +118,7 @@ def test_tables_by_vectors_are_the_loop(model: str, seed: int, count: int) -> No
     for width in (1, *widths(model)):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr("emcas_fmu.runtime.compiled.vectors",
-                          lambda name, _, width=width: library.vectors(name, lanes=width))
+                          lambda name, _, width=width: library.vectors(name, library.WORTH, width))
             tables.append(run_tables(sets, columns, 2e-4, outputs, model, held=5, fine=outputs[:2]))
     for table in tables[1:]:
         np.testing.assert_array_equal(table.reached, tables[0].reached)
@@ -130,7 +130,7 @@ def test_tables_by_vectors_are_the_loop(model: str, seed: int, count: int) -> No
 def test_vectors_are_compiled_where_they_pay() -> None:
     """A few steps are not worth it, unless they have been compiled; a processor without vectors has none."""
     (model, width), = [(NONLINEAR, w) for w in widths(NONLINEAR)[:1]] or pytest.skip("no vectors on this processor")
-    assert library.vectors(model, lanes=width) is not None
-    assert library.vectors(model, 1, lanes=width) is not None
-    assert library.vectors("second-order", 1, lanes=width) is None
-    assert library.vectors(model, lanes=1) is None
+    assert library.vectors(model, library.WORTH, width) is not None
+    assert library.vectors(model, 1, width) is not None
+    assert library.vectors("second-order", 1, width) is None
+    assert library.vectors(model, library.WORTH, 1) is None

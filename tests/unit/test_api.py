@@ -26,11 +26,9 @@ from emcas_fmu import (
     validate,
 )
 from emcas_fmu.bench import metrics
-from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate as of_kernel
 
 BASE = load_parameters()
-compiled_only = pytest.mark.skipif(not compiled.available("nonlinear"), reason="there is no C compiler")
 
 
 def test_names() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import threading
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from math import nan, radians, sin
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 from emcas_fmu import compiler, files
 from emcas_fmu.compiler import CompilerError
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
 from emcas_fmu.runtime import compiled, library
 from emcas_fmu.runtime.batch import Batch
@@ -197,11 +199,11 @@ def uncached(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
 
 
 def test_compiled_once_and_kept(uncached: Path) -> None:
-    assert compiled.available()
+    assert compiled.available(SMALL)
     (kept,) = uncached.glob("kernel_*")
     made = kept.stat().st_mtime_ns
     library._library.cache_clear()
-    assert compiled.available()
+    assert compiled.available(SMALL)
     assert [p.stat().st_mtime_ns for p in uncached.iterdir()] == [made]
 
 
@@ -234,7 +236,7 @@ def test_the_next_compiler_is_tried(uncached: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("CC", "false")
     found = [c.command for c in compiler.local_compilers()]
     assert not any("false" in command[0] for command in found)
-    assert compiled.available()
+    assert compiled.available(SMALL)
     monkeypatch.setenv("CC", "cc -DSOME_FLAG")
     assert next(compiler.local_compilers()).command[1:] == ("-DSOME_FLAG",)
 
@@ -253,9 +255,25 @@ def test_a_cache_that_cannot_be_written_is_not_used(tmp_path: Path, monkeypatch:
         files.cache_directory.cache_clear()
 
 
+def test_what_is_short_is_not_worth_compiling(uncached: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python computes it, until more is asked for, by whichever way; or where the kernel is there."""
+    monkeypatch.setattr(library, "_asked", defaultdict(float))
+    values = load_parameters(model=SMALL).values
+    runs = [simulate(values, 1.0, 1e-3, model=SMALL, fin_command=0.1)]
+    assert not list(uncached.iterdir())
+    simulate(values, (library.WORTH_ONE - 1000) * 1e-3, 1e-3, model=SMALL)
+    (kept,) = uncached.iterdir()
+    for asked in (0.0, 100.0 * library.WORTH_ONE):
+        monkeypatch.setattr(library, "_asked", defaultdict(float, {(SMALL, 1): asked}))
+        runs.append(simulate(values, 1.0, 1e-3, model=SMALL, fin_command=0.1))
+    assert list(uncached.iterdir()) == [kept]
+    assert all(np.array_equal(run[name], runs[0][name]) for run in runs for name in run)
+
+
 def test_without_a_compiler_python_computes(uncached: Path, values: Mapping[str, Any],
                                             monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(library, "local_compilers", lambda: iter(()))
+    monkeypatch.setattr(library, "worth", lambda *_: True)
     result = simulate(values, 0.05, fin_command=radians(5))
     monkeypatch.undo()
     np.testing.assert_array_equal(result["fin_angle"], simulate(values, 0.05, fin_command=radians(5))["fin_angle"])
@@ -264,6 +282,7 @@ def test_without_a_compiler_python_computes(uncached: Path, values: Mapping[str,
 def test_a_broken_compiler_is_told_and_python_computes(uncached: Path, values: Mapping[str, Any],
                                                        monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(library, "local_compilers", lambda: iter([compiler.Compiler(("false",), "broken", False)]))
+    monkeypatch.setattr(library, "worth", lambda *_: True)
     with pytest.warns(RuntimeWarning, match="Python is used instead"):
         simulate(values, 0.01)
     with pytest.raises(CompilerError, match="false cannot compile"):

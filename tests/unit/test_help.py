@@ -169,7 +169,7 @@ def test_compiling_a_kernel_is_announced(tmp_path: Path, monkeypatch: pytest.Mon
 
     monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
     with common.failures():
-        target = library._compile(Fake(), {}, PLATFORMS["linux64"], "x", "elastic", ())  # type: ignore[arg-type]
+        target = library._compile(Fake(), PLATFORMS["linux64"], "x", "elastic", 1)  # type: ignore[arg-type]
     assert target.read_bytes() == b"library"
 
 
