@@ -8,7 +8,8 @@ import numpy as np
 
 from emcas_fmu.actuators import EXTENSIONS, NAMES, NONLINEAR, get
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.runtime.compiled import Batch
+from emcas_fmu.runtime.batch import Batch
+from emcas_fmu.runtime.compiled import parameter_row
 
 COUNT, STEPS, ROUNDS = 200, 400, 5
 
@@ -18,15 +19,15 @@ def cost(model: str) -> float:
     parameters = load_parameters(model=model)
     values = (parameters.with_values({"homing.required": False}) if "homing" in model else parameters).values
     names = [v.name for v in get(model).inputs]
-    inputs = np.tile([float(v.initial(values)) for v in get(model).inputs], (COUNT, 1))
     best = np.inf
-    batch = Batch([values] * COUNT, model)
     for _ in range(ROUNDS):
-        batch.restart([values] * COUNT)
+        batch = Batch(parameter_row(values, model)[np.newaxis], COUNT, model, lanes=1)
+        for place, variable in enumerate(get(model).inputs):
+            batch.hold(place, float(variable.initial(values)))
         begin = process_time()
         for k in range(1, STEPS + 1):
-            inputs[:, names.index("fin_command")] = 0.0873 if (k // 100) % 2 == 0 else -0.0873
-            batch.run(k * 1e-3, inputs)
+            batch.hold(names.index("fin_command"), 0.0873 if (k // 100) % 2 == 0 else -0.0873)
+            batch.run(k * 1e-3)
         best = min(best, process_time() - begin)
     return 1e9 * best / (COUNT * STEPS)
 

@@ -17,9 +17,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +29,6 @@ from emcas_fmu.actuators import NONLINEAR, get
 from emcas_fmu.bench.excitation import Excitation
 from emcas_fmu.bench.subject import open_subject
 from emcas_fmu.files import models_directory
-from emcas_fmu.fmi.interface import FmuInterface, start_values
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference import files
@@ -42,7 +39,6 @@ INPUTS = get(NONLINEAR).inputs
 SOURCES, SHIPPED, YARDSTICK, LEAN = "EMCAS, sources", "EMCAS, as shipped", "yardstick", "yardstick without cos"
 RATIO_TARGET, MEMORY_TARGET = 0.65, 4096  # at most; bytes of an instance: a page of memory
 STEPS, INSTANCES = 20_000, 500  # of a round; of the start-up measurement
-BATCH = 1000
 PROCESSES = 3  # of each FMU under each other host
 
 Figures = dict[str, Any]
@@ -107,34 +103,6 @@ def accuracy(fmu: Path, values: Mapping[str, Any], folder: Path) -> dict[str, di
     return errors
 
 
-def batch(values: Mapping[str, Any], rounds: int) -> Figures | str:
-    """A 1 ms step of many actuators through the Python API [ns per actuator], or why there is no such figure."""
-    try:
-        compiled = import_module("emcas_fmu.runtime.compiled")
-    except ImportError as error:
-        return str(error)
-    if not compiled.available():
-        return "no compiled kernel on this machine"
-    steps = native_hosts.PERIOD
-    actuators = compiled.Batch([values] * BATCH)
-    inputs = np.tile(np.array(start_values(FmuInterface(1), [values])[:len(INPUTS)], dtype=float), (BATCH, 1))
-    driven = [native_hosts.REFERENCE[name] for name in native_hosts.INPUTS]
-    # Out of step with each other, as actuators of different vehicles are.
-    table = np.array([native_hosts.signals(k) for k in range(steps)])
-    phases = np.arange(BATCH) * 7
-    end, times = 0, []
-    for _ in range(rounds + 1):
-        begin = time.process_time()
-        for k in range(steps):
-            inputs[:, driven] = table[(phases + k) % steps]
-            end += 1
-            outputs = actuators.run(end * native_hosts.STEP, inputs)
-        times.append((time.process_time() - begin) / (steps * BATCH))
-    if not np.ptp(outputs[:, 0]) > 0.1:
-        raise RuntimeError("the batch did not move")
-    return {"ns": statistics.median(times[1:]) * 1e9, "actuators": BATCH}
-
-
 def _hosts(fmus: Mapping[str, Path], rounds: int) -> Figures:
     figures: Figures = {}
     for host in native_hosts.HOSTS:
@@ -174,9 +142,6 @@ def _print(figures: Figures) -> None:
                            for name, of in measured.items()))
         print(f"{host:24}{text}")
     print(f"\nFMU file {figures['fmu_bytes'] / 1024:.0f} KiB")
-    of = figures["batch"]
-    print(f"batch of {BATCH} actuators through Python: "
-          + (f"not measured: {of}" if isinstance(of, str) else f"{of['ns']:.0f} ns per actuator and step"))
 
 
 def main() -> int:
@@ -185,7 +150,7 @@ def main() -> int:
     parser.add_argument("--processes", type=int, default=5, help="processes of the C host (default 5)")
     parser.add_argument("--rounds", type=int, default=40, help="rounds of a process (default 40)")
     parser.add_argument("--host-rounds", type=int, default=3,
-                        help="rounds of the batch, and of each process under other hosts (default 3)")
+                        help="rounds of each process under other hosts (default 3)")
     parser.add_argument("--json", type=Path, help="write the figures to this file")
     arguments = parser.parse_args()
     parameters = load_parameters()
@@ -206,7 +171,6 @@ def main() -> int:
             "c_host": in_c(host, slaves, arguments.processes, arguments.rounds),
             "accuracy_deg": accuracy(fmu, values, folder),
             "hosts": _hosts(contestants, arguments.host_rounds),
-            "batch": batch(values, arguments.host_rounds),
             "fmu_bytes": fmu.stat().st_size,
         }
     _print(figures)

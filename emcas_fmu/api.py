@@ -25,7 +25,7 @@ from .fmi.package import Built, build
 from .parameters import ParameterError, ParameterSet, load_parameters, require_set
 from .progress import Progress, silent
 from .response import Response
-from .runtime import compiled
+from .runtime import batch, compiled
 from .simulation import Array, Signal, simulate_fins, spread
 from .simulation import simulate as simulate_one
 from .studies.validate.study import Result as Validation
@@ -221,41 +221,87 @@ def tune(parameters: ParameterSet | None = None, study: Study | Path | str | Non
 
 
 class Batch:
-    """Many actuators of one model side by side, stepped by the compiled kernel: for a 6-DOF's Monte Carlo.
+    """Many actuators of one model side by side, in machine code: for a 6-DOF's Monte Carlo, or a swarm.
 
-    A call gives up the interpreter's lock, so that batches may be stepped by several threads at once. Raises
-    CompilerError (an EmcasError) where there is no C compiler.
+    `sets` are a parameter set for each, or one for all `count` of them, in which `varied` has parameters by name, SI,
+    an array [count] of a value for each. `threads` share the work of a step; a call gives up the interpreter's lock,
+    too, so that batches may be stepped by several threads at once. As many actuators are moved at once as the
+    processor's vectors hold; each moves as it does alone, to the bit. Raises ParameterError naming the actuator that
+    cannot have its parameters, CompilerError where there is no C compiler, both EmcasErrors.
     """
 
-    def __init__(self, sets: Sequence[ParameterSet] | ParameterSet) -> None:
-        sets = _sets("Batch", sets)
-        self._kernel = compiled.Batch([each.values for each in sets], sets[0].model)
-        actuator = sets[0].actuator
-        self._inputs = np.array([[v.initial(each.values) for v in actuator.inputs] for each in sets], dtype=float)
+    def __init__(self, sets: Sequence[ParameterSet] | ParameterSet, count: int | None = None, *,
+                 varied: Mapping[str, Array] | None = None, threads: int = 1, progress: Progress = silent) -> None:
+        given = _sets("Batch", sets)
+        if count is None:
+            count = len(given)
+        elif len(given) > 1 or count < 1:
+            raise EmcasError(f"Batch: count = {count} goes with one parameter set, and is at least 1")
+        actuator = given[0].actuator
+        of_each = {id(each): each for each in given}
+        place = {key: k for k, key in enumerate(of_each)}
+        which = np.array([place[id(each)] for each in given])
+        rows = np.array([compiled.parameter_row(each.values, each.model) for each in of_each.values()])
+        parameters = rows if len(rows) == 1 else rows[which]
+        columns = {name: self._column("parameter", name, values, count) for name, values in (varied or {}).items()}
+        if columns:
+            parameters = np.broadcast_to(parameters, (count, parameters.shape[1])).copy()
+        places = {v.name: k for k, v in enumerate(actuator.parameters)}
+        starting = {v.key for v in actuator.inputs}  # parameters that are an input's start, and may be nothing else
+        for name, values in columns.items():
+            if name in places:
+                parameters[:, places[name]] = values
+            elif name not in starting:
+                raise EmcasError(f"Batch: {actuator.name} has no parameter {name}{hint(name, places)}")
+        self._kernel = batch.Batch(parameters, count, given[0].model, threads, progress)
         self._variables = {v.name: v for v in actuator.inputs}
-        self._names = [v.name for v in actuator.outputs]
+        self._places = {v.name: k for k, v in enumerate(actuator.inputs)}
+        for k, variable in enumerate(actuator.inputs):
+            starts = np.array([variable.initial(each.values) for each in of_each.values()], dtype=float)
+            start = starts[0] if len(starts) == 1 else starts[which]
+            self._kernel.hold(k, columns.get(variable.key or "", start))
+        self.outputs: dict[str, Array] = dict(zip((v.name for v in actuator.outputs), self._kernel.outputs,
+                                                  strict=True))
+        """Outputs at `time` by name, SI, an array of a value for each actuator. The next step writes over it."""
         self.time = 0.0
         """Time that was reached [s]."""
 
     def __len__(self) -> int:
-        return len(self._inputs)
+        return self._kernel.count
 
-    def run(self, end: float, **inputs: float | str | Array) -> dict[str, Array]:
-        """Move every actuator on to `end` [s] and return its outputs by name, SI, an array of one for each actuator.
+    @staticmethod
+    def _column(what: str, name: str, values: Any, count: int, unit: str = "") -> Array:
+        """Return a number, or an array [count] that is not copied. Raises EmcasError."""
+        try:
+            column: Array = np.asarray(quantity(values, "", unit) if isinstance(values, str) else values, dtype=float)
+        except (TypeError, ValueError) as error:
+            reason = f"{values!r} {error}" if isinstance(values, str) else "expected numbers"
+            raise EmcasError(f"{what} {name}: {reason}") from error
+        if column.shape not in ((), (count,)):
+            raise EmcasError(f"{what} {name}: expected a number, or an array of {count} values, one for each actuator")
+        if not np.isfinite(column).all():
+            raise EmcasError(f"{what} {name} is {column[~np.isfinite(column)][0]}; give finite values")
+        return column
+
+    def run(self, end: float, progress: Progress = silent, **inputs: float | str | Array) -> dict[str, Array]:
+        """Move every actuator on to `end` [s] and return `outputs`.
 
         Inputs, SI, by name with ``__`` for the dot, are a number or text with a unit for all or an array of one for
-        each, and stay as they are until given anew. Raises EmcasError for an unknown input, an unsound value, an end
-        that is no number or before `time`, and nothing has changed; ArithmeticError naming the actuators that cannot be
-        followed: these stay where they were.
+        each, which is not copied; they hold until they are given anew. Raises EmcasError for an unknown input, an
+        unsound value, an end that is no number or before `time`, and nothing has changed; ArithmeticError naming the
+        actuators that cannot be followed: these stay where they were.
         """
         if not isinstance(end, (int, float, np.number)):
             raise EmcasError(f"Batch.run: end = {end!r}: expected a number, the time to move on to in s")
         if not self.time <= end < float("inf"):
             raise EmcasError(f"Batch.run: the end {end:g} s is before {self.time:g} s, which is reached, or not finite")
-        rows, columns = self._inputs.copy(), list(self._variables)
+        columns = {}
         for given, value in inputs.items():
             variable = _input(given, self._variables)
-            rows[:, columns.index(variable.name)] = _values(value, variable, len(self), "or an array of {} values")
-        outputs = self._kernel.run(end, rows)
-        self._inputs, self.time = rows, end
-        return {name: outputs[:, i].copy() for i, name in enumerate(self._names)}
+            columns[self._places[variable.name]] = self._column("input", variable.name, value, len(self),
+                                                                variable.unit)
+        for place, column in columns.items():
+            self._kernel.hold(place, column)
+        self.time = end
+        self._kernel.run(end, progress)
+        return self.outputs

@@ -109,14 +109,16 @@ class Compiler:
         """Return the shared library `name` for each machine of a platform, by FMI 3.0's platform tuple.
 
         It is made of one source file and the headers beside it: file name to text. A system compiler makes that of
-        this machine only. `flags` come behind FLAGS. The same sources give the same bytes. Raises CompilerError with what the compiler said.
+        this machine only. `flags` come behind FLAGS. The same sources give the same bytes. Raises CompilerError with
+        what the compiler said.
         """
         machines = target.targets if self.zig else {_local_tuple(): ""}
         with TemporaryDirectory(prefix="emcas_cc_") as temporary:
             folder = Path(temporary)
             for file, text in sources.items():
                 (folder / file).write_text(text, encoding="utf-8", newline="\n")
-            return {machine: self._library(folder, main, target, name, triple, flags) for machine, triple in machines.items()}
+            return {machine: self._library(folder, main, target, name, triple, flags)
+                    for machine, triple in machines.items()}
 
     def _library(self, folder: Path, main: str, target: Platform, name: str, triple: str,
                  further: Sequence[str]) -> bytes:

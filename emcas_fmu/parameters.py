@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from dataclasses import replace as dataclass_replace
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from itertools import groupby
 from math import isclose
 from numbers import Integral, Real
@@ -230,9 +230,14 @@ def _require_made_for(made_for: Any, path: Path, model: str) -> None:
 
 
 def _defaults(model: str) -> ParameterSet:
-    actuator = get(model)
-    shipped = models_directory() / "emcas.toml"
-    files = [shipped, *default_files(model)]
+    files = (models_directory() / "emcas.toml", *default_files(model))
+    return _read_defaults(model, files, tuple(file.read_bytes() if file.is_file() else b"" for file in files))
+
+
+@lru_cache(maxsize=128)
+def _read_defaults(model: str, files: tuple[Path, ...], contents: tuple[bytes, ...]) -> ParameterSet:
+    """Return the defaults of files with these contents, `models/emcas.toml` first."""
+    actuator, shipped = get(model), files[0]
     entries: dict[str, Entry] = {}
     for file in files:
         given, problems = _entries(_document(file), str(file), file.name, "", _known(model))

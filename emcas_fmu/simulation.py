@@ -14,7 +14,7 @@ from .errors import EmcasError
 from .fmi.interface import MIXING, FmuInterface, start_values
 from .parameters import ParameterError, check_parameters, require_sound
 from .rules import check_ranges
-from .runtime import codegen, compiled
+from .runtime import codegen, compiled, library
 from .variables import Variable
 
 T = TypeVar("T")
@@ -23,6 +23,9 @@ Array = NDArray[Any]
 Signal = float | bool | Sequence[float] | Array | Callable[[float], float | bool]
 KERNELS = ("auto", "compiled", "python")
 MOST_POINTS = 10_000_000  # the outputs of more would not fit in memory
+# Of responses [s]: for as much Python takes a tenth of a second to a half, a compiler a half to twelve.
+WORTH_COMPILING = 5.0
+_asked: defaultdict[str, float] = defaultdict(float)  # s of responses by model, in this process
 
 
 def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel: str = "auto",
@@ -31,9 +34,9 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel:
 
     `values` are the flat parameters in SI. Inputs are given by name with ``__`` for the
     dot (``attitude__roll``), as a constant, a function of time [s] or an array of values at
-    the communication points, held over a step. `kernel` is ``compiled``, ``python``, or
-    ``auto``: compiled if there is a C compiler; both give the same numbers. `model` is one of
-    :mod:`emcas_fmu.actuators`, whose parameters `values` must have.
+    the communication points, held over a step. `kernel` is ``compiled``, ``python``, or ``auto``: compiled if there
+    is a C compiler and, where it has not been compiled before, 5 s of responses are asked for; both give the same
+    numbers. `model` is one of :mod:`emcas_fmu.actuators`, whose parameters `values` must have.
     Gives an array per output and ``time``. Raises TypeError for an unknown input, ValueError for one
     that is not finite and for parameters out of their limits, ArithmeticError where the equations
     cannot be followed.
@@ -140,7 +143,8 @@ def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequ
     """
     if kernel not in KERNELS:
         raise EmcasError(f"kernel {kernel}: there is {', '.join(KERNELS)}")
-    if kernel == "compiled" or (kernel == "auto" and compiled.available(model)):
+    steps = len(sets) * max((np.shape(column)[-1] for column in inputs if np.ndim(column)), default=1) * held
+    if kernel == "compiled" or (kernel == "auto" and library.worth(model, steps) and compiled.available(model)):
         return compiled.run_tables(sets, inputs, step, outputs, model, held, fine)
     return _by_python(sets, inputs, step, outputs, model, held, fine)
 

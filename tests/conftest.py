@@ -2,15 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+
+# Before NumPy comes: a worker has a core, and threads of the linear algebra that wait for each other on cores that
+# others use take a hundred times what these small matrices do. Workers and programs that tests start have it, too.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
+from filelock import FileLock
 
 from emcas_fmu.compiler import local_platform
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime import compiled
+
+ShippedUnit = Callable[..., Path]
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip a test of a compiled kernel where none can be had; asked when the test is due, since it compiles one."""
+    for mark in item.iter_markers("kernel"):
+        if not compiled.available(*mark.args):
+            pytest.skip("no C compiler")
 
 
 @pytest.fixture(scope="session")
@@ -20,25 +37,42 @@ def values() -> Mapping[str, Any]:
 
 
 @pytest.fixture(scope="session")
-def fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def shipped_unit(tmp_path_factory: pytest.TempPathFactory) -> ShippedUnit:
+    """Gives the FMU of the shipped parameters, native for this platform; built once for all processes of a run."""
+    base, local = tmp_path_factory.getbasetemp(), local_platform()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "shipped"
+    folder.mkdir(exist_ok=True)
+
+    def made(backend: str = "native", fins: int = 1, fmi: str = "2", names: str = "structured") -> Path:
+        assert local is not None
+        place = folder / f"{backend}_{fins}_{fmi}_{names}"
+        path = place / ("EMCAS.fmu" if fins == 1 else f"EMCAS{fins}.fmu")
+        with FileLock(f"{place}.lock"):
+            if not path.is_file():
+                place.mkdir(exist_ok=True)
+                build(load_parameters(), path, backend, [local.name] if backend == "native" else None, fins=fins,
+                      fmi=fmi, names=names)
+        return path
+
+    return made
+
+
+@pytest.fixture(scope="session")
+def fmu(shipped_unit: ShippedUnit) -> Path:
     """EMCAS.fmu of the shipped parameters."""
-    return build(load_parameters(), tmp_path_factory.mktemp("fmu") / "EMCAS.fmu").path
+    return shipped_unit("python")
 
 
 @pytest.fixture(scope="session")
-def native(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def native(shipped_unit: ShippedUnit) -> Path:
     """EMCAS.fmu of the shipped parameters, native, for this platform."""
-    local = local_platform()
-    assert local is not None
-    return build(load_parameters(), tmp_path_factory.mktemp("native") / "EMCAS.fmu", "native", [local.name]).path
+    return shipped_unit()
 
 
 @pytest.fixture(scope="session")
-def native3(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def native3(shipped_unit: ShippedUnit) -> Path:
     """EMCAS.fmu of the shipped parameters in FMI 3.0, for this platform."""
-    local = local_platform()
-    assert local is not None
-    return build(load_parameters(), tmp_path_factory.mktemp("native3") / "EMCAS.fmu", None, [local.name], fmi="3").path
+    return shipped_unit(fmi="3")
 
 
 @pytest.fixture(scope="session")

@@ -83,7 +83,8 @@ class Kind:
     @property
     def margins(self) -> str:
         """Return gain and phase margin of the loop broken at the drive's reference, in words."""
-        gain, phase = measure(Test("linear"), self.subject, {}, ("gain_margin", "phase_margin"), ("minimum",) * 2)
+        (margins,) = measure(Test("linear"), self.subject, [{}], ("gain_margin", "phase_margin"), ("minimum",) * 2)
+        gain, phase = margins
         return f"{gain:.1f} dB, {degrees(phase):.0f}°"
 
     def rate(self, load: float) -> float:

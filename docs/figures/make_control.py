@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import degrees
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -37,8 +38,8 @@ def figures(parameters: ParameterSet) -> dict[str, float]:
     """Measure a set: margins [deg, dB], load step [deg], rates [deg/s], bandwidths [Hz], overshoots [%], times [ms]."""
     subject = ParameterSubject(parameters)
 
-    def of(test: Test, *names: str, sense: str = "maximum") -> list[float]:
-        return measure(test, subject, {}, names, (sense,) * len(names))
+    def of(test: Test, *names: str, sense: str = "maximum") -> Any:
+        return measure(test, subject, [{}], names, (sense,) * len(names))[0]
 
     gain, phase = of(LINEAR, "gain_margin", "phase_margin")
     moves = [of(step(size), "overshoot", "settling_time") for size in (1.0, 5.0, 10.0)]
@@ -79,8 +80,8 @@ def main() -> None:
             points = []
             for share in np.linspace(-0.4, 1.4, 10):
                 subject = ParameterSubject(between(float(share)).with_values({"controller.load_observer": observer}))
-                phase, = measure(LINEAR, subject, {}, ("phase_margin",), ("minimum",))
-                angle, = measure(LOAD, subject, {}, ("peak_angle",), ("maximum",))
+                ((phase,),) = measure(LINEAR, subject, [{}], ("phase_margin",), ("minimum",))
+                ((angle,),) = measure(LOAD, subject, [{}], ("peak_angle",), ("maximum",))
                 points.append((degrees(phase), degrees(angle)))
             axes.plot(*np.array(points).T, color=color, label=label)
         for name, marker in (("shipped", "o"), ("robust", "s")):

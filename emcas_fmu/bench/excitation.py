@@ -137,17 +137,19 @@ def sweep(amplitude: float, duration: float, low: float = SWEEP[0], high: float 
                       {COMMAND: amplitude * np.sin(2.0 * pi * low * np.expm1(growth * since) / growth)}, LEAD_IN)
 
 
-def sine(amplitude: float, frequency: float, cycles: float = 6.0, settle: tuple[float, float] = (4.0, 0.5),
+def sine(amplitude: float, frequency: Any, cycles: Any = 6.0, settle: tuple[float, float] = (4.0, 0.5),
          variable: str = COMMAND) -> Excitation:
     """Return a sine of the command [rad], or a cosine of another input, at a frequency [Hz].
 
     Judged are the last `cycles`, after a transient of `settle` cycles and at least s. A cosine of the hinge moment
-    gives a free inertia at rest no drift, as a sine would.
+    gives a free inertia at rest no drift, as a sine would. An array of frequencies, with its `cycles`, is of as many
+    runs: all last and are judged as the longest.
     """
-    time = _rows(max(settle[0] / frequency, settle[1]) + cycles / frequency)
-    wave = (np.sin if variable == COMMAND else np.cos)(2.0 * pi * frequency * time)
-    return Excitation(f"sine of {variable} at {frequency:g} Hz", {variable: amplitude * wave},
-                      float(time[-1] - cycles / frequency))
+    judged = np.max(cycles / frequency)
+    time = _rows(np.max(np.maximum(settle[0] / frequency, settle[1]) + cycles / frequency))
+    wave = (np.sin if variable == COMMAND else np.cos)(np.multiply.outer(2.0 * pi * frequency, time))
+    span = f"{np.min(frequency):g}" + (f" to {np.max(frequency):g}" if np.ndim(frequency) else "")
+    return Excitation(f"sine of {variable} at {span} Hz", {variable: amplitude * wave}, float(time[-1] - judged))
 
 
 def sine_from_rest(amplitude: float, frequency: float, duration: float) -> Excitation:

@@ -403,12 +403,17 @@ def fundamental(time: Array, values: Array, frequency: float, drift: bool = True
 
     And beside a drift, unless it is known that there is none to speak of.
     """
+    return complex(fundamental_weights(time, frequency, drift) @ values)
+
+
+def fundamental_weights(time: Array, frequency: float, drift: bool = True) -> Array:
+    """Return the complex numbers whose product with values at these times is their `fundamental`."""
     angle = 2.0 * pi * frequency * time
     span = float(time[-1] - time[0]) or 1.0
     slow = (np.ones_like(time), (time - time[0]) / span)[:1 + drift]
-    terms = np.column_stack([np.cos(angle), np.sin(angle), *slow])
-    cosine, sine, *_ = np.linalg.lstsq(terms, values, rcond=None)[0]
-    return complex(cosine, -sine)
+    cosine, sine, *_ = np.linalg.pinv(np.column_stack([np.cos(angle), np.sin(angle), *slow]))
+    weights: Array = cosine - 1j * sine
+    return weights
 
 
 def held(amplitude: complex, frequency: float, step: float) -> complex:

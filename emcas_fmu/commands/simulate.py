@@ -76,7 +76,7 @@ def simulate(
                                                metavar="SECONDS")] = None,
     interval: Annotated[float | None, typer.Option(help="Communication step; 0.001, or that of the case.",
                                                    metavar="SECONDS")] = None,
-    kernel: Annotated[str, typer.Option(help="compiled, python, or auto: compiled if there is a C compiler. The "
+    kernel: Annotated[str, typer.Option(help="compiled, python, or auto: compiled where that pays. The "
                                              "numbers are the same.", metavar="KERNEL")] = "auto",
     output: Annotated[Path | None, common.csv_option("Write every signal to this CSV file.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the response, the actuator's outputs by their units: .html, "

@@ -41,8 +41,8 @@ def tune(
 ) -> None:
     """Find controller gains that meet requirements in every case at once, limits, friction and delay included.
 
-    The shipped study takes about ten minutes on two processors. Ctrl-C ends the search: the best gains it has found
-    are shown and written, and the exit code is 130.
+    The shipped study takes about a minute on two processors. Ctrl-C ends the search: the best gains it has found are
+    shown and written, and the exit code is 130.
     """
     from ..api import tune as run
     from ..studies.overview import stalled

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from math import radians
 
 import numpy as np
@@ -59,9 +60,10 @@ def _slew(parameters: ParameterSet) -> Figure:
     return drawn
 
 
-def response_figures(parameters: ParameterSet) -> list[tuple[str, str]]:
+@lru_cache(maxsize=8)  # one set is often built in several ways
+def response_figures(parameters: ParameterSet) -> tuple[tuple[str, str], ...]:
     """Return (caption, inline SVG) of responses computed with this parameter set."""
     captions = {"Step responses; dots, where shown, are the stored independent reference.": _steps,
                 "A step to the command limit.": _slew}
     with style():
-        return [(caption, svg(draw(parameters), caption)) for caption, draw in captions.items()]
+        return tuple((caption, svg(draw(parameters), caption)) for caption, draw in captions.items())

@@ -35,6 +35,8 @@ class ArrayOps:
 
     @staticmethod
     def branch(condition: Value, yes: Thunk, no: Thunk, rare: bool = False) -> tuple[Value, ...]:
+        if np.ndim(condition) == 0:  # the same for all elements
+            return yes() if condition else no()
         return tuple(np.where(condition, a, b) for a, b in zip(yes(), no(), strict=True))
 
 

@@ -51,23 +51,21 @@ class SymbolOps:
 SYMBOLS = SymbolOps()
 
 
-Linearised = Callable[[Sequence[float]], tuple[Any, Any]]
-"""Values [m] and exact Jacobian [m, n] of a function at a point [n], as NumPy arrays."""
+class Linearised:
+    """A function of `size` expressions with its exact Jacobian, by algorithmic differentiation of its operations.
 
+    `parameters` are symbols that are in it besides; `varies` says whether anything depends on them.
+    """
 
-def linearised(function: Callable[..., Sequence[Value]], size: int) -> Linearised:
-    """Return a function of `size` expressions with its Jacobian, by algorithmic differentiation of its operations."""
-    x = ca.SX.sym("x", size)
-    y = ca.vertcat(*function(*ca.vertsplit(x)))
-    both = ca.Function("function", [x], [y, ca.jacobian(y, x)])
+    def __init__(self, function: Callable[..., Sequence[Value]], size: int, parameters: Any = None) -> None:
+        given = ca.SX(0, 1) if parameters is None else parameters
+        x = ca.SX.sym("x", size)
+        y = ca.vertcat(*function(*ca.vertsplit(x)))
+        slopes = ca.jacobian(y, x)
+        self.varies = bool(ca.depends_on(ca.veccat(y, slopes), given))
+        self._both = ca.Function("function", [x, given], [y, slopes])
 
-    def at(point: Sequence[float]) -> tuple[Any, Any]:
-        values, slopes = both(list(point))
+    def __call__(self, point: Sequence[float], parameters: Sequence[float] = ()) -> tuple[Any, Any]:
+        """Return values [m] and Jacobian [m, n] at a point [n], as NumPy arrays."""
+        values, slopes = self._both(list(point), list(parameters))
         return values.full().ravel(), slopes.full()
-
-    return at
-
-
-def jacobian(function: Callable[..., Sequence[Value]], point: Sequence[float]) -> tuple[Any, Any]:
-    """Return values [m] and exact Jacobian [m, n] of a function of n expressions at a `point` [n]."""
-    return linearised(function, len(point))(point)

@@ -3,6 +3,10 @@
 #include "parameter_checks.h"
 #include "tables.h"
 
+#if defined __x86_64__
+#include <cpuid.h>
+#endif
+
 /* One actuator, laid out by its user: actuator_size() bytes, aligned for double. */
 typedef struct {
     double parameters[MODEL_PARAMETERS];
@@ -85,12 +89,17 @@ static void row(actuator *a, const double *in, core_inputs *out)
     core_inputs_of(in, a->carried, out);
 }
 
-/* How many actuators the processor's vectors hold, of those that vectors.c is compiled for. */
+/* How many actuators the vectors of this processor hold that vectors.c is compiled for: 8 with AVX-512, 4 with AVX2, 1 with
+ * neither, or with a system that does not keep their registers (Intel's manual, volume 1, 13.3 and 15.2). */
 API int actuator_lanes(void)
 {
 #if defined __x86_64__
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq")) return 8;
-    if (__builtin_cpu_supports("avx2")) return 4;
+    unsigned a, b, c, d, kept, high;
+    if (!__get_cpuid(1, &a, &b, &c, &d) || !(c >> 27 & 1u)) return 1;
+    __asm__ volatile("xgetbv" : "=a"(kept), "=d"(high) : "c"(0));
+    if ((kept & 0x6u) != 0x6u || !__get_cpuid_count(7, 0, &a, &b, &c, &d)) return 1;
+    if ((kept & 0xe6u) == 0xe6u && (b >> 16 & 3u) == 3u) return 8;
+    if (b >> 5 & 1u) return 4;
 #endif
     return 1;
 }
@@ -142,7 +151,7 @@ static size_t simulate(actuator *a, size_t run, size_t points, double step, size
         }
         if (k == 0) outputs(a, &inputs, now);
         for (size_t j = 0; j < columns; ++j)
-            if (k % out[j].every == 0) *value_at(&out[j], run, k) = now[out[j].place];
+            if (kept_at(&out[j], k)) *value_at(&out[j], run, k) = now[out[j].place];
     }
     return points;
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes as ct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from math import isfinite
 from typing import NoReturn
@@ -15,11 +15,11 @@ from ..parameters import ParameterError, check_parameters
 from ..progress import Progress, silent
 from .codegen import MOTION
 from .compiled import REASONS, Array, address, by_schedule, prepare
-from .library import loaded, vectors
+from .library import WORTH, loaded, vectors
 
 _LINE = 64  # bytes of a cache's line, and of the longest vectors
 _CHUNK = 4096  # actuators that are prepared at a time
-_STEPS = 10_000  # of an actuator that a batch is taken to make
+_STEPS = 100_000  # of an actuator that a batch is taken to make: 100 s of 1 ms
 _PIECES = 50  # of a step, between which progress is reported
 
 # Units of a batch, actuators or groups of them, from one to before another: to an end [s], under inputs (columns,
@@ -36,7 +36,7 @@ class _Vectors(ct.Structure):
 
 
 class Batch:
-    """Many actuators side by side, at rest at their start, each with its parameters and inputs.
+    """Many actuators side by side, at rest at their start, each with its parameters and inputs, which are 0 at first.
 
     `parameters` is an array [count, parameters] in the model's order, SI
     (:func:`emcas_fmu.runtime.compiled.parameter_row`), or [1, parameters] for `count` with the same. `threads` share
@@ -63,9 +63,14 @@ class Batch:
         self.outputs: Array = self._table[:, :count]
         """Outputs at the time that was reached, a column of the interface's each [outputs, count], SI."""
         self._results = np.zeros(count, dtype=np.intc)
-        self._motion: tuple[float, ...] | None = None
-        self._motions = 0
-        many = vectors(model, _STEPS * count, lanes)
+        self._out = address(self._table), stride, address(self._results)
+        self._inputs = [v.name for v in actuator.inputs]
+        self._motion = range(len(self._inputs))[MOTION]
+        self._motions = 1
+        self._columns: list[Array] = [np.zeros(()) for _ in self._inputs]
+        self._addresses = (ct.c_void_p * len(self._inputs))(*map(address, self._columns))
+        self._strides = (ct.c_size_t * len(self._inputs))()
+        many = vectors(model, _STEPS * count if lanes is None else WORTH, lanes)
         self._units, self._move = self._alone(progress) if many is None else self._together(many, progress)
 
     def _alone(self, progress: Progress) -> tuple[int, _Move]:
@@ -129,33 +134,39 @@ class Batch:
         raise ParameterError([f"actuator {place}: {problem}" for problem in check_parameters(values, self._model)
                               or [REASONS[-2]]])
 
-    def run(self, end: float, inputs: Sequence[float | Array], progress: Progress = silent) -> Array:
+    def hold(self, place: int, value: float | Array) -> None:
+        """Give an input, by its place in the interface, SI: a number for all, or an array [count], which is not copied.
+
+        It holds until it is given anew. Raises ValueError for another shape and for values that are not finite.
+        """
+        column = np.asarray(value, dtype=np.float64)
+        if column.shape not in ((), (self.count,)):
+            raise ValueError(f"{self._inputs[place]} has shape {column.shape}, not ({self.count},)")
+        if not np.isfinite(column).all():
+            which = int(np.argmin(np.isfinite(column)))
+            raise ValueError(f"actuator {which}: {self._inputs[place]} = {column.flat[which]} is not finite")
+        self._columns[place] = column
+        self._addresses[place] = address(column)
+        self._strides[place] = column.strides[0] // column.itemsize if column.shape else 0
+        if place in self._motion:
+            self._motions += 1
+
+    def run(self, end: float, progress: Progress = silent) -> Array:
         """Move every actuator on to `end` [s] from the start with its inputs held; return :attr:`outputs`.
 
-        `inputs` has for each of the interface's, SI, a number for all or an array [count], which is not copied.
         Raises ArithmeticError naming the actuators that cannot be followed; these stay where they were.
         """
         if not isfinite(end):
             raise ValueError(f"the time to move on to is {end} s")
-        there_are = get(self._model).inputs
-        columns = [np.asarray(column, dtype=np.float64) for column in inputs]
-        for variable, column in zip(there_are, columns, strict=True):
-            if column.shape not in ((), (self.count,)):
-                raise ValueError(f"input {variable.name} has shape {column.shape}, not ({self.count},)")
-            if not np.isfinite(column).all():
-                place = int(np.argmin(np.isfinite(column)))
-                raise ValueError(f"actuator {place}: {variable.name} = {column.flat[place]} is not finite")
-        given = ((ct.c_void_p * len(columns))(*map(address, columns)),
-                 (ct.c_size_t * len(columns))(*(c.strides[0] // c.itemsize if c.shape else 0 for c in columns)),
-                 self._number(columns[MOTION]), address(self._table), self._table.shape[1], address(self._results))
-        if self._move_all(end, given, progress):
+        if self._move_all(end, progress):
             which = np.flatnonzero(self._results)
             listed = ", ".join(map(str, which[:10])) + (", ..." if len(which) > 10 else "")
             raise ArithmeticError(f"actuators {listed}: {REASONS[self._results[which[0]]]}")
         return self.outputs
 
-    def _move_all(self, end: float, given: tuple[object, ...], progress: Progress) -> int:
+    def _move_all(self, end: float, progress: Progress) -> int:
         """Move all units, by the threads there are; return how many actuators did not get there."""
+        given = (self._addresses, self._strides, self._motions, *self._out)
         pieces = _chunks(self._units, -(-self._units // (self._pieces if progress is silent else _PIECES)))
 
         def move(piece: slice) -> int:
@@ -166,15 +177,6 @@ class Batch:
             failed += stopped
             progress("moving actuators", piece.stop, self._units)
         return failed
-
-    def _number(self, motion: Sequence[Array]) -> int:
-        """Return the number of the vehicle's motion: another one where that has changed, 0 where it is not one."""
-        if any(column.shape for column in motion):
-            return 0
-        now = tuple(map(float, motion))
-        if now != self._motion:
-            self._motion, self._motions = now, self._motions + 1
-        return self._motions
 
 
 def _chunks(count: int, size: int) -> list[slice]:

@@ -17,11 +17,12 @@ from ..actuators.fin_port import MOTION
 from ..parameters import ParameterError, check_parameters
 from ..physics.loads import LOADS, Carried
 from . import core
+from .library import available as available
 from .library import loaded, vectors
 
 REASONS = ("", "the state is no longer finite", f"more than {core.MOST_EVENTS} events in a tick",
             f"more than {core.MOST_TICKS} ticks in one step", "the parameters are refused", "an input is not finite")
-_REFUSED, _INPUT_NOT_FINITE = len(REASONS) - 2, len(REASONS) - 1
+_REFUSED, _INPUT_NOT_FINITE, _APART = range(len(REASONS) - 2, len(REASONS) + 1)
 Array = NDArray[Any]
 
 
@@ -163,23 +164,26 @@ def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs:
     places = {v.name: i for i, v in enumerate(actuator.outputs)}
     out = {name: np.empty((count, points if name in fine else rows)) for name in outputs}
     reached, results = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.intc)
-    table = (points, step, held, (_InputColumn * len(columns))(*(_InputColumn(*_layout(column)) for column in columns)),
-             (_OutputColumn * len(out))(*(_OutputColumn(*_layout(column), places[name], 1 if name in fine else held)
-                                          for name, column in out.items())),
-             len(out), address(reached), address(results))
+
+    def simulated(function: Callable[..., int], runs: int, *sets: int, first: int = 0) -> None:
+        """Have runs computed, from the `first` on."""
+        function(runs, *sets, points, step, held, (_InputColumn * len(columns))(*(
+            _InputColumn(*_layout(column, first)) for column in columns)), (_OutputColumn * len(out))(*(
+                _OutputColumn(*_layout(column, first), places[name], 1 if name in fine else held)
+                for name, column in out.items())), len(out), address(reached[first:]), address(results[first:]))
+
     many = vectors(model, count * points) if count > 1 else None
     if many is None:
-        library.actuators_simulate(count, address(sets), sets.shape[1] if len(sets) > 1 else 0, *table)
+        simulated(library.actuators_simulate, count, address(sets), sets.shape[1] if len(sets) > 1 else 0)
     else:
         prepared = prepare(many, sets)
-        refused = np.broadcast_to(prepared.refused, count)
         order = by_schedule(prepared.schedules) if len(sets) > 1 else np.arange(count, dtype=np.uintp)
-        order = order[~refused[order]]
-        many.batch_simulate(len(order), address(order), address(prepared.values),
-                            prepared.values.shape[1] if len(sets) > 1 else 0, *table)
-        results[refused] = _REFUSED
-        for column in out.values():
-            column[refused] = np.nan
+        results[:] = _APART
+        order = order[~np.broadcast_to(prepared.refused, count)[order]]
+        simulated(many.batch_simulate, len(order), address(order), address(prepared.values),
+                  prepared.values.shape[1] if len(sets) > 1 else 0)
+        for run in np.flatnonzero(results == _APART).tolist():
+            simulated(library.actuators_simulate, 1, address(sets[run % len(sets)]), 0, first=run)
     return Tables(out, reached, {run: _failure(sets[run % len(sets)], columns, run, int(reached[run]), step, held,
                                                int(results[run]), model)
                                  for run in np.flatnonzero(results).tolist()})
@@ -234,9 +238,9 @@ def address(array: Array) -> int:
     return at
 
 
-def _layout(column: Array) -> tuple[int, int, int]:
-    """Return where values are and how far apart [doubles] those of runs and rows, 0 where they are one."""
+def _layout(column: Array, first: int) -> tuple[int, int, int]:
+    """Return where values of the `first` run are and how far apart [doubles] those of runs and rows, 0 if one."""
     strides = [0 if n == 1 else stride // column.itemsize
                for n, stride in zip(column.shape, column.strides, strict=True)]
     run, row = [0, 0, *strides][-2:]
-    return address(column), run, row
+    return address(column) + first * run * column.itemsize, run, row

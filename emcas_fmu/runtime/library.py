@@ -6,10 +6,12 @@ import ctypes as ct
 import hashlib
 import threading
 import warnings
+from collections import defaultdict
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from tempfile import NamedTemporaryFile
+from typing import Any
 
 from ..actuators import NONLINEAR
 from ..compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers, local_platform
@@ -20,13 +22,29 @@ from .c_sources import core_sources, handwritten, vector_sources
 _ONE, _MANY = "batch.c", "vectors.c"
 # By the actuators that a vector holds. No host's traps are on in Python, which is what FLAGS think of.
 _VECTOR_FLAGS = {8: ("-fno-trapping-math", "-mavx512f", "-mavx512dq"), 4: ("-fno-trapping-math", "-mavx2")}
-# Steps of an actuator that are worth compiling for: a vector saves some tenths of a microsecond of each, and compiling
-# takes some ten seconds, once.
-WORTH = 1_000_000
+# Steps of 1 ms that take as long as it does to compile, once: of Python, and those a vector saves as long in.
+WORTH_ONE, WORTH = 5000, 20_000_000
 
 _DOUBLES = ct.POINTER(ct.c_double)
-_SIMULATE = [ct.c_size_t, ct.c_double, ct.c_size_t, ct.c_void_p, ct.c_void_p, ct.c_size_t, ct.c_void_p, ct.c_void_p]
+# Of points of time, inputs and outputs of whole runs.
+_SIMULATE: Any = [ct.c_size_t, ct.c_double, ct.c_size_t, ct.c_void_p, ct.c_void_p, ct.c_size_t, ct.c_void_p,
+                  ct.c_void_p]
 _making = threading.Lock()
+
+
+@cache
+def _sources(model: str, lanes: int) -> Mapping[str, str]:
+    """Return what a library is made of, its main file first."""
+    main = _MANY if lanes > 1 else _ONE
+    return {main: handwritten(main), "tables.h": handwritten("tables.h"), **core_sources(model=model),
+            **(vector_sources(model) if lanes > 1 else {})}
+
+
+def _described(compiler: Compiler, target: Platform, model: str, lanes: int) -> str:
+    """Return a hash of all that a library depends on."""
+    sources = sorted(_sources(model, lanes).items())
+    text = "\0".join([target.name, *FLAGS, *_VECTOR_FLAGS.get(lanes, ()), *(f"{n}\0{t}" for n, t in sources)])
+    return hashlib.sha256(f"{compiler.version}\0{text}".encode()).hexdigest()[:20]
 
 
 @cache
@@ -38,16 +56,11 @@ def _library(model: str, lanes: int = 1) -> ct.CDLL | str:
     target = local_platform()
     if target is None:
         return "this platform is not known"
-    main, sources, flags = _ONE, core_sources(model=model), _VECTOR_FLAGS.get(lanes, ())
-    if lanes > 1:
-        main, sources = _MANY, {**sources, **vector_sources(model)}
-    sources = {main: handwritten(main), "tables.h": handwritten("tables.h"), **sources}
-    text = "\0".join([target.name, *FLAGS, *flags, *(f"{n}\0{t}" for n, t in sorted(sources.items()))])
     problem = ""
     for compiler in local_compilers():
-        described = hashlib.sha256(f"{compiler.version}\0{text}".encode()).hexdigest()[:20]
+        described = _described(compiler, target, model, lanes)
         try:
-            path = _cached(described, target.suffix) or _compile(compiler, sources, target, described, model, flags)
+            path = _cached(described, target.suffix) or _compile(compiler, target, described, model, lanes)
             return (_declared_vectors if lanes > 1 else _declared)(ct.CDLL(str(path)))
         except (OSError, CompilerError) as error:
             problem = str(error)
@@ -55,6 +68,27 @@ def _library(model: str, lanes: int = 1) -> ct.CDLL | str:
         warnings.warn(f"no compiled kernel, {'one actuator at a time' if lanes > 1 else 'Python'} is used instead: "
                       f"{problem}", RuntimeWarning, stacklevel=5)
     return problem or "install a C compiler, or ziglang with  pip install 'emcas-fmu[native]'"
+
+
+def worth(model: str, steps: float, lanes: int = 1) -> bool:
+    """Return whether the steps of a model asked for so far, with these, are worth compiling for; or it has been."""
+    key, least = (model, lanes), WORTH if lanes > 1 else WORTH_ONE
+    _asked[key] += steps
+    # To look for what has been compiled takes as long as some steps do.
+    if least / 100 <= _asked[key] < least and _kept(model, lanes):
+        _asked[key] += least  # no need to look again
+    return _asked[key] >= least
+
+
+_asked: dict[tuple[str, int], float] = defaultdict(float)
+
+
+def _kept(model: str, lanes: int) -> bool:
+    """Return whether a library has been compiled on this machine before."""
+    target, compiler = local_platform(), next(local_compilers(), None)
+    if target is None or compiler is None:
+        return False
+    return _cached(_described(compiler, target, model, lanes), target.suffix) is not None
 
 
 def loaded(model: str) -> ct.CDLL:
@@ -66,24 +100,18 @@ def loaded(model: str) -> ct.CDLL:
     return library
 
 
-def vectors(model: str, steps: float = WORTH, lanes: int | None = None) -> ct.CDLL | None:
-    """Return the library of a model that moves many actuators at once; compile it if that many `steps` are worth it.
+def vectors(model: str, steps: float, lanes: int | None = None) -> ct.CDLL | None:
+    """Return the library of a model that moves many actuators at once, if that many `steps` are worth it.
 
     None where they are not, and on a processor without vectors of four numbers. `lanes`, unless given, are as many as
     the processor's vectors hold. Raises CompilerError where there is no compiled kernel at all.
     """
     lanes = loaded(model).actuator_lanes() if lanes is None else lanes
-    if lanes not in _VECTOR_FLAGS or (steps < WORTH and (model, lanes) not in _vectors):
+    if lanes not in _VECTOR_FLAGS or not worth(model, steps, lanes):
         return None
     with _making:
         library = _library(model, lanes)
-    if isinstance(library, str):
-        return None
-    _vectors.add((model, lanes))
-    return library
-
-
-_vectors: set[tuple[str, int]] = set()
+    return None if isinstance(library, str) else library
 
 
 def available(model: str = NONLINEAR) -> bool:
@@ -104,11 +132,11 @@ def _cached(described: str, suffix: str) -> Path | None:
     return None
 
 
-def _compile(compiler: Compiler, sources: Mapping[str, str], target: Platform, described: str, model: str,
-             flags: tuple[str, ...]) -> Path:
-    LOG.info(f"compiling the actuator {model}{' for many at once' if flags else ''} (once, up to a minute) ...")
+def _compile(compiler: Compiler, target: Platform, described: str, model: str, lanes: int) -> Path:
+    LOG.info(f"compiling the actuator {model}{' for many at once' if lanes > 1 else ''} (once, up to a minute) ...")
+    sources = _sources(model, lanes)
     # A rebuilt library at the same path would give the old one to a process that has it loaded.
-    content = compiler.library(sources, _MANY if flags else _ONE, target, "kernel", flags)
+    content = compiler.library(sources, next(iter(sources)), target, "kernel", _VECTOR_FLAGS.get(lanes, ()))
     path = cache_directory() / f"kernel_{described}_{hashlib.sha256(content).hexdigest()[:16]}{target.suffix}"
     with NamedTemporaryFile(dir=path.parent, delete=False) as partial:
         partial.write(content)

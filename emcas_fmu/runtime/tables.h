@@ -24,12 +24,19 @@ typedef struct {
     size_t place, every;
 } output_column;
 
-/* Why a run went no further, behind the reasons of core_result. */
-enum { RUN_REFUSED = CORE_TOO_MANY_TICKS + 1, RUN_INPUT_NOT_FINITE };
+/* Why a run went no further, behind the reasons of core_result; the last is that it did not stay with its group. */
+enum { RUN_REFUSED = CORE_TOO_MANY_TICKS + 1, RUN_INPUT_NOT_FINITE, RUN_APART };
+
+/* Whether an output is kept at a point of time; divisions take long. */
+static inline bool kept_at(const output_column *column, size_t k)
+{
+    return column->every == 1 || k % column->every == 0;
+}
 
 static inline double *value_at(const output_column *column, size_t run, size_t k)
 {
-    return column->first + (ptrdiff_t)run * column->run + (ptrdiff_t)(k / column->every) * column->row;
+    return column->first + (ptrdiff_t)run * column->run
+           + (ptrdiff_t)(column->every == 1 ? k : k / column->every) * column->row;
 }
 
 /* Outputs of a run at the points that it did not reach. */
@@ -37,7 +44,7 @@ static inline void not_reached(const output_column *out, size_t columns, size_t 
 {
     for (size_t k = reached; k < points; ++k)
         for (size_t j = 0; j < columns; ++j)
-            if (k % out[j].every == 0) *value_at(&out[j], run, k) = NAN;
+            if (kept_at(&out[j], k)) *value_at(&out[j], run, k) = NAN;
 }
 
 #endif

@@ -324,7 +324,8 @@ static unsigned table_row(const input_column *in, const size_t *run, size_t k, l
     return lanes_bits(lanes_equal(sum, lanes_set(0.0)));
 }
 
-/* actuators_simulate of a group: the lanes `which`, of the runs `run`. */
+/* actuators_simulate of a group: the lanes `which`, of the runs `run`. One that does not stay with the others, or cannot be
+ * followed, is left to be made alone. */
 static void simulate(const group_parameters *of, unsigned which, const size_t *run, size_t points, double step,
                      size_t held, const input_column *in, const output_column *out, size_t columns, int64_t *reached,
                      int *result)
@@ -334,40 +335,35 @@ static void simulate(const group_parameters *of, unsigned which, const size_t *r
     lanes row[MODEL_INPUTS], now[MODEL_OUTPUTS];
     group_step g = prepared(of, 0.0);
     start(&at, &g);
+    which &= g.together;
     for (size_t k = 0; which && k < points; ++k) {
-        unsigned stopped = 0;
         if (k) {
-            int results[LANES];
             g.end = (double)k * step;
-            vector_locate(LANES_ALL, g.p, g.c, lanes_set(g.end), g.at);
-            move(&g, &at.state, which, &inputs, now, results);
-            for (int l = 0; l < LANES; ++l) {
-                if (!(which >> l & 1u) || results[l] == CORE_DONE) continue;
-                result[run[l]] = results[l];
-                stopped |= 1u << l;
-            }
+            vector_locate(which, g.p, g.c, lanes_set(g.end), g.at);
+            which &= lanes_bits(group_move(&g, which, &at.state, &inputs, now));
         }
         if (k % held == 0) {
-            const unsigned unsound = which & ~stopped & ~table_row(in, run, k / held, row);
-            for (int l = 0; l < LANES; ++l)
-                if (unsound >> l & 1u) result[run[l]] = RUN_INPUT_NOT_FINITE;
-            stopped |= unsound;
+            which &= table_row(in, run, k / held, row);
             carry(&at, &g, row + INPUT_ACCELERATION_X, 0);
             inputs_of(&at, row, &inputs);
         }
-        which &= ~stopped;
         if (k == 0) group_outputs(&g, which, &at.state, &inputs, now);
-        for (int l = 0; l < LANES; ++l) {
-            if (!(which >> l & 1u)) continue;
-            reached[run[l]] = (int64_t)k + 1;
-            for (size_t j = 0; j < columns; ++j)
-                if (k % out[j].every == 0) *value_at(&out[j], run[l], k) = *group_at(&now[out[j].place], l);
+        for (size_t j = 0; j < columns; ++j) {
+            if (!kept_at(&out[j], k)) continue;
+            double *to = value_at(&out[j], 0, k);
+            for (int l = 0; l < LANES; ++l)
+                if (which >> l & 1u) to[(ptrdiff_t)run[l] * out[j].run] = *group_at(&now[out[j].place], l);
         }
+    }
+    for (int l = 0; l < LANES; ++l) {
+        if (!(which >> l & 1u)) continue;
+        reached[run[l]] = (int64_t)points;
+        result[run[l]] = CORE_DONE;
     }
 }
 
 /* actuators_simulate of batch.c for actuators with these `values`, `apart` [doubles] from one to the next, in an order of
- * runs in which neighbours have like schedules. */
+ * runs in which neighbours have like schedules. Runs that are RUN_APART have to be made alone. */
 API void batch_simulate(size_t count, const size_t *order, const double *values, size_t apart, size_t points, double step,
                         size_t held, const input_column *in, const output_column *out, size_t columns,
                         int64_t *reached, int *result)
@@ -379,11 +375,7 @@ API void batch_simulate(size_t count, const size_t *order, const double *values,
         const size_t full = count - first < LANES ? count - first : LANES;
         for (size_t l = 0; l < LANES; ++l) run[l] = order[first + (l < full ? l : full - 1)];
         for (size_t l = 0; apart && l < LANES; ++l) to_lane(of.values, (int)l, values + run[l] * apart, GROUP_VALUES);
-        for (size_t l = 0; l < full; ++l) {
-            reached[run[l]] = 0;
-            result[run[l]] = CORE_DONE;
-        }
+        for (size_t l = 0; l < full; ++l) result[run[l]] = RUN_APART;
         simulate(&of, (1u << full) - 1u, run, points, step, held, in, out, columns, reached, result);
-        for (size_t l = 0; l < full; ++l) not_reached(out, columns, run[l], (size_t)reached[run[l]], points);
     }
 }

@@ -144,7 +144,8 @@ def _motion(ops: Ops, p: Any, s: Plant, u: Record, h: Value, heading: Value | No
     return Motion(direction, inertia, torque, high, low, load, heading is None and ops.equal(direction, 0.0))
 
 
-def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: Drive, h: Value, heading: Value | None, at: Value) -> Motion:
+def _through_screw(ops: Ops, p: Any, s: Plant, u: Record, d: Drive, h: Value, heading: Value | None,
+                   at: Value) -> Motion:
     """Return the motion by the efficiency that the step's mean torques ask for: forward where they drive the load.
 
     Its sign is the same whichever of the two it is found with (:mod:`emcas_fmu.physics.screw`). A speed against the

@@ -110,7 +110,7 @@ def commands(base: ParameterSet, files: Mapping[str, str]) -> list[list[str]]:
              (["simulate", "-p", PARAMETERS, *model, "--step", "5", "--plot", "step.html"], "a first step")]
     if TUNING in files:
         lines.append((["tune", TUNING, "-p", PARAMETERS, *model, "-o", tuned, "--report", "tuning.html"],
-                      "gains; some ten minutes, less with fewer --generations"))
+                      "gains; a minute or two, less with fewer --generations"))
     lines += [(["build", "-p", tuned, *model, "-o", "MyActuator.fmu"], "the FMU; --backend native: as C"),
               (["report", tuned, *model, "--requirements", REQUIREMENTS, "-o", "report.html"], "the acceptance test"),
               (["campaign", CAMPAIGN, "--output", "results"], "production scatter")]

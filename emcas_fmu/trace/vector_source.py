@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from .c_source import CWriter, any_literal
 from .tracer import BITS, FUNCTIONS, Assign, Expr, If, Operand, Tracer
 from .usage import ARITHMETIC
 
-_WORK = re.compile(r" / |lanes_(?:sqrt|sin|cos|tan|atan|exp|log)")  # more of it than a branch costs
+# What costs more than a branch.
+_WORK = re.compile(r" / |lanes_(?:sqrt|sin|cos|tan|atan|exp|log)")
 _CALLS = {**dict.fromkeys((*FUNCTIONS, *BITS, "negate"), 1), "where": 3, "clip": 3, **dict.fromkeys((
     "both", "either", "minimum", "maximum", "less", "less_equal", "greater", "greater_equal", "equal"), 2)}
 TEMPLATES = {**ARITHMETIC, **{name: f"lanes_{name}({', '.join(f'{{{i}}}' for i in range(count))})"
@@ -34,8 +36,8 @@ def vector_elementary(tracer: Tracer) -> str:
 def vector_source(tracer: Tracer, prefix: str) -> str:
     """Return functions over lanes, as :func:`emcas_fmu.trace.c_source.c_source` gives them over numbers.
 
-    Each takes first the lanes that count, a bit each: what it gives for others has no meaning. Constants are prepared for
-    each lane by the scalar program.
+    Each takes first the lanes that count, a bit each: what it gives for others has no meaning. Constants are prepared
+    for each lane by the scalar program.
     """
     writer = _VectorWriter(tracer)
     text: list[str] = []
@@ -73,11 +75,10 @@ class _VectorWriter(CWriter):
         name, operands, value = statement.operation, statement.operands, self.number
         if name in ("both", "either", "negate"):
             value = self.mask
-        if name == "where":
-            condition, *operands = operands
+        elif name == "where":
             if self.is_condition(statement):
                 value, name = self.mask, "where_mask"
-            return f"lanes_{name}({', '.join([self.mask(condition), *map(value, operands)])})"
+            return f"lanes_{name}({', '.join([self.mask(operands[0]), *map(value, operands[1:])])})"
         return self.templates[name].format(*map(value, operands))
 
     def assignment(self, name: str, text: str) -> str:
@@ -87,29 +88,40 @@ class _VectorWriter(CWriter):
         indent, label, around = "    " * depth, statement.names[live[0]], self._which[-1]
         lines = [f"{indent}const lanes_mask if_{label} = {self.mask(statement.condition)};"]
         blocks: list[list[str]] = []
-        for name, block in (("yes", statement.yes), ("no", statement.no)):
-            self._which.append(f"{name}_{label}")
+        for side, block in (("yes", statement.yes), ("no", statement.no)):
+            self._which.append(f"{side}_{label}")
             blocks.append(self.block(block, depth + 1))
             self._which.pop()
-        yes, no = blocks
-        both = {i for i in live if self.holds(statement.yes_values[i]) and self.holds(statement.no_values[i])}
-        self.conditions.update(statement.names[i] for i in both)
-        value = {i: self.mask if i in both else self.number for i in live}
-        select = {i: "lanes_where_mask" if i in both else "lanes_where" for i in live}
-        kind = {i: "lanes_mask" if i in both else "lanes" for i in live}
-        first, second = ({i: value[i](values[i]) for i in live} for values in (statement.yes_values,
-                                                                             statement.no_values))
-        if not yes and not no and not any(_WORK.search(text) for text in (*first.values(), *second.values())):
-            return lines + [f"{indent}const {kind[i]} {statement.names[i]} = {select[i]}(if_{label}, {first[i]}, "
-                            f"{second[i]});" for i in live]
-        for i in live:
-            lines.append(f"{indent}{kind[i]} {statement.names[i]} = "
-                         f"{'lanes_true(lanes_set(0.0))' if i in both else 'lanes_set(0.0)'};")
-        lines += [f"{indent}const unsigned bits_{label} = lanes_bits(if_{label});",
-                  f"{indent}const unsigned yes_{label} = {around} & bits_{label}, no_{label} = {around} & ~bits_{label};",
-                  f"{indent}if (yes_{label}) {{", *yes]
-        lines += [f"{indent}    {statement.names[i]} = {first[i]};" for i in live]
-        lines += [f"{indent}}}", f"{indent}if (no_{label}) {{", *no]
-        lines += [f"{indent}    {statement.names[i]} = {select[i]}(if_{label}, {statement.names[i]}, {second[i]});"
-                  for i in live]
-        return [*lines, f"{indent}}}"]
+        values = [_Chosen.of(self, statement, i) for i in live]
+        self.conditions.update(v.name for v in values if v.type == "lanes_mask")
+        if not any(blocks) and not any(_WORK.search(v.yes + v.no) for v in values):
+            return lines + [f"{indent}const {v.type} {v.name} = {v.select}(if_{label}, {v.yes}, {v.no});"
+                            for v in values]
+        lines += [f"{indent}{v.type} {v.name} = {v.start};" for v in values]
+        lines.append(f"{indent}const unsigned bits_{label} = lanes_bits(if_{label});")
+        chosen = ({v.name: v.yes for v in values},
+                  {v.name: f"{v.select}(if_{label}, {v.name}, {v.no})" for v in values})
+        for side, inverse, inner, texts in zip(("yes", "no"), ("", "~"), blocks, chosen, strict=True):
+            lines += [f"{indent}const unsigned {side}_{label} = {around} & {inverse}bits_{label};",
+                      f"{indent}if ({side}_{label}) {{", *inner,
+                      *(f"{indent}    {name} = {text};" for name, text in texts.items()), f"{indent}}}"]
+        return lines
+
+
+class _Chosen(NamedTuple):
+    """A value of a branch: its name, what it is and what selects it in C, before the branch, and on either side."""
+
+    name: str
+    type: str
+    select: str
+    start: str
+    yes: str
+    no: str
+
+    @classmethod
+    def of(cls, writer: _VectorWriter, statement: If, place: int) -> _Chosen:
+        """Return the value at a place of a branch."""
+        name, yes, no = statement.names[place], statement.yes_values[place], statement.no_values[place]
+        if writer.holds(yes) and writer.holds(no):
+            return cls(name, "lanes_mask", "lanes_where_mask", "lanes_of_bits(0)", writer.mask(yes), writer.mask(no))
+        return cls(name, "lanes", "lanes_where", "lanes_set(0.0)", writer.number(yes), writer.number(no))

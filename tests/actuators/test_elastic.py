@@ -15,7 +15,6 @@ from scipy.integrate import solve_ivp
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError
 from emcas_fmu.physics import drive_line, mechanics
-from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis.modes import load_rod, thesis_modes
 from tests.default_actuator import THESIS_LOOPS
@@ -174,7 +173,7 @@ def test_convergence_is_of_second_order() -> None:
 _levels = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-300.0, 300.0), st.booleans()), min_size=2, max_size=8)
 
 
-@pytest.mark.skipif(not compiled.available(MODEL), reason="no C compiler")
+@pytest.mark.kernel(MODEL)
 @settings(deadline=None, derandomize=True, max_examples=150)
 @given(levels=_levels, axial=st.sampled_from([0.0, 1e-12, 1e-8, 1e-5]),
        torsional=st.sampled_from([0.0, 1e-8, 1e-3, 1.0]), gap=st.sampled_from([0.0, 1e-6, 5e-5, 1e-3]),

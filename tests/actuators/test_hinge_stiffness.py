@@ -10,7 +10,6 @@ import pytest
 
 from emcas_fmu.actuators import get
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
 
 from .line import BASE, HINGE, MODEL, RIGID, SMOOTH, run_of, values_of
@@ -78,7 +77,7 @@ def test_in_series_with_the_screw() -> None:
     assert run["fin_angle"][-1] - angle == pytest.approx(expected, rel=5e-3)
 
 
-@pytest.mark.skipif(not compiled.available(MODEL), reason="no C compiler")
+@pytest.mark.kernel(MODEL)
 @pytest.mark.parametrize("model", ["elastic", "elastic+efficiency"])
 def test_kernels_agree(model: str) -> None:
     hinge = {**HINGE, "drive_line.hinge_damping": 5.0}

@@ -322,5 +322,5 @@ def test_steps_overshoot_by_less_than_5_percent(size: float) -> None:
 def test_the_shipped_gains_meet_every_requirement() -> None:
     study = shipped_study(load_parameters(model=MODEL))
     assert "worn_clutch" in {case.name for case in study.cases}  # its own
-    found = evaluate(study, {t.name: study.base.values[t.name] for t in study.tunables})
+    (found,) = evaluate(study, [{t.name: study.base.values[t.name] for t in study.tunables}])
     assert {j.requirement: j.measured for j in found.judgements if not j.share <= 1.0} == {}

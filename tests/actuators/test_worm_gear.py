@@ -268,7 +268,7 @@ def test_refuses(overrides: Mapping[str, Any], said: str) -> None:
 def test_the_shipped_gains_meet_their_study() -> None:
     """Table 2 and engineering choices, in every case; overshoot of 1 deg within 5 %."""
     study = load_study(models_directory() / "tuning" / "worm-gear.toml", load_parameters(model=MODEL))
-    judged = evaluate(study, {t.name: shipped()[t.name] for t in study.tunables})
+    (judged,) = evaluate(study, [{t.name: shipped()[t.name] for t in study.tunables}])
     assert not [j for j in judged.judgements if j.share > 1.0]
     (overshoot,) = (j.measured for j in judged.judgements if (j.requirement, j.case) == ("overshoot_1deg", "nominal"))
     assert overshoot < 0.05

@@ -16,7 +16,6 @@ from emcas_fmu.actuators import get
 from emcas_fmu.extensions.status import OPERATIONAL
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
 
 MODEL = "worm-gear-elastic"
@@ -131,7 +130,7 @@ def test_energy(overrides: Mapping[str, Any], torque: float) -> None:
     assert work["worm"] > 1.0
 
 
-@pytest.mark.skipif(not compiled.available(MODEL), reason="no C compiler")
+@pytest.mark.kernel(MODEL)
 @pytest.mark.parametrize("overrides", [{}, FALLING])
 def test_both_back_ends_to_the_bit(overrides: Mapping[str, Any]) -> None:
     v = {**shipped(), **overrides, "worm.starts": 2, "worm.teeth": 61, "drive_line.shaft_stiffness": 3e4,
@@ -146,7 +145,7 @@ def test_both_back_ends_to_the_bit(overrides: Mapping[str, Any]) -> None:
 _LEVELS = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-300.0, 300.0), st.booleans()), min_size=2, max_size=8)
 
 
-@pytest.mark.skipif(not compiled.available(MODEL), reason="no C compiler")
+@pytest.mark.kernel(MODEL)
 @settings(QUICK, max_examples=40)
 @given(levels=_LEVELS, starts=st.integers(1, 12), mu=st.floats(0.0, 0.3), ratio=st.floats(1.0, 3.0),
        axial=st.sampled_from([0.0, 1e-12, 1e-8, 1e-6]), gap=st.sampled_from([0.0, 1e-7, 3e-5, 1e-3]),

@@ -64,6 +64,18 @@ def response(values: Values, model: str, at: float = 0.0) -> Any:
     return frequency.evaluate(LinearActuator(values, at, model=model).command_to_angle, GRID)
 
 
+@pytest.mark.parametrize("model", [*MODELS, "nonlinear"])
+def test_gains_left_open_are_those_given(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Equations traced once for all gains, against equations traced with these as numbers."""
+    values = smooth(model)
+    gains = [v.name for v in get(model).parameters if v.variability == "tunable" and v.name.startswith("controller.")]
+    changed = {**values, **{name: 0.9 * values[name] for name in gains}}
+    before, opened = response(values, model, 0.1), response(changed, model, 0.1)
+    monkeypatch.setattr("emcas_fmu.studies.analysis.linear.gains_of", lambda *_: {})
+    np.testing.assert_allclose(opened, response(changed, model, 0.1), rtol=1e-9)  # of exact Jacobians, rounding
+    assert np.max(np.abs(opened / before - 1.0)) > 1e-3
+
+
 def test_all_are_here() -> None:
     assert {name for name in NAMES if POSITION_LOOP in get(name).provides} == {*MODELS, "nonlinear"} - {
         "elastic+heat", DIRECT_DRIVE}
@@ -202,9 +214,10 @@ def test_a_sampled_state_acts_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
                     derivatives=lambda ops, p, x, u: base(ops, p, x, u.replace(reference=u.held)))
     values = load_parameters(model=DIRECT_DRIVE).values
     expected = response(values, DIRECT_DRIVE)
-    monkeypatch.setattr("emcas_fmu.studies.analysis.linear.get", lambda name: other)
+    for module in ("linear", "smooth"):
+        monkeypatch.setattr(f"emcas_fmu.studies.analysis.{module}.get", lambda name: other)
     # Two ways to the same matrices, one through the held input.
-    np.testing.assert_allclose(response(values, DIRECT_DRIVE), expected, rtol=1e-9)
+    np.testing.assert_allclose(response(values, "other"), expected, rtol=1e-9)
 
 
 def test_what_has_no_position_loop_is_refused() -> None:

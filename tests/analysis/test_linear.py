@@ -23,8 +23,9 @@ from emcas_fmu.reference.linear import LinearModel
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis import frequency, thesis
 from emcas_fmu.studies.analysis.final_values import final_values
-from emcas_fmu.studies.analysis.linear import LinearActuator, decays, sampled, shown, wire
+from emcas_fmu.studies.analysis.linear import LinearActuator
 from emcas_fmu.studies.analysis.locus import locus
+from emcas_fmu.studies.analysis.systems import decays, sampled, shown, wire
 from tests.default_actuator import namespace
 
 Values = Mapping[str, Any]

@@ -77,6 +77,10 @@ def test_sines_hold_whole_cycles_to_look_at() -> None:
     assert sine(0.1, 10.0).command[0] == 0.0
     assert sine(50.0, 10.0, variable=LOAD).columns["aero_torque"][0] == 50.0
     assert not sine(50.0, 10.0, variable=LOAD).command.any()
+    together = sine(0.1, np.array([10.0, 2.0]), np.array([6.0, 3.0]), (1.0, 0.2))
+    for row, alone in enumerate((sine(0.1, 10.0, 6.0, (1.0, 0.2)), sine(0.1, 2.0, 3.0, (1.0, 0.2)))):
+        np.testing.assert_array_equal(together.command[row][:len(alone.time)], alone.command)
+    assert (together.stop, together.begin) == (alone.stop, alone.begin)  # the longest
 
 
 def test_staircase_and_ramp() -> None:

@@ -8,6 +8,7 @@ import math
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,6 @@ import pytest
 
 from emcas_fmu.bench.excitation import Excitation
 from emcas_fmu.bench.subject import open_subject
-from emcas_fmu.compiler import local_platform
-from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.simulation import simulate
 from tests.hosts.host import missing, tool
@@ -29,15 +28,12 @@ BLOCKS = recipes("use/hosts.md")
 
 
 @pytest.fixture(scope="module")
-def place(native: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def place(shipped_unit: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with EMCAS.fmu, EMCAS3.fmu, EMCAS4.fmu and host.c, as a reader has them."""
     folder = tmp_path_factory.mktemp("recipes")
-    shutil.copy(native, folder / "EMCAS.fmu")
+    for name, options in (("EMCAS", {}), ("EMCAS3", {"fmi": "3"}), ("EMCAS4", {"fins": 4})):
+        shutil.copy(shipped_unit(**options), folder / f"{name}.fmu")
     shutil.copy(ROOT / "examples/c_host/host.c", folder)
-    local = local_platform()
-    assert local is not None
-    build(load_parameters(), folder / "EMCAS4.fmu", "native", [local.name], fins=4)
-    build(load_parameters(), folder / "EMCAS3.fmu", "native", [local.name], fmi="3")
     return folder
 
 

@@ -9,9 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from emcas_fmu.compiler import local_platform
-from emcas_fmu.fmi.package import build
-from emcas_fmu.parameters import load_parameters
 from examples.jsbsim.build import build_unit
 from examples.jsbsim.masters import write_archive
 from tests.hosts.host import missing
@@ -26,12 +23,9 @@ def _jsbsim(request: pytest.FixtureRequest) -> None:
 
 
 @pytest.fixture(scope="session")
-def four(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def four(shipped_unit: Callable[..., Path]) -> Path:
     """EMCAS4.fmu of the shipped parameters, native, for this platform."""
-    local = local_platform()
-    assert local is not None
-    return build(load_parameters(), tmp_path_factory.mktemp("four") / "EMCAS4.fmu", "native", [local.name],
-                 fins=4).path
+    return shipped_unit(fins=4)
 
 
 @pytest.fixture(scope="session")

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.physics import drive_line, mechanics
-from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
 from emcas_fmu.steppers.elastic import Pair, advance
 from tests.simulation import acting, nested
@@ -123,7 +122,7 @@ def test_elastic_screw_creates_no_energy(forward: float, backward: float, gap: f
 _levels = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-300.0, 300.0), st.booleans()), min_size=2, max_size=8)
 
 
-@pytest.mark.skipif(not compiled.available(MODEL), reason="no C compiler")
+@pytest.mark.kernel(MODEL)
 @settings(deadline=None, derandomize=True, max_examples=120)
 @given(levels=_levels, forward=st.floats(0.01, 1.0), backward=st.floats(-5.0, 1.0), dry=st.sampled_from([0.0, 5.0]),
        on_fin=st.booleans(), model=st.sampled_from([MODEL, ELASTIC, "ristanovic+efficiency"]))

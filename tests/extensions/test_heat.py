@@ -23,7 +23,7 @@ from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.physics import course, heat
-from emcas_fmu.runtime import codegen, compiled
+from emcas_fmu.runtime import codegen
 from emcas_fmu.simulation import simulate
 from tests.simulation import acting
 
@@ -184,7 +184,7 @@ def test_without_coefficients_and_i2t_it_is_the_model(model: str) -> None:
         assert np.array_equal(warm[name], expected), name
 
 
-@pytest.mark.skipif(not compiled.available(MODEL), reason="no C compiler")
+@pytest.mark.kernel(MODEL)
 @pytest.mark.parametrize("model", MODELS)
 def test_kernels_agree(model: str) -> None:
     has = load_parameters(model=f"{model}+heat").having

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics import heat
-from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
 
 from .held import HELD, MODEL, NO_COEFFICIENTS, held, values_of
@@ -127,7 +126,7 @@ def test_a_derated_drive_folds_when_a_sound_one_does() -> None:
     assert found["i2t_load"][before] == pytest.approx(sound["i2t_load"][before], abs=2e-3)
 
 
-@pytest.mark.skipif(not compiled.available(_FAULTY), reason="no C compiler")
+@pytest.mark.kernel(_FAULTY)
 def test_kernels_agree_on_a_derated_drive() -> None:
     one, other = (_derated(0.5, 0.6, 0.7, 0.8, kernel=kernel) for kernel in ("python", "compiled"))
     assert all(np.array_equal(one[name], other[name]) for name in one)
@@ -147,7 +146,7 @@ def test_the_load_never_passes_one(demands: list[float], continuous: float, h: f
         assert 0.0 <= load <= 1.0 + 1e-12
 
 
-@pytest.mark.skipif(not compiled.available(MODEL), reason="no C compiler")
+@pytest.mark.kernel(MODEL)
 @settings(deadline=None, derandomize=True, max_examples=40)
 @given(demands=st.lists(st.tuples(st.floats(-0.4, 0.4), st.floats(-80.0, 80.0), st.integers(5, 60)), min_size=3,
                         max_size=8),

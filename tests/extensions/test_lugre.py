@@ -17,7 +17,6 @@ from emcas_fmu.namespace import with_values
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.physics import mechanics
-from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
 from emcas_fmu.steppers.lugre import advance, shares
 from emcas_fmu.steppers.rigid import Plant, stops
@@ -296,7 +295,7 @@ def test_a_step_ends_where_a_stop_is_left() -> None:
 _levels = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-300.0, 300.0), st.booleans()), min_size=2, max_size=6)
 
 
-@pytest.mark.skipif(not compiled.available(MODEL), reason="no C compiler")
+@pytest.mark.kernel(MODEL)
 @settings(deadline=None, derandomize=True, max_examples=100)
 @given(levels=_levels, stiffness=st.sampled_from([1e-3, 0.5, 20.0, 250.0]), damping=st.sampled_from([0.0, 0.05, 1.0]),
        ratio=st.floats(1.0, 10.0), dry=st.sampled_from([0.0, 50.0]), cold=st.sampled_from([0.0, 1.25]),

@@ -17,7 +17,6 @@ from emcas_fmu.errors import EmcasError
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.physics import friction
-from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate
 from tests.simulation import nested
 
@@ -169,7 +168,7 @@ def test_compensation_keeps_to_the_friction_identified() -> None:
 _levels = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-300.0, 300.0), st.booleans()), min_size=2, max_size=6)
 
 
-@pytest.mark.skipif(not compiled.available(MODEL), reason="no C compiler")
+@pytest.mark.kernel(MODEL)
 @pytest.mark.parametrize("base", ["nonlinear", "elastic"])
 @settings(deadline=None, derandomize=True, max_examples=60)
 @given(levels=_levels, ratio=st.floats(1.0, 10.0), speed=st.sampled_from([0.1, 3.0, 1e3]),

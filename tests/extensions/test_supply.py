@@ -21,7 +21,6 @@ from emcas_fmu.fmi.package import build
 from emcas_fmu.ops.floats import FLOATS
 from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.physics import course, supply
-from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate, simulate_fins
 
 from .supply_reference import driven
@@ -286,7 +285,7 @@ def test_a_good_supply_is_nearly_none() -> None:
     assert run["supply_power"] == pytest.approx(plain["supply_power"], abs=0.1 * np.abs(plain["supply_power"]).max())
 
 
-@pytest.mark.skipif(not compiled.available(MODEL), reason="no C compiler")
+@pytest.mark.kernel(MODEL)
 @pytest.mark.parametrize("model", MODELS)
 def test_kernels_agree(model: str) -> None:
     values = values_of({"supply.source_resistance": 0.2, "supply.capacitance": 1e-3, "supply.trip_voltage": 22.0,

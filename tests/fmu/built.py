@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +27,19 @@ def both(parameters: ParameterSet, folder: Path, fins: int = 1) -> Mapping[str, 
                             references=False).path}
 
 
-def slave_class(unit: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> type[Slave]:
-    """The Python unit's class in this process, on the package's own modules; `sets` are the fins' values."""
+@cache
+def _programs(unit: FmuInterface) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Its kernel and its checks, run as the unit's modules."""
     kernel: dict[str, Any] = {}
     checks: dict[str, Any] = {}
     exec(codegen.source(unit.fins > 1, unit.kind, unit.spelt), kernel)
     exec(python_source(codegen.traced_rules(unit.kind), "Rules", unit.spelt), checks)
+    return kernel, checks
+
+
+def slave_class(unit: FmuInterface, sets: Sequence[Mapping[str, Any]]) -> type[Slave]:
+    """The Python unit's class in this process, on the package's own modules; `sets` are the fins' values."""
+    kernel, checks = _programs(unit)
     return type("Local", (MultiFinSlave if unit.fins > 1 else Slave,), {
         "make": staticmethod(kernel["make"]), "make_checks": staticmethod(checks["make"]),
         **python.slave_attributes(unit, start_values(unit, sets), "{guid}")})

@@ -6,7 +6,7 @@ import shutil
 import subprocess
 import sys
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from math import radians
 from pathlib import Path
 from typing import Any
@@ -21,11 +21,10 @@ from hypothesis import strategies as st
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.fmi2.slave import Slave
 from emcas_fmu.fmi.interface import AZIMUTH, FmuInterface, azimuths, fin_files
-from emcas_fmu.fmi.package import build
+from emcas_fmu.fmi.package import BACKENDS, build
 from emcas_fmu.parameters import load_parameters
 from tests.default_actuator import OUTPUTS, PARAMETERS
 
-from .built import both
 from .built import slave_class as local_class
 from .host import ERROR, OK, Fmu, Instance
 
@@ -42,9 +41,9 @@ def unpacked(path: Path, folder: Path) -> Fmu:
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
+def built(shipped_unit: Callable[..., Path]) -> Mapping[str, Path]:
     """EMCAS4.fmu by back end."""
-    return both(load_parameters(), tmp_path_factory.mktemp("four"), fins=4)
+    return {backend: shipped_unit(backend, fins=4) for backend in BACKENDS}
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from xml.etree.ElementTree import fromstring
@@ -19,7 +19,6 @@ from emcas_fmu.actuators import get
 from emcas_fmu.bench.excitation import reference_case, step_to
 from emcas_fmu.bench.subject import FmuSubject, open_subject
 from emcas_fmu.cli import app
-from emcas_fmu.compiler import local_platform
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.fmi.description import terminals_and_icons
 from emcas_fmu.fmi.fmi3.arrays import arrays
@@ -109,14 +108,10 @@ def test_messages_have_the_names_of_the_variables() -> None:
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory: pytest.TempPathFactory) -> Mapping[tuple[str, str, int, str], Path]:
+def built(shipped_unit: Callable[..., Path]) -> Mapping[tuple[str, str, int, str], Path]:
     """Their files by back end, version of FMI, fins and names."""
-    folder, local = tmp_path_factory.mktemp("flat"), local_platform()
-    assert local is not None
-    return {(*unit, names): build(
-        load_parameters(), folder / f"{'_'.join(map(str, (*unit, names)))}.fmu", backend,
-        [local.name] if backend == "native" else None, fins=fins, fmi=fmi, names=names).path
-        for unit in UNITS for backend, fmi, fins in [unit] for names in SPELLINGS}
+    return {(*unit, names): shipped_unit(backend, fmi=fmi, fins=fins, names=names)
+            for unit in UNITS for backend, fmi, fins in [unit] for names in SPELLINGS}
 
 
 @pytest.mark.fmu

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from emcas_fmu.compiler import PLATFORMS, local_platform
+from emcas_fmu.compiler import PLATFORMS
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
 
@@ -29,11 +29,9 @@ def unpack(fmu: Path, folder: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def native_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def native_fmu(shipped_unit: Callable[..., Path]) -> Path:
     """EMCAS.fmu of the native back end, for this platform."""
-    local = local_platform()
-    assert local is not None
-    return build(load_parameters(), tmp_path_factory.mktemp("native") / "EMCAS.fmu", "native", [local.name]).path
+    return shipped_unit()
 
 
 @pytest.fixture(scope="session")

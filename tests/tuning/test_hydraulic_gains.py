@@ -6,6 +6,7 @@ from dataclasses import replace
 from math import radians
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from emcas_fmu.bench.subject import ParameterSubject
@@ -33,22 +34,22 @@ def test_the_shipped_gains_meet_every_requirement(files: tuple[Path, ...]) -> No
     study = shipped_study(load_parameters(files, model=MODEL))
     if files:  # what the set was chosen by
         study = replace(study, cases=tuple(case for case in study.cases if case.name == "nominal"))
-    found = evaluate(study, {name: study.base.values[name] for name in GAINS})
+    (found,) = evaluate(study, [{name: study.base.values[name] for name in GAINS}])
     assert {j.requirement: j.measured for j in found.judgements if j.share > 1.0} == {}
 
 
 @pytest.mark.slow
 def test_the_gains_of_the_pumps_loops_meet_every_requirement() -> None:
     study = shipped_study(load_parameters(model=PUMP))
-    found = evaluate(study, {t.name: study.base.values[t.name] for t in study.tunables})
+    (found,) = evaluate(study, [{t.name: study.base.values[t.name] for t in study.tunables}])
     assert {(j.requirement, j.case): j.measured for j in found.judgements if j.share > 1.0} == {}
 
 
 def test_the_pump_follows_small_sines_as_its_friction_is_fed_forward() -> None:
     """10 Hz at a tenth of a degree: -3 dB is 0.71. Without it dry friction holds the fin in such a sine."""
     subject = ParameterSubject(load_parameters(model=PUMP))
-    fed, not_fed = (abs(describing_function(subject, {"compensation.gain": gain}, radians(0.1), 10.0))
-                    for gain in (1.0, 0.0))
+    fed, not_fed = np.abs(describing_function(subject, [{"compensation.gain": gain} for gain in (1.0, 0.0)],
+                                              radians(0.1), [10.0] * 2))
     assert fed > 0.71
     assert not_fed < 0.1
 

@@ -28,11 +28,12 @@ from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.cli import app
 from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import ParameterSet, load_parameters
+from emcas_fmu.runtime.compiled import Tables
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.tuning.evaluate import HOPELESS, Evaluation, Journal, Judgement, evaluate, share
 from emcas_fmu.studies.tuning.measure import KINDS, Test, describing_function, measure
 from emcas_fmu.studies.tuning.optimise import Result as Tuned
-from emcas_fmu.studies.tuning.optimise import rounded, tune
+from emcas_fmu.studies.tuning.optimise import _parted, rounded, tune
 from emcas_fmu.studies.tuning.output import at_bounds, verdict, write_json, write_report, write_tuned
 from emcas_fmu.studies.tuning.pictures import conflict, front
 from emcas_fmu.studies.tuning.study import Study, StudyError, load_study
@@ -86,8 +87,8 @@ def emcas(*arguments: object) -> Result:
 
 def test_figures_of_a_step_are_those_of_the_response() -> None:
     values = dict(load_parameters().values)
-    rise, overshoot = measure(Test("step", radians(5), 0.6), SHIPPED, {}, ("rise_time", "overshoot"),
-                              ("maximum", "maximum"))
+    ((rise, overshoot),) = measure(Test("step", radians(5), 0.6), SHIPPED, [{}], ("rise_time", "overshoot"),
+                                   ("maximum", "maximum"))
     worst_rise, worst_overshoot = 0.0, 0.0
     for sign in (1.0, -1.0):
         command = np.where(np.arange(651) > 49, sign * radians(5), 0.0)
@@ -102,13 +103,12 @@ def test_figures_of_a_step_are_those_of_the_response() -> None:
 def test_the_worse_direction_counts() -> None:
     changes = {"friction.viscous.positive": 5e-3}
     test = Test("step", radians(20), 0.5)
-    (slow,), (fast,) = (measure(test, SHIPPED, changes, ("sustained_rate",), (sense,))
-                        for sense in ("minimum", "maximum"))
+    ((slow, fast),) = measure(test, SHIPPED, [changes], ("sustained_rate",) * 2, ("minimum", "maximum"))
     assert slow < 0.95 * fast
 
 
 def test_a_slew_is_loaded_both_ways() -> None:
-    rates = [measure(Test("slew", radians(20), 0.6, torque), SHIPPED, {}, ("sustained_rate",), ("minimum",))[0]
+    rates = [measure(Test("slew", radians(20), 0.6, torque), SHIPPED, [{}], ("sustained_rate",), ("minimum",)).item()
              for torque in (-100.0, 0.0, 100.0)]
     assert rates == sorted(rates)
     assert degrees(rates[0]) > 200.0
@@ -124,7 +124,7 @@ def test_bandwidth_of_small_sines_is_that_of_the_swept_response() -> None:
     command = case.inputs()["fin_command"]
     swept = simulate(values, case.stop_time, case.step, fin_command=command)
     expected = frequency_response(swept["time"], command, swept["fin_angle"], 0.5, 24.0)
-    found = measure(Test("sine", radians(1)), SHIPPED, {}, ("bandwidth_3db", "bandwidth_90deg"), ("minimum",) * 2)
+    (found,) = measure(Test("sine", radians(1)), SHIPPED, [{}], ("bandwidth_3db", "bandwidth_90deg"), ("minimum",) * 2)
     if not np.isnan(expected.bandwidth):  # beyond the sweep with faster gains
         assert found[0] == pytest.approx(expected.bandwidth, rel=0.04)
     assert found[1] == pytest.approx(expected.phase_bandwidth, rel=0.04)
@@ -134,7 +134,7 @@ def test_the_fundamental_of_a_slow_sine_is_one() -> None:
     # Without integral action the loop is an integrator, of bandwidth kp = 60 1/s, and 0.5 Hz is 3 rad/s.
     changes = {"encoder.enabled": False, "controller.position.kp": 60.0, "controller.position.ki": 0.0,
                "controller.position.setpoint_weight": 1.0}
-    gain = describing_function(SHIPPED, changes, radians(5), 0.5)
+    (gain,) = describing_function(SHIPPED, [changes], radians(5), [0.5])
     assert abs(gain) == pytest.approx(1.0, abs=0.02)
     assert np.angle(gain) == pytest.approx(-np.pi / 60.0, rel=0.2)  # and friction, not quite cancelled
 
@@ -145,11 +145,12 @@ def test_margins_are_those_of_the_analysis() -> None:
 
     values = dict(load_parameters().values)
     expected = margins(LinearActuator(values).loop("reference"))
-    found = measure(Test("linear"), SHIPPED, {}, ("gain_margin", "phase_margin", "delay_margin"), ("minimum",) * 3)
+    unstable = {"controller.velocity.kp": 10.0 * values["controller.velocity.kp"]}
+    found, none = measure(Test("linear"), SHIPPED, [{}, unstable], ("gain_margin", "phase_margin", "delay_margin"),
+                          ("minimum",) * 3)
     # Fewer frequencies to look between: a cubic spline over 7 % steps.
     assert found == pytest.approx([expected.gain_db, expected.phase, expected.delay], rel=1e-4)
-    unstable = {"controller.velocity.kp": 10.0 * values["controller.velocity.kp"]}
-    assert np.isnan(measure(Test("linear"), SHIPPED, unstable, ("gain_margin",), ("minimum",)))
+    assert np.isnan(none).all()
 
 
 @pytest.mark.parametrize(("sense", "limit", "measured", "expected"), [
@@ -239,8 +240,28 @@ def test_finds_better_gains_and_the_same_again(study: Study) -> None:
     other = replace(study, base=study.base.with_values({"controller.position.kp": 100.0}))
     assert tune(other, seed=3, generations=4).best == first.best  # wherever it begins
     assert all(type(j.measured) is type(j.share) is float for j in first.best.judgements)  # what JSON can hold
-    checked = evaluate(study, first.best.gains)
+    (checked,) = evaluate(study, [first.best.gains])
     assert checked == first.best  # what is reported is what the rounded gains do
+
+
+def test_gains_are_judged_beside_others_as_alone() -> None:
+    """To the bit, of every kind of test; each follows its own bisection."""
+    whole = load_study(models_directory() / "tuning.toml", load_parameters())
+    study = replace(whole, cases=tuple(case for case in whole.cases if case.name in ("nominal", "light_dry")))
+    gains = [{t.name: t.lower ** (1.0 - share) * t.upper ** share for t in study.tunables} for share in (0.0, 0.4, 1.0)]
+    together = evaluate(study, gains)
+    assert together == [evaluate(study, [each])[0] for each in gains]
+    assert len({e.by_requirement()["bandwidth_1deg"].measured for e in together}) == len(gains)
+
+
+@pytest.mark.parametrize(("count", "workers"), [(0, 2), (1, 1), (1, 3), (2, 3), (40, 2), (33, 1)])
+def test_parts_are_of_all_gains_in_all_cases(count: int, workers: int) -> None:
+    study, gains = load_study(models_directory() / "tuning.toml", load_parameters()), [{"g": k} for k in range(count)]
+    parts = list(_parted(gains, study, workers))
+    assert [each for part, _ in parts for each in part] == gains
+    for _, groups in parts:
+        assert tuple(case for group in groups for case in group) == study.cases
+        assert all(groups)
 
 
 @pytest.mark.slow
@@ -253,17 +274,17 @@ def test_workers_change_nothing(study: Study) -> None:
 def test_a_run_that_was_stopped_goes_on(study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "journal.jsonl"
     whole = tune(study, generations=3)
-    calls = 0
+    made, most = 0, 32
 
     class Killed(BaseException):
         pass
 
-    def interrupted(*arguments: Any) -> Evaluation:
-        nonlocal calls
-        calls += 1
-        if calls == 40:
+    def interrupted(study: Study, gains: Sequence[Any]) -> list[Evaluation]:
+        nonlocal made
+        if made >= most:
             raise Killed
-        return evaluate(*arguments)
+        made += len(gains)
+        return evaluate(study, gains)
 
     with monkeypatch.context() as patch:
         patch.setattr("emcas_fmu.studies.tuning.optimise.evaluate", interrupted)
@@ -272,13 +293,13 @@ def test_a_run_that_was_stopped_goes_on(study: Study, tmp_path: Path, monkeypatc
     with path.open("a", encoding="utf-8") as file:
         file.write('{"gains": {"contr')  # killed while writing
     kept = Journal(path, study)
-    assert len(kept) == 39
-    calls = -1_000_000
+    assert len(kept) == made
+    most = len(whole.evaluated)
     with monkeypatch.context() as patch:
         patch.setattr("emcas_fmu.studies.tuning.optimise.evaluate", interrupted)
         resumed = tune(study, generations=3, journal=kept)
     assert resumed.best == whole.best
-    assert calls + 1_000_000 == len(whole.evaluated) - 39  # nothing is made twice
+    assert made == len(whole.evaluated)  # nothing is made twice
     assert len(Journal(path, study)) == len(whole.evaluated)
 
 
@@ -308,17 +329,20 @@ def test_the_journal_of_another_study_is_refused(study: Study, tmp_path: Path) -
 
 
 def test_what_cannot_be_computed_is_hopeless(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(*_: Any, **__: Any) -> Any:
-        raise ArithmeticError("gone")
+    def fails(sets: np.ndarray, inputs: Sequence[np.ndarray], step: float, outputs: Sequence[str], **_: Any) -> Tables:
+        columns = {name: np.full((len(sets), inputs[0].shape[-1]), nan) for name in outputs}
+        return Tables(columns, np.zeros(len(sets)), {k: ArithmeticError("gone") for k in range(len(sets))})
 
-    def judged(gains: dict[str, float]) -> set[float]:
-        return {j.share for j in evaluate(study, gains).judgements}
+    def judged(*gains: dict[str, float]) -> list[set[float]]:
+        return [{j.share for j in evaluation.judgements} for evaluation in evaluate(study, gains)]
 
     gains = {t.name: t.lower for t in study.tunables}
-    assert judged(gains) != {HOPELESS}
-    assert judged({**gains, "controller.sample_time": 1.0}) == {HOPELESS}  # beyond its limits
-    monkeypatch.setattr(subject, "respond", fails)
-    assert judged(gains) == {HOPELESS}
+    (alone,) = judged(gains)
+    assert alone != {HOPELESS}
+    beyond = {**gains, "controller.sample_time": 1.0}  # its limits
+    assert judged(gains, beyond, gains) == [alone, {HOPELESS}, alone]
+    monkeypatch.setattr(subject, "respond_all", fails)
+    assert judged(gains) == [{HOPELESS}]
 
 
 # -- conflicts -------------------------------------------------------------------------
@@ -483,7 +507,7 @@ def test_gains_at_a_bound_are_marked(study: Study, tmp_path: Path) -> None:
     first, *others = study.tunables
     assert first.bound(first.lower ** 0.02 * first.upper ** 0.98) == ""
     assert [t.bound(t.upper) for t in study.tunables] == ["upper"] * len(study.tunables)
-    before = evaluate(study, {first.name: first.lower, **{t.name: (t.lower * t.upper) ** 0.5 for t in others}})
+    (before,) = evaluate(study, [{first.name: first.lower, **{t.name: (t.lower * t.upper) ** 0.5 for t in others}}])
     result = Tuned(study, 1, before, before, (before,), (before.objective,), False)
     assert result.at_bound == {first.name: "lower"}
     assert f"at the bound of the search: {first.name} = {first.lower:g} (lower)" in at_bounds(result)
@@ -496,7 +520,7 @@ def test_gains_at_a_bound_are_marked(study: Study, tmp_path: Path) -> None:
 def test_every_figure_is_one_of_the_bench_and_measured() -> None:
     for kind, names in KINDS.items():
         assert set(names) <= set(FIGURES)
-        found = measure(Test(kind, radians(5)), SHIPPED, {}, names, ("maximum",) * len(names))
+        (found,) = measure(Test(kind, radians(5)), SHIPPED, [{}], names, ("maximum",) * len(names))
         assert dict(zip(names, np.isfinite(found), strict=True)) == dict.fromkeys(names, True)
 
 
@@ -599,8 +623,8 @@ def test_margins_are_of_the_actuator_at_hand(model: str) -> None:
     plain, name = sound(base), "controller.kp" if model == MODEL else "controller.position.kp"
     values = {**plain.values, name: 0.5 * float(plain.values[name])}
     expected = margins(LinearActuator(values, model=plain.model).loop("reference"))
-    found = measure(Test("linear"), ParameterSubject(base), {name: values[name]}, ("gain_margin", "phase_margin"),
-                    ("minimum",) * 2)
+    (found,) = measure(Test("linear"), ParameterSubject(base), [{name: values[name]}], ("gain_margin", "phase_margin"),
+                       ("minimum",) * 2)
     # As with the shipped actuator: fewer frequencies to look between.
     assert found == pytest.approx([expected.gain_db, expected.phase], rel=1e-4)
 

@@ -14,7 +14,6 @@ import pytest
 
 import emcas_fmu
 from emcas_fmu import (
-    Batch,
     EmcasError,
     ParameterSet,
     analyse,
@@ -27,11 +26,9 @@ from emcas_fmu import (
     validate,
 )
 from emcas_fmu.bench import metrics
-from emcas_fmu.runtime import compiled
 from emcas_fmu.simulation import simulate as of_kernel
 
 BASE = load_parameters()
-compiled_only = pytest.mark.skipif(not compiled.available("nonlinear"), reason="there is no C compiler")
 
 
 def test_names() -> None:
@@ -184,34 +181,6 @@ def test_dataframe_without_pandas(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(EmcasError, match=r"^to_dataframe\(\) needs .* pandas, .*: pip install pandas$"):
         simulate(stop=0.01).to_dataframe()
-
-
-@compiled_only
-def test_batch() -> None:
-    """Each of a batch moves as it does alone, to the bit; inputs stay until they are given anew."""
-    sets = [BASE, BASE.with_values({"friction.temperature": "-6 degC"})]
-    batch = Batch(sets)
-    batch.run(0.01, fin_command=0.1)
-    outputs = batch.run(0.02, aero_torque=np.array([0.0, -20.0]))
-    assert (len(batch), batch.time) == (2, 0.02)
-    for k, (each, load) in enumerate(zip(sets, (0.0, -20.0))):
-        alone = of_kernel(each.values, 0.02, 0.01, fin_command=0.1, aero_torque=[0.0, load, load])
-        assert outputs["fin_angle"][k] == alone["fin_angle"][-1]
-    with pytest.raises(EmcasError, match="no input torque"):
-        batch.run(0.03, fin_command=0.3, torque=1.0)
-    for refused, said in ((float("nan"), "is nan"), ("5 kg", "does not measure"), (np.ones(3), "array of 2 values")):
-        with pytest.raises(EmcasError, match=said):
-            batch.run(0.03, aero_torque=5.0, fin_command=refused)
-    with pytest.raises(EmcasError, match=r"0.01 s is before 0.02 s"):
-        batch.run(0.01)
-    with pytest.raises(EmcasError, match=r"^Batch.run: end = '30 ms': expected a number, .* in s$"):
-        batch.run("30 ms")  # type: ignore[arg-type]
-    after = batch.run(0.03, fin_command="0.1 rad")["fin_angle"]  # what was refused has left nothing behind
-    alone = of_kernel(BASE.values, 0.03, 0.01, fin_command=0.1)
-    assert after[0] == alone["fin_angle"][-1]
-    assert len(Batch(BASE)) == 1
-    with pytest.raises(EmcasError, match="give one parameter set"):
-        Batch([])
 
 
 def test_validate_and_analyse() -> None:

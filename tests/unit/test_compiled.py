@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import threading
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from math import nan, radians, sin
 from pathlib import Path
@@ -15,9 +16,11 @@ import pytest
 from emcas_fmu import compiler, files
 from emcas_fmu.compiler import CompilerError
 from emcas_fmu.errors import EmcasError
+from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
-from emcas_fmu.runtime import compiled
-from emcas_fmu.runtime.compiled import Batch, CompiledCore
+from emcas_fmu.runtime import compiled, library
+from emcas_fmu.runtime.batch import Batch
+from emcas_fmu.runtime.compiled import CompiledCore, parameter_row
 from emcas_fmu.simulation import KERNELS, respond, respond_all, simulate
 from tests.default_actuator import INPUTS, OUTPUTS, PARAMETERS
 
@@ -90,57 +93,6 @@ def _inputs(count: int, time: float) -> np.ndarray:
     return rows
 
 
-def test_a_batch_is_its_actuators_alone(values: Mapping[str, Any]) -> None:
-    sets = [{**values, "friction.temperature": 24.0 - 5.0 * i, "mass.fin": 2.0} for i in range(7)]
-    batch, single = Batch(sets), [Batch([s]) for s in sets]
-    for k in range(100):
-        rows = _inputs(len(sets), k * 1e-3)
-        together = batch.run((k + 1) * 1e-3, rows)
-        for i, one in enumerate(single):
-            np.testing.assert_array_equal(one.run((k + 1) * 1e-3, rows[i:i + 1])[0], together[i])
-    assert len({*batch.outputs[:, 0]}) == len(sets)
-    first = batch.outputs.copy()
-    batch.restart(sets)
-    for k in range(100):
-        batch.run((k + 1) * 1e-3, _inputs(len(sets), k * 1e-3))
-    np.testing.assert_array_equal(batch.outputs, first)
-
-
-def test_batches_run_in_threads(values: Mapping[str, Any]) -> None:
-    batches = [Batch([values] * 50) for _ in range(4)]
-
-    def run(batch: Batch) -> None:
-        for k in range(50):
-            batch.run((k + 1) * 1e-3, _inputs(50, k * 1e-3))
-
-    workers = [threading.Thread(target=run, args=(b,)) for b in batches]
-    for worker in workers:
-        worker.start()
-    for worker in workers:
-        worker.join()
-    for batch in batches[1:]:
-        np.testing.assert_array_equal(batch.outputs, batches[0].outputs)
-
-
-def test_a_batch_says_what_is_wrong(values: Mapping[str, Any]) -> None:
-    batch = Batch([values] * 3)
-    with pytest.raises(ValueError, match="shape"):
-        batch.run(1e-3, np.zeros((2, 10)))
-    rows = _inputs(3, 0.1)
-    rows[1, 1] = nan
-    with pytest.raises(ValueError, match=r"actuator 1: aero_torque = nan"):
-        batch.run(1e-3, rows)
-    rows[1, 1] = 1e300
-    with pytest.raises(ArithmeticError, match="actuators 1: "):
-        batch.run(1e-3, rows)
-    with pytest.raises(ValueError, match="2 parameter sets for 3"):
-        batch.restart([values] * 2)
-    with pytest.raises(ValueError, match="at least one"):
-        Batch([])
-    with pytest.raises(ValueError, match="nan s"):
-        batch.run(nan, _inputs(3, 0.0))
-
-
 @pytest.mark.parametrize(("changes", "said"), [
     ({"drive.transport_delay": 0.1}, "at most 64 times"),
     ({"controller.sample_time": 0.0}, "controller.sample_time = 0"),
@@ -152,7 +104,7 @@ def test_parameters_are_judged_before_memory_is_laid_out_by_them(values: Mapping
     for kernel in KERNELS:
         with pytest.raises(ValueError, match=said):
             simulate(bad, 0.1, kernel=kernel)
-    for make in (CompiledCore, lambda v: Batch([values, v])):
+    for make in (CompiledCore, lambda v: Batch(np.array([parameter_row(values), parameter_row(v)]), 2)):
         with pytest.raises(ValueError, match=said):
             make(bad)
     core = CompiledCore(values)
@@ -239,19 +191,19 @@ SMALL = "second-order"  # the kernel that is compiled soonest
 
 @pytest.fixture
 def uncached(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
-    monkeypatch.setattr(compiled, "cache_directory", lambda: tmp_path)
-    compiled._library.cache_clear()
+    monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
+    library._library.cache_clear()
     yield tmp_path
     monkeypatch.undo()
-    compiled._library.cache_clear()
+    library._library.cache_clear()
 
 
 def test_compiled_once_and_kept(uncached: Path) -> None:
-    assert compiled.available()
+    assert compiled.available(SMALL)
     (kept,) = uncached.glob("kernel_*")
     made = kept.stat().st_mtime_ns
-    compiled._library.cache_clear()
-    assert compiled.available()
+    library._library.cache_clear()
+    assert compiled.available(SMALL)
     assert [p.stat().st_mtime_ns for p in uncached.iterdir()] == [made]
 
 
@@ -262,7 +214,7 @@ def test_a_damaged_library_is_made_anew(uncached: Path, damage: bytes | None) ->
     whole = kept.read_bytes()
     kept.unlink()
     kept.write_bytes(whole[:9000] if damage is None else damage)
-    compiled._library.cache_clear()
+    library._library.cache_clear()
     assert compiled.available(SMALL)
     (again,) = uncached.glob("kernel_*")
     assert again.read_bytes() == whole
@@ -284,7 +236,7 @@ def test_the_next_compiler_is_tried(uncached: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("CC", "false")
     found = [c.command for c in compiler.local_compilers()]
     assert not any("false" in command[0] for command in found)
-    assert compiled.available()
+    assert compiled.available(SMALL)
     monkeypatch.setenv("CC", "cc -DSOME_FLAG")
     assert next(compiler.local_compilers()).command[1:] == ("-DSOME_FLAG",)
 
@@ -303,9 +255,25 @@ def test_a_cache_that_cannot_be_written_is_not_used(tmp_path: Path, monkeypatch:
         files.cache_directory.cache_clear()
 
 
+def test_what_is_short_is_not_worth_compiling(uncached: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python computes it, until more is asked for, by whichever way; or where the kernel is there."""
+    monkeypatch.setattr(library, "_asked", defaultdict(float))
+    values = load_parameters(model=SMALL).values
+    runs = [simulate(values, 1.0, 1e-3, model=SMALL, fin_command=0.1)]
+    assert not list(uncached.iterdir())
+    simulate(values, (library.WORTH_ONE - 1000) * 1e-3, 1e-3, model=SMALL)
+    (kept,) = uncached.iterdir()
+    for asked in (0.0, 100.0 * library.WORTH_ONE):
+        monkeypatch.setattr(library, "_asked", defaultdict(float, {(SMALL, 1): asked}))
+        runs.append(simulate(values, 1.0, 1e-3, model=SMALL, fin_command=0.1))
+    assert list(uncached.iterdir()) == [kept]
+    assert all(np.array_equal(run[name], runs[0][name]) for run in runs for name in run)
+
+
 def test_without_a_compiler_python_computes(uncached: Path, values: Mapping[str, Any],
                                             monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiled, "local_compilers", lambda: iter(()))
+    monkeypatch.setattr(library, "local_compilers", lambda: iter(()))
+    monkeypatch.setattr(library, "worth", lambda *_: True)
     result = simulate(values, 0.05, fin_command=radians(5))
     monkeypatch.undo()
     np.testing.assert_array_equal(result["fin_angle"], simulate(values, 0.05, fin_command=radians(5))["fin_angle"])
@@ -313,7 +281,8 @@ def test_without_a_compiler_python_computes(uncached: Path, values: Mapping[str,
 
 def test_a_broken_compiler_is_told_and_python_computes(uncached: Path, values: Mapping[str, Any],
                                                        monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compiled, "local_compilers", lambda: iter([compiler.Compiler(("false",), "broken", False)]))
+    monkeypatch.setattr(library, "local_compilers", lambda: iter([compiler.Compiler(("false",), "broken", False)]))
+    monkeypatch.setattr(library, "worth", lambda *_: True)
     with pytest.warns(RuntimeWarning, match="Python is used instead"):
         simulate(values, 0.01)
     with pytest.raises(CompilerError, match="false cannot compile"):

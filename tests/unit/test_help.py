@@ -23,7 +23,7 @@ from emcas_fmu.commands.group import PANELS, summary
 from emcas_fmu.compiler import PLATFORMS
 from emcas_fmu.errors import in_words, unreadable
 from emcas_fmu.progress import LOG
-from emcas_fmu.runtime import compiled
+from emcas_fmu.runtime import library
 from emcas_fmu.studies.validate.output import _figure
 
 HEAVY = ("numpy", "scipy", "matplotlib", "pydantic", "pint", "jinja2", "fmpy", "emcas_fmu.actuators.declaration")
@@ -167,9 +167,9 @@ def test_compiling_a_kernel_is_announced(tmp_path: Path, monkeypatch: pytest.Mon
             assert "compiling the actuator elastic" in capsys.readouterr().err  # before the wait, not after it
             return b"library"
 
-    monkeypatch.setattr(compiled, "cache_directory", lambda: tmp_path)
+    monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
     with common.failures():
-        target = compiled._compile(Fake(), {}, PLATFORMS["linux64"], "x", "elastic")  # type: ignore[arg-type]
+        target = library._compile(Fake(), PLATFORMS["linux64"], "x", "elastic", 1)  # type: ignore[arg-type]
     assert target.read_bytes() == b"library"
 
 

@@ -16,8 +16,9 @@ from ...parameters import ParameterSet
 from ...progress import Progress, silent
 from ...reference.linear import obstacle
 from . import capability, final_values, frequency, locus, steps, sweep, thesis
-from .linear import ROUNDING, Array, LinearActuator, System, cleared, decays, largest_pole, sound
+from .linear import LinearActuator, sound
 from .modes import Modes, load_rod, modes_at, thesis_modes
+from .systems import ROUNDING, Array, System, cleared, decays, largest_pole
 
 # Swept to this many times the linear bandwidth, to show what the gain does beyond it.
 _BEYOND = 3.0

@@ -13,7 +13,8 @@ from typing import Any
 
 from ...actuators import NONLINEAR, capabilities, get
 from ...reference.cases import LOAD
-from .linear import LinearActuator, cleared, largest_pole
+from .linear import LinearActuator
+from .systems import cleared, largest_pole
 
 COMMAND = 1.0  # deg; the load is that of the thesis's Table 2
 

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf, nan, pi
-from typing import Any
 
-import control as ct
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from ...bench.metrics import FrequencyResponse
-from .linear import Array, System
+from .systems import Array, System
 
 LOWEST = 1e-3  # Hz
 _PER_DECADE = 500
+_PARTS, _CUTS = np.linspace(0.0, 1.0, 33), 11  # of the distance of two frequencies, to rounding
 
 
 def frequencies(highest: float, lowest: float = LOWEST) -> Array:
@@ -30,8 +31,10 @@ def highest(system: System) -> float:
 
 def evaluate(system: System, frequency: Array) -> Array:
     """Return the complex response of a system with one input and output at frequencies [Hz]; shape of `frequency`."""
-    omega = 2j * pi * np.asarray(frequency)
-    response: Array = system(np.exp(omega * system.dt) if system.dt else omega)
+    at = 2j * pi * np.asarray(frequency)
+    at = np.exp(at * system.dt) if system.dt else at
+    states = np.linalg.solve(at[..., None, None] * np.eye(system.nstates) - system.A, system.B)
+    response: Array = (system.C @ states + system.D)[..., 0, 0]
     return response
 
 
@@ -80,15 +83,23 @@ class Margins:
 
 
 def margins(loop: System, grid: Array | None = None) -> Margins:
-    """Return the margins of a loop transfer function L, by its exact frequency response and python-control.
+    """Return the margins of a loop transfer function L, by its exact frequency response.
 
-    `grid` are frequencies [Hz] to look between, fine ones unless given.
+    `grid` are frequencies [Hz] to look between, fine ones unless given: by cubic splines of L.
     """
     grid = frequencies(highest(loop)) if grid is None else grid
-    values = evaluate(loop, grid)
-    data: Any = ct.frd(values, 2.0 * pi * grid, smooth=True)
-    gains, phases, _, at_180, at_one, _ = ct.stability_margins(data, returnall=True)
-    phases, hertz = np.radians(phases), 1.0 / (2.0 * pi)
+    return margins_of(evaluate(loop, grid), grid)
+
+
+def margins_of(response: Array, grid: Array) -> Margins:
+    """Return the margins of a loop from its response at frequencies [Hz]."""
+    omega = 2.0 * pi * grid
+    between = CubicSpline(omega, response)
+    behind, larger = np.angle(-response), np.abs(response) - 1.0
+    at_180 = _crossings(lambda w: np.angle(-between(w)), omega, behind, response.real <= 0.0)
+    at_one = _crossings(lambda w: np.abs(between(w)) - 1.0, omega, larger)
+    gains, phases = 1.0 / np.abs(between(at_180)), np.angle(-between(at_one))
+    hertz = 1.0 / (2.0 * pi)
     # The first crossing met as the gain grows, and as the phase lags or leads, of those there are.
     gain, at_gain = min(((g, at) for g, at in zip(gains, at_180, strict=True) if g > 1.0), default=(inf, nan))
     phase, at_phase = min(zip(phases, at_one, strict=True), key=lambda pair: abs(pair[0]), default=(inf, nan))
@@ -97,4 +108,17 @@ def margins(loop: System, grid: Array | None = None) -> Margins:
         reduction=float(np.max(gains[gains < 1.0], initial=0.0)),
         phase=float(phase), gain_crossover=float(at_phase) * hertz,
         delay=float(np.min(np.remainder(phases, 2.0 * pi) / at_one, initial=inf)),
-        modulus=float(np.min(np.abs(1.0 + values))))
+        modulus=float(np.min(np.abs(1.0 + response))))
+
+
+def _crossings(level: Callable[[Array], Array], omega: Array, on_grid: Array, where: Array | None = None) -> Array:
+    """Return where a level passes 0 between the points of a grid, of those `where` it is looked for; to rounding."""
+    changes = np.diff(np.sign(on_grid)) != 0.0
+    (at,) = np.nonzero(changes if where is None else changes & where[:-1])
+    low, high, sign = omega[at], omega[at + 1], np.sign(on_grid[at])
+    rows = np.arange(len(at))
+    for _ in range(_CUTS):
+        points = low[:, None] + (high - low)[:, None] * _PARTS
+        first = np.argmax(np.sign(level(points[:, 1:])) != sign[:, None], axis=1)
+        low, high = points[rows, first], points[rows, first + 1]
+    return 0.5 * (low + high)

@@ -11,7 +11,8 @@ from ...actuators import get
 from ...errors import EmcasError, hint
 from ...parameters import ParameterSet
 from .frequency import continuous_poles
-from .linear import Array, LinearActuator
+from .linear import LinearActuator
+from .systems import Array
 
 _POINTS = 81
 _DECADES = 1.0

@@ -14,10 +14,10 @@ from ...reference.cases import LOAD
 from . import final_values
 from .analyse import Analysis, ClosedLoop
 from .frequency import continuous_poles
-from .linear import System
 from .modes import Modes
 from .pictures import drawings, unseen
 from .sweep import LIMITS
+from .systems import System
 
 
 def figures(analysis: Analysis) -> dict[str, Any]:

@@ -19,9 +19,9 @@ from ...bench.metrics import FrequencyResponse
 from ...plots import LIMIT, Drawing
 from . import frequency
 from .analyse import Analysis
-from .linear import System
 from .steps import STOP
 from .sweep import LIMITS
+from .systems import System
 
 Look = dict[str, Any]
 """How a line is drawn, by matplotlib's names."""

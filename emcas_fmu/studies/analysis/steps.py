@@ -13,7 +13,8 @@ import numpy as np
 from ...bench.metrics import StepMetrics, step_metrics
 from ...reference.linear import LinearModel
 from ...simulation import simulate
-from .linear import Array, LinearActuator
+from .linear import LinearActuator
+from .systems import Array
 
 SIZES = (1.0, 3.0, 10.0, 20.0)  # deg
 STOP = 0.6  # s, past the settling of the slowest step
@@ -48,7 +49,7 @@ def compare(values: Mapping[str, Any], linear: LinearActuator, size: float, thes
     at, period = linear.point.fin_angle, linear.period
     time = np.arange(round(STOP / period) + 1) * period
     command = np.full(len(time), radians(size))
-    angle = ct.forced_response(linear.command_to_angle, time, command).outputs
+    angle = np.asarray(ct.forced_response(linear.command_to_angle, time, command).outputs)
     torque = linear.point.aero_torque
     lead = round(_CARRY / period) if torque else 0
     held = np.full(lead + len(time), at)

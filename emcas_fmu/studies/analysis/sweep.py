@@ -25,7 +25,7 @@ from ...physics import drive
 from ...progress import Progress, silent
 from ...simulation import simulate
 from .frequency import of_ratio
-from .linear import Array
+from .systems import Array
 
 AMPLITUDES = (0.1, 0.3, 1.0, 2.0, 3.5, 6.0, 10.0, 15.0, 20.0)  # deg
 LIMITS = ("rate", "current", "voltage", "dac")

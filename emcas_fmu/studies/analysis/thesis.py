@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...reference.linear import LinearModel
-from .linear import System, moving, waiting, wire
+from .systems import System, moving, waiting, wire
 
 
 def closed(values: Mapping[str, Any]) -> System:

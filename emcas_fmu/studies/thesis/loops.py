@@ -149,7 +149,8 @@ def requirements(runs: Runs) -> Shown:
     study = shipped_study(runs.parameters)
     asked = tuple(r for r in study.requirements if r.test.kind != "linear")  # margins need more packages
     gains = {t.name: float(runs.values[t.name]) for t in study.tunables}
-    nominal = evaluate(replace(study, cases=study.cases[:1], requirements=asked), gains).by_requirement()
+    (judged,) = evaluate(replace(study, cases=study.cases[:1], requirements=asked), [gains])
+    nominal = judged.by_requirement()
     rows = []
     for r in asked:
         if r.name in nominal:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from math import isnan, nan
+from math import isnan
 from pathlib import Path
 
-from ...bench.subject import ParameterSubject, StoppedError
-from ...parameters import ParameterError
+from ...bench.subject import ParameterSubject
 from .measure import measure
 from .study import Requirement, Study, StudyError
 
@@ -72,25 +71,27 @@ def share(requirement: Requirement, measured: float) -> float:
     return min(ratio, HOPELESS)
 
 
-def evaluate(study: Study, gains: Mapping[str, float]) -> Evaluation:
-    """Judge every requirement in every case.
+def evaluate(study: Study, gains: Sequence[Mapping[str, float]]) -> list[Evaluation]:
+    """Judge every requirement in every case, for each of several gains; none depends on what it is judged beside.
 
     Hopeless are responses that cannot be computed, and gains that break a rule of the actuator.
     """
-    subject, judgements = ParameterSubject(study.base), []
-    for case in study.cases:
-        changes = {**case.values, **gains}
-        in_case = [r for r in study.requirements if case.name in r.cases]
-        for test, group in groupby(sorted(in_case, key=lambda r: repr(r.test)), key=lambda r: r.test):
-            requirements = list(group)
-            try:
-                figures = measure(test, subject, changes, tuple(r.figure for r in requirements),
-                                  tuple(r.sense for r in requirements))
-            except (StoppedError, ParameterError, ArithmeticError):
-                figures = [nan] * len(requirements)
-            judgements += [Judgement(r.name, case.name, float(measured), float(share(r, measured)))
-                           for r, measured in zip(requirements, figures, strict=True)]
-    return Evaluation(dict(gains), tuple(judgements))
+    subject, names = ParameterSubject(study.base), [case.name for case in study.cases]
+    judged: dict[tuple[int, str], list[Judgement]] = {(k, name): [] for k in range(len(gains)) for name in names}
+    ordered = sorted(study.requirements, key=lambda r: repr(r.test))
+    for test, group in groupby(ordered, key=lambda r: r.test):
+        requirements = list(group)
+        units = [(k, case) for k in range(len(gains)) for case in study.cases
+                 if any(case.name in r.cases for r in requirements)]
+        if not units:
+            continue
+        measured = measure(test, subject, [{**case.values, **gains[k]} for k, case in units],
+                           tuple(r.figure for r in requirements), tuple(r.sense for r in requirements))
+        for (k, case), figures in zip(units, measured.tolist(), strict=True):
+            judged[k, case.name] += [Judgement(r.name, case.name, figure, share(r, figure))
+                                     for r, figure in zip(requirements, figures, strict=True) if case.name in r.cases]
+    return [Evaluation(dict(each), tuple(judgement for name in names for judgement in judged[k, name]))
+            for k, each in enumerate(gains)]
 
 
 class Journal:

@@ -5,19 +5,22 @@ Steps and slews are made both ways; a figure is the worse of the two.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
-from math import ceil, nan
-from typing import Any
+from functools import lru_cache
+from math import isnan, nan
+from typing import Any, TypeVar
 
 import numpy as np
 
 from ...actuators import capabilities, require
-from ...bench.excitation import COMMAND, LOAD, SETTLE, Excitation, sine, slew_to, step_to
-from ...bench.metrics import FIGURES, MOTION, USAGE, fundamental, motion, usage
-from ...bench.subject import ParameterSubject, Run
-from ...parameters import ParameterSet
+from ...bench.excitation import COMMAND, LOAD, SETTLE, STEP, Excitation, sine, slew_to, step_to
+from ...bench.metrics import FIGURES, MOTION, USAGE, fundamental_weights, motion, usage
+from ...bench.subject import ParameterSubject, Run, Runs
+from ...parameters import ParameterError, ParameterSet
+from ...simulation import Array
+
+T = TypeVar("T")
 
 _MARGINS = ("gain_margin", "phase_margin", "delay_margin")
 _BANDWIDTHS = ("bandwidth_3db", "bandwidth_90deg")
@@ -53,21 +56,29 @@ def lacking(test: Test, figure: str, subject: ParameterSubject) -> str:
     return subject.lacking(FIGURES[figure].needs)
 
 
-def measure(test: Test, subject: ParameterSubject, changes: Mapping[str, Any], figures: tuple[str, ...],
-            senses: tuple[str, ...]) -> list[float]:
-    """Return figures of a test, SI, the worse of both directions by the sense of their limits; nan where there is none.
+def measure(test: Test, subject: ParameterSubject, changes: Sequence[Mapping[str, Any]], figures: Sequence[str],
+            senses: Sequence[str]) -> Array:
+    """Return figures of a test [changes, figures], SI, the worse of both directions by the sense of their limits.
 
-    `changes` are parameters that differ from the subject's. Figures that only some limits need are only then computed.
-    Raises StoppedError for a response that cannot be computed.
+    `changes` are parameters that differ from the subject's, for each unit that is tested; what is measured of one does
+    not depend on the others. nan where there is none, and in every figure of a unit whose response cannot be computed.
     """
     if test.kind == "linear":
-        margins = _margins(subject.parameters, changes)
-        return [margins[name] for name in figures]
+        margins = [_margins(subject.parameters, each) for each in changes]
+        return np.array([[each[name] for name in figures] for each in margins])
     if test.kind == "sine":
         return _bandwidths(test, subject, changes, figures)
-    sides = [_moved(response(test, subject, changes, sign), figures) for sign in (1.0, -1.0)]
-    return [float((np.max if sense == "maximum" else np.min)([side[name] for side in sides]))
-            for name, sense in zip(figures, senses, strict=True)]
+    outputs = tuple(dict.fromkeys(name for figure in (*MOTION, *figures) for name in FIGURES[figure].needs))
+    sides = [_moved(subject.run_all(_motion(test, sign), columns(subject, changes), outputs)) for sign in (1.0, -1.0)]
+    worse = {"maximum": np.maximum, "minimum": np.minimum}
+    return np.column_stack([worse[sense](*(side[name] for side in sides))
+                            for name, sense in zip(figures, senses, strict=True)])
+
+
+def columns(subject: ParameterSubject, changes: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
+    """Return parameters that differ from the subject's in some of the units, for each name the values in all."""
+    names = dict.fromkeys(name for each in changes for name in each)
+    return {name: np.array([each.get(name, subject.values[name]) for each in changes]) for name in names}
 
 
 def response(test: Test, subject: ParameterSubject, changes: Mapping[str, Any], sign: float = 1.0) -> Run:
@@ -87,38 +98,73 @@ def _motion(test: Test, sign: float) -> Excitation:
     return step_to(level, test.duration).holding({LOAD: torque})
 
 
-def _moved(run: Run, figures: tuple[str, ...]) -> dict[str, float]:
-    run.finished()
-    if not run.excitation.moves:
-        return usage(run)
-    moved = motion(run, -1)
-    if not set(figures) <= set(MOTION):
-        moved = usage(run) | moved
-    return moved | {"steady_error": abs(moved["steady_error"])}
+def _moved(runs: Runs) -> dict[str, Array]:
+    """Return the figures of steps, slews or loads."""
+    places, finished = runs.finished()
+    figures = usage(finished)
+    if finished.excitation.moves:
+        figures |= motion(finished, -1)
+        figures["steady_error"] = np.abs(figures["steady_error"])
+    return {name: _among(runs, places, values) for name, values in figures.items()}
 
 
-def _bandwidths(test: Test, subject: ParameterSubject, changes: Mapping[str, Any],
-                figures: tuple[str, ...]) -> list[float]:
-    """Return the frequencies where gain and lag pass their levels, by bisection of the describing function."""
-    @cache
-    def at(frequency: float) -> complex:
-        return describing_function(subject, changes, test.amplitude, frequency)
-
-    levels: dict[str, Callable[[complex], float]] = {
-        "bandwidth_3db": lambda h: abs(h) - 10.0 ** (-3.0 / 20.0),
-        "bandwidth_90deg": lambda h: h.real,  # a servo's lag grows from none: it is 90 deg where this first vanishes
-    }
-    return [_crossing(levels[name], at) for name in figures]
+def _among(runs: Runs, places: Array, values: Any) -> Array:
+    """Return values of the runs at these places among nan for the others."""
+    every = np.full(len(runs), nan, dtype=np.result_type(values))
+    every[places] = values
+    return every
 
 
-def _crossing(level: Callable[[complex], float], response_at: Callable[[float], complex]) -> float:
+def _bandwidths(test: Test, subject: ParameterSubject, changes: Sequence[Mapping[str, Any]], figures: Sequence[str]
+                ) -> Array:
+    """Return the frequencies where gain and lag pass their levels, by bisection of the describing function.
+
+    Every unit follows its own bisection; what they all ask for next is simulated together.
+    """
+    found, searches = np.full((len(changes), len(figures)), nan), [_search(figures) for _ in changes]
+    asked = {unit: next(search) for unit, search in enumerate(searches)}
+    while asked:
+        responses = describing_function(subject, [changes[unit] for unit in asked], test.amplitude,
+                                        list(asked.values()))
+        for unit, response in zip(list(asked), responses.tolist(), strict=True):
+            if isnan(abs(response)):
+                del asked[unit]
+                continue
+            try:
+                asked[unit] = searches[unit].send(response)
+            except StopIteration as end:
+                found[unit] = end.value
+                del asked[unit]
+    return found
+
+
+_LEVELS: Mapping[str, Callable[[complex], float]] = {
+    "bandwidth_3db": lambda h: abs(h) - 10.0 ** (-3.0 / 20.0),
+    "bandwidth_90deg": lambda h: h.real,  # a servo's lag grows from none: it is 90 deg where this first vanishes
+}
+_Asking = Generator[float, complex, T]  # frequencies [Hz], for the responses there, before it returns a T
+
+
+def _search(figures: Sequence[str]) -> _Asking[list[float]]:
+    """Return where gain and lag pass their levels, asking once for each frequency."""
+    known: dict[float, complex] = {}
+
+    def at(frequency: float) -> _Asking[complex]:
+        if frequency not in known:
+            known[frequency] = yield frequency
+        return known[frequency]
+
+    crossings = []
+    for name in figures:
+        crossings.append((yield from _crossing(_LEVELS[name], at)))
+    return crossings
+
+
+def _crossing(level: Callable[[complex], float], at: Callable[[float], _Asking[complex]]) -> _Asking[float]:
     """Return where a level that is positive at low frequency first falls to zero; the highest looked at if nowhere."""
-    def margin(frequency: float) -> float:
-        return level(response_at(frequency))
-
     low = _LOWEST
     for high in np.geomspace(_LOWEST, _HIGHEST, 12).tolist():
-        if margin(high) <= 0.0:
+        if level((yield from at(high))) <= 0.0:
             break
         low = high
     else:
@@ -127,19 +173,36 @@ def _crossing(level: Callable[[complex], float], response_at: Callable[[float], 
         return _LOWEST
     for _ in range(6):  # to 2 parts in 1000
         middle = (low * high) ** 0.5
-        low, high = (middle, high) if margin(middle) > 0.0 else (low, middle)
+        low, high = (middle, high) if level((yield from at(middle))) > 0.0 else (low, middle)
     return float((low * high) ** 0.5)
 
 
-def describing_function(subject: ParameterSubject, changes: Mapping[str, Any], amplitude: float,
-                        frequency: float) -> complex:
-    """Return the fundamental of the fin angle over a sine command of `amplitude` [rad] at a `frequency` [Hz]."""
-    cycles = ceil(max(_CYCLES / frequency, _FITTED) * frequency)
-    columns = subject.run(sine(amplitude, frequency, cycles, _TRANSIENT), changes, ("fin_angle",)).finished()
+def describing_function(subject: ParameterSubject, changes: Sequence[Mapping[str, Any]], amplitude: float,
+                        frequency: Sequence[float]) -> Array:
+    """Return the fundamental of the fin angle over a sine command of `amplitude` [rad], for each unit at its frequency
+    [Hz]; nan where the response cannot be computed."""
+    at = np.array(frequency)
+    cycles = np.ceil(np.maximum(_CYCLES / at, _FITTED) * at)
+    runs = subject.run_all(sine(amplitude, at, cycles, _TRANSIENT), columns(subject, changes), ("fin_angle",))
+    places, finished = runs.finished()
+    fundamentals = [_fundamental(*each) for each in zip(
+        finished.columns["fin_angle"], at[places].tolist(), cycles[places].tolist(), strict=True)]
+    return _among(runs, places, 1j * np.array(fundamentals, dtype=complex) / amplitude)
+
+
+def _fundamental(angle: Array, frequency: float, cycles: float) -> complex:
+    """Return the fundamental of the last cycles of a sine of fin angles at the rows."""
+    first, weights = _weights(frequency, cycles)
+    return complex(weights @ angle[first:first + len(weights)])
+
+
+@lru_cache(maxsize=1024)  # all bisections are between the same frequencies
+def _weights(frequency: float, cycles: float) -> tuple[int, Array]:
+    """Return the first row that is fitted, and the weights of those that are."""
     begin = max(_TRANSIENT[0] / frequency, _TRANSIENT[1])
-    fitted = (columns["time"] >= begin) & (columns["time"] <= begin + cycles / frequency)
-    angle = fundamental(columns["time"][fitted], columns["fin_angle"][fitted], frequency, drift=False)
-    return 1j * angle / amplitude
+    time = np.arange(round((begin + cycles / frequency) / STEP) + 1) * STEP
+    fitted = (time >= begin) & (time <= begin + cycles / frequency)
+    return int(np.argmax(fitted)), fundamental_weights(time[fitted], frequency, drift=False)
 
 
 def _margins(parameters: ParameterSet, changes: Mapping[str, Any]) -> dict[str, float]:
@@ -148,7 +211,10 @@ def _margins(parameters: ParameterSet, changes: Mapping[str, Any]) -> dict[str, 
     from ..analysis.linear import LinearActuator, sound
 
     plain = sound(parameters)
-    linear = LinearActuator({**plain.values, **plain.having(changes)}, model=plain.model)
+    try:
+        linear = LinearActuator({**plain.values, **plain.having(changes)}, model=plain.model)
+    except (ParameterError, ArithmeticError):
+        return dict.fromkeys(_MARGINS, nan)
     if not linear.stable:
         return dict.fromkeys(_MARGINS, nan)
     loop = linear.loop("reference")

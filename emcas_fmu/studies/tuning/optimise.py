@@ -7,7 +7,8 @@ import signal
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import exp, log
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
@@ -19,14 +20,19 @@ from scipy.optimize import differential_evolution, minimize
 
 from ...parameters import ParameterSet
 from ...progress import Progress, silent
+from ...runtime import compiled
 from .evaluate import Evaluation, Journal, evaluate
-from .study import Study
+from .study import Case, Study
 
 # Gains are given with as many digits as a person would set.
 _DIGITS = 3
 _POPULATION = 12  # individuals for each tunable
 _LOCAL = 60  # evaluations for each tunable
+_TOGETHER = 16  # sets of gains at once, at most: many enough for vectors, and few to lose where a run is killed
 _SLACK = 0.03  # of a limit, within which a requirement binds as the worst does
+
+Gains = Mapping[str, float]
+_Evaluator = Callable[[list[Gains]], Iterable[list[Evaluation]]]
 
 
 @dataclass(frozen=True)
@@ -130,7 +136,7 @@ class _Search:
         self._names = [t.name for t in study.tunables]
         self._journal, self._progress = journal, progress
         self._done, self._total = 0, generations + 1
-        self.evaluator: Callable[[list[dict[str, float]]], Iterable[Evaluation]] = lambda _: ()
+        self.evaluator: _Evaluator = lambda _: ()
         self.history: list[float] = []
         self._best: Evaluation | None = None
 
@@ -139,17 +145,17 @@ class _Search:
         assert self._best is not None
         return self._best
 
-    def all(self, gains: list[dict[str, float]]) -> list[Evaluation]:
+    def all(self, gains: list[Gains]) -> list[Evaluation]:
         missing = {tuple(g.values()): g for g in gains if self._journal.find(g) is None}
-        for evaluation in self.evaluator(list(missing.values())):
-            self._journal.add([evaluation])
+        for several in self.evaluator(list(missing.values())):
+            self._journal.add(several)
         evaluations = [e for e in map(self._journal.find, gains) if e is not None]
         self._best = min([*([self._best] if self._best else []), *evaluations], key=lambda e: e.objective)
         return evaluations
 
     def objectives(self, points: list[Any]) -> list[float]:
         # Ten digits: a journal holds what was evaluated, not a rounding error beside it.
-        gains = [{n: float(f"{exp(v):.10g}") for n, v in zip(self._names, x, strict=True)} for x in points]
+        gains: list[Gains] = [{n: float(f"{exp(v):.10g}") for n, v in zip(self._names, x, strict=True)} for x in points]
         return [e.objective for e in self.all(gains)]
 
     def note(self, stage: str, generations: int = 0) -> None:
@@ -172,23 +178,41 @@ def _begin(study: Study) -> None:
         Thread(target=lambda: (wait([parent.sentinel]), os._exit(1)), daemon=True).start()
 
 
-def _one(gains: dict[str, float]) -> Evaluation:
+def _part(gains: Sequence[Gains], cases: Sequence[Case]) -> list[Evaluation]:
     assert _study is not None
-    return evaluate(_study, gains)
+    return evaluate(replace(_study, cases=tuple(cases)), gains)
+
+
+def _parted(gains: Sequence[Gains], study: Study, workers: int) -> Iterator[tuple[Sequence[Gains], Any]]:
+    """Return gains in parts, each with the groups of cases that as many workers judge at the same time."""
+    together = _TOGETHER if compiled.available(study.base.model) else 1  # in Python nothing is gained
+    size = min(together, -(-len(gains) // workers) or 1)
+    groups = 1 if len(gains) > 1 else min(workers, len(study.cases))
+    ends = [len(study.cases) * k // groups for k in range(groups + 1)]
+    for first in range(0, len(gains), size):
+        yield gains[first:first + size], [study.cases[low:high] for low, high in pairwise(ends)]
 
 
 @contextmanager
-def _pool(study: Study, workers: int) -> Iterator[Callable[[list[dict[str, float]]], Iterable[Evaluation]]]:
-    """Evaluate lists of gains, in worker processes if there is more than one."""
+def _pool(study: Study, workers: int) -> Iterator[_Evaluator]:
+    """Evaluate lists of gains part by part, in worker processes if there is more than one."""
     if workers <= 1:
-        yield lambda gains: (evaluate(study, g) for g in gains)
+        yield lambda gains: (evaluate(study, part) for part, _ in _parted(gains, study, 1))
         return
     executor = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_begin, initargs=(study,))
+
+    def by_workers(gains: list[Gains]) -> Iterator[list[Evaluation]]:
+        parts = [[executor.submit(_part, part, cases) for cases in groups]
+                 for part, groups in _parted(gains, study, workers)]
+        for futures in parts:
+            yield [Evaluation(of[0].gains, tuple(j for each in of for j in each.judgements))
+                   for of in zip(*(future.result() for future in futures), strict=True)]
+
     try:
         with _interrupts_held():
             for _ in range(workers):  # each starts a process, if the first does not start all
                 executor.submit(int)
-        yield lambda gains: executor.map(_one, gains)
+        yield by_workers
     finally:
         executor.shutdown(wait=True, cancel_futures=True)
 

@@ -1,0 +1,88 @@
+"""A plant at rest, and linear about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import control as ct
+import numpy as np
+
+from .smooth import OUTPUTS, Traced
+from .systems import Array, System, measured
+from .systems import sampled as sampled_plant
+
+_ITERATIONS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class LinearPlant:
+    """A plant's ``states`` at rest, the ``reference`` that keeps it there, its ``outputs`` (OUTPUTS), the largest
+    ``residual`` of its rates, and the ``scale`` of what a reference does to them; ``continuous`` is linear about it,
+    and ``voltage`` is how a motor's depends on its states."""
+
+    states: Array
+    reference: float
+    outputs: Array
+    residual: float
+    scale: float
+    continuous: System
+    voltage: Array
+
+    @lru_cache(maxsize=64)  # noqa: B019 - plants are few, and kept by linear_plant
+    def sampled(self, period: float, whole: int, rest: float) -> System:
+        """Return the plant at the samples, with the delay; see `systems.sampled`."""
+        return sampled_plant(self.continuous, period, whole, rest)
+
+
+@lru_cache(maxsize=64)
+def linear_plant(traced: Traced, start: tuple[float, ...], held: tuple[float, ...], gains: tuple[float, ...],
+                 fin_angle: float, aero_torque: float) -> LinearPlant:
+    """Return a plant at rest at a fin angle [rad] under a hinge moment [N.m]; it is looked for from `start` on, and the
+    sampled states stay as `held`."""
+    count, begin = len(start), np.array(start)
+    names = traced.states
+
+    def at(states: Array, reference: float) -> tuple[Array, Array]:
+        return traced.plant([*states, reference, aero_torque, *held], gains)
+
+    # States that stand still, such as an integral without a gain, are no modes; those that move alike are one.
+    rows = [tuple(row) for row in at(begin, 0.0)[1][:count]]
+    groups = {row: [i for i, other in enumerate(rows) if other == row] for row in rows if any(row)}
+    spread = np.array([[float(i in group) for group in groups.values()] for i in range(count)])
+    used = [group[0] for group in groups.values()]
+    size, fin = len(used), count + OUTPUTS.index("fin_angle")
+
+    def balance(unknown: Array) -> tuple[Array, Array]:
+        values, slopes = at(begin + spread @ unknown[:size], unknown[size])
+        rows = [*used, fin]
+        return (values[rows] - np.append(np.zeros(size), fin_angle),
+                np.column_stack([slopes[rows, :count] @ spread, slopes[rows, count]]))
+
+    solution = solve(balance, np.zeros(size + 1))
+    reference, rest = float(solution[size]), begin + spread @ solution[:size]
+    residual, slopes = balance(solution)
+    scale = np.max(np.abs(slopes[:size, size])) * max(abs(reference), 1.0)
+    values, slopes = at(rest, reference)
+    c = np.vstack([spread, slopes[fin, :count] @ spread])
+    inputs = ["reference", "aero_torque", *traced.sampled]
+    continuous = ct.ss(
+        slopes[used, :count] @ spread, slopes[used, count:], c, np.zeros((count + 1, len(inputs))), inputs=inputs,
+        outputs=[*map(measured, names), "fin_angle"], states=[names[i] for i in used])
+    return LinearPlant(rest, reference, values[count:], float(np.max(np.abs(residual))), float(scale), continuous,
+                       slopes[count + OUTPUTS.index("motor_voltage"), :count] @ spread)
+
+
+def solve(equations: Callable[[Array], tuple[Array, Array]], guess: Array) -> Array:
+    """Return what solves equations, given with their Jacobian, by Newton's method; least squares where they are not
+    independent. One in which no unknown acts is left as it is: it may have a residual of rounding."""
+    for _ in range(_ITERATIONS):
+        values, slopes = equations(guess)
+        rows = np.max(np.abs(slopes), axis=1, initial=0.0)
+        rows[rows == 0.0] = 1.0
+        change = np.linalg.lstsq(slopes / rows[:, None], -values / rows, rcond=None)[0]
+        guess = guess + change
+        if np.all(np.abs(change) <= 1e-13 * (1.0 + np.abs(guess))):
+            break
+    return guess

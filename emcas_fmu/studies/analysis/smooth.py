@@ -1,0 +1,125 @@
+"""An actuator's equations without quantisation and limits, as functions with exact Jacobians.
+
+They are traced once for all values of the gains, which searches and loci change a thousand times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from math import nan
+from typing import Any
+
+import casadi as ca
+
+from ...actuators import get
+from ...actuators.declaration import Actuator, identifier
+from ...namespace import Record
+from ...ops.base import Value
+from ...ops.floats import FLOATS
+from ...ops.symbols import Linearised, SymbolOps
+from ...physics import loads
+from .systems import Array
+
+OUTPUTS = ("fin_angle", "motor_angle", "motor_current", "motor_voltage")
+"""What a plant gives after the rates of its states."""
+_GAIN = "gain"
+
+
+class _Fine(SymbolOps):
+    """Symbols without quantisation and limits: counts are no whole numbers, and nothing that moves is clipped."""
+
+    @staticmethod
+    def floor(x: Value) -> Value:
+        return x
+
+    @staticmethod
+    def clip(x: Value, low: Value, high: Value) -> Value:
+        moves = isinstance(x, ca.SX) and any(not each.name().startswith(_GAIN) for each in ca.symvar(x))
+        return x if moves else SymbolOps.clip(x, low, high)
+
+
+FINE = _Fine()
+
+
+class Equations:
+    """Plant and sampled controllers as functions of states and what acts on them; `p` are the parameters of flat
+    `values`, numbers or symbols, and the command is for a fin angle [rad]."""
+
+    def __init__(self, actuator: Actuator, values: Mapping[str, Any], p: Any, fin_angle: float) -> None:
+        self._actuator, self._values, self._p, self._at = actuator, values, p, fin_angle
+        self.states = [s.name for s in actuator.states]
+        self.sampled = [s.name for s in actuator.sampled_states]
+        self.kept = [*(s.name for s in actuator.controller_states), *self.sampled]
+        self._supply = self._started(actuator.supply.input) if actuator.supply else 0.0
+
+    def _started(self, variable: Any) -> Any:
+        return self._values[variable.key] if variable.key else variable.start or 0.0
+
+    def start(self) -> list[Value]:
+        """Return the states at the start, then what the controllers keep, of `states` and `kept`."""
+        begun = self._actuator.start(FINE, self._p, self._at)
+        return [begun[name] for name in (*self.states, *self.kept)]
+
+    def acting(self, reference: Value, aero_torque: Value, sampled: Sequence[Value]) -> Record:
+        """Return what acts on the plant; inputs that are not named are at their start values."""
+        return Record(
+            reference=reference, **vars(loads.level(FLOATS, self._p, aero_torque)), supply=self._supply, enabled=True,
+            rated_current_limit=None, command=self._at, sampled_reference=reference, measured_fin_angle=self._at,
+            limited=0.0, **{identifier(v.name): self._started(v) for v in self._actuator.acting_inputs},
+            **dict(zip(self.sampled, sampled, strict=True)))
+
+    def plant(self, *arguments: Value) -> list[Value]:
+        """Return the states' rates and OUTPUTS under states, reference, hinge moment [N.m] and sampled states."""
+        x = Record(**dict(zip(self.states, arguments, strict=False)))
+        reference, aero_torque, *sampled = arguments[len(self.states):]
+        u = self.acting(reference, aero_torque, sampled)
+        outputs = self._actuator.output_values(FINE, self._p, x, u)
+        return [*self._actuator.rates(FINE, self._p, x, u).values(), *(outputs.get(name, nan) for name in OUTPUTS)]
+
+    def controllers(self, *arguments: Value) -> list[Value]:
+        """Return what is kept after a sample, the reference, the measured angle [rad] and the sampled states, under
+        what was kept before, the plant's states and the command [rad]."""
+        *values, command = arguments
+        state = Record(**dict(zip((*self.kept, *self.states), values, strict=True)))
+        inputs = Record(command=command, position=self._actuator.position(FINE, self._p, state), supply=self._supply,
+                        enable=True, encoder_offset=None,
+                        **{identifier(v.name): self._started(v) for v in self._actuator.further_inputs})
+        after = self._actuator.commanded(FINE, self._p, state, inputs)
+        return [after[name] for name in (*self.kept, "reference", "measured_fin_angle", *self.sampled)]
+
+
+class Traced:
+    """The equations' values and Jacobians for any values of `gains`; `plant_varies` says whether the plant's do."""
+
+    def __init__(self, actuator: Actuator, fixed: Mapping[str, Any], gains: Sequence[str], fin_angle: float) -> None:
+        opened = ca.SX.sym(_GAIN, len(gains))
+        values = {**fixed, **dict(zip(gains, ca.vertsplit(opened), strict=True))}
+        equations = Equations(actuator, values, actuator.namespace(values), fin_angle)
+        begun = equations.start()
+        self._start = ca.Function("start", [opened], [ca.vertcat(*begun)])
+        self.states, self.sampled = equations.states, equations.sampled
+        count, sampled = len(self.states), len(self.sampled)
+        self.plant = Linearised(equations.plant, count + 2 + sampled, opened)
+        self.controllers = Linearised(equations.controllers, len(equations.kept) + count + 1, opened)
+        of_plant = ca.SX(ca.vertcat(*begun[:count], *begun[len(begun) - sampled:]))
+        self.plant_varies = self.plant.varies or bool(ca.depends_on(of_plant, opened))
+
+    def start(self, gains: Sequence[float]) -> Array:
+        """Return `Equations.start`."""
+        begun: Array = self._start(list(gains)).full().ravel()
+        return begun
+
+
+def gains_of(actuator: Actuator, values: Mapping[str, Any]) -> dict[str, float]:
+    """Return the controllers' gains, numbers that a host may change while it runs; without one that is 0, which is no
+    gain: its part of the equations is left out."""
+    names = [v.name for v in actuator.parameters
+             if v.kind == "Real" and v.variability == "tunable" and v.name.startswith("controller.")]
+    return {name: float(values[name]) for name in names if values[name]}
+
+
+@lru_cache(maxsize=64)
+def traced(model: str, fixed: tuple[tuple[str, Any], ...], gains: tuple[str, ...], fin_angle: float) -> Traced:
+    """Return the equations of an actuator whose other parameters are `fixed`, pairs of name and value."""
+    return Traced(get(model), dict(fixed), gains, fin_angle)

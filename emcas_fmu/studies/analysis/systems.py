@@ -1,0 +1,127 @@
+"""Linear systems of python-control: connecting, sampling and delaying them, their poles, and what stays hidden."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import control as ct
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm, matrix_balance, null_space
+
+Array = NDArray[Any]
+System = Any
+"""A control.StateSpace with named inputs and outputs."""
+# Of 1, a sample: poles are off by 1e-14 at most, and a mode that decays more slowly takes 1e10 samples, months.
+ROUNDING = 1e-10
+# Of the balanced system: rounding leaves 1e-15 of a hidden mode, and the weakest mode of shipped actuators has 7e-6.
+_HIDDEN = 1e-12
+_FAST = 0.5  # a mode that is gone after some samples changes no figure, and is hard to tell from a hidden one
+
+
+def measured(state: str) -> str:
+    """Return the label of a state at the samples; an output may have the same name as a state."""
+    return f"x_{state}"
+
+
+def waiting(samples: int, period: float) -> System:
+    """Return a delay of whole samples, from ``sent`` to ``arrived``."""
+    return ct.ss(np.eye(samples, k=-1), np.eye(samples, 1), np.eye(1, samples, k=samples - 1), 0.0, period,
+                 inputs=["sent"], outputs=["arrived"])
+
+
+def wire(blocks: Sequence[System], links: Sequence[tuple[str, str]], inputs: Sequence[str],
+         outputs: Sequence[str]) -> System:
+    """Connect blocks of one time base from output to input by name; return the system from `inputs` to `outputs`."""
+    whole = ct.append(*blocks)
+    ins = [label for one in blocks for label in one.input_labels]
+    outs = [label for one in blocks for label in one.output_labels]
+    connection = np.zeros((len(ins), len(outs)))
+    for out, into in links:
+        connection[ins.index(into), outs.index(out)] = 1.0
+    closed = whole.feedback(connection, 1)
+    columns, rows = [ins.index(name) for name in inputs], [outs.index(name) for name in outputs]
+    return ct.ss(closed.A, closed.B[:, columns], closed.C[rows], closed.D[np.ix_(rows, columns)], whole.dt,
+                 inputs=list(inputs), outputs=list(outputs))
+
+
+def moving(a: Array, b: Array, c: Array, d: Array, period: float, inputs: Sequence[str],
+           outputs: Sequence[str]) -> System:
+    """Return a sampled system without the states that never change, such as an integral without a gain."""
+    moves = np.any(a != np.eye(len(a)), axis=1) | np.any(b != 0.0, axis=1)
+    return ct.ss(a[np.ix_(moves, moves)], b[moves], c[:, moves], d, period, inputs=inputs, outputs=outputs)
+
+
+def sampled(plant: System, period: float, whole: int, rest: float) -> System:
+    """Return the plant at the sample times, its first input delayed by `whole` periods and `rest` [s], the others held.
+
+    The state is the plant's, then the values on their way, the newest first.
+    """
+    n, ins, waiting = len(plant.A), plant.ninputs, whole + (rest > 0.0)
+    joined = np.block([[plant.A, plant.B], [np.zeros((ins, n + ins))]])
+    before, after = expm(joined * rest), expm(joined * (period - rest))
+    free = after[:n, :n] @ before[:n, :n]
+    held = after[:n, :n] @ before[:n, n:] + after[:n, n:]
+    line = np.zeros((n, whole + 2))  # how values of the first input act, by the samples since
+    line[:, whole], line[:, whole + 1] = after[:n, n], after[:n, :n] @ before[:n, n]
+    a = np.block([[free, line[:, 1:1 + waiting]], [np.zeros((waiting, n)), np.eye(waiting, k=-1)]])
+    b = np.block([[line[:, :1], held[:, 1:]], [np.eye(waiting, 1), np.zeros((waiting, ins - 1))]])
+    c = np.hstack([plant.C, np.zeros((len(plant.C), waiting))])
+    return ct.ss(a, b, c, plant.D, period, inputs=plant.input_labels, outputs=plant.output_labels)
+
+
+def cleared(value: float, rounding: float) -> float:
+    """Return the value, 0 where it is no larger than rounding."""
+    return 0.0 if abs(value) <= rounding else value
+
+
+def largest_pole(system: System) -> float:
+    """Return the largest magnitude of a sampled system's poles."""
+    return float(np.max(np.abs(system.poles()), initial=0.0))
+
+
+def decays(system: System) -> bool:
+    """Return whether every mode of a sampled system decays, by more than rounding makes of a pole at 1."""
+    return largest_pole(system) < 1.0 - ROUNDING
+
+
+def shown(system: System) -> tuple[System, Array]:
+    """Return a system, with as many inputs as outputs, without its hidden modes, and their poles.
+
+    Hidden is a mode that no input reaches or no output shows, by the Popov-Belevitch-Hautus test on the system scaled
+    (Kailath, "Linear Systems", section 2.4). Sampled ones that are fast stay, and a system without others is returned
+    as it is.
+    """
+    count, sampled = len(system.A), bool(system.dt)
+    joined = np.block([[system.A, system.B], [system.C, np.eye(system.noutputs)]])
+    balanced, (scale, _) = matrix_balance(joined, permute=False, separate=True)
+    a, b, c = balanced[:count, :count], _even(balanced[:count, count:].T).T, _even(balanced[count:, :count])
+    least, basis, hidden = _HIDDEN * np.linalg.norm(a, 2), np.eye(count), []
+    poles = list(np.linalg.eigvals(a))
+    while poles:
+        pole = poles.pop()
+        if pole.imag < 0.0 or (sampled and abs(pole) < _FAST):
+            continue
+        shifted = a - pole * np.eye(len(a))
+        for pencil in (np.vstack([shifted, c]), np.vstack([shifted.T, b.T])):
+            _, sizes, modes = np.linalg.svd(pencil)
+            if sizes[-1] <= least:
+                mode = modes[-1].conj()
+                others = null_space(np.vstack([mode.real, mode.imag]), rcond=1e-6)
+                hidden += [pole, pole.conjugate()][:len(a) - others.shape[1]]
+                a, b, c, basis = others.T @ a @ others, others.T @ b, c @ others, basis @ others
+                poles = list(np.linalg.eigvals(a))
+                break
+    if not hidden:
+        return system, np.array([])
+    into = scale[:count, None] * basis
+    back = basis.T / scale[:count]
+    return ct.ss(a, back @ system.B, system.C @ into, system.D, system.dt,
+                 inputs=system.input_labels, outputs=system.output_labels), np.array(hidden)
+
+
+def _even(rows: Array) -> Array:
+    """Return rows of length 1, or of zeros."""
+    lengths: Array = np.linalg.norm(rows, axis=1, keepdims=True)
+    return rows / np.maximum(lengths, 1e-300)

@@ -1,0 +1,136 @@
+"""Actuators moved many at once, by vectors of every width this processor has: the bits of one at a time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from emcas_fmu.actuators import NAMES, NONLINEAR, get
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime import library
+from emcas_fmu.runtime.batch import Batch
+from emcas_fmu.runtime.compiled import Array, parameter_row, run_tables
+from tests.own_actuator.example import MODEL as DIRECT_DRIVE
+from tests.tools.test_every_actuator import TOGETHER
+
+WIDTHS = (4, 8)
+# The default actuator always; each of the others takes up to a minute to compile.
+MODELS = [NONLINEAR, *(pytest.param(model, marks=pytest.mark.slow)
+                       for model in (*(n for n in NAMES if n != NONLINEAR), DIRECT_DRIVE, *TOGETHER))]
+SEEDS = st.integers(0, 2**32 - 1)
+LARGEST = {"fin_command": 0.6, "aero_torque": 150.0}
+STEPS = (1e-3, 1e-3, 1e-3, 3.3e-4, 5e-5, 2.7e-3, 0.0)  # s: samples, and points inside ticks
+
+
+def widths(model: str) -> list[int]:
+    """Return the widths of vectors of this processor."""
+    return [width for width in WIDTHS if width <= library.loaded(model).actuator_lanes()]
+
+
+def varied(model: str, count: int, rng: np.random.Generator) -> Array:
+    """Return parameters [count, parameters] that differ by some percent, delays by more; all are sound."""
+    given = load_parameters(model=model)
+    row, parameters = parameter_row(given.values, model), get(model).parameters
+    sets = np.tile(row, (count, 1))
+    for k, variable in enumerate(parameters):
+        spread = 0.3 if "delay" in variable.name else 0.01
+        if variable.kind == "Real" and rng.random() < 0.3:
+            sets[:, k] *= rng.uniform(1.0 - spread, 1.0, count)
+    sound = run_tables(sets, [np.float64(v.initial(given.values)) for v in get(model).inputs], 1e-3, [], model)
+    sets[list(sound.failures)] = row
+    return sets
+
+
+def inputs(model: str, count: int, rng: np.random.Generator) -> dict[int, Any]:
+    """Return some of an actuator's inputs, by their place: a number for all, or a value for each."""
+    chosen: dict[int, Any] = {}
+    for place, variable in enumerate(get(model).inputs):
+        if rng.random() > (0.8 if variable.name in LARGEST else 0.15):
+            continue
+        size = None if rng.random() < 0.3 else count
+        if variable.kind == "Boolean":
+            chosen[place] = rng.random(size) < 0.8
+        elif variable.kind == "Integer":
+            chosen[place] = rng.integers(0, 3, size)
+        else:
+            start = variable.initial(load_parameters(model=model).values)
+            chosen[place] = start + rng.uniform(-1.0, 1.0, size) * LARGEST.get(variable.name, 0.5 * abs(start) + 1.0)
+    if rng.random() < 0.05:
+        chosen[1] = np.where(rng.random(count) < 0.2, 1e300, 0.0)  # more than can be followed
+    return chosen
+
+
+def moved(batch: Batch, end: float, chosen: dict[int, Any]) -> str:
+    """Move a batch; return what it says of actuators that cannot be followed."""
+    for place, value in chosen.items():
+        batch.hold(place, value)
+    try:
+        batch.run(end)
+    except ArithmeticError as error:
+        return str(error)
+    return ""
+
+
+@pytest.mark.parametrize("model", MODELS)
+@settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck))
+@given(seed=SEEDS, count=st.integers(1, 21))
+@example(seed=0, count=16)
+def test_a_batch_by_vectors_is_the_loop(model: str, seed: int, count: int) -> None:
+    """Whatever parameters, inputs and steps: all outputs to the bit, and the same actuators stop."""
+    rng = np.random.default_rng(seed)
+    sets = varied(model, count, rng) if rng.random() < 0.8 else varied(model, 1, rng)
+    batches = [Batch(sets, count, model, lanes=width) for width in (1, *widths(model))]
+    for batch in batches:
+        for place, variable in enumerate(get(model).inputs):
+            batch.hold(place, float(variable.initial(load_parameters(model=model).values)))
+    end = 0.0
+    for _ in range(60):
+        end += rng.choice(STEPS)
+        chosen = inputs(model, count, rng)
+        said = [moved(batch, end, chosen) for batch in batches]
+        assert len(set(said)) == 1, said
+        for batch in batches[1:]:
+            np.testing.assert_array_equal(batch.outputs, batches[0].outputs)
+
+
+@pytest.mark.parametrize("model", MODELS)
+@settings(max_examples=4, deadline=None, suppress_health_check=list(HealthCheck))
+@given(seed=SEEDS, count=st.integers(2, 21))
+def test_tables_by_vectors_are_the_loop(model: str, seed: int, count: int) -> None:
+    """Whole runs: those that stop, or whose parameters are refused, leave the others alone."""
+    rng = np.random.default_rng(seed)
+    sets, rows = varied(model, count, rng), 40
+    starts = [float(v.initial(load_parameters(model=model).values)) for v in get(model).inputs]
+    columns: list[Array] = [np.array(start) for start in starts]
+    for place, value in inputs(model, count, rng).items():
+        columns[place] = np.asarray(value, dtype=float) if np.ndim(value) == 0 else np.multiply.outer(
+            value, np.ones(rows))
+    columns[0] = np.cumsum(rng.uniform(-0.02, 0.02, (count, rows)), axis=1)
+    if rng.random() < 0.5:
+        sets[rng.integers(count), 0] = np.nan
+        columns[1] = np.where(rng.random((count, rows)) < 0.002, rng.choice([np.nan, 1e300]), 10.0)
+    outputs = [v.name for v in get(model).outputs]
+    tables = []
+    for width in (1, *widths(model)):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("emcas_fmu.runtime.compiled.vectors",
+                          lambda name, _, width=width: library.vectors(name, library.WORTH, width))
+            tables.append(run_tables(sets, columns, 2e-4, outputs, model, held=5, fine=outputs[:2]))
+    for table in tables[1:]:
+        np.testing.assert_array_equal(table.reached, tables[0].reached)
+        assert {k: str(e) for k, e in table.failures.items()} == {k: str(e) for k, e in tables[0].failures.items()}
+        for name, column in table.columns.items():
+            np.testing.assert_array_equal(column, tables[0].columns[name], err_msg=name)
+
+
+def test_vectors_are_compiled_where_they_pay() -> None:
+    """A few steps are not worth it, unless they have been compiled; a processor without vectors has none."""
+    (model, width), = [(NONLINEAR, w) for w in widths(NONLINEAR)[:1]] or pytest.skip("no vectors on this processor")
+    assert library.vectors(model, library.WORTH, width) is not None
+    assert library.vectors(model, 1, width) is not None
+    assert library.vectors("second-order", 1, width) is None
+    assert library.vectors(model, library.WORTH, 1) is None
