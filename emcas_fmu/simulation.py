@@ -23,9 +23,6 @@ Array = NDArray[Any]
 Signal = float | bool | Sequence[float] | Array | Callable[[float], float | bool]
 KERNELS = ("auto", "compiled", "python")
 MOST_POINTS = 10_000_000  # the outputs of more would not fit in memory
-# Of responses [s]: for as much Python takes a tenth of a second to a half, a compiler a half to twelve.
-WORTH_COMPILING = 5.0
-_asked: defaultdict[str, float] = defaultdict(float)  # s of responses by model, in this process
 
 
 def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel: str = "auto",

@@ -22,7 +22,7 @@ from .c_sources import core_sources, handwritten, vector_sources
 _ONE, _MANY = "batch.c", "vectors.c"
 # By the actuators that a vector holds. No host's traps are on in Python, which is what FLAGS think of.
 _VECTOR_FLAGS = {8: ("-fno-trapping-math", "-mavx512f", "-mavx512dq"), 4: ("-fno-trapping-math", "-mavx2")}
-# Steps of 1 ms that take as long as it does to compile, once: of Python, and those a vector saves as long in.
+# Steps of 1 ms that take about as long as a compiler, once: in Python, and those in which vectors save as much.
 WORTH_ONE, WORTH = 5000, 20_000_000
 
 _DOUBLES = ct.POINTER(ct.c_double)
