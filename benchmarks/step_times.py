@@ -92,7 +92,8 @@ def main() -> None:
     if min(arguments.steps, arguments.repeats, arguments.seed) < 1 or arguments.steps % SEQUENCE:
         parser.error(f"--steps is a multiple of {SEQUENCE}, --repeats and --seed are at least 1")
     print(f"{'':24}{'median':>10}{'over the median':>36}{'one run':>20}{'pieces':>16}")
-    print(f"{'':24}{'ns':>10}{'99 %':>12}{'99.99 %':>12}{'largest':>12}{'99.99 %':>10}{'largest':>10}{'mean':>8}{'most':>8}")
+    print(f"{'':24}{'ns':>10}{'99 %':>12}{'99.99 %':>12}{'largest':>12}{'99.99 %':>10}{'largest':>10}"
+          f"{'mean':>8}{'most':>8}")
     found = {}
     with tempfile.TemporaryDirectory() as name:
         for model in arguments.model or NAMES:
