@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .actuators import NONLINEAR, get
+from .actuators import NAMES, NONLINEAR, get, parts
 from .errors import EmcasError
 from .fmi.interface import MIXING, FmuInterface, start_values
 from .parameters import ParameterError, check_parameters, require_sound
@@ -139,7 +139,12 @@ def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = 
 
 
 def _pays(model: str, duration: float) -> bool:
-    """Return whether responses of a model so far, and another of a `duration` [s], are worth a compiled kernel."""
+    """Return whether responses of a model so far, and another of a `duration` [s], are worth a compiled kernel.
+
+    A user's actuator always is: it may divide by zero where nothing comes of it, which Python refuses.
+    """
+    if parts(model)[0] not in NAMES:
+        return True
     _asked[model] += duration
     if _asked[model] < WORTH_COMPILING and compiled.kept(model):
         _asked[model] += WORTH_COMPILING  # it costs nothing: no need to look again
@@ -203,8 +208,10 @@ class SteppedUnit:
 
 
 def _python_core(values: Mapping[str, Any], model: str) -> Any:
-    require_sound(values, model)
-    return codegen.core(values, model)
+    # NumPy's numbers are slower, and what comes of comparing them is no Python bool.
+    plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in values.items()}
+    require_sound(plain, model)
+    return codegen.core(plain, model)
 
 
 def _by_python(values: Mapping[str, Any], table: Array, step: float, model: str) -> Array:
