@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import degrees
 from pathlib import Path
+
 import numpy as np
 
 from emcas_fmu import plots
