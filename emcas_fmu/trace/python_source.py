@@ -36,6 +36,7 @@ def python_source(tracer: Tracer, docstring: str, spelt: Callable[[str], str] = 
     prologue += writer.block(tracer.prologue, 1)
     functions = ", ".join(function.name for function in tracer.functions)
     return "\n".join([f'"""{docstring}"""', "",
+                      "from functools import lru_cache  # noqa: F401",
                       "from math import fabs, floor, frexp, inf, ldexp, nan, sqrt  # noqa: F401", "", "",
                       *_elementary(writer.operations), "def make(parameters):", *prologue, "", *body,
                       f"    return {functions},", ""])
@@ -50,6 +51,8 @@ def _elementary(names: Container[str]) -> list[str]:
         if function.name in names:
             (result,) = function.results
             body = [*writer.block(function.block, 1), f"    return {writer.operand(result)}"]
+            # Ticks of one length ask for the same powers again and again, and a function in Python takes long.
+            lines += ["@lru_cache(maxsize=16)"] if function.name == "exp" else []
             lines += [f"def {function.name}({', '.join(function.printed)}):", *_registers(body), "", ""]
     return lines
 

@@ -148,8 +148,8 @@ class Block:
 # Of Python, of C, and of what is printed around the functions.
 _WORDS = f"""
     {" ".join(keyword.kwlist)} {" ".join(FUNCTIONS)} auto bool case char const default do double enum extern frexp goto
-    inf inline int ldexp long nan register restrict short signed sizeof static struct switch typedef union unsigned void
-    volatile main size_t fmin fmax errno NULL NAN INFINITY HUGE_VAL float parameters make out p c"""
+    inf inline int ldexp long lru_cache nan register restrict short signed sizeof static struct switch typedef union
+    unsigned void volatile main size_t fmin fmax errno NULL NAN INFINITY HUGE_VAL float parameters make out p c"""
 _RESERVED = re.compile(rf"([pctr]\d+|{'|'.join(_WORDS.split())})_*")
 
 
