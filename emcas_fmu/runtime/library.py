@@ -119,6 +119,12 @@ def vectors(model: str, steps: float, lanes: int | None = None) -> ct.CDLL | Non
     return None if isinstance(library, str) else library
 
 
+def compile_for(model: str, steps: float) -> None:
+    """Compile what that many steps of a model are worth, before several processes would do so at the same time."""
+    if available(model):
+        vectors(model, steps)
+
+
 def available(model: str = NONLINEAR) -> bool:
     """Return whether there is a compiled kernel of a model on this machine; compile it if need be."""
     try:

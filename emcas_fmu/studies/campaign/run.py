@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 
 from ... import __version__
 from ...actuators import NONLINEAR
-from ...runtime import compiled
+from ...bench.excitation import STEP
+from ...runtime import library
 from ...simulation import Array
 from .distributions import CampaignError
+from .measure import POWER_ROWS
 from .plan import Plan
 from .sample import Rows, failed, rows
 from .sampling import Sampler
@@ -56,9 +58,16 @@ def chunk_size(plan: Plan, count: int, threads: int) -> int:
     return max(1, min(most, count // (8 * threads)))
 
 
+def _compile(plan: Plan, samples: int) -> None:
+    if not plan.fmu:
+        duration = sum(experiment.duration for experiment in plan.experiments)
+        library.compile_for(plan.model, samples * duration / STEP * POWER_ROWS)
+
+
 def in_process(study: Study, missing: Indices, keep: Keep, chunk: int | None = None) -> None:
     """Run samples in this process, without Dask."""
     sampler, packed = Sampler(study), study.plan.packed()
+    _compile(study.plan, len(missing))
     for indices in chunked(missing, chunk or chunk_size(study.plan, len(missing), 1)):
         keep(rows(packed, indices.tolist(), sampler.draw(indices.tolist())))
 
@@ -69,7 +78,7 @@ def local_client(workers: int, model: str = NONLINEAR) -> Iterator[Any]:
     import dask
 
     distributed = _distributed()
-    compiled.available(model)  # compile once, not once a worker
+    library.available(model)  # compile once, not once a worker
     # Any free port, of this machine only: two campaigns may run at a time.
     # Restarted workers are reported by rows, not by log lines between the progress bar's.
     options = {"distributed.scheduler.allowed-failures": ALLOWED_DEATHS, "distributed.admin.tick.limit": "1h"}
@@ -151,6 +160,7 @@ def by_dask(client: Any, study: Study, missing: Indices, keep: Keep, chunk: int 
     """
     threads = max(sum(client.ncores().values()), 1)
     sampler, packed = Sampler(study), study.plan.packed()
+    _compile(study.plan, len(missing))  # for workers on this machine
 
     def submit(indices: Indices) -> Any:
         return client.submit(work, packed, indices.tolist(), sampler.draw(indices.tolist()), pure=False)

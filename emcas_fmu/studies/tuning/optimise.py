@@ -20,7 +20,7 @@ from scipy.optimize import differential_evolution, minimize
 
 from ...parameters import ParameterSet
 from ...progress import Progress, silent
-from ...runtime import compiled
+from ...runtime import compiled, library
 from .evaluate import Evaluation, Journal, evaluate
 from .study import Case, Study
 
@@ -28,6 +28,7 @@ from .study import Case, Study
 _DIGITS = 3
 _POPULATION = 12  # individuals for each tunable
 _LOCAL = 60  # evaluations for each tunable
+_STEPS = 1000  # of 1 ms, at least, for a requirement in a case
 _TOGETHER = 16  # sets of gains at once, at most: many enough for vectors, and few to lose where a run is killed
 _SLACK = 0.03  # of a limit, within which a requirement binds as the worst does
 
@@ -94,6 +95,8 @@ def tune(study: Study, seed: int = 1, generations: int = 12, workers: int = 1, j
     search = _Search(study, evaluations, progress, generations)
     bounds = [(log(t.lower), log(t.upper)) for t in study.tunables]
     stopped = False
+    judged = (_POPULATION * (generations + 1) + _LOCAL) * len(bounds)
+    library.compile_for(study.base.model, judged * len(study.requirements) * len(study.cases) * _STEPS)
     try:
         with _pool(study, workers) as search.evaluator:
             differential_evolution(
