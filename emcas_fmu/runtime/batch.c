@@ -108,13 +108,13 @@ API int actuator_lanes(void)
  * actuator, `stride` [doubles] apart, 0 where it is one for all. An output's column begins `out_stride` [doubles] behind
  * the one before. A result for each; gives how many did not get there. */
 API size_t actuators_run(actuator *a, size_t first, size_t last, double end, const double *const *columns,
-                         const size_t *stride, double *out, size_t out_stride, int *result)
+                         const ptrdiff_t *stride, double *out, size_t out_stride, int *result)
 {
     size_t failed = 0;
     for (size_t k = first; k < last; ++k) {
         double in[MODEL_INPUTS], now[MODEL_OUTPUTS];
         core_inputs inputs;
-        for (size_t i = 0; i < MODEL_INPUTS; ++i) in[i] = columns[i][k * stride[i]];
+        for (size_t i = 0; i < MODEL_INPUTS; ++i) in[i] = columns[i][(ptrdiff_t)k * stride[i]];
         row(a + k, in, &inputs);
         result[k] = core_run(a[k].parameters, a[k].constants, &a[k].state, end, &inputs, NULL, now);
         failed += result[k] != CORE_DONE;

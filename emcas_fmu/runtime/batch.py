@@ -14,7 +14,7 @@ from ..actuators import NONLINEAR, get
 from ..parameters import ParameterError, check_parameters
 from ..progress import Progress, silent
 from .codegen import MOTION
-from .compiled import REASONS, Array, address, by_schedule, prepare
+from .compiled import REASONS, Array, address, by_schedule, doubles, prepare
 from .library import WORTH, loaded, vectors
 
 _LINE = 64  # bytes of a cache's line, and of the longest vectors
@@ -32,7 +32,7 @@ class _Vectors(ct.Structure):
 
     _fields_ = (("count", ct.c_size_t), ("order", ct.c_void_p), ("common", ct.c_void_p), ("places_count", ct.c_size_t),
                 ("places", ct.c_void_p), ("varying", ct.c_void_p), ("groups", ct.c_void_p),
-                ("group_size", ct.c_size_t), ("same_schedule", ct.c_size_t))
+                ("group_size", ct.c_size_t), ("same_schedule", ct.c_int), ("in_order", ct.c_int))
 
 
 class Batch:
@@ -69,7 +69,7 @@ class Batch:
         self._motions = 1
         self._columns: list[Array] = [np.zeros(()) for _ in self._inputs]
         self._addresses = (ct.c_void_p * len(self._inputs))(*map(address, self._columns))
-        self._strides = (ct.c_size_t * len(self._inputs))()
+        self._strides = (ct.c_ssize_t * len(self._inputs))()
         many = vectors(model, _STEPS * count if lanes is None else WORTH, lanes)
         self._units, self._move = self._alone(progress) if many is None else self._together(many, progress)
 
@@ -118,7 +118,7 @@ class Batch:
         groups = _aligned(size * units)
         self._kept = order, common, places, varying, groups  # the library has their addresses
         batch = _Vectors(self.count, address(order), address(common), len(places), address(places), address(varying),
-                         address(groups), size, same)
+                         address(groups), size, same, same)
         library.batch_start(ct.byref(batch), 0, units)
 
         def move(first: int, last: int, *more: object) -> int:
@@ -139,7 +139,7 @@ class Batch:
 
         It holds until it is given anew. Raises ValueError for another shape and for values that are not finite.
         """
-        column = np.asarray(value, dtype=np.float64)
+        column = doubles(value)
         if column.shape not in ((), (self.count,)):
             raise ValueError(f"{self._inputs[place]} has shape {column.shape}, not ({self.count},)")
         if not np.isfinite(column).all():

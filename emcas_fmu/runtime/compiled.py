@@ -156,7 +156,7 @@ def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs:
     sets: Array = np.ascontiguousarray(parameters, dtype=np.float64)
     if sets.ndim != 2 or sets.shape[1] != len(actuator.parameters):
         raise ValueError(f"parameters have shape {sets.shape}, not (runs, {len(actuator.parameters)})")
-    columns = [np.asarray(column, dtype=np.float64) for column in inputs]
+    columns = [doubles(column) for column in inputs]
     if len(columns) != len(actuator.inputs):
         raise ValueError(f"there are {len(columns)} inputs, not {len(actuator.inputs)}")
     count, rows = np.broadcast_shapes((len(sets), 1), *{column.shape for column in columns})
@@ -230,6 +230,13 @@ def _failure(parameters: Array, inputs: Sequence[Array], run: int, reached: int,
         name, value = next((v.name, x) for v, x in zip(actuator.inputs, at, strict=True) if not isfinite(x))
         return ValueError(f"input {name} is {value} at {reached * step:.6g} s")
     return ArithmeticError(f"at {reached * step:.6g} s: {REASONS[result]}")
+
+
+def doubles(values: Any) -> Array:
+    """Return values as an array that C can step through in doubles, without a copy if they are one."""
+    array: Array = np.asarray(values, dtype=np.float64)
+    apart = array.flags.aligned and not any(stride % array.itemsize for stride in array.strides)
+    return array if apart else array.copy()
 
 
 def address(array: Array) -> int:

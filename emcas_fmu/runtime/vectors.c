@@ -17,7 +17,7 @@ typedef struct {
     const lanes *varying;
     char *groups;
     size_t group_size;
-    size_t same_schedule;
+    int same_schedule, in_order; /* of all actuators; `order` is that of the columns */
 } batch;
 
 API int batch_lanes(void)
@@ -259,7 +259,7 @@ API void batch_start(const batch *b, size_t first, size_t last)
  * `stride` [doubles] apart, 0 where it is one for all. `motion` is the number of the vehicle's motion. An output's column
  * begins `out_stride` [doubles] behind the one before. Gives how many actuators did not get there. */
 API size_t batch_run(const batch *b, size_t first, size_t last, double end, const double *const *columns,
-                     const size_t *stride, uint64_t motion, double *out, size_t out_stride, int *result)
+                     const ptrdiff_t *stride, uint64_t motion, double *out, size_t out_stride, int *result)
 {
     size_t failed = 0;
     int varying[MODEL_INPUTS], count = 0;
@@ -280,12 +280,12 @@ API size_t batch_run(const batch *b, size_t first, size_t last, double end, cons
         if (!g.p || !b->same_schedule) g = prepared(&of, end);
         const size_t *actuator = b->order + k * LANES;
         const size_t full = b->count - k * LANES < LANES ? b->count - k * LANES : LANES;
-        const bool beside = actuator[LANES - 1] == actuator[0] + LANES - 1;
+        const bool beside = b->in_order && full == LANES;
         for (int j = 0; j < count; ++j) {
             const int i = varying[j];
             if (beside && stride[i] == 1) row[i] = lanes_load(columns[i] + actuator[0]);
             else
-                for (int l = 0; l < LANES; ++l) *group_at(&row[i], l) = columns[i][actuator[l] * stride[i]];
+                for (int l = 0; l < LANES; ++l) *group_at(&row[i], l) = columns[i][(ptrdiff_t)actuator[l] * stride[i]];
         }
         lanes outputs[MODEL_OUTPUTS];
         group_inputs in;

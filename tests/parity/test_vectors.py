@@ -97,6 +97,19 @@ def test_a_batch_by_vectors_is_the_loop(model: str, seed: int, count: int) -> No
             np.testing.assert_array_equal(batch.outputs, batches[0].outputs)
 
 
+def test_actuators_of_other_schedules_keep_their_places() -> None:
+    """Of four, the first and the third have another delay: they stand beside each other in the vector alone."""
+    sets = np.tile(parameter_row(load_parameters().values), (4, 1))
+    sets[:, [v.name for v in get(NONLINEAR).parameters].index("drive.transport_delay")] = (0.002, 0.0031, 0.002, 0.0031)
+    batches = [Batch(sets, 4, lanes=width) for width in (1, *widths(NONLINEAR))]
+    for batch in batches:
+        for place, variable in enumerate(get(NONLINEAR).inputs):
+            batch.hold(place, float(variable.initial(load_parameters().values)))
+        batch.hold(0, np.array([0.1, 0.2, 0.3, 0.4]))
+        batch.run(0.05)
+        np.testing.assert_array_equal(batch.outputs, batches[0].outputs)
+
+
 @pytest.mark.parametrize("model", MODELS)
 @settings(max_examples=4, deadline=None, suppress_health_check=list(HealthCheck))
 @given(seed=SEEDS, count=st.integers(2, 21))

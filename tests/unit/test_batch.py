@@ -116,6 +116,19 @@ def test_inputs_and_outputs_are_not_copied() -> None:
     assert np.abs(angle).max() < 1e-2
 
 
+def test_arrays_however_they_lie_in_memory() -> None:
+    """Backwards, in a record of odd length, of another type: the values are the same."""
+    values = np.linspace(-0.1, 0.1, 4)
+    record = np.zeros(4, dtype=[("flag", "i1"), ("command", "f8")])
+    record["command"] = values
+    angles = []
+    for given in (values, values[::-1].copy()[::-1], record["command"], values.astype(">f8"), values.tolist()):
+        batch = Batch(BASE, 4)
+        angles.append(batch.run(0.02, fin_command=given)["fin_angle"].copy())
+    for angle in angles[1:]:
+        np.testing.assert_array_equal(angle, angles[0])
+
+
 def test_without_a_compiler(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(library, "cache_directory", lambda: tmp_path)
     monkeypatch.setattr(library, "local_compilers", lambda: iter(()))
