@@ -27,8 +27,9 @@ STEPS = (1e-3, 1e-3, 1e-3, 3.3e-4, 5e-5, 2.7e-3, 0.0)  # s: samples, and points 
 
 
 def widths(model: str) -> list[int]:
-    """Return the widths of vectors of this processor."""
-    return [width for width in WIDTHS if width <= library.loaded(model).actuator_lanes()]
+    """Return the widths of vectors of this processor: all of the default actuator, the largest of others."""
+    there_are = [width for width in WIDTHS if width <= library.loaded(model).actuator_lanes()]
+    return there_are if model == NONLINEAR else there_are[-1:]
 
 
 def varied(model: str, count: int, rng: np.random.Generator) -> Array:
