@@ -235,8 +235,10 @@ def _failure(parameters: Array, inputs: Sequence[Array], run: int, reached: int,
 def doubles(values: Any) -> Array:
     """Return values as an array that C can step through in doubles, without a copy if they are one."""
     array: Array = np.asarray(values, dtype=np.float64)
-    apart = array.flags.aligned and not any(stride % array.itemsize for stride in array.strides)
-    return array if apart else array.copy()
+    flags = array.flags
+    if flags.aligned and (flags.c_contiguous or not any(stride % array.itemsize for stride in array.strides)):
+        return array
+    return array.copy()
 
 
 def address(array: Array) -> int:

@@ -94,17 +94,25 @@ class _VectorWriter(CWriter):
             self._which.pop()
         values = [_Chosen.of(self, statement, i) for i in live]
         self.conditions.update(v.name for v in values if v.type == "lanes_mask")
-        if not any(blocks) and not any(_WORK.search(v.yes + v.no) for v in values):
+        works = [bool(lines) or any(_WORK.search(text) for text in texts)
+                 for lines, texts in zip(blocks, ([v.yes for v in values], [v.no for v in values]), strict=True)]
+        if not any(works):
             return lines + [f"{indent}const {v.type} {v.name} = {v.select}(if_{label}, {v.yes}, {v.no});"
                             for v in values]
-        lines += [f"{indent}{v.type} {v.name} = {v.start};" for v in values]
+        # A side without work is where its values begin; the other's are put in their places.
+        lines += [f"{indent}{v.type} {v.name} = {v.no if not works[1] else v.yes if not works[0] else v.start};"
+                  for v in values]
         lines.append(f"{indent}const unsigned bits_{label} = lanes_bits(if_{label});")
-        chosen = ({v.name: v.yes for v in values},
-                  {v.name: f"{v.select}(if_{label}, {v.name}, {v.no})" for v in values})
-        for side, inverse, inner, texts in zip(("yes", "no"), ("", "~"), blocks, chosen, strict=True):
-            lines += [f"{indent}const unsigned {side}_{label} = {around} & {inverse}bits_{label};",
-                      f"{indent}if ({side}_{label}) {{", *inner,
-                      *(f"{indent}    {name} = {text};" for name, text in texts.items()), f"{indent}}}"]
+        if works[0]:
+            some = f"yes_{label}"
+            lines += [f"{indent}const unsigned {some} = {around} & bits_{label};",
+                      f"{indent}if ({f'ELEMENTARY_RARELY({some})' if statement.rare else some}) {{", *blocks[0],
+                      *(f"{indent}    {v.name} = {v.yes if works[1] else f'{v.select}(if_{label}, {v.yes}, {v.name})'};"
+                        for v in values), f"{indent}}}"]
+        if works[1]:
+            lines += [f"{indent}const unsigned no_{label} = {around} & ~bits_{label};", f"{indent}if (no_{label}) {{",
+                      *blocks[1], *(f"{indent}    {v.name} = {v.select}(if_{label}, {v.name}, {v.no});"
+                                    for v in values), f"{indent}}}"]
         return lines
 
 
