@@ -260,6 +260,7 @@ class Batch:
             starts = np.array([variable.initial(each.values) for each in of_each.values()], dtype=float)
             start = starts[0] if len(starts) == 1 else starts[which]
             self._kernel.hold(k, columns.get(variable.key or "", start))
+        self._kernel.run(0.0)
         self.outputs: dict[str, Array] = dict(zip((v.name for v in actuator.outputs), self._kernel.outputs,
                                                   strict=True))
         """Outputs at `time` by name, SI, an array of a value for each actuator. The next step writes over it."""

@@ -112,7 +112,8 @@ class Batch:
         for chunk in _chunks(units, _CHUNK // lanes) if len(places) else ():
             values = prepare(library, sets[order[chunk.start * lanes:chunk.stop * lanes]]).values[:, places]
             varying[chunk] = values.reshape(-1, lanes, len(places)).transpose(0, 2, 1)
-            progress("preparing actuators", len(sets) + chunk.stop * lanes, 2 * len(sets))
+            progress("preparing actuators", min(len(sets) + chunk.stop * lanes, 2 * len(sets)), 2 * len(sets))
+        progress("preparing actuators", 2 * len(sets), 2 * len(sets))
         size = library.batch_group_size(int(np.max(all_schedules[:, 6] + all_schedules[:, 7])) + 2)
         size = -(-size // _LINE) * _LINE
         groups = _aligned(size * units)

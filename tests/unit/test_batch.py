@@ -32,6 +32,13 @@ def test_each_moves_as_it_does_alone() -> None:
         assert angle[k] == batch.outputs["fin_angle"][k] == alone["fin_angle"][-1]
 
 
+def test_outputs_are_there_from_the_start() -> None:
+    start = of_kernel(BASE.values, 1e-3, 1e-3)
+    batch = Batch(BASE, 3)
+    for name, column in batch.outputs.items():
+        np.testing.assert_array_equal(column, np.full(3, start[name][0]), err_msg=name)
+
+
 def test_what_is_refused_leaves_nothing_behind() -> None:
     batch = Batch([BASE, BASE])
     batch.run(0.02, fin_command=0.1)
