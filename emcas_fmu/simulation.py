@@ -207,8 +207,10 @@ class SteppedUnit:
 
 
 def _python_core(values: Mapping[str, Any], model: str) -> Any:
-    require_sound(values, model)
-    return codegen.core(values, model)
+    # NumPy's numbers are slower, and what comes of comparing them is no Python bool.
+    plain = {name: value.item() if isinstance(value, np.generic) else value for name, value in values.items()}
+    require_sound(plain, model)
+    return codegen.core(plain, model)
 
 
 def _by_python(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str], model: str, held: int,

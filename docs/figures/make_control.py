@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import degrees
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -38,8 +37,9 @@ def figures(parameters: ParameterSet) -> dict[str, float]:
     """Measure a set: margins [deg, dB], load step [deg], rates [deg/s], bandwidths [Hz], overshoots [%], times [ms]."""
     subject = ParameterSubject(parameters)
 
-    def of(test: Test, *names: str, sense: str = "maximum") -> Any:
-        return measure(test, subject, [{}], names, (sense,) * len(names))[0]
+    def of(test: Test, *names: str, sense: str = "maximum") -> list[float]:
+        (found,) = measure(test, subject, [{}], names, (sense,) * len(names)).tolist()
+        return list(found)
 
     gain, phase = of(LINEAR, "gain_margin", "phase_margin")
     moves = [of(step(size), "overshoot", "settling_time") for size in (1.0, 5.0, 10.0)]

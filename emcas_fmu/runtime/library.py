@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any
 
-from ..actuators import NONLINEAR
+from ..actuators import NAMES, NONLINEAR, parts
 from ..compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers, local_platform
 from ..files import cache_directory
 from ..progress import LOG
@@ -71,7 +71,12 @@ def _library(model: str, lanes: int = 1) -> ct.CDLL | str:
 
 
 def worth(model: str, steps: float, lanes: int = 1) -> bool:
-    """Return whether the steps of a model asked for so far, with these, are worth compiling for; or it has been."""
+    """Return whether the steps of a model asked for so far, with these, are worth compiling for; or it has been.
+
+    A user's actuator always is: it may divide by zero where nothing comes of it, which Python refuses.
+    """
+    if lanes == 1 and parts(model)[0] not in NAMES:
+        return True
     key, least = (model, lanes), WORTH if lanes > 1 else WORTH_ONE
     _asked[key] += steps
     # To look for what has been compiled takes as long as some steps do.

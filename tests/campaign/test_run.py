@@ -145,7 +145,7 @@ def test_ctrl_c_leaves_what_is_done(write: Write, tmp_path: Path) -> None:
     assert 0 < len(Store(folder, load_study(file)).missing()) <= 20_000 - 2 * 2
 
 
-@pytest.mark.parametrize(("count", "threads", "size"), [(10, 2, 1), (160, 2, 10), (10**6, 4, 666), (1, 64, 1)])
+@pytest.mark.parametrize(("count", "threads", "size"), [(10, 2, 1), (160, 2, 10), (10**6, 4, 3333), (1, 64, 1)])
 def test_chunks(small: Study, count: int, threads: int, size: int) -> None:
-    assert chunk_size(small.plan, count, threads) == size  # of 0.3 s: 666 samples are 200 s
+    assert chunk_size(small.plan, count, threads) == size  # of 0.3 s: 3333 samples are 200 s
     assert chunk_size(replace(small.plan, fmu="EMCAS.fmu"), count, threads) == min(size, 66)

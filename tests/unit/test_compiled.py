@@ -270,6 +270,13 @@ def test_what_is_short_is_not_worth_compiling(uncached: Path, monkeypatch: pytes
     assert all(np.array_equal(run[name], runs[0][name]) for run in runs for name in run)
 
 
+def test_numpys_numbers_are_numbers(values: Mapping[str, Any]) -> None:
+    """What an optimiser hands on; of a boolean, too."""
+    given = {name: np.bool_(v) if isinstance(v, bool) else np.float64(v) for name, v in values.items()}
+    one, other = (simulate(each, 0.02, kernel="python", fin_command=radians(5)) for each in (given, values))
+    assert all(np.array_equal(one[name], other[name]) for name in one)
+
+
 def test_without_a_compiler_python_computes(uncached: Path, values: Mapping[str, Any],
                                             monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(library, "local_compilers", lambda: iter(()))

@@ -77,7 +77,7 @@ def measure(test: Test, subject: ParameterSubject, changes: Sequence[Mapping[str
 
 def columns(subject: ParameterSubject, changes: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
     """Return parameters that differ from the subject's in some of the units, for each name the values in all."""
-    names = dict.fromkeys(name for each in changes for name in each)
+    names = dict.fromkeys(name for each in changes for name in each) or [next(iter(subject.values))]  # for their number
     return {name: np.array([each.get(name, subject.values[name]) for each in changes]) for name in names}
 
 
