@@ -27,6 +27,7 @@ from emcas_fmu.actuators import NONLINEAR, get
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime.batch import Batch
 from emcas_fmu.runtime.compiled import Array, parameter_row
+from emcas_fmu.runtime.library import loaded
 
 STEP = 1e-3
 # Case: actuators, whether each has its own parameters, whether it is the hard case, target.
@@ -37,7 +38,8 @@ VARIED = ("motor.torque_constant", "motor.back_emf_constant", "motor.resistance"
           "inertia.fin", "deviation.friction.coulomb", "deviation.friction.viscous", "friction.fin_coulomb",
           "friction.fin_viscous", "mass.fin", "screw.lead")
 SPREAD, SETTLE = 0.05, 10  # steps that are not timed
-WORK = 200_000  # steps of an actuator in a round, at least ROUND of them
+WORK = 200_000  # steps of all actuators together in a round
+LEAST, MOST = 8, 2000  # steps of each in a round
 
 
 class Signals:
@@ -83,7 +85,7 @@ def compared(count: int, own: bool, hard: bool, rounds: int, lanes: int | None) 
     """Return CPU [ns] of an actuator's step by loop and by vectors, and the median of the rounds' ratios."""
     sets, signals = parameters(count, own), Signals(count, hard)
     batches = [started(sets, count, lanes=1), started(sets, count, lanes=lanes)]
-    steps, k = max(WORK // count, 8), 0
+    steps, k = min(max(WORK // count, LEAST), MOST), 0
     times: list[list[float]] = []
     for n in range(rounds + 1):
         spent = [0.0, 0.0]
@@ -106,22 +108,25 @@ def compared(count: int, own: bool, hard: bool, rounds: int, lanes: int | None) 
             "ratio": statistics.median(t[1] / t[0] for t in times[1:])}
 
 
-def scaling(sizes: Sequence[int], threads: Sequence[int], lanes: int | None) -> list[dict[str, float]]:
-    """Return wall time [ns] of an actuator's step of 1 ms, with one set for all, by actuators and threads."""
-    found = []
-    for count in sizes:
-        signals = Signals(count, False)
-        for workers in threads:
-            batch, best = started(parameters(count, False), count, threads=workers, lanes=lanes), np.inf
-            for k in range(max(min(WORK // count, 2000), 6)):
-                driven = signals.at(k * STEP)
-                begin = perf_counter()
-                for place, values in enumerate(driven):
-                    batch.hold(place, values)
-                batch.run((k + 1) * STEP)
-                best = min(best, perf_counter() - begin) if k > 2 else best
-            found.append({"actuators": count, "threads": workers, "ns": 1e9 * best / count})
-    return found
+def scaling(sizes: Sequence[int], rounds: int, lanes: int | None) -> list[dict[str, float]]:
+    """Return what :func:`compared` says of so many actuators, with parameters of their own and with one set."""
+    return [{"actuators": count, "own": own, **compared(count, own, False, rounds, lanes)}
+            for count in sizes for own in (True, False)]
+
+
+def threaded(count: int, threads: Sequence[int], rounds: int, lanes: int | None) -> list[dict[str, float]]:
+    """Return wall time [ns] of an actuator's step, the best of all, with one set for all, by threads in turn."""
+    signals, best = Signals(count, False), dict.fromkeys(threads, np.inf)
+    batches = {workers: started(parameters(count, False), count, threads=workers, lanes=lanes) for workers in threads}
+    for k in range(SETTLE * rounds):
+        driven = signals.at(k * STEP)
+        for workers, batch in batches.items():
+            begin = perf_counter()
+            for place, values in enumerate(driven):
+                batch.hold(place, values)
+            batch.run((k + 1) * STEP)
+            best[workers] = min(best[workers], perf_counter() - begin)
+    return [{"actuators": count, "threads": workers, "ns": 1e9 * best[workers] / count} for workers in threads]
 
 
 def main() -> int:
@@ -142,12 +147,14 @@ def main() -> int:
         figures[f"{name}.ns"] = case
         print(f"{name:<16}{case['loop_ns']:>7.0f} ns{case['vectors_ns']:>7.0f} ns{case['ratio']:>8.3f}{target:>8.2f}")
     if arguments.scaling:
-        cores = os.cpu_count() or 1
-        sizes = [10**n for n in range(7)]
-        figures["scaling"] = scaling(sizes, (1,), arguments.lanes)
-        figures["threads"] = scaling((100_000,), sorted({1, 2, cores}), arguments.lanes)
-        for line in (*figures["scaling"], *figures["threads"]):
-            print(f"{line['actuators']:>9.0f} actuators, {line['threads']:.0f} threads: {line['ns']:.0f} ns")
+        figures["lanes"] = arguments.lanes or loaded(NONLINEAR).actuator_lanes()
+        figures["scaling"] = scaling([10**n for n in range(7)], min(arguments.rounds, 3), arguments.lanes)
+        figures["threads"] = threaded(100_000, sorted({1, 2, os.cpu_count() or 1}), arguments.rounds, arguments.lanes)
+        for line in figures["scaling"]:
+            print(f"{line['actuators']:>9.0f} actuators, {'own' if line['own'] else 'shared'}: loop "
+                  f"{line['loop_ns']:.0f} ns, vectors {line['vectors_ns']:.0f} ns, ratio {line['ratio']:.3f}")
+        for line in figures["threads"]:
+            print(f"{line['actuators']:>9.0f} actuators, {line['threads']:.0f} threads: {line['ns']:.0f} ns of the clock")
     if arguments.json:
         arguments.json.write_text(json.dumps(figures, indent=1), encoding="utf-8")
     missed = [f"{name} {figures[name]:.3f} (target: at most {case[-1]:g})" for name, case in CASES.items()
