@@ -26,8 +26,6 @@ from emcas_fmu.actuators import NONLINEAR, get
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime import codegen
 from emcas_fmu.runtime.core import Core
-from emcas_fmu.trace.c_source import CWriter
-from emcas_fmu.trace.tracer import Assign, Expr
 
 BENCHMARK = run_path(str(DOCS.parent / "benchmarks" / "batch.py"))
 WARP = 32  # threads that step together
@@ -199,16 +197,13 @@ def operations() -> str:
 
 @cache
 def varying() -> int:
-    """Return how many values of an actuator the benchmark's own parameters make its own: these, and what follows."""
-    tracer = codegen.traced(model=NONLINEAR)
-    names = {name for name, key in tracer.parameters if key in BENCHMARK["VARIED"]}
-    for statement in tracer.prologue.statements:
-        if not isinstance(statement, Assign):
-            raise ValueError("branches of the prologue are not followed")
-        if any(isinstance(o, Expr) and o.name in names for o in statement.operands):
-            names.add(statement.name)
-    writer = CWriter(tracer)
-    return len(names & (writer.read_by_functions | set(writer.constants)))
+    """Return how many values the benchmark's own parameters make an actuator's own: themselves and what follows."""
+    names, kept = [v.name for v in get(NONLINEAR).parameters], []
+    for row in BENCHMARK["parameters"](2, True).tolist():
+        made = codegen.make(model=NONLINEAR)({**load_parameters().values, **dict(zip(names, row, strict=True))})
+        kept.append({name: cell.cell_contents for function in made
+                     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)})
+    return sum(kept[1][name] != value for name, value in kept[0].items())
 
 
 def _state() -> tuple[int, int]:
