@@ -62,7 +62,7 @@ def draw(runs: Sequence[Any]) -> None:
 def ratios(runs: Sequence[Any]) -> str:
     """Time by vectors over that of the loop in the same run."""
     head, rows = ["actuators"], []
-    for own, title in SETS.items():
+    for title in SETS.values():
         head += [f"{title}: loop", *(f"{run['lanes']} at once" for run in runs)]
     for i, line in enumerate(_of(runs[0], True)):
         row = [f"{line['actuators']:,}"]
@@ -78,9 +78,11 @@ def ratios(runs: Sequence[Any]) -> str:
 
 def threads(runs: Sequence[Any]) -> str:
     """CPU of a step by several threads over that by one."""
-    shares = [f"{line['threads']} threads with {run['lanes']} at once {line['cpu_ns'] / run['threads'][0]['cpu_ns']:.2f}"
-              for run in runs for line in run["threads"][1:]]
-    count = runs[0]["threads"][0]["actuators"]
+    shares, count = [], runs[0]["threads"][0]["actuators"]
+    for run in runs:
+        one, *more = run["threads"]
+        shares += [f"{line['threads']} threads with {run['lanes']} at once {line['cpu_ns'] / one['cpu_ns']:.2f}"
+                   for line in more]
     return f"CPU of {count:,} actuators with one set over that of one thread: {', '.join(shares)}."
 
 

@@ -243,8 +243,8 @@ def registers() -> str:
     """Numbers that live at once in a tick."""
     step = _source().partition("    def step(")[2].partition("    def ")[0]
     live, arguments = len(set(re.findall(r"\br[0-9]+\b", step))), step.partition(")")[0].count(",") + 1
-    return (f"A tick keeps up to {live} numbers beside its {arguments} arguments: {2 * (live + arguments)} registers of "
-            "32 bits, of 255 that a thread may have.")
+    return (f"A tick keeps up to {live} numbers beside its {arguments} arguments: {2 * (live + arguments)} registers "
+            "of 32 bits, of 255 that a thread may have.")
 
 
 TABLES = {"develop/gpu.md": {"operations": operations, "memory": memory, "registers": registers,
