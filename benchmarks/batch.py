@@ -27,6 +27,7 @@ from emcas_fmu.actuators import NONLINEAR, get
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime.batch import Batch
 from emcas_fmu.runtime.compiled import Array, parameter_row
+from emcas_fmu.runtime.library import loaded
 
 STEP = 1e-3
 # Case: actuators, whether each has its own parameters, whether it is the hard case, target.
@@ -37,7 +38,8 @@ VARIED = ("motor.torque_constant", "motor.back_emf_constant", "motor.resistance"
           "inertia.fin", "deviation.friction.coulomb", "deviation.friction.viscous", "friction.fin_coulomb",
           "friction.fin_viscous", "mass.fin", "screw.lead")
 SPREAD, SETTLE = 0.05, 10  # steps that are not timed
-WORK = 200_000  # steps of an actuator in a round, at least ROUND of them
+WORK = 200_000  # steps of all actuators together in a round
+LEAST, MOST = 8, 2000  # steps of each in a round
 
 
 class Signals:
@@ -83,8 +85,9 @@ def compared(count: int, own: bool, hard: bool, rounds: int, lanes: int | None) 
     """Return CPU [ns] of an actuator's step by loop and by vectors, and the median of the rounds' ratios."""
     sets, signals = parameters(count, own), Signals(count, hard)
     batches = [started(sets, count, lanes=1), started(sets, count, lanes=lanes)]
-    steps, k = max(WORK // count, 8), 0
+    steps, k = min(max(WORK // count, LEAST), MOST), 0
     times: list[list[float]] = []
+    largest = 0.0
     for n in range(rounds + 1):
         spent = [0.0, 0.0]
         for _ in range(SETTLE if n == 0 else steps):
@@ -99,29 +102,37 @@ def compared(count: int, own: bool, hard: bool, rounds: int, lanes: int | None) 
             if not np.array_equal(batches[0].outputs, batches[1].outputs):
                 raise RuntimeError(f"vectors and loop differ after {k} steps")
         times.append([1e9 * t / (steps * count) for t in spent])
-    if not np.ptp(batches[0].outputs[0]) > 0.01:
+        largest = max(largest, float(np.abs(batches[0].outputs[0]).max()))
+    if largest < 1e-3:  # rad
         raise RuntimeError("the batch did not move")
     return {"loop_ns": statistics.median(t[0] for t in times[1:]),
             "vectors_ns": statistics.median(t[1] for t in times[1:]),
             "ratio": statistics.median(t[1] / t[0] for t in times[1:])}
 
 
-def scaling(sizes: Sequence[int], threads: Sequence[int], lanes: int | None) -> list[dict[str, float]]:
-    """Return wall time [ns] of an actuator's step of 1 ms, with one set for all, by actuators and threads."""
-    found = []
-    for count in sizes:
-        signals = Signals(count, False)
-        for workers in threads:
-            batch, best = started(parameters(count, False), count, threads=workers, lanes=lanes), np.inf
-            for k in range(max(min(WORK // count, 2000), 6)):
-                driven = signals.at(k * STEP)
-                begin = perf_counter()
-                for place, values in enumerate(driven):
-                    batch.hold(place, values)
-                batch.run((k + 1) * STEP)
-                best = min(best, perf_counter() - begin) if k > 2 else best
-            found.append({"actuators": count, "threads": workers, "ns": 1e9 * best / count})
-    return found
+def scaling(sizes: Sequence[int], rounds: int, lanes: int | None) -> list[dict[str, float]]:
+    """Return what :func:`compared` says of so many actuators, with parameters of their own and with one set."""
+    return [{"actuators": count, "own": own, **compared(count, own, False, rounds, lanes)}
+            for count in sizes for own in (True, False)]
+
+
+def threaded(count: int, threads: Sequence[int], rounds: int, lanes: int | None) -> list[dict[str, float]]:
+    """Return wall time and CPU [ns] of an actuator's step, the least of all, with one set for all, by threads in turn.
+
+    The clock shows what threads gain where the cores are free, CPU what they cost where others use them.
+    """
+    signals, least = Signals(count, False), np.full((len(threads), 2), np.inf)
+    batches = [started(parameters(count, False), count, threads=workers, lanes=lanes) for workers in threads]
+    for k in range(SETTLE * rounds):
+        driven = signals.at(k * STEP)
+        for batch, times in zip(batches, least, strict=True):
+            begin = np.array([perf_counter(), process_time()])
+            for place, values in enumerate(driven):
+                batch.hold(place, values)
+            batch.run((k + 1) * STEP)
+            np.minimum(times, np.array([perf_counter(), process_time()]) - begin, out=times)
+    return [{"actuators": count, "threads": workers, "wall_ns": wall, "cpu_ns": cpu}
+            for workers, (wall, cpu) in zip(threads, (1e9 * least / count).tolist(), strict=True)]
 
 
 def main() -> int:
@@ -142,12 +153,15 @@ def main() -> int:
         figures[f"{name}.ns"] = case
         print(f"{name:<16}{case['loop_ns']:>7.0f} ns{case['vectors_ns']:>7.0f} ns{case['ratio']:>8.3f}{target:>8.2f}")
     if arguments.scaling:
-        cores = os.cpu_count() or 1
-        sizes = [10**n for n in range(7)]
-        figures["scaling"] = scaling(sizes, (1,), arguments.lanes)
-        figures["threads"] = scaling((100_000,), sorted({1, 2, cores}), arguments.lanes)
-        for line in (*figures["scaling"], *figures["threads"]):
-            print(f"{line['actuators']:>9.0f} actuators, {line['threads']:.0f} threads: {line['ns']:.0f} ns")
+        figures["lanes"] = arguments.lanes or loaded(NONLINEAR).actuator_lanes()
+        figures["scaling"] = scaling([10**n for n in range(7)], arguments.rounds, arguments.lanes)
+        figures["threads"] = threaded(100_000, sorted({1, 2, os.cpu_count() or 1}), arguments.rounds, arguments.lanes)
+        for line in figures["scaling"]:
+            print(f"{line['actuators']:>9.0f} actuators, {'own' if line['own'] else 'shared'}: loop "
+                  f"{line['loop_ns']:.0f} ns, vectors {line['vectors_ns']:.0f} ns, ratio {line['ratio']:.3f}")
+        for line in figures["threads"]:
+            print(f"{line['actuators']:>9.0f} actuators, {line['threads']:.0f} threads: {line['wall_ns']:.0f} ns, CPU "
+                  f"{line['cpu_ns']:.0f} ns")
     if arguments.json:
         arguments.json.write_text(json.dumps(figures, indent=1), encoding="utf-8")
     missed = [f"{name} {figures[name]:.3f} (target: at most {case[-1]:g})" for name, case in CASES.items()

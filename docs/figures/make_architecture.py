@@ -62,12 +62,12 @@ BOXES = (
         "interface of one fin or several · model description · documentation · package",
         "common/: one unit in C, of no version · fmi2/: fmi2.c, slave.py · fmi3/: fmi3.c"), "1"),
     Box(10, 292, 640, 88, BLUE, "runtime/", (
-        "codegen · simulation · compiled: an actuator as a program, in Python and C",
-        "core.py and core.h, the same in both: samples, delay line, ticks, events",
+        "codegen · compiled · batch: an actuator, or many at once, as a program in Python and C",
+        "core.py, core.h, vector_core.h, the same in all: samples, delay line, ticks, events",
         "multi_fin.py and multi_fin.h: several fins on one line · schedule"), "2"),
     Box(10, 394, 200, 268, BLUE, "trace/", (
         "tracer: runs a function", "once, over symbols, and", "notes what it does", "",
-        "python_source · c_source:", "the notes as straight-line", "code")),
+        "python_source · c_source ·", "vector_source: the notes as", "straight-line code")),
     Box(224, 394, 426, 70, GREEN, "extensions/", (
         "stribeck · lugre · efficiency · heat · homing · faults:", "an actuator in, an actuator out")),
     Box(224, 478, 426, 106, GREEN, "actuators/", (

@@ -201,7 +201,11 @@ static inline lanes_mask group_move(const group_step *g, unsigned which, group_s
                                     lanes *out)
 {
     const int lead = __builtin_ctz(which);
-    const lanes *at = g->at;
+    /* The next sample is not located, as in core_move: at rounding's distance from the slack the two may differ. */
+    const lanes next = lanes_set((double)(s->period[lead] + 1)), none = lanes_set(0.0);
+    const lanes_mask near = lanes_less_equal(lanes_fabs(lanes_set(g->end) - next * g->plan.period), g->plan.slack);
+    const lanes at[3] = {lanes_where(near, next, g->at[0]), lanes_where(near, none, g->at[1]),
+                         lanes_where(near, none, g->at[2])};
     const lanes first = group_lane(&at[0], lead), second = group_lane(&at[1], lead);
     lanes_mask moving = lanes_both(lanes_of_bits(which), lanes_both(lanes_equal(at[0], first),
                                                                    lanes_equal(at[1], second)));

@@ -1,0 +1,28 @@
+"""The blocks of docs/use/batch.md run one after the other, as they stand there."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from emcas_fmu.runtime import compiled
+from tests.hosts.host import missing
+
+from .recipes import recipes
+
+
+def test_blocks(capsys: pytest.CaptureFixture[str]) -> None:
+    if not compiled.available():
+        missing("there is no C compiler")
+    names: dict[str, Any] = {}
+    for language, text in recipes("use/batch.md").values():
+        assert language == "python"
+        exec(text, names)
+    assert 0.01 < np.median(names["rise"]) < np.max(names["rise"]) < 0.2
+    assert np.degrees(np.abs(names["attitude"]).max()) < 0.5  # of up to 10 deg at the start
+    assert len(set(names["three"].outputs["fin_angle"])) == 1  # the one that stayed has caught up
+    *_, refused, stayed = capsys.readouterr().out.splitlines()
+    assert refused.startswith("actuator 1: friction.temperature")
+    assert stayed.startswith("actuators 1: ")
