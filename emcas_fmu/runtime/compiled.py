@@ -236,9 +236,9 @@ def doubles(values: Any) -> Array:
     """Return values as an array that C can step through in doubles, without a copy if they are one."""
     array: Array = np.asarray(values, dtype=np.float64)
     flags = array.flags
-    if flags.aligned and (flags.c_contiguous or not any(stride % array.itemsize for stride in array.strides)):
-        return array
-    return array.copy()
+    if not (flags.aligned and (flags.c_contiguous or not any(stride % array.itemsize for stride in array.strides))):
+        array = array.copy()
+    return array
 
 
 def address(array: Array) -> int:

@@ -53,8 +53,7 @@ class About:
 
 def sources(model: str) -> dict[str, str]:
     """Return the C of an actuator's page: file name to text."""
-    return {_MAIN: handwritten(_MAIN, _HERE), **{name: handwritten(name) for name in ("batch.c", "tables.h")},
-            **core_sources(model=model)}
+    return {_MAIN: handwritten(_MAIN, _HERE), "batch.c": handwritten("batch.c"), **core_sources(model=model)}
 
 
 def compiled(files: Mapping[str, str]) -> bytes:
