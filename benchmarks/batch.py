@@ -35,8 +35,7 @@ CASES = {"own.1000": (1000, True, False, 0.40), "own.100000": (100_000, True, Fa
          "shared.1000": (1000, False, False, 0.28), "shared.100000": (100_000, False, False, 0.28),
          "hard.1000": (1000, True, True, 0.50)}
 VARIED = ("motor.torque_constant", "motor.back_emf_constant", "motor.resistance", "motor.inductance", "inertia.motor",
-          "inertia.fin", "deviation.friction.coulomb", "deviation.friction.viscous", "friction.fin_coulomb",
-          "friction.fin_viscous", "mass.fin", "screw.lead")
+          "inertia.fin", "deviation.friction.coulomb", "deviation.friction.viscous", "mass.fin", "screw.lead")
 SPREAD, SETTLE = 0.05, 10  # steps that are not timed
 WORK = 200_000  # steps of all actuators together in a round
 LEAST, MOST = 8, 2000  # steps of each in a round
@@ -67,9 +66,9 @@ def parameters(count: int, own: bool) -> Array:
         return row[np.newaxis]
     sets, rng = np.tile(row, (count, 1)), np.random.default_rng(2)
     names = [v.name for v in get(NONLINEAR).parameters]
-    for name in (name for name in VARIED if name in names):
-        column = sets[:, names.index(name)]
-        column *= rng.uniform(1.0 - SPREAD, 1.0 + SPREAD, count)
+    for name in VARIED:
+        share, column = rng.uniform(-SPREAD, SPREAD, count), sets[:, names.index(name)]
+        column += share if name.startswith("deviation.") else column * share
     return sets
 
 

@@ -235,8 +235,11 @@ class Batch:
         given = _sets("Batch", sets)
         if count is None:
             count = len(given)
-        elif len(given) > 1 or count < 1:
-            raise EmcasError(f"Batch: count = {count} goes with one parameter set, and is at least 1")
+        elif len(given) > 1:
+            raise EmcasError(f"Batch: count = {count} goes with one parameter set")
+        for what, number in (("count", count), ("threads", threads)):
+            if not isinstance(number, (int, np.integer)) or number < 1:
+                raise EmcasError(f"Batch: {what} = {number!r}: expected a whole number from 1 on")
         actuator = given[0].actuator
         of_each = {id(each): each for each in given}
         place = {key: k for k, key in enumerate(of_each)}
@@ -303,6 +306,11 @@ class Batch:
                                                                 variable.unit)
         for place, column in columns.items():
             self._kernel.hold(place, column)
+        try:
+            self._kernel.run(end, progress)
+        except ArithmeticError:
+            if self._kernel.moved:
+                self.time = end
+            raise
         self.time = end
-        self._kernel.run(end, progress)
         return self.outputs

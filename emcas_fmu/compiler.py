@@ -178,7 +178,7 @@ def find(cc: str | None = None) -> Compiler:
 
 
 def local_compilers() -> Iterator[Compiler]:
-    """Yield the compilers that run on this machine and build for it: $CC, zig, which takes least time, cc, gcc, clang."""
+    """Yield the compilers that run on this machine and build for it: $CC, zig as the quickest, cc, gcc, clang."""
     for name in (os.environ.get("CC"), "", "cc", "gcc", "clang"):
         try:
             if name:

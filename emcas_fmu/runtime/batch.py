@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes as ct
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from math import isfinite
 from typing import NoReturn
 
@@ -15,7 +15,7 @@ from ..parameters import ParameterError, check_parameters
 from ..progress import Progress, silent
 from .codegen import MOTION
 from .compiled import REASONS, Array, address, by_schedule, doubles, prepare
-from .library import WORTH, loaded, vectors
+from .library import WORTH_VECTORS, loaded, vectors
 
 _LINE = 64  # bytes of a cache's line, and of the longest vectors
 _CHUNK = 4096  # actuators that are prepared at a time
@@ -70,7 +70,7 @@ class Batch:
         self._columns: list[Array] = [np.zeros(()) for _ in self._inputs]
         self._addresses = (ct.c_void_p * len(self._inputs))(*map(address, self._columns))
         self._strides = (ct.c_ssize_t * len(self._inputs))()
-        many = vectors(model, _STEPS * count if lanes is None else WORTH, lanes)
+        many = vectors(model, _STEPS * count if lanes is None else WORTH_VECTORS, lanes)
         self._units, self._move = self._alone(progress) if many is None else self._together(many, progress)
 
     def _alone(self, progress: Progress) -> tuple[int, _Move]:
@@ -95,19 +95,21 @@ class Batch:
         lanes, sets = library.batch_lanes(), self._parameters
         units = -(-self.count // lanes)
         common = prepare(library, sets[:1]).values[0]
-        varies, schedules = np.zeros(len(common), dtype=bool), []
+        varies, reads, schedules = np.zeros(len(common), dtype=bool), np.zeros(len(common), dtype=bool), []
+        library.batch_reads(address(reads))
         for chunk in _chunks(len(sets), _CHUNK):
             prepared = prepare(library, sets[chunk])
             if prepared.refused.any():
                 self._refuse(chunk.start + int(np.argmax(prepared.refused)))
-            varies |= (prepared.values != common).any(axis=0)
+            # By their bits: 0 and -0 differ.
+            varies |= (prepared.values.view(np.int64) != common.view(np.int64)).any(axis=0)
             schedules.append(prepared.schedules)
             progress("preparing actuators", chunk.stop, 2 * len(sets))
         all_schedules = np.concatenate(schedules)
         same = bool((all_schedules == all_schedules[0]).all())
         order = np.arange(self.count, dtype=np.uintp) if same else by_schedule(all_schedules)
         order = np.concatenate([order, np.full(units * lanes - self.count, order[-1])])
-        places = np.flatnonzero(varies).astype(np.uintp)
+        places = np.flatnonzero(varies & reads).astype(np.uintp)
         varying = _aligned(units * lanes * len(places) * 8).view(np.float64).reshape(units, len(places), lanes)
         for chunk in _chunks(units, _CHUNK // lanes) if len(places) else ():
             values = prepare(library, sets[order[chunk.start * lanes:chunk.stop * lanes]]).values[:, places]
@@ -152,6 +154,11 @@ class Batch:
         if place in self._motion:
             self._motions += 1
 
+    @property
+    def moved(self) -> bool:
+        """Whether some actuator went along in the last step."""
+        return not self._results.all()
+
     def run(self, end: float, progress: Progress = silent) -> Array:
         """Move every actuator on to `end` [s] from the start with its inputs held; return :attr:`outputs`.
 
@@ -175,10 +182,13 @@ class Batch:
         def move(piece: slice) -> int:
             return self._move(piece.start, piece.stop, end, *given)
 
-        failed = 0
-        for piece, stopped in zip(pieces, (self._threads.map if self._threads else map)(move, pieces), strict=True):
-            failed += stopped
-            progress("moving actuators", piece.stop, self._units)
+        failed, running = 0, [self._threads.submit(move, piece) for piece in pieces] if self._threads else []
+        try:
+            for k, piece in enumerate(pieces):
+                failed += running[k].result() if running else move(piece)
+                progress("moving actuators", piece.stop, self._units)
+        finally:
+            wait(running)  # nothing moves on behind the caller's back, whatever a progress raises
         return failed
 
 

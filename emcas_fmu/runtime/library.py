@@ -23,7 +23,7 @@ _ONE, _MANY = "batch.c", "vectors.c"
 # By the actuators that a vector holds. No host's traps are on in Python, which is what FLAGS think of.
 _VECTOR_FLAGS = {8: ("-fno-trapping-math", "-mavx512f", "-mavx512dq"), 4: ("-fno-trapping-math", "-mavx2")}
 # Steps of 1 ms that take about as long as a compiler, once: in Python, and those in which vectors save as much.
-WORTH_ONE, WORTH = 5000, 20_000_000
+WORTH_COMPILING, WORTH_VECTORS = 5000, 20_000_000
 
 _DOUBLES = ct.POINTER(ct.c_double)
 # Of points of time, inputs and outputs of whole runs.
@@ -58,6 +58,8 @@ def _library(model: str, lanes: int = 1) -> ct.CDLL | str:
         return "this platform is not known"
     problem = ""
     for compiler in local_compilers():
+        if lanes > 1 and target.name == "win64" and not compiler.zig:
+            continue  # gcc does not align the stack for vectors there
         described = _described(compiler, target, model, lanes)
         try:
             path = _cached(described, target.suffix) or _compile(compiler, target, described, model, lanes)
@@ -77,7 +79,7 @@ def worth(model: str, steps: float, lanes: int = 1) -> bool:
     """
     if lanes == 1 and parts(model)[0] not in NAMES:
         return True
-    key, least = (model, lanes), WORTH if lanes > 1 else WORTH_ONE
+    key, least = (model, lanes), WORTH_VECTORS if lanes > 1 else WORTH_COMPILING
     _asked[key] += steps
     # To look for what has been compiled takes as long as some steps do.
     if least / 100 <= _asked[key] < least and _kept(model, lanes):
@@ -109,9 +111,12 @@ def vectors(model: str, steps: float, lanes: int | None = None) -> ct.CDLL | Non
     """Return the library of a model that moves many actuators at once, if that many `steps` are worth it.
 
     None where they are not, and on a processor without vectors of four numbers. `lanes`, unless given, are as many as
-    the processor's vectors hold. Raises CompilerError where there is no compiled kernel at all.
+    the processor's vectors hold. Raises ValueError for more, CompilerError where there is no compiled kernel at all.
     """
-    lanes = loaded(model).actuator_lanes() if lanes is None else lanes
+    most = loaded(model).actuator_lanes()
+    lanes = most if lanes is None else lanes
+    if lanes > most:
+        raise ValueError(f"vectors of this processor hold {most} numbers, not {lanes}")
     if lanes not in _VECTOR_FLAGS or not worth(model, steps, lanes):
         return None
     with _making:
@@ -172,6 +177,7 @@ def _declared(library: ct.CDLL) -> ct.CDLL:
 def _declared_vectors(library: ct.CDLL) -> ct.CDLL:
     library.batch_values.restype = library.batch_group_size.restype = ct.c_size_t
     library.batch_prepare.restype = library.batch_run.restype = ct.c_size_t
+    library.batch_reads.argtypes, library.batch_reads.restype = [ct.c_void_p], None
     library.batch_group_size.argtypes = [ct.c_size_t]
     library.batch_prepare.argtypes = [ct.c_size_t, ct.c_void_p, ct.c_size_t, ct.c_void_p, ct.c_void_p]
     library.batch_start.argtypes = [ct.c_void_p, ct.c_size_t, ct.c_size_t]

@@ -8,11 +8,7 @@
 #include <stdint.h>
 #include <string.h>
 
-#if defined __x86_64__ || defined _M_X64
 #include <immintrin.h>
-#elif defined __aarch64__
-#include <arm_neon.h>
-#endif
 
 #if defined __AVX512F__ && defined __AVX512DQ__
 enum { LANES = 8 };
@@ -29,8 +25,11 @@ static inline lanes lanes_maximum(lanes a, lanes b) { return _mm512_max_pd(a, b)
 static inline lanes_mask lanes_less(lanes a, lanes b) { return _mm512_cmp_pd_mask(a, b, _CMP_LT_OQ); }
 static inline lanes_mask lanes_less_equal(lanes a, lanes b) { return _mm512_cmp_pd_mask(a, b, _CMP_LE_OQ); }
 static inline lanes_mask lanes_equal(lanes a, lanes b) { return _mm512_cmp_pd_mask(a, b, _CMP_EQ_OQ); }
+static inline lanes_mask lanes_same(lanes a, lanes b) /* by their bits */
+{
+    return _mm512_cmpeq_epi64_mask(_mm512_castpd_si512(a), _mm512_castpd_si512(b));
+}
 static inline lanes_mask lanes_true(lanes x) { return _mm512_cmp_pd_mask(x, _mm512_setzero_pd(), _CMP_NEQ_UQ); }
-static inline lanes_mask lanes_all_or_none(bool x) { return (lanes_mask)(x ? 0xff : 0); }
 static inline lanes_mask lanes_both(lanes_mask a, lanes_mask b) { return a & b; }
 static inline lanes_mask lanes_but(lanes_mask a, lanes_mask b) { return (lanes_mask)(a & ~b); }
 static inline lanes_mask lanes_either(lanes_mask a, lanes_mask b) { return a | b; }
@@ -60,6 +59,10 @@ static inline lanes lanes_maximum(lanes a, lanes b) { return _mm256_max_pd(a, b)
 static inline lanes_mask lanes_less(lanes a, lanes b) { return _mm256_cmp_pd(a, b, _CMP_LT_OQ); }
 static inline lanes_mask lanes_less_equal(lanes a, lanes b) { return _mm256_cmp_pd(a, b, _CMP_LE_OQ); }
 static inline lanes_mask lanes_equal(lanes a, lanes b) { return _mm256_cmp_pd(a, b, _CMP_EQ_OQ); }
+static inline lanes_mask lanes_same(lanes a, lanes b) /* by their bits */
+{
+    return _mm256_castsi256_pd(_mm256_cmpeq_epi64(_mm256_castpd_si256(a), _mm256_castpd_si256(b)));
+}
 static inline lanes_mask lanes_true(lanes x) { return _mm256_cmp_pd(x, _mm256_setzero_pd(), _CMP_NEQ_UQ); }
 static inline lanes_mask lanes_both(lanes_mask a, lanes_mask b) { return _mm256_and_pd(a, b); }
 static inline lanes_mask lanes_but(lanes_mask a, lanes_mask b) { return _mm256_andnot_pd(b, a); }

@@ -224,7 +224,7 @@ static inline lanes_mask group_move(const group_step *g, unsigned which, group_s
         position = there;
         rest = behind ? covered : lanes_where(lanes_less(rest, covered), covered, rest);
     }
-    while (here < period || there < position) {
+    while (lanes_any(moving) && (here < period || there < position)) {
         moving = group_tick(g, moving, s, there, in, there < g->before ? g->plan.h_before : g->plan.h_after, true);
         if (++there == g->ticks) {
             there = 0;

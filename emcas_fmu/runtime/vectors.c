@@ -32,6 +32,13 @@ API size_t batch_values(size_t *schedule)
     return GROUP_VALUES;
 }
 
+/* Which of the values steps, samples and outputs read; what the others were for is among these. */
+API void batch_reads(unsigned char *reads)
+{
+    memset(reads, 1, GROUP_VALUES);
+    memcpy(reads, VECTOR_READS, sizeof VECTOR_READS);
+}
+
 /* Bytes of a group of delay lines no longer than `line`. */
 API size_t batch_group_size(size_t line)
 {
@@ -203,7 +210,7 @@ static void carry(group *at, const group_step *g, const lanes *motion, uint64_t 
 {
     if (common && at->common_motion == common) return;
     lanes_mask same = lanes_of_bits(LANES_ALL);
-    for (int i = 0; i < MODEL_MOTION; ++i) same = lanes_both(same, lanes_equal(at->motion[i], motion[i]));
+    for (int i = 0; i < MODEL_MOTION; ++i) same = lanes_both(same, lanes_same(at->motion[i], motion[i]));
     at->common_motion = common;
     if (lanes_bits(same) == LANES_ALL) return;
     memcpy(at->motion, motion, sizeof at->motion);
@@ -226,7 +233,7 @@ static void inputs_of(const group *at, const lanes *row, group_inputs *in)
 }
 
 /* Have what a step of a group needs on its way from memory. */
-static void expect(const group *at, size_t bytes)
+static void prefetch(const group *at, size_t bytes)
 {
     const char *here = (const char *)at->carried, *end = (const char *)at + bytes;
     for (; here < end; here += 64) __builtin_prefetch(here);
@@ -275,7 +282,7 @@ API size_t batch_run(const batch *b, size_t first, size_t last, double end, cons
     fill(&of, b->common);
     for (size_t k = first; k < last; ++k) {
         group *at = (group *)(b->groups + k * b->group_size);
-        if (k + 1 < last) expect((const group *)(b->groups + (k + 1) * b->group_size), b->group_size);
+        if (k + 1 < last) prefetch((const group *)(b->groups + (k + 1) * b->group_size), b->group_size);
         vary(&of, b, k);
         if (!g.p || !b->same_schedule) g = prepared(&of, end);
         const size_t *actuator = b->order + k * LANES;

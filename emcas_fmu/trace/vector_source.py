@@ -40,7 +40,9 @@ def vector_source(tracer: Tracer, prefix: str) -> str:
     for each lane by the scalar program.
     """
     writer = _VectorWriter(tracer)
-    text: list[str] = []
+    reads = ", ".join(str(int(name in writer.read_by_functions)) for name, _ in tracer.parameters)
+    text = ["/* Whether a parameter is read by the functions, or by what is prepared only. */",
+            f"static const unsigned char {prefix.upper()}_READS[] = {{{reads}}};", ""]
     for function in tracer.functions:
         arguments = "".join(f", lanes {a}" for a in function.printed)
         text += [f"static inline void {prefix}_{function.name}(unsigned which, const lanes *restrict p, "

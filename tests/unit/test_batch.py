@@ -81,7 +81,8 @@ def test_parameters_by_column() -> None:
 
 @pytest.mark.parametrize(("given", "options", "said"), [
     ([], {}, "give one parameter set"), ([BASE, BASE], {"count": 3}, "count = 3 goes with one"),
-    (BASE, {"count": 0}, "at least 1"), (BASE, {"count": 2, "varied": {"friction.temp": 1.0}}, "no parameter friction"),
+    (BASE, {"count": 0}, "from 1 on"), (BASE, {"count": 2.0}, "from 1 on"), (BASE, {"threads": 0}, "threads = 0"),
+    (BASE, {"count": 2, "varied": {"friction.temp": 1.0}}, "no parameter friction"),
     (BASE, {"count": 2, "varied": {"friction.temperature": [1.0]}}, "array of 2 values"),
     (BASE, {"count": 2, "varied": {"friction.temperature": [1.0, 900.0]}}, "actuator 1: friction.temperature"),
     (BASE, {"count": 2, "varied": {"drive.transport_delay": [0.0, 0.1]}}, "actuator 1: .*at most 64 times")])
@@ -110,6 +111,26 @@ def test_threads_and_progress() -> None:
         np.testing.assert_array_equal(batch.outputs["fin_angle"], batches[0].outputs["fin_angle"])
     assert {(what, done == total) for what, done, total in told} >= {("preparing actuators", True),
                                                                      ("moving actuators", True)}
+
+
+def test_a_progress_that_raises_leaves_nothing_running() -> None:
+    """As Ctrl-C does: what was begun by threads is over when the caller goes on, and the batch may be used on."""
+    batch, alone = Batch(BASE, 64, threads=2), Batch(BASE, 64)
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        batch.run(0.01, interrupt, fin_command=0.1)
+    np.testing.assert_array_equal(batch.run(0.01)["fin_angle"], alone.run(0.01, fin_command=0.1)["fin_angle"])
+
+
+def test_a_time_too_far_is_not_reached() -> None:
+    batch = Batch(BASE, 2)
+    with pytest.raises(ArithmeticError, match="actuators 0, 1: more than"):
+        batch.run(1e12)
+    assert batch.time == 0.0
+    batch.run(0.01)
 
 
 def test_inputs_and_outputs_are_not_copied() -> None:

@@ -261,9 +261,9 @@ def test_what_is_short_is_not_worth_compiling(uncached: Path, monkeypatch: pytes
     values = load_parameters(model=SMALL).values
     runs = [simulate(values, 1.0, 1e-3, model=SMALL, fin_command=0.1)]
     assert not list(uncached.iterdir())
-    simulate(values, (library.WORTH_ONE - 1000) * 1e-3, 1e-3, model=SMALL)
+    simulate(values, (library.WORTH_COMPILING - 1000) * 1e-3, 1e-3, model=SMALL)
     (kept,) = uncached.iterdir()
-    for asked in (0.0, 100.0 * library.WORTH_ONE):
+    for asked in (0.0, 100.0 * library.WORTH_COMPILING):
         monkeypatch.setattr(library, "_asked", defaultdict(float, {(SMALL, 1): asked}))
         runs.append(simulate(values, 1.0, 1e-3, model=SMALL, fin_command=0.1))
     assert list(uncached.iterdir()) == [kept]
