@@ -77,13 +77,13 @@ def ratios(runs: Sequence[Any]) -> str:
 
 
 def threads(runs: Sequence[Any]) -> str:
-    """CPU of a step by several threads over that by one."""
+    """Time of a step by several threads over that by one."""
     shares, count = [], runs[0]["threads"][0]["actuators"]
     for run in runs:
         one, *more = run["threads"]
-        shares += [f"{line['threads']} threads with {run['lanes']} at once {line['cpu_ns'] / one['cpu_ns']:.2f}"
+        shares += [f"{line['threads']} threads with {run['lanes']} at once {line['ns'] / one['ns']:.2f}"
                    for line in more]
-    return f"CPU of {count:,} actuators with one set over that of one thread: {', '.join(shares)}."
+    return f"Time of {count:,} actuators with one set over that of one thread: {', '.join(shares)}."
 
 
 if __name__ == "__main__":

@@ -48,12 +48,18 @@ def elementary_header() -> str:
                   f"{_NO_CONTRACTION}\n{c_elementary(elementary.traced())}")
 
 
+def batch_sources(model: str = NONLINEAR) -> dict[str, str]:
+    """Return what an actuator's library for Python is made of, its main file first."""
+    return {**{name: handwritten(name) for name in ("batch.c", "tables.h")}, **core_sources(model=model)}
+
+
 def vector_sources(model: str = NONLINEAR) -> dict[str, str]:
-    """Return the headers that hold many of an actuator at once, beside those of :func:`core_sources`."""
+    """Return what an actuator's library of vectors is made of, its main file first."""
     equations = f"{vector_elementary(elementary.traced())}\n{vector_source(codegen.traced(False, model), 'vector')}"
-    return {"vector_kernel.h": header("vector_kernel", "The actuator's equations for many at once",
+    return {**{name: handwritten(name) for name in ("vectors.c", "vector.h", "vector_core.h", "tables.h")},
+            "vector_kernel.h": header("vector_kernel", "The actuator's equations for many at once",
                                       f'#include "vector.h"\n\n{_NO_CONTRACTION}\n{equations}'),
-            **{name: handwritten(name) for name in ("vector.h", "vector_core.h")}}
+            **core_sources(model=model)}
 
 
 def enumerator(name: str) -> str:

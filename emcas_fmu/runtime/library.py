@@ -17,9 +17,8 @@ from ..actuators import NAMES, NONLINEAR, parts
 from ..compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers, local_platform
 from ..files import cache_directory
 from ..progress import LOG
-from .c_sources import core_sources, handwritten, vector_sources
+from .c_sources import batch_sources, vector_sources
 
-_ONE, _MANY = "batch.c", "vectors.c"
 # By the actuators that a vector holds. No host's traps are on in Python, which is what FLAGS think of.
 _VECTOR_FLAGS = {8: ("-fno-trapping-math", "-mavx512f", "-mavx512dq"), 4: ("-fno-trapping-math", "-mavx2")}
 # Steps of 1 ms that take about as long as a compiler, once: in Python, and those in which vectors save as much.
@@ -34,10 +33,7 @@ _making = threading.Lock()
 
 @cache
 def _sources(model: str, lanes: int) -> Mapping[str, str]:
-    """Return what a library is made of, its main file first."""
-    main = _MANY if lanes > 1 else _ONE
-    return {main: handwritten(main), "tables.h": handwritten("tables.h"), **core_sources(model=model),
-            **(vector_sources(model) if lanes > 1 else {})}
+    return vector_sources(model) if lanes > 1 else batch_sources(model)
 
 
 def _described(compiler: Compiler, target: Platform, model: str, lanes: int) -> str:

@@ -27,7 +27,7 @@ from ...errors import EmcasError
 from ...parameters import Entry, ParameterSet, load_parameters
 from ...reference import cases
 from ...response import CLIPPED, IN_DEGREES, LIKE_DEGREES, ROUNDING, panels
-from ...runtime.c_sources import MOST_NUMBERS, core_sources, handwritten
+from ...runtime.c_sources import MOST_NUMBERS, batch_sources, handwritten
 from ...runtime.compiled import REASONS
 from ...units import factor
 from ...variables import Variable
@@ -53,7 +53,7 @@ class About:
 
 def sources(model: str) -> dict[str, str]:
     """Return the C of an actuator's page: file name to text."""
-    return {_MAIN: handwritten(_MAIN, _HERE), "batch.c": handwritten("batch.c"), **core_sources(model=model)}
+    return {_MAIN: handwritten(_MAIN, _HERE), **batch_sources(model)}
 
 
 def compiled(files: Mapping[str, str]) -> bytes:
