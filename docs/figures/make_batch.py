@@ -81,7 +81,7 @@ def threads(runs: Sequence[Any]) -> str:
     shares, count = [], runs[0]["threads"][0]["actuators"]
     for run in runs:
         one, *more = run["threads"]
-        shares += [f"{line['threads']} threads with {run['lanes']} at once {line['ns'] / one['ns']:.2f}"
+        shares += [f"{line['threads']} threads with {run['lanes']} at once {line['wall_ns'] / one['wall_ns']:.2f}"
                    for line in more]
     return f"Time of {count:,} actuators with one set over that of one thread: {', '.join(shares)}."
 
