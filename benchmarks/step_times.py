@@ -26,7 +26,7 @@ from emcas_fmu.actuators import NAMES, get
 from emcas_fmu.compiler import local_compilers, local_platform
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics.loads import LOADS
-from emcas_fmu.runtime.c_sources import core_sources, handwritten
+from emcas_fmu.runtime.c_sources import batch_sources
 
 SOURCE = Path(__file__).parent / "native" / "step_times.c"
 LOAD = 150.0  # N.m, largest of either sign: more than most of them hold
@@ -47,8 +47,7 @@ def _library(model: str, folder: Path) -> ct.CDLL:
     target, compiler = local_platform(), next(local_compilers(), None)
     if target is None or compiler is None:
         raise SystemExit("no C compiler: install one, or ziglang with  pip install 'emcas-fmu[native]'")
-    sources = {SOURCE.name: SOURCE.read_text(encoding="utf-8"), **core_sources(model=model),
-               **{name: handwritten(name) for name in ("batch.c", "tables.h")}}
+    sources = {SOURCE.name: SOURCE.read_text(encoding="utf-8"), **batch_sources(model)}
     path = folder / f"{model}{target.suffix}"
     path.write_bytes(compiler.library(sources, SOURCE.name, target, "step_times"))
     library = ct.CDLL(str(path))
