@@ -83,7 +83,7 @@ def figures(model: str, steps: int, repeats: int, seed: int, folder: Path) -> di
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--steps", type=int, default=10_000_000, help="steps of each actuator (default 10 million)")
-    parser.add_argument("--repeats", type=int, default=5, help="how often each sequence is run (default 5)")
+    parser.add_argument("--repeats", type=int, default=3, help="how often each sequence is run (default 3)")
     parser.add_argument("--model", action="append", help="only this actuator (may be given several times)")
     parser.add_argument("--seed", type=int, default=1, help="of the random steps (default 1)")
     parser.add_argument("--json", type=Path, help="write the figures to this file")

@@ -220,6 +220,20 @@ def tune(parameters: ParameterSet | None = None, study: Study | Path | str | Non
     return run(chosen, seed, generations, workers or os.cpu_count() or 1, Journal(journal, chosen), progress)
 
 
+def _check_column(variable: Variable, values: Array) -> None:
+    """Raise ParameterError naming the first actuator whose value of a parameter is out of its limits, or not whole."""
+    wrong = (values < variable.minimum) | (values > variable.maximum)
+    if variable.kind != "Real":
+        wrong |= values != np.floor(values)
+    if variable.kind == "Boolean":
+        wrong |= (values != 0.0) & (values != 1.0)
+    if wrong.any():
+        place = int(np.argmax(wrong))
+        limits = "" if variable.kind == "Boolean" else f" from {variable.minimum:g} to {variable.maximum:g}"
+        raise ParameterError([f"actuator {place}: {variable.name} = {values[place]:g} is not a {variable.kind}"
+                              f"{limits}"])
+
+
 class Batch:
     """Many actuators of one model side by side, in machine code: for a 6-DOF's Monte Carlo, or a swarm.
 
@@ -250,12 +264,13 @@ class Batch:
         if columns:
             parameters = np.broadcast_to(parameters, (count, parameters.shape[1])).copy()
         places = {v.name: k for k, v in enumerate(actuator.parameters)}
-        starting = {v.key for v in actuator.inputs}  # parameters that are an input's start, and may be nothing else
+        known = {e.variable.name: e.variable for e in given[0].entries}
         for name, values in columns.items():
-            if name in places:
+            if name not in known:
+                raise EmcasError(f"Batch: {actuator.name} has no parameter {name}{hint(name, known)}")
+            _check_column(known[name], np.broadcast_to(values, count))
+            if name in places:  # others are an input's start
                 parameters[:, places[name]] = values
-            elif name not in starting:
-                raise EmcasError(f"Batch: {actuator.name} has no parameter {name}{hint(name, places)}")
         self._kernel = batch.Batch(parameters, count, given[0].model, threads, progress)
         self._variables = {v.name: v for v in actuator.inputs}
         self._places = {v.name: k for k, v in enumerate(actuator.inputs)}
@@ -306,11 +321,11 @@ class Batch:
                                                                 variable.unit)
         for place, column in columns.items():
             self._kernel.hold(place, column)
+        reached, self.time = self.time, end  # also where a progress raises: some have moved, and none goes back
         try:
             self._kernel.run(end, progress)
         except ArithmeticError:
-            if self._kernel.moved:
-                self.time = end
+            if not self._kernel.moved:
+                self.time = reached
             raise
-        self.time = end
         return self.outputs

@@ -10,7 +10,7 @@ import shutil
 import struct
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -179,11 +179,16 @@ def find(cc: str | None = None) -> Compiler:
 
 def local_compilers() -> Iterator[Compiler]:
     """Yield the compilers that run on this machine and build for it: $CC, zig as the quickest, cc, gcc, clang."""
-    for name in (os.environ.get("CC"), "", "cc", "gcc", "clang"):
+    chosen = os.environ.get("CC")
+    yield from _working([chosen] if chosen else [])
+    if compiler := zig():
+        yield compiler
+    yield from _working(["cc", "gcc", "clang"])
+
+
+def _working(names: Iterable[str]) -> Iterator[Compiler]:
+    for name in names:
         try:
-            if name:
-                yield system(name)
-            elif name == "" and (compiler := zig()):
-                yield compiler
+            yield system(name)
         except (CompilerError, OSError, ValueError):
             continue

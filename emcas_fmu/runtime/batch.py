@@ -14,7 +14,7 @@ from ..actuators import NONLINEAR, get
 from ..parameters import ParameterError, check_parameters
 from ..progress import Progress, silent
 from .codegen import MOTION
-from .compiled import REASONS, Array, address, by_schedule, doubles, prepare
+from .compiled import REASONS, Array, address, by_schedule, doubles, longest_line, prepare
 from .library import WORTH_VECTORS, loaded, vectors
 
 _LINE = 64  # bytes of a cache's line, and of the longest vectors
@@ -116,7 +116,7 @@ class Batch:
             varying[chunk] = values.reshape(-1, lanes, len(places)).transpose(0, 2, 1)
             progress("preparing actuators", min(len(sets) + chunk.stop * lanes, 2 * len(sets)), 2 * len(sets))
         progress("preparing actuators", 2 * len(sets), 2 * len(sets))
-        size = library.batch_group_size(int(np.max(all_schedules[:, 6] + all_schedules[:, 7])) + 2)
+        size = library.batch_group_size(longest_line(all_schedules))
         size = -(-size // _LINE) * _LINE
         groups = _aligned(size * units)
         self._kept = order, common, places, varying, groups  # the library has their addresses
@@ -140,7 +140,8 @@ class Batch:
     def hold(self, place: int, value: float | Array) -> None:
         """Give an input, by its place in the interface, SI: a number for all, or an array [count], which is not copied.
 
-        It holds until it is given anew. Raises ValueError for another shape and for values that are not finite.
+        It holds until it is given anew; an array that repeats one value in memory is a number. Raises ValueError for
+        another shape and for values that are not finite.
         """
         column = doubles(value)
         if column.shape not in ((), (self.count,)):
@@ -148,9 +149,10 @@ class Batch:
         if not np.logical_and.reduce(np.isfinite(column), axis=None):  # half the time of all()
             which = int(np.argmin(np.isfinite(column)))
             raise ValueError(f"actuator {which}: {self._inputs[place]} = {column.flat[which]} is not finite")
-        self._columns[place] = column
-        self._addresses[place] = address(column)
-        self._strides[place] = column.strides[0] // column.itemsize if column.shape else 0
+        apart = 0 if not column.shape else 1 if self.count == 1 else column.strides[0] // column.itemsize
+        self._columns[place] = column if apart else np.array(column.flat[0])
+        self._addresses[place] = address(self._columns[place])
+        self._strides[place] = apart
         if place in self._motion:
             self._motions += 1
 
@@ -162,7 +164,8 @@ class Batch:
     def run(self, end: float, progress: Progress = silent) -> Array:
         """Move every actuator on to `end` [s] from the start with its inputs held; return :attr:`outputs`.
 
-        Raises ArithmeticError naming the actuators that cannot be followed; these stay where they were.
+        Raises ValueError for an end that is not finite, ArithmeticError naming the actuators that cannot be followed;
+        these stay where they were.
         """
         if not isfinite(end):
             raise ValueError(f"the time to move on to is {end} s")

@@ -19,6 +19,7 @@ from ..physics.loads import LOADS, Carried
 from . import core
 from .library import available as available
 from .library import loaded, vectors
+from .schedule import Schedule
 
 REASONS = ("", "the state is no longer finite", f"more than {core.MOST_EVENTS} events in a tick",
             f"more than {core.MOST_TICKS} ticks in one step", "the parameters are refused", "an input is not finite")
@@ -213,8 +214,14 @@ def prepare(library: ct.CDLL, parameters: Array) -> Prepared:
 
 def by_schedule(schedules: Array) -> Array:
     """Return an order in which actuators that have as many ticks and samples under way are neighbours."""
-    _, before, after, _, _, _, samples, late, _ = schedules.T
-    return np.lexsort((late, samples, after, before)).astype(np.uintp)
+    plan = Schedule(*schedules.T)
+    return np.lexsort((plan.late_commands, plan.delay_samples, plan.after, plan.before)).astype(np.uintp)
+
+
+def longest_line(schedules: Array) -> int:
+    """Return how many values the longest delay line has: as core_line_length of core.h."""
+    plan = Schedule(*schedules.T)
+    return int(np.max(plan.delay_samples + plan.late_commands)) + 2
 
 
 def _failure(parameters: Array, inputs: Sequence[Array], run: int, reached: int, step: float, held: int,

@@ -19,7 +19,7 @@ from ..files import cache_directory
 from ..progress import LOG
 from .c_sources import batch_sources, vector_sources
 
-# By the actuators that a vector holds. No host's traps are on in Python, which is what FLAGS think of.
+# By the actuators that a vector holds. No host's traps are on in Python, which is what FLAGS think of (and zig goes by).
 _VECTOR_FLAGS = {8: ("-fno-trapping-math", "-mavx512f", "-mavx512dq"), 4: ("-fno-trapping-math", "-mavx2")}
 # Steps of 1 ms that take about as long as a compiler, once: in Python, and those in which vectors save as much.
 WORTH_COMPILING, WORTH_VECTORS = 5000, 20_000_000
@@ -71,6 +71,8 @@ def _library(model: str, lanes: int = 1) -> ct.CDLL | str:
 def worth(model: str, steps: float, lanes: int = 1) -> bool:
     """Return whether the steps of a model asked for so far, with these, are worth compiling for; or it has been.
 
+    Steps of any length count as those of 1 ms: samples and ticks take the time, not how far apart points are.
+
     A user's actuator always is: it may divide by zero where nothing comes of it, which Python refuses.
     """
     if lanes == 1 and parts(model)[0] not in NAMES:
@@ -88,10 +90,9 @@ _asked: dict[tuple[str, int], float] = defaultdict(float)
 
 def _kept(model: str, lanes: int) -> bool:
     """Return whether a library has been compiled on this machine before."""
-    target, compiler = local_platform(), next(local_compilers(), None)
-    if target is None or compiler is None:
-        return False
-    return _cached(_described(compiler, target, model, lanes), target.suffix) is not None
+    target = local_platform()
+    return target is not None and any(_cached(_described(compiler, target, model, lanes), target.suffix)
+                                      for compiler in local_compilers())
 
 
 def loaded(model: str) -> ct.CDLL:

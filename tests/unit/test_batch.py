@@ -85,6 +85,9 @@ def test_parameters_by_column() -> None:
     (BASE, {"count": 2, "varied": {"friction.temp": 1.0}}, "no parameter friction"),
     (BASE, {"count": 2, "varied": {"friction.temperature": [1.0]}}, "array of 2 values"),
     (BASE, {"count": 2, "varied": {"friction.temperature": [1.0, 900.0]}}, "actuator 1: friction.temperature"),
+    (BASE, {"count": 2, "varied": {"drive.supply_voltage": [39.0, -5.0]}}, "actuator 1: drive.supply_voltage = -5"),
+    (BASE, {"count": 2, "varied": {"encoder.pulses": [1000.5, 1e3]}}, "actuator 0: encoder.pulses = 1000.5 is not a"),
+    (BASE, {"count": 2, "varied": {"encoder.enabled": [1, 0.5]}}, "actuator 1: encoder.enabled = 0.5 is not a Boolean"),
     (BASE, {"count": 2, "varied": {"drive.transport_delay": [0.0, 0.1]}}, "actuator 1: .*at most 64 times")])
 def test_says_what_cannot_be_a_batch(given: ParameterSet | list[ParameterSet], options: dict[str, object],
                                      said: str) -> None:
@@ -122,6 +125,8 @@ def test_a_progress_that_raises_leaves_nothing_running() -> None:
 
     with pytest.raises(KeyboardInterrupt):
         batch.run(0.01, interrupt, fin_command=0.1)
+    with pytest.raises(EmcasError, match="is before"):  # some are there already
+        batch.run(0.005)
     np.testing.assert_array_equal(batch.run(0.01)["fin_angle"], alone.run(0.01, fin_command=0.1)["fin_angle"])
 
 
@@ -142,6 +147,21 @@ def test_inputs_and_outputs_are_not_copied() -> None:
     every_other[:] = 0.0  # what is held is the caller's array
     batch.run(0.3)
     assert np.abs(angle).max() < 1e-2
+
+
+def test_a_number_is_taken_as_it_is() -> None:
+    """What repeats one value in memory, too: written over later, it changes nothing, whatever moves the actuators."""
+    number = np.array(20.0)
+    held, alone = (Batch(BASE.with_values({"mass.fin": 2.0}), 16) for _ in range(2))
+    held.run(0.01, acceleration__z=number, aero_torque=np.broadcast_to(number, 16))
+    alone.run(0.01, acceleration__z=20.0, aero_torque=20.0)
+    number[...] = 300.0
+    np.testing.assert_array_equal(held.run(0.1)["fin_angle"], alone.run(0.1)["fin_angle"])
+    one = np.array([0.1])
+    single = Batch(BASE, 1)
+    single.run(0.01, fin_command=one)
+    one[0] = 0.0
+    assert abs(single.run(0.4)["fin_angle"][0]) < 1e-2
 
 
 def test_arrays_however_they_lie_in_memory() -> None:

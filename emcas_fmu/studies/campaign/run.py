@@ -25,8 +25,8 @@ from .sample import Rows, failed, rows
 from .sampling import Sampler
 from .study import Study
 
-# Simulated in a task by default: some tenths of a second to two of work with the kernel, and about as much with
-# an FMU's tenth of it. What is taken for a task (milliseconds) is little beside it, what a kill loses is little.
+# Simulated in a task by default: some tenths of a second of work with the kernel, a few seconds with an FMU. What is
+# taken for a task (milliseconds) is little beside it, what a kill loses is little.
 SIMULATED, BY_FMU = 1000.0, 20.0  # s
 # Deaths of a worker under a task before it is given up. Dask's own 3 costs as many restarts more for a
 # sample that kills every worker, and one spares a task whose worker was killed from outside.
