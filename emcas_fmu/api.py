@@ -128,8 +128,7 @@ def _with_inputs(excitation: Excitation, inputs: Mapping[str, Signal | str], uni
     for given, signal in inputs.items():
         variable = _input(given, there_are)
         values = [signal(t) for t in excitation.time.tolist()] if callable(signal) else signal
-        columns[variable.name] = _values(values, variable, len(excitation.time),
-                                         "a function of time, or an array of {} values, one for each point")
+        columns[variable.name] = _values(values, variable, len(excitation.time))
     columns = dict(sorted(columns.items(), key=lambda item: item[0].startswith("fin[")))
     return Excitation(excitation.title, spread(columns, unit), excitation.begin, excitation.step,
                       excitation.start_values, excitation.spring)
@@ -143,21 +142,28 @@ def _input(given: str, there_are: Mapping[str, Variable]) -> Variable:
     return there_are[name]
 
 
-def _values(given: Any, variable: Variable, count: int, otherwise: str) -> Array:
-    """Return `count` finite values of an input, in its unit, from a number, text or array. Raises EmcasError.
-
-    `otherwise` ends the message that lists what an input may be.
-    """
+def _values(given: Any, variable: Variable, count: int) -> Array:
+    """Return `count` finite values of an input, in its unit, from a number, text or array. Raises EmcasError."""
+    what = f"input {variable.name}"
+    expected = (f"expected a number, text with a unit, a function of time, or an array of {count} values, one for each "
+                "point")
+    numbers = _numbers(given, what, variable.unit, expected)
     try:
-        values = quantity(given, "", variable.unit) if isinstance(given, str) else given
-        column: Array = np.broadcast_to(np.asarray(values, dtype=float), count).copy()
-    except (TypeError, ValueError) as error:
-        reason = (f"{given!r} {error}" if isinstance(given, str) else
-                  f"expected a number, text with a unit, {otherwise.format(count)}")
-        raise EmcasError(f"input {variable.name}: {reason}") from error
-    if not np.isfinite(column).all():
-        raise EmcasError(f"input {variable.name} is {column[~np.isfinite(column)][0]}; give finite values")
+        column: Array = np.broadcast_to(numbers, count).copy()
+    except ValueError as error:
+        raise EmcasError(f"{what}: {expected}") from error
     return column
+
+
+def _numbers(given: Any, what: str, unit: str, expected: str) -> Array:
+    """Return finite numbers in a unit, from text or numbers; an array of floats is not copied. Raises EmcasError."""
+    try:
+        numbers: Array = np.asarray(quantity(given, "", unit) if isinstance(given, str) else given, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise EmcasError(f"{what}: {f'{given!r} {error}' if isinstance(given, str) else expected}") from error
+    if not np.isfinite(numbers).all():
+        raise EmcasError(f"{what} is {numbers[~np.isfinite(numbers)][0]}; give finite values")
+    return numbers
 
 
 def validate(subject: Subject | ParameterSet | Path | str | None = None, cases: Sequence[str] | str | None = None,
@@ -291,15 +297,9 @@ class Batch:
     @staticmethod
     def _column(what: str, name: str, values: Any, count: int, unit: str = "") -> Array:
         """Return a number, or an array [count] that is not copied. Raises EmcasError."""
-        try:
-            column: Array = np.asarray(quantity(values, "", unit) if isinstance(values, str) else values, dtype=float)
-        except (TypeError, ValueError) as error:
-            reason = f"{values!r} {error}" if isinstance(values, str) else "expected numbers"
-            raise EmcasError(f"{what} {name}: {reason}") from error
+        column = _numbers(values, f"{what} {name}", unit, "expected numbers")
         if column.shape not in ((), (count,)):
             raise EmcasError(f"{what} {name}: expected a number, or an array of {count} values, one for each actuator")
-        if not np.isfinite(column).all():
-            raise EmcasError(f"{what} {name} is {column[~np.isfinite(column)][0]}; give finite values")
         return column
 
     def run(self, end: float, progress: Progress = silent, **inputs: float | str | Array) -> dict[str, Array]:
@@ -320,7 +320,7 @@ class Batch:
             columns[self._places[variable.name]] = self._column("input", variable.name, value, len(self),
                                                                 variable.unit)
         for place, column in columns.items():
-            self._kernel.hold(place, column)
+            self._kernel.put(place, column)
         reached, self.time = self.time, end  # also where a progress raises: some have moved, and none goes back
         try:
             self._kernel.run(end, progress)

@@ -143,12 +143,17 @@ class Batch:
         It holds until it is given anew; an array that repeats one value in memory is a number. Raises ValueError for
         another shape and for values that are not finite.
         """
-        column = doubles(value)
+        column = np.asarray(value, dtype=np.float64)
         if column.shape not in ((), (self.count,)):
             raise ValueError(f"{self._inputs[place]} has shape {column.shape}, not ({self.count},)")
         if not np.logical_and.reduce(np.isfinite(column), axis=None):  # half the time of all()
             which = int(np.argmin(np.isfinite(column)))
             raise ValueError(f"actuator {which}: {self._inputs[place]} = {column.flat[which]} is not finite")
+        self.put(place, column)
+
+    def put(self, place: int, column: Array) -> None:
+        """Give an input as `hold` does, by what is known to be finite and of its shape."""
+        column = doubles(column)
         apart = 0 if not column.shape else 1 if self.count == 1 else column.strides[0] // column.itemsize
         self._columns[place] = column if apart else np.array(column.flat[0])
         self._addresses[place] = address(self._columns[place])

@@ -173,13 +173,13 @@ def _declared(library: ct.CDLL) -> ct.CDLL:
 
 def _declared_vectors(library: ct.CDLL) -> ct.CDLL:
     library.batch_values.restype = library.batch_group_size.restype = ct.c_size_t
-    library.batch_prepare.restype = library.batch_run.restype = ct.c_size_t
+    library.batch_run.restype = ct.c_size_t
     library.batch_reads.argtypes, library.batch_reads.restype = [ct.c_void_p], None
     library.batch_group_size.argtypes = [ct.c_size_t]
     library.batch_prepare.argtypes = [ct.c_size_t, ct.c_void_p, ct.c_size_t, ct.c_void_p, ct.c_void_p]
     library.batch_start.argtypes = [ct.c_void_p, ct.c_size_t, ct.c_size_t]
     library.batch_run.argtypes = [ct.c_void_p, ct.c_size_t, ct.c_size_t, ct.c_double, ct.c_void_p, ct.c_void_p,
                                   ct.c_uint64, ct.c_void_p, ct.c_size_t, ct.c_void_p]
-    library.batch_simulate.restype = None
+    library.batch_prepare.restype = library.batch_simulate.restype = None
     library.batch_simulate.argtypes = [ct.c_size_t, ct.c_void_p, ct.c_void_p, ct.c_size_t, *_SIMULATE]
     return library

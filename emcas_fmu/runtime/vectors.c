@@ -46,10 +46,9 @@ API size_t batch_group_size(size_t line)
 }
 
 /* The values and schedules of actuators with `parameters`, `apart` [doubles] from one to the next. The schedule of those
- * whose parameters are no set to compute with is no number; gives how many these are. */
-API size_t batch_prepare(size_t count, const double *parameters, size_t apart, double *values, double *schedules)
+ * whose parameters are no set to compute with is no number. */
+API void batch_prepare(size_t count, const double *parameters, size_t apart, double *values, double *schedules)
 {
-    size_t refused = 0;
     for (size_t i = 0; i < count; ++i) {
         const double *p = parameters + i * apart;
         double *to = values + i * GROUP_VALUES;
@@ -58,12 +57,9 @@ API size_t batch_prepare(size_t count, const double *parameters, size_t apart, d
             memcpy(to, p, MODEL_PARAMETERS * sizeof *p);
             kernel_prepare(p, to + MODEL_PARAMETERS);
             plan = core_scheduled(p, to + MODEL_PARAMETERS);
-        } else {
-            ++refused;
         }
         memcpy(schedules + i * PLAN, &plan, sizeof plan);
     }
-    return refused;
 }
 
 /* Where a group is to go. Lanes whose schedule has other numbers of ticks or samples are not `together` with lane 0. */

@@ -51,12 +51,7 @@ static inline double elementary_exponent(double x)
 
 def c_elementary(tracer: Tracer) -> str:
     """Return functions of one value with one result as ``static inline double elementary_<name>(double x)``."""
-    writer, text = _ElementaryWriter(tracer), [_HELPERS]
-    for function in tracer.functions:
-        (argument,), (result,) = function.printed, function.results
-        text += [f"static inline double elementary_{function.name}(double {argument})", "{",
-                 *writer.block(function.block, 1), f"    return {writer.operand(result)};", "}", ""]
-    return "\n".join(text)
+    return "\n".join([_HELPERS, *_ElementaryWriter(tracer).elementary("elementary")])
 
 
 def c_source(tracer: Tracer, prefix: str) -> str:
@@ -71,16 +66,7 @@ def c_source(tracer: Tracer, prefix: str) -> str:
             ""]
     text += [f"static inline void {prefix}_prepare(const double *restrict p, double *restrict c)", "{",
              "    (void)p, (void)c;", *writer.block(tracer.prologue, 1), "}", ""]
-    for function in tracer.functions:
-        arguments = "".join(f", double {a}" for a in function.printed)
-        text += [f"static inline void {prefix}_{function.name}(const double *restrict p, const double *restrict c"
-                 f"{arguments}, double *restrict out)", "{", "    (void)p, (void)c;"]
-        if function.printed:
-            text.append("    " + ", ".join(f"(void){a}" for a in function.printed) + ";")
-        text += writer.block(function.block, 1)
-        text += [f"    out[{i}] = {writer.operand(value)};" for i, value in enumerate(function.results)]
-        text += ["}", ""]
-    return "\n".join(text)
+    return "\n".join([*text, *writer.functions(prefix)])
 
 
 def any_literal(value: float | bool) -> str:
@@ -101,12 +87,45 @@ def _bare(text: str) -> str:
 
 
 class CWriter(Writer):
+    type = "double"
+    which = ""  # the type of an argument `which` in front of the others, if there is one
+
     def __init__(self, tracer: Tracer, templates: Mapping[str, str] = TEMPLATES) -> None:
         super().__init__(tracer, templates)
+        self._tracer = tracer
         self.conditions: set[str] = set()
         # Only what a function reads is kept; the rest of the prologue is forgotten after it.
         self.constants = {s.name: i for i, s in enumerate(
             s for s in tracer.prologue.statements if isinstance(s, Assign) and s.name in self.read_by_functions)}
+
+    def functions(self, prefix: str) -> list[str]:
+        """Return the lines of functions that take parameters, constants and arguments, and give an array of results."""
+        lines = []
+        first, used = (f"{self.which} which, ", "(void)which, ") if self.which else ("", "")
+        for function in self._tracer.functions:
+            arguments = "".join(f", {self.type} {a}" for a in function.printed)
+            lines += [f"static inline void {prefix}_{function.name}({first}const {self.type} *restrict p, "
+                      f"const {self.type} *restrict c{arguments}, {self.type} *restrict out)", "{",
+                      f"    {used}(void)p, (void)c;"]
+            if function.printed:
+                lines.append("    " + ", ".join(f"(void){a}" for a in function.printed) + ";")
+            lines += self.block(function.block, 1)
+            lines += [f"    out[{i}] = {self.number(value)};" for i, value in enumerate(function.results)]
+            lines += ["}", ""]
+        return lines
+
+    def elementary(self, prefix: str, *beginning: str) -> list[str]:
+        """Return the lines of functions of one value with one result, each with its `beginning`."""
+        lines = []
+        for function in self._tracer.functions:
+            (argument,), (result,) = function.printed, function.results
+            lines += [f"static inline {self.type} {prefix}_{function.name}({self.type} {argument})", "{", *beginning,
+                      *self.block(function.block, 1), f"    return {self.number(result)};", "}", ""]
+        return lines
+
+    def number(self, value: Operand) -> str:
+        """Return the text of an operand as a number; a condition is one in C."""
+        return self.operand(value)
 
     def name(self, name: str) -> str:
         if name in self.constants:

@@ -24,13 +24,8 @@ TEMPLATES = {**ARITHMETIC, **{name: f"lanes_{name}({', '.join(f'{{{i}}}' for i i
 
 def vector_elementary(tracer: Tracer) -> str:
     """Return functions of one value with one result as ``static inline lanes lanes_<name>(lanes x)``."""
-    writer, text = _VectorWriter(tracer), []
-    for function in tracer.functions:
-        (argument,), (result,) = function.printed, function.results
-        text += [f"static inline lanes lanes_{function.name}(lanes {argument})", "{",
-                 "    const unsigned which = LANES_ALL;", "    (void)which;",
-                 *writer.block(function.block, 1), f"    return {writer.number(result)};", "}", ""]
-    return "\n".join(text)
+    return "\n".join(_VectorWriter(tracer).elementary(
+        "lanes", "    const unsigned which = LANES_ALL;", "    (void)which;"))
 
 
 def vector_source(tracer: Tracer, prefix: str) -> str:
@@ -41,21 +36,14 @@ def vector_source(tracer: Tracer, prefix: str) -> str:
     """
     writer = _VectorWriter(tracer)
     reads = ", ".join(str(int(name in writer.read_by_functions)) for name, _ in tracer.parameters)
-    text = ["/* Whether a parameter is read by the functions, or by what is prepared only. */",
-            f"static const unsigned char {prefix.upper()}_READS[] = {{{reads}}};", ""]
-    for function in tracer.functions:
-        arguments = "".join(f", lanes {a}" for a in function.printed)
-        text += [f"static inline void {prefix}_{function.name}(unsigned which, const lanes *restrict p, "
-                 f"const lanes *restrict c{arguments}, lanes *restrict out)", "{", "    (void)which, (void)p, (void)c;"]
-        if function.printed:
-            text.append("    " + ", ".join(f"(void){a}" for a in function.printed) + ";")
-        text += writer.block(function.block, 1)
-        text += [f"    out[{i}] = {writer.number(value)};" for i, value in enumerate(function.results)]
-        text += ["}", ""]
-    return "\n".join(text)
+    return "\n".join(["/* Whether a parameter is read by the functions, or by what is prepared only. */",
+                      f"static const unsigned char {prefix.upper()}_READS[] = {{{reads}}};", "",
+                      *writer.functions(prefix)])
 
 
 class _VectorWriter(CWriter):
+    type, which = "lanes", "unsigned"
+
     def __init__(self, tracer: Tracer) -> None:
         super().__init__(tracer, TEMPLATES)
         self._which = ["which"]  # the lanes that count in each block around, from the outside

@@ -121,7 +121,7 @@ def _bandwidths(test: Test, subject: ParameterSubject, changes: Sequence[Mapping
 
     Every unit follows its own bisection; what they all ask for next is simulated together.
     """
-    found, searches = np.full((len(changes), len(figures)), nan), [_search(figures) for _ in changes]
+    crossings, searches = np.full((len(changes), len(figures)), nan), [_search(figures) for _ in changes]
     asked = {unit: next(search) for unit, search in enumerate(searches)}
     while asked:
         responses = describing_function(subject, [changes[unit] for unit in asked], test.amplitude,
@@ -133,9 +133,9 @@ def _bandwidths(test: Test, subject: ParameterSubject, changes: Sequence[Mapping
             try:
                 asked[unit] = searches[unit].send(response)
             except StopIteration as end:
-                found[unit] = end.value
+                crossings[unit] = end.value
                 del asked[unit]
-    return found
+    return crossings
 
 
 _LEVELS: Mapping[str, Callable[[complex], float]] = {
