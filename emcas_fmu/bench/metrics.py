@@ -124,8 +124,8 @@ def named(name: str, of_unit: str) -> tuple[str, float]:
 
 
 def displayed(figures: Mapping[str, float]) -> dict[str, float]:
-    """Return figures of the bench by their names in a result, in the units of these."""
-    return {key: value * factor for name, value in figures.items() for key, factor in [result_name(name)]}
+    """Return figures of one run by their names in a result, in the units of these."""
+    return {key: float(value) * factor for name, value in figures.items() for key, factor in [result_name(name)]}
 
 
 @dataclass(frozen=True)

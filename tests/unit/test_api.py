@@ -62,6 +62,7 @@ def test_excitation_with_inputs() -> None:
     response = simulate(excitation=excitation, aero_torque="-50 N*m", attitude__roll="30 deg")
     assert response["aero_torque"][-1] == -50.0
     assert response.excitation.columns["attitude.roll"][0] == pytest.approx(radians(30.0), abs=1e-15)
+    assert {type(value) for value in response.metrics().values()} == {float}  # printed, they are plain numbers
     assert response.metrics()["overshoot_percent"] < 5.0  # Table 2's steps are to keep this
     assert response.time[-1] == excitation.stop
 
