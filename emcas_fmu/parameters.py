@@ -10,19 +10,22 @@ from dataclasses import dataclass, field
 from dataclasses import replace as dataclass_replace
 from functools import cache, lru_cache, partial
 from itertools import groupby
-from math import isclose
+from math import inf, isclose
 from numbers import Integral, Real
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
+
+import numpy as np
 
 from . import schema
 from .actuators import EXTENSIONS, NAMES, NONLINEAR, default_files, fin_port, full_name, get, get_extension, parts
 from .actuators.declaration import Actuator
 from .errors import EmcasError, hint
 from .files import as_given, models_directory, named_sets
+from .ops.arrays import ARRAYS
 from .ops.floats import FLOATS
-from .rules import Rule, check_ranges, check_rules
+from .rules import SHARES, Check, Rule, check_ranges, check_rules
 from .units import describe, quantity
 from .variables import Variable
 
@@ -290,8 +293,19 @@ def broken_rules(values: Mapping[str, Any], actuator: Actuator, warnings: bool =
 
 
 def _messages(rules: Iterable[Rule], p: Any, warnings: bool) -> dict[Rule, str]:
-    return {rule: message for rule in rules
-            for message in check_rules([(partial(rule.check, FLOATS, p), *rule[1:])], warnings)}
+    return {rule: message for rule in rules if rule.warning == warnings
+            for message in check_rules([_asked(rule, p)], warnings)}
+
+
+def _asked(rule: Rule, p: Any) -> Check:
+    """Return a rule bound to parameters; of a scanned one all shares of the travel are evaluated at once."""
+    if not rule.scanned:
+        return partial(rule.check, FLOATS, p), *rule[1:]
+    shares = np.array(SHARES)
+    with np.errstate(all="ignore"):  # of what is no number at some place, the others are judged
+        broken = np.broadcast_to(rule.check(ARRAYS, p, shares)[0], shares.shape)
+    worst = SHARES[int(np.argmax(np.where(np.isnan(broken), -inf, broken)))]
+    return lambda _: rule.check(FLOATS, p, worst), rule.message, False, rule.warning
 
 
 def are_defaults(parameters: ParameterSet) -> bool:

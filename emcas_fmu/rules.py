@@ -11,6 +11,8 @@ from math import inf, isfinite, pi
 from typing import Any, NamedTuple
 
 SCAN = 100  # points on each side of zero
+SHARES = tuple(i / SCAN for i in range(-SCAN, SCAN + 1))
+"""Shares of the travel at which a scanned rule is asked."""
 # Relative. Equal limits may differ in the last digit when they were given in different units.
 SLACK = 1e-12
 
@@ -72,7 +74,7 @@ def check_rules(checks: Iterable[Check], warnings: bool = False) -> list[str]:
         if warning != warnings:
             continue
         worst, numbers = -inf, ()  # type: float, tuple[float, ...]
-        for share in (i / SCAN for i in range(-SCAN, SCAN + 1)) if scanned else (0.0,):
+        for share in SHARES if scanned else (0.0,):
             broken, *rest = check(share)
             if broken > worst:
                 worst, numbers = broken, tuple(rest)

@@ -14,8 +14,8 @@ from math import degrees, inf, isfinite, nan, pi, radians
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import signal
 
 if TYPE_CHECKING:
     from ..variables import Variable
@@ -368,14 +368,14 @@ def frequency_response(time: Array, command: Array, response: Array, low: float,
     system with delay to 1.5 % from 0.5 to 22 Hz, and to 5 % at 24 Hz.
     """
     rate = (len(time) - 1) / (time[-1] - time[0])
-    lag = max(int(np.argmax(signal.correlate(response, command))) - (len(command) - 1), 0)
+    lag = max(int(np.argmax(scipy.signal.correlate(response, command))) - (len(command) - 1), 0)
     command, response = command[:len(command) - lag], response[lag:]
     length = min(round(SEGMENT * rate), len(command))
     options = {"fs": rate, "window": "hann", "nperseg": length, "noverlap": int(OVERLAP * length),
                "nfft": 8 * length, "detrend": False}
-    frequency, s_cr = signal.csd(command, response, **options)
-    _, s_cc = signal.welch(command, **options)
-    _, s_rr = signal.welch(response, **options)
+    frequency, s_cr = scipy.signal.csd(command, response, **options)
+    _, s_cc = scipy.signal.welch(command, **options)
+    _, s_rr = scipy.signal.welch(response, **options)
     inside = (frequency >= low) & (frequency <= high) & (s_cc > EXCITED * np.max(s_cc))
     frequency, s_cr, s_cc, s_rr = frequency[inside], s_cr[inside], s_cc[inside], s_rr[inside]
     ratio = s_cr / s_cc * np.exp(-2j * np.pi * frequency * lag / rate)

@@ -79,8 +79,8 @@ def worth(model: str, steps: float, lanes: int = 1) -> bool:
         return True
     key, least = (model, lanes), WORTH_VECTORS if lanes > 1 else WORTH_COMPILING
     _asked[key] += steps
-    # To look for what has been compiled takes as long as some steps do.
-    if least / 100 <= _asked[key] < least and _kept(model, lanes):
+    # To look for what has been compiled takes as long as some hundred steps: its source is printed first.
+    if least / 10 <= _asked[key] < least and _kept(model, lanes):
         _asked[key] += least  # no need to look again
     return _asked[key] >= least
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import keyword
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partialmethod
 from math import isinf
@@ -96,7 +96,7 @@ class Expr:
         return self.tracer.emit("negative", self)
 
 
-@dataclass
+@dataclass(slots=True)
 class Assign:
     """``name = operation(operands)``."""
 
@@ -105,7 +105,7 @@ class Assign:
     operands: tuple[Operand, ...]
 
 
-@dataclass
+@dataclass(slots=True)
 class If:
     """``names`` are `yes_values` after the block `yes` where the condition holds, else `no_values` after `no`."""
 
@@ -118,31 +118,39 @@ class If:
     rare: bool = False
 
 
-@dataclass
+@dataclass(slots=True)
 class Block:
-    """Statements in their order; what its parents have computed need not be computed in it again."""
+    """Statements in their order."""
 
-    parent: Block | None = None
     statements: list[Assign | If] = field(default_factory=list)
-    computed: dict[tuple[Any, ...], Expr] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class _Scope:
+    """What is known while a block is traced, beside what is in the `outer` ones: kept no longer than that."""
+
+    outer: _Scope | None = None
     holding: dict[str, bool] = field(default_factory=dict)
     """Conditions of the branch that the block is a side of: whether they hold in it."""
+    computed: dict[tuple[Any, ...], Expr] = field(default_factory=dict)
+    """Values by operation and operands, which need not be computed again."""
+    block: Block = field(default_factory=Block)
 
     def find(self, key: tuple[Any, ...]) -> Expr | None:
-        return next((block.computed[key] for block in self._outwards() if key in block.computed), None)
+        scope: _Scope | None = self
+        while scope is not None:
+            if key in scope.computed:
+                return scope.computed[key]
+            scope = scope.outer
+        return None
 
     def holds(self, condition: Value) -> Value:
         """Return whether a condition holds in the block, where a branch around it has settled that; else itself."""
-        if not isinstance(condition, Expr):
-            return condition
-        return next((block.holding[condition.name] for block in self._outwards() if condition.name in block.holding),
-                    condition)
-
-    def _outwards(self) -> Iterator[Block]:
-        block: Block | None = self
-        while block is not None:
-            yield block
-            block = block.parent
+        scope: _Scope | None = self
+        while scope is not None and isinstance(condition, Expr):
+            condition = scope.holding.get(condition.name, condition)
+            scope = scope.outer
+        return condition
 
 
 # Of Python, of C, and of what is printed around the functions.
@@ -173,8 +181,8 @@ class Tracer:
     """An operations namespace (:class:`emcas_fmu.ops.base.Ops`) that records what is asked of it."""
 
     def __init__(self) -> None:
-        self.prologue = Block()
-        self._block = self.prologue
+        self._first = self._scope = _Scope()
+        self.prologue = self._first.block
         self._count = 0
         self.parameters: list[tuple[str, str]] = []
         self.functions: list[Traced] = []
@@ -193,25 +201,29 @@ class Tracer:
 
     def function(self, name: str, arguments: Sequence[str], body: Callable[..., Iterable[Value]]) -> None:
         """Trace `body(*arguments)` as a function of the program."""
-        self._block = block = Block(self.prologue)
+        self._scope = scope = _Scope(self._first)
         printed = tuple(map(_printed, arguments))
         results = tuple(body(*(Expr(self, argument, False) for argument in printed)))
-        self._block = self.prologue
-        self.functions.append(Traced(name, arguments, printed, block, results))
+        self._scope = self._first
+        self.functions.append(Traced(name, arguments, printed, scope.block, results))
 
     # -- operations ----------------------------------------------------------
 
     def emit(self, operation: str, *operands: Value) -> Expr:
         """Return the value of an operation, which is recorded unless it has been computed before."""
-        fixed = all(not isinstance(o, Expr) or o.fixed for o in operands)
-        key = (operation, *(o.name if isinstance(o, Expr) else (type(o), repr(o)) for o in operands))
-        computed = self._block.find(key)
+        fixed, key = True, [operation]  # type: bool, list[Any]
+        for operand in operands:
+            if isinstance(operand, Expr):
+                fixed = fixed and operand.fixed
+                key.append(operand.name)
+            else:
+                key.append((type(operand), repr(operand)))
+        place, scope = tuple(key), self._first if fixed else self._scope
+        computed = scope.find(place)
         if computed is not None:
             return computed
-        block = self.prologue if fixed else self._block
-        result = self._new(fixed)
-        block.statements.append(Assign(result.name, operation, operands))
-        block.computed[key] = result
+        result = scope.computed[place] = self._new(fixed)
+        scope.block.statements.append(Assign(result.name, operation, operands))
         return result
 
     def _new(self, fixed: bool) -> Expr:
@@ -260,25 +272,26 @@ class Tracer:
         return self.emit("negate", a) if _traced(a) else not a
 
     def where(self, condition: Value, yes: Value, no: Value) -> Value:
-        condition = self._block.holds(condition)
+        condition = self._scope.holds(condition)
         if not _traced(condition):
             return yes if condition else no
         return self.emit("where", condition, yes, no)
 
     def branch(self, condition: Value, yes: Thunk, no: Thunk, rare: bool = False) -> tuple[Value, ...]:
-        outer = self._block
+        outer = self._scope
         condition = outer.holds(condition)
         if not isinstance(condition, Expr):
             return yes() if condition else no()
-        self._block = yes_block = Block(outer, holding={condition.name: True})
-        yes_values = tuple(yes())
-        self._block = no_block = Block(outer, holding={condition.name: False})
-        no_values = tuple(no())
-        self._block = outer
+        sides = []
+        for holds, side in ((True, yes), (False, no)):
+            self._scope = scope = _Scope(outer, {condition.name: holds})
+            sides.append((scope.block, tuple(side())))
+        self._scope = outer
+        (yes_block, yes_values), (no_block, no_values) = sides
         if len(yes_values) != len(no_values):
             raise ValueError(f"branches give {len(yes_values)} and {len(no_values)} values")
         results = tuple(self._new(False) for _ in yes_values)
-        outer.statements.append(
+        outer.block.statements.append(
             If(condition, tuple(r.name for r in results), yes_block, no_block, yes_values, no_values, rare))
         return results
 
