@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from typing import Any
 
 from ..actuators import NONLINEAR, fin_port, get
@@ -78,7 +78,7 @@ def _trace(model: str, functions: Iterable[Traced]) -> Tracer:
     return tracer
 
 
-@cache
+@lru_cache(maxsize=4)  # of an actuator several printers in turn; kept for all, they are millions of objects
 def traced(several: bool = False, model: str = NONLINEAR) -> Tracer:
     """Return an actuator's functions, and those of several fins if asked for, traced."""
     return _trace(model, functions(get(model), several))
