@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 
 # Before NumPy comes: a worker has a core, and threads of the linear algebra that wait for each other on cores that
@@ -21,6 +22,11 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime import compiled
 
 ShippedUnit = Callable[..., Path]
+
+
+def pytest_collection_finish() -> None:
+    """Let the garbage collector pass over what all tests share: half a million objects, each time it looks at all."""
+    gc.freeze()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

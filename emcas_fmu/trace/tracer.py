@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import keyword
 import re
+import weakref
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partialmethod
@@ -181,6 +182,7 @@ class Tracer:
     """An operations namespace (:class:`emcas_fmu.ops.base.Ops`) that records what is asked of it."""
 
     def __init__(self) -> None:
+        self._itself = weakref.proxy(self)  # for its values: what refers back is not freed before a collector comes
         self._first = self._scope = _Scope()
         self.prologue = self._first.block
         self._count = 0
@@ -197,13 +199,13 @@ class Tracer:
         """Return a value known when the program is made, read from the mapping given to `make`."""
         name = f"p{len(self.parameters)}"
         self.parameters.append((name, key))
-        return Expr(self, name, True)
+        return Expr(self._itself, name, True)
 
     def function(self, name: str, arguments: Sequence[str], body: Callable[..., Iterable[Value]]) -> None:
         """Trace `body(*arguments)` as a function of the program."""
         self._scope = scope = _Scope(self._first)
         printed = tuple(map(_printed, arguments))
-        results = tuple(body(*(Expr(self, argument, False) for argument in printed)))
+        results = tuple(body(*(Expr(self._itself, argument, False) for argument in printed)))
         self._scope = self._first
         self.functions.append(Traced(name, arguments, printed, scope.block, results))
 
@@ -228,7 +230,7 @@ class Tracer:
 
     def _new(self, fixed: bool) -> Expr:
         self._count += 1
-        return Expr(self, f"{'c' if fixed else 't'}{self._count}", fixed)
+        return Expr(self._itself, f"{'c' if fixed else 't'}{self._count}", fixed)
 
     sin = partialmethod(emit, "sin")
     cos = partialmethod(emit, "cos")
