@@ -50,6 +50,8 @@ WITH_EXTENSIONS = [
     "linear+heat+faults", "habibi+stribeck+heat+homing+faults", "ozkan+stribeck+heat+homing+faults",
     "second-order+faults", "worm-gear+stribeck+heat+homing+supply+faults", "clutch+faults",
     "series-clutch+heat+faults", "electrohydrostatic+heat+faults", "electrohydraulic+faults"]
+# Of one model all tests in turn.
+each_traced_once = pytest.mark.parametrize("model", WITH_EXTENSIONS, scope="module")
 
 
 def acts(pressure: float = RATED, drift: float = 0.0, boost: bool = False, command: float = 0.1,
@@ -315,14 +317,14 @@ def _read(model: str) -> set[str]:
     return names
 
 
-@pytest.mark.parametrize("model", WITH_EXTENSIONS)
+@each_traced_once
 def test_every_parameter_is_read(model: str) -> None:
     idle = {v.name for v in get(model).parameters} - _read(model)
     # Of the torque-speed envelope, as its description says; and a loop's gain that an ideal one has for heat alone.
     assert idle == ({"heat.winding_limit"} if "heat" in model else set())
 
 
-@pytest.mark.parametrize("model", WITH_EXTENSIONS)
+@each_traced_once
 def test_no_output_is_a_constant(model: str) -> None:
     (outputs,) = (f for f in codegen.traced(False, model).functions if f.name == "outputs")
     constant = [v.name for v, result in zip(get(model).outputs, outputs.results, strict=True)
@@ -359,7 +361,7 @@ def test_direct_inputs_of_the_default_unit() -> None:
     }
 
 
-@pytest.mark.parametrize("model", WITH_EXTENSIONS)
+@each_traced_once
 def test_direct_inputs_are_those_that_change_an_output_at_once(model: str) -> None:
     """By trying: an output that moves with an input before a step is said to depend on it."""
     actuator, rng = get(model), np.random.default_rng(3)
