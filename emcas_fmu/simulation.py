@@ -140,7 +140,8 @@ def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequ
     """
     if kernel not in KERNELS:
         raise EmcasError(f"kernel {kernel}: there is {', '.join(KERNELS)}")
-    steps = len(sets) * max((np.shape(column)[-1] for column in inputs if np.ndim(column)), default=1) * held
+    rows = max((np.shape(column)[-1] for column in inputs if np.ndim(column)), default=1)
+    steps = library.milliseconds(len(sets) * rows * held, step)
     if kernel == "compiled" or (kernel == "auto" and library.worth(model, steps) and compiled.available(model)):
         return compiled.run_tables(sets, inputs, step, outputs, model, held, fine)
     return _by_python(sets, inputs, step, outputs, model, held, fine)

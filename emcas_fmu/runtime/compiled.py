@@ -18,7 +18,7 @@ from ..parameters import ParameterError, check_parameters
 from ..physics.loads import LOADS, Carried
 from . import core
 from .library import available as available
-from .library import loaded, vectors
+from .library import loaded, milliseconds, vectors
 from .schedule import Schedule
 
 REASONS = ("", "the state is no longer finite", f"more than {core.MOST_EVENTS} events in a tick",
@@ -173,7 +173,7 @@ def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs:
                 _OutputColumn(*_layout(column, first), places[name], 1 if name in fine else held)
                 for name, column in out.items())), len(out), address(reached[first:]), address(results[first:]))
 
-    many = vectors(model, count * points) if count > 1 else None
+    many = vectors(model, milliseconds(count * points, step)) if count > 1 else None
     if many is None:
         simulated(library.actuators_simulate, count, address(sets), sets.shape[1] if len(sets) > 1 else 0)
     else:

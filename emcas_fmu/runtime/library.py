@@ -71,7 +71,7 @@ def _library(model: str, lanes: int = 1) -> ct.CDLL | str:
 def worth(model: str, steps: float, lanes: int = 1) -> bool:
     """Return whether the steps of a model asked for so far, with these, are worth compiling for; or it has been.
 
-    Steps of any length count as those of 1 ms: samples and ticks take the time, not how far apart points are.
+    `steps` are of 1 ms (:func:`milliseconds`).
 
     A user's actuator always is: it may divide by zero where nothing comes of it, which Python refuses.
     """
@@ -83,6 +83,11 @@ def worth(model: str, steps: float, lanes: int = 1) -> bool:
     if least / 10 <= _asked[key] < least and _kept(model, lanes):
         _asked[key] += least  # no need to look again
     return _asked[key] >= least
+
+
+def milliseconds(points: float, step: float) -> float:
+    """Return how many steps of 1 ms take about as long as `points` of `step` [s]; shorter ones take no less."""
+    return points * max(step / 1e-3, 1.0)
 
 
 _asked: dict[tuple[str, int], float] = defaultdict(float)
