@@ -65,6 +65,9 @@ def figure(rows: int, columns: int = 1, *, width: float = 9.0, height: float = 2
 def svg(drawn: Figure, label: str = "", description: str = "") -> str:
     """Return an <svg> element to put into an HTML page; `label` and `description` are for those who cannot see it."""
     text = StringIO()
+    if layout := drawn.get_layout_engine():  # matplotlib would draw all of it once only to lay it out
+        layout.execute(drawn)
+        drawn.set_layout_engine(None)
     with mpl.rc_context({"svg.hashsalt": "emcas", "svg.fonttype": "none"}):
         drawn.savefig(text, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     body = text.getvalue()

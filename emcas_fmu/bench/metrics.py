@@ -371,13 +371,16 @@ def frequency_response(time: Array, command: Array, response: Array, low: float,
     lag = max(int(np.argmax(scipy.signal.correlate(response, command))) - (len(command) - 1), 0)
     command, response = command[:len(command) - lag], response[lag:]
     length = min(round(SEGMENT * rate), len(command))
-    options = {"fs": rate, "window": "hann", "nperseg": length, "noverlap": int(OVERLAP * length),
-               "nfft": 8 * length, "detrend": False}
-    frequency, s_cr = scipy.signal.csd(command, response, **options)
-    _, s_cc = scipy.signal.welch(command, **options)
-    _, s_rr = scipy.signal.welch(response, **options)
+    kept = int(OVERLAP * length)
+    segments = scipy.signal.ShortTimeFFT(scipy.signal.get_window("hann", length), length - kept, rate, mfft=8 * length)
+    # Whole segments only, each from its first sample on.
+    of_command, of_response = (segments.stft(column, p0=0, p1=(len(command) - kept) // (length - kept),
+                                             k_offset=length // 2) for column in (command, response))
+    frequency, s_cc = segments.f, np.mean(np.abs(of_command) ** 2, axis=-1)
     inside = (frequency >= low) & (frequency <= high) & (s_cc > EXCITED * np.max(s_cc))
-    frequency, s_cr, s_cc, s_rr = frequency[inside], s_cr[inside], s_cc[inside], s_rr[inside]
+    frequency, s_cc, of_response = frequency[inside], s_cc[inside], of_response[inside]
+    s_cr = np.mean(np.conj(of_command[inside]) * of_response, axis=-1)
+    s_rr = np.mean(np.abs(of_response) ** 2, axis=-1)
     ratio = s_cr / s_cc * np.exp(-2j * np.pi * frequency * lag / rate)
     # The first phase is near zero: a servo follows what is slow.
     return FrequencyResponse(frequency, np.abs(ratio), np.unwrap(np.angle(ratio)), np.abs(s_cr) ** 2 / (s_cc * s_rr))

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import ctypes as ct
 import hashlib
+import re
 import threading
 import warnings
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -58,7 +59,7 @@ def _library(model: str, lanes: int = 1) -> ct.CDLL | str:
             continue  # gcc does not align the stack for vectors there
         described = _described(compiler, target, model, lanes)
         try:
-            path = _cached(described, target.suffix) or _compile(compiler, target, described, model, lanes)
+            path = _cached(described, model) or _compile(compiler, target, described, model, lanes)
             return (_declared_vectors if lanes > 1 else _declared)(ct.CDLL(str(path)))
         except (OSError, CompilerError) as error:
             problem = str(error)
@@ -96,8 +97,19 @@ _asked: dict[tuple[str, int], float] = defaultdict(float)
 def _kept(model: str, lanes: int) -> bool:
     """Return whether a library has been compiled on this machine before."""
     target = local_platform()
-    return target is not None and any(_cached(_described(compiler, target, model, lanes), target.suffix)
-                                      for compiler in local_compilers())
+    if target is None or next(_files(model), None) is None:  # the sources are printed to know more
+        return False
+    return any(_cached(_described(compiler, target, model, lanes), model) for compiler in local_compilers())
+
+
+def _files(model: str, described: str = "*") -> Iterator[Path]:
+    """Yield a model's libraries in the user's cache, of all versions or of what is `described`."""
+    return cache_directory().glob(f"kernel_{_label(model)}_{described}_*")
+
+
+def _label(model: str) -> str:
+    """Return a model's name as one of a file; models of users' files may share it."""
+    return re.sub(r"[^\w+-]", "", model.replace(parts(model)[0], Path(parts(model)[0]).stem))[:60]
 
 
 def loaded(model: str) -> ct.CDLL:
@@ -141,9 +153,9 @@ def available(model: str = NONLINEAR) -> bool:
     return True
 
 
-def _cached(described: str, suffix: str) -> Path | None:
+def _cached(described: str, model: str) -> Path | None:
     """Return a library compiled before, if it is still what it was: its content's hash is in its name."""
-    for path in cache_directory().glob(f"kernel_{described}_*{suffix}"):
+    for path in _files(model, described):
         if path.stem.endswith(hashlib.sha256(path.read_bytes()).hexdigest()[:16]):
             return path
         path.unlink(missing_ok=True)
@@ -155,7 +167,8 @@ def _compile(compiler: Compiler, target: Platform, described: str, model: str, l
     sources = _sources(model, lanes)
     # A rebuilt library at the same path would give the old one to a process that has it loaded.
     content = compiler.library(sources, next(iter(sources)), target, "kernel", _VECTOR_FLAGS.get(lanes, ()))
-    path = cache_directory() / f"kernel_{described}_{hashlib.sha256(content).hexdigest()[:16]}{target.suffix}"
+    name = f"kernel_{_label(model)}_{described}_{hashlib.sha256(content).hexdigest()[:16]}{target.suffix}"
+    path = cache_directory() / name
     with NamedTemporaryFile(dir=path.parent, delete=False) as partial:
         partial.write(content)
     Path(partial.name).replace(path)  # whole or not at all, whoever else is compiling
