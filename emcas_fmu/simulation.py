@@ -142,7 +142,7 @@ def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequ
         raise EmcasError(f"kernel {kernel}: there is {', '.join(KERNELS)}")
     rows = max((np.shape(column)[-1] for column in inputs if np.ndim(column)), default=1)
     steps = library.milliseconds(len(sets) * rows * held, step)
-    if kernel == "compiled" or (kernel == "auto" and library.worth(model, steps) and compiled.available(model)):
+    if kernel == "compiled" or (kernel == "auto" and library.worth(model, steps) and library.available(model)):
         return compiled.run_tables(sets, inputs, step, outputs, model, held, fine)
     return _by_python(sets, inputs, step, outputs, model, held, fine)
 
@@ -164,7 +164,7 @@ class SteppedUnit:
                  inputs: Mapping[str, float] | None = None) -> None:
         actuator = get(model)
         self._core: Any
-        if compiled.available(model):
+        if library.available(model):
             self._core = compiled.CompiledCore(values, model)  # checks for itself
         else:
             self._core = _python_core(values, model)

@@ -19,7 +19,7 @@ from filelock import FileLock
 from emcas_fmu.compiler import local_platform
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.runtime import compiled
+from emcas_fmu.runtime import library
 
 ShippedUnit = Callable[..., Path]
 
@@ -37,7 +37,7 @@ def pytest_collection_finish() -> None:
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip a test of a compiled kernel where none can be had; asked when the test is due, since it compiles one."""
     for mark in item.iter_markers("kernel"):
-        if not compiled.available(*mark.args):
+        if not library.available(*mark.args):
             pytest.skip("no C compiler")
 
 

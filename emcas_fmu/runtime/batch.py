@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes as ct
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from math import isfinite
@@ -17,9 +18,9 @@ from .codegen import MOTION
 from .compiled import REASONS, Array, address, by_schedule, doubles, longest_line, prepare
 from .library import WORTH_VECTORS, loaded, vectors
 
+STEPS = 100_000  # of an actuator that a batch is taken to make: 100 s of 1 ms
 _LINE = 64  # bytes of a cache's line, and of the longest vectors
 _CHUNK = 4096  # actuators that are prepared at a time
-_STEPS = 100_000  # of an actuator that a batch is taken to make: 100 s of 1 ms
 _PIECES = 50  # of a step, between which progress is reported
 
 # Units of a batch, actuators or groups of them, from one to before another: to an end [s], under inputs (columns,
@@ -55,8 +56,8 @@ class Batch:
         if self._parameters.shape not in ((count, len(actuator.parameters)), (1, len(actuator.parameters))):
             raise ValueError(f"parameters have shape {self._parameters.shape}, not ({count}, "
                              f"{len(actuator.parameters)})")
-        self._threads = ThreadPoolExecutor(threads) if threads > 1 else None
-        self._pieces = threads
+        self._threads = threads
+        self._pools: dict[int, ThreadPoolExecutor] = {}  # by process
         # Columns that begin a multiple of a page apart would compete for the same places in the cache.
         stride = -(-count // 8) * 8 + 8
         self._table = np.zeros((len(actuator.outputs), stride))
@@ -70,7 +71,7 @@ class Batch:
         self._columns: list[Array] = [np.zeros(()) for _ in self._inputs]
         self._addresses = (ct.c_void_p * len(self._inputs))(*map(address, self._columns))
         self._strides = (ct.c_ssize_t * len(self._inputs))()
-        many = vectors(model, _STEPS * count if lanes is None else WORTH_VECTORS, lanes)
+        many = vectors(model, STEPS * count if lanes is None else WORTH_VECTORS, lanes)
         self._units, self._move = self._alone(progress) if many is None else self._together(many, progress)
 
     def _alone(self, progress: Progress) -> tuple[int, _Move]:
@@ -180,17 +181,24 @@ class Batch:
             raise ArithmeticError(f"actuators {listed}: {REASONS[self._results[which[0]]]}")
         return self.outputs
 
+    def _pool(self) -> ThreadPoolExecutor:
+        """Return the threads of this process: a forked child has none of its parent's."""
+        process = os.getpid()
+        if process not in self._pools:
+            self._pools[process] = ThreadPoolExecutor(self._threads)
+        return self._pools[process]
+
     def _move_all(self, end: float, progress: Progress) -> int:
         """Move all units, by the threads there are; return how many actuators did not get there."""
         given = (self._addresses, self._strides, self._motions, *self._out)
-        if progress is silent and self._threads is None:
+        if progress is silent and self._threads == 1:
             return self._move(0, self._units, end, *given)
-        pieces = _chunks(self._units, -(-self._units // (self._pieces if progress is silent else _PIECES)))
+        pieces = _chunks(self._units, -(-self._units // (self._threads if progress is silent else _PIECES)))
 
         def move(piece: slice) -> int:
             return self._move(piece.start, piece.stop, end, *given)
 
-        failed, running = 0, [self._threads.submit(move, piece) for piece in pieces] if self._threads else []
+        failed, running = 0, [self._pool().submit(move, piece) for piece in pieces] if self._threads > 1 else []
         try:
             for k, piece in enumerate(pieces):
                 failed += running[k].result() if running else move(piece)

@@ -17,7 +17,6 @@ from ..actuators.fin_port import MOTION
 from ..parameters import ParameterError, check_parameters
 from ..physics.loads import LOADS, Carried
 from . import core
-from .library import available as available
 from .library import loaded, milliseconds, vectors
 from .schedule import Schedule
 

@@ -17,7 +17,7 @@ from emcas_fmu.extensions import fault_list
 from emcas_fmu.files import models_directory
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import LEAD_IN
-from emcas_fmu.runtime import compiled
+from emcas_fmu.runtime import library
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.campaign import fault_detection, sample
 from emcas_fmu.studies.campaign.distributions import CampaignError
@@ -110,7 +110,7 @@ def test_a_fault_shows_in_words_state_and_time(write: Write) -> None:
 def test_an_own_input_and_a_flag(write: Write, monkeypatch: pytest.MonkeyPatch, machine: bool) -> None:
     """Stepped with a spring, by both kernels: `home` arrives, and nothing is homed before."""
     if not machine:
-        monkeypatch.setattr(compiled, "available", lambda *_: False)
+        monkeypatch.setattr(library, "available", lambda *_: False)
     plan = load_study(write(HOMED)).plan
     (row,) = rows_of(plan.packed(), [0], np.array([[0.02]]))
     assert (row["status"], row["error"]) == ("ok", "")

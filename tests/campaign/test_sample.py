@@ -16,7 +16,7 @@ from emcas_fmu.bench.excitation import step_to
 from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES, LEAD_IN
-from emcas_fmu.runtime import compiled
+from emcas_fmu.runtime import library
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.campaign import measure, sample
 from emcas_fmu.studies.campaign.distributions import CampaignError
@@ -84,7 +84,7 @@ def test_a_sweep_has_the_validations_bandwidth(values: Mapping[str, Any]) -> Non
 @pytest.mark.parametrize("machine", [True, False])
 def test_a_spring_pulls_by_the_angle_a_step_ago(monkeypatch: pytest.MonkeyPatch, machine: bool) -> None:
     if not machine:  # both kernels are stepped the same
-        monkeypatch.setattr(compiled, "available", lambda *_: False)
+        monkeypatch.setattr(library, "available", lambda *_: False)
     experiment = Experiment("a", "step", 0.2, (Profile("aero_torque", "spring", "inputs.aero_torque"),))
     numbers = {"experiments.a.amplitude": radians(10.0), "inputs.aero_torque.stiffness": 200.0,
                "inputs.aero_torque.offset": -3.0}

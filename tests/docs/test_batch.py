@@ -7,15 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emcas_fmu.runtime import compiled
+from emcas_fmu.runtime import batch, library
 from tests.hosts.host import missing
 
-from .recipes import recipes
+from .recipes import ROOT, recipes
 
 
 def test_blocks(capsys: pytest.CaptureFixture[str]) -> None:
-    if not compiled.available():
+    if not library.available():
         missing("there is no C compiler")
+    page = (ROOT / "docs/use/batch.md").read_text(encoding="utf-8")
+    assert f"of {library.WORTH_VECTORS // batch.STEPS} actuators or more" in page
     names: dict[str, Any] = {}
     for language, text in recipes("use/batch.md").values():
         assert language == "python"

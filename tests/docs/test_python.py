@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import emcas_fmu
-from emcas_fmu.runtime import compiled
+from emcas_fmu.runtime import library
 from tests.hosts.host import missing
 
 from .recipes import ROOT, recipes
@@ -36,7 +36,7 @@ def test_blocks(tmp_path: Path) -> None:
     for module in ("pandas", "casadi", "control"):
         if importlib.util.find_spec(module) is None:
             missing(f"there is no {module} (pip install -e '.[test]')")
-    if not compiled.available("nonlinear"):
+    if not library.available("nonlinear"):
         missing("there is no C compiler")
     shutil.copytree(ROOT / "examples/own_actuator", tmp_path / "examples/own_actuator")
     (tmp_path / "requirements.toml").write_text(BLOCKS["requirements"][1], encoding="utf-8")

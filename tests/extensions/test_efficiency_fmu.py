@@ -16,7 +16,7 @@ from fmpy.validation import validate_fmu
 
 from emcas_fmu.fmi.package import build
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.runtime import compiled
+from emcas_fmu.runtime import library
 from emcas_fmu.simulation import simulate
 
 from ..fmu.host import ERROR, Fmu, Instance
@@ -40,7 +40,7 @@ def _hosted(path: Path, names: list[str], *starts: str) -> np.ndarray:
 
 @pytest.mark.parametrize("model", [*MODELS, "ristanovic+efficiency"])
 def test_kernels_are_one(model: str) -> None:
-    if not compiled.available(model):
+    if not library.available(model):
         pytest.skip("no C compiler")
     values = load_parameters(model=model).with_values({"friction.fin_coulomb": 3.0}).values
     python, c = (simulate(values, 0.15, model=model, kernel=kernel, fin_command=lambda t: 0.3 * sin(30.0 * t),

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import threading
 from math import nan
 from pathlib import Path
@@ -128,6 +131,25 @@ def test_a_progress_that_raises_leaves_nothing_running() -> None:
     with pytest.raises(EmcasError, match="is before"):  # some are there already
         batch.run(0.005)
     np.testing.assert_array_equal(batch.run(0.01)["fin_angle"], alone.run(0.01, fin_command=0.1)["fin_angle"])
+
+
+FORKED = """
+import os
+from emcas_fmu import Batch, load_parameters
+batch = Batch(load_parameters(), 64, threads=2)
+batch.run(0.001, fin_command=0.1)
+if not (child := os.fork()):
+    batch.run(0.01)
+    os._exit(7 if batch.time == 0.01 else 1)
+print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+def test_a_forked_child_has_threads_of_its_own() -> None:
+    """Where it would wait for its parent's, which it does not have, for ever."""
+    done = subprocess.run([sys.executable, "-W", "ignore", "-c", FORKED], capture_output=True, text=True, timeout=60)
+    assert (done.stdout, done.stderr) == ("7\n", "")
 
 
 def test_a_time_too_far_is_not_reached() -> None:

@@ -199,30 +199,30 @@ def uncached(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
 
 
 def test_compiled_once_and_kept(uncached: Path) -> None:
-    assert compiled.available(SMALL)
+    assert library.available(SMALL)
     (kept,) = uncached.glob("kernel_*")
     made = kept.stat().st_mtime_ns
     library._library.cache_clear()
-    assert compiled.available(SMALL)
+    assert library.available(SMALL)
     assert [p.stat().st_mtime_ns for p in uncached.iterdir()] == [made]
 
 
 @pytest.mark.parametrize("damage", [b"", b"garbage", None])
 def test_a_damaged_library_is_made_anew(uncached: Path, damage: bytes | None) -> None:
-    assert compiled.available(SMALL)
+    assert library.available(SMALL)
     (kept,) = uncached.glob("kernel_*")
     whole = kept.read_bytes()
     kept.unlink()
     kept.write_bytes(whole[:9000] if damage is None else damage)
     library._library.cache_clear()
-    assert compiled.available(SMALL)
+    assert library.available(SMALL)
     (again,) = uncached.glob("kernel_*")
     assert again.read_bytes() == whole
 
 
 def test_first_use_from_many_threads(uncached: Path) -> None:
     found: list[bool] = []
-    workers = [threading.Thread(target=lambda: found.append(compiled.available())) for _ in range(8)]
+    workers = [threading.Thread(target=lambda: found.append(library.available())) for _ in range(8)]
     for worker in workers:
         worker.start()
     for worker in workers:
@@ -236,7 +236,7 @@ def test_the_next_compiler_is_tried(uncached: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("CC", "false")
     found = [c.command for c in compiler.local_compilers()]
     assert not any("false" in command[0] for command in found)
-    assert compiled.available(SMALL)
+    assert library.available(SMALL)
     monkeypatch.setenv("CC", "cc -DSOME_FLAG")
     assert next(compiler.local_compilers()).command[1:] == ("-DSOME_FLAG",)
 

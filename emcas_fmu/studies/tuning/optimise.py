@@ -20,7 +20,7 @@ from scipy.optimize import differential_evolution, minimize
 
 from ...parameters import ParameterSet
 from ...progress import Progress, silent
-from ...runtime import compiled, library
+from ...runtime import library
 from .evaluate import Evaluation, Journal, evaluate
 from .study import Case, Study
 
@@ -188,7 +188,7 @@ def _part(gains: Sequence[Gains], cases: Sequence[Case]) -> list[Evaluation]:
 
 def _parted(gains: Sequence[Gains], study: Study, workers: int) -> Iterator[tuple[Sequence[Gains], Any]]:
     """Return gains in parts, each with the groups of cases that as many workers judge at the same time."""
-    together = _TOGETHER if compiled.available(study.base.model) else 1  # in Python nothing is gained
+    together = _TOGETHER if library.available(study.base.model) else 1  # in Python nothing is gained
     size = min(together, -(-len(gains) // workers) or 1)
     groups = 1 if len(gains) > 1 else min(workers, len(study.cases))
     ends = [len(study.cases) * k // groups for k in range(groups + 1)]
