@@ -339,8 +339,8 @@ class ParameterSubject(Subject):
         else:
             tables = respond_all(sets, inputs, step, names, model=self.model, held=substeps, fine=fine)
         time = np.arange((len(excitation.time) - 1) * substeps + 1) * step
-        stopped = {run: (0, (str(error),)) for run, error in tables.failures.items()
-                   if isinstance(error, ArithmeticError)}
+        stopped = {run: (-(-int(tables.reached[run]) // substeps), (str(error),))  # rows of so many points
+                   for run, error in tables.failures.items() if isinstance(error, ArithmeticError)}
         refused = {run: error for run, error in tables.failures.items() if run not in stopped}
         return Runs(excitation, {"time": time[::substeps], **tables.columns}, count, substeps, refused, stopped,
                     perf_counter() - begin)
@@ -359,6 +359,7 @@ class ParameterSubject(Subject):
             values = {**self.values, **dict(zip(self._places, sets[run].tolist(), strict=True))}
             table = np.stack([np.broadcast_to(column, (count, rows))[run] for column in inputs], axis=1).tolist()
             at_rows = [dict(zip(self.inputs, row, strict=True)) for row in table]
+            unit = None
             try:
                 unit = SteppedUnit(values, step, self.model, at_rows[0])
                 angle = unit.place("fin_angle")
@@ -368,11 +369,13 @@ class ParameterSubject(Subject):
                         unit.run()
             except (ValueError, ArithmeticError) as error:
                 failures[run] = error
-            else:
-                reached[run] = (rows - 1) * held + 1
-                for name, column in unit.columns().items():
-                    if name in columns:
-                        columns[name][run] = column[::1 if name in fine else held]
+            if unit is None:
+                continue
+            given = unit.columns()
+            reached[run] = len(given["time"])
+            for name, column in columns.items():
+                moved = given[name][::1 if name in fine else held]
+                column[run, :len(moved)] = moved
         return Tables(columns, reached, failures)
 
     @cached_property

@@ -89,6 +89,8 @@ def test_many_runs_are_the_runs_alone(spring: Any) -> None:
                 continue
             expected, run = alone(), runs[place]
             assert (run.stopped, run.messages) == (expected.stopped, expected.messages)
+            if place == 3:  # the last row before that load has acted, but for rounding
+                assert run.stopped == pytest.approx(one.time[-29], abs=1e-12)
             for name, column in expected.columns.items():
                 np.testing.assert_array_equal(run.columns[name], column, err_msg=name)
 
