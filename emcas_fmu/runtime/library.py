@@ -23,7 +23,7 @@ from .c_sources import batch_sources, vector_sources
 # By the actuators that a vector holds. No host's traps are on in Python, which is what FLAGS think of, and zig.
 _VECTOR_FLAGS = {8: ("-fno-trapping-math", "-mavx512f", "-mavx512dq"), 4: ("-fno-trapping-math", "-mavx2")}
 # Steps of 1 ms that take about as long as a compiler, once: in Python, and those in which vectors save as much.
-WORTH_COMPILING, WORTH_VECTORS = 5000, 20_000_000
+WORTH_COMPILING, WORTH_VECTORS = 10_000, 20_000_000
 
 _DOUBLES = ct.POINTER(ct.c_double)
 # Of points of time, inputs and outputs of whole runs.
