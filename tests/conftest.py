@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 
 # Before NumPy comes: a worker has a core, and threads of the linear algebra that wait for each other on cores that
 # others use take a hundred times what these small matrices do. Workers and programs that tests start have it, too.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# What is started in the background ignores Ctrl-C, and so would the programs that tests start, and interrupt.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
