@@ -299,11 +299,15 @@ def _messages(rules: Iterable[Rule], p: Any, warnings: bool) -> dict[Rule, str]:
 
 def _asked(rule: Rule, p: Any) -> Check:
     """Return a rule bound to parameters; of a scanned one all shares of the travel are evaluated at once."""
+    each = partial(rule.check, FLOATS, p), *rule[1:]
     if not rule.scanned:
-        return partial(rule.check, FLOATS, p), *rule[1:]
+        return each
     shares = np.array(SHARES)
-    with np.errstate(all="ignore"):  # of what is no number at some place, the others are judged
-        broken = np.broadcast_to(rule.check(ARRAYS, p, shares)[0], shares.shape)
+    try:
+        with np.errstate(all="ignore"):  # places where the rule gives no number are left out
+            broken = np.broadcast_to(rule.check(ARRAYS, p, shares)[0], shares.shape)
+    except Exception:  # a user's rule that is none of traced code: tracing says so  # noqa: BLE001
+        return each
     worst = SHARES[int(np.argmax(np.where(np.isnan(broken), -inf, broken)))]
     return lambda _: rule.check(FLOATS, p, worst), rule.message, False, rule.warning
 

@@ -20,6 +20,7 @@ import matplotlib as mpl
 import matplotlib.style
 from cycler import cycler
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from .curves import INK as INK
@@ -63,9 +64,13 @@ def figure(rows: int, columns: int = 1, *, width: float = 9.0, height: float = 2
 
 
 def svg(drawn: Figure, label: str = "", description: str = "") -> str:
-    """Return an <svg> element to put into an HTML page; `label` and `description` are for those who cannot see it."""
+    """Return an <svg> element to put into an HTML page; `label` and `description` are for those who cannot see it.
+
+    The figure's layout stays as it is then.
+    """
     text = StringIO()
-    if layout := drawn.get_layout_engine():  # matplotlib would draw all of it once only to lay it out
+    if layout := drawn.get_layout_engine():  # matplotlib would draw all of it once more, only to lay it out
+        FigureCanvasSVG(drawn)  # whose letters' sizes count
         layout.execute(drawn)
         drawn.set_layout_engine(None)
     with mpl.rc_context({"svg.hashsalt": "emcas", "svg.fonttype": "none"}):

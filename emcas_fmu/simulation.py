@@ -32,7 +32,7 @@ def simulate(values: Mapping[str, Any], stop: float, step: float = 1e-3, kernel:
     `values` are the flat parameters in SI. Inputs are given by name with ``__`` for the
     dot (``attitude__roll``), as a constant, a function of time [s] or an array of values at
     the communication points, held over a step. `kernel` is ``compiled``, ``python``, or ``auto``: compiled if there
-    is a C compiler and, where it has not been compiled before, 10 s of responses are asked for; both give the same
+    is a C compiler and 10 s of responses are asked for, or 1 s where it has been compiled before; both give the same
     numbers. `model` is one of :mod:`emcas_fmu.actuators`, whose parameters `values` must have.
     Gives an array per output and ``time``. Raises TypeError for an unknown input, ValueError for one
     that is not finite and for parameters out of their limits, ArithmeticError where the equations

@@ -124,7 +124,7 @@ def named(name: str, of_unit: str) -> tuple[str, float]:
 
 
 def displayed(figures: Mapping[str, float]) -> dict[str, float]:
-    """Return figures of one run by their names in a result, in the units of these."""
+    """Return figures of one run as plain numbers by their names in a result, in the units of these."""
     return {key: float(value) * factor for name, value in figures.items() for key, factor in [result_name(name)]}
 
 

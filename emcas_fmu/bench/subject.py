@@ -339,7 +339,8 @@ class ParameterSubject(Subject):
         else:
             tables = respond_all(sets, inputs, step, names, model=self.model, held=substeps, fine=fine)
         time = np.arange((len(excitation.time) - 1) * substeps + 1) * step
-        stopped = {run: (-(-int(tables.reached[run]) // substeps), (str(error),))  # rows of so many points
+        # A run has the rows that it began, each of `substeps` points.
+        stopped = {run: (-(-int(tables.reached[run]) // substeps), (str(error),))
                    for run, error in tables.failures.items() if isinstance(error, ArithmeticError)}
         refused = {run: error for run, error in tables.failures.items() if run not in stopped}
         return Runs(excitation, {"time": time[::substeps], **tables.columns}, count, substeps, refused, stopped,

@@ -191,7 +191,7 @@ class Batch:
     def _move_all(self, end: float, progress: Progress) -> int:
         """Move all units, by the threads there are; return how many actuators did not get there."""
         given = (self._addresses, self._strides, self._motions, *self._out)
-        if progress is silent and self._threads == 1:
+        if progress is silent and self._threads <= 1:
             return self._move(0, self._units, end, *given)
         pieces = _chunks(self._units, -(-self._units // (self._threads if progress is silent else _PIECES)))
 

@@ -213,7 +213,7 @@ class Core:
         plant: tuple[float, ...] = self._plant
         if left <= 0.0:
             return plant
-        step, whole = self._kernel_step, left
+        step = self._kernel_step
         acting = (*self._sampled[self._controller + 2:], self._active, *inputs[self._acting])
         for _ in range(MOST_EVENTS):
             moved = step(*plant, *acting, left)
@@ -221,7 +221,7 @@ class Core:
             if used >= left:
                 return plant
             left -= used
-        raise ArithmeticError(f"more than {MOST_EVENTS} events in {whole} s")
+        raise ArithmeticError(f"more than {MOST_EVENTS} events in a tick")
 
     def _extend(self, part: Part | None, until: float, inputs: Inputs) -> Part:
         if part is None:

@@ -24,6 +24,8 @@ from .c_sources import batch_sources, vector_sources
 _VECTOR_FLAGS = {8: ("-fno-trapping-math", "-mavx512f", "-mavx512dq"), 4: ("-fno-trapping-math", "-mavx2")}
 # Steps of 1 ms that take about as long as a compiler, once: in Python, and those in which vectors save as much.
 WORTH_COMPILING, WORTH_VECTORS = 10_000, 20_000_000
+# To look for what has been compiled takes as long as this, since its source is printed first.
+_WORTH_LOOKING = {WORTH_COMPILING: 1000, WORTH_VECTORS: 200_000}
 
 _DOUBLES = ct.POINTER(ct.c_double)
 # Of points of time, inputs and outputs of whole runs.
@@ -70,18 +72,16 @@ def _library(model: str, lanes: int = 1) -> ct.CDLL | str:
 
 
 def worth(model: str, steps: float, lanes: int = 1) -> bool:
-    """Return whether the steps of a model asked for so far, with these, are worth compiling for; or it has been.
+    """Return whether to use a model's compiled kernel, of vectors if `lanes` is above 1, for `steps` more of 1 ms.
 
-    `steps` are of 1 ms (:func:`milliseconds`).
-
-    A user's actuator always is: it may divide by zero where nothing comes of it, which Python refuses.
+    It is where so much has been asked for that compiling pays, or less and it has been compiled before. A user's
+    actuator is always compiled: it may divide by zero where nothing comes of it, which Python refuses.
     """
     if lanes == 1 and parts(model)[0] not in NAMES:
         return True
     key, least = (model, lanes), WORTH_VECTORS if lanes > 1 else WORTH_COMPILING
     _asked[key] += steps
-    # To look for what has been compiled takes as long as some hundred steps: its source is printed first.
-    if least / 10 <= _asked[key] < least and _kept(model, lanes):
+    if _WORTH_LOOKING[least] <= _asked[key] < least and _kept(model, lanes):
         _asked[key] += least  # no need to look again
     return _asked[key] >= least
 
@@ -97,7 +97,7 @@ _asked: dict[tuple[str, int], float] = defaultdict(float)
 def _kept(model: str, lanes: int) -> bool:
     """Return whether a library has been compiled on this machine before."""
     target = local_platform()
-    if target is None or next(_files(model), None) is None:  # the sources are printed to know more
+    if target is None or next(_files(model), None) is None:  # whether of this version, only its sources tell
         return False
     return any(_cached(_described(compiler, target, model, lanes), model) for compiler in local_compilers())
 
@@ -109,7 +109,8 @@ def _files(model: str, described: str = "*") -> Iterator[Path]:
 
 def _label(model: str) -> str:
     """Return a model's name as one of a file; models of users' files may share it."""
-    return re.sub(r"[^\w+-]", "", model.replace(parts(model)[0], Path(parts(model)[0]).stem))[:60]
+    actuator, extensions = parts(model)
+    return re.sub(r"[^\w+-]", "", "+".join((Path(actuator).stem, *extensions)))[:60]
 
 
 def loaded(model: str) -> ct.CDLL:

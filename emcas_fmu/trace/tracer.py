@@ -47,7 +47,10 @@ def _comparison(operation: str, greater: bool = False) -> Callable[[Expr, Value]
 
 
 class Expr:
-    """A value of the traced program: a name, and whether parameters alone determine it."""
+    """A value of the traced program: a name, and whether parameters alone determine it.
+
+    Operators work as long as its tracer is kept.
+    """
 
     __slots__ = ("fixed", "name", "tracer")
 
@@ -128,7 +131,7 @@ class Block:
 
 @dataclass(slots=True)
 class _Scope:
-    """What is known while a block is traced, beside what is in the `outer` ones: kept no longer than that."""
+    """What is known while a block is traced, beside what is in the `outer` ones."""
 
     outer: _Scope | None = None
     holding: dict[str, bool] = field(default_factory=dict)
@@ -182,7 +185,7 @@ class Tracer:
     """An operations namespace (:class:`emcas_fmu.ops.base.Ops`) that records what is asked of it."""
 
     def __init__(self) -> None:
-        self._itself = weakref.proxy(self)  # for its values: what refers back is not freed before a collector comes
+        self._itself = weakref.proxy(self)  # values refer to it weakly: a cycle would stay until garbage is collected
         self._first = self._scope = _Scope()
         self.prologue = self._first.block
         self._count = 0

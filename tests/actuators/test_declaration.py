@@ -50,7 +50,7 @@ WITH_EXTENSIONS = [
     "linear+heat+faults", "habibi+stribeck+heat+homing+faults", "ozkan+stribeck+heat+homing+faults",
     "second-order+faults", "worm-gear+stribeck+heat+homing+supply+faults", "clutch+faults",
     "series-clutch+heat+faults", "electrohydrostatic+heat+faults", "electrohydraulic+faults"]
-# Of one model all tests in turn.
+# All tests of one model run in turn, so that it is traced once.
 each_traced_once = pytest.mark.parametrize("model", WITH_EXTENSIONS, scope="module")
 
 

@@ -12,7 +12,7 @@ import pytest
 from emcas_fmu import actuators
 from emcas_fmu.actuators import external, get
 from emcas_fmu.errors import EmcasError
-from emcas_fmu.parameters import load_parameters
+from emcas_fmu.parameters import ParameterError, load_parameters
 from emcas_fmu.reference import files
 from emcas_fmu.runtime import codegen
 
@@ -67,6 +67,24 @@ def test_file_and_line_are_named(tmp_path: Path, change: tuple[str, str], place:
     if place is not None:
         expected = next(i for i, line in enumerate(FILE.read_text(encoding="utf-8").splitlines(), 1) if place in line)
         assert int(named[1]) == expected
+
+
+def test_a_rule_that_asks_an_angle_is_refused_where_it_is_traced(tmp_path: Path) -> None:
+    """By its line; numbers alone, which parameters are checked with, it can take."""
+    path = changed(tmp_path, ("ACTUATOR = Actuator(", '''from emcas_fmu.rules import Rule
+
+
+def within(ops, p, share):
+    return (1.0 if share * p.spring.stiffness > 900.0 else -1.0), share
+
+
+ACTUATOR = Actuator(
+    rules=(Rule(within, "too stiff at %.6g of the travel", True),),'''))
+    sound = load_parameters(model=str(path))
+    with pytest.raises(ParameterError, match=r"too stiff at 0\.91 of the travel"):
+        sound.with_values({"spring.stiffness": 1000.0})
+    with pytest.raises(EmcasError, match=r", line \d+: TypeError: a traced value has no truth: use ops\.where"):
+        codegen.traced_rules(sound.model)
 
 
 @pytest.mark.parametrize(("change", "says"), [

@@ -135,10 +135,12 @@ def test_a_progress_that_raises_leaves_nothing_running() -> None:
 
 FORKED = """
 import os
+import signal
 from emcas_fmu import Batch, load_parameters
 batch = Batch(load_parameters(), 64, threads=2)
 batch.run(0.001, fin_command=0.1)
 if not (child := os.fork()):
+    signal.alarm(30)  # it must not outlive the test
     batch.run(0.01)
     os._exit(7 if batch.time == 0.01 else 1)
 print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))

@@ -18,7 +18,7 @@ from emcas_fmu.compiler import CompilerError
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference.cases import CASES
-from emcas_fmu.runtime import compiled, library
+from emcas_fmu.runtime import batch, compiled, library
 from emcas_fmu.runtime.batch import Batch
 from emcas_fmu.runtime.compiled import CompiledCore, parameter_row
 from emcas_fmu.simulation import KERNELS, respond, respond_all, simulate
@@ -268,6 +268,16 @@ def test_what_is_short_is_not_worth_compiling(uncached: Path, monkeypatch: pytes
         runs.append(simulate(values, 1.0, 1e-3, model=SMALL, fin_command=0.1))
     assert list(uncached.iterdir()) == [kept]
     assert all(np.array_equal(run[name], runs[0][name]) for run in runs for name in run)
+
+
+@pytest.mark.parametrize(("lanes", "enough"), [(1, 1000), (8, 2 * batch.STEPS)])
+def test_what_has_been_compiled_is_looked_for_before_that(lanes: int, enough: int,
+                                                          monkeypatch: pytest.MonkeyPatch) -> None:
+    """For a second, or two actuators of a batch."""
+    monkeypatch.setattr(library, "_kept", lambda *_: True)
+    monkeypatch.setattr(library, "_asked", defaultdict(float))
+    assert not library.worth(SMALL, enough - 1, lanes)
+    assert library.worth(SMALL, 1, lanes)
 
 
 def test_numpys_numbers_are_numbers(values: Mapping[str, Any]) -> None:
