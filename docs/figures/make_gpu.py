@@ -13,9 +13,10 @@ from __future__ import annotations
 import re
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator
-from functools import cache
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache, reduce
 from math import sqrt
+from operator import or_
 from runpy import run_path
 from typing import Any, NamedTuple
 
@@ -28,7 +29,9 @@ from emcas_fmu.runtime import codegen
 from emcas_fmu.runtime.core import Core
 
 BENCHMARK = run_path(str(DOCS.parent / "benchmarks" / "batch.py"))
-WARP = 32  # threads that step together
+# That step together: one alone, those in a processor's vectors, a GPU's threads.
+WIDTHS = (1, 4, 8, 32)
+WARP = WIDTHS[-1]
 STEP = 1e-3  # s
 BEGUN, COUNTED = 10, 20  # steps: until the delay line is full, and those that are counted then
 KINDS = ("add, subtract, multiply", "compare", "divide", "square root")
@@ -146,11 +149,10 @@ def _functions() -> Any:
 
 
 class Counts(NamedTuple):
-    """Operations by kind and ticks with an event (a share), of a thread and of a warp."""
+    """Operations by kind and the share of ticks with an event, of so many that step together."""
 
-    thread: Any
-    warp: Any
-    events: tuple[float, float]
+    operations: Mapping[int, Any]
+    events: Mapping[int, float]
 
 
 @cache
@@ -159,25 +161,21 @@ def counts(hard: bool) -> Counts:
     signals, functions = BENCHMARK["Signals"](WARP, hard), _functions()
     cores = [Core(functions, codegen.sizes(get(NONLINEAR))) for _ in range(WARP)]
     supply = load_parameters().values["drive.supply_voltage"]
-    thread, warp = np.zeros(len(KINDS)), np.zeros(len(KINDS))
-    ticks = [0, 0, 0]  # of threads; with an event, of threads and of warps
+    operations, events, ticks = {width: np.zeros(len(KINDS)) for width in WIDTHS}, dict.fromkeys(WIDTHS, 0), 0
     for k in range(BEGUN + COUNTED):
-        together: Counter[tuple[int, int, int, str]] = Counter()
-        with_event: set[int] = set()
+        done = []
         for core, *driven in zip(cores, *(column.tolist() for column in signals.at(k * STEP)), strict=True):
             TALLY.clear()
             core.run((k + 1) * STEP, tuple(map(Number, codegen.inputs_at_rest(*driven, supply))))
-            if k < BEGUN:
-                continue
-            together |= TALLY.done  # the most of any
-            thread += _by_kind(TALLY.done)
-            events = {tick for tick, event, *_ in TALLY.done if event}
-            with_event |= events
-            ticks[0] += TALLY.tick
-            ticks[1] += len(events)
-        warp += _by_kind(together)
-        ticks[2] += len(with_event)
-    return Counts(thread / (WARP * COUNTED), warp / COUNTED, (ticks[1] / ticks[0], WARP * ticks[2] / ticks[0]))
+            done.append(TALLY.done)
+            ticks += TALLY.tick if k >= BEGUN else 0
+        for width in WIDTHS if k >= BEGUN else ():
+            for first in range(0, WARP, width):
+                together = reduce(or_, done[first:first + width])  # the most of any
+                operations[width] += _by_kind(together)
+                events[width] += len({tick for tick, event, *_ in together if event})
+    return Counts({width: width * sums / (WARP * COUNTED) for width, sums in operations.items()},
+                  {width: width * number / ticks for width, number in events.items()})
 
 
 def _by_kind(done: Counter[tuple[int, int, int, str]]) -> Any:
@@ -187,12 +185,16 @@ def _by_kind(done: Counter[tuple[int, int, int, str]]) -> Any:
 def operations() -> str:
     """Operations of a step by kind."""
     cases = [counts(hard) for hard in (False, True)]
-    columns = [each for case in cases for each in (case.thread, case.warp)]
+    columns = [case.operations[width] for case in cases for width in WIDTHS]
     rows = [(kind, *(f"{column[i]:.0f}" for column in columns)) for i, kind in enumerate(KINDS)]
     rows.append(("double-precision instructions", *(f"{np.dot(COST, column):.0f}" for column in columns)))
-    rows.append(("ticks with an event", *(f"{100.0 * share:.0f} %" for case in cases for share in case.events)))
-    return markdown(("in 1 ms", "in motion, a thread", f"{WARP} together", "hard case, a thread",
-                     f"{WARP} together"), rows)
+    rows.append(("for each of them, over one alone", *(
+        f"{np.dot(COST, case.operations[width]) / np.dot(COST, case.operations[1]) / width:.2f}"
+        for case in cases for width in WIDTHS)))
+    rows.append(("ticks with an event", *(f"{100.0 * case.events[width]:.0f} %" for case in cases for width in WIDTHS)))
+    heads = [f"{width} together" if width > 1 else f"{case}, one" for case in ("in motion", "hard case")
+             for width in WIDTHS]
+    return markdown(("in 1 ms", *heads), rows)
 
 
 @cache
@@ -232,7 +234,7 @@ def estimate() -> str:
     shared = sum(sizes.values()) - sizes["own parameters and what follows"]
     for gpu in GPUS:
         moved = [1e9 * n / gpu.bytes for n in (shared, sum(sizes.values()))]
-        worked = [1e9 * np.dot(COST, counts(hard).warp) / gpu.instructions for hard in (False, True)]
+        worked = [1e9 * np.dot(COST, counts(hard).operations[WARP]) / gpu.instructions for hard in (False, True)]
         across = 1e9 * max(sizes["outputs"], sizes["command and load"]) / gpu.bus
         rows.append((gpu.name, *(f"{t:.2g} ns" for t in (*moved, *worked, across))))
     return markdown(("", "memory, one set", "memory, own parameters", "arithmetic, in motion", "arithmetic, hard case",
