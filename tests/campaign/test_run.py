@@ -9,13 +9,14 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 import pyarrow as pa
 import pytest
 
 from emcas_fmu.studies.campaign.distributions import CampaignError
-from emcas_fmu.studies.campaign.run import by_dask, chunk_size, in_process, local_client
+from emcas_fmu.studies.campaign.run import by_dask, chunk_size, in_process, local_client, waking
 from emcas_fmu.studies.campaign.sample import Rows
 from emcas_fmu.studies.campaign.store import Store
 from emcas_fmu.studies.campaign.study import Study, load_study
@@ -129,6 +130,16 @@ def test_killed_and_resumed(write: Write, tmp_path: Path) -> None:
     rows = sum(pa.parquet.read_metadata(path).num_rows for path in folder.glob("samples/part-*"))
     assert rows == 250  # none was run twice
     assert same(Store(folder, study).table(), alone(study, tmp_path / "alone"))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends a signal")
+def test_ctrl_c_is_taken_between_tasks() -> None:
+    """Where it would come in the middle of Dask's waiting, a lock might stay that nobody releases."""
+    done: SimpleQueue[Any] = SimpleQueue()
+    with waking(done):
+        os.kill(os.getpid(), signal.SIGINT)
+        assert done.get(timeout=10.0) is None
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 @pytest.mark.slow

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import signal
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib import import_module
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -184,12 +187,29 @@ def _connected() -> Iterator[None]:
                             "command goes on") from error
 
 
+@contextmanager
+def waking(done: SimpleQueue[Any]) -> Iterator[None]:
+    """Have Ctrl-C wake who waits for `done`, by None.
+
+    Raised in the middle of Dask's waiting it may leave a lock that is never released, and the run would not end.
+    """
+    if threading.current_thread() is not threading.main_thread() or (
+            signal.getsignal(signal.SIGINT) is not signal.default_int_handler):
+        yield
+        return
+    signal.signal(signal.SIGINT, lambda *_: done.put(None))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 def _run(submit: Callable[[Indices], Any], chunks: deque[Indices], keep: Keep, ahead: int) -> Indices:
     """Run chunks of samples, `ahead` tasks at a time; return the samples of tasks whose workers died."""
     distributed = _distributed()
     running: dict[str, Indices] = {}
     dead = [np.empty(0, dtype=np.int64)]
-    tasks = distributed.as_completed()
+    done: SimpleQueue[Any] = SimpleQueue()
 
     def launch() -> None:
         if chunks:
@@ -197,18 +217,21 @@ def _run(submit: Callable[[Indices], Any], chunks: deque[Indices], keep: Keep, a
             with _connected():
                 task = submit(indices)
             running[task.key] = indices
-            tasks.add(task)
+            task.add_done_callback(done.put)
 
-    for _ in range(ahead):
-        launch()
-    for task in tasks:
-        indices = running.pop(task.key)
-        try:
-            with _connected():
-                rows_of_task = task.result()
-        except distributed.KilledWorker:
-            dead.append(indices)
-        else:
-            keep(rows_of_task)
-        launch()
+    with waking(done):
+        for _ in range(ahead):
+            launch()
+        while running:
+            if (task := done.get()) is None:
+                raise KeyboardInterrupt
+            indices = running.pop(task.key)
+            try:
+                with _connected():
+                    rows_of_task = task.result()
+            except distributed.KilledWorker:
+                dead.append(indices)
+            else:
+                keep(rows_of_task)
+            launch()
     return np.sort(np.concatenate(dead))
