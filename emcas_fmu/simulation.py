@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
+from math import prod
 from typing import Any, TypeVar
 
 import numpy as np
@@ -140,8 +141,8 @@ def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequ
     """
     if kernel not in KERNELS:
         raise EmcasError(f"kernel {kernel}: there is {', '.join(KERNELS)}")
-    rows = max((np.shape(column)[-1] for column in inputs if np.ndim(column)), default=1)
-    steps = library.milliseconds(len(sets) * rows * held, step)
+    points = prod(np.broadcast_shapes((len(sets), 1), *map(np.shape, inputs))) * held
+    steps = library.milliseconds(points, step)
     if kernel == "compiled" or (kernel == "auto" and library.worth(model, steps) and library.available(model)):
         return compiled.run_tables(sets, inputs, step, outputs, model, held, fine)
     return _by_python(sets, inputs, step, outputs, model, held, fine)

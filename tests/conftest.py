@@ -14,12 +14,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
 from filelock import FileLock
+from lark import Lark
 
 from emcas_fmu.compiler import local_platform
 from emcas_fmu.fmi.package import build
@@ -44,6 +45,21 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     for mark in item.iter_markers("kernel"):
         if not library.available(*mark.args):
             pytest.skip("no C compiler")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _names_parsed_once() -> Iterator[None]:
+    """Has fmpy parse a variable's name once: it takes milliseconds, and hundreds of units share most of them."""
+    parse, valid = Lark.parse, set[tuple[str, str]]()
+
+    def once(self: Lark, name: str) -> None:
+        if (self.source_grammar, name) not in valid:
+            parse(self, name)
+            valid.add((self.source_grammar, name))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Lark, "parse", once)
+        yield
 
 
 @pytest.fixture(scope="session")

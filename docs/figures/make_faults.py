@@ -7,7 +7,8 @@
 from __future__ import annotations
 
 import sys
-from math import degrees, pi, radians, sin
+from collections.abc import Sequence
+from math import radians
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,11 @@ from make_tables import main, markdown
 
 from emcas_fmu import plots
 from emcas_fmu.actuators import NAMES, get
+from emcas_fmu.bench.excitation import STEP, Excitation
+from emcas_fmu.bench.subject import ParameterSubject, Runs
 from emcas_fmu.extensions.fault_list import bits, possible
 from emcas_fmu.extensions.monitors import MONITORS
 from emcas_fmu.parameters import load_parameters
-from emcas_fmu.simulation import simulate
 
 HERE = Path(__file__).parent
 BEGIN, END, STOP = 0.2, 0.4, 0.6  # s
@@ -28,52 +30,53 @@ FOUND_STOP = 2.0  # s
 LEAST = 0.005  # deg
 
 
-def _command(time: float) -> float:
-    return radians(8.6) * sin(2.0 * pi * 3.0 * time)
-
-
-def _load(time: float) -> float:
-    return 40.0 * sin(2.0 * pi * 1.7 * time)
+def _command(time: Any) -> Any:
+    return radians(8.6) * np.sin(2.0 * np.pi * 3.0 * time)
 
 
 def _has(model: str, fault: str) -> bool:
     return fault in {each.name for each in possible(get(model))}
 
 
-def _run(model: str, fault: str, begin: float = BEGIN, end: float = END) -> dict[str, Any]:
-    window = {f"fault.{fault}.begin": begin, f"fault.{fault}.end": end}
-    values = load_parameters(model=f"{model}+faults").with_values(window).values
-    return simulate(values, STOP, model=f"{model}+faults", fin_command=_command, aero_torque=_load)
+def _runs(model: str, faults: Sequence[str], window: tuple[float, float], **inputs: Any) -> Runs:
+    """Return the runs of a model, one under each fault, and the last under none."""
+    subject = ParameterSubject(load_parameters(model=f"{model}+faults"))
+    changes = {}
+    for run, fault in enumerate(faults):
+        for edge, time in zip(("begin", "end"), window, strict=True):
+            name = f"fault.{fault}.{edge}"
+            changes[name] = np.full(len(faults) + 1, subject.values[name])
+            changes[name][run] = time
+    return subject.run_all(Excitation("faults", inputs), changes)
+
+
+def _under_sines(model: str, faults: Sequence[str]) -> Runs:
+    time = np.arange(round(STOP / STEP) + 1) * STEP
+    return _runs(model, faults, (BEGIN, END), fin_command=_command(time),
+                 aero_torque=40.0 * np.sin(2.0 * np.pi * 1.7 * time))
 
 
 def acting() -> str:
     """What each fault does to the fin angle of each model that can have it."""
-    rows = []
-    sound = {model: simulate(load_parameters(model=model).values, STOP, model=model, fin_command=_command,
-                             aero_torque=_load)["fin_angle"] for model in NAMES}
-    for fault in dict.fromkeys(name for model in NAMES for name in bits(get(model))):
-        row = [f"`{fault}`"]
-        for model in NAMES:
-            if not _has(model, fault):
-                row.append("")
-                continue
-            moved = degrees(np.abs(_run(model, fault)["fin_angle"] - sound[model]).max())
-            row.append(f"{moved:.2g}°" if moved > LEAST else "–")
-        rows.append(row)
-    return markdown(("fault", *NAMES), rows)
+    cells: dict[str, dict[str, str]] = {name: {} for model in NAMES for name in bits(get(model))}
+    for model in NAMES:
+        faults = [name for name in cells if _has(model, name)]
+        angle = np.degrees(_under_sines(model, faults).columns["fin_angle"])
+        for fault, moved in zip(faults, np.abs(angle[:-1] - angle[-1]).max(axis=1), strict=True):
+            cells[fault][model] = f"{moved:.2g}°" if moved > LEAST else "–"
+    return markdown(("fault", *NAMES), [(f"`{fault}`", *(of.get(model, "") for model in NAMES))
+                                        for fault, of in cells.items()])
 
 
 def found() -> str:
     """What the built-in test of the nonlinear model finds, and when."""
+    faults, time = possible(get("nonlinear")), np.arange(round(FOUND_STOP / STEP) + 1) * STEP
+    runs = _runs("nonlinear", [fault.name for fault in faults], (BEGIN, 1e9),
+                 fin_command=np.radians(np.where(time % 1.0 < 0.5, 10.0, -10.0)))
     rows = []
-    for fault in possible(get("nonlinear")):
-        values = load_parameters(model="nonlinear+faults").with_values({
-            f"fault.{fault.name}.begin": BEGIN, f"fault.{fault.name}.end": 1e9}).values
-        run = simulate(values, FOUND_STOP, model="nonlinear+faults",
-                       fin_command=lambda t: radians(10.0 if t % 1.0 < 0.5 else -10.0))
-        words = run["built_in_test"].astype(int)
-        seen = [f"{monitor.name} after {np.flatnonzero(words & 2**i)[0] * 1e-3 - BEGIN:.2f} s"
-                for i, monitor in enumerate(MONITORS) if (words & 2**i).any()]
+    for fault, word in zip(faults, runs.columns["built_in_test"].astype(int), strict=False):  # the last has none
+        seen = [f"{monitor.name} after {np.flatnonzero(word & 2**i)[0] * STEP - BEGIN:.2f} s"
+                for i, monitor in enumerate(MONITORS) if (word & 2**i).any()]
         rows.append((f"`{fault.name}`", fault.description, ", ".join(seen) or "–"))
     return markdown(("fault", "what it is", "found by"), rows)
 
@@ -86,10 +89,11 @@ def _draw() -> None:
              "command_delay")
     with plots.style():
         figure, axes = plots.figure(4, 2, height=1.75, sharex=True, sharey=True)
-        for name, axis in zip(shown, axes.flat, strict=True):
-            run = _run("nonlinear", name)
+        runs = _under_sines("nonlinear", shown)
+        for place, (name, axis) in enumerate(zip(shown, axes.flat, strict=True)):
+            run = runs[place].columns
             axis.axvspan(BEGIN, END, color=plots.GRAY, alpha=0.18, linewidth=0.0)
-            axis.plot(run["time"], [degrees(_command(t)) for t in run["time"]], color=plots.GRAY, linewidth=1.0,
+            axis.plot(run["time"], np.degrees(_command(run["time"])), color=plots.GRAY, linewidth=1.0,
                       label="command")
             axis.plot(run["time"], np.degrees(run["fin_angle"]), color=plots.BLUE, label="fin angle")
             axis.plot(run["time"], np.degrees(run["measured_fin_angle"]), color=plots.VERMILLION, linestyle="--",

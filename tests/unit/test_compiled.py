@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from emcas_fmu import compiler, files
+from emcas_fmu.actuators import get
 from emcas_fmu.compiler import CompilerError
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
@@ -278,6 +279,17 @@ def test_what_has_been_compiled_is_looked_for_before_that(lanes: int, enough: in
     monkeypatch.setattr(library, "_asked", defaultdict(float))
     assert not library.worth(SMALL, enough - 1, lanes)
     assert library.worth(SMALL, 1, lanes)
+
+
+def test_runs_of_one_set_count_each(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether compiling is worth it is asked for all their steps, of the inputs' rows and those between."""
+    asked = list[float]()
+    monkeypatch.setattr(library, "worth", lambda _, steps: asked.append(steps))
+    values = load_parameters(model=SMALL).values
+    inputs = [np.atleast_1d(v.initial(values)) for v in get(SMALL).inputs]
+    inputs[0] = np.zeros((3, 7))
+    respond_all(parameter_row(values, SMALL)[np.newaxis], inputs, 1e-3, ["fin_angle"], model=SMALL, held=2)
+    assert asked == [3 * 7 * 2]
 
 
 def test_numpys_numbers_are_numbers(values: Mapping[str, Any]) -> None:

@@ -23,7 +23,8 @@ from ...ops.arrays import ARRAYS
 from ...ops.floats import FLOATS
 from ...physics import drive
 from ...progress import Progress, silent
-from ...simulation import simulate
+from ...runtime.compiled import parameter_row
+from ...simulation import respond_all
 from .frequency import of_ratio
 from .systems import Array
 
@@ -71,19 +72,23 @@ def sweep(values: Mapping[str, Any], amplitude: float, frequency: Array, at: flo
     settle, window = round(_SETTLE / period), round(_WINDOW / period)
     time = np.arange(settle + window + 1) * period
     command = at + amplitude * np.sin(2.0 * np.pi * np.outer(time, frequency))
-    runs = [simulate(values, float(time[-1]), period, model=model, fin_command=np.ascontiguousarray(column),
-                     aero_torque=aero_torque) for column in command.T]
-    outputs = {name: np.column_stack([run[name] for run in runs]) for name in runs[0] if name != "time"}
+    actuator, given = get(model), {"fin_command": command.T, "aero_torque": aero_torque}
+    runs = respond_all(parameter_row(values, model)[np.newaxis], [
+        np.atleast_1d(given.get(v.name, v.initial(values))) for v in actuator.inputs], period, [
+            v.name for v in actuator.outputs], model=model)
+    for failure in runs.failures.values():
+        raise failure
+    outputs = {name: column.T for name, column in runs.columns.items()}
     steady = slice(settle, settle + window)
     angle = outputs["fin_angle"][steady]
     turn = np.exp(-2j * np.pi * np.outer(time[steady], frequency))
     ratio = np.sum(angle * turn, axis=0) / np.sum(command[steady] * turn, axis=0)
     ratio[np.ptp(angle, axis=0) <= CREPT] = 0.0  # backlash swallows the sine: what is left is rounding
     response = of_ratio(frequency, ratio)
-    if not get(model).provides.issuperset(NEEDS):
+    if not actuator.provides.issuperset(NEEDS):
         return Sweep(amplitude, response, np.empty((0, len(frequency))))
     _, raw = replay(values, command, outputs, model)
-    p = get(model).namespace(values)
+    p = actuator.namespace(values)
     u = outputs["drive_reference"]
     acting = np.stack([np.abs(raw) > p.controller.speed_limit,
                        # Heat folds the limit back.
