@@ -68,13 +68,13 @@ static inline double *group_at(lanes *x, int lane)
     return (double *)x + lane;
 }
 
-/* The lanes of a mask's bits whose time is that of `lane`. */
-static inline unsigned group_together(const group_state *s, int lane)
+/* The lanes whose time is that of lane 0. */
+static inline unsigned group_together(const group_state *s)
 {
     unsigned together = 0;
     for (int l = 0; l < LANES; ++l)
-        together |= (unsigned)(s->period[l] == s->period[lane] && s->position[l] == s->position[lane]
-                               && s->partial[l] == s->partial[lane]) << l;
+        together |= (unsigned)(s->period[l] == s->period[0] && s->position[l] == s->position[0]
+                               && s->partial[l] == s->partial[0]) << l;
     return together;
 }
 

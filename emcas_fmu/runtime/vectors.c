@@ -178,26 +178,20 @@ static void keep(const group_state *s, group_state *to, size_t line)
     for (size_t i = 0; i < line; ++i) to->line[i] = s->line[i];
 }
 
-/* Move a group's lanes `which` on, all or nothing each; a result for each goes to `result`. */
-static void move(const group_step *g, group_state *s, unsigned which, const group_inputs *in, lanes *out, int *result)
+/* Move a group on, each lane whole or not at all; gives those that did not get there, with why in `result`. */
+static unsigned move(const group_step *g, group_state *s, const group_inputs *in, lanes *out, core_result *result)
 {
     group_state before;
     keep(s, &before, g->line);
-    unsigned together = which & g->together;
-    if (together) together &= group_together(s, __builtin_ctz(together));
-    const unsigned done = together ? lanes_bits(group_move(g, together, s, in, out)) : 0;
-    for (int l = 0; l < LANES; ++l) result[l] = CORE_DONE;
-    if (done == LANES_ALL) return;
-    for (int l = 0; l < LANES; ++l) {
-        core_state state;
+    const unsigned together = g->together & group_together(s);
+    const unsigned done = lanes_bits(group_move(g, together, s, in, out));
+    unsigned stopped = 0;
+    for (int l = 0; done != LANES_ALL && l < LANES; ++l) {
         if (done >> l & 1u) continue;
-        if (which >> l & 1u) {
-            result[l] = alone(g, &before, s, l, in, out);
-            continue;
-        }
-        take_out(&before, l, &state, g->line);
-        put_back(&state, s, l, g->line);
+        result[l] = alone(g, &before, s, l, in, out);
+        stopped |= (unsigned)(result[l] != CORE_DONE) << l;
     }
+    return stopped;
 }
 
 /* What the vehicle's motion makes of a group, anew if it has changed. The motion that all groups have in common has a
@@ -292,22 +286,22 @@ API size_t batch_run(const batch *b, size_t first, size_t last, double end, cons
         }
         lanes outputs[MODEL_OUTPUTS];
         group_inputs in;
-        int results[LANES];
+        core_result why[LANES];
         carry(at, &g, row + INPUT_ACCELERATION_X, motion);
         inputs_of(at, row, &in);
-        move(&g, &at->state, LANES_ALL, &in, outputs, results);
-        size_t stopped = 0;
-        for (size_t l = 0; l < full; ++l) {
-            result[actuator[l]] = results[l];
-            stopped += results[l] != CORE_DONE;
+        const unsigned stopped = move(&g, &at->state, &in, outputs, why);
+        if (beside && !stopped) {
+            memset(result + actuator[0], 0, LANES * sizeof *result);
+            for (int i = 0; i < MODEL_OUTPUTS; ++i)
+                lanes_store(out + (size_t)i * out_stride + actuator[0], outputs[i]);
+            continue;
         }
-        failed += stopped;
-        for (int i = 0; i < MODEL_OUTPUTS; ++i) {
-            double *column = out + (size_t)i * out_stride;
-            if (beside && !stopped) lanes_store(column + actuator[0], outputs[i]);
-            else
-                for (size_t l = 0; l < full; ++l)
-                    if (results[l] == CORE_DONE) column[actuator[l]] = *group_at(&outputs[i], (int)l);
+        for (size_t l = 0; l < full; ++l) {
+            const bool done = !(stopped >> l & 1u);
+            result[actuator[l]] = done ? CORE_DONE : why[l];
+            failed += !done;
+            for (int i = 0; done && i < MODEL_OUTPUTS; ++i)
+                out[(size_t)i * out_stride + actuator[l]] = *group_at(&outputs[i], (int)l);
         }
     }
     return failed;
