@@ -147,7 +147,7 @@ class Batch:
         column = np.asarray(value, dtype=np.float64)
         if column.shape not in ((), (self.count,)):
             raise ValueError(f"{self._inputs[place]} has shape {column.shape}, not ({self.count},)")
-        if b"\0" in np.isfinite(column).tobytes():  # a third of the time of all()
+        if b"\0" in np.isfinite(column).tobytes():  # false is a byte of 0; all() takes three times as long
             which = int(np.argmin(np.isfinite(column)))
             raise ValueError(f"actuator {which}: {self._inputs[place]} = {column.flat[which]} is not finite")
         self.put(place, column)
