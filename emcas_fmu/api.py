@@ -161,7 +161,7 @@ def _numbers(given: Any, what: str, unit: str, expected: str) -> Array:
         numbers: Array = np.asarray(quantity(given, "", unit) if isinstance(given, str) else given, dtype=float)
     except (TypeError, ValueError) as error:
         raise EmcasError(f"{what}: {f'{given!r} {error}' if isinstance(given, str) else expected}") from error
-    if not np.isfinite(numbers).all():
+    if not compiled.all_finite(numbers):
         raise EmcasError(f"{what} is {numbers[~np.isfinite(numbers)][0]}; give finite values")
     return numbers
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
-from math import prod
 from typing import Any, TypeVar
 
 import numpy as np
@@ -141,8 +140,8 @@ def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequ
     """
     if kernel not in KERNELS:
         raise EmcasError(f"kernel {kernel}: there is {', '.join(KERNELS)}")
-    points = prod(np.broadcast_shapes((len(sets), 1), *map(np.shape, inputs))) * held
-    steps = library.milliseconds(points, step)
+    count, _, points = compiled.sizes(sets, inputs, model, held)
+    steps = library.milliseconds(count * points, step)
     if kernel == "compiled" or (kernel == "auto" and library.worth(model, steps) and library.available(model)):
         return compiled.run_tables(sets, inputs, step, outputs, model, held, fine)
     return _by_python(sets, inputs, step, outputs, model, held, fine)
@@ -218,8 +217,7 @@ def _python_core(values: Mapping[str, Any], model: str) -> Any:
 def _by_python(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str], model: str, held: int,
                fine: Collection[str]) -> compiled.Tables:
     actuator = get(model)
-    count, rows = np.broadcast_shapes((len(sets), 1), *{np.shape(column) for column in inputs})
-    points = max((rows - 1) * held + 1, 0)
+    count, rows, points = compiled.sizes(sets, inputs, model, held)
     out = np.full((len(actuator.outputs), count, points), np.nan)
     reached = np.zeros(count, dtype=np.int64)
     failures: dict[int, ValueError | ArithmeticError] = {}

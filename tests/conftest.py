@@ -49,13 +49,13 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _names_parsed_once() -> Iterator[None]:
-    """Has fmpy parse a variable's name once: it takes milliseconds, and hundreds of units share most of them."""
-    parse, valid = Lark.parse, set[tuple[str, str]]()
+    """Keeps what the parser that fmpy uses made of names: each takes milliseconds, and hundreds of units share most."""
+    parse, trees = Lark.parse, dict[tuple[str, str], Any]()
 
-    def once(self: Lark, name: str) -> None:
-        if (self.source_grammar, name) not in valid:
-            parse(self, name)
-            valid.add((self.source_grammar, name))
+    def once(self: Lark, text: str) -> Any:
+        if (self.source_grammar, text) not in trees:
+            trees[self.source_grammar, text] = parse(self, text)
+        return trees[self.source_grammar, text]
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Lark, "parse", once)

@@ -47,7 +47,10 @@ def _runs(model: str, faults: Sequence[str], window: tuple[float, float], **inpu
             name = f"fault.{fault}.{edge}"
             changes[name] = np.full(len(faults) + 1, subject.values[name])
             changes[name][run] = time
-    return subject.run_all(Excitation("faults", inputs), changes)
+    runs = subject.run_all(Excitation("faults", inputs), changes)
+    for run in range(len(runs)):
+        runs[run].finished()  # raises, where a run stopped
+    return runs
 
 
 def _under_sines(model: str, faults: Sequence[str]) -> Runs:
@@ -74,7 +77,7 @@ def found() -> str:
     runs = _runs("nonlinear", [fault.name for fault in faults], (BEGIN, 1e9),
                  fin_command=np.radians(np.where(time % 1.0 < 0.5, 10.0, -10.0)))
     rows = []
-    for fault, word in zip(faults, runs.columns["built_in_test"].astype(int), strict=False):  # the last has none
+    for fault, word in zip(faults, runs.columns["built_in_test"][:-1].astype(int), strict=True):
         seen = [f"{monitor.name} after {np.flatnonzero(word & 2**i)[0] * STEP - BEGIN:.2f} s"
                 for i, monitor in enumerate(MONITORS) if (word & 2**i).any()]
         rows.append((f"`{fault.name}`", fault.description, ", ".join(seen) or "–"))

@@ -15,7 +15,7 @@ from ..actuators import NONLINEAR, get
 from ..parameters import ParameterError, check_parameters
 from ..progress import Progress, silent
 from .codegen import MOTION
-from .compiled import REASONS, Array, address, by_schedule, doubles, longest_line, prepare
+from .compiled import REASONS, Array, address, all_finite, by_schedule, doubles, longest_line, prepare
 from .library import WORTH_VECTORS, loaded, vectors
 
 STEPS = 100_000  # of an actuator that a batch is taken to make: 100 s of 1 ms
@@ -147,7 +147,7 @@ class Batch:
         column = np.asarray(value, dtype=np.float64)
         if column.shape not in ((), (self.count,)):
             raise ValueError(f"{self._inputs[place]} has shape {column.shape}, not ({self.count},)")
-        if b"\0" in np.isfinite(column).tobytes():  # false is a byte of 0; all() takes three times as long
+        if not all_finite(column):
             which = int(np.argmin(np.isfinite(column)))
             raise ValueError(f"actuator {which}: {self._inputs[place]} = {column.flat[which]} is not finite")
         self.put(place, column)

@@ -154,13 +154,8 @@ def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs:
     """
     library, actuator = loaded(model), get(model)
     sets: Array = np.ascontiguousarray(parameters, dtype=np.float64)
-    if sets.ndim != 2 or sets.shape[1] != len(actuator.parameters):
-        raise ValueError(f"parameters have shape {sets.shape}, not (runs, {len(actuator.parameters)})")
     columns = [doubles(column) for column in inputs]
-    if len(columns) != len(actuator.inputs):
-        raise ValueError(f"there are {len(columns)} inputs, not {len(actuator.inputs)}")
-    count, rows = np.broadcast_shapes((len(sets), 1), *{column.shape for column in columns})
-    points = max((rows - 1) * held + 1, 0)
+    count, rows, points = sizes(sets, columns, model, held)
     places = {v.name: i for i, v in enumerate(actuator.outputs)}
     out = {name: np.empty((count, points if name in fine else rows)) for name in outputs}
     reached, results = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.intc)
@@ -187,6 +182,17 @@ def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs:
     return Tables(out, reached, {run: _failure(sets[run % len(sets)], columns, run, int(reached[run]), step, held,
                                                int(results[run]), model)
                                  for run in np.flatnonzero(results).tolist()})
+
+
+def sizes(parameters: Array, inputs: Sequence[Array], model: str, held: int) -> tuple[int, int, int]:
+    """Return how many runs, rows of a run and points of it :func:`run_tables` has. Raises ValueError as that does."""
+    actuator = get(model)
+    if parameters.ndim != 2 or parameters.shape[1] != len(actuator.parameters):
+        raise ValueError(f"parameters have shape {parameters.shape}, not (runs, {len(actuator.parameters)})")
+    if len(inputs) != len(actuator.inputs):
+        raise ValueError(f"there are {len(inputs)} inputs, not {len(actuator.inputs)}")
+    count, rows = np.broadcast_shapes((len(parameters), 1), *map(np.shape, inputs))
+    return count, rows, max((rows - 1) * held + 1, 0)
 
 
 class Prepared(NamedTuple):
@@ -245,6 +251,11 @@ def doubles(values: Any) -> Array:
     if not (flags.aligned and (flags.c_contiguous or not any(stride % array.itemsize for stride in array.strides))):
         array = array.copy()
     return array
+
+
+def all_finite(array: Array) -> bool:
+    """Return whether every value is finite; of some thousand in half the time of ``isfinite(...).all()``."""
+    return bool(np.count_nonzero(np.isfinite(array)) == array.size)
 
 
 def address(array: Array) -> int:

@@ -1,7 +1,7 @@
 /* Stepping of LANES actuators side by side: core.h over vectors, function by function.
  *
  * Lanes move together: a lane counts (`which`) where its samples and ticks fall in with the others'. A lane that does
- * not, or that cannot be followed, is left as it was, for core.h to move alone. */
+ * not, or that cannot be followed, is left for core.h to move alone, from a copy of its state. */
 #ifndef EMCAS_VECTOR_CORE_H
 #define EMCAS_VECTOR_CORE_H
 
@@ -55,7 +55,7 @@ typedef struct {
     lanes at[3]; /* period, position and rest of `end` */
     int32_t before, ticks;
     size_t values, late, line; /* of the line: DAC's values, commands, the longest of all lanes */
-    unsigned together;         /* lanes whose schedules are alike */
+    unsigned together;         /* lanes whose schedules are like that of lane 0 */
 } group_step;
 
 static inline lanes group_lane(const lanes *x, int lane)
@@ -68,14 +68,26 @@ static inline double *group_at(lanes *x, int lane)
     return (double *)x + lane;
 }
 
-/* The lanes whose time is that of lane 0. */
-static inline unsigned group_together(const group_state *s)
+/* The lanes whose time is that of `lane`. */
+static inline unsigned group_beside(const group_state *s, int lane)
 {
-    unsigned together = 0;
+    unsigned beside = 0;
     for (int l = 0; l < LANES; ++l)
-        together |= (unsigned)(s->period[l] == s->period[0] && s->position[l] == s->position[0]
-                               && s->partial[l] == s->partial[0]) << l;
-    return together;
+        beside |= (unsigned)(s->period[l] == s->period[lane] && s->position[l] == s->position[lane]
+                             && s->partial[l] == s->partial[lane]) << l;
+    return beside;
+}
+
+/* Those lanes of `which`, not none, that can move together: that did not stay behind the one that is furthest. */
+static inline unsigned group_together(const group_state *s, unsigned which)
+{
+    int lead = __builtin_ctz(which);
+    const unsigned beside = which & group_beside(s, lead);
+    if (beside == which) return which;
+    for (int l = lead + 1; l < LANES; ++l)
+        if (which >> l & 1u && (s->period[l] > s->period[lead]
+                                || (s->period[l] == s->period[lead] && s->position[l] > s->position[lead]))) lead = l;
+    return which & group_beside(s, lead);
 }
 
 /* A sum, which is no number or infinite where one of its terms is; in four parts, so that none waits for another. */
@@ -195,8 +207,8 @@ static inline lanes_mask group_tick(const group_step *g, lanes_mask which, group
     return group_finish(g, which, s, &s->tentative, acting, until - origin);
 }
 
-/* Move those lanes on to `end` [s] that can go together; gives which of them got there. Of the others nothing in `s`
- * and `out` has a meaning. */
+/* Move those lanes of `which`, not none, on to `end` [s] that can go together; gives which of them got there. Of the
+ * others nothing in `s` and `out` has a meaning. */
 static inline lanes_mask group_move(const group_step *g, unsigned which, group_state *s, const group_inputs *in,
                                     lanes *out)
 {

@@ -183,8 +183,7 @@ static unsigned move(const group_step *g, group_state *s, const group_inputs *in
 {
     group_state before;
     keep(s, &before, g->line);
-    const unsigned together = g->together & group_together(s);
-    const unsigned done = lanes_bits(group_move(g, together, s, in, out));
+    const unsigned done = lanes_bits(group_move(g, group_together(s, g->together), s, in, out));
     unsigned stopped = 0;
     for (int l = 0; done != LANES_ALL && l < LANES; ++l) {
         if (done >> l & 1u) continue;
@@ -291,7 +290,7 @@ API size_t batch_run(const batch *b, size_t first, size_t last, double end, cons
         inputs_of(at, row, &in);
         const unsigned stopped = move(&g, &at->state, &in, outputs, why);
         if (beside && !stopped) {
-            memset(result + actuator[0], 0, LANES * sizeof *result);
+            for (int l = 0; l < LANES; ++l) result[actuator[0] + (size_t)l] = CORE_DONE;
             for (int i = 0; i < MODEL_OUTPUTS; ++i)
                 lanes_store(out + (size_t)i * out_stride + actuator[0], outputs[i]);
             continue;

@@ -282,14 +282,14 @@ def test_what_has_been_compiled_is_looked_for_before_that(lanes: int, enough: in
 
 
 def test_runs_of_one_set_count_each(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whether compiling is worth it is asked for all their steps, of the inputs' rows and those between."""
+    """Whether compiling is worth it is asked for all their points, at the inputs' rows and between."""
     asked = list[float]()
     monkeypatch.setattr(library, "worth", lambda _, steps: asked.append(steps))
     values = load_parameters(model=SMALL).values
     inputs = [np.atleast_1d(v.initial(values)) for v in get(SMALL).inputs]
     inputs[0] = np.zeros((3, 7))
     respond_all(parameter_row(values, SMALL)[np.newaxis], inputs, 1e-3, ["fin_angle"], model=SMALL, held=2)
-    assert asked == [3 * 7 * 2]
+    assert asked == [3 * (6 * 2 + 1)]
 
 
 def test_numpys_numbers_are_numbers(values: Mapping[str, Any]) -> None:

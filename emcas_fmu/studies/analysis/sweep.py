@@ -35,6 +35,8 @@ NEEDS = (capabilities.CASCADE, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_
          capabilities.RIGID_DRIVE_LINE)
 _SETTLE, _WINDOW = 1.0, 2.0  # s; frequencies are whole numbers of periods of the window
 _POINTS = 36
+_READ = ("fin_angle", "motor_angle", "motor_speed", "motor_current", "motor_voltage", "drive_reference",
+         "current_limit")
 # Voltage and its limit are equal when it is clipped, but for rounding.
 _AT_LIMIT = 1.0 - 1e-9
 
@@ -73,9 +75,9 @@ def sweep(values: Mapping[str, Any], amplitude: float, frequency: Array, at: flo
     time = np.arange(settle + window + 1) * period
     command = at + amplitude * np.sin(2.0 * np.pi * np.outer(time, frequency))
     actuator, given = get(model), {"fin_command": command.T, "aero_torque": aero_torque}
-    runs = respond_all(parameter_row(values, model)[np.newaxis], [
-        np.atleast_1d(given.get(v.name, v.initial(values))) for v in actuator.inputs], period, [
-            v.name for v in actuator.outputs], model=model)
+    inputs = [np.atleast_1d(given.get(v.name, v.initial(values))) for v in actuator.inputs]
+    read = [v.name for v in actuator.outputs if v.name in _READ]
+    runs = respond_all(parameter_row(values, model)[np.newaxis], inputs, period, read, model=model)
     for failure in runs.failures.values():
         raise failure
     outputs = {name: column.T for name, column in runs.columns.items()}
