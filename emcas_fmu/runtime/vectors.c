@@ -221,11 +221,16 @@ static void inputs_of(const group *at, const lanes *row, group_inputs *in)
     in->further[CORE_FURTHER] = lanes_set(0.0);
 }
 
-/* Have what a step of a group needs on its way from memory. */
+static void prefetch_from(const void *first, const void *last)
+{
+    for (const char *line = first; line < (const char *)last; line += 64) __builtin_prefetch(line);
+}
+
+/* Have what a step of a group needs on its way from memory, which is not the part of a tick. */
 static void prefetch(const group *at, size_t bytes)
 {
-    const char *here = (const char *)at->carried, *end = (const char *)at + bytes;
-    for (; here < end; here += 64) __builtin_prefetch(here);
+    prefetch_from(at->carried, &at->state);
+    prefetch_from(at->state.period, (const char *)at + bytes);
 }
 
 static void fill(group_parameters *of, const double *common)
