@@ -126,10 +126,8 @@ def respond(values: Mapping[str, Any], table: Array, step: float, kernel: str = 
     """
     names = [v.name for v in get(model).outputs if outputs is None or v.name in outputs]
     sets = compiled.parameter_row(values, model)[np.newaxis]
-    tables = respond_all(sets, list(table.T), step, names, kernel, model)
-    for failure in tables.failures.values():
-        raise failure
-    return {"time": np.arange(len(table)) * step, **{name: column[0] for name, column in tables.columns.items()}}
+    columns = respond_all(sets, list(table.T), step, names, kernel, model).finished()
+    return {"time": np.arange(len(table)) * step, **{name: column[0] for name, column in columns.items()}}
 
 
 def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str], kernel: str = "auto",
@@ -140,7 +138,7 @@ def respond_all(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequ
     """
     if kernel not in KERNELS:
         raise EmcasError(f"kernel {kernel}: there is {', '.join(KERNELS)}")
-    count, _, points = compiled.sizes(sets, inputs, model, held)
+    count, _, points = compiled.table_shape(sets, inputs, model, held)
     steps = library.milliseconds(count * points, step)
     if kernel == "compiled" or (kernel == "auto" and library.worth(model, steps) and library.available(model)):
         return compiled.run_tables(sets, inputs, step, outputs, model, held, fine)
@@ -217,7 +215,7 @@ def _python_core(values: Mapping[str, Any], model: str) -> Any:
 def _by_python(sets: Array, inputs: Sequence[Array], step: float, outputs: Sequence[str], model: str, held: int,
                fine: Collection[str]) -> compiled.Tables:
     actuator = get(model)
-    count, rows, points = compiled.sizes(sets, inputs, model, held)
+    count, rows, points = compiled.table_shape(sets, inputs, model, held)
     out = np.full((len(actuator.outputs), count, points), np.nan)
     reached = np.zeros(count, dtype=np.int64)
     failures: dict[int, ValueError | ArithmeticError] = {}

@@ -17,7 +17,7 @@ from make_tables import main, markdown
 
 from emcas_fmu import plots
 from emcas_fmu.actuators import NAMES, get
-from emcas_fmu.bench.excitation import STEP, Excitation
+from emcas_fmu.bench.excitation import STEP, Excitation, times
 from emcas_fmu.bench.subject import ParameterSubject, Runs
 from emcas_fmu.extensions.fault_list import bits, possible
 from emcas_fmu.extensions.monitors import MONITORS
@@ -54,7 +54,7 @@ def _runs(model: str, faults: Sequence[str], window: tuple[float, float], **inpu
 
 
 def _under_sines(model: str, faults: Sequence[str]) -> Runs:
-    time = np.arange(round(STOP / STEP) + 1) * STEP
+    time = times(STOP)
     return _runs(model, faults, (BEGIN, END), fin_command=_command(time),
                  aero_torque=40.0 * np.sin(2.0 * np.pi * 1.7 * time))
 
@@ -73,7 +73,7 @@ def acting() -> str:
 
 def found() -> str:
     """What the built-in test of the nonlinear model finds, and when."""
-    faults, time = possible(get("nonlinear")), np.arange(round(FOUND_STOP / STEP) + 1) * STEP
+    faults, time = possible(get("nonlinear")), times(FOUND_STOP)
     runs = _runs("nonlinear", [fault.name for fault in faults], (BEGIN, 1e9),
                  fin_command=np.radians(np.where(time % 1.0 < 0.5, 10.0, -10.0)))
     rows = []

@@ -102,7 +102,8 @@ class Excitation:
         return replace(self, start_values={**self.start_values, **values})
 
 
-def _rows(stop: float, step: float = STEP) -> Array:
+def times(stop: float, step: float = STEP) -> Array:
+    """Return the times of rows from 0 to `stop` [s], `step` [s] apart."""
     return np.arange(round(stop / step) + 1) * step
 
 
@@ -114,14 +115,14 @@ def _loaded(title: str, command: Array, time: Array, begin: float, load: float, 
 
 def step_to(level: float, duration: float, load: float = 0.0, step: float = STEP) -> Excitation:
     """Return a step from rest at zero to a level [rad], held for `duration` [s]; a `load` [N.m] comes on with it."""
-    time = _rows(LEAD_IN + duration, step)
+    time = times(LEAD_IN + duration, step)
     return _loaded(f"step to {degrees(level):+.6g} deg", np.where(time > LEAD_IN - step / 2, level, 0.0), time, LEAD_IN,
                    load, step)
 
 
 def slew_to(level: float, duration: float, load: float = 0.0, settle: float = SETTLE) -> Excitation:
     """Return a step from rest at -level, after `settle` [s] there, to +level [rad], as `step_to`."""
-    time = _rows(settle + duration)
+    time = times(settle + duration)
     command = np.where(time > settle - STEP / 2, level, -level)
     command[0] = 0.0
     return _loaded(f"slew from {-degrees(level):+.6g} to {degrees(level):+.6g} deg", command, time, settle, load)
@@ -132,7 +133,7 @@ def sweep(amplitude: float, duration: float, low: float = SWEEP[0], high: float 
     if not low < high:
         raise ValueError(f"the sweep's low = {low:g} Hz is not below its high = {high:g} Hz")
     growth = log(high / low) / duration
-    since = np.maximum(_rows(LEAD_IN + duration) - LEAD_IN, 0.0)
+    since = np.maximum(times(LEAD_IN + duration) - LEAD_IN, 0.0)
     return Excitation(f"sine sweep of {degrees(amplitude):.6g} deg",
                       {COMMAND: amplitude * np.sin(2.0 * pi * low * np.expm1(growth * since) / growth)}, LEAD_IN)
 
@@ -146,7 +147,7 @@ def sine(amplitude: float, frequency: Any, cycles: Any = 6.0, settle: tuple[floa
     runs: all last and are judged as the longest.
     """
     judged = np.max(cycles / frequency)
-    time = _rows(np.max(np.maximum(settle[0] / frequency, settle[1]) + cycles / frequency))
+    time = times(np.max(np.maximum(settle[0] / frequency, settle[1]) + cycles / frequency))
     wave = (np.sin if variable == COMMAND else np.cos)(np.multiply.outer(2.0 * pi * frequency, time))
     span = f"{np.min(frequency):g}" + (f" to {np.max(frequency):g}" if np.ndim(frequency) else "")
     return Excitation(f"sine of {variable} at {span} Hz", {variable: amplitude * wave}, float(time[-1] - judged))
@@ -154,14 +155,14 @@ def sine(amplitude: float, frequency: Any, cycles: Any = 6.0, settle: tuple[floa
 
 def sine_from_rest(amplitude: float, frequency: float, duration: float) -> Excitation:
     """Return a sine of the command [rad] at a frequency [Hz] for `duration` [s], from rest at zero; all is judged."""
-    since = np.maximum(_rows(LEAD_IN + duration) - LEAD_IN, 0.0)
+    since = np.maximum(times(LEAD_IN + duration) - LEAD_IN, 0.0)
     return Excitation(f"sine of {degrees(amplitude):.6g} deg at {frequency:g} Hz",
                       {COMMAND: amplitude * np.sin(2.0 * pi * frequency * since)}, LEAD_IN)
 
 
 def load_ramp(moment: float, duration: float) -> Excitation:
     """Return a ramp of the hinge moment from zero to `moment` [N.m] in `duration` [s], command at zero."""
-    return Excitation(f"hinge moment up to {moment:+g} N.m", {LOAD: moment * _rows(duration) / duration})
+    return Excitation(f"hinge moment up to {moment:+g} N.m", {LOAD: moment * times(duration) / duration})
 
 
 def staircase(levels: Sequence[float], holds: Sequence[float], step: float = STEP) -> Excitation:
@@ -222,7 +223,7 @@ def csv_file(path: Path, step: float = STEP, stop: float | None = None, model: s
     check_span(str(path), step, end)
     if unsound := [name for name, column in table.items() if not np.isfinite(column).all()]:
         raise EmcasError(f"{path}: {unsound[0]} has an empty or non-finite value")
-    return Excitation(path.name, {name: _sampled(_rows(end, step), time, column) for name, column in table.items()},
+    return Excitation(path.name, {name: _sampled(times(end, step), time, column) for name, column in table.items()},
                       step=step)
 
 

@@ -32,7 +32,7 @@ from ..ops.floats import FLOATS
 from ..parameters import ParameterSet, check_combinations, load_parameters, require_sound
 from ..reference.files import parameters_hash
 from ..reference.stored import Stored
-from ..runtime.compiled import Tables, parameter_row
+from ..runtime.compiled import Tables, parameter_row, table_shape
 from ..simulation import Array, SteppedUnit, respond_all
 from ..variables import Variable
 from .excitation import LOAD, Excitation
@@ -352,9 +352,9 @@ class ParameterSubject(Subject):
 
         A spring's moment is that of the fin angle at the last row.
         """
-        count, rows = np.broadcast_shapes((len(sets), 1), *(column.shape for column in inputs))
+        count, rows, points = table_shape(sets, inputs, self.model, held)
         springs = np.broadcast_to(springs, count).tolist()
-        columns = {name: np.full((count, (rows - 1) * held + 1 if name in fine else rows), np.nan) for name in outputs}
+        columns = {name: np.full((count, points if name in fine else rows), np.nan) for name in outputs}
         reached, failures = np.zeros(count, dtype=np.int64), dict[int, ValueError | ArithmeticError]()
         for run, spring in enumerate(springs):
             values = {**self.values, **dict(zip(self._places, sets[run].tolist(), strict=True))}

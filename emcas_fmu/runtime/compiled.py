@@ -50,6 +50,12 @@ class Tables:
     reached: Array
     failures: dict[int, ValueError | ArithmeticError]
 
+    def finished(self) -> dict[str, Array]:
+        """Return the columns. Raises what the first run that went no further would raise alone."""
+        for failure in self.failures.values():
+            raise failure
+        return self.columns
+
 
 def _numbers(values: Mapping[str, Any], model: str) -> ct.Array[ct.c_double]:
     if not isinstance(values, Mapping):
@@ -155,7 +161,7 @@ def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs:
     library, actuator = loaded(model), get(model)
     sets: Array = np.ascontiguousarray(parameters, dtype=np.float64)
     columns = [doubles(column) for column in inputs]
-    count, rows, points = sizes(sets, columns, model, held)
+    count, rows, points = table_shape(sets, columns, model, held)
     places = {v.name: i for i, v in enumerate(actuator.outputs)}
     out = {name: np.empty((count, points if name in fine else rows)) for name in outputs}
     reached, results = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.intc)
@@ -184,7 +190,7 @@ def run_tables(parameters: Array, inputs: Sequence[Array], step: float, outputs:
                                  for run in np.flatnonzero(results).tolist()})
 
 
-def sizes(parameters: Array, inputs: Sequence[Array], model: str, held: int) -> tuple[int, int, int]:
+def table_shape(parameters: Array, inputs: Sequence[Array], model: str, held: int) -> tuple[int, int, int]:
     """Return how many runs, rows of a run and points of it :func:`run_tables` has. Raises ValueError as that does."""
     actuator = get(model)
     if parameters.ndim != 2 or parameters.shape[1] != len(actuator.parameters):

@@ -81,6 +81,15 @@ def moved(batch: Batch, end: float, chosen: dict[int, Any]) -> str:
     return ""
 
 
+def started(sets: Array, count: int, model: str = NONLINEAR) -> list[Batch]:
+    """Batches at their start, by the loop and by every width of vectors."""
+    batches = [Batch(sets, count, model, lanes=width) for width in (1, *widths(model))]
+    for batch in batches:
+        for place, variable in enumerate(get(model).inputs):
+            batch.hold(place, float(variable.initial(load_parameters(model=model).values)))
+    return batches
+
+
 @pytest.mark.parametrize("model", MODELS)
 @settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck))
 @given(seed=SEEDS, count=st.integers(1, 21))
@@ -89,10 +98,7 @@ def test_a_batch_by_vectors_is_the_loop(model: str, seed: int, count: int) -> No
     """Whatever parameters, inputs and steps: all outputs to the bit, and the same actuators stop."""
     rng = np.random.default_rng(seed)
     sets = varied(model, count, rng) if rng.random() < 0.8 else varied(model, 1, rng)
-    batches = [Batch(sets, count, model, lanes=width) for width in (1, *widths(model))]
-    for batch in batches:
-        for place, variable in enumerate(get(model).inputs):
-            batch.hold(place, float(variable.initial(load_parameters(model=model).values)))
+    batches = started(sets, count, model)
     end = 0.0
     for _ in range(60):
         end += rng.choice(STEPS)
@@ -107,12 +113,32 @@ def test_actuators_of_other_schedules_keep_their_places() -> None:
     """Of four, the first and the third have another delay: they stand beside each other in the vector alone."""
     sets = np.tile(parameter_row(load_parameters().values), (4, 1))
     sets[:, [v.name for v in get(NONLINEAR).parameters].index("drive.transport_delay")] = (0.002, 0.0031, 0.002, 0.0031)
-    batches = [Batch(sets, 4, lanes=width) for width in (1, *widths(NONLINEAR))]
+    batches = started(sets, 4)
     for batch in batches:
-        for place, variable in enumerate(get(NONLINEAR).inputs):
-            batch.hold(place, float(variable.initial(load_parameters().values)))
         batch.hold(0, np.array([0.1, 0.2, 0.3, 0.4]))
         batch.run(0.05)
+        np.testing.assert_array_equal(batch.outputs, batches[0].outputs)
+
+
+def test_neighbours_of_those_that_cannot_be_followed_go_on() -> None:
+    """First, amid and last of full and unfilled vectors, for several steps; then they catch up: as one by one."""
+    count, stopped = 19, [0, 10, 18]
+    torque = np.zeros(count)
+    torque[stopped] = 1e300
+    batches = started(parameter_row(load_parameters().values)[np.newaxis], count)
+    for batch in batches:
+        batch.hold(0, np.linspace(0.05, 0.3, count))
+        batch.run(0.005)
+        there = batch.outputs[:, stopped].copy()
+        batch.hold(1, torque)
+        for k in range(3):
+            with pytest.raises(ArithmeticError, match="actuators 0, 10, 18: "):
+                batch.run(0.01 + k * 1e-3)
+        np.testing.assert_array_equal(batch.outputs[:, stopped], there)
+        reached = batch.outputs[0].copy()
+        batch.hold(1, 0.0)
+        batch.run(0.02)
+        assert (batch.outputs[0] != reached).all()
         np.testing.assert_array_equal(batch.outputs, batches[0].outputs)
 
 

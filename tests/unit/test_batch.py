@@ -12,13 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from emcas_fmu.actuators import NONLINEAR
 from emcas_fmu.api import Batch, load_parameters
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import ParameterError, ParameterSet
 from emcas_fmu.runtime import batch as kernel
 from emcas_fmu.runtime import library
-from emcas_fmu.runtime.compiled import parameter_row
 from emcas_fmu.simulation import simulate as of_kernel
 
 BASE = load_parameters()
@@ -70,31 +68,6 @@ def test_what_cannot_be_followed_is_named_and_stays() -> None:
         batch.run(0.02, aero_torque=np.array([0.0, 1e300, 0.0]))
     assert batch.outputs["fin_angle"][1] == before[1]
     assert batch.outputs["fin_angle"][0] == batch.outputs["fin_angle"][2] != before[0]
-
-
-def test_neighbours_of_those_that_cannot_be_followed_go_on() -> None:
-    """First, amid and last of full and unfilled vectors, for several steps; then they catch up: as one by one."""
-    count, stopped = 19, [0, 10, 18]
-    torque = np.zeros(count)
-    torque[stopped] = 1e300
-    sets = parameter_row(BASE.values)[np.newaxis]
-    batches = [kernel.Batch(sets, count, lanes=lanes) for lanes in (library.loaded(NONLINEAR).actuator_lanes(), 1)]
-    for each in batches:
-        for place, variable in enumerate(BASE.actuator.inputs):
-            each.hold(place, float(variable.initial(BASE.values)))
-        each.hold(0, np.linspace(0.05, 0.3, count))
-        each.run(0.005)
-        there = each.outputs[:, stopped].copy()
-        each.hold(1, torque)
-        for k in range(3):
-            with pytest.raises(ArithmeticError, match="actuators 0, 10, 18: "):
-                each.run(0.01 + k * 1e-3)
-        np.testing.assert_array_equal(each.outputs[:, stopped], there)
-        moved = each.outputs.copy()
-        each.hold(1, 0.0)
-        each.run(0.02)
-        assert (each.outputs[0] != moved[0]).all()
-    np.testing.assert_array_equal(batches[0].outputs, batches[1].outputs)
 
 
 def test_parameters_by_column() -> None:

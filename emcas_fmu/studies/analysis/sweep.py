@@ -77,10 +77,8 @@ def sweep(values: Mapping[str, Any], amplitude: float, frequency: Array, at: flo
     actuator, given = get(model), {"fin_command": command.T, "aero_torque": aero_torque}
     inputs = [np.atleast_1d(given.get(v.name, v.initial(values))) for v in actuator.inputs]
     read = [v.name for v in actuator.outputs if v.name in _READ]
-    runs = respond_all(parameter_row(values, model)[np.newaxis], inputs, period, read, model=model)
-    for failure in runs.failures.values():
-        raise failure
-    outputs = {name: column.T for name, column in runs.columns.items()}
+    runs = respond_all(parameter_row(values, model)[np.newaxis], inputs, period, read, model=model).finished()
+    outputs = {name: column.T for name, column in runs.items()}
     steady = slice(settle, settle + window)
     angle = outputs["fin_angle"][steady]
     turn = np.exp(-2j * np.pi * np.outer(time[steady], frequency))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...bench.excitation import STEP, Excitation
+from ...bench.excitation import STEP, Excitation, times
 from ...bench.metrics import rms, usage
 from .outcome import Array, Outcome, Quantity, Value
 from .rig import Rig
@@ -45,7 +45,7 @@ def synthetic(limit: float, load: float) -> tuple[Array, Array]:
     at 3 Hz. Commands change by at most 150 deg/s. The hinge moment restores: it is proportional to
     the command 20 ms before, and at c would be 0.1, 0.5, 0.6 and 1 times the rated load.
     """
-    time = np.arange(round(PHASES[-1][1] / STEP) + 1) * STEP
+    time = times(PHASES[-1][1])
     wave = 2.0 * np.pi * time
     doublet = np.where(np.floor((time - 2.0) / 0.5) % 2 < 0.5, 0.5, -0.5)
     busy = 0.1 + 0.04 * (np.sin(0.7 * wave) + np.sin(1.9 * wave) + np.sin(4.3 * wave))

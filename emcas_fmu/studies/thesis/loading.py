@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...bench.excitation import COMMAND, LOAD, STEP, Excitation
+from ...bench.excitation import COMMAND, LOAD, STEP, Excitation, times
 from ...bench.metrics import crossing, rms, settling, sustained_rate
 from ...plots import GRAY
 from ...reference.cases import LEAD_IN, LOAD_RISE
@@ -30,7 +30,7 @@ def _conditions(runs: Runs) -> str:
 
 def torque_loop(runs: Runs) -> Shown:
     """Show how the setup's torque loop loads a fin that the actuator holds (Figure 5.17)."""
-    time = np.arange(round(0.6 / STEP) + 1) * STEP
+    time = times(0.6)
     asked = RATED * np.clip((time - LEAD_IN) / LOAD_RISE, 0.0, 1.0)
     values = {**runs.values, "fin.start_angle": 0.0}  # held, not on its way there
     run = loading_rig.run(values, Excitation("load comes on", {COMMAND: 0.0 * time, LOAD: asked}, LEAD_IN))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...actuators import NONLINEAR
-from ...bench.excitation import COMMAND, LOAD, STEP, Excitation, reference_case
+from ...bench.excitation import COMMAND, LOAD, STEP, Excitation, reference_case, times
 from ...bench.subject import ParameterSubject, Run
 from ...bench.verdict import table2_excitations
 from ...parameters import ParameterSet, load_parameters
@@ -87,7 +87,7 @@ class Runs:
 
 def loaded_test(reach: float) -> Excitation:
     """Return the loaded test: to -`reach` [rad]; to +`reach` against RATED [N.m], and back to -`reach` with it."""
-    time = np.arange(round(3.0 / STEP) + 1) * STEP
+    time = times(3.0)
     command = np.select([time < LEAD_IN - STEP / 2, time < SLEWS[0] - STEP / 2, time < SLEWS[1] - STEP / 2],
                         [0.0, -reach, reach], -reach)
     rising = np.clip((time - SLEWS[0]) / LOAD_RISE, 0.0, 1.0)

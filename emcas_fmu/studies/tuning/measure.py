@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ...actuators import capabilities, require
-from ...bench.excitation import COMMAND, LOAD, SETTLE, STEP, Excitation, sine, slew_to, step_to
+from ...bench.excitation import COMMAND, LOAD, SETTLE, Excitation, sine, slew_to, step_to, times
 from ...bench.metrics import FIGURES, MOTION, USAGE, fundamental_weights, motion, usage
 from ...bench.subject import ParameterSubject, Run, Runs
 from ...parameters import ParameterError, ParameterSet
@@ -200,7 +200,7 @@ def _fundamental(angle: Array, frequency: float, cycles: float) -> complex:
 def _weights(frequency: float, cycles: float) -> tuple[int, Array]:
     """Return the first row that is fitted, and the weights of those that are."""
     begin = max(_TRANSIENT[0] / frequency, _TRANSIENT[1])
-    time = np.arange(round((begin + cycles / frequency) / STEP) + 1) * STEP
+    time = times(begin + cycles / frequency)
     fitted = (time >= begin) & (time <= begin + cycles / frequency)
     return int(np.argmax(fitted)), fundamental_weights(time[fitted], frequency, drift=False)
 
