@@ -133,8 +133,9 @@ static double sample(Actuator *a) {
     a->integral += P_controller_sample_time
                  * (P_controller_position_ki * (target - motor) + P_controller_antiwindup * (wanted - raw)
                     + P_controller_drive_antiwindup / P_controller_velocity_kp * beyond);
+    double tracking = fmin(P_controller_drive_antiwindup, P_controller_velocity_ki / P_controller_velocity_kp);
     a->speed_integral += P_controller_sample_time
-                       * (P_controller_velocity_ki * (wanted - speed) + P_controller_drive_antiwindup * beyond);
+                       * (P_controller_velocity_ki * (wanted - speed) + tracking * beyond);
     a->limited = command != a->in[VR_fin_command] || wanted != raw || held != u;
     return held;
 }

@@ -5,7 +5,7 @@
     u_raw  = Kp_vel (w_ref - w_measured) + V + u_fc - T_l/(K_t K_v)           u = clip(u_raw, +-u_max)
     u_fc   = g_fc C_m(fin_measured, sgn w_ref)/(K_t K_v) clip(w_ref/w_band, +-1)
     I+     = I + T_s (Ki_pos e + K_aw (clip(w) - w) + K_d (u_drive - u_raw)/Kp_vel)    w = w_raw without v_ff's share
-    V+     = V + T_s (Ki_vel (w_ref - w_measured) + K_d (u_drive - u_raw))
+    V+     = V + T_s (Ki_vel (w_ref - w_measured) + min(K_d, Ki_vel/Kp_vel) (u_drive - u_raw))
     s+     = s + T_s/T_c (r - s)
 
 The setpoint weight b makes two degrees of freedom of the position loop (Astrom & Hagglund, "Advanced PID Control",
@@ -13,8 +13,9 @@ section 3.4): the answer to a load does not depend on it. The command's rate is 
 T_c, which is T_s where a command comes at every sample: between updates it decays, instead of a pulse and nothing. At
 rest I is Kp_pos (1 - b) theta_measured and s is r, with which they start, and start again when the drive is enabled.
 u_drive is what the drive can follow of u_raw: within the DAC's and the current's limit. An integral is unwound only
-where one brings it back: I where Ki_pos > 0, V where either gain is. What the controllers know of the mechanism and the
-motor are the nominal parameters.
+where its gain brings it back: I where Ki_pos > 0, and V no faster than its integral time (ibid., section 3.5), hence
+never where Ki_vel = 0. Otherwise every saturation would leave an offset behind. What the controllers know of the
+mechanism and the motor are the nominal parameters.
 
 T_l is the load at the motor besides the friction that is fed forward, by an observer of the momentum (De Luca &
 Mattone, "Sensorless robot collision detection and hybrid force/motion control", ICRA 2005), of first order:
@@ -133,12 +134,11 @@ def sample(ops: Ops, p: Any, loops: Loops, measured: Measurement, current: Value
     limited = ops.either(ops.either(ops.fabs(command) > p.command.limit, ops.fabs(speed_raw) > limit),
                          ops.fabs(raw) > u_max)
     reference = ops.clip(raw, -u_max, u_max)
-    # 0 while the drive follows.
-    beyond = p.controller.drive_antiwindup * (drive.followed(ops, p, reference) - raw)
-    speed_beyond = beyond / ops.where(velocity.kp > 0.0, velocity.kp, 1.0)
-    unwinding = p.controller.antiwindup * (ops.clip(fed_back, -limit, limit) - fed_back) + speed_beyond
-    integrates = position.ki > 0.0
-    integral = loops.integral + ops.where(integrates, period * (position.ki * error + unwinding), 0.0)
-    velocity_integral = loops.velocity_integral + ops.where(
-        ops.either(integrates, velocity.ki > 0.0), period * (velocity.ki * speed_error + beyond), 0.0)
+    beyond = drive.followed(ops, p, reference) - raw  # 0 while the drive follows
+    proportional = ops.where(velocity.kp > 0.0, velocity.kp, 1.0)
+    unwinding = (p.controller.antiwindup * (ops.clip(fed_back, -limit, limit) - fed_back)
+                 + p.controller.drive_antiwindup / proportional * beyond)
+    integral = loops.integral + ops.where(position.ki > 0.0, period * (position.ki * error + unwinding), 0.0)
+    tracking = ops.minimum(p.controller.drive_antiwindup, velocity.ki / proportional)
+    velocity_integral = loops.velocity_integral + period * (velocity.ki * speed_error + tracking * beyond)
     return Output(reference, speed_raw, limited, Loops(integral, velocity_integral, lagged, momentum))

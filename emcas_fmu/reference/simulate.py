@@ -135,15 +135,19 @@ class Controllers:
         limited = clip(u, p["drive.reference_limit"])
         offset, slope = p["drive.current_offset"], p["drive.current_gain"]
         possible = (clip(slope * limited + offset, p["drive.current_limit"]) - offset) / slope
-        unwinding = p["controller.drive_antiwindup"] * (possible - u)  # V/s
+        excess = possible - u  # V
+        tracking = p["controller.drive_antiwindup"]  # 1/s
         integral_gain, velocity_integral_gain = p["controller.position.ki"], p["controller.velocity.ki"]
         if integral_gain:  # without integral action there is nothing to unwind
             self.integral += self.period * (
                 integral_gain * (target - motor)
                 + p["controller.antiwindup"] * (clip(feedback, p["controller.speed_limit"]) - feedback)
-                + (unwinding / gain if gain else unwinding))
-        if integral_gain or velocity_integral_gain:
-            self.velocity_integral += self.period * (velocity_integral_gain * (reference - speed) + unwinding)
+                + tracking * (excess / gain if gain else excess))
+        if velocity_integral_gain:
+            # Its tracking time is not below its integral time.
+            integral_time = (gain or 1.0) / velocity_integral_gain  # s
+            tracking = 1.0 / max(1.0 / tracking, integral_time) if tracking else 0.0
+            self.velocity_integral += self.period * (velocity_integral_gain * (reference - speed) + tracking * excess)
         return limited
 
 
