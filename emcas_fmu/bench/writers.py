@@ -87,11 +87,30 @@ def number(value: float | bool | None) -> str:
     return rounded(value, ".0f" if abs(value) >= 1e4 else ".4g")
 
 
-def with_unit(value: float | bool | None, unit: str) -> str:
-    """Return a figure with its unit, typeset; a time of less than a second in ms."""
+def beside(value: float | bool | None, limit: float) -> str:
+    """Return a figure for people as `number`, with as many more digits as part it from another number, its limit."""
+    text = number(value)
+    if value is None or not isfinite(value) or value == limit:
+        return text
+    longer = (rounded(value, f".{digits}g") for digits in range(5, 18))
+    return text if text != number(limit) else next((each for each in longer if each != number(limit)), text)
+
+
+def percent(share: float) -> str:
+    """Return a share in whole percent for people; a smaller one that is not 0 with a digit that says so."""
+    value = 100.0 * share
+    text = rounded(value, ".0f")
+    return f"{text if text != '0' or not value else rounded(value, '.1g')} %".replace("-", "−")
+
+
+def with_unit(value: float | bool | None, unit: str, limit: float | None = None) -> str:
+    """Return a figure with its unit, typeset; a time of less than a second in ms.
+
+    Beside a `limit` it has the digits that part it from that.
+    """
     if unit == "s" and value and abs(value) < 1.0:
-        value, unit = value * 1e3, "ms"
-    text, symbol = number(value).replace("-", "−"), typeset(unit)
+        value, unit, limit = value * 1e3, "ms", None if limit is None else limit * 1e3
+    text, symbol = (number(value) if limit is None else beside(value, limit)).replace("-", "−"), typeset(unit)
     if not symbol or not text[-1].isdigit():
         return text
     return f"{text}{symbol}" if symbol[0] == "°" and symbol != "°C" else f"{text} {symbol}"
@@ -108,6 +127,7 @@ def _environment() -> Environment:
     made = Environment(loader=PackageLoader("emcas_fmu", ""), undefined=StrictUndefined, trim_blocks=True,
                        lstrip_blocks=True, autoescape=select_autoescape(["html.j2", "xml.j2"]))
     made.filters.update(number=lambda value: number(value).replace("-", "−"), quantity=with_unit, unit=typeset,
+                        percent=percent, beside=lambda value, limit: beside(value, limit).replace("-", "−"),
                         rounded=lambda value, form: rounded(value, form).replace("-", "−"))
     made.filters["outlined"] = lambda body: Markup(outlined(str(body)))  # what is in it was escaped before
     made.globals.update(version=__version__, in_column=lambda unit: ("ms", 1e3) if unit == "s" else (unit, 1.0), **{

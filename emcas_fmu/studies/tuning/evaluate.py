@@ -18,6 +18,8 @@ HOPELESS = 10.0
 # The objective is the p-norm of the requirements' worst shares: close to the largest, but what cannot be
 # improved by gains (a rate the motor limits) does not hide the rest.
 _NORM = 8
+# Of a limit: a figure this little beyond it meets it, as that of the same figure in another unit may round.
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -31,8 +33,13 @@ class Judgement:
 
     @property
     def margin(self) -> float:
-        """What is left to the limit, as a share of it."""
-        return 1.0 - self.share
+        """What is left to the limit, as a share of it; 0 where rounding alone parts the two."""
+        return 0.0 if abs(1.0 - self.share) <= _ROUNDING else 1.0 - self.share
+
+    @property
+    def met(self) -> bool:
+        """Whether the limit is kept."""
+        return self.margin >= 0.0
 
 
 @dataclass(frozen=True)

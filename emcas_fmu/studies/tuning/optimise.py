@@ -1,4 +1,7 @@
-"""The search: differential evolution over the bounds, then Nelder-Mead from the best, on the worst requirement."""
+"""The search: differential evolution over the bounds, then Nelder-Mead from the best, on the worst requirement.
+
+What is returned is chosen last, among gains as they are written.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import exp, log
+from math import exp, floor, inf, log, log10, nan
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
 from threading import Thread, current_thread, main_thread
@@ -22,7 +25,7 @@ from ...parameters import ParameterSet
 from ...progress import Progress, silent
 from ...runtime import library
 from .evaluate import Evaluation, Journal, evaluate
-from .study import Case, Study
+from .study import Case, Study, Tunable
 
 # Gains are given with as many digits as a person would set.
 _DIGITS = 3
@@ -31,6 +34,9 @@ _LOCAL = 60  # evaluations for each tunable
 _STEPS = 1000  # of 1 ms, at least, for a requirement in a case
 _TOGETHER = 16  # sets of gains at once, at most: many enough for vectors, and few to lose where a run is killed
 _SLACK = 0.03  # of a limit, within which a requirement binds as the worst does
+# Gains that are judged as they would be written, with their neighbours: after a whole search, and after Ctrl-C. Beside
+# a limit that is crossed at once the best ten of a search are all of one place.
+_CHOICE, _HURRIED = 20, 4
 
 Gains = Mapping[str, float]
 _Evaluator = Callable[[list[Gains]], Iterable[list[Evaluation]]]
@@ -38,12 +44,15 @@ _Evaluator = Callable[[list[Gains]], Iterable[list[Evaluation]]]
 
 @dataclass(frozen=True)
 class Result:
-    """What a run found: the best gains rounded, those begun with, and everything evaluated on the way."""
+    """What a run found: the gains it returns, as they are written, those begun with, and everything evaluated."""
 
     study: Study
     seed: int
     best: Evaluation
     before: Evaluation
+    nearby: float
+    """Largest objective of the returned gains and of those with one of them changed by a unit of its third digit; nan
+    where Ctrl-C came before."""
     evaluated: tuple[Evaluation, ...]
     history: tuple[float, ...]
     """Best objective after each generation of the global search and each evaluation of the local one."""
@@ -53,12 +62,12 @@ class Result:
     @property
     def met(self) -> bool:
         """Whether every requirement is met in every case."""
-        return self.best.worst.share <= 1.0
+        return self.best.worst.met
 
     @property
     def unimproved(self) -> bool:
-        """Whether the search was stopped before it came to anything better than the set begun with."""
-        return self.stopped and self.best == self.before
+        """Whether nothing better was found than the gains begun with, which are then returned."""
+        return self.best == self.before
 
     @property
     def tuned(self) -> ParameterSet:
@@ -78,27 +87,45 @@ class Result:
         return [name for name, j in ranked if j.share >= self.best.worst.share - _SLACK]
 
 
-def rounded(gains: Mapping[str, float]) -> dict[str, float]:
-    """Return the gains with three significant digits."""
-    return {name: float(f"{value:.{_DIGITS}g}") for name, value in gains.items()}
+def rounded(gains: Gains, study: Study) -> dict[str, float]:
+    """Return the gains with three significant digits, or with as many more as keep them between their bounds."""
+    def within(t: Tunable) -> float:
+        value = min(max(gains[t.name], t.lower), t.upper)
+        digits = (float(f"{value:.{count}g}") for count in range(_DIGITS, 18))
+        return next(each for each in digits if t.lower <= each <= t.upper)
+
+    return {t.name: within(t) for t in study.tunables}
+
+
+def neighbours(gains: Gains, study: Study) -> list[Gains]:
+    """Return gains of which one is changed by a unit of its third digit, up or down, between the bounds."""
+    found: list[Gains] = []
+    for t in study.tunables:
+        unit = 10.0 ** (floor(log10(abs(gains[t.name]) or 1.0)) - _DIGITS + 1)
+        for value in (gains[t.name] - unit, gains[t.name] + unit):
+            if t.lower <= value <= t.upper:
+                found.append({**gains, t.name: float(f"{value:.10g}")})
+    return found
 
 
 def tune(study: Study, seed: int = 1, generations: int = 12, workers: int = 1, journal: Journal | None = None,
          progress: Progress = silent) -> Result:
-    """Return the gains with the largest smallest margin over requirements and cases.
+    """Return the gains with the largest smallest margin over requirements and cases, never worse than those begun with.
 
-    The same study and seed give the same gains, whatever the number of worker processes and whatever
-    gains the set begins with: those are only judged, for comparison. Ctrl-C ends the search with the best gains judged
-    so far, or with those begun with where nothing was better; raises KeyboardInterrupt where none were.
+    Every gain returned was judged as it is written. The same study and seed give the same gains, whatever the number of
+    worker processes and whatever gains the set begins with, unless those are better. Ctrl-C ends the search, with the
+    best gains judged so far; raises KeyboardInterrupt where none were, not those begun with either.
     """
     evaluations = journal if journal is not None else Journal(None, study)
     search = _Search(study, evaluations, progress, generations)
     bounds = [(log(t.lower), log(t.upper)) for t in study.tunables]
-    stopped = False
+    begun: Gains = {t.name: float(study.base.values[t.name]) for t in study.tunables}
+    before: Evaluation | None = None
     judged = (_POPULATION * (generations + 1) + _LOCAL) * len(bounds)
     library.compile_for(study.base.model, judged * len(study.requirements) * len(study.cases) * _STEPS)
     try:
         with _pool(study, workers) as search.evaluator:
+            (before,) = search.all([begun])
             differential_evolution(
                 lambda x: np.array(search.objectives(list(np.atleast_2d(x.T)))), bounds,
                 rng=np.random.default_rng(seed), popsize=_POPULATION, maxiter=generations, tol=1e-3,
@@ -109,18 +136,43 @@ def tune(study: Study, seed: int = 1, generations: int = 12, workers: int = 1, j
                      bounds=bounds, options={"maxfev": _LOCAL * len(bounds), "xatol": 2e-3, "fatol": 1e-4,
                                              "initial_simplex": _simplex(best, bounds)},
                      callback=lambda *_: search.note("local"))
+            returned, nearby, stopped = _chosen(search, before, _written(search.seen, study, _CHOICE))
     except KeyboardInterrupt:
-        if not len(evaluations):
+        if before is None:
             raise
+        with _pool(study, 1) as search.evaluator:
+            returned, nearby, _ = _chosen(search, before, _written(evaluations, study, _HURRIED))
         stopped = True
-    reached = None if stopped else search.best
-    with _pool(study, 1) as search.evaluator:
-        before = search.all([{t.name: float(study.base.values[t.name]) for t in study.tunables}])[0]
-        # A search that was stopped may not yet have come to anything better than what it begins with.
-        final = search.all([rounded((reached or min(evaluations, key=lambda e: e.objective)).gains)])[0]
-        if stopped and final.objective >= before.objective:
-            final = before
-    return Result(study, seed, final, before, tuple(evaluations), tuple(search.history), stopped)
+    return Result(study, seed, returned, before, nearby, tuple(evaluations), tuple(search.history), stopped)
+
+
+def _written(evaluations: Iterable[Evaluation], study: Study, count: int) -> list[Gains]:
+    """Return the best gains of a search as they would be written, each once."""
+    found: list[Gains] = []
+    for evaluation in sorted(evaluations, key=lambda e: e.objective):
+        if len(found) == count:
+            break
+        if (gains := rounded(evaluation.gains, study)) not in found:
+            found.append(gains)
+    return found
+
+
+def _chosen(search: _Search, before: Evaluation, choice: list[Gains]) -> tuple[Evaluation, float, bool]:
+    """Return gains as they are written, the largest objective of them and their neighbours, and whether Ctrl-C came.
+
+    Of the gains begun with and those of the `choice` that are not worse, it is those with the smallest such objective:
+    a limit that is crossed where a third digit changes is no place to stay. Ctrl-C ends the choice.
+    """
+    best, nearby, stopped = before, inf, False
+    try:
+        for gains in (before.gains, *choice):
+            own, *others = search.all([gains, *neighbours(gains, search.study)])
+            largest = max(e.objective for e in (own, *others))
+            if own.objective <= before.objective and largest < nearby:
+                best, nearby = own, largest
+    except KeyboardInterrupt:
+        stopped = True
+    return best, nearby if nearby < inf else nan, stopped
 
 
 def _simplex(best: Evaluation, bounds: Sequence[tuple[float, float]]) -> Any:
@@ -136,11 +188,13 @@ class _Search:
     """Evaluates what is not in the journal, and remembers the best."""
 
     def __init__(self, study: Study, journal: Journal, progress: Progress, generations: int) -> None:
+        self.study = study
         self._names = [t.name for t in study.tunables]
         self._journal, self._progress = journal, progress
         self._done, self._total = 0, generations + 1
         self.evaluator: _Evaluator = lambda _: ()
         self.history: list[float] = []
+        self.seen: list[Evaluation] = []  # of this run, in its order, whatever else the journal holds
         self._best: Evaluation | None = None
 
     @property
@@ -152,14 +206,15 @@ class _Search:
         missing = {tuple(g.values()): g for g in gains if self._journal.find(g) is None}
         for several in self.evaluator(list(missing.values())):
             self._journal.add(several)
-        evaluations = [e for e in map(self._journal.find, gains) if e is not None]
-        self._best = min([*([self._best] if self._best else []), *evaluations], key=lambda e: e.objective)
-        return evaluations
+        return [e for e in map(self._journal.find, gains) if e is not None]
 
     def objectives(self, points: list[Any]) -> list[float]:
         # Ten digits: a journal holds what was evaluated, not a rounding error beside it.
         gains: list[Gains] = [{n: float(f"{exp(v):.10g}") for n, v in zip(self._names, x, strict=True)} for x in points]
-        return [e.objective for e in self.all(gains)]
+        evaluations = self.all(gains)
+        self.seen += evaluations
+        self._best = min([*([self._best] if self._best else []), *evaluations], key=lambda e: e.objective)
+        return [e.objective for e in evaluations]
 
     def note(self, stage: str, generations: int = 0) -> None:
         """Keep the best objective in the history after further `generations`, and report it."""

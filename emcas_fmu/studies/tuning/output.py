@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -26,56 +28,75 @@ def rows(result: Result, evaluation: Evaluation) -> list[dict[str, Any]]:
         unit, factor = shown(r.unit)
         table.append({"requirement": r.name, "figure": r.figure, "how": FIGURES[r.figure].title, "case": judged.case,
                       "measured": judged.measured * factor, "sense": r.sense, "limit": r.limit * factor, "unit": unit,
-                      "margin": judged.margin, "met": judged.share <= 1.0, "source": r.source})
+                      "margin": judged.margin, "met": judged.met, "source": r.source})
     return table
 
 
 def summary(result: Result) -> Table:
     """Return the requirements with the tuned gains as a table, worst case each."""
-    gains = ", ".join(f"{name} = {value:g}" for name, value in result.best.gains.items())
-    table = Table(*(Column(heading, justify="right" if heading in ("measured", "limit", "margin") else "left",
-                           no_wrap=True) for heading in ("requirement", "case", "measured", "limit", "margin", "")),
-                  title=f"{'Gains begun with' if result.unimproved else 'Tuned gains'}: {gains}", title_justify="left")
+    numbers = ("measured", "limit", "margin")
+    table = Table(*(Column(heading, justify="right" if heading in numbers else "left", no_wrap=heading in numbers,
+                           overflow="fold") for heading in ("requirement", "case", *numbers, "")),
+                  title=f"{'Gains begun with' if result.unimproved else 'Tuned gains'}: {_listed(result.best.gains)}",
+                  title_justify="left")
     for row in rows(result, result.best):
-        table.add_row(row["requirement"], row["case"], writers.with_unit(row["measured"], row["unit"]),
-                      f"{'≤' if row['sense'] == 'maximum' else '≥'} {row['limit']:.3g}", f"{row['margin']:.0%}",
-                      "ok" if row["met"] else "MISSED")
+        table.add_row(row["requirement"], row["case"], writers.with_unit(row["measured"], row["unit"], row["limit"]),
+                      f"{'≤' if row['sense'] == 'maximum' else '≥'} {writers.with_unit(row['limit'], row['unit'])}",
+                      writers.percent(row["margin"]), "ok" if row["met"] else "MISSED")
     return table
 
 
+def gain(value: float) -> str:
+    """Return a gain for people, as it is written to a file."""
+    return f"{value:.12g}"
+
+
+def _listed(gains: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} = {gain(value)}" for name, value in gains.items())
+
+
 def verdict(result: Result) -> str:
-    """Return a line: whether the search was stopped, whether all is met, and what binds."""
+    """Return a line: how the search ended, whether all is met, and what binds."""
     worst = result.best.worst
     binding = f"what binds: {', '.join(result.binding)}"
     count = f"{len(result.evaluated)} evaluations"
-    so_far = "" if not result.stopped else (
-        f"stopped by Ctrl-C, after {count} no better than the set begun with: " if result.unimproved else
-        f"stopped by Ctrl-C, the best of {count}: ")
+    none = f"after {count} no better than the set begun with"
+    so_far = (f"stopped by Ctrl-C, {none if result.unimproved else f'the best of {count}'}: " if result.stopped else
+              f"{none}, which is returned: " if result.unimproved else "")
     if result.met:
-        return f"{so_far}all requirements are met in every case; smallest margin {worst.margin:.1%}; {binding}"
+        return (f"{so_far}all requirements are met in every case; smallest margin {writers.percent(worst.margin)}; "
+                f"{binding}")
     missed = [row["requirement"] for row in rows(result, result.best) if not row["met"]]
     return (f"{so_far}no gains were found that meet {', '.join(missed)}; the worst, {worst.requirement} in case "
-            f"{worst.case}, stands at {worst.share:.0%} of its limit; {binding}")
+            f"{worst.case}, stands at {writers.beside(100.0 * worst.share, 100.0)} % of its limit; {binding}")
+
+
+def objectives(result: Result) -> str:
+    """Return a line: the objective of the gains begun with and of those returned, and how steep it is there."""
+    before, returned = result.before.objective, result.best.objective
+    steep = "" if isnan(result.nearby) else (
+        f"; at most {writers.number(result.nearby)} where a third digit changes by one")
+    return f"objective: {writers.beside(before, returned)} before, {writers.number(returned)} returned{steep}"
 
 
 def at_bounds(result: Result) -> str:
     """Return a line that names the gains at a bound of the search; empty where none is."""
-    gains = ", ".join(f"{name} = {result.best.gains[name]:g} ({bound})" for name, bound in result.at_bound.items())
+    gains = ", ".join(f"{name} = {gain(result.best.gains[name])} ({bound})" for name, bound in result.at_bound.items())
     return gains and f"at the bound of the search: {gains}; wider bounds may give more"
 
 
 def write_tuned(result: Result, path: Path, command: str) -> None:
     """Write the set that was tuned with the gains over it, each with the command and the smallest margin.
 
-    Where a stopped search came to nothing better, the set stays as it is, with its values' sources.
+    Where the search came to nothing better, the set stays as it is, with its values' sources.
     """
     worst = result.best.worst
-    note = f"{command}; smallest margin {worst.margin:.1%} ({worst.requirement}, case {worst.case})"
+    note = f"{command}; smallest margin {writers.percent(worst.margin)} ({worst.requirement}, case {worst.case})"
     units = {e.variable.name: e.variable.unit for e in result.study.base.entries}
     gains = {name: file_entry([value], units[name], "tuned", note)
              for name, value in result.best.gains.items() if not result.unimproved}
     write_parameters(result.study.base.with_values(gains), path,
-                     [f"Gains tuned by emcas {__version__}: {command}", verdict(result),
+                     [f"Gains tuned by emcas {__version__}: {command}", verdict(result), objectives(result),
                       *filter(None, [at_bounds(result)])])
 
 
@@ -85,6 +106,7 @@ def write_json(result: Result, path: Path, command: str) -> None:
         "schema": "emcas-tuning/1", "command": command, "model": result.study.base.actuator.name,
         "study": result.study.digest, "seed": result.seed,
         "met": result.met, "stopped": result.stopped, "evaluations": len(result.evaluated),
+        "objective": {"before": result.before.objective, "returned": result.best.objective, "nearby": result.nearby},
         "gains": dict(result.best.gains), "before": dict(result.before.gains), "unimproved": result.unimproved,
         "at_bound": result.at_bound, "binding": result.binding,
         "requirements": rows(result, result.best), "requirements_before": rows(result, result.before),
@@ -98,6 +120,7 @@ def write_report(result: Result, path: Path, pair: tuple[str, str] | None = None
     by_case = {(j.requirement, j.case): j for j in result.best.judgements}
     writers.write_page(
         path, "studies/tuning/page.html.j2", [result.study.base], result=result, verdict=verdict(result), shown=shown,
+        objectives=objectives(result), gain=gain,
         by_case=by_case, rows=list(zip(rows(result, result.best), rows(result, result.before), strict=True)),
         units={e.variable.name: e.variable.unit for e in result.study.base.entries},
         pictures=pictures(drawings(result, pair)))

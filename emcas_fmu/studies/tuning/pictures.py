@@ -33,11 +33,11 @@ def drawings(result: Result, pair: tuple[str, str] | None = None) -> Iterator[Dr
 
 
 def responses(result: Result, moves: Sequence[Test]) -> Drawing:
-    """Draw steps and slews in every case, with the gains begun with and those found."""
+    """Draw steps and slews in every case, with the gains begun with and those returned."""
     subject, columns = ParameterSubject(result.study.base), min(len(moves), 2)
     drawn, grid = figure(-(-len(moves) // columns), columns, width=10.0, height=2.6)
     for axes, test in zip(grid.flat, moves, strict=False):
-        for gains, color, label in ((result.before.gains, GRAY, "before"), (result.best.gains, BLUE, "tuned")):
+        for gains, color, label in ((result.before.gains, GRAY, "before"), (result.best.gains, BLUE, "returned")):
             for case in result.study.cases:
                 run = response(test, subject, {**case.values, **gains})
                 if run.stopped is not None:
@@ -54,7 +54,7 @@ def responses(result: Result, moves: Sequence[Test]) -> Drawing:
     for axes in grid.flat[len(moves):]:
         axes.set_visible(False)
     return Drawing("Responses", drawn, f"Every case ({', '.join(c.name for c in result.study.cases)}), positive "
-                                       "direction, with the gains begun with and those found.")
+                                       "direction, with the gains begun with and those returned.")
 
 
 def search(result: Result) -> Drawing:
@@ -62,7 +62,10 @@ def search(result: Result) -> Drawing:
     names = [t.name for t in result.study.tunables]
     drawn, grid = figure(1, 1 + len(names), width=2.6 * (1 + len(names)), height=2.6)
     first, *others = grid.flat
-    first.plot(result.history, color=BLUE)
+    first.plot(result.history, color=GRAY)
+    for value, label in ((result.before.objective, "before"), (result.best.objective, "returned")):
+        first.axhline(value, label=label, **{**_LEVEL, "color": VERMILLION if label == "before" else BLUE})
+    first.legend(loc="upper right")
     first.set(xlabel="generation, then local evaluation", ylabel="best objective", title="Search")
     objective = np.array([e.objective for e in result.evaluated])
     top = float(np.quantile(objective, 0.8))
@@ -72,8 +75,8 @@ def search(result: Result) -> Drawing:
         axes.axvline(result.best.gains[name], color=BLUE, linewidth=0.8)
         axes.set(title=name.removeprefix("controller."), xlabel="value")
     return Drawing("Search", drawn, f"{len(result.evaluated)} sets of gains. Each dot is one; the line is the set "
-                                    "found. A sharp lower edge tells a gain that matters, a flat one a gain that does "
-                                    "not.")
+                                    "returned. A sharp lower edge tells a gain that matters, a flat one a gain that "
+                                    "does not.")
 
 
 @dataclass(frozen=True)
@@ -131,7 +134,7 @@ def trade(result: Result, pair: Conflict) -> Drawing:
     inside = [p for p in pair.front if max(p) < 3.0]
     axes.plot([p[0] for p in inside], [p[1] for p in inside], ".-", color=GREEN, label="none is better in both")
     best = shares([result.best], pair.first, pair.second)[0]
-    axes.plot(*best, "o", color=BLUE, label="found")
+    axes.plot(*best, "o", color=BLUE, label="returned")
     axes.axvline(1.0, **_LEVEL)
     axes.axhline(1.0, **_LEVEL)
     axes.set(xlabel=f"{pair.first} / limit", ylabel=f"{pair.second} / limit")

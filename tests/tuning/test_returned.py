@@ -1,0 +1,265 @@
+"""What `emcas tune` returns: gains judged as they are written, never worse than those begun with."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from math import floor, log10, nan
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from emcas_fmu.bench import writers
+from emcas_fmu.cli import app
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.studies.tuning import optimise
+from emcas_fmu.studies.tuning.evaluate import Evaluation, Journal, Judgement, evaluate
+from emcas_fmu.studies.tuning.optimise import Result, rounded, tune
+from emcas_fmu.studies.tuning.output import objectives, rows, verdict, write_json, write_report, write_tuned
+from emcas_fmu.studies.tuning.study import Study, load_study
+from tests.own_actuator.example import MODEL
+
+Judge = Callable[[Study, Sequence[Mapping[str, float]]], list[Evaluation]]
+STEPS = """
+[cases.nominal]
+[[requirements]]
+name = "settling"
+test = { kind = "step", amplitude = "2 deg", duration = "0.3 s" }
+figure = "settling_time"
+maximum = "60 ms"
+[[requirements]]
+name = "overshoot"
+test = { kind = "step", amplitude = "2 deg", duration = "0.3 s" }
+figure = "overshoot"
+maximum = "2 %"
+[[requirements]]
+name = "rise"
+test = { kind = "step", amplitude = "2 deg", duration = "0.3 s" }
+figure = "rise_time"
+maximum = "25 ms"
+"""
+LOOPS = ("controller.position.kp", 1.3), ("controller.position.setpoint_weight", 1.05)
+DIRECT = ("controller.kp", 2.0), ("controller.ki", 3.0)
+
+
+def study_of(model: str, tunables: Sequence[tuple[str, float]], folder: Path, start: Mapping[str, float]) -> Study:
+    """Return a small study whose bounds are the shipped gains over and times a factor, of a set that differs by
+    `start`."""
+    base = load_parameters(model=model)
+    units = {e.variable.name: e.variable.unit for e in base.entries}
+    bounds = [f'"{name}" = {{ lower = "{base.values[name] / factor:.6g} {units[name]}", upper = '
+              f'"{base.values[name] * factor:.6g} {units[name]}" }}' for name, factor in tunables]
+    path = folder / "study.toml"
+    path.write_text("[tunables]\n" + "\n".join(bounds) + STEPS, encoding="utf-8")
+    return load_study(path, base.with_values(dict(start)))
+
+
+def third_digit(gains: Mapping[str, float], study: Study) -> list[dict[str, float]]:
+    """Return gains of which one is changed by one unit of its third digit, between the bounds."""
+    units = {t.name: 10.0 ** (floor(log10(gains[t.name])) - 2) for t in study.tunables}
+    return [{**gains, t.name: value} for t in study.tunables
+            for value in (gains[t.name] - units[t.name], gains[t.name] + units[t.name]) if t.lower <= value <= t.upper]
+
+
+def written_again(result: Result, folder: Path) -> Evaluation:
+    """Return what the gains of the written file do, read and judged afresh."""
+    write_tuned(result, folder / "tuned.toml", "emcas tune")
+    values = load_parameters(folder / "tuned.toml", model=result.study.base.model).values
+    (found,) = evaluate(result.study, [{t.name: float(values[t.name]) for t in result.study.tunables}])
+    return found
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("model", "tunables"), [
+    ("nonlinear", LOOPS), ("worm-gear", LOOPS), ("clutch", LOOPS), ("electrohydraulic", LOOPS),
+    ("electrohydrostatic", LOOPS), (MODEL, DIRECT)],
+    ids=lambda value: Path(value).stem if isinstance(value, str) else "")
+def test_never_worse_than_begun_with_and_as_written(
+        model: str, tunables: Sequence[tuple[str, float]], seed: int, tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the shipped gains, and from the best of a search in all digits, which few rounded ones match."""
+    monkeypatch.setattr(optimise, "_POPULATION", 4)
+    monkeypatch.setattr(optimise, "_LOCAL", 6)
+    first = tune(study_of(model, tunables, tmp_path, {}), seed, 1)
+    exact = min(first.evaluated, key=lambda e: e.objective)
+    again = tune(study_of(model, tunables, tmp_path, exact.gains), seed, 1)
+    for result in (first, again):
+        assert result.best.objective <= result.before.objective
+        assert written_again(result, tmp_path) == result.best
+    assert again.before == exact
+
+
+# -- a landscape with a cliff -------------------------------------------------------------
+
+
+def landscape(share: Sequence[float], cliff: float) -> Judge:
+    """Return an evaluation: a valley over the position gain that ends at a cliff, a slope over the velocity gain."""
+    def judged(study: Study, gains: Sequence[Mapping[str, float]]) -> list[Evaluation]:
+        def one(each: Mapping[str, float]) -> Evaluation:
+            across, along = (each[t.name] / t.upper for t in study.tunables)
+            valley = 1.0 + share[0] * (1.0 - across) + share[1] * (1.0 - along) ** 2
+            return Evaluation(dict(each), (Judgement("settling", "nominal", valley, valley + (
+                0.7 if across > cliff else 0.0)),))
+
+        return [one(each) for each in gains]
+
+    return judged
+
+
+PAIR = ("controller.position.kp", 1.3), ("controller.velocity.kp", 1.2)
+
+
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(share=st.tuples(st.floats(0.01, 2.0), st.floats(0.0, 2.0)), cliff=st.floats(0.8, 1.0),
+       start=st.tuples(st.floats(0.75, 1.3), st.floats(0.8, 1.2)), seed=st.integers(0, 5),
+       interrupted=st.none() | st.integers(1, 60))
+def test_a_cliff_is_kept_away_from(share: tuple[float, float], cliff: float, start: tuple[float, float], seed: int,
+                                   interrupted: int | None, tmp_path: Path) -> None:
+    """Ctrl-C after any number of sets of gains too."""
+    shipped = load_parameters().values
+    study = study_of("nonlinear", PAIR, tmp_path, {
+        name: shipped[name] * factor for (name, _), factor in zip(PAIR, start, strict=True)})
+    judge, calls = landscape(share, cliff), 0
+
+    def judged(study: Study, gains: Sequence[Mapping[str, float]]) -> list[Evaluation]:
+        nonlocal calls
+        calls += 1
+        if calls == interrupted:
+            raise KeyboardInterrupt
+        return judge(study, gains)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(optimise, "evaluate", judged)
+        try:
+            result = tune(study, seed, 3)
+        except KeyboardInterrupt:  # before there was anything
+            assert interrupted == 1
+            return
+    assert result.best.objective <= result.before.objective
+    assert [result.best] == judge(study, [result.best.gains])
+    largest = max(e.objective for e in judge(study, [result.best.gains, *third_digit(result.best.gains, study)]))
+    if result.nearby == result.nearby:  # nan: Ctrl-C came before its neighbours were judged
+        assert result.nearby == pytest.approx(largest, rel=1e-9)  # the same neighbours, but for their last bit
+    if not result.stopped:
+        worst = max(e.objective for e in judge(study, [result.before.gains, *third_digit(result.before.gains, study)]))
+        assert largest <= worst * (1.0 + 1e-9)
+    if result.best != result.before:
+        assert result.best.gains == rounded(result.best.gains, study)
+
+
+def test_the_best_of_all_digits_is_not_returned_where_its_rounding_collapses(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The valley ends at 99.99 % of the upper bound, whose third digit lies beyond."""
+    monkeypatch.setattr(optimise, "evaluate", landscape((0.2, 0.1), 0.9999))
+    result = tune(study_of("nonlinear", PAIR, tmp_path, {}), 1, 12)
+    assert min(e.objective for e in result.evaluated) < result.best.objective <= result.before.objective
+    assert result.nearby < 1.1
+
+
+def test_gains_that_nothing_beats_are_returned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    study = study_of("nonlinear", PAIR, tmp_path, {"controller.position.kp": 51.2345678})
+
+    def judged(study: Study, gains: Sequence[Mapping[str, float]]) -> list[Evaluation]:
+        shares = [1.0 if each["controller.position.kp"] == 51.2345678 else 2.0 for each in gains]
+        return [Evaluation(dict(each), (Judgement("rise", "nominal", share, share),))
+                for each, share in zip(gains, shares, strict=True)]
+
+    monkeypatch.setattr(optimise, "evaluate", judged)
+    result = tune(study, 1, 1)
+    assert result.unimproved
+    assert not result.stopped
+    assert "no better than the set begun with, which is returned" in verdict(result)
+    write_tuned(result, tmp_path / "kept.toml", "emcas tune")
+    kept = load_parameters(tmp_path / "kept.toml")
+    assert kept.values == study.base.values
+    assert [e.source for e in kept.entries] == [e.source for e in study.base.entries]
+
+
+def test_rounded_gains_lie_between_their_bounds(tmp_path: Path) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text('[tunables]\n"controller.position.kp" = { lower = "53.9612 1/s", upper = "53.9634 1/s" }\n' + STEPS,
+                    encoding="utf-8")
+    study = load_study(path, load_parameters())
+    (t,) = study.tunables
+    for value, expected in ((53.9620001, 53.962), (53.9612, 53.9612), (53.9634, 53.963), (53.96125, 53.9612),
+                            (53.9640, 53.963)):
+        assert rounded({t.name: value}, study) == {t.name: expected}
+    assert optimise.neighbours({t.name: 53.962}, study) == []
+
+
+# -- what is shown -------------------------------------------------------------------------
+
+
+def shown(study: Study, measured: float, folder: Path) -> tuple[Result, str, dict[str, Any]]:
+    """Return a result whose first requirement was measured so [SI], its page and its JSON."""
+    requirement = study.requirements[0]
+    gains = {t.name: 51.23456 for t in study.tunables}
+    judgement = Judgement(requirement.name, "nominal", measured, measured / requirement.limit)
+    others = tuple(Judgement(r.name, "nominal", 0.5 * r.limit, 0.5) for r in study.requirements[1:])
+    best = Evaluation(gains, (judgement, *others))
+    result = Result(study, 1, best, best, nan, (best,), (best.objective,), False)
+    write_report(result, folder / "t.html")
+    write_json(result, folder / "t.json", "emcas tune")
+    return (result, (folder / "t.html").read_text(encoding="utf-8"),
+            json.loads((folder / "t.json").read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize("off", [-1e-3, -1e-12, 0.0, 1e-12, 1e-8, 2e-6, 3e-5, 1e-4, 4e-3, 0.3])
+def test_what_is_shown_as_its_limit_meets_it(off: float, tmp_path: Path) -> None:
+    study = study_of("nonlinear", PAIR[:1], tmp_path, {})
+    result, page, document = shown(study, study.requirements[0].limit * (1.0 + off), tmp_path)
+    row = rows(result, result.best)[0]
+    assert row["met"] is document["requirements"][0]["met"] is (off <= 1e-9)
+    text, limit = (writers.with_unit(value, row["unit"], row["limit"]) for value in (row["measured"], row["limit"]))
+    assert row["met"] or text != limit
+    assert f"{'✓' if row['met'] else '✗'} {text}" in page
+    assert f"≤ {limit}" in page
+    share = writers.percent(row["margin"])
+    assert f">{share}<" in page
+    assert (share[0] == "−") is (off > 1e-9)
+    assert share not in ("−0 %", "-0 %")
+    if not row["met"]:
+        assert "stands at 100 % of its limit" not in verdict(result)
+        assert "no gains were found that meet settling" in verdict(result)
+
+
+def test_page_and_json_have_the_gains_and_the_objective_that_are_returned(tmp_path: Path) -> None:
+    study = study_of("nonlinear", PAIR[:1], tmp_path, {})
+    result, page, document = shown(study, 0.9 * study.requirements[0].limit, tmp_path)
+    assert "51.23456" in page
+    assert document["objective"] == {"before": result.before.objective, "returned": result.best.objective,
+                                     "nearby": None}
+    assert f"{writers.number(result.best.objective)} returned" in objectives(result)
+    assert f"{writers.number(result.best.objective)} returned" in page
+
+
+def test_figures_beside_a_limit_are_those_of_everywhere() -> None:
+    """As `number` has them; with more digits where it has the limit's own."""
+    for value, limit in pairwise((35.0, 34.99961, 0.0, 1.2345678, float("inf"), 12345.6, -3.0)):
+        assert writers.beside(value, limit) == writers.number(value) or writers.number(value) == writers.number(limit)
+    assert writers.beside(34.99961, 35.0) == "34.9996"
+    assert writers.beside(35.0, 35.0) == "35"
+    assert [writers.percent(share) for share in (0.0, -0.0, 0.1234, -0.0001, 2e-5, -0.74)] == [
+        "0 %", "0 %", "12 %", "−0.01 %", "0.002 %", "−74 %"]
+
+
+def test_the_command_returns_no_worse_and_says_so(tmp_path: Path) -> None:
+    study_of("nonlinear", LOOPS, tmp_path, {})
+    figures, made = tmp_path / "t.json", tmp_path / "tuned.toml"
+    done = CliRunner().invoke(app, ["tune", str(tmp_path / "study.toml"), "--generations", "1", "--workers", "1",
+                                    "--json", str(figures), "--output", str(made), "--journal",
+                                    str(tmp_path / "journal.jsonl")])
+    assert done.exit_code in (0, 1), done.output
+    objective = json.loads(figures.read_text(encoding="utf-8"))["objective"]
+    assert objective["returned"] <= objective["before"]
+    study = load_study(tmp_path / "study.toml", load_parameters())
+    values = load_parameters(made).values
+    (afresh,) = evaluate(study, [{t.name: float(values[t.name]) for t in study.tunables}])
+    assert afresh.objective == objective["returned"]
+    assert Journal(tmp_path / "journal.jsonl", study).find(afresh.gains) == afresh
+    assert "returned" in done.output
