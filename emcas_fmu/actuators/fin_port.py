@@ -6,6 +6,7 @@ go with them: limits of command and travel, the parts that gravity acts on, samp
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from math import radians
@@ -188,11 +189,13 @@ def schedule_rules(tick: Any, transport_delay: Any, tick_remedy: str) -> tuple[R
     """Return the rules for sampling, with an actuator's bound of the tick [s] and its delay [s], None without."""
     def delayed(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         delay, period = transport_delay(ops, p), p.controller.sample_time
-        return when(ops, delay > LONGEST_DELAY * period * (1.0 + SLACK)), delay, period
+        fits = ops.both(delay >= 0.0, delay <= LONGEST_DELAY * period * (1.0 + SLACK))
+        return when(ops, ops.negate(fits)), delay, period
 
     def ticks(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
         longest, period = tick(ops, p), p.controller.sample_time
-        return when(ops, period > MOST_TICKS * longest), period, longest
+        fits = ops.both(period <= MOST_TICKS * longest, longest <= sys.float_info.max)
+        return when(ops, ops.negate(fits)), period, longest  # a NaN fits nowhere
 
     most = Rule(ticks, f"controller.sample_time = %.6g s needs over {MOST_TICKS} ticks of %.6g s; {tick_remedy}, or "
                        "lower controller.sample_time")

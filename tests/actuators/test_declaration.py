@@ -9,7 +9,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
-from math import sin
+from math import inf, nan, sin
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import fromstring
@@ -28,7 +28,7 @@ from emcas_fmu.fmi.fmi2.slave import Slave
 from emcas_fmu.fmi.interface import FmuInterface, fin_sets
 from emcas_fmu.namespace import Record
 from emcas_fmu.ops.floats import FLOATS
-from emcas_fmu.parameters import load_parameters
+from emcas_fmu.parameters import check_combinations, load_parameters
 from emcas_fmu.physics.loads import NONE
 from emcas_fmu.runtime import codegen
 from emcas_fmu.runtime.compiled import CompiledCore
@@ -389,3 +389,12 @@ def test_every_extension_is_among_these() -> None:
 def test_a_name_of_an_input_that_is_a_state_s_is_refused() -> None:
     with pytest.raises(EmcasError, match="fin_rate is the name of two things"):
         replace(get(DRIVEN), further_inputs=(real_input("fin.rate", "rad/s", "a slip"),))
+
+
+@pytest.mark.parametrize(("tick", "delay"), [(nan, 0.0), (inf, 0.0), (0.0, 0.0), (-1e-4, 0.0), (1e-4, nan),
+                                             (1e-4, inf), (1e-4, -1e-3)])
+def test_a_schedule_that_is_not_finite_breaks_a_rule(tick: float, delay: float) -> None:
+    """Whatever makes them, in a user's file too: the runtime lays out memory and counts ticks by them."""
+    actuator = replace(get(DRIVEN), longest_tick=lambda ops, p: tick, transport_delay=lambda ops, p: delay)
+    values = load_parameters(model=DRIVEN).values
+    assert any("controller.sample_time" in problem for problem in check_combinations(values, actuator))

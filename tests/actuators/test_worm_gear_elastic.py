@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from emcas_fmu.actuators import get
 from emcas_fmu.extensions.status import OPERATIONAL
 from emcas_fmu.ops.floats import FLOATS
-from emcas_fmu.parameters import load_parameters
+from emcas_fmu.parameters import ParameterError, load_parameters, require_sound
+from emcas_fmu.runtime.compiled import CompiledCore
 from emcas_fmu.simulation import simulate
 
 MODEL = "worm-gear-elastic"
@@ -191,6 +192,15 @@ def test_wear_is_more_lost_motion_for_good_which_the_built_in_test_does_not_see(
         bands.append(behind[2600] - behind[1600])
         assert (shown["status"][10:] == OPERATIONAL).all()
     assert degrees(bands[1] - bands[0]) == pytest.approx(degrees(3e-4 / RIM), rel=1e-3)
+
+
+@pytest.mark.kernel(MODEL)
+@pytest.mark.parametrize("stiffness", [1e-309, 1e-305])
+def test_a_mesh_that_would_make_the_tick_no_number_is_refused_by_name(stiffness: float) -> None:
+    values = {**shipped(), "drive_line.structure_stiffness": stiffness}
+    for take in (require_sound, CompiledCore):
+        with pytest.raises(ParameterError, match=f"drive_line.structure_stiffness = {stiffness:g} N.m/rad: the compl"):
+            take(values, MODEL)
 
 
 def test_has_nothing_of_screw_nut_and_fork() -> None:

@@ -14,6 +14,7 @@ from ...namespace import Record
 from ...ops.base import Ops, Value
 from ...physics import drive, drive_line, friction, kinematics, loads, mechanics
 from ...physics.structure import Structure
+from ...rules import Rule, when
 from ...steppers import elastic as elastic_stepper
 from ...steppers import rigid
 from ...steppers.elastic import Pair
@@ -28,6 +29,7 @@ FIN_SIDE = ("fin_side_angle", "fin_side_speed")
 STATES = (*interface.MOTOR, *interface.DRIVE,
           State(FIN_SIDE[0], "rad", "of the fin, referred to the motor"),
           State(FIN_SIDE[1], "rad/s", "of the fin, referred to the motor"))
+_LIMPEST = 1e100  # rad/(N.m): far beyond any part, and what is computed from it stays finite
 DESCRIPTIONS = {
     "motor_angle": "angle of the rotor (indirect fin angle, by lever and screw)",
     "nut_position": "nut displacement from the assembly position, before the gap",
@@ -63,6 +65,18 @@ GAP = in_group(
     parameter("contact_stiffness", "N/m", 1e4, 1e10, "stiffness of the flanks of nut and fork"),
     parameter("contact_damping", "N.s/m", 0.0, 1e7, "damping of the flanks of nut and fork"),
 )
+
+
+def _limp(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    line = p.drive_line
+    compliance = drive_line.hinge_compliance(ops, p)
+    limp = ops.negate(compliance <= _LIMPEST)
+    return when(ops, limp), line.fork_stiffness, line.shaft_stiffness, line.structure_stiffness, compliance
+
+
+LINE_RULE = Rule(_limp, (
+    "drive_line.fork_stiffness = %.6g, drive_line.shaft_stiffness = %.6g and drive_line.structure_stiffness = %.6g "
+    "N.m/rad: the compliance about the hinge is %.6g rad/(N.m), over 1e+100; raise the least, or give 0 for a rigid part"))
 
 
 def sides(x: Record) -> Pair:
@@ -152,6 +166,7 @@ ACTUATOR = replace(
     fin_side=FIN_SIDE,
     outputs=fin_port.described(DESCRIPTIONS, interface.OUTPUTS),
     parameters=interface.PARAMETERS + AXIAL + TORSIONAL + GAP + HINGE,
+    rules=(*nonlinear.ACTUATOR.rules, LINE_RULE),
     provides=nonlinear.ACTUATOR.provides - {capabilities.RIGID_DRIVE_LINE} | {capabilities.BACKLASH},
     structure=Structure(drive_line=True),
     initial=initial,

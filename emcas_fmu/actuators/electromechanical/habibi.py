@@ -43,6 +43,7 @@ ACTUATOR = replace(
     name="habibi",
     title="electromechanical actuator after Habibi: cascaded loops, constant ratio, backlash",
     parameters=interface.PARAMETERS + elastic.GAP,
+    rules=nonlinear.ACTUATOR.rules,
     provides=elastic.ACTUATOR.provides - {capabilities.SCREW_LOAD},
     structure=Structure(constant_ratio=True, drive_line=True),
     initial=with_parameters(elastic.initial, _habibi),

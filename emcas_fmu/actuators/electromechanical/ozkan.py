@@ -47,6 +47,7 @@ ACTUATOR = replace(
     outputs=fin_port.described(elastic.DESCRIPTIONS, interface.LOOPLESS_OUTPUTS),
     terminals=interface.LOOPLESS_TERMINALS,
     supply=Supply(interface.SUPPLY_VOLTAGE, interface.SUPPLY_POWER),
+    rules=nonlinear.ACTUATOR.rules,
     provides=elastic.ACTUATOR.provides - {
         capabilities.SCREW_LOAD, capabilities.BACKLASH, capabilities.CURRENT_LOOP, capabilities.VOLTAGE_LIMIT},
     descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; limits nothing here"},

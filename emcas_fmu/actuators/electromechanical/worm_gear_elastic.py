@@ -78,6 +78,7 @@ ACTUATOR = replace(
     fin_side=elastic.FIN_SIDE,
     outputs=OUTPUTS,
     parameters=worm_gear.PARAMETERS + LINE,
+    rules=(*worm_gear.RULES, elastic.LINE_RULE),
     provides=worm_gear.ACTUATOR.provides - {capabilities.RIGID_DRIVE_LINE} | {capabilities.BACKLASH},
     structure=Structure(constant_ratio=True, drive_line=True, screw_losses=True, worm=True),
     equation_parameters=geared,
