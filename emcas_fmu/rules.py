@@ -19,6 +19,8 @@ SLACK = 1e-12
 NOT_FINITE = "%s = %.9g is not a finite number"
 BELOW = "%s = %.9g is below its minimum %.9g"
 ABOVE = "%s = %.9g is above its maximum %.9g"
+TOO_LATE = ("start time %.9g s: a clock counts there in steps that are too coarse for the solver's ticks; start within "
+            "+-%.6g s")
 ANGLE = "%.6g rad (%.6g deg)"
 
 

@@ -31,7 +31,7 @@ def interface_header(unit: FmuInterface, starts: Sequence[Any], guid: str, code:
     values = ",\n".join(f"    {c_number(start)}" for start in starts)
     categories = ", ".join(c_text(name) for name in Fmi2Slave.log_categories)
     formats = "".join(f"static const char {name}[] = {c_text(getattr(rules, name))};\n"
-                      for name in ("NOT_FINITE", "BELOW", "ABOVE"))
+                      for name in ("NOT_FINITE", "BELOW", "ABOVE", "TOO_LATE"))
     return header(
         "interface", "The interface: variables, their places, identity", "#include <math.h>\n\n"
         f"#define MODEL_NAME {c_text(unit.model)}\n#define MODEL_GUID {c_text(guid)}\n"

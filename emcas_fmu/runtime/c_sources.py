@@ -109,6 +109,8 @@ def model_header(actuator: Actuator) -> str:
         f"/* {', '.join(LOADS)} */\n#define CORE_LOADS_OF(inputs) {listed('(inputs)->loads', loads)}\n"
         f"#define CORE_FURTHER_OF(inputs) {listed('(inputs)->further', len(further))}\n"
         f"#define CORE_ACTING_OF(inputs) {listed('(inputs)->further', acting)}\n\n"
+        "/* Ticks from zero to the latest start. */\n"
+        f"#define CORE_LATEST {c_number(core.LATEST)}\n\n"
         f"enum {{\n{inputs.rstrip().rstrip(',')}\n}};\n")
 
 

@@ -280,7 +280,7 @@ static inline core_result core_move(const double *p, const double *c, core_state
     const double beyond = end - at[0] * plan->period;
     if (!(beyond <= plan->slack && -plan->slack <= beyond)) kernel_locate(p, c, end, at);
     if (!((at[0] - (double)s->period) * ticks <= CORE_MOST_TICKS)) return CORE_TOO_MANY_TICKS;
-    int64_t period = (int64_t)at[0];
+    int64_t period = (int64_t)(at[0] > -1.0 ? at[0] : -1.0); /* before the start all is the start */
     int32_t position = (int32_t)at[1];
     double rest = at[2];
     if (period < s->period || (period == s->period && position <= s->position)) { /* never back */
@@ -290,7 +290,8 @@ static inline core_result core_move(const double *p, const double *c, core_state
         position = s->position;
         if (behind || rest < covered) rest = covered;
     }
-    while (s->period < period || s->position < position) {
+    /* Counted beforehand, so that it ends whatever state it began with. */
+    for (int64_t left = (period - s->period) * ticks + (position - s->position); left > 0; --left) {
         const double h = s->position < (int32_t)plan->before ? plan->h_before : plan->h_after;
         if (!core_tick(p, c, s, plan, in, ramp, h, true)) return CORE_TOO_MANY_EVENTS;
         if (++s->position == ticks) {

@@ -7,13 +7,18 @@ trajectory alone.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
+from math import isfinite
 from typing import Any, NamedTuple
 
 # A tick has at most a handful of events; far more means the equations cannot be followed.
 MOST_EVENTS = 500
 # In one communication step; more is a slip of the host's and would seem to hang.
 MOST_TICKS = 100_000_000
+# Ticks from zero to the latest start: a clock counts there in eighths of a tick or less. What is allowed for its
+# rounding, four times that, and the slack, a quarter of a tick, are together less than a tick.
+LATEST = 2.0**49
 
 Functions = tuple[Callable[..., tuple[Any, ...]], ...]
 Inputs = tuple[Any, ...]
@@ -48,6 +53,18 @@ def inputs_of(row: Sequence[Any], carried: Sequence[float], motion: int, supplie
     return (*row[:FIRST], *carried, *supply, *row[FIRST + motion:])
 
 
+def finite(value: Any) -> bool:
+    """Return whether a value of a stored state is a finite number, and no integer that a float cannot be."""
+    return (isinstance(value, float) and isfinite(value)) or (isinstance(value, int) and abs(value) <= 2**53)
+
+
+def alike(value: Any, template: Any) -> bool:
+    """Return whether a value is finite numbers in as many nested tuples as a template."""
+    if not isinstance(template, tuple):
+        return finite(value)
+    return isinstance(value, tuple) and len(value) == len(template) and all(map(alike, value, template))
+
+
 class Core:
     """One actuator: its state and what moves it on.
 
@@ -80,6 +97,12 @@ class Core:
         return slack
 
     @property
+    def latest(self) -> float:
+        """Latest time of a host's clock, and with a minus the earliest [s]."""
+        latest: float = LATEST * min(self.schedule[4:6])
+        return latest
+
+    @property
     def state(self) -> tuple[Any, ...]:
         """Everything that changes while running, as nested tuples of numbers; it may be kept and put back."""
         return (self._period, self._position, self._plant, self._sampled, self._line, self._commands, self._active,
@@ -89,6 +112,27 @@ class Core:
     def state(self, state: tuple[Any, ...]) -> None:
         (self._period, self._position, self._plant, self._sampled, self._line, self._commands, self._active,
          self._part, self._tentative) = state
+
+    def unsound(self, state: Any, now: float, inputs: Inputs) -> str:
+        """Return what is wrong with a state that was stored at `now` [s] from the start, "" if nothing.
+
+        It may have been made up. The core is one at its start, `inputs` are of the shape of its inputs.
+        """
+        length, before, ticks, _, h_before, h_after, *_, slack = self.schedule
+        if not (isinstance(state, tuple) and len(state) == len(self.state)):
+            return "number of values"
+        period, position, *numbers, part, tentative = state
+        _, _, *shape, _, plant = self.state
+        if not alike((*numbers, tentative), (*shape, plant)):
+            return "a number is not finite"
+        if not (type(period) is type(position) is int and period >= 0 and 0 <= position < ticks
+                and -slack <= now - period * length <= length + slack and now * sys.float_info.epsilon <= slack):
+            return "place in time"
+        within = h_before if position < before else h_after
+        if part is not None and not (alike(part, (0.0, 0.0, inputs, self._nothing))
+                                     and 0.0 <= part[0] <= part[1] <= within):
+            return "part of a tick"
+        return ""
 
     def carried(self, *motion: float) -> tuple[float, ...]:
         """Return what the vehicle's motion makes of the actuator, from the inputs of the motion."""
@@ -138,7 +182,8 @@ class Core:
                 rest = covered
             to = reached
         period, position = to
-        while self._position < position or self._period < period:
+        # Counted beforehand, so that it ends whatever state it began with.
+        for _ in range((period - self._period) * ticks + position - self._position):
             self._tick(inputs, ramp, h_before if self._position < before else h_after, True)
             self._position += 1
             if self._position == ticks:

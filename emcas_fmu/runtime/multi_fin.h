@@ -14,11 +14,12 @@
 /* What the fins get of the line, what they draw and their power go before their outputs. */
 enum { LINE_OUTPUTS = MULTI_FIN_LINE ? 3 : 0, MULTI_FIN_OUTPUTS = LINE_OUTPUTS + FINS * MODEL_OUTPUTS };
 
-/* Parameters of the line; each fin's, and what follows from them; tolerance of communication points [s]. */
+/* Parameters of the line; each fin's, and what follows from them; tolerance of communication points, and the latest
+ * start [s]. */
 typedef struct {
     const double *line, *p[FINS];
     double c[FINS][KERNEL_CONSTANTS];
-    double slack;
+    double slack, latest;
 } multi_fin;
 
 /* Everything that changes while running: of the line its state and the instant that comes next. */
@@ -32,11 +33,13 @@ typedef struct {
 static void multi_fin_bind(multi_fin *m, const double *line, const double *p)
 {
     m->line = line;
-    m->slack = HUGE_VAL;
+    m->slack = m->latest = HUGE_VAL;
     for (size_t fin = 0; fin < FINS; ++fin) {
         m->p[fin] = p + fin * MODEL_PARAMETERS;
         kernel_prepare(m->p[fin], m->c[fin]);
-        m->slack = fmin(m->slack, core_scheduled(m->p[fin], m->c[fin]).slack);
+        const core_schedule plan = core_scheduled(m->p[fin], m->c[fin]);
+        m->slack = fmin(m->slack, plan.slack);
+        m->latest = fmin(m->latest, CORE_LATEST * fmin(plan.h_before, plan.h_after));
     }
 }
 

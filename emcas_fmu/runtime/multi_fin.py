@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from .core import MOST_TICKS, Core, Functions, Inputs, Sizes, inputs_of
+from .core import MOST_TICKS, Core, Functions, Inputs, Sizes, finite, inputs_of
 
 _CORE = 7  # of the functions, what a core takes; then mixing, then what the line needs
 
@@ -48,6 +48,11 @@ class MultiFin:
         return min(core.slack for core in self.cores)
 
     @property
+    def latest(self) -> float:
+        """Latest time of a host's clock, and with a minus the earliest [s]."""
+        return min(core.latest for core in self.cores)
+
+    @property
     def state(self) -> tuple[Any, ...]:
         """Everything that changes while running."""
         return (self._of_line, self._instant, tuple(core.state for core in self.cores))
@@ -57,6 +62,25 @@ class MultiFin:
         self._of_line, self._instant, states = state
         for core, one in zip(self.cores, states, strict=True):
             core.state = one
+
+    def unsound(self, state: Any, now: float, inputs: Inputs) -> str:
+        """Return what is wrong with a state that was stored at `now` [s] from the start; see :meth:`Core.unsound`."""
+        if not (isinstance(state, tuple) and len(state) == 3):
+            return "number of values"
+        of_line, instant, states = state
+        if not (isinstance(states, tuple) and len(states) == len(self.cores)):
+            return "number of fins"
+        if problem := next(filter(None, (core.unsound(one, now, inputs)
+                                         for core, one in zip(self.cores, states, strict=True))), ""):
+            return problem
+        if not finite(of_line):
+            return "state of the supply's line"
+        placed = type(instant) is int and instant >= 1 and finite(instant)
+        if placed and self._line and self._line[0] > 0.0:
+            # The next instant of a line that is not stiff lies ahead, within an interval.
+            ahead, interval = instant * self._line[-1] - now, self._line[-1]
+            placed = 0.0 <= ahead <= interval * (1.0 + 1e-9) + 1e-9
+        return "" if placed else "place in time of the supply's line"
 
     def carried(self, *motion: float) -> list[tuple[float, ...]]:
         """Return what the vehicle's motion makes of each fin, from the inputs of the motion."""

@@ -227,7 +227,7 @@ static inline lanes_mask group_move(const group_step *g, unsigned which, group_s
     int32_t there = s->position[lead];
     s->partial[0] = s->partial[lead];
     if (!((periods - (double)here) * g->ticks <= CORE_MOST_TICKS)) return lanes_of_bits(0);
-    int64_t period = (int64_t)periods;
+    int64_t period = (int64_t)(periods > -1.0 ? periods : -1.0);
     lanes rest = at[2];
     if (period < here || (period == here && position <= there)) { /* never back */
         const lanes covered = s->partial[0] ? s->covered : lanes_set(0.0);
@@ -236,7 +236,7 @@ static inline lanes_mask group_move(const group_step *g, unsigned which, group_s
         position = there;
         rest = behind ? covered : lanes_where(lanes_less(rest, covered), covered, rest);
     }
-    while (lanes_any(moving) && (here < period || there < position)) {
+    for (int64_t left = (period - here) * g->ticks + (position - there); lanes_any(moving) && left > 0; --left) {
         moving = group_tick(g, moving, s, there, in, there < g->before ? g->plan.h_before : g->plan.h_after, true);
         if (++there == g->ticks) {
             there = 0;

@@ -10,8 +10,10 @@ import json
 import math
 import pathlib
 import resource
+import struct
 import sys
 import threading
+import zlib
 from collections.abc import Callable
 from typing import Any
 
@@ -193,6 +195,59 @@ def corrupt_state(fmu: Fmu) -> Any:
     instance.run(BEGUN, 0.1, 1e-3)
     clean.run(BEGUN, 0.1, 1e-3)
     return {"damaged": len(damaged), "refused": refused, "same": instance.outputs() == clean.outputs()}
+
+
+def _forged(data: bytes, start: float) -> dict[str, bytes]:
+    """Serialized states with one value made up, and the right checksum; of a unit that began at `start`."""
+    if b" [" not in data[:80]:  # the native unit: FNV-1a behind 64 bytes that name it
+        content = data[72:].replace(struct.pack("<d", start), struct.pack("<d", 1e19))
+        check = 14695981039346656037
+        for byte in content:
+            check = (check ^ byte) * 1099511628211 % 2**64
+        return {"start": data[:64] + struct.pack("<Q", check) + content}
+    guid, _, body = data.split(b" ", 2)
+    made, state = {}, json.loads(body)
+    for name, place, value in (("start", (0,), 1e19), ("text", (3,), "\ud800"), ("position", (8, 1), 1e300),
+                               ("period", (8, 0), -1), ("plant", (8, 2, 0), math.nan), ("values", (6, 0), "x")):
+        forged = json.loads(json.dumps(state))
+        holder = forged
+        for at in place[:-1]:
+            holder = holder[at]
+        holder[place[-1]] = value
+        text = json.dumps(forged).encode()
+        made[name] = b"%s %08x %s" % (guid, zlib.crc32(text), text)
+    return made
+
+
+def forged_state(fmu: Fmu) -> Any:
+    """States with a right checksum and a value that none has are refused, and nothing is changed by them."""
+    start, findings = 1234.5, {}
+    instance, clean = Instance(fmu), Instance(fmu)
+    for each in (instance, clean):
+        each.initialize(start)
+        each.run(start, start + BEGUN, 1e-3, **COMMAND)
+    for name, data in _forged(instance.serialize(instance.save()), start).items():
+        instance.log.clear()
+        status = instance.restore(data)
+        if status == OK:  # the Python unit cannot say no there
+            status = instance.step(start + BEGUN, 1e-3)
+        findings[name] = [status, instance.messages(ERROR)]
+    instance.run(start + BEGUN, start + 0.1, 1e-3)
+    clean.run(start + BEGUN, start + 0.1, 1e-3)
+    return {"findings": findings, "same": instance.outputs() == clean.outputs()}
+
+
+def start_times(fmu: Fmu) -> Any:
+    """What comes of a start at which a clock counts in seconds, and of one at which it counts in microseconds."""
+    findings = {}
+    for start in (1.7e9, 1e19, -2.3e20):
+        instance = Instance(fmu)
+        initialized = instance.initialize(start)[-1]
+        findings[f"{start:g}"] = [initialized, instance.step(start, 1e-3), instance.messages(ERROR)]
+    leaping = started(fmu)
+    findings["leap"] = [OK, leaping.step(1e19, 1e-3), leaping.messages(ERROR)]
+    findings["long"] = [OK, leaping.step(BEGUN, 1e19), leaping.messages(ERROR)]
+    return findings
 
 
 def reset(fmu: Fmu) -> Any:

@@ -131,6 +131,28 @@ def test_corrupt_state_is_refused(scenario: Any) -> None:
     assert found["same"]
 
 
+def test_a_made_up_state_is_refused_and_changes_nothing(scenario: Any, backend: str) -> None:
+    found = scenario("forged_state")
+    assert len(found["findings"]) == (6 if backend == "python" else 1)
+    for name, (status, said) in found["findings"].items():
+        assert status == REFUSED[backend], name
+        assert "FMU state refused" in said, name
+    assert found["same"]
+
+
+def test_a_start_where_a_tick_is_less_than_the_clocks_resolution_is_refused(scenario: Any, backend: str) -> None:
+    """At 1e19 s a clock counts in steps of 2048 s, at 1.7e9 s (a system's clock) of 0.24 us: a thousandth of a tick."""
+    found = scenario("start_times")
+    assert found.pop("1.7e+09")[:2] == [OK, OK]
+    assert found.pop("leap")[1] == REFUSED[backend]
+    assert found.pop("long")[1] == DISCARD  # more ticks than a step may have
+    for start, (initialized, step, said) in found.items():
+        assert initialized == (OK if backend == "python" else ERROR), start
+        assert step == REFUSED[backend], start
+        assert f"start time {start} s" in said
+        assert "start within +-1.68885e+11 s" in said  # 2^49 ticks of 0.3 ms
+
+
 def test_reset(scenario: Any) -> None:
     assert scenario("reset") == {"same": True, "cold differs": True}
 

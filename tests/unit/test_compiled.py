@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import tempfile
 import threading
 from collections import defaultdict
@@ -82,6 +84,25 @@ def test_what_cannot_be_followed_changes_nothing(values: Mapping[str, Any]) -> N
         with pytest.raises(ArithmeticError, match=said):
             core.run(end, inputs)
         assert core.state == before
+
+
+_OUT_OF_PLACE = """
+from emcas_fmu.parameters import load_parameters
+from emcas_fmu.runtime.compiled import CompiledCore
+from tests.simulation import inputs_at_rest, new_core
+values = load_parameters().values
+for core in (CompiledCore(values), new_core(values)):
+    core.run(0.01, inputs_at_rest(0.2, 0.0, 39.0))
+    state = core.state
+    core.state = (state[:8] + b"\\xff\\xff\\0\\0" + state[12:] if isinstance(state, bytes)  # period, position, ...
+                  else (state[0], 0xffff, *state[2:]))
+    core.run(0.02, inputs_at_rest(0.2, 0.0, 39.0))
+"""
+
+
+def test_a_step_from_a_tick_that_there_is_not_ends() -> None:
+    """A state that was made up has a tick beyond its sample's last; it was searched for in all later samples."""
+    subprocess.run([sys.executable, "-c", _OUT_OF_PLACE], check=True, timeout=60)  # s; it takes two
 
 
 def _inputs(count: int, time: float) -> np.ndarray:

@@ -343,6 +343,7 @@ static int finish_initialization(instance *m, int32_t next_phase)
 {
     if (!sound(m)) return STATUS_ERROR;
     prepare(m);
+    if (fabs(m->s.start) > m->fins.latest) return report(m, STATUS_ERROR, TOO_LATE, m->s.start, m->fins.latest);
     warn(m);
     multi_fin_start(&m->fins, &m->s.fins);
     m->s.phase = next_phase;

@@ -33,6 +33,7 @@ static const char *unsound_core(const core_state *core, const core_schedule *pla
             return "part of a tick";
     }
     const double period = (double)core->period * plan->period;
+    if (now * DBL_EPSILON > plan->slack) return "place in time";
     if (now < period - plan->slack || now > period + plan->period + plan->slack) return "place in time";
     return NULL;
 }
@@ -72,6 +73,7 @@ static const char *unsound(const instance *m, const model_state *s)
     probe.s = *s;
     if (!all_rules_hold(&probe)) return "parameters out of their limits";
     prepare(&probe);
+    if (fabs(s->start) > probe.fins.latest) return "time";
     for (size_t fin = 0; fin < FINS; ++fin) {
         const core_schedule plan = core_scheduled(probe.fins.p[fin], probe.fins.c[fin]);
         const char *reason = unsound_core(&s->fins.core[fin], &plan, s->now);

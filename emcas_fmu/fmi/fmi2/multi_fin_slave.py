@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import Any, ClassVar
 
-from ...runtime.core import Functions
+from ...runtime.core import Functions, inputs_of
 from ...runtime.multi_fin import MultiFin
 from .slave import Slave
 
@@ -46,6 +46,10 @@ class MultiFinSlave(Slave):
         values = self._values
         rows = [[values[i] for i in places] for places in self.places]
         return core.acting(rows, self._carried, [values[i] for i in self.mixing])  # type: ignore[no-any-return]
+
+    def _shape_of_inputs(self) -> tuple[Any, ...]:
+        return inputs_of((0.0,) * len(self.places[0]), self._unknown[0], self._core_sizes.motion,
+                         self.power is not None)
 
     @staticmethod
     def _finite(inputs: tuple[Any, ...]) -> bool:

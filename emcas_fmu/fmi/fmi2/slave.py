@@ -30,16 +30,24 @@ from typing import Any, ClassVar
 from pythonfmu import Fmi2Slave
 from pythonfmu.enums import Fmi2Status
 
-from ...rules import check_ranges, check_rules
-from ...runtime.core import Core, Functions, Sizes, inputs_of
+from ...rules import TOO_LATE, check_ranges, check_rules
+from ...runtime.core import Core, Functions, Sizes, finite, inputs_of
+
+_BEFORE_RUN = ("instantiated", "initialization")
 
 
 class CorruptState(str):
     """What deserialization gives for bytes that are no state of this FMU: the reason."""
 
 
+class StoredState(tuple[Any, ...]):
+    """What deserialization gives for bytes with the right checksum: a state, unless it was made up."""
+
+    __slots__ = ()
+
+
 class _RefusedError(Exception):
-    """A step that is discarded; the message says why."""
+    """A step that is discarded, or a state that is not restored; the message says why."""
 
 
 class Slave(Fmi2Slave):  # type: ignore[misc]
@@ -127,13 +135,14 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         problems = self._parameter_problems()
         if not isfinite(self._start):
             problems.append(f"start time {self._start!r} is not finite")
+        elif not problems:
+            problems += filter(None, [_too_late(self._start, self._bind(anew=True))])
         if problems:
             self._refusal = "; ".join(problems)
             for problem in problems:
                 self._error(f"initialization refused: {problem}")
             self._say(f"initialization refused: {self._refusal}")
             return
-        self._bind(anew=True)
         self._warn()
 
     def do_step(self, current_time: float, step_size: float) -> bool:
@@ -231,6 +240,10 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         return inputs_of(self._values[:self._outputs.start], self._carried, self._core_sizes.motion,
                          self.power is not None)
 
+    def _shape_of_inputs(self) -> tuple[Any, ...]:
+        """Return inputs of a core, all 0."""
+        return inputs_of((0.0,) * len(self._inputs), self._unknown, self._core_sizes.motion, self.power is not None)
+
     @staticmethod
     def _finite(inputs: tuple[Any, ...]) -> bool:
         return isfinite(sum(inputs))
@@ -258,8 +271,8 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     def _parameter_values(self) -> dict[str, Any]:
         return {self.rows[i][0]: self._values[i] for i in self._parameters}
 
-    def _parameter_problems(self) -> list[str]:
-        values = self._parameter_values()
+    def _parameter_problems(self, values: Mapping[str, Any] | None = None) -> list[str]:
+        values = self._parameter_values() if values is None else values
         limits = ((r[0], r[4], r[5]) for r in (self.rows[i] for i in self._parameters) if r[1] != "Boolean")
         return check_ranges(values, limits) or self._broken_rules(values)
 
@@ -283,7 +296,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     def _refresh(self) -> None:
         """Bring the outputs in `_values` up to now; NaN and false where there are none."""
         core = self._core
-        if self._phase in ("instantiated", "initialization"):
+        if self._phase in _BEFORE_RUN:
             core = None if self._parameter_problems() else self._bind(anew=True)
         if core is None or self._refusal:
             self._values[self._output_slice] = [nan if self.rows[i][1] == "Real" else 0 for i in self._outputs]
@@ -340,7 +353,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
         if isinstance(state, CorruptState):
             self._misused(f"FMU state refused: {state}")
             return
-        self._guard(lambda: self._restore(state))
+        self._guard(lambda: self._restore(self._checked(state) if isinstance(state, StoredState) else state))
 
     def _restore(self, state: Any) -> None:
         start, now, phase, misuse, refusal, changed, values, bound, core_state = state
@@ -356,6 +369,41 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             core.state = core_state
         self._ready = False
         self._forget()
+
+    def _checked(self, state: StoredState) -> Any:
+        """Return a stored state if it could have come out of an instance: as `unsound` of states.h has it.
+
+        Raises _RefusedError.
+        """
+        if len(state) != len(self._get_fmu_state()):
+            raise _RefusedError("FMU state refused: number of values")
+        start, now, phase, misuse, refusal, changed, values, bound, core_state = state
+        parameters = [self.rows[i] for i in self._parameters]
+        if phase not in (*_BEFORE_RUN, "running", "terminated"):
+            problem = "unknown phase"
+        elif not (finite(start) and finite(now) and now >= 0.0):
+            problem = "time"
+        elif not (_is_text(misuse) and _is_text(refusal) and isinstance(changed, bool)):
+            problem = "what was refused before"
+        elif wrong := _wrong(values, self.rows):
+            problem = wrong
+        elif phase in _BEFORE_RUN:  # the core is made anew
+            return start, 0.0, phase, misuse, refusal, True, values, (), None
+        elif core_state is None:
+            problem = "" if bound == () and (refusal or phase == "terminated") else "no core"
+        elif wrong := _wrong(bound, parameters):
+            problem = wrong
+        elif not changed and values[self._parameters.start:] != bound:
+            problem = "parameters"
+        else:
+            by_name = {row[0]: value for row, value in zip(parameters, bound, strict=True)}
+            problem = "; ".join(self._parameter_problems(by_name))
+            if not problem:
+                core = self._made(by_name)
+                problem = _too_late(start, core) or core.unsound(core_state, now, self._shape_of_inputs())
+        if problem:
+            raise _RefusedError(f"FMU state refused: {problem}")
+        return state
 
     @classmethod
     def _fmu_state_to_bytes(cls, state: Any) -> bytes:
@@ -373,7 +421,7 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
             if int(check, 16) != zlib.crc32(body):
                 return CorruptState("its checksum is wrong")
             state = _tuples(json.loads(body))
-            return CorruptState("it holds no state") if state is None else state
+            return StoredState(state) if isinstance(state, tuple) else CorruptState("it holds no state")
         except Exception as error:  # noqa: BLE001  see the module's docstring
             return CorruptState(f"it cannot be read ({type(error).__name__})")
 
@@ -388,6 +436,8 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     def _guard(self, action: Callable[[], None]) -> None:
         try:
             action()
+        except _RefusedError as error:
+            self._misused(str(error))
         except BaseException as error:  # noqa: BLE001  see the module's docstring
             self._misused(f"{type(error).__name__}: {error}")
 
@@ -412,6 +462,31 @@ class Slave(Fmi2Slave):  # type: ignore[misc]
     def _log(self, message: str, status: Any) -> None:
         # The wrapper hands the text to the host as a printf format.
         self.log(message.replace("%", "%%"), status)
+
+
+def _is_text(value: Any) -> bool:
+    """Return whether a value is a text that a host can be given."""
+    return isinstance(value, str) and "\0" not in value and value.encode(errors="ignore").decode() == value
+
+
+def _wrong(values: Any, rows: Sequence[tuple[Any, ...]]) -> str:
+    """Return the name of the first variable of which a stored value cannot be, "" if there is none."""
+    if not (isinstance(values, tuple) and len(values) == len(rows)):
+        return "number of variables"
+
+    def possible(value: Any, kind: str) -> bool:
+        if kind == "Real":
+            return isinstance(value, float) or finite(value)
+        if kind == "Integer":
+            return finite(value) and value == int(value) and abs(value) < 2**31
+        return finite(value) and value in (0, 1) if kind == "Boolean" else _is_text(value)
+
+    return next((str(row[0]) for value, row in zip(values, rows, strict=True) if not possible(value, row[1])), "")
+
+
+def _too_late(start: float, core: Any) -> str:
+    """Return the message for a start time [s] where a clock counts too coarsely for a core's ticks, else ""."""
+    return "" if abs(start) <= core.latest else TOO_LATE % (start, core.latest)
 
 
 def _tuples(value: Any) -> Any:
