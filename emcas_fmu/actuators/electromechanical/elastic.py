@@ -76,7 +76,8 @@ def _limp(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 LINE_RULE = Rule(_limp, (
     "drive_line.fork_stiffness = %.6g, drive_line.shaft_stiffness = %.6g and drive_line.structure_stiffness = %.6g "
-    "N.m/rad: the compliance about the hinge is %.6g rad/(N.m), over 1e+100; raise the least, or give 0 for a rigid part"))
+    "N.m/rad: the compliance about the hinge is %.6g rad/(N.m), over 1e+100; raise the least, or give 0, which is "
+    "rigid"))
 
 
 def sides(x: Record) -> Pair:
