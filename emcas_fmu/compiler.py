@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import platform
+import re
 import shlex
 import shutil
 import struct
@@ -14,7 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, gettempdir
 
 from .errors import EmcasError
 from .files import cache_directory
@@ -27,6 +28,7 @@ FLAGS = ("-std=c11", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O2", "-ffp-co
 _ZIG_FLAGS = ("-fno-sanitize=undefined", "-ffp-exception-behavior=maytrap", "-s")
 # A first compilation by zig makes its C library: a minute on a slow machine.
 _PATIENCE = 600
+_NO_SPACE = re.compile("No space left|NoSpaceLeft|disk quota", re.IGNORECASE)
 # Of Apple's processors, 2 to the power of this.
 _PAGE = 14
 _MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
@@ -126,7 +128,7 @@ class Compiler:
         flags = [*FLAGS, *further, *(("-target", triple, *_ZIG_FLAGS) if self.zig else ("-s",))]
         command = [*self.command, *flags, main, "-o", output, *(f.format(output) for f in target.link)]
         # Zig's own choice of a cache may be a home that cannot be written: it would then wait for ever.
-        environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(cache_directory() / "zig"),
+        environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(_kept(folder) / "zig"),
                        "ZIG_LOCAL_CACHE_DIR": str(folder / "z"),
                        "SOURCE_DATE_EPOCH": "315532800", "ZERO_AR_DATE": "1"}
         try:
@@ -135,9 +137,37 @@ class Compiler:
         except subprocess.TimeoutExpired as error:
             raise CompilerError(f"{' '.join(self.command)}: no answer within {_PATIENCE} s") from error
         if done.returncode != 0:
-            raise CompilerError(f"{' '.join(self.command)} cannot compile {main} for {triple or target.name}:\n"
-                                f"{done.stderr.strip() or done.stdout.strip()}")
+            raise CompilerError(f"{' '.join(self.command)} cannot compile {main} for {triple or target.name}: "
+                                f"{_reason(done.stderr or done.stdout)}")
+        if not self.zig:  # which makes those of other machines, too
+            self._require_loadable(folder / output)
         return (folder / output).read_bytes()
+
+    def _require_loadable(self, library: Path) -> None:
+        """Raise CompilerError where a library cannot be loaded on this machine; tried in a process of its own."""
+        loading = [sys.executable, "-I", "-S", "-c", "import ctypes, sys; ctypes.CDLL(sys.argv[1])", str(library)]
+        done = subprocess.run(loading, capture_output=True, text=True, check=False, timeout=_PATIENCE)
+        if done.returncode != 0:
+            why = "it made no file" if not library.is_file() else _reason(done.stderr).rpartition(": ")[2]
+            raise CompilerError(f"{' '.join(self.command)} made no library that this machine can load ({why}); name "
+                                "another compiler, or leave it to zig:  pip install 'emcas-fmu[native]'")
+
+
+def _kept(otherwise: Path) -> Path:
+    """Return the folder that what is compiled is kept in, another where there is none."""
+    try:
+        return cache_directory()
+    except OSError:
+        return otherwise
+
+
+def _reason(said: str) -> str:
+    """Return the line of what a compiler said that tells why it gave up, with the remedy where there is one."""
+    if _NO_SPACE.search(said):
+        return (f"the disk is full; free some space in {_kept(Path(gettempdir()))} and {gettempdir()}, or have TMPDIR "
+                "name another folder")
+    lines = [line.strip() for line in said.splitlines() if line.strip()]
+    return next((line for line in lines if "error" in line and "warning" not in line), lines[-1] if lines else "")
 
 
 @cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 import tempfile
 import zipfile
 from collections.abc import Callable, Mapping
@@ -12,6 +13,10 @@ from typing import Any
 
 from platformdirs import user_cache_path
 
+from .errors import in_words
+from .progress import warn
+
+_LIBRARY = 2_000_000  # bytes: a compiled library is smaller
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date a ZIP archive can hold
 
 
@@ -43,15 +48,15 @@ def as_given(file: Path | str) -> str:
 def cache_directory() -> Path:
     """Return a folder for what is compiled: the user's cache, or one of the user's own among the temporary ones.
 
-    Raises OSError where neither can be written.
+    What is there is executed: a folder in which others may write is not used, nor one that can be replaced. That is
+    announced. Raises OSError where neither can be used.
     """
     mine = Path(tempfile.gettempdir()) / f"emcas-{os.getuid() if hasattr(os, 'getuid') else 'cache'}"
     try:
-        return _writable(user_cache_path("emcas"))
-    except OSError:
-        folder = _writable(mine)
-        if hasattr(os, "getuid") and folder.stat().st_uid != os.getuid():  # somebody else was here first
-            raise
+        return _private(user_cache_path("emcas"))
+    except OSError as error:
+        folder = _private(mine)
+        warn(f"{in_words(error)}; {folder} is used instead")
         return folder
 
 
@@ -75,7 +80,38 @@ def write_zip(contents: Mapping[str, bytes], target: Path, order: Callable[[str]
         partial.unlink(missing_ok=True)
 
 
-def _writable(folder: Path) -> Path:
-    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    with tempfile.TemporaryFile(dir=folder):
-        return folder
+def _private(folder: Path) -> Path:
+    """Return a folder, made if need be, that is the user's alone and has room. Raises OSError naming it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        folder = folder.resolve()  # a link on the way to it may be another's
+        if hasattr(os, "getuid"):  # elsewhere the folders are each user's by themselves
+            _refuse_shared(folder)
+        with tempfile.TemporaryFile(dir=folder) as probe:
+            probe.write(bytes(_LIBRARY))
+    except OSError as error:
+        if error.errno is None:
+            raise
+        raise OSError(error.errno, error.strerror, str(folder)) from error
+    return folder
+
+
+def _refuse_shared(folder: Path) -> None:
+    """Raise OSError for a folder that another user may write to, or replace; close it to others' reading."""
+    user, mode = os.getuid(), folder.stat().st_mode
+    # Where not all users of the system are known, as in a container, the root folder's owner is its administrator.
+    trusted = {user, 0, Path(folder.anchor).stat().st_uid}
+    reason = ""
+    if folder.stat().st_uid != user:
+        reason = "it belongs to another user"
+    elif mode & (stat.S_IWGRP | stat.S_IWOTH):
+        reason = f"others may write to it (mode {stat.S_IMODE(mode):04o}), remove it"
+    for parent in folder.parents:
+        found = parent.stat()
+        if found.st_uid not in trusted:
+            reason = reason or f"{parent} belongs to another user"
+        elif found.st_mode & stat.S_IWOTH and not found.st_mode & stat.S_ISVTX:
+            reason = reason or f"anybody may replace it, since {parent} has mode {stat.S_IMODE(found.st_mode):04o}"
+    if reason:
+        raise OSError(f"{folder}: not used for what is compiled: {reason}")
+    folder.chmod(0o700)

@@ -6,7 +6,6 @@ import ctypes as ct
 import hashlib
 import re
 import threading
-import warnings
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from functools import cache
@@ -16,8 +15,9 @@ from typing import Any
 
 from ..actuators import NAMES, NONLINEAR, parts
 from ..compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers, local_platform
+from ..errors import EmcasError, in_words, writing
 from ..files import cache_directory
-from ..progress import LOG
+from ..progress import LOG, warn
 from .c_sources import batch_sources, vector_sources
 
 # By the actuators that a vector holds. No host's traps are on in Python, which is what FLAGS think of, and zig.
@@ -50,7 +50,7 @@ def _described(compiler: Compiler, target: Platform, model: str, lanes: int) -> 
 def _library(model: str, lanes: int = 1) -> ct.CDLL | str:
     """Return the compiled library of a model, of vectors if `lanes` is above 1, or why there is none.
 
-    Warns if a compiler was tried.
+    That is announced if a compiler was tried.
     """
     target = local_platform()
     if target is None:
@@ -65,9 +65,11 @@ def _library(model: str, lanes: int = 1) -> ct.CDLL | str:
             return (_declared_vectors if lanes > 1 else _declared)(ct.CDLL(str(path)))
         except (OSError, CompilerError) as error:
             problem = str(error)
+        except EmcasError as error:  # no other compiler's could be kept either
+            problem = str(error)
+            break
     if problem:
-        warnings.warn(f"no compiled kernel, {'one actuator at a time' if lanes > 1 else 'Python'} is used instead: "
-                      f"{problem}", RuntimeWarning, stacklevel=5)
+        warn(f"no compiled kernel, {'one actuator at a time' if lanes > 1 else 'Python'} is used instead: {problem}")
     return problem or "install a C compiler, or ziglang with  pip install 'emcas-fmu[native]'"
 
 
@@ -103,8 +105,11 @@ def _kept(model: str, lanes: int) -> bool:
 
 
 def _files(model: str, described: str = "*") -> Iterator[Path]:
-    """Yield a model's libraries in the user's cache, of all versions or of what is `described`."""
-    return cache_directory().glob(f"kernel_{_label(model)}_{described}_*")
+    """Yield a model's libraries in the user's cache, of all versions or of what is `described`; none without one."""
+    try:
+        yield from cache_directory().glob(f"kernel_{_label(model)}_{described}_*")
+    except OSError:
+        return
 
 
 def _label(model: str) -> str:
@@ -169,10 +174,23 @@ def _compile(compiler: Compiler, target: Platform, described: str, model: str, l
     # A rebuilt library at the same path would give the old one to a process that has it loaded.
     content = compiler.library(sources, next(iter(sources)), target, "kernel", _VECTOR_FLAGS.get(lanes, ()))
     name = f"kernel_{_label(model)}_{described}_{hashlib.sha256(content).hexdigest()[:16]}{target.suffix}"
-    path = cache_directory() / name
+    try:
+        folder = cache_directory()
+    except OSError as error:
+        raise EmcasError(in_words(error)) from error
+    with writing(folder):
+        return _keep(folder / name, content)
+
+
+def _keep(path: Path, content: bytes) -> Path:
+    """Write a library whole or not at all, whoever else is compiling. Raises OSError."""
     with NamedTemporaryFile(dir=path.parent, delete=False) as partial:
-        partial.write(content)
-    Path(partial.name).replace(path)  # whole or not at all, whoever else is compiling
+        try:
+            partial.write(content)
+            partial.close()
+            Path(partial.name).replace(path)
+        finally:
+            Path(partial.name).unlink(missing_ok=True)
     return path
 
 
