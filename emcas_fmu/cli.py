@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from . import __version__
-from .commands.group import LazyGroup, load
+from .commands.group import LazyGroup, load, printing
 
 # Before NumPy comes. The matrices here are small: threads of the linear algebra gain nothing, and where the cores are
 # busy their waiting for each other takes many times the work.
@@ -35,7 +35,8 @@ def main(version: Annotated[bool, typer.Option("--version", callback=_version, i
 
 def build_command() -> None:
     """`emcas build` as a program of its own."""
-    load("build", "python build_fmu.py")()
+    with printing():
+        load("build", "python build_fmu.py")()
 
 
 if __name__ == "__main__":

@@ -12,12 +12,15 @@ from typing import Any
 
 _DENIED = ("permission denied", "change its permissions or give another file", "choose another place")
 _FULL = ("the disk is full", "free some space", "free some space or choose another place")
+_QUOTA = getattr(errno, "EDQUOT", errno.ENOSPC)  # which Windows has not
 # By the operating system's code: what is wrong, the remedy for a file to read, and for one to write.
 _REASONS = {
-    errno.ENOENT: ("there is no such file or folder", "check its name", "choose another place"),
+    errno.ENOENT: ("there is no such file or folder", "check its name", "make its folder first"),
     errno.EISDIR: ("it is a folder", "give a file", "give a file"),
     errno.ENOTDIR: ("a part of its path is a file, not a folder", "check the path", "check the path"),
-    errno.EACCES: _DENIED, errno.EPERM: _DENIED, errno.EROFS: _DENIED, errno.ENOSPC: _FULL,
+    errno.EACCES: _DENIED, errno.EPERM: _DENIED, errno.EROFS: _DENIED, _QUOTA: _FULL, errno.ENOSPC: _FULL,
+    errno.EFBIG: ("it would be larger than files may be here", "give another file",
+                  "choose another place, or see ulimit -f"),
     errno.ENAMETOOLONG: ("the name is too long", "check its name", "choose a shorter one"),
 }
 

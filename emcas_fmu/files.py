@@ -5,11 +5,8 @@ from __future__ import annotations
 import os
 import stat
 import tempfile
-import zipfile
-from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from platformdirs import user_cache_path
 
@@ -17,7 +14,6 @@ from .errors import in_words
 from .progress import warn
 
 _LIBRARY = 2_000_000  # bytes: a compiled library is smaller
-_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date a ZIP archive can hold
 
 
 def models_directory() -> Path:
@@ -58,26 +54,6 @@ def cache_directory() -> Path:
         folder = _private(mine)
         warn(f"{in_words(error)}; {folder} is used instead")
         return folder
-
-
-def write_zip(contents: Mapping[str, bytes], target: Path, order: Callable[[str], Any], executable: str = "") -> None:
-    """Write files to a ZIP archive, whole or not at all, with the same bytes for the same contents.
-
-    They stand in the `order` of a sort key of their names; those whose names begin with `executable` may be run.
-    Raises OSError.
-    """
-    partial = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        with zipfile.ZipFile(partial, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
-            for name in sorted(contents, key=order):
-                info = zipfile.ZipInfo(name, _EPOCH)
-                info.compress_type = zipfile.ZIP_DEFLATED
-                info.create_system = 3
-                info.external_attr = (0o755 if executable and name.startswith(executable) else 0o644) << 16
-                archive.writestr(info, contents[name])
-        partial.replace(target)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _private(folder: Path) -> Path:

@@ -28,6 +28,7 @@ from .ops.floats import FLOATS
 from .rules import SHARES, Check, Rule, check_ranges, check_rules
 from .units import describe, quantity
 from .variables import Variable
+from .writing import write
 
 Value = float | int | bool
 
@@ -496,7 +497,7 @@ def write_parameters(parameters: ParameterSet, path: Path, comments: Iterable[st
             lines.append(_entry_line(array, entries))
         else:
             lines += [_entry_line(json.dumps(e.variable.name), [e]) for e in changed]
-    path.write_text("\n".join([*lines, ""]), encoding="utf-8", newline="\n")
+    write(path, "\n".join([*lines, ""]))
 
 
 def _entry_line(key: str, entries: Sequence[Entry]) -> str:

@@ -26,6 +26,7 @@ from matplotlib.figure import Figure
 from .curves import INK as INK
 from .curves import curves
 from .errors import EmcasError
+from .writing import whole
 
 # Okabe & Ito (2008), "Color universal design": distinguishable with every common colour blindness. Black and
 # yellow are left out, they vanish on a dark or a light page.
@@ -150,7 +151,8 @@ def legend_above(axes: Axes, columns: int = 6, **more: Any) -> None:
 def write(drawn: Figure, path: Path) -> None:
     """Write a figure of `style()` as ``.svg``, ``.png`` or ``.pdf``. Raises EmcasError for other endings."""
     check_ending(path)
-    drawn.savefig(path, dpi=150, facecolor="white")
+    with whole(path) as file:
+        drawn.savefig(file, format=path.suffix[1:], dpi=150, facecolor="white")
 
 
 def check_ending(path: Path | None) -> None:

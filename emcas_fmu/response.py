@@ -23,7 +23,7 @@ from .bench.excitation import COMMAND, Excitation
 from .bench.provenance import conditions
 from .bench.subject import Columns, Run
 from .bench.writers import number, write_page
-from .errors import EmcasError, hint, writing
+from .errors import EmcasError, hint
 from .fmi.interface import MIXING, FmuInterface
 from .ops.floats import FLOATS
 from .parameters import ParameterSet
@@ -32,6 +32,7 @@ from .plots import COMMAND as COMMAND_LINE
 from .simulation import Array
 from .units import UnitError, convert
 from .variables import Variable
+from .writing import whole
 
 if TYPE_CHECKING:
     import pandas
@@ -186,8 +187,8 @@ class Response:
         Raises EmcasError for a file that cannot be written.
         """
         names = ["time", *(name for name in self._every if name != "time")]
-        with writing(path):
-            np.savetxt(path, np.column_stack([self._every[name] for name in names]), fmt="%.17g", delimiter=",",
+        with whole(path) as file:
+            np.savetxt(file, np.column_stack([self._every[name] for name in names]), fmt="%.17g", delimiter=",",
                        comments="", header=",".join(names))
 
     def to_dataframe(self) -> pandas.DataFrame:
@@ -209,8 +210,7 @@ class Response:
         with style():
             drawn = draw(self)
             if path is not None:
-                with writing(path):
-                    self._write(drawn, Path(path))
+                self._write(drawn, Path(path))
         return drawn
 
     def _write(self, drawn: Figure, path: Path) -> None:

@@ -18,6 +18,7 @@ from junitparser import Failure, JUnitXml, Skipped, TestCase, TestSuite
 from markupsafe import Markup
 
 from .. import __version__
+from ..writing import whole, write
 from .provenance import Source, made
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def plain(value: Any) -> Any:
 def write_json(document: Mapping[str, Any], path: Path) -> None:
     """Write a document; the same document gives the same bytes."""
     text = json.dumps(plain(document), indent=1, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8", newline="\n")
+    write(path, text + "\n")
 
 
 def junit_case(name: str, classname: str, failed: str = "", skipped: str = "", kind: str = "limit missed",
@@ -65,7 +66,8 @@ def write_junit(name: str, suites: Mapping[str, Iterable[TestCase]], path: Path)
         suite.add_testcases(list(cases))
         document.add_testsuite(suite)
     document.update_statistics()  # type: ignore[no-untyped-call]
-    document.write(str(path), pretty=True)
+    with whole(path) as file:
+        document.write(file, pretty=True)
 
 
 def rounded(value: float, form: str) -> str:
@@ -151,7 +153,7 @@ def write_page(path: Path, template: str, of: Iterable[ParameterSet | Identifica
     """
     how = made(*of)
     text = page(template, made=replace(how, date=date) if date else how, **context)
-    path.write_text(text, encoding="utf-8", newline="\n")
+    write(path, text)
 
 
 def outlined(body: str) -> str:

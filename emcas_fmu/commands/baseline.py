@@ -116,12 +116,6 @@ def check(
             result = compare(read(baseline, opened.model), opened, baseline, stepper(progress, "check"))
         which = [*([as_given(subject)] if subject else []), *([] if model is None else ["--model", model])]
         advice = remedy(result, shlex.join([*which, *parameter_arguments(parameters)]), str(baseline))
-        # A log has no width of its own, and a folded table is hard to read there.
-        console = out if out.is_terminal else Console(width=_LOG_WIDTH)
-        for part in summary(result, everything):
-            console.print(part, highlight=False)
-        if not result.passed:
-            out.print(escape(advice), highlight=False, soft_wrap=True)
         if as_json:
             write_json(as_dict(result), as_json)
         if junit:
@@ -132,5 +126,10 @@ def check(
             from ..studies.baseline.output import write_report
 
             write_report(result, advice, report)
+    # A log has no width of its own, and a folded table is hard to read there.
+    console = out if out.is_terminal else Console(width=_LOG_WIDTH)
+    for part in summary(result, everything):
+        console.print(part, highlight=False)
     if not result.passed:
+        out.print(escape(advice), highlight=False, soft_wrap=True)
         raise typer.Exit(1)

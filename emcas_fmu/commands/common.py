@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import date as calendar
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -20,6 +19,7 @@ from ..actuators import EXTENSIONS, NAMES, NONLINEAR
 from ..errors import EmcasError, in_words, writing
 from ..files import as_given
 from ..progress import LOG, Progress
+from ..writing import try_file, try_folder
 
 if TYPE_CHECKING:
     from ..bench.subject import Subject
@@ -191,16 +191,15 @@ def check_outputs(*files: Path | None, folders: Iterable[Path] = (), inputs: Ite
         place = next(above for above in (folder, *folder.parents) if above.exists())
         if not place.is_dir():
             raise EmcasError(f"{place}: is a file; give a folder to write to")
-        with writing(folder), TemporaryFile(dir=place):
-            pass
+        try_folder(place, folder)
     read = [path.resolve() for path in inputs if path is not None]
     taken: set[Path] = set()
     for path in filter(None, files):
         with writing(path):
-            target, exists = path.resolve(), path.exists()
+            target = path.resolve()
             if path.is_dir():
                 raise EmcasError(f"{path}: is a folder; give a file to write to")
-            if exists and not path.is_file():  # the terminal, a pipe
+            if path.exists() and not path.is_file():  # the terminal, a pipe
                 continue
             if any(target == source or (source.is_dir() and source in target.parents) for source in read):
                 raise EmcasError(f"{path}: is read by this command and would be overwritten; write to another file")
@@ -211,10 +210,7 @@ def check_outputs(*files: Path | None, folders: Iterable[Path] = (), inputs: Ite
                 if target.parent in made:
                     continue
                 raise EmcasError(f"{path}: there is no folder {path.parent}; make it first")
-            with path.open("ab"):
-                pass
-            if not exists:
-                target.unlink()
+        try_file(path)
 
 
 def progress_bar() -> Bars:

@@ -10,6 +10,7 @@ import typer
 from rich.table import Table
 
 from ..errors import EmcasError
+from ..writing import whole
 from .common import (
     ModelOption,
     ParametersOption,
@@ -83,8 +84,9 @@ def _write_csv(e: Envelope, path: Path) -> None:
     columns = {"motor_speed": e.speed, **{name: curve.torque for name, curve in e.curves.items()}}
     for name, curve in e.curves.items():
         columns |= {f"{name}.{cause}": torque for cause, torque in curve.limits.items()}
-    np.savetxt(path, np.column_stack(list(columns.values())), fmt="%.17g", delimiter=",", header=",".join(columns),
-               comments="")
+    with whole(path) as file:
+        np.savetxt(file, np.column_stack(list(columns.values())), fmt="%.17g", delimiter=",", header=",".join(columns),
+                   comments="")
 
 
 def _table(e: Envelope) -> Table:

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib import import_module
 from importlib.resources import files
-from typing import Any, cast
+from typing import Any, TextIO, cast
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
+
+from ..errors import unwritable
+
+UNREAD = 141
+"""Exit code of a command whose output nobody reads to its end, as a shell has it of any program."""
 
 # What `emcas --help` lists, by the panels it stands in and in their order. A command is the module here of its name,
 # whose docstring begins with what is listed; in it the function of that name with its EPILOG, or an `app` of several.
@@ -51,6 +59,60 @@ def without_types(command: Any) -> Any:
     return command
 
 
+class _Printed:
+    """Standard output that ends the program where it cannot be written: with a line, or quietly where nobody reads it
+    any more. An OSError would look like one of a file, and the libraries that print do not agree on what to do with it.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+    def write(self, text: str) -> int:
+        """Write as the stream does. Raises SystemExit."""
+        with self._ending():
+            return self.stream.write(text)
+
+    def flush(self) -> None:
+        """Have it all written. Raises SystemExit."""
+        with self._ending():
+            self.stream.flush()
+
+    @contextmanager
+    def _ending(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            nowhere = os.open(os.devnull, os.O_WRONLY)  # for what the interpreter has left to write when it ends
+            os.dup2(nowhere, self.stream.fileno())
+            os.close(nowhere)
+            if isinstance(error, BrokenPipeError):
+                raise SystemExit(UNREAD) from error
+            print(f"error: {unwritable('standard output', error)}", file=sys.stderr)
+            raise SystemExit(2) from error
+
+
+@contextmanager
+def printing() -> Iterator[None]:
+    """Let a command end with a line and exit code 2, not with a traceback, where what it prints cannot be written."""
+    stream = sys.stdout
+    if stream is None:  # the shell has closed it
+        yield
+        return
+    sys.stdout = cast(TextIO, _Printed(stream))
+    try:
+        yield
+    except SystemExit:
+        sys.stdout.flush()
+        raise
+    else:
+        sys.stdout.flush()
+    finally:
+        sys.stdout = stream
+
+
 class _Loaded(Mapping[str, Any]):
     """Commands by name, each imported when it is asked for."""
 
@@ -78,6 +140,11 @@ class LazyGroup(TyperGroup):
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
         self.commands = cast(Any, _Loaded())
+
+    def main(self, *args: Any, **named: Any) -> Any:
+        """Run a command, and end with a line where what it prints cannot be written."""
+        with printing():
+            return super().main(*args, **named)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Keep the arguments as they were given, for as long as the command runs: pages say how they were made."""

@@ -12,6 +12,7 @@ from rich.markup import escape
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
 from ..parameters import load_parameters
+from ..writing import write_folder
 from . import common
 
 EPILOG = ("Examples:\n\n  emcas init my_actuator\n\n  emcas init my_actuator --model electrohydrostatic"
@@ -34,14 +35,11 @@ def init(
     with common.failures():
         base = load_parameters(model=model)
         files = starter_files(base)
-        paths = {folder / name: text for name, text in files.items()}
+        paths = [folder / name for name in files]
         common.check_outputs(folders=(folder,))
         if (there := [str(path) for path in paths if path.exists()]) and not force:
             raise EmcasError(f"{', '.join(there)}: there already; give another folder, or --force to write over them")
-        folder.mkdir(parents=True, exist_ok=True)
-        common.check_outputs(*paths)
-        for path, text in paths.items():
-            path.write_text(text, encoding="utf-8", newline="\n")
+        write_folder(folder, files)
     common.print_written(*paths)
     first = commands(base, files)[0][0]
     go = "" if folder.resolve() == Path().resolve() else f"cd {shlex.quote(str(folder))} && "

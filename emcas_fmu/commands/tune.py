@@ -64,9 +64,6 @@ def tune(
         except KeyboardInterrupt:
             common.err.print("stopped before there were gains to write")
             raise typer.Exit(common.INTERRUPTED) from None
-        common.out.print(summary(result))
-        for line in filter(None, (verdict(result), objectives(result), at_bounds(result))):
-            common.out.print(line, highlight=False, soft_wrap=True)
         command = shlex.join([
             "emcas", "tune", *([str(study)] if study else []), *common.parameter_arguments(parameters),
             *([] if model == NONLINEAR else ["--model", model]), "--seed", str(seed), "--generations",
@@ -77,6 +74,9 @@ def tune(
             write_json(result, as_json, command)
         if report:
             write_report(result, report, (pareto[0], pareto[1]) if pareto else None)
+    common.out.print(summary(result))
+    for line in filter(None, (verdict(result), objectives(result), at_bounds(result))):
+        common.out.print(line, highlight=False, soft_wrap=True)
     common.out.print(f"{len(result.evaluated)} evaluations", highlight=False)
     common.print_written(output, as_json, report, journal)
     if result.stopped:

@@ -46,10 +46,10 @@ def validate(
         common.check_outputs(as_json, junit, report, inputs=(article, directory))
         with common.progress_bar() as progress, common.open_subject(article, model, fin) as subject:
             result = run(subject, case, directory, common.stepper(progress, "validate"), inside)
-        for part in summary(result):
-            common.out.print(part, highlight=False)
         for path, write in ((as_json, write_json), (junit, write_junit), (report, write_report)):
             if path:
                 write(result, path)
+    for part in summary(result):
+        common.out.print(part, highlight=False)
     if not (result.passed or result.unjudged):
         raise typer.Exit(1)

@@ -10,10 +10,10 @@ from typing import Any
 from uuid import UUID
 
 from .. import __version__
-from ..errors import BuildError, unwritable
-from ..files import write_zip
+from ..errors import BuildError
 from ..parameters import ParameterSet, require_set
 from ..progress import Progress
+from ..writing import write_zip
 from . import native, python
 from .description import about, terminals_and_icons, to_bytes
 from .documentation import documents
@@ -116,10 +116,7 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     contents, guid, built_for = _contents(unit, sets, backend, platforms, cc, progress, chosen)
     carried, doubts = reference_files(unit, sets, chosen, progress) if references else ({}, ())
     contents.update(carried)
-    try:
-        # modelDescription.xml first: readers that stream find it at once.
-        write_zip(contents, output, lambda name: (name != "modelDescription.xml", name), "binaries/")
-    except OSError as error:
-        raise BuildError(unwritable(output, error)) from error
+    # modelDescription.xml first: readers that stream find it at once.
+    write_zip(contents, output, lambda name: (name != "modelDescription.xml", name), "binaries/")
     warnings = dict.fromkeys((*(warning for p in sets for warning in p.warnings), *doubts))
     return Built(output, output.stat().st_size, guid, built_for, tuple(warnings))

@@ -7,14 +7,15 @@ import json
 from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 
 import scipy
 
 from .. import __version__
 from ..actuators import NONLINEAR, get
+from ..errors import EmcasError
 from ..files import cache_directory, models_directory
 from ..parameters import ParameterSet
+from ..writing import write
 from . import files, stored
 from .cases import Case
 from .plant import Value
@@ -76,14 +77,12 @@ def _place(model: str, values: Mapping[str, Value], inputs: Mapping[str, Array])
 
 
 def _keep(path: Path, columns: Mapping[str, Array]) -> None:
-    """Write a response whole or not at all, and let the oldest go; a cache that cannot be written is none."""
+    """Write a response, and let the oldest go; a cache that cannot be written is none."""
     try:
         path.parent.mkdir(exist_ok=True)
-        with NamedTemporaryFile("w", dir=path.parent, delete=False, encoding="utf-8") as partial:
-            partial.write(files.csv_text(columns, _EXACT))
-        Path(partial.name).replace(path)
+        write(path, files.csv_text(columns, _EXACT))
         by_age = sorted(path.parent.glob("*.csv"), key=lambda each: each.stat().st_mtime)
         for old in by_age[:-_KEPT]:
             old.unlink(missing_ok=True)
-    except OSError:
+    except (EmcasError, OSError):
         return

@@ -10,14 +10,14 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 from typing import Any
 
 from ..actuators import NAMES, NONLINEAR, parts
 from ..compiler import FLAGS, Compiler, CompilerError, Platform, local_compilers, local_platform
-from ..errors import EmcasError, in_words, writing
+from ..errors import EmcasError, in_words
 from ..files import cache_directory
 from ..progress import LOG, warn
+from ..writing import write
 from .c_sources import batch_sources, vector_sources
 
 # By the actuators that a vector holds. No host's traps are on in Python, which is what FLAGS think of, and zig.
@@ -175,22 +175,10 @@ def _compile(compiler: Compiler, target: Platform, described: str, model: str, l
     content = compiler.library(sources, next(iter(sources)), target, "kernel", _VECTOR_FLAGS.get(lanes, ()))
     name = f"kernel_{_label(model)}_{described}_{hashlib.sha256(content).hexdigest()[:16]}{target.suffix}"
     try:
-        folder = cache_directory()
+        path = cache_directory() / name
     except OSError as error:
         raise EmcasError(in_words(error)) from error
-    with writing(folder):
-        return _keep(folder / name, content)
-
-
-def _keep(path: Path, content: bytes) -> Path:
-    """Write a library whole or not at all, whoever else is compiling. Raises OSError."""
-    with NamedTemporaryFile(dir=path.parent, delete=False) as partial:
-        try:
-            partial.write(content)
-            partial.close()
-            Path(partial.name).replace(path)
-        finally:
-            Path(partial.name).unlink(missing_ok=True)
+    write(path, content)
     return path
 
 

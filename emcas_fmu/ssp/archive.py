@@ -7,8 +7,8 @@ import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
-from ..errors import EmcasError, unreadable, unwritable
-from ..files import write_zip
+from ..errors import EmcasError, unreadable
+from ..writing import write_zip
 from .schema import DEFAULT, SspError
 
 
@@ -59,8 +59,5 @@ def file_content(path: Path) -> bytes:
 
 
 def write_archive(contents: Mapping[str, bytes], target: Path) -> None:
-    """Write files to a ZIP archive, whole or not at all. Raises SspError if that cannot be done."""
-    try:
-        write_zip(contents, target, lambda name: (name != DEFAULT, "/" in name, name))
-    except OSError as error:
-        raise SspError(unwritable(target, error)) from error
+    """Write files to a ZIP archive. Raises EmcasError if that cannot be done."""
+    write_zip(contents, target, lambda name: (name != DEFAULT, "/" in name, name))

@@ -7,7 +7,6 @@ OMSimulator, which refuses any other prefix, so that these cannot be hidden from
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from ..fmi.interface import FmuInterface, fin_sets
 from ..fmi.package import build
 from ..parameters import Value, load_parameters
 from ..progress import Progress
+from ..writing import write
 from .archive import file_content, write_archive
 from .border import wires
 from .check import check
@@ -86,15 +86,13 @@ def write_ssp(output: Path, fmu: Path | None = None, parameters: Sequence[Path] 
             connectors={wire.outer: wire.variable for wire in outside},
             enumerations={v.name: v for v in variables if v.items}.values(), units=fmi_units(variables),
             stop=STOP_TIME, step=STEP_SIZE)
-    partial = output.with_name(f".{output.stem}.{os.getpid()}.ssp")
-    try:
-        write_archive(contents, partial)
-        report = check(partial, interface.guid, model=base.model)
+    with TemporaryDirectory() as folder:
+        checked = Path(folder) / output.name
+        write_archive(contents, checked)
+        report = check(checked, interface.guid, model=base.model)
         if report.errors:
             raise SspError("\n".join(["what was to be written does not pass the check:", *map(str, report.errors)]))
-        partial.replace(output)
-    finally:
-        partial.unlink(missing_ok=True)
+        write(output, checked.read_bytes())
     warnings = tuple(dict.fromkeys(warning for v in variants for fin in v.fins for warning in fin.warnings))
     return Written(output, interface.guid, tuple(v.name for v in variants), tuple(left_out), warnings, report)
 

@@ -12,6 +12,7 @@ from junitparser import TestCase
 
 from ... import __version__, plots
 from ...bench import writers
+from ...writing import append
 from .model import SCHEMA as BASELINE
 from .model import output_units
 from .study import Comparison
@@ -53,8 +54,7 @@ def _tests(comparison: Comparison, case: str) -> Iterator[TestCase]:
 
 def append_markdown(comparison: Comparison, remedy: str, path: Path, everything: bool = False) -> None:
     """Append a section; to a file, as the summary of a job is one that several steps write to."""
-    with path.open("a", encoding="utf-8", newline="\n") as file:
-        file.write("\n".join(_markdown(comparison, remedy, everything)) + "\n\n")
+    append(path, "\n".join(_markdown(comparison, remedy, everything)) + "\n\n")
 
 
 def _markdown(comparison: Comparison, remedy: str, everything: bool) -> Iterator[str]:

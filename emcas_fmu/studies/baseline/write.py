@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
+from io import BytesIO
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import numpy as np
 from ...actuators import NONLINEAR, get
 from ...parameters import load_parameters
 from ...variables import Variable
+from ...writing import write_folder
 from .model import DIGITS, FILE, NEVER, SCHEMA, Baseline, Case, Limit, output_units, start_entries, unit_of
 
 # Units in which a case keeps its numbers, in the order they are written.
@@ -24,20 +26,18 @@ _HEAD = """# The approved response of an actuator. Limits and cases may be edite
 
 
 def write(baseline: Baseline, folder: Path) -> list[Path]:
-    """Write the files of a baseline, and give them. Raises OSError."""
-    folder.mkdir(parents=True, exist_ok=True)
-    files, units = [folder / FILE], output_units(baseline.model)
+    """Write the files of a baseline, all of them or none, and give them. Raises EmcasError."""
+    units, files = output_units(baseline.model), dict[str, str | bytes]()
     for name, traces in baseline.traces.items():
-        files.append(folder / f"{name}.csv")
-        columns = np.column_stack(list(traces.values()))
+        table, columns = BytesIO(), np.column_stack(list(traces.values()))
         times = np.arange(len(columns)) * baseline.limits.sample_time
-        with files[-1].open("w", encoding="utf-8", newline="\n") as file:
-            # No zero has a sign.
-            np.savetxt(file, np.column_stack([times, columns]) + 0.0, f"%.{DIGITS}g", ",", comments="",
-                       header=",".join(["time [s]", *(f"{output} [{units[output]}]" for output in traces)]))
+        # No zero has a sign.
+        np.savetxt(table, np.column_stack([times, columns]) + 0.0, f"%.{DIGITS}g", ",", comments="",
+                   header=",".join(["time [s]", *(f"{output} [{units[output]}]" for output in traces)]))
+        files[f"{name}.csv"] = table.getvalue()
     # Last, so that a folder with trajectories only is seen to be unfinished.
-    files[0].write_text("\n".join(_document(baseline)) + "\n", encoding="utf-8", newline="\n")
-    return files
+    files[FILE] = "\n".join(_document(baseline)) + "\n"
+    return write_folder(folder, files)
 
 
 def _document(baseline: Baseline) -> Iterator[str]:

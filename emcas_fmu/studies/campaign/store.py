@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ... import __version__
 from ...actuators import NONLINEAR
+from ...writing import PARTIAL, write
 from .distributions import CampaignError
 from .sample import Rows, columns, observed
 from .study import Study
@@ -68,14 +69,14 @@ class Store:
 
     def _begin(self, manifest: Path) -> None:
         for place in (self.folder, self._parts_folder):
-            for left in place.glob(".*.partial"):  # was being written when a run was killed
+            for left in place.glob(f".*{PARTIAL}"):  # was being written when a run was killed
                 left.unlink()
         if manifest.is_file():
             _check_same(manifest, self._identity)
             return
         self._parts_folder.mkdir(exist_ok=True)
         text = json.dumps({**self._identity, "text": self._study.text}, indent=1)
-        _whole(manifest, (text + "\n").encode())
+        write(manifest, text + "\n")
 
     def close(self) -> None:
         """Let another run write here."""
@@ -104,7 +105,9 @@ class Store:
         # Figures hardly repeat, and nobody searches them by range: dictionaries and statistics would only cost.
         pq.write_table(pa.Table.from_pydict(rows, self._schema), sink, compression="zstd",
                        use_dictionary=["status", "error"], write_statistics=["index"])
-        return _whole(self._parts_folder / name, sink.getvalue())
+        part = self._parts_folder / name
+        write(part, sink.getvalue().to_pybytes())
+        return part
 
     def table(self) -> pa.Table:
         """Return all rows there are, by index, each once."""
@@ -132,24 +135,14 @@ def _locked(folder: Path) -> FileLock:
         raise CampaignError(f"another run ({holder or 'pid unknown'}) writes to {folder}; wait for it, or name another "
                             "folder with --output") from error
     # Beside the lock: the locked file itself cannot be read on every system.
-    owner.write_text(f"pid {os.getpid()} on {platform.node()}", encoding="utf-8")
+    write(owner, f"pid {os.getpid()} on {platform.node()}")
     return lock
 
 
 def _unused(folder: Path) -> bool:
     """Return whether there is nothing in a folder but what a run that was killed before its first sample leaves."""
-    return all(path.name in (PARTS, LOCK, OWNER) or path.suffix == ".partial" for path in folder.iterdir()) and not any(
+    return all(path.name in (PARTS, LOCK, OWNER) or path.suffix == PARTIAL for path in folder.iterdir()) and not any(
         (folder / PARTS).glob("*"))
-
-
-def _whole(path: Path, content: Any) -> Path:
-    """Write a file that is there whole or not at all, whenever this process or the machine stops."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    with partial.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    return partial.replace(path)
 
 
 def _schema(study: Study) -> pa.Schema:

@@ -31,6 +31,7 @@ from ...runtime.c_sources import MOST_NUMBERS, batch_sources, handwritten
 from ...runtime.compiled import REASONS
 from ...units import factor
 from ...variables import Variable
+from ...writing import write as write_file
 
 _HERE = "emcas_fmu.studies.explore"
 _MAIN = "explore.c"
@@ -216,5 +217,4 @@ def render(parameters: ParameterSet, inputs: Mapping[str, float], about: About) 
 
 def write(path: Path, parameters: ParameterSet, inputs: Mapping[str, float], about: About) -> int:
     """Write the page, and return its size [bytes]. Raises CompilerError."""
-    text = render(parameters, inputs, about)
-    return path.write_text(text, encoding="utf-8", newline="\n")
+    return write_file(path, render(parameters, inputs, about))

@@ -10,6 +10,7 @@ from math import isnan
 from pathlib import Path
 
 from ...bench.subject import ParameterSubject
+from ...writing import append, write
 from .measure import measure
 from .study import Requirement, Study, StudyError
 
@@ -118,7 +119,7 @@ class Journal:
         lines = text.splitlines(keepends=True)
         whole = [line for line in lines if line.endswith("\n")]
         if not whole:
-            path.write_text(json.dumps(header) + "\n", encoding="utf-8")
+            write(path, json.dumps(header) + "\n")
             return
         try:
             if json.loads(whole[0]) != header:
@@ -128,7 +129,7 @@ class Journal:
         except (ValueError, KeyError, TypeError) as error:
             raise StudyError(f"{path}: is no journal: {error}") from error
         if len(whole) < len(lines):
-            path.write_text("".join(whole), encoding="utf-8")
+            write(path, "".join(whole))
 
     def find(self, gains: Mapping[str, float]) -> Evaluation | None:
         """Return the evaluation of these very gains, if it was made."""
@@ -143,8 +144,7 @@ class Journal:
                 lines.append(json.dumps({"gains": evaluation.gains, "judgements": [
                     [j.requirement, j.case, j.measured, j.share] for j in evaluation.judgements]}) + "\n")
         if self.path is not None and lines:
-            with self.path.open("a", encoding="utf-8") as file:
-                file.writelines(lines)
+            append(self.path, "".join(lines))
 
     def _add(self, evaluation: Evaluation) -> None:
         self._evaluations[tuple(evaluation.gains.values())] = evaluation
