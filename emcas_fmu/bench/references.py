@@ -49,7 +49,11 @@ def carried(unit: Path, file: Path, names: Mapping[str, str], model: str) -> tup
 def _stored(experiment: Element, path: Callable[[Element | None], Path], single: Mapping[str, str], model: str,
             independent: bool) -> Stored:
     def columns(tag: str, *needed: str) -> dict[str, Any]:
-        table = dict(_scalars(files.read_csv(path(experiment.find(tag)))))
+        file = path(experiment.find(tag))
+        try:
+            table = dict(_scalars(files.read_csv(file)))
+        except ValueError as error:
+            raise ValueError(f"{file.name}: {error}") from error
         chosen = {single[name]: column for name, column in table.items() if name in single}
         return {name: chosen[name] for name in (*needed, *chosen)}
 

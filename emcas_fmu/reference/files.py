@@ -24,10 +24,11 @@ import scipy
 
 from ..actuators import NONLINEAR, get
 from ..actuators.external import load_module
-from ..errors import EmcasError
+from ..errors import EmcasError, unreadable
 from ..parameters import ParameterSet, load_parameters
 from ..progress import Progress, silent
 from ..toml import tomllib
+from ..writing import write_folder
 from .cases import CASES, SIGNIFICANT_DIGITS, SUPPLY, Case, with_supply
 from .plant import Value
 from .simulate import MAX_STEP, RTOL, SCALES, Array
@@ -39,6 +40,8 @@ Simulate = Callable[[Mapping[str, Value], Mapping[str, Array]], Mapping[str, Arr
 
 # Of an output's nominal value, where the table below says nothing: what an integrator of that accuracy leaves.
 _RELATIVE = 1e-6
+# What a column may hold: nothing of an actuator comes near it, and squares of it and their sums are still finite.
+_LARGEST = 1e100
 # How far a recomputed response may lie from the stored one.  Both carry the integration error: tightening
 # rtol tenfold moves no case by more than 1e-10 of a variable's range.  Storing nine digits adds half a unit
 # in the ninth, at most 5e-9 of the range.  What is left is room for another libm, yet a hundred times less
@@ -111,9 +114,27 @@ class Difference(NamedTuple):
     tolerance: float
 
 
+def file_of(case: str, suffix: str) -> str:
+    """Return the name of one file of the triple; `suffix` is `in.csv`, `ref.csv` or `ref.opt`."""
+    return f"EMCAS_{case}_{suffix}"
+
+
 def path_of(directory: Path, case: str, suffix: str) -> Path:
-    """Return path of one file of the triple; `suffix` is `in.csv`, `ref.csv` or `ref.opt`."""
-    return directory / f"EMCAS_{case}_{suffix}"
+    """Return the path of one file of the triple."""
+    return directory / file_of(case, suffix)
+
+
+def read_table(directory: Path, case: str, suffix: str) -> dict[str, Array]:
+    """Return the columns of one of the two tables of a case. Raises EmcasError, naming file and column."""
+    path = path_of(directory, case, suffix)
+    try:
+        return read_csv(path)
+    except FileNotFoundError as error:
+        raise EmcasError(f"{path}: is missing; {remedy(directory)}") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise EmcasError(unreadable(path, error)) from error
+    except ValueError as error:
+        raise EmcasError(f"{path}: {error}; {remedy(directory)}") from error
 
 
 def csv_text(columns: Mapping[str, Array], digits: int = SIGNIFICANT_DIGITS) -> str:
@@ -130,48 +151,62 @@ def csv_text(columns: Mapping[str, Array], digits: int = SIGNIFICANT_DIGITS) -> 
     return "\n".join([",".join(columns), *lines, ""])
 
 
-def write_csv(path: Path, columns: Mapping[str, Array]) -> None:
-    """Write columns as `csv_text` has them: nine significant digits."""
-    path.write_text(csv_text(columns), encoding="utf-8", newline="\n")
-
-
 def read_csv(path: Path) -> dict[str, Array]:
-    """Return the columns of a file `write_csv` has written; those of an array have two dimensions."""
-    header, *rows = path.read_text("utf-8").splitlines()
+    """Return the columns of a file that holds what `csv_text` gives; those of an array have two dimensions.
+
+    Raises ValueError, naming the column where one is wrong.
+    """
+    header, *rows = path.read_text("utf-8").splitlines() or [""]
+    names = header.split(",")
+    if not rows:
+        raise ValueError("it has no rows")
     table = np.loadtxt((row.replace(" ", ",") for row in rows), delimiter=",", ndmin=2).T
     ends = np.cumsum([len(cell.split()) for cell in rows[0].split(",")])
-    return {name: part[0] if len(part) == 1 else part.T
-            for name, part in zip(header.split(","), np.split(table, ends[:-1]), strict=True)}
+    if len(ends) != len(names) or ends[-1] != len(table):
+        raise ValueError(f"its rows have not as many numbers as its header has names, {len(names)}")
+    columns = {name: part[0] if len(part) == 1 else part.T
+               for name, part in zip(names, np.split(table, ends[:-1]), strict=True)}
+    for name, column in columns.items():
+        if len(odd := column[~(np.abs(column) <= _LARGEST)]):
+            raise ValueError(f"column {name} has {odd[0]:g}; expected numbers of at most {_LARGEST:g}")
+    return columns
 
 
 def read_provenance(directory: Path) -> dict[str, Any]:
-    """Return the parsed `provenance.toml`; empty when there is none."""
+    """Return the parsed `provenance.toml`; empty when there is none. Raises EmcasError."""
     path = directory / PROVENANCE
-    return tomllib.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    except ValueError as error:
+        raise EmcasError(f"{path}: cannot be read ({error}); {remedy(directory)}") from error
+
+
+def remedy(directory: Path) -> str:
+    """Return what to do about reference files that are missing or damaged."""
+    return f"make the reference files with `emcas reference --directory {directory}`"
 
 
 def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Progress = silent,
                parameters: ParameterSet | None = None) -> None:
-    """Compute the named cases (default all) and write their files and provenance into `directory`.
+    """Compute the named cases (default all), and write the files of all of them and the provenance into `directory`.
 
-    Without `parameters` the default set is used. Raises EmcasError for an actuator without an independent reference.
+    Nothing is written before all are computed. Without `parameters` the default set is used. Raises EmcasError for an
+    actuator without an independent reference.
     """
     chosen = parameters or load_parameters()
     simulate = simulator(chosen.model)
-    directory.mkdir(parents=True, exist_ok=True)
-    provenance = read_provenance(directory)
+    provenance = read_provenance(directory) if names else {}
+    contents: dict[str, str | bytes] = {}
     for case in _chosen(names, chosen, progress):
         values = {**chosen.values, **case.overrides}
         inputs = case.inputs()
-        write_csv(path_of(directory, case.name, "in.csv"), inputs)
-        write_csv(path_of(directory, case.name, "ref.csv"), simulate(values, inputs))
+        tables = {"in": csv_text(inputs), "ref": csv_text(simulate(values, inputs))}
         options = {"StartTime": 0.0, "StopTime": case.stop_time, "StepSize": case.step, "RelTol": RTOL}
-        text = "".join(f"{name}, {value:g}\n" for name, value in options.items())
-        path_of(directory, case.name, "ref.opt").write_text(text, encoding="utf-8", newline="\n")
-        provenance[case.name] = _provenance(case, directory, values, chosen.model)
-        # After every case, so that an interrupted run leaves a record of what it wrote.
-        text = "\n".join(_table(one.name, provenance[one.name]) for one in CASES if one.name in provenance)
-        (directory / PROVENANCE).write_text(text, encoding="utf-8", newline="\n")
+        contents |= {file_of(case.name, f"{kind}.csv"): text for kind, text in tables.items()}
+        contents[file_of(case.name, "ref.opt")] = "".join(f"{name}, {value:g}\n" for name, value in options.items())
+        provenance[case.name] = _provenance(case, tables, values, chosen.model)
+    contents[PROVENANCE] = "\n".join(_table(one.name, provenance[one.name]) for one in CASES if one.name in provenance)
+    write_folder(directory, contents)
 
 
 def compare(directory: Path, names: Sequence[str] | None = None, progress: Progress = silent,
@@ -189,10 +224,7 @@ def compare(directory: Path, names: Sequence[str] | None = None, progress: Progr
         result = simulate({**chosen.values, **case.overrides}, inputs)
         allowed = {name: TOLERANCES.get(name, _RELATIVE * nominal.get(name, 0.0)) for name in result}
         for columns, suffix, tolerances in ((inputs, "in.csv", {}), (result, "ref.csv", allowed)):
-            path = path_of(directory, case.name, suffix)
-            if not path.is_file():
-                raise EmcasError(f"{path}: is missing; make it with `emcas reference --directory {directory}`")
-            stored = read_csv(path)
+            stored = read_table(directory, case.name, suffix)
             # Inputs are rounded before they are used and have to be the same numbers.
             for name, column in columns.items():
                 maximum = _distance(column, stored.get(name))
@@ -244,7 +276,7 @@ def _method(model: str) -> dict[str, Any]:
             "absolute_tolerances": (RTOL * SCALES).tolist(), "maximum_step": MAX_STEP}
 
 
-def _provenance(case: Case, directory: Path, values: Mapping[str, Value], model: str) -> dict[str, Any]:
+def _provenance(case: Case, tables: Mapping[str, str], values: Mapping[str, Value], model: str) -> dict[str, Any]:
     return {
         **{name: getattr(case, name) for name in ("title", "kind", "amplitude", "stop_time", "step")},
         "command": "emcas reference",
@@ -253,8 +285,7 @@ def _provenance(case: Case, directory: Path, values: Mapping[str, Value], model:
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,
-        **{f"sha256_{kind}": _sha256(path_of(directory, case.name, f"{kind}.csv").read_bytes())
-           for kind in ("in", "ref")},
+        **{f"sha256_{kind}": _sha256(text.encode()) for kind, text in tables.items()},
         "sha256_parameters": response_hash(values),
         "start_values": dict(case.overrides),
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 
@@ -52,8 +53,9 @@ def response(parameters: ParameterSet, case: Case) -> dict[str, Array]:
         return known
     given, inputs = {**parameters.values, **case.overrides}, case.inputs()
     kept = _place(parameters.model, given, inputs)
-    if kept is not None and kept.is_file():
-        return files.read_csv(kept)
+    if kept is not None:
+        with suppress(OSError, ValueError):  # not there, or damaged
+            return files.read_csv(kept)
     simulate = files.simulator(parameters.model)
     result = dict(simulate(given, inputs))
     if kept is not None:

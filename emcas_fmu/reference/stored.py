@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ..actuators import NONLINEAR
 from ..errors import EmcasError
@@ -14,6 +17,7 @@ from ..simulation import Array
 from . import files
 
 Columns = Mapping[str, Array]
+_NEAR = 1e-3  # of a step, by which a time of nine digits may differ from its place
 
 
 @dataclass(frozen=True)
@@ -35,20 +39,39 @@ class Stored:
     model: str
     independent: bool = True
 
+    def __post_init__(self) -> None:
+        """Raise ValueError for times and values that no run can have."""
+        for what, value in (("step", self.step), ("stop time", self.stop_time)):
+            if not (isinstance(value, (int, float)) and 0.0 < value < inf):
+                raise ValueError(f"{self.name}: its {what} is {value!r}; expected seconds above 0")
+        for columns, needed in ((self.inputs, ("time",)), (self.reference, ("time", "fin_angle"))):
+            if missing := [name for name in needed if columns and name not in columns]:
+                raise ValueError(f"{self.name}: there is no column {missing[0]}")
+            time = columns.get("time", np.zeros(0))
+            if columns and not (abs((len(time) - 1) * self.step - self.stop_time) < _NEAR * self.step and
+                                np.allclose(time, np.arange(len(time)) * self.step, rtol=0.0, atol=_NEAR * self.step)):
+                raise ValueError(f"{self.name}: the column time does not go from 0 to {self.stop_time:g} s in steps of "
+                                 f"{self.step:g} s")
+        if odd := [name for name, value in self.start_values.items() if not isfinite(value)]:
+            raise ValueError(f"{self.name}: the start value of {odd[0]} is {self.start_values[odd[0]]}")
 
-def load(folder: Path, names: Sequence[str] | None) -> list[Stored]:
-    """Return the named cases of a folder (default all). Raises EmcasError where it is not as its provenance says."""
-    remedy = f"make the reference files with `emcas reference --directory {folder}`"
+
+def load(folder: Path, names: Sequence[str] | None, needed: Iterable[str] = ()) -> list[Stored]:
+    """Return the named cases of a folder (default all, and those that are `needed` have to be among them).
+
+    Raises EmcasError where the folder is not as its provenance says, or says too little.
+    """
+    remedy = files.remedy(folder)
     if not folder.is_dir():
         raise EmcasError(f"{folder}: there is no such folder of reference files; {remedy}")
-    try:
-        provenance = files.read_provenance(folder)
-    except ValueError as error:
-        raise EmcasError(f"{folder / files.PROVENANCE}: cannot be read ({error}); {remedy}") from error
+    provenance = files.read_provenance(folder)
     if not provenance:
         raise EmcasError(f"{folder / files.PROVENANCE}: is missing or empty; {remedy}")
     if unknown := sorted(set(names or ()) - set(provenance)):
         raise EmcasError(f"{folder}: has no case {', '.join(unknown)}; it has {', '.join(provenance)}")
+    if not names and (missing := [name for name in needed if name not in provenance]):
+        raise EmcasError(f"{folder}: has no reference of {', '.join(missing)}; {remedy}, or name the cases to run with "
+                         "--case")
     return [_case(folder, name, entry, remedy) for name, entry in provenance.items() if not names or name in names]
 
 
@@ -61,9 +84,11 @@ def _case(folder: Path, name: str, entry: Mapping[str, Any], remedy: str) -> Sto
         if hashlib.sha256(path.read_bytes()).hexdigest() != entry.get(key):
             raise EmcasError(f"{path}: is not the file {files.PROVENANCE} was written for (its {key} differs); "
                              f"restore it, or {remedy}")
-        tables.append(files.read_csv(path))
+        tables.append(files.read_table(folder, name, f"{kind}.csv"))
     try:
         return Stored(name, entry["title"], entry["kind"], entry["step"], entry["stop_time"], entry["start_values"],
                       tables[0], tables[1], entry["sha256_parameters"], entry.get("model", NONLINEAR))
     except KeyError as error:
         raise EmcasError(f"{folder / files.PROVENANCE}: {name} has no entry {error}; {remedy}") from error
+    except (ValueError, TypeError, AttributeError) as error:
+        raise EmcasError(f"{folder / files.PROVENANCE}: {error}; {remedy}") from error

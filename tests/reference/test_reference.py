@@ -403,7 +403,7 @@ def test_comparison_sees_a_changed_response(short: Case, tmp_path: Path) -> None
     path = tmp_path / "EMCAS_short_ref.csv"
     stored = files.read_csv(path)
     stored["fin_angle"][-1] += 1e-7
-    files.write_csv(path, stored)
+    path.write_text(files.csv_text(stored), encoding="utf-8")
     (bad,) = [d for d in files.compare(tmp_path) if d.maximum > d.tolerance]
     assert (bad.case, bad.variable) == ("short", "fin_angle")
     assert bad.maximum == pytest.approx(1e-7, rel=0.05)  # a change of 1e-7 stored with 1e-9 digits

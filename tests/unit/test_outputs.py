@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from emcas_fmu.cli import app
@@ -86,6 +92,36 @@ def test_folders_are_tried_first(command: str, option: str) -> None:
 def test_a_baseline_is_not_written_over_its_parameters() -> None:
     Path("baseline.toml").write_text("nonsense = 1\n", encoding="utf-8")
     assert "would be overwritten" in refused("baseline record baseline.toml --fresh", "-o", ".")
+
+
+@pytest.mark.parametrize(("command", "option"), [(c, option) for c, options in FILES.items() for option in options])
+def test_a_disk_that_is_full_already_is_said_first(command: str, option: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    name, _, ending = option.partition(" ")
+    Path(f"old{ending}").write_text("old", encoding="utf-8")
+    for output in (f"old{ending}", f"new{ending}"):
+        said = refused(command, name, output)
+        assert re.fullmatch(r"error: \S+: cannot be written: the disk is full; free some space or choose another place",
+                            said)
+    assert Path(f"old{ending}").read_text(encoding="utf-8") == "old"
+
+
+def test_no_output_is_left_out_here() -> None:
+    def outputs(command: Any, *called: str) -> Iterator[tuple[str, str]]:
+        for name, each in getattr(command, "commands", {}).items():
+            yield from outputs(each, *called, name)
+        yield from ((" ".join(called), option) for parameter in command.params if not getattr(parameter, "is_flag", 0)
+                    for option in parameter.opts if option in (
+                        "--output", "--plot", "--json", "--junit", "--report", "--markdown", "--journal"))
+
+    tested = {(re.split(" bad| -", command)[0], re.sub("^-o$", "--output", option.partition(" ")[0]))
+              for command, given in (*FILES.items(), *((c, (option,)) for c, option in FOLDERS.items()))
+              for option in given}
+    # Of campaigns a picture is of one sample, and tried when that is known to be one.
+    assert {*outputs(get_command(app))} - tested == {("campaign", "--plot")}
 
 
 def test_what_is_there_stays_until_it_is_replaced() -> None:

@@ -199,7 +199,8 @@ def _chosen(subject: Subject, names: Sequence[str] | None, folder: Path, carried
     chosen = {case.name: case for case in carried if not names or case.name in names}
     usual = {case.name for case in CASES}
     others = [name for name in names or () if name in usual or name not in chosen]
-    cases = stored.load(folder, others) if others or not names else []
+    needed = () if names else [case.name for case in files.cases(load_parameters(model=subject.model))]
+    cases = stored.load(folder, others, needed) if others or not names else []
     if inside or (chosen and (len(others) < len(names or ()) or not all(_made_of(subject, case) for case in cases))):
         # By what the others excite, performance is judged.
         return [chosen.pop(case.name, replace(case, reference={})) for case in cases] + list(chosen.values()), True

@@ -1,0 +1,129 @@
+"""The disk runs full while a command computes: what was there is there, byte for byte, and a line says so."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from emcas_fmu.cli import app
+from emcas_fmu.commands import common
+from emcas_fmu.files import models_directory
+
+OLD = b"# what was there\n"
+BENCH = models_directory() / "bench"
+CAMPAIGN = """
+[campaign]
+samples = 2
+
+[vary."second_order.rate_limit"]
+distribution = "normal"
+sd = "3 %"
+
+[experiments.step]
+kind = "step"
+amplitude = "5 deg"
+duration = "0.3 s"
+"""
+SMALL = "--model second-order"
+# What writes each output: small runs, which are carried out. A baseline and an archive to check are made before.
+RUNS = {
+    f"simulate --step 1 --stop 0.1 --kernel python {SMALL}": (
+        "-o x.csv", "--plot x.svg", "--plot x.png", "--plot x.html", "--json x.json"),
+    "analyse --model linear": ("--json x.json", "--report x.html"),
+    "envelope": ("-o x.csv", "--plot x.svg", "--plot x.html", "--json x.json"),
+    "compare second-order": ("--json x.json", "--report x.html"),
+    "fit": ("-o x.toml", "--json x.json"),
+    f"identify backlash {BENCH / 'backlash.csv'}": ("-o x.toml", "--report x.html", "--json x.json"),
+    f"validate --case step_plus1 {SMALL}": ("--json x.json", "--junit x.xml", "--report x.html"),
+    f"baseline check -b made {SMALL}": ("--json x.json", "--junit x.xml", "--markdown x.md", "--report x.html"),
+    f"build --no-references {SMALL}": ("-o x.fmu",),
+    f"ssp --fmu made.fmu {SMALL}": ("-o x.ssp",),
+    "ssp check made.ssp": ("--json x.json",),
+    "thesis --only 3.3": ("-o x.html", "--json x.json"),
+    f"campaign campaign.toml {SMALL} --only 1": ("--json x.json", "-o x.csv", "--plot x.svg"),
+    f"campaign campaign.toml {SMALL} -o results --workers 0": ("--json x.json", "--report x.html"),
+}
+SLOW = {
+    f"report {SMALL}": ("-o x.html", "--json x.json", "--junit x.xml"),
+    f"explore {SMALL}": ("-o x.html",),
+    "tune --generations 1 --workers 1": ("-o x.toml", "--report x.html", "--json x.json"),
+}
+FOLDERS = {
+    f"baseline record {SMALL} --fresh -o x": ("baseline.toml", "step.csv"),
+    "reference --case step_plus1 --directory x": (
+        "provenance.toml", "EMCAS_step_plus1_in.csv", "EMCAS_step_plus1_ref.csv", "EMCAS_step_plus1_ref.opt"),
+    f"init {SMALL} --force x": ("actuator.toml", "README.md"),
+}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what the runs read."""
+    folder = tmp_path_factory.mktemp("made")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for command in (f"baseline record {SMALL} -o made", f"build --no-references {SMALL} -o made.fmu",
+                        f"ssp --fmu made.fmu {SMALL} -o made.ssp"):
+            done = CliRunner().invoke(app, command.split())
+            assert done.exit_code == 0, done.output
+    (folder / "campaign.toml").write_text(CAMPAIGN)
+    return folder
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Return what is in a folder, but for what a campaign goes on with."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*")
+            if path.is_file() and path.parent.name != "results"}
+
+
+@pytest.fixture
+def run_full(made: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, Sequence[str]], Result]:
+    """Carries out a command over outputs that are there, while the disk of the present folder has run full."""
+    def run(command: str, outputs: Sequence[str]) -> Result:
+        for output in outputs:
+            Path(output).parent.mkdir(exist_ok=True)
+            Path(output).write_bytes(OLD)
+        before = contents(made)
+        done = CliRunner().invoke(app, command.split())
+        after = contents(made)
+        for output in outputs:
+            Path(output).unlink()
+        assert after == before
+        return done
+
+    def flush(descriptor: int) -> None:
+        if any(os.path.samestat(os.fstat(descriptor), path.stat()) for path in made.rglob("*") if path.is_file()):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.chdir(made)
+    monkeypatch.setattr(os, "fsync", flush)
+    for trial in ("try_file", "try_folder"):  # there was room when the command began
+        monkeypatch.setattr(common, trial, lambda *_: None)
+    return run
+
+
+def check(done: Result) -> None:
+    assert done.exit_code == 2, done.output
+    (said,) = [line for line in done.stderr.splitlines() if "warning:" not in line]
+    assert re.fullmatch(r"error: \S+: cannot be written: the disk is full; free some space or choose another place",
+                        said)
+
+
+@pytest.mark.parametrize(("command", "option"), [
+    *((command, option) for command, options in RUNS.items() for option in options),
+    *(pytest.param(command, option, marks=pytest.mark.slow)
+      for command, options in SLOW.items() for option in options)])
+def test_a_file_that_was_there_stays(command: str, option: str, run_full: Callable[[str, Sequence[str]], Result]
+                                     ) -> None:
+    check(run_full(f"{command} {option}", [option.split()[1]]))
+
+
+@pytest.mark.parametrize("command", FOLDERS)
+def test_files_that_belong_together_stay(command: str, run_full: Callable[[str, Sequence[str]], Result]) -> None:
+    check(run_full(command, [f"x/{name}" for name in FOLDERS[command]]))

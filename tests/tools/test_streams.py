@@ -1,0 +1,80 @@
+"""Commands whose output nobody can write, or read, and commands that are stopped by Ctrl-C."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.tools.test_full_disk import OLD, SMALL
+
+EMCAS = f"'{sys.executable}' -m emcas_fmu.cli"
+FULL = "error: standard output: cannot be written: the disk is full; free some space or choose another place\n"
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs /dev/full")
+# Ctrl-C when a command has gone this many steps: the same signal to the same process, at a moment that is the same
+# however busy the machine is.
+STOPPED = """
+import os, signal, sys
+from emcas_fmu.cli import app
+from emcas_fmu.commands import common
+
+calls = []
+
+def stepper(bars, label):
+    def step(name, done, total):
+        calls.append(done)
+        if len(calls) == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+    return step
+
+common.stepper = stepper
+app()
+"""
+
+
+def shell(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(["bash", "-c", command], cwd=folder, capture_output=True, text=True, timeout=300, check=False)
+
+
+@pytest.mark.parametrize("arguments", [
+    "--version", "--help", "simulate --help", "parameters", "parameters --json", "parameters --sets",
+    f"simulate --step 1 --stop 0.1 --kernel python {SMALL} --json x.json",
+    f"validate --case step_plus1 {SMALL} --json x.json"])
+def test_output_that_cannot_be_written_ends_with_a_line(arguments: str, tmp_path: Path) -> None:
+    done = shell(f"{EMCAS} {arguments} > /dev/full", tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == FULL
+    assert [path.name for path in tmp_path.iterdir()] == ["x.json"] * ("x.json" in arguments)
+
+
+def test_so_it_does_with_the_script(tmp_path: Path) -> None:
+    script = Path(__file__).parents[2] / "build_fmu.py"
+    done = shell(f"'{sys.executable}' {script} --help > /dev/full", tmp_path)
+    assert (done.returncode, done.stderr) == (2, FULL)
+
+
+@pytest.mark.parametrize("arguments", ["--help", "parameters", "parameters --json"])
+def test_output_that_nobody_reads_ends_quietly(arguments: str, tmp_path: Path) -> None:
+    for reader, code in (("true", "141"), ("head -1", "")):  # what head has not read may have been written before
+        done = shell(f"{EMCAS} {arguments} | {reader}; echo ${{PIPESTATUS[0]}} >&2", tmp_path)
+        assert done.stderr.strip() in ({code} if code else {"0", "141"})
+
+
+@pytest.mark.parametrize("arguments", [
+    "reference --directory made", f"baseline record {SMALL} --fresh -o made",
+    f"report {SMALL} -o made/page.html --json made/x.json",
+    f"validate {SMALL} --json made/x.json --report made/page.html"])
+def test_ctrl_c_loses_nothing(arguments: str, tmp_path: Path) -> None:
+    made = tmp_path / "made"
+    made.mkdir()
+    for name in ("provenance.toml", "EMCAS_step_plus1_ref.csv", "baseline.toml", "step.csv", "page.html", "x.json"):
+        (made / name).write_bytes(OLD)
+    before = {path.name: path.read_bytes() for path in made.iterdir()}
+    done = subprocess.run([sys.executable, "-c", STOPPED, *arguments.split()], cwd=tmp_path, capture_output=True,
+                          text=True, timeout=300, check=False)
+    assert done.returncode == 130, done.stderr
+    assert "Traceback" not in done.stderr
+    assert {path.name: path.read_bytes() for path in made.iterdir()} == before
+    assert [path.name for path in tmp_path.iterdir()] == ["made"]
