@@ -77,6 +77,8 @@ def load(folder: Path, names: Sequence[str] | None, needed: Iterable[str] = ()) 
 
 def _case(folder: Path, name: str, entry: Mapping[str, Any], remedy: str) -> Stored:
     tables = []
+    if not isinstance(entry, Mapping):
+        raise EmcasError(f"{folder / files.PROVENANCE}: {name} is no table; {remedy}")
     for kind in ("in", "ref"):
         path, key = files.path_of(folder, name, f"{kind}.csv"), f"sha256_{kind}"
         if not path.is_file():

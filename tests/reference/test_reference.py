@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import math
 from collections.abc import Mapping
@@ -395,6 +396,36 @@ def test_files_round_trip(short: Case, tmp_path: Path) -> None:
     assert entry["start_values"] == {"friction.temperature": -6.0}
     assert entry["command"] == "emcas reference"
     assert entry["sha256_ref"] == hashlib.sha256(text.encode()).hexdigest()
+
+
+def test_nothing_is_written_before_all_is_there(short: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    files.regenerate(tmp_path)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    runs = iter([{"time": np.zeros(2), "fin_angle": np.ones(2)}])
+
+    def interrupted(*_: object) -> Mapping[str, Array]:
+        if (result := next(runs, None)) is None:
+            raise KeyboardInterrupt
+        return result
+
+    monkeypatch.setattr(files, "CASES", [short, dataclasses.replace(short, name="another")])
+    monkeypatch.setattr(files, "simulator", lambda _: interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        files.regenerate(tmp_path)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_one_case_keeps_the_records_of_the_others(short: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    another = dataclasses.replace(short, name="another")
+    monkeypatch.setattr(files, "CASES", [short, another])
+    files.regenerate(tmp_path, ["another"])
+    files.regenerate(tmp_path, ["short"])
+    assert list(files.read_provenance(tmp_path)) == ["short", "another"]
+    (tmp_path / "provenance.toml").write_text("[half")
+    with pytest.raises(EmcasError, match=r"provenance.toml: cannot be read .*; make the reference files with"):
+        files.regenerate(tmp_path, ["short"])
+    files.regenerate(tmp_path)
+    assert list(files.read_provenance(tmp_path)) == ["short", "another"]
 
 
 def test_comparison_sees_a_changed_response(short: Case, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import shutil
@@ -173,9 +174,55 @@ def broken_provenance(folder: Path) -> None:
     (folder / "provenance.toml").write_text("[step\n", encoding="utf-8")
 
 
+def half_written(folder: Path) -> None:
+    """Leave what a run leaves that is stopped after three cases and writes each as it goes."""
+    path = folder / "provenance.toml"
+    first = re.split(r"^(?=\[\w+\]$)", path.read_text(encoding="utf-8"), flags=re.MULTILINE)[:4]
+    path.write_text("".join(first), encoding="utf-8")
+
+
+def truncated(folder: Path) -> None:
+    path = folder / "EMCAS_step_plus20_ref.csv"
+    path.write_bytes(path.read_bytes()[:-1000])
+
+
+def changed(name: str, pattern: str, replacement: str) -> Callable[[Path], None]:
+    """Return what puts something else into a file, and its hash into the provenance: what says so is no hash."""
+    def change(folder: Path) -> None:
+        path, provenance = folder / name, folder / "provenance.toml"
+        before = path.read_text(encoding="utf-8")
+        after = re.sub(pattern, replacement, before, count=1, flags=re.DOTALL)
+        assert after != before
+        path.write_text(after, encoding="utf-8", newline="\n")
+        old, new = (hashlib.sha256(text.encode()).hexdigest() for text in (before, after))
+        text = provenance.read_text(encoding="utf-8")
+        provenance.write_text(text.replace(old, new), encoding="utf-8", newline="\n")
+
+    return change
+
+
+TABLE, ENTRY = "EMCAS_step_plus1_ref.csv", r"(\[step_plus1\]\n.*?"
+
+
 @pytest.mark.parametrize(("harm", "named"), [
     (tampered, "EMCAS_step_plus1_ref.csv"), (without_file, "EMCAS_step_plus1_in.csv"),
-    (without_provenance, "provenance.toml"), (broken_provenance, "provenance.toml"), (shutil.rmtree, "reference")])
+    (without_provenance, "provenance.toml"), (broken_provenance, "provenance.toml"), (shutil.rmtree, "reference"),
+    (half_written, "reference: has no reference of step_plus5, step_minus5, "),
+    (truncated, "EMCAS_step_plus20_ref.csv"),
+    (changed(TABLE, r"\n0.05,0,", "\n0.05,1e308,"), f"{TABLE}: column fin_angle has 1e+308; expected"),
+    (changed(TABLE, r"\n0.05,0,", "\n0.05,nan,"), f"{TABLE}: column fin_angle has nan"),
+    (changed(TABLE, r"\n0.05,0,", "\n0.05,x,"), f"{TABLE}: could not convert string 'x'"),
+    (changed(TABLE, r"\n0.05,0,", "\n0.05,"), f"{TABLE}: "),
+    (changed(TABLE, r",fin_angle", ""), f"{TABLE}: its rows have not as many numbers as its header has names"),
+    (changed(TABLE, r",fin_angle", ",fin_angel"), "step_plus1: there is no column fin_angle"),
+    (changed(TABLE, r"\n0.05,.*", "\n"), "step_plus1: the column time does not go from 0 to 0.5 s in steps of 0.001 s"),
+    (changed(TABLE, r"\n.*", ""), f"{TABLE}: it has no rows"),
+    *((changed("provenance.toml", ENTRY + pattern, rf"\g<1>{value}"), f"provenance.toml: step_plus1: {said}")
+      for pattern, value, said in (
+          (r"stop_time = )[^\n]*", "nan", "its stop time is nan; expected seconds above 0"),
+          (r"stop_time = )[^\n]*", "1e308", "the column time does not go from 0 to 1e+308 s"),
+          (r"\nstep = )[^\n]*", "-0.001", "its step is -0.001"), (r"\nstep = )[^\n]*", '"x"', "its step is 'x'"),
+          (r'"encoder.enabled" = )[^\n]*', "inf", "the start value of encoder.enabled is inf")))])
 def test_unsound_references_are_refused(fmu: Path, tmp_path: Path, harm: Callable[[Path], Any], named: str) -> None:
     folder = copied(tmp_path)
     assert emcas(fmu, "--case", "step_plus1", "--directory", folder).exit_code == 0
@@ -258,6 +305,9 @@ def test_a_record_is_not_called_independent(tmp_path: Path) -> None:
     (b'source="step_and_load_ref.csv"', b'source="../../../EMCAS_step_ref.csv"', "is outside the FMU"),
     (b'source="step_and_load_ref.csv"', b'source="gone.csv"', "gone.csv"),
     (b"fin_angle", b"fin_angel", "fin_angle"), (b'stopTime="0.35"', b"", "stopTime"),
+    (b'stopTime="0.35"', b'stopTime="NaN"', "step_and_load: its stop time is nan"),
+    (b'stepSize="0.001"', b'stepSize="0"', "step_and_load: its step is 0.0"),
+    (b"\n0.1,0.174532925,", b"\n0.1,1e308,", "step_and_load_in.csv: column fin_command has 1e+308"),
     (b"</Experiment>", b"", "mismatch")])
 def test_unsound_references_inside_are_refused(custom: Path, tmp_path: Path, pattern: bytes, replacement: bytes,
                                                said: str) -> None:
