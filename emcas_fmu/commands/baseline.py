@@ -68,6 +68,8 @@ def record(
             # Limits and cases alone: what was approved may be incomplete, as after a case was added by hand.
             kept = (output / FILE).exists() and not fresh
             plan, left_out = (read(output / FILE, opened.model), []) if kept else first(read(TEMPLATE), opened)
+            check_outputs(*(output / f"{name}.csv" for name, case in plan.cases.items() if case.kind != "sweep"),
+                          folders=(output,))
             made = run(plan, opened, output, _command(subject, model, fin, parameters), stepper(progress, "record"))
         written = write(made, output)
         size = sum(path.stat().st_size for path in written)

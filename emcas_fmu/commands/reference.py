@@ -41,6 +41,8 @@ def reference(
         if not check:
             check_outputs(folders=(folder,))
         chosen = parameter_set(parameters, model)
+        if not check:
+            check_outputs(*files.outputs(folder, case, chosen), folders=(folder,))
         with progress_bar() as progress:
             step = stepper(progress, "reference")
             if not check:

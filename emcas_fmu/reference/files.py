@@ -209,6 +209,13 @@ def regenerate(directory: Path, names: Sequence[str] | None = None, progress: Pr
     write_folder(directory, contents)
 
 
+def outputs(directory: Path, names: Sequence[str] | None, parameters: ParameterSet) -> Iterator[Path]:
+    """Yield the files that `regenerate` writes. Raises EmcasError for an unknown case."""
+    for case in _chosen(names, parameters, silent):
+        yield from (path_of(directory, case.name, suffix) for suffix in ("in.csv", "ref.csv", "ref.opt"))
+    yield directory / PROVENANCE
+
+
 def compare(directory: Path, names: Sequence[str] | None = None, progress: Progress = silent,
             parameters: ParameterSet | None = None) -> list[Difference]:
     """Recompute the named cases (default all) and measure them against the files in `directory`.

@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 from typer.testing import CliRunner, Result
@@ -14,6 +15,8 @@ from typer.testing import CliRunner, Result
 from emcas_fmu.cli import app
 from emcas_fmu.commands import common
 from emcas_fmu.files import models_directory
+from emcas_fmu.reference import files
+from emcas_fmu.studies.baseline import study
 
 OLD = b"# what was there\n"
 BENCH = models_directory() / "bench"
@@ -122,6 +125,23 @@ def check(done: Result) -> None:
 def test_a_file_that_was_there_stays(command: str, option: str, run_full: Callable[[str, Sequence[str]], Result]
                                      ) -> None:
     check(run_full(f"{command} {option}", [option.split()[1]]))
+
+
+@pytest.mark.parametrize(("command", "file"), [
+    (f"baseline record {SMALL} --fresh -o x", "step.csv"),
+    ("reference --case step_plus1 --directory x", "EMCAS_step_plus1_ref.opt")])
+def test_files_of_a_folder_are_tried_before_long_work(command: str, file: str, tmp_path: Path,
+                                                      monkeypatch: pytest.MonkeyPatch) -> None:
+    def begun(*_: object, **__: object) -> NoReturn:
+        raise AssertionError("it has begun")
+
+    monkeypatch.chdir(tmp_path)
+    Path("x", file).mkdir(parents=True)
+    monkeypatch.setattr(study, "record", begun)
+    monkeypatch.setattr(files, "regenerate", begun)
+    done = CliRunner().invoke(app, command.split())
+    assert done.exit_code == 2
+    assert f"x/{file}: is a folder; give a file to write to" in done.stderr
 
 
 @pytest.mark.parametrize("command", FOLDERS)
