@@ -16,13 +16,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import actuators, extras
+from .arguments import brief, checked
 from .bench import excitation as excitations
 from .bench.excitation import COMMAND, STEP, Excitation, check_span
 from .bench.subject import ParameterSubject, Subject, open_subject
 from .errors import EmcasError, hint
 from .fmi.interface import FmuInterface, fin_sets, require_shared
 from .fmi.package import Built, build
-from .parameters import ParameterError, ParameterSet, load_parameters, require_set
+from .parameters import ParameterError, ParameterSet, load_parameters
 from .progress import Progress, silent
 from .response import Response
 from .runtime import batch, compiled
@@ -43,8 +44,10 @@ __all__ = ["Batch", "Built", "EmcasError", "Excitation", "ParameterError", "Para
            "validate"]
 
 _DURATION = 0.5  # s
+_MOST = 100_000_000  # actuators, whose outputs alone are 20 GB; generations; processes
 
 
+@checked
 def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, excitation: Excitation | None = None, *,
              stop: float | str | None = None, step: float | str | None = None, kernel: str = "auto",
              line: Mapping[str, float] | None = None, **inputs: Signal | str) -> Response:
@@ -67,9 +70,6 @@ def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, ex
         raise EmcasError("simulate: line is that of several fins on one supply; give their sets, as of fin_sets")
     if excitation is None:
         excitation = _at_rest(_in("s", stop, _DURATION), _in("s", step, STEP), inputs)
-    elif not isinstance(excitation, Excitation):
-        raise EmcasError(f"simulate: {excitation!r} is no excitation; use one of emcas_fmu.excitations, such as "
-                         "excitations.reference_case('step_plus10')")
     elif stop is not None or step is not None:
         raise EmcasError(f"simulate: stop and step are those of the excitation, {excitation.title}")
     excitation = _with_inputs(excitation, inputs, unit)
@@ -89,16 +89,11 @@ def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, ex
 
 def _sets(what: str, given: Any) -> tuple[ParameterSet, ...]:
     """Return parameter sets of one actuator, the default one unless given. Raises EmcasError."""
-    several = isinstance(given, Iterable) and not isinstance(given, (ParameterSet, str))
-    sets = tuple(_set(what, each) for each in (given if several else (given,)))
+    several = isinstance(given, Iterable)
+    sets = tuple(load_parameters() if each is None else each for each in (given if several else (given,)))
     if not sets or len({each.model for each in sets}) > 1:
         raise EmcasError(f"{what}: give one parameter set, or several of one actuator")
     return sets
-
-
-def _set(what: str, given: Any) -> ParameterSet:
-    """Return a parameter set, the default one unless given. Raises EmcasError."""
-    return load_parameters() if given is None else require_set(what, given)
 
 
 def _in(unit: str, given: float | str | None, otherwise: float) -> float:
@@ -166,6 +161,7 @@ def _numbers(given: Any, what: str, unit: str, expected: str) -> Array:
     return numbers
 
 
+@checked
 def validate(subject: Subject | ParameterSet | Path | str | None = None, cases: Sequence[str] | str | None = None,
              directory: Path | str | None = None, progress: Progress = silent, inside: bool = False) -> Validation:
     """Judge a parameter set, or an FMU by its path, by the reference cases and by Table 2 of the thesis.
@@ -185,8 +181,9 @@ def validate(subject: Subject | ParameterSet | Path | str | None = None, cases: 
         return _validate(opened, cases, folder, progress, inside)
 
 
+@checked
 def analyse(parameters: ParameterSet | None = None, fin_angle: float | str = 0.0, aero_torque: float | str = 0.0,
-            locus: str | None = None, rod: Path | None = None, progress: Progress = silent) -> Analysis:
+            locus: str | None = None, rod: Path | str | None = None, progress: Progress = silent) -> Analysis:
     """Linearise an actuator about rest at a fin angle [rad] under a hinge moment [N.m], and analyse its loops.
 
     Of the result: `linear.command` (the frequency response, with `bandwidth` [Hz]), `linear.margins` (of each loop),
@@ -198,12 +195,13 @@ def analyse(parameters: ParameterSet | None = None, fin_angle: float | str = 0.0
     extras.require("analysis", "analyse needs", "control", "casadi")
     from .studies.analysis.analyse import analyse as run
 
-    return run(_set("analyse", parameters), _in("rad", fin_angle, 0.0),
-               _in("N.m", aero_torque, 0.0), rod, locus, progress)
+    return run(parameters or load_parameters(), _in("rad", fin_angle, 0.0),
+               _in("N.m", aero_torque, 0.0), None if rod is None else Path(rod), locus, progress)
 
 
+@checked
 def tune(parameters: ParameterSet | None = None, study: Study | Path | str | None = None, seed: int = 1,
-         generations: int = 12, workers: int | None = None, journal: Path | None = None,
+         generations: int = 12, workers: int | None = None, journal: Path | str | None = None,
          progress: Progress = silent) -> Tuning:
     """Search controller gains that meet requirements in every case at once, limits, friction and delay included.
 
@@ -218,12 +216,23 @@ def tune(parameters: ParameterSet | None = None, study: Study | Path | str | Non
     from .studies.tuning.optimise import tune as run
     from .studies.tuning.study import Study, load_study, shipped_study
 
-    base = _set("tune", parameters)
+    if seed < 0:
+        raise EmcasError(f"tune: seed = {brief(seed)}: expected a whole number from 0 on")
+    _count("tune", 1, generations=generations, workers=workers)
+    base = parameters or load_parameters()
     chosen = (shipped_study(base) if study is None else study if isinstance(study, Study) else
               load_study(Path(study), base))
     if chosen.needs_analysis:
         extras.require("analysis", "margins (tests of kind linear) need", "control", "casadi")
-    return run(chosen, seed, generations, workers or os.cpu_count() or 1, Journal(journal, chosen), progress)
+    evaluations = Journal(None if journal is None else Path(journal), chosen)
+    return run(chosen, seed, generations, workers or os.cpu_count() or 1, evaluations, progress)
+
+
+def _count(what: str, least: int, **numbers: int | None) -> None:
+    """Raise EmcasError for a number that is below the least or above what memory and time allow; None is none."""
+    for name, number in numbers.items():
+        if number is not None and not least <= number <= _MOST:
+            raise EmcasError(f"{what}: {name} = {brief(number)}: expected a whole number from {least} to {_MOST}")
 
 
 def _check_column(variable: Variable, values: Array) -> None:
@@ -250,6 +259,7 @@ class Batch:
     cannot have its parameters, CompilerError where there is no C compiler, both EmcasErrors.
     """
 
+    @checked
     def __init__(self, sets: Sequence[ParameterSet] | ParameterSet, count: int | None = None, *,
                  varied: Mapping[str, Array] | None = None, threads: int = 1, progress: Progress = silent) -> None:
         given = _sets("Batch", sets)
@@ -257,9 +267,7 @@ class Batch:
             count = len(given)
         elif len(given) > 1:
             raise EmcasError(f"Batch: count = {count} goes with one parameter set")
-        for what, number in (("count", count), ("threads", threads)):
-            if not isinstance(number, (int, np.integer)) or number < 1:
-                raise EmcasError(f"Batch: {what} = {number!r}: expected a whole number from 1 on")
+        _count("Batch", 1, count=count, threads=threads)
         actuator = given[0].actuator
         of_each = {id(each): each for each in given}
         place = {key: k for k, key in enumerate(of_each)}
@@ -310,10 +318,14 @@ class Batch:
         unsound value, an end that is no number or before `time`, and nothing has changed; ArithmeticError naming the
         actuators that cannot be followed: these stay where they were.
         """
-        if not isinstance(end, (int, float, np.number)):
-            raise EmcasError(f"Batch.run: end = {end!r}: expected a number, the time to move on to in s")
+        # By hand: a step of a few actuators takes 10 us, and `checked` would take 2 more.
+        if not isinstance(end, (int, float, np.integer, np.floating)):
+            raise EmcasError(f"Batch.run: end = {brief(end)}: expected a number, the time to move on to in s")
         if not self.time <= end < float("inf"):
-            raise EmcasError(f"Batch.run: the end {end:g} s is before {self.time:g} s, which is reached, or not finite")
+            raise EmcasError(f"Batch.run: the end {brief(end)} s is before {self.time:g} s, which is reached, or not "
+                             "finite")
+        if not callable(progress):
+            raise EmcasError(f"Batch.run: progress = {brief(progress)}: expected a function")
         columns = {}
         for given, value in inputs.items():
             variable = _input(given, self._variables)

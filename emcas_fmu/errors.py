@@ -29,6 +29,10 @@ class EmcasError(Exception):
     """The request cannot be carried out; the message names the thing and the remedy."""
 
 
+class ArgumentError(EmcasError, ValueError):
+    """An argument cannot be used; the message names the function, the argument, its value and what is expected."""
+
+
 class BuildError(EmcasError):
     """The FMU cannot be built; the message says why and what to do."""
 
@@ -62,7 +66,7 @@ def in_words(error: OSError) -> str:
     if error.filename is None:
         return error.strerror or str(error)
     path = os.fsdecode(error.filename)
-    reading = error.errno == errno.ENOENT or (Path(path).exists() and not os.access(path, os.R_OK))
+    reading = error.errno == errno.ENOENT or (os.path.exists(path) and not os.access(path, os.R_OK))  # noqa: PTH110
     return unreadable(path, error) if reading else unwritable(path, error)
 
 

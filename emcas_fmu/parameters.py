@@ -21,6 +21,7 @@ import numpy as np
 from . import schema
 from .actuators import EXTENSIONS, NAMES, NONLINEAR, default_files, fin_port, full_name, get, get_extension, parts
 from .actuators.declaration import Actuator
+from .arguments import checked
 from .errors import EmcasError, hint
 from .files import as_given, models_directory, named_sets
 from .ops.arrays import ARRAYS
@@ -41,11 +42,12 @@ _RENAMED = {f"friction.cold_{kind}_ratio": f"friction.table.{kind}" for kind in 
 _APART = 1.2
 
 
+@checked
 class ParameterError(EmcasError, ValueError):
     """Parameters that cannot be used; `problems` has one message each, naming file, key, value and remedy."""
 
     def __init__(self, problems: str | Iterable[str]) -> None:
-        self.problems = (problems,) if isinstance(problems, str) else tuple(problems)
+        self.problems = (problems,) if isinstance(problems, str) else tuple(map(str, problems))
         super().__init__("\n".join(self.problems))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -109,6 +111,7 @@ class Entry:
     default: bool = field(default=False, compare=False)
 
 
+@checked
 @dataclass(frozen=True)
 class ParameterSet:
     """A complete, checked set of an actuator's parameters.
@@ -172,6 +175,7 @@ class ParameterSet:
         return self.actuator.namespace(self.values)
 
 
+@checked
 def parameter_file(given: Path | str, folder: Path = Path()) -> Path:
     """Return the file that is meant: as seen from a folder, or, where there is none, a shipped set by its name.
 
@@ -186,6 +190,7 @@ def parameter_file(given: Path | str, folder: Path = Path()) -> Path:
     return sets[str(given)]
 
 
+@checked
 def load_parameters(files: Path | str | Iterable[Path | str] | None = None, base: ParameterSet | None = None,
                     model: str = NONLINEAR) -> ParameterSet:
     """Return the default set of an actuator, or `base`, overridden by the user's `files`: one, or several in order.
@@ -206,13 +211,6 @@ def load_parameters(files: Path | str | Iterable[Path | str] | None = None, base
         read = as_given(path), hashlib.sha256(path.read_bytes()).hexdigest()
         chosen = dataclass_replace(chosen, files=(*chosen.files, read))
     return chosen
-
-
-def require_set(what: str, given: object) -> ParameterSet:
-    """Return what is given to the function `what`, a parameter set. Raises ParameterError where it is none."""
-    if not isinstance(given, ParameterSet):
-        raise ParameterError(f"{what}: {given!r} is no parameter set; load_parameters() reads one from a file")
-    return given
 
 
 def _require_made_for(made_for: Any, path: Path, model: str) -> None:
@@ -521,4 +519,5 @@ def _text(fields: Mapping[str, Any]) -> str:
     """Return a value as its file has it, with its unit."""
     value, unit = fields.get("value", "(nothing)"), fields.get("unit", "")
     text = str(value).lower() if isinstance(value, bool) else str(value)
+    text = " ".join(text.split())
     return text if unit in ("", "1") else f"{text} {unit}"

@@ -18,6 +18,7 @@ from matplotlib.ticker import MaxNLocator
 
 from . import extras
 from .actuators import extension_outputs, fin_port, get
+from .arguments import checked
 from .bench import metrics
 from .bench.excitation import COMMAND, Excitation
 from .bench.provenance import conditions
@@ -47,6 +48,7 @@ LIKE_DEGREES = pi * (1.0 + ROUNDING)  # rad, beyond which no fin is commanded: w
 _MOST_CHANGES = 4  # of a status, that are listed
 
 
+@checked
 @dataclass(frozen=True)
 class Response:
     """The outputs of the fins of a `unit` under an excitation, by the unit's names; `sets` are their parameters."""

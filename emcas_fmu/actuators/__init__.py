@@ -13,6 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..arguments import checked
 from ..errors import EmcasError, hint
 from ..files import models_directory
 
@@ -85,6 +86,7 @@ def full_name(name: str) -> str:
     return _SEPARATOR.join((actuator, *extensions))
 
 
+@checked
 def get(name: str) -> Actuator:
     """Return the actuator of a name, its extensions in any order. Raises EmcasError."""
     return _get(*parts(name))

@@ -12,20 +12,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from math import degrees, log, pi
+from math import degrees, inf, log, pi
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..actuators import NONLINEAR, get
-from ..errors import EmcasError, unreadable
+from ..arguments import brief, checked
+from ..errors import ArgumentError, EmcasError, unreadable
 from ..fmi.interface import FmuInterface
 from ..reference.cases import CASES, LEAD_IN, LOAD_RISE, SUPPLY, SWEEP, with_supply
 from ..simulation import MOST_POINTS, Array
 
 STEP = 1e-3  # s
 SETTLE = 1.0  # s at the starting end of a slew, unloaded: three times what the settling of a large step takes
+_FASTEST = 0.5 / STEP  # Hz
 COMMAND, LOAD = "fin_command", "aero_torque"
 
 
@@ -40,6 +42,7 @@ class Move(NamedTuple):
     end: float
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Excitation:
     """Columns of inputs by name, SI, whose rows are `step` [s] apart from 0, and parameters that differ with them.
@@ -54,7 +57,18 @@ class Excitation:
     begin: float = 0.0
     step: float = STEP
     start_values: Mapping[str, Any] = field(default_factory=dict)
-    spring: Any = 0.0
+    spring: float | Array = 0.0
+
+    def __post_init__(self) -> None:
+        shapes = {name: np.shape(column) for name, column in self.columns.items()}
+        try:
+            rows = next(iter(shapes.values()), ())[-1:]
+            sound = all(shapes.values()) and rows > (1,) and np.broadcast_shapes(*shapes.values())[-1:] == rows
+        except ValueError:
+            sound = False
+        if not (sound and self.step > 0.0):
+            raise ArgumentError(f"{self.title}: columns of shapes {brief(shapes)}, rows {self.step:g} s apart: "
+                                "expected at least one column, all of as many rows, 2 or more, and a step above 0")
 
     @cached_property
     def time(self) -> Array:
@@ -82,7 +96,7 @@ class Excitation:
 
     def judged(self, time: Array) -> Any:
         """Return whether each time [s] is judged: at `begin` or later; one a rounding short of it is."""
-        return time > self.begin - self.step / 2
+        return np.asarray(time) > self.begin - self.step / 2
 
     def holding(self, columns: Mapping[str, Any]) -> Excitation:
         """Return the same with further inputs, each a column, a constant, or an array [runs, 1] of constants."""
@@ -91,20 +105,39 @@ class Excitation:
                    for name, column in columns.items()}
         return replace(self, columns={**self.columns, **further})
 
-    def of(self, runs: Any) -> Excitation:
+    def of(self, runs: int | Array) -> Excitation:
         """Return the excitation of one run of many, or of some."""
         columns = {name: column[np.minimum(runs, len(column) - 1)] if column.ndim == 2 else column
                    for name, column in self.columns.items()}
-        return replace(self, columns=columns, spring=self.spring[runs] if np.ndim(self.spring) else self.spring)
+        spring = np.asarray(self.spring)
+        return replace(self, columns=columns, spring=spring[runs] if spring.ndim else self.spring)
 
     def with_start_values(self, values: Mapping[str, Any]) -> Excitation:
         """Return the same with further parameters that differ."""
         return replace(self, start_values={**self.start_values, **values})
 
 
+@checked
 def times(stop: float, step: float = STEP) -> Array:
-    """Return the times of rows from 0 to `stop` [s], `step` [s] apart."""
+    """Return the times of rows from 0 to `stop` [s], `step` [s] apart. Raises ArgumentError for none or too many."""
+    if not (step > 0.0 and step / 2 < stop <= MOST_POINTS * step):
+        raise ArgumentError(f"rows every {step:g} s up to {stop:g} s: expected 1 to {MOST_POINTS:g} steps above 0")
     return np.arange(round(stop / step) + 1) * step
+
+
+def _following(begin: float, duration: float, step: float = STEP) -> Array:
+    """Return the times of rows from 0 to `duration` [s] after `begin` [s]. Raises ArgumentError."""
+    if begin < 0.0 or duration <= 0.0:
+        raise ArgumentError(f"a motion that begins at {begin:g} s and lasts {duration:g} s: expected a beginning at 0 "
+                            "or later and a duration above 0")
+    return times(begin + duration, step)
+
+
+def _above_zero(name: str, given: float | Array, limit: float = inf) -> None:
+    """Raise ArgumentError for a number, or one of several, that is not above 0 and up to a limit."""
+    if not (np.size(given) and np.all(np.greater(given, 0.0) & np.less_equal(given, limit) & np.isfinite(given))):
+        raise ArgumentError(f"{name} = {brief(given)}: must be above 0" + (f" and at most {limit:g}, of which rows "
+                            f"{STEP:g} s apart give two a cycle" if limit < inf else ""))
 
 
 def _loaded(title: str, command: Array, time: Array, begin: float, load: float, step: float = STEP) -> Excitation:
@@ -113,39 +146,54 @@ def _loaded(title: str, command: Array, time: Array, begin: float, load: float, 
     return Excitation(title + (f" with {load:+g} N.m" if load else ""), {COMMAND: command, **rising}, begin, step)
 
 
+@checked
 def step_to(level: float, duration: float, load: float = 0.0, step: float = STEP) -> Excitation:
     """Return a step from rest at zero to a level [rad], held for `duration` [s]; a `load` [N.m] comes on with it."""
-    time = times(LEAD_IN + duration, step)
+    time = _following(LEAD_IN, duration, step)
     return _loaded(f"step to {degrees(level):+.6g} deg", np.where(time > LEAD_IN - step / 2, level, 0.0), time, LEAD_IN,
                    load, step)
 
 
+@checked
 def slew_to(level: float, duration: float, load: float = 0.0, settle: float = SETTLE) -> Excitation:
     """Return a step from rest at -level, after `settle` [s] there, to +level [rad], as `step_to`."""
-    time = times(settle + duration)
+    time = _following(settle, duration)
     command = np.where(time > settle - STEP / 2, level, -level)
     command[0] = 0.0
     return _loaded(f"slew from {-degrees(level):+.6g} to {degrees(level):+.6g} deg", command, time, settle, load)
 
 
+@checked
 def sweep(amplitude: float, duration: float, low: float = SWEEP[0], high: float = SWEEP[1]) -> Excitation:
-    """Return a logarithmic sine sweep of the command [rad] between two frequencies [Hz]. Raises ValueError."""
+    """Return a logarithmic sine sweep of the command [rad] between two frequencies [Hz].
+
+    Raises ArgumentError.
+    """
+    _above_zero("low", low)
+    _above_zero("high", high, _FASTEST)
     if not low < high:
-        raise ValueError(f"the sweep's low = {low:g} Hz is not below its high = {high:g} Hz")
+        raise ArgumentError(f"the sweep's low = {low:g} Hz is not below its high = {high:g} Hz")
+    since = np.maximum(_following(LEAD_IN, duration) - LEAD_IN, 0.0)
     growth = log(high / low) / duration
-    since = np.maximum(times(LEAD_IN + duration) - LEAD_IN, 0.0)
     return Excitation(f"sine sweep of {degrees(amplitude):.6g} deg",
                       {COMMAND: amplitude * np.sin(2.0 * pi * low * np.expm1(growth * since) / growth)}, LEAD_IN)
 
 
-def sine(amplitude: float, frequency: Any, cycles: Any = 6.0, settle: tuple[float, float] = (4.0, 0.5),
-         variable: str = COMMAND) -> Excitation:
+@checked
+def sine(amplitude: float, frequency: float | Array, cycles: float | Array = 6.0,
+         settle: tuple[float, float] = (4.0, 0.5), variable: str = COMMAND) -> Excitation:
     """Return a sine of the command [rad], or a cosine of another input, at a frequency [Hz].
 
     Judged are the last `cycles`, after a transient of `settle` cycles and at least s. A cosine of the hinge moment
     gives a free inertia at rest no drift, as a sine would. An array of frequencies, with its `cycles`, is of as many
     runs: all last and are judged as the longest.
     """
+    _above_zero("frequency", frequency, _FASTEST)
+    _above_zero("cycles", cycles)
+    if np.ndim(frequency) > 1 or np.shape(cycles) not in ((), np.shape(frequency)) or min(settle) < 0.0:
+        raise ArgumentError(f"sine: frequency = {brief(frequency)}, cycles = {brief(cycles)}, settle = {settle}: "
+                            "expected one frequency or a list, as many cycles, and a transient of 0 or more")
+    frequency, cycles = np.asarray(frequency, dtype=float)[()], np.asarray(cycles, dtype=float)[()]
     judged = np.max(cycles / frequency)
     time = times(np.max(np.maximum(settle[0] / frequency, settle[1]) + cycles / frequency))
     wave = (np.sin if variable == COMMAND else np.cos)(np.multiply.outer(2.0 * pi * frequency, time))
@@ -153,25 +201,33 @@ def sine(amplitude: float, frequency: Any, cycles: Any = 6.0, settle: tuple[floa
     return Excitation(f"sine of {variable} at {span} Hz", {variable: amplitude * wave}, float(time[-1] - judged))
 
 
+@checked
 def sine_from_rest(amplitude: float, frequency: float, duration: float) -> Excitation:
     """Return a sine of the command [rad] at a frequency [Hz] for `duration` [s], from rest at zero; all is judged."""
-    since = np.maximum(times(LEAD_IN + duration) - LEAD_IN, 0.0)
+    _above_zero("frequency", frequency, _FASTEST)
+    since = np.maximum(_following(LEAD_IN, duration) - LEAD_IN, 0.0)
     return Excitation(f"sine of {degrees(amplitude):.6g} deg at {frequency:g} Hz",
                       {COMMAND: amplitude * np.sin(2.0 * pi * frequency * since)}, LEAD_IN)
 
 
+@checked
 def load_ramp(moment: float, duration: float) -> Excitation:
     """Return a ramp of the hinge moment from zero to `moment` [N.m] in `duration` [s], command at zero."""
     return Excitation(f"hinge moment up to {moment:+g} N.m", {LOAD: moment * times(duration) / duration})
 
 
+@checked
 def staircase(levels: Sequence[float], holds: Sequence[float], step: float = STEP) -> Excitation:
     """Return a command of levels [rad], each for its time [s]; judged is the last."""
+    if not len(levels) == len(holds) > 0 or min(holds) < 0.0:
+        raise ArgumentError(f"{len(levels)} levels for {brief(holds)} s: expected as many holds of 0 s or more")
+    times(sum(holds), step)  # that there are rows, and not too many
     command = np.repeat(levels, [round(hold / step) for hold in holds])
     return Excitation(f"{len(levels)} levels of the command", {COMMAND: np.append(command, command[-1])},
                       sum(holds[:-1]), step)
 
 
+@checked
 def reference_case(name: str, exact: bool = True, supply: float = SUPPLY) -> Excitation:
     """Return a reference case by name, for a unit whose supply is `supply` [V] at the start.
 
@@ -186,19 +242,22 @@ def reference_case(name: str, exact: bool = True, supply: float = SUPPLY) -> Exc
     return excitation if exact else with_encoder(excitation)
 
 
+@checked
 def of_case(title: str, inputs: Mapping[str, Array], step: float, start_values: Mapping[str, Any]) -> Excitation:
     """Return the excitation of a reference case from its columns, ``time`` among them."""
     columns = {name: column for name, column in inputs.items() if name != "time"}
     return Excitation(title, columns, LEAD_IN, step, start_values)
 
 
+@checked
 def with_encoder(excitation: Excitation) -> Excitation:
     """Return the same with the subject's encoder, as performance is judged."""
     return replace(excitation, start_values={name: value for name, value in excitation.start_values.items()
                                              if not name.startswith("encoder.")})
 
 
-def csv_file(path: Path, step: float = STEP, stop: float | None = None, model: str = NONLINEAR,
+@checked
+def csv_file(path: Path | str, step: float = STEP, stop: float | None = None, model: str = NONLINEAR,
              fins: int = 1) -> Excitation:
     """Return the inputs of a CSV file: a column ``time`` [s] and columns of a model's inputs, SI, as fmpy reads it.
 
@@ -208,6 +267,7 @@ def csv_file(path: Path, step: float = STEP, stop: float | None = None, model: s
     begins at 0: inputs before the first row are those of it.
     Raises EmcasError for what is no such file.
     """
+    path = Path(path)
     table = _read(path)
     inputs = list(dict.fromkeys(v.name for v in (*get(model).inputs, *FmuInterface(fins, model).inputs)))
     if "time" not in table:

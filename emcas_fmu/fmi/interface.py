@@ -17,8 +17,9 @@ from typing import Any
 from ..actuators import NONLINEAR, fin_port, get
 from ..actuators.declaration import Actuator, identifier
 from ..actuators.line import Line
+from ..arguments import checked
 from ..errors import EmcasError
-from ..parameters import ParameterSet, load_parameters, require_set
+from ..parameters import ParameterSet, load_parameters
 from ..variables import Variable, real_input
 
 MOST_FINS = 8
@@ -221,14 +222,14 @@ def fin_files(given: Sequence[str]) -> dict[int, Path]:
     return files
 
 
-def fin_sets(base: ParameterSet, fins: int, layout: str = "cross", files: Mapping[int, Path] = MappingProxyType({}),
-             ) -> tuple[ParameterSet, ...]:
+@checked
+def fin_sets(base: ParameterSet, fins: int, layout: str = "cross",
+             files: Mapping[int, Path | str] = MappingProxyType({})) -> tuple[ParameterSet, ...]:
     """Return each fin's parameters: `base` where the layout puts it, with the fin's file, if there is one, over it.
 
     `layout` is ``plus`` or ``cross``; `files` are by the fin's number, from 1. Raises EmcasError for a fin, number or
     layout there is not, and where fins differ in what they share; ParameterError for a file's problems.
     """
-    require_set("fin_sets", base)
     FmuInterface(fins)
     places = azimuths(fins, layout)
     for fin in files:

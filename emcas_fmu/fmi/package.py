@@ -10,8 +10,9 @@ from typing import Any
 from uuid import UUID
 
 from .. import __version__
+from ..arguments import checked
 from ..errors import BuildError
-from ..parameters import ParameterSet, require_set
+from ..parameters import ParameterSet
 from ..progress import Progress
 from ..writing import write_zip
 from . import native, python
@@ -25,6 +26,7 @@ from .references import reference_files
 BACKENDS = ("python", "native")
 
 
+@checked
 @dataclass(frozen=True)
 class Built:
     """What was built: the file, its size [bytes], the GUID, the platforms it has binaries for, and the warnings of its
@@ -76,9 +78,10 @@ def _contents(unit: FmuInterface, sets: Sequence[ParameterSet], backend: str, pl
     return contents, guid, built_for
 
 
+@checked
 def build(parameters: ParameterSet, output: Path | str, backend: str | None = None,
           platforms: Sequence[str] | None = None, cc: str | None = None, progress: Progress | None = None,
-          fins: int = 1, layout: str = "cross", files: Mapping[int, Path] | None = None, fmi: str | int = "2",
+          fins: int = 1, layout: str = "cross", files: Mapping[int, Path | str] | None = None, fmi: str | int = "2",
           references: bool = True, clock: bool = False, names: str = SPELLINGS[0]) -> Built:
     """Write the FMU of a parameter set to `output`, whole or not at all.
 
@@ -91,7 +94,6 @@ def build(parameters: ParameterSet, output: Path | str, backend: str | None = No
     (:mod:`.references`). Raises EmcasError for what cannot be asked for, ParameterError for a file's problems,
     BuildError if the FMU cannot be written and CompilerError if there is no compiler.
     """
-    require_set("build", parameters)
     fmi = str(fmi)
     if fmi not in native.FORMATS:
         raise BuildError(f"--fmi {fmi}: there is {' and '.join(native.FORMATS)}")

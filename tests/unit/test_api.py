@@ -89,10 +89,10 @@ def test_start_values_of_an_excitation() -> None:
     (lambda: simulate(BASE, kernel="fast"), "kernel fast"),
     (lambda: simulate(fin_sets(BASE, 2), line={"bus.resistance": 1.0}), "bus.resistance"),
     (lambda: simulate(BASE, line={"bus.source_resistance": 0.1}), "several fins"),
-    (lambda: simulate("my.toml"), r"no parameter set; load_parameters\(\)"),  # type: ignore[arg-type]
-    (lambda: analyse("my.toml"), "no parameter set"),  # type: ignore[arg-type]
-    (lambda: build("my.toml", "my.fmu"), r"^build: 'my.toml' is no .*; load_parameters\(\)"),  # type: ignore[arg-type]
-    (lambda: fin_sets("my.toml", 4), r"^fin_sets: 'my.toml' is no .*; load_parameters\(\)"),  # type: ignore[arg-type]
+    (lambda: simulate("my.toml"), r"parameters = 'my.toml': expected a parameter set \(load_parameters\(\)"),  # type: ignore[arg-type]
+    (lambda: analyse("my.toml"), "expected a parameter set"),  # type: ignore[arg-type]
+    (lambda: build("my.toml", "my.fmu"), "^build: parameters = 'my.toml': expected a par"),  # type: ignore[arg-type]
+    (lambda: fin_sets("my.toml", 4), "^fin_sets: base = 'my.toml': expected a par"),  # type: ignore[arg-type]
     (lambda: simulate(BASE, "step_plus10"), "excitations.reference_case"),  # type: ignore[arg-type]
     (lambda: validate(BASE, cases="nonsense"), "no case nonsense|nonsense"),
     (lambda: tune(study="missing.toml"), "missing.toml"),

@@ -110,15 +110,19 @@ class LinearActuator:
         start, count = self._traced.start(self._gains).tolist(), len(equations.states)
         self._kept = start[count:]
         held = self._kept[len(self._kept) - len(equations.sampled):]
-        plant = linear_plant(self._traced, tuple(start[:count]), tuple(held),
-                             self._gains if self._traced.plant_varies else (1.0,) * len(self._gains),
-                             fin_angle, aero_torque)
+        too_much = EmcasError(f"{self._where} no reference within the drive's limits holds it; give a smaller torque")
+        try:
+            plant = linear_plant(self._traced, tuple(start[:count]), tuple(held),
+                                 self._gains if self._traced.plant_varies else (1.0,) * len(self._gains),
+                                 fin_angle, aero_torque)
+        except ArithmeticError as error:
+            raise too_much from error
         self.rest, self.continuous, self._voltage = plant.states, plant.continuous, plant.voltage
         self.point = self._resting(plant.reference, *plant.outputs[1:])
         x = Record(**dict(zip(equations.states, map(float, self.rest), strict=True)))
         limited = self.actuator.rates(FLOATS, self.p, x, equations.acting(plant.reference, aero_torque, held)).values()
         if not max(plant.residual, *map(abs, limited)) <= _REST * plant.scale:
-            raise EmcasError(f"{self._where} no reference within the drive's limits holds it; give a smaller torque")
+            raise too_much
         plan = schedule(FLOATS, self.p, self.actuator)
         self.plant = plant.sampled(self.period, int(plan.delay_samples), float(plan.arrival))
 

@@ -79,6 +79,8 @@ def solve(equations: Callable[[Array], tuple[Array, Array]], guess: Array) -> Ar
     independent. One in which no unknown acts is left as it is: it may have a residual of rounding."""
     for _ in range(_ITERATIONS):
         values, slopes = equations(guess)
+        if not (np.isfinite(values).all() and np.isfinite(slopes).all()):
+            raise ArithmeticError("the equations give values that are not finite")
         rows = np.max(np.abs(slopes), axis=1, initial=0.0)
         rows[rows == 0.0] = 1.0
         change = np.linalg.lstsq(slopes / rows[:, None], -values / rows, rcond=None)[0]

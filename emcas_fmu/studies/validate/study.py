@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...actuators import NAMES, NONLINEAR, parts
+from ...arguments import checked
 from ...bench import metrics, verdict
 from ...bench.excitation import Excitation, of_case, step_to, with_encoder
 from ...bench.subject import Columns, Identification, Run, Subject
@@ -71,6 +72,7 @@ class Series:
         return response[:rows], reference[:rows]
 
 
+@checked
 @dataclass(frozen=True)
 class Result:
     """A whole validation; `reference` is the folder of the references, empty where there is none of this actuator.
