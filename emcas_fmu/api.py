@@ -9,6 +9,7 @@ The commands simulate, build, validate, analyse and tune of `emcas` are made of 
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +21,7 @@ from .arguments import brief, checked
 from .bench import excitation as excitations
 from .bench.excitation import COMMAND, STEP, Excitation, check_span
 from .bench.subject import ParameterSubject, Subject, open_subject
-from .errors import EmcasError, hint
+from .errors import EmcasError, EmcasWarning, hint
 from .fmi.interface import FmuInterface, fin_sets, require_shared
 from .fmi.package import Built, build
 from .parameters import ParameterError, ParameterSet, load_parameters
@@ -62,7 +63,8 @@ def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, ex
     ``compiled``, ``python``, or ``auto``: compiled if there is a C compiler, which it waits for the first time; the
     numbers are the same.
 
-    Raises EmcasError for what cannot be simulated; a ParameterSet is sound already.
+    Warns (EmcasWarning) of a command beyond its limit, which is clipped, and of one that looks like degrees. Raises
+    EmcasError for what cannot be simulated; a ParameterSet is sound already.
     """
     sets = _sets("simulate", parameters)
     unit = FmuInterface(len(sets), sets[0].model)
@@ -84,7 +86,10 @@ def simulate(parameters: ParameterSet | Sequence[ParameterSet] | None = None, ex
         raise
     except (ArithmeticError, TypeError, ValueError) as error:
         raise EmcasError(f"the response cannot be computed: {error}") from error
-    return Response(unit, sets, excitation, columns)
+    response = Response(unit, sets, excitation, columns)
+    for message in response.warnings:
+        warnings.warn(message, EmcasWarning, stacklevel=3)  # of the line that calls this, beyond `checked`
+    return response
 
 
 def _sets(what: str, given: Any) -> tuple[ParameterSet, ...]:

@@ -29,6 +29,10 @@ class EmcasError(Exception):
     """The request cannot be carried out; the message names the thing and the remedy."""
 
 
+class EmcasWarning(UserWarning):
+    """What can be carried out and is worth a look."""
+
+
 class ArgumentError(EmcasError, ValueError):
     """An argument cannot be used; the message names the function, the argument, its value and what is expected."""
 

@@ -127,9 +127,8 @@ def times(stop: float, step: float = STEP) -> Array:
 
 def _following(begin: float, duration: float, step: float = STEP) -> Array:
     """Return the times of rows from 0 to `duration` [s] after `begin` [s]. Raises ArgumentError."""
-    if begin < 0.0 or duration <= 0.0:
-        raise ArgumentError(f"a motion that begins at {begin:g} s and lasts {duration:g} s: expected a beginning at 0 "
-                            "or later and a duration above 0")
+    if begin < 0.0 or duration < 0.0:
+        raise ArgumentError(f"a motion that begins at {begin:g} s and lasts {duration:g} s: neither may be negative")
     return times(begin + duration, step)
 
 
@@ -169,6 +168,7 @@ def sweep(amplitude: float, duration: float, low: float = SWEEP[0], high: float 
 
     Raises ArgumentError.
     """
+    _above_zero("duration", duration)
     _above_zero("low", low)
     _above_zero("high", high, _FASTEST)
     if not low < high:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import date as calendar
@@ -16,7 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.progress import Progress as Bars
 
 from ..actuators import EXTENSIONS, NAMES, NONLINEAR
-from ..errors import EmcasError, in_words, writing
+from ..errors import EmcasError, EmcasWarning, in_words, writing
 from ..files import as_given
 from ..progress import LOG, Progress
 from ..writing import try_file, try_folder
@@ -41,12 +42,16 @@ class _Notes(logging.Handler):
 
 @contextmanager
 def failures() -> Iterator[None]:
-    """Print expected failures as a message and exit with 2, never with a traceback; announce what takes long."""
+    """Print expected failures as a message and exit with 2, never with a traceback; print warnings and what takes long.
+    """
     if not LOG.handlers:
         LOG.addHandler(_Notes())
         LOG.setLevel(logging.INFO)
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.simplefilter("default", EmcasWarning)
+            warnings.showwarning = lambda message, *_: warn([str(message)])
+            yield
     except (EmcasError, OSError) as error:
         said = in_words(error) if isinstance(error, OSError) else str(error)
         err.print(f"[bold red]error:[/] {escape(said)}", highlight=False, soft_wrap=True)

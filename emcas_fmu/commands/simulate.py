@@ -124,7 +124,6 @@ def simulate(
         if case:
             chosen = reference_case(case, supply=supply_start(model, sets[0].values))
         response = run(sets, replace(chosen, start_values={}), kernel=kernel, line=line, **constants)
-        common.warn(response.warnings)
         if output:
             response.write_csv(output)
         if plot:

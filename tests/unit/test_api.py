@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import warnings
 from math import radians
 from pathlib import Path
 from unittest.mock import Mock
@@ -124,7 +125,12 @@ def test_fins_on_a_line() -> None:
 @pytest.mark.parametrize(("command", "warning"), [
     ("20 deg", ()), ("25 deg", ("is clipped$",)), (10.0, ("573 deg.*is it given in degrees",))])
 def test_warnings(command: float | str, warning: tuple[str, ...]) -> None:
-    found = simulate(stop=0.01, fin_command=command).warnings
+    """The call warns, at the caller's line, of what the response lists."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = simulate(stop=0.01, fin_command=command).warnings
+    assert [str(each.message) for each in caught] == list(found)
+    assert {each.filename for each in caught} <= {__file__}
     assert len(found) == len(warning)
     assert all(re.search(pattern, text) for pattern, text in zip(warning, found))
 
