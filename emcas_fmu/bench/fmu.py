@@ -6,8 +6,6 @@ import hashlib
 import os
 import re
 import tempfile
-import zipfile
-import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,12 +19,14 @@ from fmpy.model_description import read_model_description
 from fmpy.simulation import instantiate_fmu
 
 from ..actuators import EXTENSIONS, NAMES, get
+from ..archives import reading
 from ..errors import EmcasError
 from ..fmi.fmi3.arrays import arrays
 from ..fmi.interface import FmuInterface, flat, model_name
 from .fmi3 import Element, Fmi3Slave, elements
 
 _NAME = re.compile(r"(EMCAS)(\d*)(|_\w+)")
+_IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _FIN = re.compile(r"fin\[\d+\]\.")
 
 
@@ -135,12 +135,15 @@ def opened(path: Path, fin: int | None = None, model: str | None = None) -> Iter
         raise EmcasError(f"{path}: is a folder, not an FMU")
     if not path.is_file():
         raise EmcasError(f"{path}: there is no such file; build one with `emcas build --output {path}`")
-    try:
-        description = read_model_description(str(path))
-    # fmpy reports an unsound model description as a bare Exception.
-    except Exception as error:
-        reason = "not a ZIP archive" if not zipfile.is_zipfile(path) else " ".join(str(error).split())
-        raise EmcasError(f"{path}: is not an FMU that can be read ({reason})") from error
+    with reading(path, str(path), "an FMU"):
+        try:
+            description = read_model_description(str(path))
+        # fmpy reports an unsound model description as a bare Exception.
+        except Exception as error:
+            raise EmcasError(f"{path}: is not an FMU that can be read ({' '.join(str(error).split())})") from error
+    if not _IDENTIFIER.fullmatch(identifier := str(getattr(description.coSimulation, "modelIdentifier", "_"))):
+        raise EmcasError(f"{path}: its modelIdentifier {identifier!r} is no name of C, by which its library is found; "
+                         "have the FMU made again")
     if description.coSimulation is None or description.fmiVersion not in ("2.0", "3.0"):
         raise EmcasError(f"{path}: is not a co-simulation FMU of FMI 2.0 or 3.0 (FMI {description.fmiVersion})")
     platforms = fmpy.supported_platforms(str(path))
@@ -154,10 +157,8 @@ def opened(path: Path, fin: int | None = None, model: str | None = None) -> Iter
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     working_directory = Path.cwd()
     with tempfile.TemporaryDirectory(prefix="emcas_fmu_", ignore_cleanup_errors=True) as folder:
-        try:
-            fmpy.extract(str(path), unzipdir=folder)
-        except (zipfile.BadZipFile, zlib.error, OSError) as error:
-            raise EmcasError(f"{path}: cannot be unpacked ({error}); copy or build it again") from error
+        with reading(path, str(path), "an FMU") as archive:
+            archive.extractall(folder)
         try:
             yield OpenedFmu(path, Path(folder), description, listed, starts, digest, names)
         finally:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
+from ..archives import reading
 from ..errors import EmcasError, unreadable
 from ..writing import write_zip
 from .schema import DEFAULT, SspError
@@ -15,29 +14,20 @@ from .schema import DEFAULT, SspError
 class Archive:
     """The files of an SSP by name, unpacked on demand.
 
-    Raises SspError if the file is no archive, EmcasError if it cannot be opened at all.
+    Raises SspError if the file is no archive that can be read, or is not sound.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        try:
-            with zipfile.ZipFile(path) as archive:
-                self.names = tuple(name for name in archive.namelist() if not name.endswith("/"))
-        except zipfile.BadZipFile as error:
-            raise SspError(f"{path}: is not a ZIP archive, so not an SSP") from error
-        except OSError as error:
-            raise EmcasError(unreadable(path, error)) from error
+        with reading(path, str(path), "an SSP", SspError) as archive:
+            self.names = tuple(name for name in archive.namelist() if not name.endswith("/"))
 
     def read(self, name: str) -> bytes:
         """Return the contents of a file. Raises SspError if it is not there or damaged."""
         if name not in self.names:
             raise SspError(f"{name}: is not in {self.path.name}")
-        try:
-            with zipfile.ZipFile(self.path) as archive:
-                return archive.read(name)
-        # What zipfile says of damage, of encryption and of compression it does not know.
-        except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, OSError) as error:
-            raise SspError(f"{name}: cannot be unpacked from {self.path.name}: {error}") from error
+        with reading(self.path, f"{self.path.name}/{name}", "an SSP", SspError) as archive:
+            return archive.read(name)
 
     @property
     def structures(self) -> tuple[str, ...]:

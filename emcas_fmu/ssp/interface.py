@@ -10,6 +10,7 @@ from typing import Any
 
 from fmpy import read_model_description
 
+from ..archives import reading
 from .schema import SspError
 from .units import BASES, Unit
 
@@ -55,6 +56,8 @@ def typed(kind: str, text: str) -> Value:
 
 def read_interface(content: bytes, name: str) -> Interface:
     """Return the interface of an FMU file. Raises SspError if it is none."""
+    with reading(content, name, "an FMU", SspError):
+        pass
     try:
         description = read_model_description(BytesIO(content), validate=False)
         units = {u.name: Unit.of({base: getattr(u.baseUnit, base) for base in (*BASES, "factor", "offset")})

@@ -34,9 +34,13 @@ def parse(content: bytes, name: str) -> Any:
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True,
                              remove_pis=True)
     try:
-        return etree.fromstring(content, parser)
+        root = etree.fromstring(content, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
         raise SspError(f"{name}: is not XML: {error}") from error
+    if (entity := next(root.iter(etree.Entity), None)) is not None:
+        raise SspError(f"{name}: has the entity reference {entity.text}, which SSP has no use for; write what it "
+                       "stands for")
+    return root
 
 
 def render(template: str, **context: Any) -> bytes:

@@ -155,7 +155,7 @@ def test_same_bytes(ssp: Path, native: Path, tmp_path: Path) -> None:
     ({"fins": 9}, "--fins 9: a unit has 1 to 8 fins"),
     ({"layout": "x"}, "--layout x: there is plus and cross"),
     ({"fmu": Path("none.fmu")}, "none.fmu: cannot be read"),
-    ({"fmu": Path(__file__)}, "is not an FMU that can be read"),
+    ({"fmu": Path(__file__)}, "is not an FMU"),
 ])
 def test_refused(native: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: dict[str, Any],
                  expected: str) -> None:

@@ -1,0 +1,122 @@
+"""Archives that other people made: what is not sound in them is refused in a line, before it is unpacked."""
+
+from __future__ import annotations
+
+import struct
+import tracemalloc
+import zipfile
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from emcas_fmu import EmcasError
+from emcas_fmu.archives import MOST_ENTRIES, MOST_FOLDERS, MOST_RATIO, SMALL, reading
+from emcas_fmu.cli import app
+from emcas_fmu.ssp.archive import Archive
+from emcas_fmu.ssp.check import check
+from emcas_fmu.ssp.interface import read_interface
+from emcas_fmu.ssp.schema import SspError, parse
+
+DESCRIPTION = """<fmiModelDescription fmiVersion="2.0" modelName="m" guid="g"><CoSimulation modelIdentifier="{}"/>
+<ModelVariables><ScalarVariable name="x" valueReference="0"><Real/></ScalarVariable></ModelVariables>
+<ModelStructure/></fmiModelDescription>"""
+MB = 1 << 20
+
+
+def _zip(*entries: tuple[str, bytes]) -> bytes:
+    file = BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in entries:
+            archive.writestr(name, content)
+    return file.getvalue()
+
+
+def _patched(at: int, value: int) -> bytes:
+    """Return an archive of one entry with a word of its headers changed, by its place in the central one."""
+    content = bytearray(_zip(("modelDescription.xml", b"<x/>")))
+    begin = content.index(b"PK\x01\x02")
+    content[begin + at:begin + at + 2] = content[at - 2:at] = struct.pack("<H", value)
+    return bytes(content)
+
+
+UNSOUND: dict[str, tuple[Callable[[], bytes], str]] = {
+    "absolute path": (lambda: _zip(("/etc/x", b"")), "no path inside"),
+    "drive": (lambda: _zip(("C:x", b"")), "no path inside"),
+    "backslash": (lambda: _zip(("a\\b", b"")), "no path inside"),
+    "parent": (lambda: _zip(("a/../../b", b"")), "no path inside"),
+    "newline": (lambda: _zip(("a\nb", b"")), "no path inside"),
+    "zero byte": (lambda: _zip(("aQb", b"")).replace(b"aQb", b"a\0b"), "no path inside"),
+    "encrypted": (lambda: _patched(8, 0x1), "is encrypted"),
+    "method": (lambda: _patched(10, 97), "other than deflate"),
+    "folders": (lambda: _zip(("a/" * (MOST_FOLDERS + 1) + "b", b"")), "folders inside each other"),
+    "entries": (lambda: _zip(*((str(i), b"") for i in range(MOST_ENTRIES + 1))), f"{MOST_ENTRIES} may be"),
+    "ratio": (lambda: _zip(("x.bin", bytes(64 * MB))), f"{MOST_RATIO} may be"),
+    "documents": (lambda: _zip(("x.bin", bytes(range(256)) * 4096), ("x.xml", bytes(33 * MB))), "may be"),
+    "text": (lambda: b"hello", "is not a ZIP archive"),
+    "empty": (lambda: b"", "is not a ZIP archive"),
+}
+
+
+@pytest.mark.parametrize("case", UNSOUND)
+def test_what_is_not_sound(case: str, tmp_path: Path) -> None:
+    """As an FMU it is a line and exit code 2 of a command; as an SSP, and as an FMU inside of one, an SspError."""
+    make, said = UNSOUND[case]
+    content, path = make(), tmp_path / "other.fmu"
+    path.write_bytes(content)
+    done = CliRunner().invoke(app, ["validate", str(path)])
+    assert done.exit_code == 2, done.output
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1
+    with pytest.raises(SspError, match=said):
+        Archive(path)
+    with pytest.raises(SspError, match=said):
+        read_interface(content, "resources/other.fmu")
+
+
+def test_what_is_sound() -> None:
+    """Zeros up to what needs no ratio, empty files and folders, names in other scripts."""
+    entries = (("zeros.bin", bytes(SMALL - 1)), ("folder/", b""), ("Ärmel/..x", b""), ("a/b..", b"1"))
+    with reading(_zip(*entries), "x.fmu", "an FMU") as archive:
+        assert {name: archive.read(name) for name in archive.namelist()} == dict(entries)
+
+
+def test_a_bomb_takes_neither_memory_nor_time(tmp_path: Path) -> None:
+    """200 MB of zeros in 0.2 MB, as the structure and as the description of an FMU: nothing of it is unpacked."""
+    bomb = _zip(("modelDescription.xml", bytes(200 * MB)))
+    structure = _zip(("SystemStructure.ssd", bytes(200 * MB)))
+    (tmp_path / "bomb.ssp").write_bytes(structure)
+    tracemalloc.start()
+    try:
+        report = check(tmp_path / "bomb.ssp")
+        with pytest.raises(SspError, match="200 MB unpacked"):
+            read_interface(bomb, "resources/EMCAS.fmu")
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert "200 MB unpacked" in str(report.errors[0])
+    assert most < 20 * MB  # the archives are 0.2 MB each; the reader's tables 0.1 MB
+
+
+@pytest.mark.parametrize("identifier", ["../../x", "/tmp/x", "a.b", "a b", "", "é", "1a"])
+def test_library_is_not_looked_for_elsewhere(identifier: str, tmp_path: Path) -> None:
+    path = tmp_path / "other.fmu"
+    path.write_bytes(_zip(("modelDescription.xml", DESCRIPTION.format(identifier).encode()),
+                          ("binaries/linux64/x.so", b""), ("binaries/win64/x.dll", b"")))
+    done = CliRunner().invoke(app, ["validate", str(path)])
+    assert done.exit_code == 2, done.output
+    assert "modelIdentifier" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_entity_reference() -> None:
+    with pytest.raises(SspError, match="entity reference &e;"):
+        parse(b'<!DOCTYPE a [<!ENTITY e "x">]><a><b>&e;</b></a>', "SystemStructure.ssd")
+
+
+def test_folder_and_absent_file(tmp_path: Path) -> None:
+    for path in (tmp_path, tmp_path / "absent.ssp"):
+        with pytest.raises(EmcasError, match="cannot be read"), reading(path, str(path), "an SSP", SspError):
+            pass
