@@ -124,6 +124,11 @@ def typeset(unit: str) -> str:
     return {"1": "", "deg": "°", "deg/s": "°/s", "degC": "°C"}.get(unit, raised)
 
 
+def css_text(text: str) -> str:
+    """Return a text as it is written between the quotes of a style sheet: nothing in it ends them, or the element."""
+    return re.sub(r"[^\w .,+-]", lambda found: f"\\{ord(found[0]):x} ", text)
+
+
 @cache
 def _environment() -> Environment:
     made = Environment(loader=PackageLoader("emcas_fmu", ""), undefined=StrictUndefined, trim_blocks=True,
@@ -131,6 +136,7 @@ def _environment() -> Environment:
     made.filters.update(number=lambda value: number(value).replace("-", "−"), quantity=with_unit, unit=typeset,
                         percent=percent, beside=lambda value, limit: beside(value, limit).replace("-", "−"),
                         rounded=lambda value, form: rounded(value, form).replace("-", "−"))
+    made.filters["css"] = lambda text: Markup(css_text(text))
     made.filters["outlined"] = lambda body: Markup(outlined(str(body)))  # what is in it was escaped before
     made.globals.update(version=__version__, in_column=lambda unit: ("ms", 1e3) if unit == "s" else (unit, 1.0), **{
         name: files("emcas_fmu.bench").joinpath(file).read_text(encoding="utf-8") for name, file in _SCRIPTS.items()})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,6 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
+from rich.segment import Segment
 
 from ..actuators import EXTENSIONS, NAMES, NONLINEAR
 from ..errors import EmcasError, EmcasWarning, in_words, writing
@@ -26,8 +28,22 @@ if TYPE_CHECKING:
     from ..bench.subject import Subject
     from ..parameters import ParameterSet
 
-out = Console()
-err = Console(stderr=True)
+# What a terminal acts on, or shows in another order than it is written: in a file's names or texts it would hide or
+# forge what is printed. Half a surrogate pair cannot be printed at all.
+_ACTS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+
+
+class _Plain(Console):
+    """A console that prints control characters of what it is given as ``\\x1b``."""
+
+    def render(self, *args: Any, **kwargs: Any) -> Iterable[Segment]:
+        """Return what is printed of something, piece by piece, its style apart."""
+        for text, style, control in super().render(*args, **kwargs):
+            yield Segment(text if control else _ACTS.sub(lambda found: ascii(found[0])[1:-1], text), style, control)
+
+
+out = _Plain()
+err = _Plain(stderr=True)
 
 INTERRUPTED = 130
 """Exit code of a run that was stopped by Ctrl-C."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from html.parser import HTMLParser
@@ -163,6 +164,16 @@ def test_page_is_whole_and_holds_everything(shipped: Result, tmp_path: Path, mon
         assert f"<code>{name.replace('_', '_<wbr>')}</code></td>{cell}" in text
     assert "required 220°/s" in text  # beside the figure it limits
     assert "<th>date</th><td>2026-03-31</td>" in page(shipped, tmp_path, "2026-03-31")
+
+
+def test_a_revision_ends_no_style_sheet(shipped: Result, tmp_path: Path) -> None:
+    """Whatever it holds, it stands between the quotes, as it was given."""
+    given = 'AT "7\\"; } body { display: none }\n</style><b>'
+    write_report(shipped, tmp_path / "page.html", "", given, given)
+    line = re.search(r'@bottom-left \{ content: "([^"\n]*)"; font', (tmp_path / "page.html").read_text("utf-8"))
+    assert line is not None
+    assert "<" not in line[1]
+    assert re.sub(r"\\([0-9a-f]+) ", lambda found: chr(int(found[1], 16)), line[1]) == f"{given} rev. {given}"
 
 
 @pytest.mark.slow
