@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from . import __version__
-from .commands.group import LazyGroup, load, printing
+from .commands.group import LazyGroup, check_environment, load, printing
 
 # Before NumPy comes. The matrices here are small: threads of the linear algebra gain nothing, and where the cores are
 # busy their waiting for each other takes many times the work.
@@ -36,6 +36,10 @@ def main(version: Annotated[bool, typer.Option("--version", callback=_version, i
 def build_command() -> None:
     """`emcas build` as a program of its own."""
     with printing():
+        try:
+            check_environment()
+        except typer.Exit as stop:
+            sys.exit(stop.exit_code)
         load("build", "python build_fmu.py")()
 
 

@@ -384,7 +384,7 @@ def _entries(
 ) -> tuple[dict[str, Entry], list[str]]:
     """Return the sound entries of a document and the problems of the others."""
     entries: dict[str, Entry] = {}
-    problems = []
+    found: list[tuple[str, Mapping[str, Any], ValueError]] = []
     for key, written in _leaves(document, known):
         try:
             for name, fields in _scalars(key, written, known):
@@ -393,10 +393,11 @@ def _entries(
                         raise ValueError("given twice")
                     entries[name] = _entry(known.variables[name], fields, source, file)
                 except ValueError as error:
-                    problems.append(f"{label}: {name} = {_text(fields)}: {error}")
+                    found.append((name, fields, error))
         except ValueError as error:
-            problems.append(f"{label}: {key} = {_text({'value': written})}: {error}")
-    return entries, problems
+            found.append((key, {"value": written}, error))
+    problems = [f"{label}: {name} = {_text(fields)}: {error}" for name, fields, error in found[:schema.MOST_PROBLEMS]]
+    return entries, problems + [f"{label}: {said}" for said in schema.further(found)]
 
 
 def _leaves(node: Mapping[str, Any], known: _Known, path: str = "") -> Iterator[tuple[str, Any]]:
@@ -425,7 +426,15 @@ def _scalars(key: str, written: Any, known: _Known) -> Iterator[tuple[str, Mappi
         raise ValueError("is a group of parameters; expected a table such as "
                          f"{next(name for name in known.names if name.startswith(key + '.'))}")
     else:
-        raise ValueError(f"{known.unknown}{hint(_RENAMED.get(key, key), known.names)}")
+        raise _UnknownNameError(key, known)
+
+
+class _UnknownNameError(ValueError):
+    """A name that is none of those known, with the nearest of them, which is looked for where it is printed."""
+
+    def __str__(self) -> str:
+        key, known = self.args
+        return f"{known.unknown}{hint(_RENAMED.get(key, key), known.names)}"
 
 
 def _entry(variable: Variable, fields: Mapping[str, Any], source: str, file: str) -> Entry:

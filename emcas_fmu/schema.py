@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
@@ -16,6 +16,11 @@ from .errors import EmcasError, hint, unreadable
 from .toml import tomllib
 from .units import describe, quantity
 from .variables import Variable
+
+MOST_PROBLEMS = 20
+"""How many problems of a file are listed; of the others their number is."""
+_MOST_NESTED = 50  # tables and lists inside each other
+_LONGEST_INTEGER = 64  # bits, as TOML has it
 
 T = TypeVar("T")
 M = TypeVar("M", bound="Table")
@@ -38,7 +43,9 @@ class Table(BaseModel):
         try:
             return handler(written)
         except ValidationError as error:
-            raise failure(_worded(problem, list(cls.model_fields)) for problem in error.errors()) from error
+            problems = error.errors(include_url=False)
+            raise failure([*(_worded(problem, list(cls.model_fields)) for problem in problems[:MOST_PROBLEMS]),
+                           *(((), said, None) for said in further(problems))]) from error
 
 
 def failure(problems: Iterable[tuple[Place, str, Any]]) -> ValidationError:
@@ -46,6 +53,11 @@ def failure(problems: Iterable[tuple[Place, str, Any]]) -> ValidationError:
     return ValidationError.from_exception_data("table", [
         InitErrorDetails(type=PydanticCustomError("reason", reason), loc=place, input=written)
         for place, reason, written in problems])
+
+
+def further(problems: Sequence[Any]) -> list[str]:
+    """Return what to say of problems beyond those that are listed."""
+    return [f"and {len(problems) - MOST_PROBLEMS} problems more"] if len(problems) > MOST_PROBLEMS else []
 
 
 def _worded(problem: Any, keys: list[str]) -> tuple[Place, str, Any]:
@@ -93,6 +105,9 @@ def each(entries: Any, read: Callable[[str, Any], T]) -> dict[str, T]:
     values: dict[str, T] = {}
     problems: list[tuple[Place, str, Any]] = []
     for name, written in entries:
+        if len(problems) >= MOST_PROBLEMS:
+            problems.append(((), "further entries are not looked at", None))
+            break
         try:
             if name in values:
                 raise ValueError("is given twice")
@@ -181,11 +196,26 @@ def document(path: Path, error: type[EmcasError], number: Callable[[str], Any] =
     """Return text and contents of a TOML file; `number` makes what a decimal number becomes. Raises `error`."""
     try:
         text = path.read_text(encoding="utf-8-sig")
-        return text, tomllib.loads(text, parse_float=number)
+        contents = tomllib.loads(text, parse_float=number)
+        _check_contents(contents)
+        return text, contents
     except (OSError, UnicodeDecodeError) as problem:
         raise error(unreadable(path, problem)) from problem
     except (ValueError, RecursionError) as problem:
         raise error(f"{path}: is not valid TOML: {problem}") from problem
+
+
+def _check_contents(contents: Mapping[str, Any]) -> None:
+    """Raise ValueError for what nests too deep to be gone through, or a whole number that no line can hold."""
+    nodes: list[tuple[Any, int]] = [(contents, 0)]
+    while nodes:
+        node, depth = nodes.pop()
+        if depth > _MOST_NESTED:
+            raise ValueError(f"tables or lists are more than {_MOST_NESTED} inside each other")
+        if isinstance(node, int) and node.bit_length() >= _LONGEST_INTEGER:
+            raise ValueError(f"a whole number has more than {_LONGEST_INTEGER} bits")
+        nodes += [(each, depth + 1) for each in
+                  (node.values() if isinstance(node, dict) else node if isinstance(node, list) else ())]
 
 
 def read(model: type[M], written: Mapping[str, Any], path: Path, error: type[EmcasError], context: Any = None) -> M:
@@ -193,7 +223,7 @@ def read(model: type[M], written: Mapping[str, Any], path: Path, error: type[Emc
     try:
         return model.model_validate(written, context=context)
     except ValidationError as caught:
-        raise error("\n".join(_line(path, problem) for problem in caught.errors())) from None
+        raise error("\n".join(_line(path, problem) for problem in caught.errors(include_url=False))) from None
 
 
 def load(model: type[M], path: Path, error: type[EmcasError], context: Any = None) -> M:

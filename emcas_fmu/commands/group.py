@@ -14,7 +14,9 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
+from ..dates import today
 from ..errors import unwritable
+from .common import failures
 
 UNREAD = 141
 """Exit code of a command whose output nobody reads to its end, as a shell has it of any program."""
@@ -33,6 +35,12 @@ def summary(name: str) -> str:
     with files(__package__).joinpath(f"{name}.py").open(encoding="utf-8") as file:
         text = file.readline().strip().strip('"').rpartition("`: ")[2]
     return text[:1].upper() + text[1:]
+
+
+def check_environment() -> None:
+    """Exit with 2 where SOURCE_DATE_EPOCH is no time: NumPy, too, reads it, when a part of it is first imported."""
+    with failures():
+        today()
 
 
 def load(name: str, program: str = "") -> Any:
@@ -148,6 +156,7 @@ class LazyGroup(TyperGroup):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Keep the arguments as they were given, for as long as the command runs: pages say how they were made."""
+        check_environment()
         if args and args[0] in self.commands:
             from ..bench.provenance import made_by
 

@@ -22,12 +22,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
+from .. import schema
 from ..actuators import NONLINEAR, get
 from ..actuators.external import load_module
 from ..errors import EmcasError, unreadable
 from ..parameters import ParameterSet, load_parameters
 from ..progress import Progress, silent
-from ..toml import tomllib
 from ..writing import write_folder
 from .cases import CASES, SIGNIFICANT_DIGITS, SUPPLY, Case, with_supply
 from .plant import Value
@@ -173,12 +173,12 @@ def read_csv(path: Path) -> dict[str, Array]:
 
 
 def read_provenance(directory: Path) -> dict[str, Any]:
-    """Return the parsed `provenance.toml`; empty when there is none. Raises EmcasError."""
+    """Return the parsed `provenance.toml`; empty when there is none. Raises EmcasError where it cannot be read."""
     path = directory / PROVENANCE
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    except ValueError as error:
-        raise EmcasError(f"{path}: cannot be read ({error}); {remedy(directory)}") from error
+        return schema.document(path, EmcasError)[1] if path.exists() else {}
+    except EmcasError as error:
+        raise EmcasError(f"{error}; {remedy(directory)}") from error
 
 
 def remedy(directory: Path) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..archives import reading
-from ..errors import EmcasError, unreadable
+from ..errors import unreadable
 from ..writing import write_zip
 from .schema import DEFAULT, SspError
 

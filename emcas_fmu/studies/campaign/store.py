@@ -172,9 +172,10 @@ def _check_same(manifest: Path, campaign: Mapping[str, Any]) -> None:
     try:
         document = json.loads(manifest.read_text(encoding="utf-8"))
         document.pop("text")
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        before = dict(_flat(document))
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise CampaignError(f"{manifest}: is no record of a campaign; name another folder") from error
-    before, now = dict(_flat(document)), dict(_flat(campaign))
+    now = dict(_flat(campaign))
     changed = [f"{name.removeprefix('campaign.')}: {_shown(before, name)} then, {_shown(now, name)} now"
                for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
     if changed:

@@ -126,7 +126,7 @@ class Journal:
                 raise StudyError(f"{path}: is the journal of another study or parameter set; name another file")
             for entry in map(json.loads, whole[1:]):
                 self._add(Evaluation(dict(entry["gains"]), tuple(Judgement(*j) for j in entry["judgements"])))
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise StudyError(f"{path}: is no journal: {error}") from error
         if len(whole) < len(lines):
             write(path, "".join(whole))

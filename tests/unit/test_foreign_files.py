@@ -1,0 +1,107 @@
+"""Files and an environment that nobody sound makes: a line that names the thing, exit code 2, and soon."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from time import perf_counter
+
+import pytest
+from typer.testing import CliRunner
+
+from emcas_fmu import EmcasError, load_parameters
+from emcas_fmu.cli import app
+from emcas_fmu.reference import files, stored
+
+ROOT = Path(__file__).resolve().parents[2]
+HOSTILE = {
+    "section of 5,000 parts": (f"[{'.'.join('a' * 5000)}]\nx = 1\n", "inside each other"),
+    "lists": ("x = " + "[" * 60 + "]" * 60, "inside each other"),
+    "integer of 60,000 digits": (f"[motor]\nx = 0x{'f' * 60_000}\n", "a whole number has more than 64 bits"),
+}
+COMMANDS = {
+    "parameters": ("parameters", "-p"), "campaign": ("campaign",), "report": ("report", "--requirements"),
+    "tune": ("tune",), "analyse": ("analyse", "--rod"),
+}
+
+
+def _run(command: str, path: Path) -> str:
+    """Return what a command prints of a file it refuses."""
+    done = CliRunner().invoke(app, [*COMMANDS[command], str(path)])
+    assert done.exit_code == 2, done.output
+    return done.stderr
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("case", HOSTILE)
+def test_toml(case: str, command: str, tmp_path: Path) -> None:
+    text, said = HOSTILE[case]
+    path = tmp_path / "hostile.toml"
+    path.write_text(text, encoding="utf-8")
+    printed = _run(command, path)
+    assert said in printed
+    assert printed.count("\n") == 1
+
+
+def test_provenance(tmp_path: Path) -> None:
+    (tmp_path / files.PROVENANCE).write_text(HOSTILE["lists"][0], encoding="utf-8")
+    with pytest.raises(EmcasError, match=r"provenance.toml: is not valid TOML.*make the reference files with"):
+        stored.load(tmp_path, None)
+
+
+@pytest.mark.parametrize("command", ["parameters", "campaign", "report", "tune"])
+def test_many_unknown_keys(command: str, tmp_path: Path) -> None:
+    """The first are listed, each with its hint, and the others counted."""
+    path = tmp_path / "many.toml"
+    path.write_text("".join(f"key{i} = 1\n" for i in range(30_000)), encoding="utf-8")
+    begun = perf_counter()
+    lines = _run(command, path).splitlines()
+    assert perf_counter() - begun < 20.0  # s; 1 here, and 30 where each was compared with every name there is
+    assert len(lines) == 21
+    assert re.search("and 2998. problems more$", lines[-1])  # tables that are missing are problems, too
+
+
+def test_problems_within_the_listed_ones_are_all_there() -> None:
+    """Up to twenty, none is left out."""
+    wrong = {f"key{i}": 1 for i in range(20)}
+    with pytest.raises(EmcasError) as refused:
+        load_parameters().with_values(wrong)
+    assert str(refused.value).count("no such parameter") == 20
+    assert "more" not in str(refused.value)
+
+
+@pytest.mark.parametrize("program", [["-m", "emcas_fmu.cli", "parameters"], ["-m", "emcas_fmu.cli", "report"],
+                                     [str(ROOT / "build_fmu.py")]], ids=["parameters", "report", "build"])
+@pytest.mark.parametrize("epoch", ["abc", "1e99", "9" * 30])
+def test_source_date_epoch(program: list[str], epoch: str, tmp_path: Path) -> None:
+    """In a process of its own: NumPy reads it where a part of it is first imported."""
+    done = subprocess.run([sys.executable, *program], env={**os.environ, "SOURCE_DATE_EPOCH": epoch}, cwd=tmp_path,
+                          capture_output=True, text=True, check=False)
+    assert done.returncode == 2, done.stderr
+    assert done.stderr == f"error: SOURCE_DATE_EPOCH={epoch}: expected seconds since 1970\n"
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("text", ["\x1b[2J", "\x07", "\x9b2J", "\r", "\u202e", "\x7f"])
+def test_control_characters_are_printed_as_text(text: str, tmp_path: Path) -> None:
+    """Of names and values, in messages and tables: a terminal acts on none of them."""
+    path = tmp_path / f"a{text}b.toml"
+    key = text.encode("unicode_escape").decode().replace("\\x", "\\u00")
+    path.write_text(f'"motor.{key}kp" = 1\n', encoding="utf-8")
+    for arguments in (["parameters", "-p", str(path)], ["simulate", "--step", "1", "--kernel", text],
+                      ["validate", str(tmp_path / f"{text}.fmu")], ["parameters", "--model", text]):
+        done = CliRunner().invoke(app, arguments)
+        assert done.exit_code == 2, done.output
+        assert text not in done.output
+        assert ascii(text)[1:-1] in done.output or text in "\a\r"  # which rich leaves out
+
+
+def test_control_characters_in_tables(tmp_path: Path) -> None:
+    path = tmp_path / "noted.toml"
+    path.write_text('"motor.resistance" = { value = 0.3, unit = "Ohm", note = "a\\u001b[2Jb" }\n', encoding="utf-8")
+    done = CliRunner().invoke(app, ["parameters", "-p", str(path)])
+    assert done.exit_code == 0, done.output
+    assert "\x1b" not in done.output
