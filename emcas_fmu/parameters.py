@@ -42,12 +42,12 @@ _RENAMED = {f"friction.cold_{kind}_ratio": f"friction.table.{kind}" for kind in 
 _APART = 1.2
 
 
-@checked
 class ParameterError(EmcasError, ValueError):
     """Parameters that cannot be used; `problems` has one message each, naming file, key, value and remedy."""
 
     def __init__(self, problems: str | Iterable[str]) -> None:
-        self.problems = (problems,) if isinstance(problems, str) else tuple(map(str, problems))
+        each = (problems,) if isinstance(problems, str) else problems
+        self.problems = tuple(" ".join(str(problem).splitlines()) for problem in each)  # a name may have several lines
         super().__init__("\n".join(self.problems))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -528,5 +528,4 @@ def _text(fields: Mapping[str, Any]) -> str:
     """Return a value as its file has it, with its unit."""
     value, unit = fields.get("value", "(nothing)"), fields.get("unit", "")
     text = str(value).lower() if isinstance(value, bool) else str(value)
-    text = " ".join(text.split())
     return text if unit in ("", "1") else f"{text} {unit}"

@@ -47,7 +47,6 @@ SOUND: dict[str, dict[str, Any]] = {
     "ParameterSet": {"entries": BASE.entries, "model": "nonlinear", "unused": (), "files": ()},
     "ParameterSet.with_values": {"controller.position.kp": 70.0}, "ParameterSet.having": {"values": {}},
     "ParameterSet.nested": {},
-    "ParameterError": {"problems": "a problem"},
     "Excitation": {"title": "t", "columns": {"fin_command": np.zeros(3)}, "begin": 0.0, "step": 1e-3,
                    "start_values": {}, "spring": 0.0},
     "Excitation.judged": {"time": STEP.time}, "Excitation.holding": {"columns": {"aero_torque": 1.0}},
@@ -88,8 +87,8 @@ def _public() -> dict[str, Callable[..., Any]]:
 
 
 PUBLIC = _public()
-# An error takes any message; the result of a validation is made by validate() and has no method with an argument.
-FREE = {"EmcasError", "Validation"}
+# Errors are caught, not made; the result of a validation is made by validate() and has no method with an argument.
+FREE = {"EmcasError", "ParameterError", "Validation"}
 
 
 def test_all_are_listed() -> None:

@@ -84,7 +84,8 @@ def test_parameters_by_column() -> None:
 
 @pytest.mark.parametrize(("given", "options", "said"), [
     ([], {}, "give one parameter set"), ([BASE, BASE], {"count": 3}, "count = 3 goes with one"),
-    (BASE, {"count": 0}, "from 1 on"), (BASE, {"count": 2.0}, "from 1 on"), (BASE, {"threads": 0}, "threads = 0"),
+    (BASE, {"count": 0}, "a whole number from 1 to"), (BASE, {"count": 2.0}, "count = 2.0: expected a whole number"),
+    (BASE, {"threads": 0}, "threads = 0"),
     (BASE, {"count": 2, "varied": {"friction.temp": 1.0}}, "no parameter friction"),
     (BASE, {"count": 2, "varied": {"friction.temperature": [1.0]}}, "array of 2 values"),
     (BASE, {"count": 2, "varied": {"friction.temperature": [1.0, 900.0]}}, "actuator 1: friction.temperature"),
