@@ -140,6 +140,17 @@ def acting(ops: Ops, p: Any, actuator: Actuator, f: Held, u: Acting) -> Acting:
     return u.replace(**changes)
 
 
+def at_line(ops: Ops, f: Held, power: Value) -> Value:
+    """Return the power [W] at the line of a `power` [W] of the actuator, between which a brown-out drops the supply.
+
+    Current or flow drawn is the same before and behind the drop, which turns the difference into heat. Power given back
+    reaches the line as it is: the drop adds none.
+    """
+    drawn = ops.both(power > 0.0, f.supply > 0.0)
+    (given,) = ops.branch(drawn, lambda: (power / f.supply,), lambda: (power,))
+    return given
+
+
 def standing(ops: Ops, actuator: Actuator, x: Record, jam: Value, then: Record | None = None) -> Record:
     """Return the states with a rotor that stands where it is, or where it was `then`, if it is jammed."""
     angle, speed = actuator.encoder  # of an actuator with a motor, its

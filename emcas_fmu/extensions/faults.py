@@ -30,7 +30,7 @@ from ..rules import SLACK, Rule, when
 from ..variables import Variable, integer_output
 from . import fault_list, monitors
 from .declaration import Extension
-from .fault_effects import SOUND, Held, acting, blocked, faulted, standing
+from .fault_effects import SOUND, Held, acting, at_line, blocked, faulted, standing
 from .status import DISABLED, OPERATIONAL, STATUS
 
 
@@ -237,10 +237,8 @@ def extend(actuator: Actuator) -> Actuator:
         under, around = faulted(ops, q, actuator, f, declared(u)), acting(ops, p, actuator, f, u)
         outputs = dict(actuator.output_values(ops, under, x, around))
         if actuator.supply is not None:
-            # Current or flow is the same before and behind what a brown-out drops: the line gives it at its own level.
-            power = outputs[actuator.supply.power.name]
-            (outputs[actuator.supply.power.name],) = ops.branch(
-                f.supply > 0.0, lambda: (power / f.supply,), lambda: (0.0,))
+            name = actuator.supply.power.name
+            outputs[name] = at_line(ops, f, outputs[name])
         if geared:
             outputs |= off_shaft(ops, q, x, u, outputs)
         verdict = ops.where(u.enabled, f.verdict, DISABLED)
