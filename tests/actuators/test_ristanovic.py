@@ -76,3 +76,32 @@ def test_supply_limits_the_voltage() -> None:
     assert run["saturated"].any()
     # No current loop holds the winding's current: it comes up to what the supply drives through it.
     assert run["motor_current"].max() > 0.5 * 20.0 / values["motor.resistance"]
+
+
+def test_no_back_emf_opposes_the_current() -> None:
+    """However fast the motor turns, the winding's voltage is that of its resistance and inductance alone.
+
+    Between samples the voltage is held, so that the current is an exponential; with a K_e it would be off by K_e w/R.
+    """
+    values = load_parameters(model=MODEL).with_values({"solver.max_tick": 5e-5}).values
+    run = simulate(values, 0.15, model=MODEL, fin_command=0.3)
+    current, voltage = run["motor_current"], run["motor_voltage"]
+    resistance, inductance = values["motor.resistance"], values["motor.inductance"]
+    left = np.exp(-values["controller.sample_time"] * resistance / inductance)
+    assert 0.11 * run["motor_speed"].max() / resistance > 100.0  # A
+    # A row shows the voltage before the sample that falls on it. The tick is exact at a held voltage, which leaves the
+    # instant at which the supply no longer limits it.
+    np.testing.assert_allclose(current[2:], voltage[2:] / resistance * (1.0 - left) + current[1:-1] * left, rtol=1e-9,
+                               atol=1e-9)
+
+
+def test_a_back_emf_that_is_given_acts() -> None:
+    """Under the whole supply the current falls with speed: (V - K_e w)/R at any time beyond the first milliseconds."""
+    values = load_parameters(model=MODEL).with_values({"motor.back_emf_constant": 0.11, "solver.max_tick": 5e-5}).values
+    run = simulate(values, 0.05, 1e-4, model=MODEL, fin_command=0.4)
+    whole = (run["motor_voltage"] == 39.0) & (run["time"] > 0.0)
+    rise = np.gradient(run["motor_current"], 1e-4)[whole]
+    expected = (39.0 - 0.11 * run["motor_speed"] - values["motor.resistance"] * run["motor_current"])[whole]
+    # Central differences at 0.1 ms, of a current that turns in L/R = 2.4 ms.
+    np.testing.assert_allclose(rise[2:-2] * values["motor.inductance"], expected[2:-2], atol=0.05)
+    assert expected.min() < 0.0  # it has gone over its peak

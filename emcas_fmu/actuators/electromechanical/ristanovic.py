@@ -6,6 +6,8 @@ saturates, a torsion bar stands for the hinge moment, and the ratio is constant:
 
     L di/dt = clip(K_pwm u, +-V) - R i - K_e w        T = T_aero - k_bar fin_angle
 
+The model has no back-EMF (thesis, section 1.1.1.1): K_e is 0 unless given. The supply then gives the winding's heat
+only; the work on the shaft has no counterpart, and no supply limits the speed. A K_e equal to K_t is that of a motor.
 Friction, sampling, encoder and stops are the nonlinear actuator's. No friction is fed forward.
 """
 
@@ -73,6 +75,7 @@ ACTUATOR = replace(
     parameters=PARAMETERS,
     rules=(*interface.RULES, plausibility.INERTIA_RULE, plausibility.COUNT_RULE),
     supply_rules=plausibility.SUPPLY_RULES[:1],
+    equal_parameters=(),
     provides=nonlinear.ACTUATOR.provides - {capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT},
     structure=Structure(constant_ratio=True, current="pwm", torsion_bar=True),
     sample=with_parameters(nonlinear.sample, _uncompensated),
