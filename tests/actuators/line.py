@@ -13,7 +13,8 @@ from emcas_fmu.simulation import simulate
 
 MODEL = "elastic"
 BASE = load_parameters(model=MODEL)
-DRY = {f"friction.coulomb.{way}[{n}]": 0.0 for way in ("positive", "negative") for n in range(7)}
+DRY = {**{f"friction.coulomb.{way}[{n}]": 0.0 for way in ("positive", "negative") for n in range(7)},
+       "friction.fin_coulomb": 0.0}
 SMOOTH = {**DRY, "friction.viscous.positive": 0.0, "friction.viscous.negative": 0.0}
 RIGID = {"drive_line.axial_compliance": 0.0, "drive_line.torsional_compliance": 0.0, "drive_line.backlash": 0.0}
 

@@ -16,7 +16,8 @@ def test_habibi_has_the_same_gap_everywhere() -> None:
     plays = []
     for start in (0.0, 15.0):
         values = load_parameters(model="habibi").with_values({"fin.start_angle": radians(start),
-                                                          "friction.fin_viscous": 50.0}).values
+                                                          "friction.fin_viscous": 50.0,
+                                                          "friction.fin_coulomb": 0.0}).values
         run = simulate(values, 1.0, model="habibi", enable=False, aero_torque=lambda t: 2.0 if t < 0.5 else -2.0)
         plays.append(run["fin_angle"][499] - run["fin_angle"][999])
     give = 4.0 / (0.05**2 * values["drive_line.contact_stiffness"])

@@ -84,7 +84,8 @@ def test_every_actuator_shows_the_moment_about_its_hinge(model: str) -> None:
 def test_the_rotor_takes_its_share_of_a_roll_s_acceleration(model: str) -> None:
     """A moment of -R J A_x on the fin does the same as A_x, whatever lies between motor and fin."""
     values = set_of(model, **{f"friction.coulomb.{side}[{k}]": 0.0 for side in ("positive", "negative")
-                              for k in range(7)}, **{"drive_line.backlash": 0.0, "compensation.gain": 0.0})
+                              for k in range(7)}, **{"drive_line.backlash": 0.0, "compensation.gain": 0.0,
+                                                     "friction.fin_coulomb": 0.0})
     rotor = values["inertia.motor"] + values["inertia.screw"]
     ratio = values["kinematics.moment_arm"] / values["screw.lead"]
     if model in ("nonlinear", "elastic"):  # the others' is constant

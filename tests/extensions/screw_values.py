@@ -11,7 +11,8 @@ import numpy as np
 from emcas_fmu.parameters import load_parameters
 
 MODEL, ELASTIC, OPTION = "nonlinear+efficiency", "elastic+efficiency", "+efficiency"
-DRY = {f"friction.coulomb.{way}[{n}]": 0.0 for way in ("positive", "negative") for n in range(7)}
+DRY = {**{f"friction.coulomb.{way}[{n}]": 0.0 for way in ("positive", "negative") for n in range(7)},
+       "friction.fin_coulomb": 0.0}
 
 
 def values(overrides: Mapping[str, Any] | None = None, model: str = MODEL) -> Mapping[str, Any]:

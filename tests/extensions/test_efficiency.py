@@ -77,7 +77,8 @@ def test_threshold_of_a_body_force(model: str, sign: float) -> None:
     """backward (l m a + T_f/R) = C_m: a nut's own load passes the screw too. Half is the nut's."""
     heavy, backward = 100.0, 0.3
     v = values({**efficiencies(0.9, backward), "mass.nut": heavy, "mass.fin": 0.0, "mass.shaft": 0.0, "mass.fork": 0.0,
-                "loads.gravity": False, **({"drive_line.backlash": 0.0} if model == ELASTIC else {})}, model)
+                "loads.gravity": False, "friction.fin_coulomb": 0.0,
+                **({"drive_line.backlash": 0.0} if model == ELASTIC else {})}, model)
     half = 0.5 * sign * coulomb(v, "positive" if sign > 0.0 else "negative", 0.0) / backward
     # Raised slowly: the line turns the fin, and with it the ratio, by a thousandth.
     for share, moves in ((0.99, False), (1.01, True)):
