@@ -13,6 +13,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from emcas_fmu.actuators import get
+from emcas_fmu.bench.metrics import sustained_rate
 from emcas_fmu.files import models_directory
 from emcas_fmu.namespace import namespace
 from emcas_fmu.ops.floats import FLOATS
@@ -290,3 +291,21 @@ def test_sliding_speed_is_that_of_the_pitch_helix() -> None:
     # In a turn of the worm its rim runs pi q m, its thread pi m z_1 along the axis.
     turn = sqrt((np.pi * 15e-3)**2 + (np.pi * 1.5e-3)**2)
     assert worm.sliding_speed(FLOATS, p, 2.0 * np.pi) == pytest.approx(turn, rel=1e-12)
+
+
+@pytest.mark.parametrize("model", [MODEL, "worm-gear-elastic"])
+def test_the_rate_of_table_2_holds_over_the_whole_travel(model: str) -> None:
+    """200 deg/s against 100 N.m from -20 to 20 deg and back, again and again: mean of the middle 60 % of the travel."""
+    travel = radians(20.0)
+    turns = np.arange(0.5, 3.0, 0.5)
+
+    def towards(t: float) -> float:
+        return 1.0 if np.searchsorted(turns, t, side="right") % 2 else -1.0
+
+    shown = simulate(load_parameters(model=model).values, 3.0, model=model, fin_command=lambda t: travel * towards(t),
+                     aero_torque=lambda t: -100.0 * towards(t))
+    for turn in turns:
+        slew = slice(round(1e3 * turn), round(1e3 * turn) + 400)
+        time, angle = shown["time"][slew], shown["fin_angle"][slew]
+        rate = sustained_rate(time, angle, turn, travel * towards(turn + 0.1))
+        assert float(np.degrees(rate)) >= 200.0
