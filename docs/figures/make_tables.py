@@ -32,6 +32,7 @@ from emcas_fmu.studies.baseline.study import TEMPLATE, compare, record
 from emcas_fmu.studies.baseline.table import HEADER, cells, selected, verdict
 from emcas_fmu.studies.compare import study as comparison
 from emcas_fmu.studies.fitting import fit
+from emcas_fmu.studies.identification.current_loop import response
 from emcas_fmu.variables import Variable
 
 DOCS = Path(__file__).resolve().parents[1]
@@ -259,6 +260,22 @@ def presets() -> str:
     return markdown(("", "required", *(f"`{column.name}`" for column in found.columns)), rows)
 
 
+def slopes() -> str:
+    """Slope and offset of the motor current over a reference that is held, of a rotor at rest, per drive set."""
+    volts = np.linspace(-4.0, 4.0, 17)
+    rows = []
+    for name in comparison.DRIVES[1:]:
+        values = load_parameters(name).values
+        given = [values[f"drive.{key}"] for key in ("current_gain", "current_offset", "transport_delay", "kp", "ki")]
+        lines = []
+        for time, rows_held in ((0.05, 50), (1.0, 100), (60.0, 600), (300.0, 300)):
+            reference = (np.array([0.0] + [volt] * rows_held) for volt in volts)
+            flowing = [response(given, 0.0, held, None, time / rows_held, values)[-1] for held in reference]
+            lines.append(np.polyfit(volts, flowing, 1))
+        rows.append([f"`{name}`", *(f"{slope:.2f} A/V" for slope, _ in lines), f"{lines[0][1]:.4f} A"])
+    return markdown(("", "after 50 ms", "1 s", "1 min", "5 min", "offset after 50 ms"), rows)
+
+
 def sheets() -> str:
     """Every value that a sheet, drawing or controller has, by where it is read; with who has it, if not the default."""
     rows: dict[tuple[str, str], tuple[dict[str, str], list[str]]] = {}
@@ -282,7 +299,7 @@ TABLES: Mapping[str, Mapping[str, Callable[[], str]]] = {
     "tools/ci.md": {"drift": drift},
     "model/models.md": {"provided": provided, "extensions": extensions, "models": models, "linear": linear,
                         "fitted": fitted}, "model/elastic.md": {"structures": structures},
-    "model/drive.md": {"presets": presets}}
+    "model/drive.md": {"slopes": slopes, "presets": presets}}
 
 
 def renewed(text: str, tables: Mapping[str, Callable[[], str]]) -> str:

@@ -54,6 +54,8 @@ CASES: dict[str, tuple[float, dict[str, Any], Columns]] = {
                        "deviation.valve.rated_flow": 0.1, "valve.null_shift": 0.05, "command.latency": 0.002,
                        "controller.position.setpoint_weight": 0.8},
                  {"fin_command": steps((0.01, 10.0)), "aero_torque": -50.0}),
+    # Reference and shift add up to more than the stroke, and then to less on the way back.
+    "shifted": (0.2, {"valve.null_shift": 0.5}, {"fin_command": steps((0.01, 20.0), (0.1, -20.0))}),
     "vehicle": (0.2, {"loads.gravity": True, "mounting.azimuth": 0.7, "mounting.station": 1.5},
                 {"fin_command": steps((0.01, 5.0)), "attitude.roll": 0.4, "attitude.pitch": -0.3,
                  "acceleration.x": 100.0, "acceleration.z": -200.0, "angular_rate.x": 20.0, "angular_rate.y": 3.0,
