@@ -22,7 +22,7 @@ def thesis(
                                                    metavar="ENTRY")] = None,
     as_json: common.JsonOption = None,
 ) -> None:
-    """Go through the thesis's lists of figures and tables: each is reproduced by simulation, or marked with why not.
+    """Go through the thesis's lists of figures and tables: what meets the thesis, what has own values, and why not.
 
     The whole takes about a minute. Exit code 1: an entry could not be carried out with these parameters.
     """

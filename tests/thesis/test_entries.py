@@ -9,6 +9,7 @@ from html import unescape
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
@@ -16,9 +17,9 @@ from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.studies.thesis.entries import ENTRIES, FIGURES, TABLES, find
-from emcas_fmu.studies.thesis.entry import DRAWING, REASONS, TEST_DATA, Entry, Shown
+from emcas_fmu.studies.thesis.entry import DRAWING, HARDWARE, REASONS, TEST_DATA, Entry, Shown
 from emcas_fmu.studies.thesis.runs import Runs
-from emcas_fmu.studies.thesis.study import NOT_FINISHED, REPRODUCED, SIMULATED, Outcome, carry_out
+from emcas_fmu.studies.thesis.study import NOT_FINISHED, OWN, REPRODUCED, SIMULATED, Outcome, carry_out
 from emcas_fmu.studies.thesis.study import Result as Whole
 
 # Both lists of the thesis as they are numbered: figures of each chapter, and tables throughout, without a gap.
@@ -66,8 +67,48 @@ def test_what_the_thesis_draws_as_a_structure_is_not_called_reproduced() -> None
         Outcome(entry, Shown("") if entry.show else None) for entry in ENTRIES))
     assert result.counts[SIMULATED] == 12
     reasons = [entry.reason for entry in ENTRIES if entry.reason]
-    assert (f"12 shown by simulation, {len(reasons)} not reproduced: {reasons.count(DRAWING)} drawings, "
-            in result.headline)
+    assert f"12 shown by simulation, {len(reasons)} not shown: {reasons.count(DRAWING)} drawings, " in result.headline
+
+
+def test_reproduced_is_what_meets_the_thesis_and_says_what() -> None:
+    """Its text has these numbers and curves; of all else what is shown are the set's own values."""
+    by_status: dict[str, list[str]] = {}
+    for entry in ENTRIES:
+        by_status.setdefault(Outcome(entry, Shown("") if entry.show else None).status, []).append(entry.name)
+    assert by_status[REPRODUCED] == ["Figure 2.2", "Figure 3.4", "Table 1", "Table 2", "Table 4", "Table 5"]
+    assert all(bool(entry.met) == (entry.name in by_status[REPRODUCED]) for entry in ENTRIES)
+    for lost in ("Figure 3.24", "Figure 4.4", "Figure 5.18", *(f"Table {k}" for k in (3, 7, 12, 14, 18, 19, 20))):
+        assert lost in by_status[OWN], lost
+    assert {"Table 6", "Table 11"} == {*by_status[HARDWARE]}
+
+
+def test_what_is_reproduced_meets_the_numbers_it_says() -> None:
+    outcomes = {o.entry.name: o.shown for o in carry_out(Runs(), find(["2.2", "3.4", "Table 1", "Table 2", "Table 4",
+                                                                       "Table 5"])).outcomes}
+    rows = {name: shown.table.as_dicts() for name, shown in outcomes.items() if shown and shown.table}
+    values = load_parameters().values
+    for row in rows["Figure 2.2"]:  # (2.6): R = (d/l)/cos^2, to the seventh digit
+        lever = np.radians(row["fin angle [deg]"]) + values["kinematics.initial_angle"]
+        expected = values["kinematics.moment_arm"] / values["screw.lead"] / np.cos(lever)**2
+        assert row["reduction ratio"] == pytest.approx(expected, rel=1e-7)
+    asked = rows["Figure 3.4"][0]
+    assert (asked["slope [A/V]"], asked["offset [A]"]) == (pytest.approx(8.19), pytest.approx(-0.015))
+    assert "42 to 139 times" in getattr(outcomes["Table 1"], "caption", "")
+    assert {20.0, 0.2, 220.0, 200.0, 10.0} <= {round(float(row["limit"]), 6) for row in rows["Table 2"]} | {20.0}
+    assert [row["coefficient"] for row in rows["Table 4"]] == [0.208, 0.018]
+    # Its five rows and no other.
+    assert [(row[""], row["value"].split()[0]) for row in rows["Table 5"]] == [
+        ("drive.current_gain", "8.19"), ("drive.current_offset", "-0.015"), ("drive.transport_delay", "3.7"),
+        ("drive.kp", "5"), ("drive.ki", "0.1")]
+    assert all(row["source"] == "thesis" for row in rows["Table 5"])
+
+
+def test_what_the_thesis_has_not_is_said() -> None:
+    outcomes = {o.entry.name: o.shown for o in carry_out(Runs(), find(["Table 3", "Table 18", "Table 19"])).outcomes}
+    said = {name: getattr(shown, "unknown", "") for name, shown in outcomes.items()}
+    assert "number of poles" in said["Table 3"]
+    assert "setpoint weight" in said["Table 18"]
+    assert "setpoint weight" in said["Table 19"]
 
 
 def test_notes_name_what_is_there() -> None:
@@ -102,7 +143,7 @@ def test_the_page_has_each_entry_with_its_conditions_and_what_is_not_known(
     assert {entry.name for entry in find(SOME)} == set(entries)
     for name, entry in entries.items():
         assert f"{name}</strong>" in page or f">{name}: " in page
-        if entry["status"] in (REPRODUCED, SIMULATED):
+        if entry["status"] in (REPRODUCED, OWN, SIMULATED):
             assert entry["conditions"] in unescape(page)
             assert entry["rows"] or entry["picture"]
     pictures = re.findall(r'<svg role="img" aria-label="([^"]*)"', page)
@@ -111,7 +152,7 @@ def test_the_page_has_each_entry_with_its_conditions_and_what_is_not_known(
     assert "test data, not published" in page
     assert {name for name, entry in entries.items() if entry["status"] == SIMULATED} == {
         "Figure 1.4", "Figure 4.2", "Figure 5.16"}
-    assert "3 shown by simulation, 1 not reproduced: 1 test data, not published<" in page
+    assert "3 shown by simulation, 1 not shown: 1 test data, not published<" in page
     bare = re.sub(r'<script>.*?</script>|xmlns(:\w+)?="[^"]*"|"-//[^"]*" *"[^"]*"', "", page, flags=re.DOTALL)
     assert "http" not in bare  # nothing is fetched, and by a script neither
     assert not re.search(r"fetch\(|XMLHttpRequest|import\(|WebSocket|sendBeacon", page)
@@ -210,7 +251,7 @@ def test_what_a_set_does_not_allow_is_told_and_the_rest_shown(tmp_path: Path) ->
     assert "not finished: Table 17" in done.output
     document = json.loads((tmp_path / "t.json").read_text(encoding="utf-8"))
     assert {entry["entry"]: entry["status"] for entry in document["entries"]} == {
-        "Figure 5.20": "reproduced", "Table 17": NOT_FINISHED}
+        "Figure 5.20": OWN, "Table 17": NOT_FINISHED}
     assert "command.limit" in (tmp_path / "t.html").read_text(encoding="utf-8")
 
 

@@ -1,1 +1,1 @@
-"""The thesis figure by figure: every entry of its two lists, reproduced by simulation or marked with why not."""
+"""The thesis figure by figure: every entry of its two lists, with what it meets, own values, or why it is not shown."""

@@ -19,7 +19,7 @@ from .runs import Runs
 SHORT = 10.0  # s, of the short-term torque
 # Table 4: what a number of the drive's own software is in V/A and V/(A.s).
 CONVERSION = {"drive.kp": 0.208, "drive.ki": 0.018}
-_GAINS = ("drive.current_gain", "drive.current_offset", "drive.transport_delay", "drive.kp", "drive.ki")
+GAINS = ("drive.current_gain", "drive.current_offset", "drive.transport_delay", "drive.kp", "drive.ki")
 _HELD = "set's values · command: analogue reference {} · rotor held"
 
 
@@ -38,18 +38,19 @@ def torque_speed(runs: Runs) -> Shown:
 
 def motor(runs: Runs) -> Shown:
     """Show the motor's data, and what follows from them (Table 3)."""
-    rows = rows_of(runs, "motor.", "inertia.motor", "drive.supply_voltage", "drive.current_limit")
+    rows = rows_of(runs, "motor.", "inertia.motor", "drive.supply_voltage")
     p = runs.parameters.nested()
     free = p.drive.supply_voltage / p.motor.back_emf_constant
     rows += [("stall torque", f"{physics.torque(p, p.drive.current_limit):.3g} N*m", "computed",
              "At the drive's current limit."),
             ("no-load speed", f"{free * 30.0 / pi:.0f} rpm", "computed", "At the supply, without friction.")]
-    return Shown("the parameter set", table=Table(COLUMNS, rows), unknown=LOST)
+    return Shown("the parameter set", table=Table(COLUMNS, rows),
+                 unknown=f"{LOST} It lists the number of poles, twice the pole pairs.")
 
 
 def current_gain(runs: Runs) -> Shown:
     """Show the motor current over the analogue reference, asked for and flowing (Figure 3.4)."""
-    volts, given = np.linspace(-4.0, 4.0, 17), [runs.values[name] for name in _GAINS]
+    volts, given = np.linspace(-4.0, 4.0, 17), [runs.values[name] for name in GAINS]
     asked = physics.current_reference_raw(runs.parameters.nested(), volts)
 
     def after(step: float, rows: int) -> list[float]:
@@ -72,7 +73,7 @@ def current_loop(runs: Runs) -> Shown:
     level, begin, step = 1.0, 5e-3, 2e-5
     time = np.arange(round(0.03 / step)) * step
     reference = np.where(time < begin, 0.0, level)
-    gain, offset, delay, kp, ki = (runs.values[name] for name in _GAINS)
+    gain, offset, delay, kp, ki = (runs.values[name] for name in GAINS)
     sets = {"gains as set": (kp, ki),
             "the same numbers in the drive's own units": (kp * CONVERSION["drive.kp"], ki * CONVERSION["drive.ki"])}
     lines: list[Line] = []

@@ -15,12 +15,13 @@ from .entry import DRAWING, HARDWARE, PHOTOGRAPH, REASONS, SCREENSHOT, TEST_DATA
 from .runs import COLD, WARM
 
 
-def _entry(kind: str, number: str, title: str, what: Show | str, note: str = "", structure: bool = False) -> Entry:
+def _entry(kind: str, number: str, title: str, what: Show | str, note: str = "", structure: bool = False,
+           met: str = "") -> Entry:
     """Return an entry; `what` shows it, or is the reason why it is not reproduced; of a `structure`, what that does."""
     if isinstance(what, str):
         assert what in REASONS
         return Entry(kind, number, title, reason=what, note=note)
-    return Entry(kind, number, title, what, note=note, structure=structure)
+    return Entry(kind, number, title, what, note=note, structure=structure, met=met)
 
 
 _figure, _table = partial(_entry, "Figure"), partial(_entry, "Table")
@@ -52,7 +53,7 @@ FIGURES = (
     _figure("1.12", "An electrohydraulic servo mechanism", others.kind("a servovalve", "electrohydraulic"),
             structure=True),
     _figure("2.1", "The lever as it is mounted", kinematics.assembly),
-    _figure("2.2", "The lever in motion", kinematics.ratio),
+    _figure("2.2", "The lever in motion", kinematics.ratio, met="angle and ratio of (2.5) and (2.6)"),
     _figure("2.3", "Forces on motor and screw", DRAWING, "Equations (2.8), (2.9): emcas_fmu/physics/mechanics.py."),
     _figure("2.4", "Forces on screw and nut", DRAWING, "Equations (2.10) to (2.12): emcas_fmu/physics/mechanics.py."),
     _figure("2.5", "Forces on fin and fork", DRAWING, "Equations (2.13), (2.14): emcas_fmu/physics/mechanics.py."),
@@ -62,7 +63,8 @@ FIGURES = (
     _figure("3.1", "The actuator", DRAWING),
     _figure("3.2", "Motor torque over speed", drive.torque_speed),
     _figure("3.3", "The servo drive", PHOTOGRAPH),
-    _figure("3.4", "Motor current over the drive's reference", drive.current_gain),
+    _figure("3.4", "Motor current over the drive's reference", drive.current_gain,
+            met="8.19 A/V and -0.015 A, of the current asked for"),
     _figure("3.5", "Block diagram of the current loop", DRAWING, "Its equations: emcas_fmu/physics/drive.py."),
     _figure("3.6", "Step of the current loop", drive.current_loop),
     _figure("3.7", "The real-time computer", PHOTOGRAPH),
@@ -71,7 +73,7 @@ FIGURES = (
     _figure("3.10", "Where the fin shaft stands at zero", DRAWING, "In numbers: Table 8."),
     _figure("3.11", "Where the fork stands at zero", DRAWING, "In numbers: Table 9."),
     _figure("3.12", "Where screw and nut stand at zero", DRAWING, "In numbers: Table 10."),
-    _figure("3.13", "Friction measurement test setup", UNSEEN, "As it is simulated: Table 11."),
+    _figure("3.13", "Friction measurement test setup", UNSEEN, "As it is simulated: Table 12."),
     _figure("3.14", "Rig's motor at 50 rpm, 24 °C", _sweep(50, WARM)),
     _figure("3.15", "Rig's motor at 500 rpm, 24 °C", _sweep(500, WARM)),
     _figure("3.16", "Rig's motor at 1000 rpm, 24 °C", _sweep(1000, WARM)),
@@ -135,17 +137,19 @@ FIGURES = (
     _figure("5.30", "Results of the loaded test, closely", loading.zoomed),
 )
 TABLES = (
-    _table("1", "Natural frequencies of the rod", kinematics.natural_frequencies),
-    _table("2", "Performance asked for", performance.required),
+    _table("1", "Natural frequencies of the rod", kinematics.natural_frequencies,
+           met="42 to 139 times the bandwidth, as rad/s over Hz"),
+    _table("2", "Performance asked for", performance.required, met="its limits, which this set is judged by"),
     _table("3", "Motor", drive.motor),
-    _table("4", "Units of the drive's gains", drive.conversion),
-    _table("5", "Servo drive", listings.parameters("drive.", unknown="in which units the gains are (Figure 3.6).")),
+    _table("4", "Units of the drive's gains", drive.conversion, met="0.208 and 0.018"),
+    _table("5", "Servo drive", listings.parameters(*drive.GAINS, unknown="in which units the gains are (Figure 3.6)."),
+           met="8.19 A/V, -0.015 A, 3.7 ms, 5 and 0.1"),
     _table("6", "Modules of the real-time computer", HARDWARE),
     _table("7", "Fin", listings.parameters("inertia.fin", "mass.fin", "center_of_mass.fin")),
     _table("8", "Fin shaft", listings.parameters("inertia.shaft", "mass.shaft", "center_of_mass.shaft")),
     _table("9", "Fork", listings.parameters("inertia.fork", "mass.fork", "center_of_mass.fork")),
     _table("10", "Screw and nut", listings.parameters("screw.", "inertia.screw", "mass.nut")),
-    _table("11", "Parts of the friction measurement test setup", friction.setup_parts),
+    _table("11", "Parts of the friction measurement test setup", HARDWARE, "As it is simulated: Table 12."),
     _table("12", "Motor of the friction measurement test setup", listings.rig("friction_motor")),
     _table("13", "What temperature does to friction", friction.temperatures),
     _table("14", "Friction at 24 °C", friction.summary),

@@ -1,4 +1,4 @@
-"""What an entry of the thesis's lists is here: how it is reproduced, or why it is not; and what it then shows."""
+"""What an entry of the thesis's lists is here: what it shows and meets of the thesis, or why it shows nothing."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HARDWARE = "list of hardware"
 TEST_DATA = "test data, not published"
 REASONS = {DRAWING: "drawings", PHOTOGRAPH: "photographs", UNSEEN: "drawings or photographs",
            SCREENSHOT: "screens of a program", HARDWARE: "lists of hardware", TEST_DATA: "of test data, not published"}
-"""Why an entry is not reproduced, with the words for several of its kind."""
+"""Why an entry is not shown, with the words for several of its kind."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,10 @@ Show = Callable[["Runs"], Shown]
 class Entry:
     """An entry: ``Figure`` or ``Table``, its number, a title in words of this package.
 
-    `show` makes what it shows; of one that is not reproduced `reason` is one of REASONS, and `note` says where its
-    content is to be found here, if anywhere. `structure`: the thesis draws a block diagram or structure there, and what
-    that does is shown instead.
+    `show` makes what it shows; of one that is not shown `reason` is one of REASONS, and `note` says where its content
+    is to be found here, if anywhere. `met` are the numbers or the curve of the thesis that what is shown has to meet,
+    and meets; an entry without shows the set's own values. `structure`: the thesis draws a block diagram or structure
+    there, and what that does is shown instead.
     """
 
     kind: str
@@ -70,6 +71,7 @@ class Entry:
     reason: str = ""
     note: str = ""
     structure: bool = False
+    met: str = ""
 
     @property
     def name(self) -> str:

@@ -15,7 +15,6 @@ from ...simulation import Array
 from .entry import Shown, Table
 from .friction_rig import REACH, RPM, Sweep
 from .pictures import DASHED, DOTS, Line, Panel, panels
-from .rigs import rig_values
 from .runs import COLD, WARM, Runs
 
 SPEEDS = (50, 500, 1000, 1500, 2000)  # rpm, of the figures
@@ -193,16 +192,3 @@ def coefficients(runs: Runs) -> Shown:
                                                               for who in ("rig", "parameters"))), rows),
                  caption="Single coefficients are poorly determined beside each other; the curves agree (Figure 3.35).",
                  unknown=_UNKNOWN)
-
-
-def setup_parts(_: Runs) -> Shown:
-    """Show what the rig consists of in the simulation (Table 11)."""
-    rig = rig_values("friction_motor")
-    rows = (("motor", "torque constant, inertia, Coulomb and viscous friction of its own: Table 12"),
-            ("drive", f"current up to {rig.current_limit:g} A without lag"),
-            ("speed loop", f"PI, sampled every {1e3 * rig.sample_time:g} ms, true speed fed back"),
-            ("coupling", "rigid, on the axis of the screw"),
-            ("unit under test", "the nonlinear actuator of this page, its drive off: no current, its friction as set"),
-            ("reading", "current of the rig's motor; its own friction is taken off"))
-    return Shown("the rig as it is simulated", table=Table(("part", "stands for it here"), rows),
-                 unknown="the thesis's list of makes and models.")

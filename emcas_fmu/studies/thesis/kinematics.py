@@ -86,8 +86,8 @@ def natural_frequencies(runs: Runs) -> Shown:
             ("in torsion, over the bandwidth", thesis.ratios[1], here.ratios[1]))
     return Shown("rod of Table 1 (models/rod.toml)",
                  table=Table(("", "with Table 1's inertia and mass", "with the set's"), rows),
-                 caption="The thesis finds {:.0f} and {:.0f} times the bandwidth: that divides rad/s by Hz.".format(
-                     *thesis.slipped))
+                 caption="The thesis finds {} to {} times the bandwidth: that divides rad/s by Hz.".format(
+                     *map(int, thesis.slipped)))
 
 
 def _backlash(runs: Runs) -> Columns:

@@ -26,6 +26,7 @@ from .pictures import DASHED, Line, Panel, angle, current, of_run, panels, rate
 from .runs import COLD, WARM, Runs
 
 _LINEAR_SPAN = 0.4  # s after a step of the linear comparison
+_WEIGHT = "The setpoint weight is this package's: the thesis's PI controller has none."
 _GENERATIONS = 2  # of the search that Figure 4.4 shows
 
 
@@ -170,14 +171,15 @@ def tunables(runs: Runs) -> Shown:
     units = {e.variable.name: e.variable.unit for e in runs.parameters.entries}
     rows = tuple((t.name, units[t.name], t.lower, t.upper) for t in study.tunables)
     return Shown("models/tuning.toml", table=Table(("parameter", "unit", "from", "to"), rows),
-                 unknown="the thesis's bounds; these are estimates. It optimises both loops and the anti-windup.")
+                 unknown="the thesis's bounds; these are estimates. It optimises both loops and the anti-windup. "
+                 + _WEIGHT)
 
 
 def optimised(runs: Runs) -> Shown:
     """Show the gains of the set (Table 19)."""
     names = {t.name for t in shipped_study(runs.parameters).tunables}
     return Shown("the parameter set", table=Table(COLUMNS, rows_of(runs, *names)),
-                 unknown="the thesis's gains, which would be of another unit.")
+                 unknown=f"the thesis's gains, which would be of another unit. {_WEIGHT}")
 
 
 def search(runs: Runs) -> Shown:
@@ -194,4 +196,4 @@ def search(runs: Runs) -> Shown:
                  f"{len(tuned.evaluated)} evaluations of these steps alone. It shows the method; the gains shipped are "
                  "found by emcas tune in all cases and tests.",
                  Table(("parameter", "as set", "this search"), rows),
-                 "the step's size and the bounds of its response.")
+                 f"the step's size and the bounds of its response. {_WEIGHT}")

@@ -16,7 +16,7 @@ from ...bench import writers
 from .entry import REASONS, Table
 from .study import Outcome, Result
 
-SCHEMA = "emcas-thesis/1"
+SCHEMA = "emcas-thesis/2"
 """Name and version of the JSON layout; the number changes when a field changes its meaning or goes."""
 _CHAPTERS = {"1": "Introduction", "2": "Dynamic modelling", "3": "Identification of the parameters",
              "4": "Linear model and controllers", "5": "Simulation and tests"}
@@ -32,7 +32,8 @@ def as_dict(result: Result) -> dict[str, Any]:
 
 def _entry(outcome: Outcome) -> dict[str, Any]:
     entry, shown = outcome.entry, outcome.shown
-    document: dict[str, Any] = {"entry": entry.name, "title": entry.title, "status": outcome.status, "note": entry.note}
+    document: dict[str, Any] = {"entry": entry.name, "title": entry.title, "status": outcome.status,
+                                "met": entry.met, "note": entry.note}
     if outcome.stopped:
         document["stopped"] = outcome.stopped
     if shown:
@@ -71,7 +72,7 @@ def summary(result: Result, whole: bool) -> Iterator[RenderableType]:
     if whole:
         table = RichTable(Column("entries of the thesis's lists"), Column("", justify="right"))
         for status, count in result.counts.items():
-            table.add_row(f"not reproduced: {status}" if status in REASONS else status, str(count))
+            table.add_row(f"not shown: {status}" if status in REASONS else status, str(count))
         yield table
     else:
         for outcome in result.outcomes:

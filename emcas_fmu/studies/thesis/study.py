@@ -15,6 +15,8 @@ from .entry import REASONS, Entry, Shown
 from .runs import Runs
 
 REPRODUCED, NOT_FINISHED = "reproduced", "not finished"
+OWN = "own values"
+"""Of what has the thesis's subject and the set's own values: the thesis's are lost, or were never published."""
 SIMULATED = "shown by simulation"
 """Of what the thesis draws as a structure only: nothing of it is there to be reproduced."""
 
@@ -30,8 +32,8 @@ class Outcome:
 
     @property
     def status(self) -> str:
-        """REPRODUCED, SIMULATED, NOT_FINISHED, or the reason why it is not reproduced."""
-        shown = SIMULATED if self.entry.structure else REPRODUCED
+        """REPRODUCED where the thesis's own is met, SIMULATED, OWN, NOT_FINISHED, or the reason why it is not shown."""
+        shown = REPRODUCED if self.entry.met else SIMULATED if self.entry.structure else OWN
         return self.entry.reason or (NOT_FINISHED if self.stopped else shown)
 
 
@@ -51,7 +53,7 @@ class Result:
     def counts(self) -> dict[str, int]:
         """How many have each status, those reproduced first, then those shown, the reasons last."""
         each = [outcome.status for outcome in self.outcomes]
-        order = (REPRODUCED, SIMULATED, NOT_FINISHED, *each)
+        order = (REPRODUCED, OWN, SIMULATED, NOT_FINISHED, *each)
         return {status: each.count(status) for status in dict.fromkeys(order) if status in each}
 
     @property
@@ -61,7 +63,7 @@ class Result:
         reasons = {status: count for status, count in self.counts.items() if status in REASONS}
         if reasons:
             each = [f"{count} {status if count == 1 else REASONS[status]}" for status, count in reasons.items()]
-            done.append(f"{sum(reasons.values())} not reproduced: {', '.join(each)}")
+            done.append(f"{sum(reasons.values())} not shown: {', '.join(each)}")
         return ", ".join(done)
 
 
