@@ -3,6 +3,7 @@ figure and prints the tables."""
 
 from __future__ import annotations
 
+from itertools import product
 from math import degrees, pi, sin, tan
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ GAPS = (0.0, 25e-6, 50e-6, 100e-6, 200e-6)
 STEPS = (0.0195, 0.02, 0.03, -0.1)  # rad
 GAINS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0)
 DAMPED = {"friction.fin_viscous": 5.0}
+DRY = (0.0, 2.0)  # N.m of friction about the hinge: none, and the default
 BASE = load_parameters(model=MODEL)
 
 
@@ -58,14 +60,15 @@ def _width(values: Any, step: float) -> float:
 
 def _limit_cycles() -> None:
     """The largest width [deg] of a limit cycle over several steps."""
-    for on_fin in (True, False):
-        print(f"\nloop closed {'at the fin' if on_fin else 'at the motor'}")
+    for dry, on_fin in product(DRY, (True, False)):
+        print(f"\n{dry:g} N.m, loop closed {'at the fin' if on_fin else 'at the motor'}")
         print("| gap | " + " | ".join(f"×{gain:g}" for gain in GAINS) + " |")
         for gap in GAPS:
             row = []
             for gain in GAINS:
                 values = BASE.with_values({
                     "drive_line.backlash": gap, "encoder.on_fin": on_fin, "encoder.enabled": False, **DAMPED,
+                    "friction.fin_coulomb": dry,
                     "controller.position.kp": gain * BASE.values["controller.position.kp"]}).values
                 row.append(f"{max(_width(values, step) for step in STEPS):.3f}")
             print(f"| {gap * 1e6:.0f} µm ({degrees(gap / 0.05):.3f}°) | " + " | ".join(row) + " |")

@@ -96,7 +96,7 @@ def test_a_flank_is_left_however_slowly(command: float, overrides: Mapping[str, 
 def test_nut_is_before_the_gap() -> None:
     """Under a load the nut stands behind the rotor by the give of shaft and screw, and before the flank's."""
     torque = -60.0
-    run = run_of({"friction.fin_viscous": 20.0}, 2.0, aero_torque=torque)
+    run = run_of({"friction.fin_viscous": 20.0, "friction.fin_coulomb": 0.0}, 2.0, aero_torque=torque)
     p = nested(values_of(), MODEL)
     tangent = tan(run["fin_angle"][-1] + p.kinematics.initial_angle)
     at_screw = -torque / (p.kinematics.moment_arm / p.screw.lead * (1.0 + tangent * tangent))
@@ -109,8 +109,8 @@ def test_nut_is_before_the_gap() -> None:
 def test_free_play_by_a_small_torque_is_the_gap() -> None:
     """A torque that the motor's friction holds takes the fin from flank to flank; the rest is the line's give."""
     for gap in (2e-5, 5e-5, 2e-4):
-        run = run_of({"drive_line.backlash": gap, "friction.fin_viscous": 5.0}, 1.0, enable=False,
-                   aero_torque=lambda t: 2.0 if t < 0.5 else -2.0)
+        run = run_of({"drive_line.backlash": gap, "friction.fin_viscous": 5.0, "friction.fin_coulomb": 0.0}, 1.0,
+                     enable=False, aero_torque=lambda t: 2.0 if t < 0.5 else -2.0)
         values = values_of({"drive_line.backlash": gap})
         p = nested(values, MODEL)
         play = np.ptp((run["motor_angle"] - at_motor(values, run["fin_angle"]))[[499, 999]])
@@ -124,14 +124,15 @@ def test_free_play_by_a_small_torque_is_the_gap() -> None:
 def test_limit_cycle_with_gap_and_gain_only() -> None:
     """With the loop closed over the gap, by the fin's encoder; amplitude follows the gap, as a describing function's.
 
-    An integral finds no rest in a gap, whatever the gain; a proportional loop does at a small one.
+    Without dry friction about the hinge an integral finds no rest in a gap, whatever the gain; a proportional loop does
+    at a small one. With the default friction the integral does too.
     """
     gain = THESIS_LOOPS["controller.position.kp"]
 
-    def width(gap: float, share: float, on_fin: bool = True, ki: float | None = None) -> float:
+    def width(gap: float, share: float, on_fin: bool = True, ki: float | None = None, dry: float = 0.0) -> float:
         run = run_of({**THESIS_LOOPS, "drive_line.backlash": gap, "controller.position.kp": share * gain,
                       "encoder.on_fin": on_fin,
-                      "encoder.enabled": False, "friction.fin_viscous": 5.0,
+                      "encoder.enabled": False, "friction.fin_viscous": 5.0, "friction.fin_coulomb": dry,
                       "controller.position.ki": THESIS_LOOPS["controller.position.ki"] if ki is None else ki}, 20.0,
                      fin_command=lambda t: 0.02 if t > 0.05 else 0.0)
         return float(np.degrees(np.ptp(run["fin_angle"][17000:])))
@@ -139,6 +140,7 @@ def test_limit_cycle_with_gap_and_gain_only() -> None:
     assert width(0.0, 2.0) < 1e-3
     assert width(1e-4, 2.0, on_fin=False) < 1e-3
     assert width(1e-4, 1.0, ki=0.0) < 1e-3
+    assert width(1e-4, 1.0, dry=values_of()["friction.fin_coulomb"]) < 1e-3
     assert width(1e-4, 1.0) > 2e-2
     small, large = width(1e-4, 2.0), width(2e-4, 2.0)
     assert small > np.degrees(1e-4 / 0.05)  # wider than the gap
