@@ -152,13 +152,16 @@ _IDEAL = {"encoder.enabled": False, "compensation.gain": 0.0, "drive.transport_d
           **THESIS_LOOPS}
 
 
+_TICK_CASES: Any = (
+    (5e-5, 0.05, -30.0, {}, 4e-4), (0.0, 0.05, -30.0, {}, 4e-4), (5e-5, 0.3, 10.0, {}, 1e-3),
+    (3e-4, 0.3, 10.0, {}, 5e-3), (5e-5, 0.3, 0.0, {}, 6e-3))
+
+
 # deg, twice what is measured: 0.0002, 0.0004, 0.0002, 0.0005, 0.0022 and 0.0028. Unloaded the fin crosses its gap on
 # the way; in a wide one it bounces, and each flank it meets enlarges what the last has left.
 @pytest.mark.parametrize(("gap", "command", "torque", "hinge", "most"), [
     (5e-5, 0.3, 10.0, HINGE, 4e-4), (5e-5, 0.05, 0.0, {}, 8e-4), *(
-        pytest.param(*case, marks=pytest.mark.slow) for case in (
-            (5e-5, 0.05, -30.0, {}, 4e-4), (0.0, 0.05, -30.0, {}, 4e-4), (5e-5, 0.3, 10.0, {}, 1e-3),
-            (3e-4, 0.3, 10.0, {}, 5e-3), (5e-5, 0.3, 0.0, {}, 6e-3)))])
+        pytest.param(*case, marks=pytest.mark.slow) for case in _TICK_CASES)])
 def test_default_tick_against_an_independent_integration(gap: float, command: float, torque: float,
                                                          hinge: Mapping[str, float], most: float) -> None:
     values = values_of({**_IDEAL, **hinge, "drive_line.backlash": gap})

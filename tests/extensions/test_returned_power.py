@@ -43,8 +43,8 @@ def test_a_brown_out_gives_nothing_back_that_the_actuator_does_not(model: str, s
     values = load_parameters(model=model).with_values(two_way).values
     found = simulate({**scheduled(name, "brown_out", fault__brown_out__share=share), **values}, 0.12, model=name,
                      **inputs)
-    own = simulate(values, 0.12, model=model, **inputs,
-                   **{line.input.name: share * float(line.input.initial(values))})
+    inputs[line.input.name] = share * float(line.input.initial(values))
+    own = simulate(values, 0.12, model=model, **inputs)
     # The first row is before the first sample and the fault. A quotient differs by rounding.
     power, at_drive = found["supply_power"][1:], own["supply_power"][1:]
     np.testing.assert_allclose(power, np.where(at_drive > 0.0, at_drive / share, at_drive), rtol=1e-12)
