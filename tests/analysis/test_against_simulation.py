@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from emcas_fmu.parameters import load_parameters
 from emcas_fmu.physics.loads import NONE
 from emcas_fmu.simulation import simulate
 from emcas_fmu.studies.analysis import frequency, sweep
@@ -125,6 +126,38 @@ def test_bandwidth_falls_with_amplitude_where_limits_act(values: Values) -> None
     slow = made[-1].response.frequency * 2.0 * np.pi * made[-1].amplitude < radians(100.0)
     assert np.any(slow)
     assert np.max(made[-1].active[:, slow]) == 0.0
+
+
+@pytest.mark.parametrize("model", ["nonlinear", "elastic", "worm-gear", "electrohydraulic"])
+def test_bandwidth_is_that_of_sines_close_together(model: str) -> None:
+    """Sines of whole periods in 4 s, a quarter of a hertz apart, each run by itself."""
+    amplitude, period = radians(3.5), 1e-3
+    p = load_parameters(model=model).values
+    (made,) = sweep.sweeps(p, 45.0, amplitudes=(3.5,), model=model)
+    time = np.arange(5001) * period
+    steady = slice(1000, 5000)
+
+    def ratio(frequency: float) -> complex:
+        command = amplitude * np.sin(2.0 * np.pi * frequency * time)
+        angle = simulate(p, 5.0, period, model=model, fin_command=command)["fin_angle"]
+        turn = np.exp(-2j * np.pi * frequency * time[steady])
+        return complex(np.sum(angle[steady] * turn) / np.sum(command[steady] * turn))
+
+    for found, level in ((made.response.bandwidth, lambda r: 20.0 * np.log10(np.abs(r)) + 3.0),
+                         (made.response.phase_bandwidth, lambda r: 90.0 + np.degrees(np.unwrap(np.angle(r))))):
+        near = 0.25 * (np.round(4.0 * found) + np.arange(-4.0, 5.0))
+        levels = level(np.array([ratio(f) for f in near]))
+        k = int(np.argmax(levels <= 0.0))
+        # Lines between sines 0.25 Hz here and 0.3 % there, and what is left of the start: 3e-4 at most.
+        assert found == pytest.approx(near[k - 1] + 0.25 * levels[k - 1] / (levels[k - 1] - levels[k]), rel=1e-3)
+
+
+def test_limits_begin_to_act_where_they_first_do(values: Values) -> None:
+    (made,) = sweep.sweeps(values, 45.0, amplitudes=(6.0,))
+    near = np.linspace(0.97, 1.03, 31) * made.onset("current")
+    dense = sweep.sweep(values, radians(6.0), near)
+    # Either has the first of its own frequencies at which the limit acts, 0.3 % and 0.2 % apart.
+    assert made.onset("current") == pytest.approx(dense.onset("current"), rel=5e-3)
 
 
 def test_sweep_about_the_end_of_the_range_stays_inside(values: Values) -> None:

@@ -20,7 +20,7 @@ from ...plots import LIMIT, Drawing
 from . import frequency
 from .analyse import Analysis
 from .steps import STOP
-from .sweep import LIMITS
+from .sweep import LIMITS, shared
 from .systems import System
 
 Look = dict[str, Any]
@@ -69,11 +69,13 @@ def bode(analysis: Analysis) -> Drawing:
     if analysis.thesis:
         entries["thesis's linear model"] = _THESIS
         curves.append(analysis.thesis.command)
-    for sweep, color in zip([s for s in analysis.sweeps if degrees(s.amplitude) > 0.9][:5:2],
-                            (plots.GREEN, plots.ORANGE, plots.PURPLE), strict=False):
+    chosen = [(s, rows) for s, rows in zip(analysis.sweeps, shared(analysis.sweeps), strict=True)
+              if degrees(s.amplitude) > 0.9]
+    for (sweep, rows), color in zip(chosen[:5:2], (plots.GREEN, plots.ORANGE, plots.PURPLE), strict=False):
         entries[f"simulated, {degrees(sweep.amplitude):.3g} deg"] = {
             "color": color, "linestyle": "none", "marker": "o", "markersize": 2.6, "markerfacecolor": "none"}
-        curves.append(sweep.response)
+        r = sweep.response
+        curves.append(FrequencyResponse(r.frequency[rows], r.gain[rows], r.phase[rows], r.coherence[rows]))
     for response, look in zip(curves, entries.values(), strict=True):
         draw(response, look, (gain, phase))
     if analysis.linear.load:
@@ -249,10 +251,10 @@ def limit_shares(analysis: Analysis) -> Drawing:
     """Draw the share of the time each limit acts, against amplitude and frequency."""
     figure, (row,) = plots.figure(1, len(LIMITS), height=2.7, sharex=True, sharey=True)
     sweeps = analysis.sweeps
-    size = np.array([degrees(s.amplitude) for s in sweeps])
+    size, rows = np.array([degrees(s.amplitude) for s in sweeps]), shared(sweeps)
     for i, (axes, name) in enumerate(zip(row, LIMITS, strict=True)):
-        share = 100.0 * np.array([s.active[i] for s in sweeps]).T
-        mesh = axes.pcolormesh(size, sweeps[0].response.frequency, share, vmin=0, vmax=100, cmap="magma_r",
+        share = 100.0 * np.array([s.active[i, at] for s, at in zip(sweeps, rows, strict=True)]).T
+        mesh = axes.pcolormesh(size, sweeps[0].response.frequency[rows[0]], share, vmin=0, vmax=100, cmap="magma_r",
                                shading="nearest")
         axes.plot(size, [s.response.bandwidth for s in sweeps], color=plots.BLUE, linewidth=1.2)
         axes.set(xscale="log", yscale="log", title=_LIMIT_NAMES[name], xlabel="amplitude [deg]",

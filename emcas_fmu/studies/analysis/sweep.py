@@ -4,16 +4,19 @@ At each amplitude and frequency the compiled kernel runs a sine to its steady st
 over that of the command is the describing function (Gelb & Vander Velde, "Multiple-Input Describing
 Functions", section 2.2). Which limits act in the meantime is read from the outputs and, for the
 speed reference, from the sampled controllers run once more over the recorded motion, of actuators with all of NEEDS.
+Where the bandwidth is crossed and each limit begins to act, sines at frequencies in between follow.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from math import radians
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...actuators import NONLINEAR, capabilities, get
 from ...bench.metrics import CREPT, FrequencyResponse
@@ -33,8 +36,9 @@ LIMITS = ("rate", "current", "voltage", "dac")
 """Speed reference, drive current, supply voltage and analogue reference at their limits."""
 NEEDS = (capabilities.CASCADE, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_LIMIT, capabilities.REFERENCE_LIMIT,
          capabilities.RIGID_DRIVE_LINE)
-_SETTLE, _WINDOW = 1.0, 2.0  # s; frequencies are whole numbers of periods of the window
+_SETTLE, _WINDOW = 1.0, 2.0  # s; of the window as many samples count as make whole periods of the sine
 _POINTS = 36
+_RESOLVED, _PARTS = 3e-3, 8  # of the frequency, how near measured ones enclose a crossing; parts a gap is cut into
 _READ = ("fin_angle", "motor_angle", "motor_speed", "motor_current", "motor_voltage", "drive_reference",
          "current_limit")
 # Voltage and its limit are equal when it is clipped, but for rounding.
@@ -67,10 +71,13 @@ def frequencies(period: float, highest: float) -> Array:
 
 def sweep(values: Mapping[str, Any], amplitude: float, frequency: Array, at: float = 0.0,
           aero_torque: float = 0.0, model: str = NONLINEAR) -> Sweep:
-    """Return the response to steady sines of an `amplitude` [rad] about a fin angle [rad], at frequencies [Hz] of
-    `frequencies`."""
+    """Return the response to steady sines of an `amplitude` [rad] about a fin angle [rad].
+
+    At the frequencies [Hz] nearest to `frequency` that :func:`_whole` leaves.
+    """
     values = {**values, "fin.start_angle": at}
     period = float(values["controller.sample_time"])
+    frequency, samples = _whole(frequency, period)
     settle, window = round(_SETTLE / period), round(_WINDOW / period)
     time = np.arange(settle + window + 1) * period
     command = at + amplitude * np.sin(2.0 * np.pi * np.outer(time, frequency))
@@ -80,8 +87,8 @@ def sweep(values: Mapping[str, Any], amplitude: float, frequency: Array, at: flo
     runs = respond_all(parameter_row(values, model)[np.newaxis], inputs, period, read, model=model).finished()
     outputs = {name: column.T for name, column in runs.items()}
     steady = slice(settle, settle + window)
-    angle = outputs["fin_angle"][steady]
-    turn = np.exp(-2j * np.pi * np.outer(time[steady], frequency))
+    angle, counts = outputs["fin_angle"][steady], np.arange(window)[:, np.newaxis] < samples
+    turn = np.where(counts, np.exp(-2j * np.pi * np.outer(time[steady], frequency)), 0.0)
     ratio = np.sum(angle * turn, axis=0) / np.sum(command[steady] * turn, axis=0)
     ratio[np.ptp(angle, axis=0) <= CREPT] = 0.0  # backlash swallows the sine: what is left is rounding
     response = of_ratio(frequency, ratio)
@@ -95,7 +102,52 @@ def sweep(values: Mapping[str, Any], amplitude: float, frequency: Array, at: flo
                        np.abs(drive.current_reference_raw(p, u)) > outputs.get("current_limit", p.drive.current_limit),
                        np.abs(outputs["motor_voltage"]) >= p.drive.supply_voltage * _AT_LIMIT,
                        np.abs(u) >= p.drive.reference_limit])
-    return Sweep(amplitude, response, np.mean(acting[:, steady], axis=1))
+    return Sweep(amplitude, response, np.mean(acting[:, steady], axis=1, where=counts))
+
+
+def _whole(frequency: Array, period: float) -> tuple[Array, NDArray[np.int_]]:
+    """Return the nearest frequencies [Hz] with whole periods in whole samples, and how many samples, of the window."""
+    window = round(_WINDOW / period)
+    cycles = np.floor(frequency * window * period + 1e-9)
+    samples = np.minimum(np.round(cycles / (frequency * period)).astype(int), window)
+    return cycles / (samples * period), samples
+
+
+def refined(coarse: Sweep, measure: Callable[[Array], Sweep]) -> Sweep:
+    """Return a sweep with frequencies [Hz] that `measure` adds where a level is first reached, within _RESOLVED.
+
+    Levels are -3 dB, -90 deg and each limit that acts.
+    """
+    while len(more := _between(coarse)):
+        finer = _joined(coarse, measure(more))
+        if len(finer.response.frequency) == len(coarse.response.frequency):
+            break  # samples so long that no other sine has whole periods in between
+        coarse = finer
+    return coarse
+
+
+def shared(made: Sequence[Sweep]) -> list[Array]:
+    """Return of each sweep which rows are at frequencies that all of them have: those not added between."""
+    common = reduce(np.intersect1d, (s.response.frequency for s in made))
+    return [np.isin(s.response.frequency, common) for s in made]
+
+
+def _between(s: Sweep) -> Array:
+    """Return the frequencies [Hz] to add in the gaps in which levels are reached; none where all are narrow."""
+    f, found = s.response.frequency, [np.empty(0)]
+    for reached in (s.response.gain_db <= -3.0, s.response.phase <= -np.pi / 2.0, *(s.active > 0.0)):
+        k = int(np.argmax(reached))
+        if reached[k] and k and f[k] - f[k - 1] > _RESOLVED * f[k]:
+            found.append(np.linspace(f[k - 1], f[k], _PARTS + 1)[1:-1])
+    return np.unique(np.concatenate(found))
+
+
+def _joined(one: Sweep, other: Sweep) -> Sweep:
+    """Return both in the order of their frequencies, each of them once."""
+    frequency, rows = np.unique(np.concatenate([s.response.frequency for s in (one, other)]), return_index=True)
+    ratio = np.concatenate([s.response.gain * np.exp(1j * np.nan_to_num(s.response.phase)) for s in (one, other)])
+    return Sweep(one.amplitude, of_ratio(frequency, ratio[rows]),
+                 np.concatenate([one.active, other.active], axis=1)[:, rows])
 
 
 def replay(values: Mapping[str, Any], command: Array, motion: Mapping[str, Array], model: str = NONLINEAR
@@ -137,7 +189,12 @@ def sweeps(values: Mapping[str, Any], highest: float, at: float = 0.0, aero_torq
     frequency = frequencies(float(values["controller.sample_time"]), highest)
     responses = []
     for number, size in enumerate(chosen):
-        progress(f"sine of {np.degrees(size):g} deg", number, len(chosen))
         room = max(limit - size, 0.0)
-        responses.append(sweep(values, size, frequency, min(max(at, -room), room), aero_torque, model))
+        about = min(max(at, -room), room)
+
+        def measure(where: Array, size: float = size, about: float = about, number: int = number) -> Sweep:
+            progress(f"sine of {np.degrees(size):g} deg, {where[0]:.3g} to {where[-1]:.3g} Hz", number, len(chosen))
+            return sweep(values, size, where, about, aero_torque, model)
+
+        responses.append(refined(measure(frequency), measure))
     return responses
