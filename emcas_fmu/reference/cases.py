@@ -107,7 +107,8 @@ def _loaded(moment: float) -> Callable[[Array], Columns]:
 _LARGE = math.radians(20.0)
 
 
-def _sag(supply: float) -> Case:
+def sag(supply: float) -> Case:
+    """Return the case in which a supply [V] sags."""
     def build(time: Array) -> Columns:
         command = _levels((LEAD_IN, 20.0), (0.35, -20.0), (0.7, 0.0))(time)
         return command | {"supply_voltage": _held(time, supply, (0.4, _SAG * supply), (0.47, supply))}
@@ -118,7 +119,7 @@ def _sag(supply: float) -> Case:
 
 def with_supply(case: Case, supply: float) -> Case:
     """Return a case for a unit whose supply is `supply` [V] at the start: a sag is a share of it."""
-    return _sag(supply) if case.name == "sag" else case
+    return sag(supply) if case.name == "sag" else case
 
 
 CASES = [
@@ -135,7 +136,7 @@ CASES = [
     Case("load_aiding", "Slew from -20 to +20 deg with 100 N.m", "load", 0.85, _LARGE, _loaded(LOAD)),
     Case("cold", "Steps to +5, +20, +5 and 0 deg at -6 degC", "cold", 1.0, _LARGE,
          _levels((LEAD_IN, 5.0), (0.3, 20.0), (0.55, 5.0), (0.8, 0.0)), {**EXACT, "friction.temperature": -6.0}),
-    _sag(SUPPLY),
+    sag(SUPPLY),
 ]
 
 # What an FMU carries of an actuator whose responses to the cases above are not stored: short, since it is integrated

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from math import inf, isfinite
+from dataclasses import dataclass, replace
+from math import inf, isclose, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from ..actuators import NONLINEAR
 from ..errors import EmcasError
 from ..simulation import Array
 from . import files
+from .cases import SIGNIFICANT_DIGITS, sag
 
 Columns = Mapping[str, Array]
 _NEAR = 1e-3  # of a step, by which a time of nine digits may differ from its place
@@ -54,6 +55,20 @@ class Stored:
                                  f"{self.step:g} s")
         if odd := [name for name, value in self.start_values.items() if not isfinite(value)]:
             raise ValueError(f"{self.name}: the start value of {odd[0]} is {self.start_values[odd[0]]}")
+
+    @property
+    def supply(self) -> float | None:
+        """What the supply starts at [V]; None where the case leaves it alone."""
+        column = self.inputs.get("supply_voltage")
+        return None if column is None else float(column[0])
+
+    def with_supply(self, supply: float) -> Stored:
+        """Return the case for a unit whose supply starts at `supply` [V]: of another it is no reference."""
+        if self.kind != "sag" or self.supply is None or isclose(self.supply, supply, rel_tol=10.0**-SIGNIFICANT_DIGITS):
+            return self
+        case = sag(supply)
+        return replace(self, title=case.title, inputs=case.inputs(), reference={})
+
 
 
 def load(folder: Path, names: Sequence[str] | None, needed: Iterable[str] = ()) -> list[Stored]:

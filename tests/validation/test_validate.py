@@ -151,6 +151,29 @@ def test_another_parameter_fails(tmp_path: Path) -> None:
     assert [d["name"] for d in document["fmu"]["differences"]] == ["motor.torque_constant"]
 
 
+def test_a_sag_is_of_the_subjects_own_supply(tmp_path: Path) -> None:
+    defaults = load_parameters()
+    result = validate(ParameterSubject(defaults.with_values({"drive.supply_voltage": 48.0})), ["sag"])
+    supply = result.series["sag"].run.excitation.columns["supply_voltage"]
+    assert (supply[0], supply.min(), supply[-1]) == pytest.approx((48.0, 48.0 * 28.0 / 39.0, 48.0))
+    write_report(result, tmp_path / "sag.html")
+    page = (tmp_path / "sag.html").read_text(encoding="utf-8")
+    assert "from 48 to 34.5 V" in page
+    assert "the shipped motor" not in page
+    assert "39 to 28" not in page + summary_text(result)
+    # A reference of 39 V says nothing of it: it is not compared with it, and a note has the reason.
+    assert not result.trajectory
+    assert any("own supply of 48 V" in note and "39 V" in note for note in result.notes)
+    usual = validate(ParameterSubject(defaults), ["sag"])
+    assert [each.passed for each in usual.trajectory] == [True]
+
+
+def summary_text(result: Validation) -> str:
+    console = Console(record=True, width=200)
+    console.print(*summary(result))
+    return console.export_text()
+
+
 def copied(tmp_path: Path) -> Path:
     folder = tmp_path / "reference"
     shutil.copytree(REFERENCE, folder)
@@ -493,10 +516,7 @@ def test_outputs_an_actuator_lacks_are_left_out(tmp_path: Path) -> None:
     assert [(j.measured, j.beyond, j.passed) for j in found.table2[-2:]] == [(24.0, True, True)] * 2
     assert "&gt; 24 Hz" in page
     assert "1 deg: -3 dB above 24 Hz, -90 deg above 24 Hz" in page
-    console = Console(width=200, record=True)
-    for part in summary(found):
-        console.print(part)
-    said = console.export_text()
+    said = summary_text(found)
     assert re.search(r"bandwidth_1deg +│ +> 24 │ +>= 10 │ +> 14 │", said)
     assert re.search(r"chirp_1deg +[\d. ]*>24 +>24", said)
     assert "nan" not in said

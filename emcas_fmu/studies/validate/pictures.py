@@ -276,9 +276,11 @@ def sag(result: Result) -> Drawing:
     _column_of_panels(result, grid[:, 0], result.series["sag"], panels, plots.ORANGE, 0.3, 0.699, 8)
     _legend(grid[0, 0], ("fin", {"color": plots.ORANGE}), _COMMAND_ENTRY, *_reference(result, "sag"), _LIMIT_ENTRY,
             _SHADE_ENTRY)
-    brakes = ", below the back-EMF of the shipped motor at that speed, which then brakes" if result.of_thesis else ""
+    shipped = result.of_thesis and not result.differences
+    brakes = ", below the back-EMF of the shipped motor at that speed, which then brakes" if shipped else ""
+    supply = result.series["sag"].run.excitation.columns["supply_voltage"]
     return Drawing("Supply sag", figure, "A slew from +20 to -20 deg at 350 ms; from 400 to 470 ms the supply is down "
-                   f"from 39 to 28 V{brakes}.")
+                   f"from {supply[0]:.3g} to {np.min(supply):.3g} V{brakes}.")
 
 
 def linear(result: Result) -> Drawing:

@@ -162,11 +162,16 @@ def validate(subject: Subject, names: Sequence[str] | None = None, directory: Pa
     """
     folder = directory or models_directory() / "reference"
     cases, from_inside = _chosen(subject, names, folder, () if directory and not inside else subject.references, inside)
+    supply = files.supply_start(subject.model, subject.values)
+    others = [case for case in cases if case.with_supply(supply) is not case]
+    cases = [case.with_supply(supply) for case in cases]
     where = subject.identification.file if from_inside else str(folder)
     excitations = {case.name: of_case(case.title, case.inputs, case.step, case.start_values) for case in cases}
     obstacles = {name: why for name, excitation in excitations.items()
                  if (why := subject.obstacle(with_encoder(excitation)))}
     notes = [f"{name} is left out: {why}" for name, why in obstacles.items()]
+    notes += [f"{case.name} is run at the subject's own supply of {supply:.4g} V and not compared: its reference is of "
+              f"{case.supply:.4g} V" for case in others if case.name not in obstacles and case.reference]
     cases = [case for case in cases if case.name not in obstacles]
     extra = {} if names else {**verdict.holds(), **_linear_steps(subject)}
     if not names and parts(subject.model)[0] == NONLINEAR and (why := obstacle(subject.values)):
