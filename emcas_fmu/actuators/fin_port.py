@@ -168,6 +168,16 @@ def _travel(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     return when(ops, limit > stop * (1.0 + SLACK)), stop, in_degrees(stop), limit, in_degrees(limit)
 
 
+# Of command.limit, the accuracy that Table 2 asks for over its range: a stop nearer hides an overshoot that counts.
+LEAST_ROOM = 0.01
+
+
+def _room(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+    stop, limit = p.fin.stop_angle, p.command.limit
+    tight = ops.both(limit <= stop * (1.0 + SLACK), stop < limit * (1.0 + LEAST_ROOM) * (1.0 - SLACK))
+    return when(ops, tight), stop, in_degrees(stop), limit, in_degrees(limit)
+
+
 def _start(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     start, stop = p.fin.start_angle, p.fin.stop_angle
     return when(ops, ops.fabs(start) > stop * (1.0 + SLACK)), start, in_degrees(start), stop, in_degrees(stop)
@@ -180,6 +190,8 @@ def _latency(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
 
 RULES = (
     Rule(_travel, f"fin.stop_angle = {ANGLE} must be at least command.limit = {ANGLE}"),
+    Rule(_room, f"fin.stop_angle = {ANGLE} leaves less than {LEAST_ROOM:g} of command.limit = {ANGLE} beyond it: the "
+                "stop hides an overshoot of a step to the limit; lower command.limit", warning=True),
     Rule(_start, f"fin.start_angle = {ANGLE} must lie within +-fin.stop_angle = {ANGLE}"),
     Rule(_latency, f"command.latency = %.6g s must be at most {bus.LONGEST} times controller.sample_time = %.6g s"),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import radians
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +57,15 @@ def test_no_named_set_warns(name: str) -> None:
     ({"controller.velocity.kp": 0.074}, ""),
     ({"controller.velocity.kp": 0.0753}, "take 60.7 deg of phase"),  # 60 deg at 0.07444 of 131.4 rad/s at 0.0439
     ({"drive.transport_delay": 7.1e-3}, "will ring"),
+    ({"motor.inductance": 0.045}, ""),
+    ({"motor.inductance": 0.047}, "motor.inductance = 0.047 H"),  # 30 times 0.25 Ohm times 6.219 ms is 46.6 mH
+    # A sample is longer, 6.4 ms: 48 mH. A lower gain leaves the velocity loop its margin.
+    ({"motor.inductance": 0.047, "controller.sample_time": 6.4e-3, "controller.velocity.kp": 0.03}, ""),
+    ({"motor.resistance": 0.0201}, ""),
+    ({"motor.resistance": 0.0199}, "1 mH is 1e-3 H"),  # 0.6 mH over 0.02 Ohm is 30 samples
+    ({"fin.stop_angle": radians(20.0)}, "leaves less than 0.01"),
+    ({"fin.stop_angle": radians(20.19)}, "the stop hides an overshoot"),
+    ({"fin.stop_angle": radians(20.21)}, ""),
     ({"controller.speed_limit": 354.0}, ""),
     ({"controller.speed_limit": 355.0}, "never reaches"),  # 39 V over 0.11 V.s/rad is 354.5 rad/s
     ({"motor.resistance": 0.64}, ""),
@@ -90,8 +100,11 @@ def test_a_light_rotor_with_the_shipped_gains_is_told_to_be_tuned() -> None:
     ("ristanovic", {"inertia.motor": 1e-7, "inertia.screw": 0.0}, "check the units of inertia"),
     ("series-clutch", {"drive.current_limit": 82.0}, "is never asked for"),
     ("elastic", {"drive.current_limit": 82.0}, "is never asked for"),
+    *((model, {"motor.inductance": "0.11 H"}, "check the units (1 mH is 1e-3 H)")
+      for model in NAMES if "motor.inductance" in load_parameters(model=model).values),
+    *((model, {"fin.stop_angle": "20 deg"}, "the stop hides an overshoot") for model in (*NAMES, DIRECT_DRIVE)),
 ])
-def test_others_have_those_that_are_theirs(model: str, changes: dict[str, float], said: str) -> None:
+def test_others_have_those_that_are_theirs(model: str, changes: dict[str, Any], said: str) -> None:
     warnings = load_parameters(model=model).with_values(changes).warnings
     assert any(said in warning for warning in warnings)
 

@@ -17,7 +17,7 @@ from ...physics.structure import Structure
 from ...variables import without
 from .. import capabilities, fin_port
 from ..declaration import Supply
-from . import elastic, interface, nonlinear
+from . import elastic, interface, nonlinear, plausibility
 from .habibi import at_motor
 from .interface import with_parameters
 
@@ -50,6 +50,7 @@ ACTUATOR = replace(
     rules=nonlinear.ACTUATOR.rules,
     provides=elastic.ACTUATOR.provides - {
         capabilities.SCREW_LOAD, capabilities.BACKLASH, capabilities.CURRENT_LOOP, capabilities.VOLTAGE_LIMIT},
+    rules=tuple(rule for rule in elastic.ACTUATOR.rules if rule is not plausibility.WINDING_RULE),
     descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; limits nothing here"},
     structure=Structure(constant_ratio=True, current="ideal", drive_line=True),
     initial=with_parameters(elastic.initial, _ozkan),

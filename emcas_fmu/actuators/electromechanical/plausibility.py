@@ -17,6 +17,8 @@ from .interface import inertias, with_parameters
 
 # Of a servo drive the load is seldom beyond 30 times the rotor at the motor; a rotor of a thousand loads is a mistake.
 MOST_LOAD, MOST_ROTOR = 100.0, 1000.0
+# L/R of servo motors is from a twentieth to twenty times J R/K_t^2; mH read as H make a thousand times that.
+MOST_WINDING = 30.0
 MOST_FRICTION = 0.5  # of the motor's torque at its current limit
 COARSEST_COUNT = 0.01  # of command.limit: the accuracy that Table 2 asks for, over its range
 MOST_JUMP = 0.1  # of the current limit, asked for by a count in a sample
@@ -34,6 +36,23 @@ def _friction(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
     dry = ops.maximum(coulomb(ops, p, 1.0, 0.0), coulomb(ops, p, -1.0, 0.0))
     dry = dry + p.friction.fin_coulomb * p.screw.lead / p.kinematics.moment_arm
     return when(ops, dry > MOST_FRICTION * torque), dry, torque
+
+
+def winding_rule(inertia: Callable[[Any], Value]) -> Rule:
+    """Return the rule for the winding's time constant; `inertia` gives what the motor turns [kg.m2].
+
+    It is judged against the motor's mechanical time constant J R/K_t^2, or a sample where that is longer.
+    """
+    def check(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
+        electrical = p.motor.inductance / p.motor.resistance
+        mechanical = inertia(p) * p.motor.resistance / (p.motor.torque_constant * p.motor.torque_constant)
+        slow = electrical > MOST_WINDING * ops.maximum(mechanical, p.controller.sample_time)
+        return when(ops, slow), p.motor.inductance, p.motor.resistance, electrical, mechanical
+
+    return Rule(check, "motor.inductance = %.6g H over motor.resistance = %.6g Ohm is a time constant of %.6g s, over "
+                       f"{MOST_WINDING:g} times the mechanical one of %.6g s (inertia times motor.resistance over "
+                       "motor.torque_constant squared) and controller.sample_time: check the units (1 mH is 1e-3 H)",
+                warning=True)
 
 
 def _asked(ops: Ops, p: Any, _: Value) -> tuple[Value, ...]:
@@ -99,7 +118,8 @@ JUMP_RULE = Rule(
            "drive.current_limit = %.6g A: the current will be noise; more encoder.pulses, a longer "
            "controller.sample_time or less gain", warning=True)
 VELOCITY_RULE = velocity_rule(_total)
-RULES = (INERTIA_RULE, FRICTION_RULE, CURRENT_RULE, COUNT_RULE, JUMP_RULE, VELOCITY_RULE)
+WINDING_RULE = winding_rule(_total)
+RULES = (INERTIA_RULE, FRICTION_RULE, CURRENT_RULE, COUNT_RULE, JUMP_RULE, VELOCITY_RULE, WINDING_RULE)
 
 
 def of_screw(change: Callable[[Ops, Any], Any]) -> tuple[Rule, ...]:

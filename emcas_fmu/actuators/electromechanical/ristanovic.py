@@ -73,7 +73,7 @@ ACTUATOR = replace(
     }, interface.LOOPLESS_OUTPUTS),
     terminals=interface.LOOPLESS_TERMINALS,
     parameters=PARAMETERS,
-    rules=(*interface.RULES, plausibility.INERTIA_RULE, plausibility.COUNT_RULE),
+    rules=(*interface.RULES, plausibility.INERTIA_RULE, plausibility.COUNT_RULE, plausibility.WINDING_RULE),
     supply_rules=plausibility.SUPPLY_RULES[:1],
     equal_parameters=(),
     provides=nonlinear.ACTUATOR.provides - {capabilities.CURRENT_LOOP, capabilities.CURRENT_LIMIT},

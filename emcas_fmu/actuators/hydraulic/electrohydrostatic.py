@@ -224,6 +224,10 @@ def output_values(ops: Ops, p: Any, x: Record, u: Acting) -> Values:
     }
 
 
+def _rotor(p: Any) -> Value:
+    return p.inertia.motor
+
+
 ACTUATOR = Actuator(
     name="electrohydrostatic",
     title="electrohydrostatic actuator: servomotor, pump, cylinder, lever and fin",
@@ -242,7 +246,7 @@ ACTUATOR = Actuator(
                                                      "drive_reference", "current_error")),
                Terminal("hydraulics", "cylinder", ("piston_position", "pressure_1", "pressure_2"))),
     rules=(electromechanical.LEVER_RULE, interface.STROKE_RULE, plausibility.CURRENT_RULE,
-           plausibility.velocity_rule(lambda p: p.inertia.motor)),
+           plausibility.velocity_rule(_rotor), plausibility.winding_rule(_rotor)),
     supply_rules=plausibility.SUPPLY_RULES,
     faults=FAULTS,
     equal_parameters=electromechanical.EQUAL,
