@@ -19,7 +19,18 @@ from typing import Any
 import numpy as np
 
 from . import schema
-from .actuators import EXTENSIONS, NAMES, NONLINEAR, default_files, fin_port, full_name, get, get_extension, parts
+from .actuators import (
+    EXTENSIONS,
+    NAMES,
+    NONLINEAR,
+    default_files,
+    extension_inputs,
+    fin_port,
+    full_name,
+    get,
+    get_extension,
+    parts,
+)
 from .actuators.declaration import Actuator
 from .arguments import checked
 from .errors import EmcasError, hint
@@ -143,6 +154,17 @@ class ParameterSet:
     def estimates(self) -> tuple[str, ...]:
         """Names of the parameters that rest on an engineering estimate."""
         return tuple(e.variable.name for e in self.entries if e.source == "estimate")
+
+    def estimates_in(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Return those of the named parameters, or groups such as ``heat.``, that rest on an engineering estimate."""
+        begins = tuple(names)
+        return tuple(name for name in self.estimates if name.startswith(begins))
+
+    @property
+    def estimated_outputs(self) -> Mapping[str, tuple[str, ...]]:
+        """By outputs that extensions add, the estimates that the extension computes them with."""
+        rests = {output: self.estimates_in(names) for output, names in extension_inputs(self.model).items()}
+        return {output: names for output, names in rests.items() if names}
 
     @property
     def warnings(self) -> tuple[str, ...]:

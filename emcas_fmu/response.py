@@ -21,7 +21,7 @@ from .actuators import extension_outputs, fin_port, get
 from .arguments import checked
 from .bench import metrics
 from .bench.excitation import COMMAND, Excitation
-from .bench.provenance import conditions
+from .bench.provenance import ESTIMATE, conditions, resting_on
 from .bench.subject import Columns, Run
 from .bench.writers import number, write_page
 from .errors import EmcasError, hint
@@ -160,15 +160,34 @@ class Response:
                 **metrics.displayed({**metrics.usage(run), **motion}),
                 **{f"{v.name}_final": float(run.columns[v.name][-1]) for v in self.extension_outputs}}
 
+    @cached_property
+    def estimates(self) -> Mapping[str, tuple[str, ...]]:
+        """Parameters that are engineering estimates by the names of last values that rest on them."""
+        outputs: dict[str, dict[str, None]] = {}
+        for each in self.sets:
+            for name, rests in each.estimated_outputs.items():
+                outputs.setdefault(f"{name}_final", {}).update(dict.fromkeys(rests))
+        return {name: tuple(rests) for name, rests in outputs.items()}
+
     def as_dict(self) -> dict[str, Any]:
-        """Return the figures for JSON: of several fins a list, and their line's."""
+        """Return the figures for JSON: of several fins a list, and their line's; with what is an estimate, and why."""
+        why = {"estimates": {name: list(rests) for name, rests in self.estimates.items()}} if self.estimates else {}
+        return {**self._as_dict(), **why}
+
+    def _as_dict(self) -> dict[str, Any]:
         if self.unit.fins == 1:
             return {"title": self.excitation.title, **self.metrics()}
         line = {self.unit.line.group: dict(self.line)} if self.unit.line else {}
         return {"title": self.excitation.title, **line, "fins": [dict(each) for each in self._figures]}
 
     def lines(self) -> list[tuple[str, ...]]:
-        """Return name and value for each fin of every figure; statuses by name, as they changed."""
+        """Return name and value for each fin of every figure, estimates as such; statuses as they changed."""
+        return [(self._marked(name), *values) for name, *values in self._lines()]
+
+    def _marked(self, name: str, words: str = "") -> str:
+        return (words or name) + ESTIMATE * (name in self.estimates)
+
+    def _lines(self) -> list[tuple[str, ...]]:
         discrete = {f"{v.name}_final": v for v in self.extension_outputs if v.items or v.bits}
         rows = [(name, *(self._text(name, each[name]) for each in self._figures))
                 for name in self._figures[0] if name not in discrete]
@@ -224,19 +243,20 @@ class Response:
                                                       f"{_of_any(self)}is active.")
         write_page(path, "response.html.j2", list(dict.fromkeys(self.sets)), r=self, picture=shown, rows=self._rows(),
                    given=self._given(), line=self._line(), changed=self._changed(),
+                   estimates=resting_on({metrics.in_words(name): rests for name, rests in self.estimates.items()}),
                    conditions=conditions(self.unit.kind, self.sets[0].values))
 
     def _rows(self) -> list[tuple[str, str, list[str]]]:
         """Return the figures in words, their units, and a value for each fin; times that are reached in ms."""
         units = {f"{v.name}_final": v.unit for v in self.extension_outputs}
         rows = []
-        for name, *values in self.lines():
+        for name, *values in self._lines():
             unit = units.get(name, metrics.unit_of(name))
             if unit == "s":
                 unit = "ms"
                 values = [number(1e3 * each[name]) if isfinite(each[name]) else text
                           for each, text in zip(self._figures, values, strict=True)]
-            rows.append((metrics.in_words(name), unit, values))
+            rows.append((self._marked(name, metrics.in_words(name)), unit, values))
         return rows
 
     def _line(self) -> list[tuple[str, str, float]]:
@@ -305,7 +325,7 @@ def draw(response: Response) -> Figure:
         axes.plot(time, response.columns[v.name] * scale, color=COLORS[0])
         axes.set_ylabel(f"{v.name.replace('_', ' ')} [{unit}]")
     for v, axes in zip(extensions, places, strict=False):
-        _draw_output(axes, v, time, [run.columns[v.name] for run in fins])
+        _draw_output(axes, v, time, [run.columns[v.name] for run in fins], f"{v.name}_final" in response.estimates)
     for axes in places:
         axes.set_visible(False)
     limited = np.any([run.columns["saturated"] > 0.0 for run in fins], axis=0)
@@ -343,9 +363,9 @@ def _draw_panel(axes: Axes, panel: Sequence[Variable], time: Any, fins: Sequence
         axes.legend(loc="best")
 
 
-def _draw_output(axes: Axes, v: Variable, time: Any, columns: Sequence[Any]) -> None:
+def _draw_output(axes: Axes, v: Variable, time: Any, columns: Sequence[Any], estimated: bool) -> None:
     """Draw an output of an extension, a line a fin; a word of flags as a bar for each flag that is ever set."""
-    axes.set_ylabel(f"{v.name.replace('_', ' ')}{f' [{v.unit}]' if v.kind == 'Real' else ''}")
+    axes.set_ylabel(f"{v.name.replace('_', ' ')}{f' [{v.unit}]' if v.kind == 'Real' else ''}{ESTIMATE * estimated}")
     flags = [i for i in range(len(v.bits)) if any(np.any(column.astype(int) >> i & 1) for column in columns)]
     for k, column in enumerate(columns):
         color = COLORS[k % len(COLORS)]

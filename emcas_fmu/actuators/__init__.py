@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from functools import cache
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -136,6 +137,18 @@ def extension_outputs(name: str) -> tuple[Variable, ...]:
     actuator, _ = parts(name)
     plain = {v.name for v in get(actuator).outputs}
     return tuple(v for v in get(name).outputs if v.name not in plain)
+
+
+def extension_inputs(name: str) -> dict[str, frozenset[str]]:
+    """Return by each Real output that an extension in a name adds the parameters that the extension adds."""
+    actuator, extensions = parts(name)
+    layers = [_get(actuator, extensions[:k]) for k in range(len(extensions) + 1)]
+    rests = {}
+    for below, over in pairwise(layers):
+        outputs, parameters = ({v.name for v in new} - {v.name for v in old} for new, old in (
+            (over.outputs, below.outputs), (over.file_entries, below.file_entries)))
+        rests |= {v.name: frozenset(parameters) for v in over.outputs if v.name in outputs and v.kind == "Real"}
+    return rests
 
 
 def default_files(name: str) -> tuple[Path, ...]:

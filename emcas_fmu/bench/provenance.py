@@ -74,6 +74,19 @@ def conditions(model: str, values: Mapping[str, Any]) -> list[tuple[str, str, An
     return [*rows, ("sample time of the controllers", SAMPLE_TIME.name, values[SAMPLE_TIME.name], "s")]
 
 
+ESTIMATE = " (estimate)"
+"""Behind the name of a figure that rests on parameters that are engineering estimates."""
+
+
+def resting_on(estimates: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return a sentence for the figures that rest on the same parameters, which are estimates; names by figure."""
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for figure, names in estimates.items():
+        alike.setdefault(tuple(names), []).append(figure)
+    return [f"Estimate: {', '.join(figures)}, from engineering estimates of {', '.join(names)}."
+            for names, figures in alike.items() if names]
+
+
 def shipped(model: str) -> str:
     """Return the words for an actuator's default parameters."""
     source = get(model).source

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from math import pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.markup import escape
 from rich.table import Table
 
 from ..errors import EmcasError
@@ -44,6 +46,7 @@ def envelope(
     as_json: Annotated[Path | None, json_option("Write currents, temperatures and speeds to this file.")] = None,
 ) -> None:
     """Torque-speed envelopes of motor and drive: within winding temperature, I2t, peak current and voltage."""
+    from ..bench.provenance import resting_on
     from ..bench.writers import write_json
     from ..units import UnitError, quantity
 
@@ -66,6 +69,8 @@ def envelope(
         if as_json:
             write_json(_figures(computed), as_json)
     out.print(_table(computed))
+    for each in resting_on({"what is marked": tuple(dict.fromkeys(chain(*computed.estimates.values())))}):
+        out.print(escape(each), highlight=False, soft_wrap=True)
     print_written(output, plot, as_json)
 
 
@@ -74,7 +79,8 @@ def _figures(e: Envelope) -> dict[str, Any]:
             **{name: {"current_a": c.current, "bound_by": c.bound_by,
                       **{f"{cause}_current_a": current for cause, current in c.currents.items()},
                       "stall_torque_nm": c.torque[0], "corner_speed_rad_per_s": c.corner_speed,
-                      "winding_degc": c.winding, "case_degc": c.case} for name, c in e.curves.items()}}
+                      "winding_degc": c.winding, "case_degc": c.case} for name, c in e.curves.items()},
+            "estimates": {key: list(names) for key, names in e.estimates.items()}}
 
 
 def _write_csv(e: Envelope, path: Path) -> None:
@@ -90,21 +96,25 @@ def _write_csv(e: Envelope, path: Path) -> None:
 
 
 def _table(e: Envelope) -> Table:
+    from ..bench.provenance import ESTIMATE
     from ..bench.writers import number
+    from ..studies.analysis.envelope import TORQUE
 
     preload = f", from {e.preload:g} of the continuous current" if e.preload else ""
     table = Table("", "continuous", f"{e.duration:g} s{preload}", title="torque-speed envelope", title_justify="left")
     curves = e.curves.values()
-    rows: dict[str, list[Any]] = {
-        "current / A": [c.current for c in curves],
-        "limited by": [c.bound_by for c in curves],
-        **{f"  {cause} / A": [c.currents[cause] for c in curves] for cause in e.continuous.currents},
-        "torque at standstill / N.m": [c.torque[0] for c in curves],
-        "voltage limits from / rpm": [c.corner_speed * 30.0 / pi for c in curves],
-        "no-load speed / rpm": [e.speed[-1] * 30.0 / pi] * 2,
-        "winding, case then / degC": [f"{c.winding:.4g}, {c.case:.4g}" for c in curves]}
-    for label, values in rows.items():
-        table.add_row(label, *(value if isinstance(value, str) else number(value) for value in values))
+    rows: list[tuple[str, str, list[Any]]] = [
+        ("current / A", "current_a", [c.current for c in curves]),
+        ("limited by", "", [c.bound_by for c in curves]),
+        *((f"  {cause} / A", f"{cause}_current_a", [c.currents[cause] for c in curves])
+          for cause in e.continuous.currents),
+        ("torque at standstill / N.m", TORQUE, [c.torque[0] for c in curves]),
+        ("voltage limits from / rpm", "corner_speed_rad_per_s", [c.corner_speed * 30.0 / pi for c in curves]),
+        ("no-load speed / rpm", "no_load_speed_rad_per_s", [e.speed[-1] * 30.0 / pi] * 2),
+        ("winding, case then / degC", "winding_degc", [f"{c.winding:.4g}, {c.case:.4g}" for c in curves])]
+    for label, key, values in rows:
+        table.add_row(label + ESTIMATE * (key in e.estimates),
+                      *(value if isinstance(value, str) else number(value) for value in values))
     for column in table.columns[1:]:
         column.justify = "right"
     return table

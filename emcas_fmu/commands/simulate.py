@@ -87,6 +87,7 @@ def simulate(
     """Run the actuator on a case, a file of inputs or a step, without an FMU."""
     from ..api import simulate as run
     from ..bench.excitation import STEP, csv_file, reference_case
+    from ..bench.provenance import resting_on
     from ..bench.writers import number, write_json
     from ..plots import check_ending
     from ..reference.files import supply_start
@@ -139,4 +140,6 @@ def simulate(
     if unit.line:
         common.out.print(f"{unit.line.group}: " + ", ".join(
             f"{name} {number(value)}" for name, value in response.line.items()), highlight=False, soft_wrap=True)
+    for each in resting_on(response.estimates):
+        common.out.print(escape(each), highlight=False, soft_wrap=True)
     common.print_written(output, plot, as_json)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from collections.abc import Mapping
+from dataclasses import replace
 from math import exp, pi, sqrt
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,7 @@ import pytest
 from scipy.linalg import expm
 from typer.testing import CliRunner, Result
 
+from emcas_fmu.bench.provenance import ESTIMATE
 from emcas_fmu.cli import app
 from emcas_fmu.errors import EmcasError
 from emcas_fmu.parameters import ParameterSet, load_parameters
@@ -247,7 +250,7 @@ def test_other_models_have_the_same_drive(model: str) -> None:
 
 def test_speeds_are_told_in_turns_a_minute() -> None:
     found = envelope(BASE, 10.0)
-    rows = {cells[0].strip(): [float(cell) for cell in cells[1:]] for cells in (
+    rows = {cells[0].replace(ESTIMATE, "").strip(): [float(cell) for cell in cells[1:]] for cells in (
         line.strip("\u2502 \n").split("\u2502") for line in _emcas().stdout.splitlines()) if "rpm" in cells[0]}
     minute = 60.0 / (2.0 * pi)
     # Of four digits.
@@ -255,6 +258,34 @@ def test_speeds_are_told_in_turns_a_minute() -> None:
         [c.corner_speed * minute for c in (found.continuous, found.short_term)], rel=5e-4)
     assert rows["no-load speed / rpm"] == pytest.approx([found.speed[-1] * minute] * 2, rel=5e-4)
     assert draw(found).axes[0].get_xlim()[1] == pytest.approx(found.speed[-1] * minute)
+
+
+def test_what_rests_on_estimates_says_so(tmp_path: Path) -> None:
+    """The least current does by default; the drive's rating does no more where it is given."""
+    given = tmp_path / "rating.toml"
+    given.write_text('[heat]\ncontinuous_current = "25 A"\npeak_time = "2 s"\n[drive]\ncurrent_limit = "60 A"\n',
+                     encoding="utf-8")
+    drive = {"heat.continuous_current", "heat.peak_time", "drive.current_limit"}
+    for arguments, estimated in (([], True), (["-p", str(given)], False)):
+        done = _emcas(*arguments, "--json", str(tmp_path / "e.json"), "--plot", str(tmp_path / "e.html"))
+        marked = {key: set(names) for key, names in json.loads((tmp_path / "e.json").read_text())["estimates"].items()}
+        assert ("i2t_current_a" in marked, "peak_current_a" in marked) == (estimated, estimated)
+        assert drive <= marked["current_a"] or not estimated
+        assert {"heat.winding_to_case", "heat.case_to_ambient"} <= marked["winding_degc"] & marked["heat_current_a"]
+        page = (tmp_path / "e.html").read_text(encoding="utf-8")
+        for text in (" ".join(done.stdout.split()), page):
+            assert re.search(r"Estimate: [\w /.]+, from engineering estimates of [\w., ]*heat.winding_to_case", text)
+            assert ("heat.peak_time" in text) is estimated
+        assert ("i2t / A (estimate)" in done.stdout) is estimated
+        assert "current / A (estimate)" in done.stdout
+        assert "winding, case then / degC (estimate)" in done.stdout
+
+
+def test_nothing_is_an_estimate_where_all_is_given() -> None:
+    known = replace(BASE, entries=tuple(replace(entry, source="measured") for entry in BASE.entries))
+    assert envelope(known, 10.0).estimates == {}
+    assert "(estimate)" not in draw(envelope(known, 10.0)).axes[0].get_ylabel()
+    assert "(estimate)" in draw(envelope(BASE, 10.0)).axes[0].get_ylabel()
 
 
 def test_command(tmp_path: Path) -> None:

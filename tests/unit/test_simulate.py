@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
+from dataclasses import replace
 from math import radians
 from pathlib import Path
 from typing import Any
@@ -21,7 +23,7 @@ from emcas_fmu.bench.subject import ParameterSubject
 from emcas_fmu.cli import app
 from emcas_fmu.fmi.interface import FmuInterface, fin_sets
 from emcas_fmu.fmi.package import build
-from emcas_fmu.parameters import ParameterError, load_parameters
+from emcas_fmu.parameters import ParameterError, ParameterSet, load_parameters
 from emcas_fmu.plots import style
 from emcas_fmu.reference.files import read_csv
 from emcas_fmu.response import Response, draw
@@ -183,6 +185,41 @@ def test_statuses_and_words_by_name() -> None:
     assert ticks["fault word"] == ["jam"]
     assert "operational" in ticks["status"]
     assert "tracking" in ticks["built in test"]
+
+
+def test_what_extensions_estimate_says_so(tmp_path: Path) -> None:
+    files = {name: tmp_path / f"r.{name}" for name in ("json", "html")}
+    printed = emcas("--model", "nonlinear+heat+faults", "--step", "5", "--json", files["json"], "--plot", files["html"])
+    page, found = files["html"].read_text(encoding="utf-8"), json.loads(files["json"].read_text())
+    temperatures = ("winding_temperature", "case_temperature")
+    assert all(f"{name}_final (estimate)" in printed for name in temperatures)
+    assert all(f"{name.replace('_', ' ')} final (estimate)" in page for name in temperatures)
+    for text in (" ".join(printed.split()), page):
+        assert re.search(r"Estimate: winding.temperature.final, .*from engineering estimates of heat\.", text)
+    assert set(found["estimates"]) == {f"{name}_final" for name in (*temperatures, "i2t_load", "current_limit")}
+    assert "heat.case_to_ambient" in found["estimates"]["winding_temperature_final"]
+    assert "peak_current_a (estimate)" not in printed
+    with style():
+        labels = [axes.get_ylabel() for axes in draw(response("nonlinear+heat", [{}], 0.1)).axes]
+    assert "winding temperature [degC] (estimate)" in labels
+    base = load_parameters(model="nonlinear+heat")
+    known = ParameterSet(tuple(replace(entry, source="measured") for entry in base.entries), base.model)
+    made = replace(response("nonlinear+heat", [{}], 0.1), sets=[known])
+    assert not made.estimates
+    assert "estimates" not in made.as_dict()
+
+
+def test_totals_of_the_line_have_a_table_of_their_own(tmp_path: Path) -> None:
+    emcas("--fins", "4", "--step", "5", "--stop", "0.1", "--plot", tmp_path / "r.html")
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    tables = dict(re.findall(r"<caption[^>]*>(.*?)</caption>(.*?)</table>", page, flags=re.DOTALL))
+    (of_bus,), (of_fins,) = ([body for caption, body in tables.items() if word in caption]
+                             for word in ("bus that the fins share", "Figures of merit"))
+    assert re.findall(r"<th(?: [^>]*)?>(.*?)</th>", of_bus) == ["figure", "all fins", "unit"]
+    assert "lowest bus voltage" in of_bus
+    assert "bus" not in of_fins
+    assert [len(re.findall("<t[dh][ >]", row)) for row in re.findall(r"<tr>(.*?)</tr>", of_fins, flags=re.DOTALL)
+            ] == [6] * of_fins.count("<tr>")  # a name, four fins, a unit
 
 
 def test_the_plot_has_the_outputs_of_the_actuator() -> None:

@@ -29,6 +29,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import brentq, minimize_scalar
 
 from ...actuators import capabilities, parts, require
+from ...bench.provenance import ESTIMATE, resting_on
 from ...bench.writers import write_page
 from ...errors import EmcasError
 from ...ops.arrays import ARRAYS
@@ -44,6 +45,17 @@ _SHORTEST, _LONGEST = 1e-6, 1e9  # s
 _MOLTEN = 1e9  # degC, for what no longer is a number
 CAUSES = {"heat": "heat", "i2t": "I2t", "peak": "peak current"}
 """What bounds a current, with its words."""
+_WINDING = ("heat.winding_", "heat.case_", "heat.reference_temperature", "heat.resistance_coefficient",
+            "motor.resistance")
+_I2T = ("heat.continuous_current", "heat.peak_time", "drive.current_limit")
+_ALL = ("heat.", "drive.current_limit", "motor.resistance")
+_MOTOR = ("motor.torque_constant", "heat.torque_coefficient")
+TORQUE = "stall_torque_nm"
+INPUTS = {"current_a": _ALL, "heat_current_a": _WINDING, "i2t_current_a": _I2T, "peak_current_a": _I2T[-1:],
+          TORQUE: (*_ALL, *_MOTOR), "corner_speed_rad_per_s": (*_ALL, "motor.", "drive.supply_voltage"),
+          "no_load_speed_rad_per_s": ("motor.back_emf_constant", "drive.supply_voltage", "heat.torque_coefficient"),
+          "winding_degc": _ALL, "case_degc": _ALL}
+"""Parameters, and groups of them, that figures rest on, by their names in a JSON file."""
 Temperatures = tuple[float, float]  # of winding and case [degC]
 
 
@@ -86,6 +98,8 @@ class Envelope:
     preload: float
     continuous: Curve
     short_term: Curve
+    estimates: Mapping[str, tuple[str, ...]]
+    """By figure of INPUTS, the parameters among these that are engineering estimates."""
 
     @property
     def curves(self) -> dict[str, Curve]:
@@ -117,8 +131,10 @@ def envelope(parameters: ParameterSet, duration: float, preload: float = 0.0) ->
     brief = short_term_current(p, duration, start), i2t_current(p, duration), peak
     free = [p.drive.supply_voltage / heat.at_temperatures(FLOATS, p, *t).motor.back_emf_constant for t in (cold, start)]
     speed = np.linspace(0.0, max(free), _POINTS)
+    rests = {figure: parameters.estimates_in(names) for figure, names in INPUTS.items()}
     return Envelope(speed, duration, preload, _curve(p, speed, lasting, cold, lambda i: settled(p, i)),
-                    _curve(p, speed, brief, start, lambda i: warmed(p, i, duration, start)))
+                    _curve(p, speed, brief, start, lambda i: warmed(p, i, duration, start)),
+                    {figure: names for figure, names in rests.items() if names})
 
 
 def continuous_current(p: Any) -> float:
@@ -238,7 +254,8 @@ def draw(e: Envelope) -> Figure:
     axes.plot(rpm, cold.limits["peak"], color=PURPLE, linestyle="-.", label="drive's peak current")
     axes.plot(rpm, cold.limits["voltage"], color=GREEN, linestyle=":", label="supply voltage, as cold as at the start")
     top = max(cold.limits["peak"][0], min(cold.limits["heat"][0], 2.0 * cold.limits["peak"][0]))
-    axes.set(xlabel="motor speed [rpm]", ylabel="motor torque [N.m]", xlim=(0.0, rpm[-1]), ylim=(0.0, 1.1 * top))
+    axes.set(xlabel="motor speed [rpm]", ylabel=f"motor torque [N.m]{ESTIMATE * (TORQUE in e.estimates)}",
+             xlim=(0.0, rpm[-1]), ylim=(0.0, 1.1 * top))
     drawn.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3, labelcolor=INK)
     return drawn
 
@@ -250,6 +267,7 @@ def write_picture(e: Envelope, path: Path, parameters: ParameterSet) -> None:
         if path.suffix != ".html":
             write(drawn, path)
             return
-        shown = picture(drawn, "Torque-speed envelope", f"Torque for {e.duration:g} s and for any time (shaded), and "
-                                                        "the limits they are made of.")
+        shown = picture(drawn, "Torque-speed envelope", " ".join([
+            f"Torque for {e.duration:g} s and for any time (shaded), and the limits they are made of.",
+            *resting_on({name: names for name, names in e.estimates.items() if name == TORQUE})]))
     write_page(path, "bench/picture.html.j2", [parameters], picture=shown)
