@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 
 from .. import __copyright__, __license__, __version__
 from ..actuators import capabilities
@@ -60,10 +62,19 @@ def _rows(unit: FmuInterface, causality: str, sets: Sequence[ParameterSet], fmi:
     return rows
 
 
+def _typeset(text: str) -> Markup:
+    """Return text of the source, a docstring or a note, as HTML.
+
+    Names between backticks are code; references lose their role and the package's name.
+    """
+    return Markup(re.sub(r"(?::\w+:)?(`{1,2})(?:emcas_fmu\.)?(.+?)\1", r"<code>\2</code>", str(escape(text))))
+
+
 def _page(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, notes: Sequence[str], fmi: Format,
           platforms: Sequence[str]) -> str:
     environment = Environment(loader=PackageLoader("emcas_fmu", "fmi"), undefined=StrictUndefined,
                               trim_blocks=True, lstrip_blocks=True)
+    environment.filters["typeset"] = _typeset
     equations = [*unit.actuator.modules, schedule, *([unit.line.equations] if unit.line else [])]
     page = environment.get_template("documentation.html.j2").render(
         model=unit.model, description=describe(unit), parameters=parameters_in_words(unit, sets),
@@ -71,7 +82,7 @@ def _page(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, notes: Se
         fins=unit.fins, supply=unit.actuator.supply, line=unit.line, notes=notes, platforms=platforms,
         arrays=fmi.arrays,
         step_ms=_text(sets[0].values["controller.sample_time"] * 1e3),
-        figures=response_figures(sets[0]), equations=[inspect.getdoc(module) for module in equations],
+        figures=response_figures(sets[0]), equations=[inspect.getdoc(module) or "" for module in equations],
         tables=[(title, _rows(unit, causality, sets, fmi)) for title, causality in (
             ("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))])
     return unit.respelt(page)

@@ -1,0 +1,52 @@
+"""The page inside an FMU: no markup of docstrings is left in it, of any actuator and extension."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from emcas_fmu.actuators import EXTENSIONS, NAMES, get
+from emcas_fmu.errors import EmcasError
+from emcas_fmu.fmi import documentation
+from emcas_fmu.fmi.documentation import documents
+from emcas_fmu.fmi.interface import FmuInterface, fin_sets
+from emcas_fmu.fmi.native import FORMATS
+from emcas_fmu.parameters import load_parameters
+from tests.own_actuator.example import MODEL as DIRECT_DRIVE
+
+MARKUP = re.compile(r":\w+:`|`|\*\*")
+
+
+def takes(actuator: str, extension: str) -> bool:
+    try:
+        get(f"{actuator}+{extension}")
+    except EmcasError:
+        return False
+    return True
+
+
+# Every extension over the first actuator that takes it.
+EXTENDED = [next(f"{name}+{extension}" for name in NAMES if takes(name, extension)) for extension in EXTENSIONS]
+
+
+def page(model: str, fins: int, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.setattr(documentation, "response_figures", lambda parameters: ())  # pictures are of no concern here
+    unit, base = FmuInterface(fins, model), load_parameters(model=model)
+    sets = fin_sets(base, fins, "cross", {}) if fins > 1 else (base,)
+    return documents(unit, sets, "", "native", (), FORMATS["2"], ("linux64",))["documentation/index.html"].decode()
+
+
+@pytest.mark.parametrize("fins", [1, 2])
+@pytest.mark.parametrize("model", [*NAMES, DIRECT_DRIVE, *EXTENDED], ids=lambda model: Path(model).stem)
+def test_no_markup_is_left(model: str, fins: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = page(model, fins, monkeypatch)
+    assert [line for line in text.splitlines() if MARKUP.search(line)] == []
+    assert "emcas_fmu." not in text
+
+
+def test_references_and_names_are_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "elastic drive line between them (<code>physics.drive_line</code>)" in page("elastic", 1, monkeypatch)
+    assert "or with <code>encoder.on_fin</code> it is" in page("elastic", 1, monkeypatch)
+    assert documentation._typeset("a < b, ``c`` and `d`") == "a &lt; b, <code>c</code> and <code>d</code>"
