@@ -23,6 +23,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from inspect import signature
 from math import ceil, floor, isnan, log10
 from pathlib import Path
 from typing import Any
@@ -80,13 +81,13 @@ class Supply:
     """The line that feeds the actuator: its input, and for several fins on one line what loads it.
 
     The input's unit says what kind of line it is (:data:`.line.LINES`). `power` is the output of the power drawn [W].
-    Of a bus, `inverse_inductance(ops, p, interval)` is 1/L [1/H] of what its voltage drives within an interval [s], 0
-    of what it drives at once.
+    Of a bus, `inverse_inductance(ops, p)` is 1/L [1/H] of what its voltage drives, 0 of what it drives at once;
+    `inverse_inductance(ops, p, interval)` what of it counts within an interval [s].
     """
 
     input: Variable
     power: Variable
-    inverse_inductance: Callable[[Ops, Parameters, Value], Value] = lambda ops, p, interval: 0.0
+    inverse_inductance: Callable[..., Value] = lambda ops, p: 0.0
 
     def __post_init__(self) -> None:
         if self.input.kind != "Real" or self.input.unit not in LINES:
@@ -95,6 +96,14 @@ class Supply:
         if (self.power.name, self.power.unit) != ("supply_power", "W"):
             raise EmcasError(f"supply {self.input.name}: its power is called {self.power.name} [{self.power.unit}]; "
                              "every actuator's is supply_power [W]")
+        if (count := len(signature(self.inverse_inductance).parameters)) not in (2, 3):
+            raise EmcasError(f"supply {self.input.name}: inverse_inductance takes {count} argument{'s'[:count != 1]}; "
+                             "give a function of (ops, p) or of (ops, p, interval)")
+
+    def within(self, ops: Ops, p: Parameters, interval: Value) -> Value:
+        """Return 1/L [1/H] that counts within an interval [s]."""
+        within = (interval,) if len(signature(self.inverse_inductance).parameters) == 3 else ()
+        return self.inverse_inductance(ops, p, *within)
 
     @property
     def line(self) -> Line:

@@ -22,7 +22,7 @@ class Line:
 
     `level(ops, source, state)` is what the actuators get; `following(ops, p, source, state, drawn, inverse_inductance)`
     the state from an instant on, where they draw `drawn` together and the line's parameters are `p`; the last is the
-    sum of :attr:`.declaration.Supply.inverse_inductance`.
+    sum of :meth:`.declaration.Supply.within`.
     """
 
     name: str  # in messages

@@ -58,7 +58,7 @@ def _of_line(supply: Supply) -> tuple[Traced, ...]:
         ("line_drawn", ("power", "level"), lambda ops, p, power, level: (drawn(ops, power, level),)),
         ("line_following", (*map(identifier, names), "source", "state", "drawn", "inverse_inductance"), following),
         ("inverse_inductance", ("interval",),
-         lambda ops, p, interval: (supply.inverse_inductance(ops, p, interval),)))
+         lambda ops, p, interval: (supply.within(ops, p, interval),)))
 
 
 def _trace(model: str, functions: Iterable[Traced]) -> Tracer:

@@ -191,7 +191,7 @@ PARAMETERS: tuple[Variable, ...] = (
 )
 
 
-def _inverse_inductance(ops: Ops, p: Any, _: Value) -> Value:
+def _inverse_inductance(ops: Ops, p: Any) -> Value:
     return 1.0 / p.motor.inductance
 
 
