@@ -273,6 +273,25 @@ def test_a_link_restores_both_settings(opened: Browser) -> None:
     assert "another page" in opened.run("document.getElementById('notes').textContent")
 
 
+@pytest.mark.parametrize("value", [0.3, "not a number"], ids=["sound", "unsound"])
+def test_a_link_copied_at_once_is_of_what_is_set(opened: Browser, value: Any) -> None:
+    """Within one script, so that no time passes in which the address would follow by itself."""
+    opened.rested("window.page.refresh()")
+    before = opened.run("location.hash")
+    copied = opened.run("""(value => {
+        let copied = null;
+        Object.defineProperty(navigator, "clipboard", {configurable: true, value: {
+            writeText: async text => { copied = text; }}});
+        window.page.change("motor.resistance", value);
+        document.getElementById("link").click();
+        return copied;
+    })(arguments[0])""", value)
+    assert copied.partition("#")[2] not in ("", before.lstrip("#"))
+    opened.open(SHOWN, "#" + copied.partition("#")[2])
+    assert opened.run("window.page.live.setting.get('motor.resistance')") == (0.3 if value == 0.3 else 0.25)
+    assert ("unknown to this page" in opened.run("document.getElementById('notes').textContent")) is (value != 0.3)
+
+
 def test_files_give_the_same_response_in_simulate(opened: Browser, tmp_path: Path,
                                                   monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

@@ -161,12 +161,18 @@ class Page {
         DATA.panels.forEach((panel, number) => drawPanel(this.plots[number], panel, number, this.cases));
     }
 
-    /** What takes longer, run by run, unless something changes meanwhile: Table 2, the Bode plot, words, the link. */
-    async rest() {
+    /** Let the address be the link of what is set; browsers allow this only so often. */
+    writeLink() {
         const {live, kept} = this;
         const link = new URLSearchParams({of: DATA.digest, ...(kept ? {A: kept.setting} : {}), B: live.setting});
         history.replaceState(null, "", `#${link}`);
         this.written = location.hash;
+    }
+
+    /** What takes longer, run by run, unless something changes meanwhile: Table 2, the Bode plot, words, the link. */
+    async rest() {
+        const {live, kept} = this;
+        this.writeLink();
         this.tell();
         for (const [, each] of this.cases) {
             each.runs ??= {};
@@ -215,6 +221,7 @@ class Page {
     }
 
     async copyLink() {
+        this.writeLink();
         try {
             await navigator.clipboard.writeText(location.href);
             $("copied").textContent = "link copied";
