@@ -143,7 +143,7 @@ def extension_inputs(name: str) -> dict[str, frozenset[str]]:
     """Return by each Real output that an extension in a name adds the parameters that the extension adds."""
     actuator, extensions = parts(name)
     layers = [_get(actuator, extensions[:k]) for k in range(len(extensions) + 1)]
-    rests = {}
+    rests: dict[str, frozenset[str]] = {}
     for below, over in pairwise(layers):
         outputs, parameters = ({v.name for v in new} - {v.name for v in old} for new, old in (
             (over.outputs, below.outputs), (over.file_entries, below.file_entries)))

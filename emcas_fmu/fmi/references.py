@@ -64,6 +64,8 @@ class Experiment:
     stimuli: Mapping[str, Array]
     results: Mapping[str, Array]
     independent: bool
+    off: float
+    """Largest distance [rad] of a fin angle that the unit's own stepping, when it was built, had from the results."""
 
 
 def reference_files(unit: FmuInterface, sets: Sequence[ParameterSet], fmi: Format, progress: Progress | None = None,
@@ -90,20 +92,22 @@ def _experiments(unit: FmuInterface, sets: Sequence[ParameterSet], fmi: Format, 
         yield Experiment(
             name, title, cases[0].stop_time, cases[0].step, fmi.in_files(unit, [case.overrides for case in cases]),
             fmi.in_files(unit, [case.inputs() for case in cases]),
-            fmi.in_files(unit, [_rounded(unit, columns) for columns, _ in fins]),
-            all(independent for _, independent in fins))
+            fmi.in_files(unit, [_rounded(unit, columns) for columns, *_ in fins]),
+            all(independent for _, independent, _ in fins), max(off for *_, off in fins))
 
 
 def _cases(sets: Sequence[ParameterSet]) -> list[tuple[str, str, list[Case]]]:
     """Return name, title and the fins' cases of each experiment."""
     by_name = {case.name: case for case in CASES}
     if len(sets) > 1:
-        fins = [replace(files.suited(by_name[_FINS[fin % len(_FINS)]], p), stop_time=_FINS_STOP)
+        fins = [replace(files.suited(by_name[_FINS[fin % len(_FINS)]], p.model, p.values), stop_time=_FINS_STOP)
                 for fin, p in enumerate(sets)]
         return [("fins", "Each fin on its own: " + "; ".join(case.title for case in fins), fins)]
     plain = _plain(sets[0])
-    stored = [by_name[name] for name in _SHIPPED if is_shipped(plain, files.suited(by_name[name], plain))]
-    return [(case.name, case.title, [files.suited(case, sets[0])]) for case in stored or [STEP_AND_LOAD]]
+    stored = [case for case in (files.suited(by_name[name], plain.model, plain.values) for name in _SHIPPED)
+              if is_shipped(plain, case)]
+    return [(case.name, case.title, [files.suited(case, sets[0].model, sets[0].values)])
+            for case in stored or [STEP_AND_LOAD]]
 
 
 def _plain(parameters: ParameterSet) -> ParameterSet:
@@ -113,21 +117,22 @@ def _plain(parameters: ParameterSet) -> ParameterSet:
     return ParameterSet(tuple(e for e in parameters.entries if e.variable.name in names), plain)
 
 
-def _response(parameters: ParameterSet, case: Case, warnings: list[str]) -> tuple[Mapping[str, Array], bool]:
-    """Return what an actuator does in a case, and whether an independent integration says so.
+def _response(parameters: ParameterSet, case: Case, warnings: list[str]) -> tuple[Mapping[str, Array], bool, float]:
+    """Return what an actuator does in a case, whether an independent integration says so, and how far its own stepping
+    is off it [rad].
 
     Raises ArithmeticError or ParameterError where its own equations cannot be followed.
     """
     plain = _plain(parameters)
     extended = plain.model != parameters.model
-    if not extended and (known := shipped(plain, case)) is not None:
-        return known, True
     stepped = _stepped(parameters, case)
+    if not extended and (known := shipped(plain, case)) is not None:
+        return known, True, _apart(stepped, known)
     has = plain.actuator.reference is not None
     if has and (not extended or _same(stepped, _stepped(plain, case))):
         try:
             independent = _integrated(plain, case)
-            off = float(np.max(np.abs(independent["fin_angle"] - stepped["fin_angle"])))
+            off = _apart(stepped, independent)
         except Exception as error:  # noqa: BLE001  a user's own integration may raise, or give, anything
             warnings.append(f"the independent integration of {case.name} failed ({error!r}): inside the FMU is the "
                             "package's own response instead")
@@ -136,13 +141,18 @@ def _response(parameters: ParameterSet, case: Case, warnings: list[str]) -> tupl
                 warnings.append(f"{case.name}: fin_angle is up to {degrees(off):.2g} deg off the independent "
                                 f"integration, at most {degrees(TOLERANCE):g} deg are usual; a smaller solver.max_tick "
                                 "may bring it nearer")
-            return independent, True
-    return {name: stepped[name] for name in ("time", *OUTPUTS) if name in stepped}, False
+            return independent, True, off
+    return {name: stepped[name] for name in ("time", *OUTPUTS) if name in stepped}, False, 0.0
+
+
+def _apart(stepped: Mapping[str, Array], independent: Mapping[str, Array]) -> float:
+    """Return the largest distance of two fin angles [rad]."""
+    return float(np.max(np.abs(stepped["fin_angle"] - independent["fin_angle"])))
 
 
 def _integrated(parameters: ParameterSet, case: Case) -> Mapping[str, Array]:
     """Return the outputs that the independent integration gives. Raises ValueError for what is not finite."""
-    given = response(parameters, files.suited(case, parameters))
+    given = response(parameters, files.suited(case, parameters.model, parameters.values))
     columns = {name: np.asarray(given[name], dtype=float)
                for name in ("time", *(v.name for v in parameters.actuator.outputs)) if name in given}
     if bad := [name for name, column in columns.items() if not np.isfinite(column).all()]:
@@ -159,7 +169,7 @@ def _stepped(parameters: ParameterSet, case: Case) -> Mapping[str, Array]:
     """Return what the package's own stepping gives, in Python: to the bit what either FMU does."""
     inputs = case.inputs()
     del inputs["time"]
-    values = {**parameters.values, **files.suited(case, parameters).overrides}
+    values = {**parameters.values, **files.suited(case, parameters.model, parameters.values).overrides}
     return simulate(values, case.stop_time, case.step, "python", parameters.model, **inputs)
 
 
@@ -193,7 +203,8 @@ def _files(unit: FmuInterface, experiments: Sequence[Experiment]) -> dict[str, b
         model=unit.model, kind=unit.actuator.name, fins=unit.fins, version=__version__,
         arrays=any(column.ndim > 1 for each in experiments for column in each.stimuli.values()),
         standard=VERSION, folder=FOLDER,
-        experiments=experiments, ROLES=ROLES, roles={ROLES[each.independent] for each in experiments},
+        experiments=experiments, off={each.name: degrees(each.off) for each in experiments}, ROLES=ROLES,
+        roles={ROLES[each.independent] for each in experiments},
         reference=Path(str(get(parts(unit.kind)[0]).reference)).name, tolerance=degrees(TOLERANCE)).encode()
     contents[f"{FOLDER}/{MANIFEST}"] = to_bytes(element("fmiReferences", {
         "xmlns:fmi-ls": "http://fmi-standard.org/fmi-ls-manifest", "fmi-ls:fmi-ls-name": NAME,

@@ -84,16 +84,21 @@ def cases(parameters: ParameterSet) -> tuple[Case, ...]:
     A case that changes a parameter or drives an input which the actuator does not have says nothing of it; an encoder
     it does not have is left alone.
     """
-    names = {"time", *parameters.values, *(v.name for v in parameters.actuator.inputs)}
+    return cases_of(parameters.model, parameters.values)
+
+
+def cases_of(model: str, values: Mapping[str, Value]) -> tuple[Case, ...]:
+    """Return the same for an actuator by its name and the values of its parameters."""
+    names = {"time", *values, *(v.name for v in get(model).inputs)}
     return tuple(
-        suited(case, parameters) for case in CASES
+        suited(case, model, values) for case in CASES
         if names.issuperset(name for name in (*case.overrides, *case.inputs()) if not name.startswith("encoder.")))
 
 
-def suited(case: Case, parameters: ParameterSet) -> Case:
+def suited(case: Case, model: str, values: Mapping[str, Value]) -> Case:
     """Return a case with a sag of the actuator's own supply and with those of its overrides that the actuator has."""
-    case = with_supply(case, supply_start(parameters.model, parameters.values))
-    return replace(case, overrides=parameters.having({**case.overrides, **_true_angle(case)}))
+    case, overrides = with_supply(case, supply_start(model, values)), {**case.overrides, **_true_angle(case)}
+    return replace(case, overrides={name: value for name, value in overrides.items() if name in values})
 
 
 def _true_angle(case: Case) -> dict[str, Value]:

@@ -145,7 +145,7 @@ def test_page_is_whole_and_holds_everything(shipped: Result, tmp_path: Path, mon
     parsed.feed(text)
     assert parsed.open == []
     assert all(link.startswith("#") for link in parsed.links)
-    assert text.count("<svg") == 6  # a picture for each test but that of thresholds
+    assert text.count("<svg") == 6  # a picture for each test but those of thresholds and stepping
     for outcome in shipped.outcomes.values():
         assert f'id="{outcome.name}"' in text
         for q in outcome.columns(outcome.figures):

@@ -143,10 +143,10 @@ def test_bandwidth_is_that_of_sines_close_together(model: str) -> None:
         turn = np.exp(-2j * np.pi * frequency * time[steady])
         return complex(np.sum(angle[steady] * turn) / np.sum(command[steady] * turn))
 
-    for found, level in ((made.response.bandwidth, lambda r: 20.0 * np.log10(np.abs(r)) + 3.0),
-                         (made.response.phase_bandwidth, lambda r: 90.0 + np.degrees(np.unwrap(np.angle(r))))):
+    for found, of_phase in ((made.response.bandwidth, False), (made.response.phase_bandwidth, True)):
         near = 0.25 * (np.round(4.0 * found) + np.arange(-4.0, 5.0))
-        levels = level(np.array([ratio(f) for f in near]))
+        ratios = np.array([ratio(f) for f in near])
+        levels = 90.0 + np.degrees(np.unwrap(np.angle(ratios))) if of_phase else 3.0 + 20.0 * np.log10(np.abs(ratios))
         k = int(np.argmax(levels <= 0.0))
         # Lines between sines 0.25 Hz here and 0.3 % there, and what is left of the start: 3e-4 at most.
         assert found == pytest.approx(near[k - 1] + 0.25 * levels[k - 1] / (levels[k - 1] - levels[k]), rel=1e-3)

@@ -24,6 +24,7 @@ from emcas_fmu.fmi.references import FOLDER, MANIFEST, TEXT, reference_files
 from emcas_fmu.parameters import load_parameters
 from emcas_fmu.reference import files, responses
 from emcas_fmu.reference.cases import CASES, STEP_AND_LOAD, Case
+from emcas_fmu.simulation import simulate
 from emcas_fmu.ssp.schema import SSV, parse, violations
 
 from ..docs.recipes import ROOT, recipes
@@ -56,6 +57,18 @@ def custom(folder: Path) -> Path:
 
 
 STORED, ONE, FINS = ["step", "load_opposing", "cold", "sag"], ["step_and_load"], ["fins"]
+
+
+@pytest.mark.parametrize("tick", [0.7e-3, 0.2e-3])
+def test_the_text_says_how_far_the_stepping_was_off(tick: float) -> None:
+    parameters = load_parameters().with_values({**CUSTOM, "solver.max_tick": tick})
+    contents, _ = reference_files(FmuInterface(1), (parameters,), FORMATS["2"])
+    (said,) = re.findall(r"own stepping is up to (\S+) deg off it", contents[TEXT].decode())
+    case = files.suited(STEP_AND_LOAD, parameters.model, parameters.values)
+    inputs: dict[str, Any] = {name: column for name, column in case.inputs().items() if name != "time"}
+    run = simulate({**parameters.values, **case.overrides}, case.stop_time, case.step, **inputs)
+    off = np.max(np.abs(run["fin_angle"] - responses.response(parameters, case)["fin_angle"]))
+    assert float(said) == pytest.approx(math.degrees(off), rel=0.05)  # of two digits
 
 
 @pytest.mark.fmu
@@ -302,6 +315,6 @@ def test_digits_are_those_of_any_machine() -> None:
     """
     parameters = load_parameters().with_values(CUSTOM)
     unit = FmuInterface(1)
-    columns = responses.response(parameters, files.suited(STEP_AND_LOAD, parameters))
+    columns = responses.response(parameters, files.suited(STEP_AND_LOAD, parameters.model, parameters.values))
     other = {name: column * (1.0 + 1e-12) for name, column in columns.items()}
     assert files.csv_text(references._rounded(unit, other)) == files.csv_text(references._rounded(unit, columns))

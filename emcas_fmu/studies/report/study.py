@@ -20,7 +20,7 @@ from ...parameters import load_parameters
 from ...progress import Progress, silent
 from ...reference.cases import LOAD
 from ...variables import Variable
-from . import mission, responses, static_accuracy, stiffness, threshold
+from . import mission, responses, static_accuracy, stepping, stiffness, threshold
 from .outcome import Outcome, Value
 from .rig import Rig
 
@@ -32,6 +32,7 @@ TESTS: Mapping[str, tuple[str, Callable[[Rig], Outcome]]] = {
     "threshold": ("Threshold and resolution", threshold.measure),
     "dynamic_stiffness": ("Dynamic stiffness", stiffness.measure),
     "mission": ("Mission profile", mission.measure),
+    "stepping": ("Accuracy of the stepping", stepping.measure),
 }
 _OF_TABLE_2 = {"accuracy": "static_accuracy", "unloaded_rate": "slew_rate", "loaded_rate": "slew_rate",
                "bandwidth_1deg": "frequency_response", "bandwidth_3p5deg": "frequency_response"}
