@@ -47,10 +47,9 @@ ACTUATOR = replace(
     outputs=fin_port.described(elastic.DESCRIPTIONS, interface.LOOPLESS_OUTPUTS),
     terminals=interface.LOOPLESS_TERMINALS,
     supply=Supply(interface.SUPPLY_VOLTAGE, interface.SUPPLY_POWER),
-    rules=nonlinear.ACTUATOR.rules,
     provides=elastic.ACTUATOR.provides - {
         capabilities.SCREW_LOAD, capabilities.BACKLASH, capabilities.CURRENT_LOOP, capabilities.VOLTAGE_LIMIT},
-    rules=tuple(rule for rule in elastic.ACTUATOR.rules if rule is not plausibility.WINDING_RULE),
+    rules=tuple(rule for rule in nonlinear.ACTUATOR.rules if rule is not plausibility.WINDING_RULE),
     descriptions={**interface.INPUT_DESCRIPTIONS, "supply_voltage": "bus voltage of the drive; limits nothing here"},
     structure=Structure(constant_ratio=True, current="ideal", drive_line=True),
     initial=with_parameters(elastic.initial, _ozkan),
