@@ -10,12 +10,16 @@ from .errors import EmcasError
 def require(extra: str, what: str, *modules: str) -> None:
     """Import the modules of an extra, or, where it is empty, packages by their names.
 
-    Raises EmcasError, with what to install, where one is missing.
+    Raises EmcasError, with what to install, where one is missing, and with the reason where one cannot be loaded.
     """
     for module in modules:
         try:
             import_module(module)
-        except ImportError as error:
+        except ModuleNotFoundError as error:
             install = f"'emcas-fmu[{extra}]'" if extra else module
             raise EmcasError(f"{what} the Python package {module}, which is not installed: "
                              f"pip install {install}") from error
+        except (ImportError, MemoryError, OSError) as error:
+            reason = " ".join(str(error).split()) or "there is not enough memory"
+            raise EmcasError(f"{what} the Python package {module}, which is there and cannot be loaded: {reason}; free "
+                             "some memory, or install it anew") from error

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import re
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -82,10 +84,15 @@ def _page(unit: FmuInterface, sets: Sequence[ParameterSet], guid: str, notes: Se
         fins=unit.fins, supply=unit.actuator.supply, line=unit.line, notes=notes, platforms=platforms,
         arrays=fmi.arrays,
         step_ms=_text(sets[0].values["controller.sample_time"] * 1e3),
-        figures=response_figures(sets[0]), equations=[inspect.getdoc(module) or "" for module in equations],
+        figures=response_figures(sets[0]), equations=list(filter(None, map(_docstring, equations))),
         tables=[(title, _rows(unit, causality, sets, fmi)) for title, causality in (
             ("Inputs", "input"), ("Outputs", "output"), ("Parameters", "parameter"))])
     return unit.respelt(page)
+
+
+def _docstring(module: ModuleType) -> str | None:
+    """Return a module's docstring as its source has it: run with -OO, the module has none."""
+    return ast.get_docstring(ast.parse(inspect.getsource(module)))
 
 
 def _license(package: str) -> str:
@@ -102,7 +109,7 @@ def _license(package: str) -> str:
 def _licenses(model: str, backend: str) -> dict[str, bytes]:
     """Return licences: license.txt, where readers begin (FMI 2.0.5, section 2.3), which says what else there is."""
     others = {
-        "python": "pythonfmu-license.txt is that of PythonFMU: of the binaries, and of resources/pythonfmu.",
+        "python": "pythonfmu-license.txt is that of PythonFMU: of the binaries, and of pythonfmu in resources.",
         "native": "In sources, the headers whose names begin with fmi are the FMI standard's; each has its licence."}
     text = (f"{model}.fmu was made by emcas-fmu {__version__}. {__copyright__}, {__license__} licence, as below.\n"
             f"{others[backend]}\n\n{_license('emcas-fmu')}")

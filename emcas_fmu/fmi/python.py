@@ -1,20 +1,13 @@
-"""The Python back end: the slave and what it needs, exported through pythonfmu."""
+"""The Python back end: the slave and what it needs, with pythonfmu's wrapper."""
 
 from __future__ import annotations
 
 import hashlib
-import sys
-import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from pprint import pformat
-from tempfile import TemporaryDirectory
 from typing import Any
-from xml.etree.ElementTree import fromstring
 
 import pythonfmu
-from pythonfmu.builder import FmuBuilder
 
 from ..errors import BuildError
 from ..runtime import codegen
@@ -24,10 +17,15 @@ from .interface import MIXING, VEHICLE, FmuInterface
 # What the slave needs of this package, under a name of its own in the FMU.
 _EMBEDDED = ("fmi/__init__.py", "fmi/fmi2/__init__.py", "fmi/fmi2/slave.py", "runtime/__init__.py",
              "runtime/core.py", "rules.py")
+# Of pythonfmu, the slave's base class and what that needs: not what builds FMUs.
+_BASE = ("_version", "default_experiment", "enums", "fmi2slave", "logmsg", "variables")
+_PYTHONFMU = Path(pythonfmu.__file__).resolve().parent
 _SEVERAL = ("fmi/fmi2/multi_fin_slave.py", "runtime/multi_fin.py")
 _PACKAGE = Path(__file__).resolve().parent.parent
-_OPTIONS = {"needsExecutionTool": False, "canHandleVariableCommunicationStepSize": True, "canInterpolateInputs": False,
-            "canBeInstantiatedOnlyOncePerProcess": False, "canGetAndSetFMUstate": True, "canSerializeFMUstate": True}
+_OPTIONS = {
+    "needsExecutionTool": "false", "canHandleVariableCommunicationStepSize": "true", "canInterpolateInputs": "false",
+    "canBeInstantiatedOnlyOncePerProcess": "false", "canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true",
+    "canNotUseMemoryManagementFunctions": "true"}
 # For the page in the FMU: how this back end answers its host.
 NOTES = (
     "This unit computes in Python: its host's process must have Python 3.10 or later loaded, as "
@@ -64,6 +62,12 @@ def _sources(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str
     embedded = _EMBEDDED + _SEVERAL if several else _EMBEDDED
     files = {name: (_PACKAGE / name).read_text(encoding="utf-8") for name in embedded}
     files["__init__.py"] = f'"""The EM-CAS actuator, as embedded in {unit.model}.fmu; generated, do not edit."""\n'
+    # Under a name of its own: a host may have another version of it, or build FMUs.
+    files["fmi/fmi2/slave.py"] = files["fmi/fmi2/slave.py"].replace("from pythonfmu", "from ...pythonfmu")
+    files |= {f"pythonfmu/{name}.py": (_PYTHONFMU / f"{name}.py").read_text(encoding="utf-8") for name in _BASE}
+    files["pythonfmu/__init__.py"] = (
+        '"""What a slave is derived from, of PythonFMU; generated, do not edit."""\n\n'
+        "from .fmi2slave import Fmi2Slave as Fmi2Slave\n")
     files["kernel.py"] = codegen.source(several, unit.kind, unit.spelt)
     files["checks.py"] = python_source(codegen.traced_rules(unit.kind),
                                        "Rules for the parameters as straight-line code; generated, do not edit.",
@@ -79,18 +83,11 @@ def _sources(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> dict[str
     return files
 
 
-@contextmanager
-def _clean_imports(*packages: str) -> Iterator[None]:
-    """Undo what the exporter leaves behind: its search path and the modules it imported."""
-    path = list(sys.path)
-    bytecode, sys.dont_write_bytecode = sys.dont_write_bytecode, True
-    try:
-        yield
-    finally:
-        sys.path[:] = path
-        sys.dont_write_bytecode = bytecode
-        for name in [n for n in sys.modules if n.partition(".")[0] in packages]:
-            del sys.modules[name]
+def _libraries(model: str) -> dict[str, bytes]:
+    """Return pythonfmu's wrappers, which load the slave: archive name to content."""
+    return {f"binaries/{path.parent.name}/{model}{path.suffix}": path.read_bytes()
+            for path in sorted((_PYTHONFMU / "resources" / "binaries").glob("*/*"))
+            if path.suffix in (".dll", ".so", ".dylib")}
 
 
 def exported(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> tuple[dict[str, bytes], dict[str, str]]:
@@ -101,18 +98,9 @@ def exported(unit: FmuInterface, starts: tuple[Any, ...], guid: str) -> tuple[di
     entry = (f'"""Entry module of {model}.fmu; generated, do not edit."""\n\n'
              f"from {package}.fmi.fmi2.slave import keep\nfrom {package}.model import {model}  # noqa: F401\n\n"
              "keep(globals())\n")
-    with TemporaryDirectory(prefix="emcas_build_") as temporary:
-        folder = Path(temporary)
-        for name, text in (*((f"{package}/{name}", text) for name, text in files.items()), (f"{script}.py", entry)):
-            target = folder / name
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_text(text, encoding="utf-8", newline="\n")
-        with _clean_imports(package, script):
-            archive = FmuBuilder.build_FMU(folder / f"{script}.py", dest=folder / f"{model}.fmu",
-                                           project_files={folder / package}, **_OPTIONS)
-        with zipfile.ZipFile(archive) as built:
-            contents = {name: built.read(name) for name in built.namelist() if not name.endswith("/")}
-    simulation = fromstring(contents["modelDescription.xml"]).find("CoSimulation")
-    if simulation is None:
-        raise BuildError("pythonfmu wrote no CoSimulation element: this version of it is not supported")
-    return contents, {k: v for k, v in simulation.attrib.items() if k != "modelIdentifier"}
+    resources = {**{f"{package}/{name}": text for name, text in files.items()}, f"{script}.py": entry,
+                 "slavemodule.txt": script}
+    libraries = _libraries(model)
+    if not libraries:
+        raise BuildError(f"{_PYTHONFMU}: pythonfmu has no libraries there: this version of it is not supported")
+    return {**libraries, **{f"resources/{name}": text.encode() for name, text in resources.items()}}, dict(_OPTIONS)

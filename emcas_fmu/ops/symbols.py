@@ -9,7 +9,7 @@ from .base import Thunk, Value
 
 try:
     import casadi as ca
-except ImportError as error:  # pragma: no cover - depends on the environment
+except ModuleNotFoundError as error:  # pragma: no cover - depends on the environment
     raise ImportError("CasADi is not installed: pip install 'emcas-fmu[symbols]'") from error
 
 

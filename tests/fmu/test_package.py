@@ -258,6 +258,31 @@ def test_other_pythonfmu_units_in_the_same_process(fmu: Path, tmp_path: Path) ->
     assert abs(first - 0.1) < abs(slow_angle - 0.1)
 
 
+@pytest.mark.parametrize("backend", ["python", "native"])
+def test_docstrings_that_python_leaves_out_are_in_the_unit(tmp_path: Path, backend: str) -> None:
+    """The equations are those of the source, whatever the interpreter keeps of it."""
+    code = ("import sys; from emcas_fmu.fmi.package import build; from emcas_fmu.parameters import load_parameters; "
+            "build(load_parameters(), sys.argv[1], sys.argv[2], platforms=sys.argv[3:] or None, references=False)")
+    local = compiler.local_platform()
+    assert local is not None
+    made = []
+    for option in ("-B", "-OO"):
+        path = tmp_path / f"unit{option}.fmu"
+        subprocess.run([sys.executable, option, "-c", code, path, backend,
+                        *([local.name] if backend == "native" else [])], check=True)
+        made.append(path.read_bytes())
+    assert made[0] == made[1]
+
+
+def test_the_unit_carries_of_pythonfmu_what_a_slave_needs(fmu: Path) -> None:
+    """Nothing that builds FMUs, and under a name that no other package in the host's process has."""
+    with zipfile.ZipFile(fmu) as archive:
+        carried = [Path(name) for name in archive.namelist() if "/pythonfmu/" in name]
+    assert {path.stem for path in carried} == {
+        "__init__", "_version", "default_experiment", "enums", "fmi2slave", "logmsg", "variables"}
+    assert all(path.parts[1].startswith("emcas_") for path in carried)
+
+
 def test_building_leaves_the_interpreter_as_it_was(tmp_path: Path) -> None:
     before, path = dict(sys.modules), list(sys.path)
     build(load_parameters(), tmp_path / "EMCAS.fmu")

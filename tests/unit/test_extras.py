@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from emcas_fmu import extras
+from emcas_fmu.errors import EmcasError
 from emcas_fmu.files import models_directory
 
 EXTRAS = {"analysis": ("control", "casadi"), "campaign": ("filelock", "pyarrow", "distributed"),
@@ -38,6 +40,21 @@ def test_a_missing_extra_is_named(command: str, extra: str, module: str, tmp_pat
     assert line.startswith("error:")
     assert f"pip install 'emcas-fmu[{extra}]'" in line
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("raised", "said"), [
+    ('ImportError("libarrow.so: failed to map segment:\\nCannot allocate memory")', "segment: Cannot allocate memory"),
+    ("MemoryError()", "there is not enough memory"), ('OSError(12, "Cannot allocate memory")', "allocate memory")])
+def test_a_package_that_cannot_be_loaded_is_not_called_missing(raised: str, said: str, tmp_path: Path,
+                                                               monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "heavy_package.py").write_text(f"raise {raised}\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(EmcasError) as error:
+        extras.require("campaign", "campaigns need", "heavy_package")
+    assert "heavy_package, which is there and cannot be loaded: " in str(error.value)
+    assert said in str(error.value)
+    assert "pip install" not in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.slow
