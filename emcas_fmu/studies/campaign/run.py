@@ -141,7 +141,7 @@ def _ready(client: Any, address: str) -> None:
         raise CampaignError(f"--scheduler {address}: has no worker; start some with `dask worker {address}`") from error
     try:
         versions = client.run(_version)
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise CampaignError(f"--scheduler {address}: a worker has no emcas ({error}); install emcas-fmu "
                             f"{__version__} where it runs") from error
     for worker, version in versions.items():
