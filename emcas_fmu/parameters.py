@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from dataclasses import replace as dataclass_replace
 from functools import cache, lru_cache, partial
@@ -155,7 +155,7 @@ class ParameterSet:
         """Names of the parameters that rest on an engineering estimate."""
         return tuple(e.variable.name for e in self.entries if e.source == "estimate")
 
-    def estimates_in(self, names: Iterable[str]) -> tuple[str, ...]:
+    def estimates_in(self, names: Collection[str]) -> tuple[str, ...]:
         """Return those of the named parameters, or groups such as ``heat.``, that rest on an engineering estimate."""
         begins = tuple(names)
         return tuple(name for name in self.estimates if name.startswith(begins))

@@ -101,7 +101,8 @@ def test_control_characters_are_printed_as_text(text: str, tmp_path: Path) -> No
 
 def test_control_characters_in_tables(tmp_path: Path) -> None:
     path = tmp_path / "noted.toml"
-    path.write_text('"motor.resistance" = { value = 0.3, unit = "Ohm", note = "a\\u001b[2Jb" }\n', encoding="utf-8")
+    path.write_text('"motor.resistance" = { value = 0.3, unit = "Ohm", source = "a\\u001b[2Jb" }\n', encoding="utf-8")
     done = CliRunner().invoke(app, ["parameters", "-p", str(path)])
     assert done.exit_code == 0, done.output
     assert "\x1b" not in done.output
+    assert "a\\x1b[" in done.output
