@@ -48,7 +48,8 @@ def locus(parameters: ParameterSet, name: str | None = None, fin_angle: float = 
         raise EmcasError(f"--model {model}: has no controller.* that is tunable; name a parameter with --locus")
     name = gains[0] if name is None else name
     if name not in numbers:
-        raise EmcasError(f"--locus {name!r}: there is no such parameter{hint(name, numbers) or '; see emcas parameters'}")
+        raise EmcasError(f"--locus {name!r}: there is no such parameter"
+                         f"{hint(name, numbers) or '; see emcas parameters'}")
     nominal = float(parameters.values[name])
     if nominal == 0.0:
         raise EmcasError(f"--locus {name}: is 0 and a locus scales it; give it a value in a parameter file")
