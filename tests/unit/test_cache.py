@@ -14,6 +14,7 @@ import pytest
 
 from emcas_fmu import compiler, files
 from emcas_fmu.parameters import load_parameters
+from emcas_fmu.progress import LOG
 from emcas_fmu.runtime import library
 from emcas_fmu.simulation import simulate
 
@@ -22,7 +23,7 @@ SMALL = "second-order"
 
 
 @pytest.fixture
-def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> Iterator[Path]:
     """The user's cache, which is not there yet, two folders deep; the temporary folder is beside it."""
     (tmp_path / "temporary").mkdir()
     folder = tmp_path / "home" / "cache" / "emcas"
@@ -31,6 +32,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setattr(compiler, "cache_directory", lambda: with_zig_s_own)
     monkeypatch.setattr(files, "user_cache_path", lambda _: folder)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    caplog.set_level(logging.WARNING, LOG.name)  # a command that ran in this process has it announce compiling, too
     for cached in (files.cache_directory, library._library):
         cached.cache_clear()
     yield folder
