@@ -30,6 +30,9 @@ _RESOLVED, _SHORTEST = 0.1, 0.03
 # A time constant that is a smaller share of a step: the current has long settled on a course of its own with the speed.
 # A limit that is met within it: by a supply of microvolts, in ever shorter steps that would not end.
 _SETTLED = 1.0 / 16.0
+# Of the change of speed in a step: what may be left of the speed where it is put to zero. More is left where the
+# current turns within the step, so that the speed is no line and its zero is later: the step ends without the event.
+_LEFT = 0.01
 _TINY = 1e-300
 
 
@@ -447,7 +450,10 @@ def _to_first_event(ops: Ops, p: Any, s: Plant, u: Record, step: Step, e: Events
     used = ops.maximum(first, PROGRESS * h)
     part = _step(ops, p, s, u, used, heading).end
     hits = ops.both(e.stopping, stopping <= first)
-    rests = ops.either(hits, ops.both(e.reversing, other <= first))
+    met: Value = other <= first
+    if heading is not None:
+        met = ops.both(met, part.speed * heading <= _LEFT * (s.speed - step.end.speed) * heading)
+    rests = ops.either(hits, ops.both(e.reversing, met))
     return (ops.where(hits, stop, part.angle), ops.where(rests, 0.0, part.speed), part.current, part.integral, used)
 
 
