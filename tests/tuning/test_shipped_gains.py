@@ -1,9 +1,10 @@
-"""The shipped gains are, to 2 %, what the shipped study finds, as the parameter file says."""
+"""The shipped gains are, to the percentage that their notes say, what the shipped study finds."""
 
 from __future__ import annotations
 
 import json
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -25,10 +26,16 @@ def test_the_recorded_command_gives_the_shipped_gains(tmp_path: Path) -> None:
                                     str(found), "--json", str(figures)])
     assert done.exit_code == 1, done.output  # not all can be had
     shipped, tuned = load_parameters().values, load_parameters(found).values
-    # The shipped gains lie a little inside: those found stand where a step in one more case would overshoot by 2 %.
-    assert {name: tuned[name] for name in GAINS} == pytest.approx({name: shipped[name] for name in GAINS}, rel=0.02)
+    notes = {e.variable.name: e.note for e in load_parameters().entries}
+    for name in GAINS:
+        (within,) = re.findall(r"Within (\d+) % of what `emcas tune --seed 1`", notes[name])
+        assert shipped[name] == pytest.approx(tuned[name], rel=0.01 * int(within)), name
     # Before the search the shipped gains are judged.
-    missed = {row["requirement"]: 1.0 - row["margin"] for row in json.loads(figures.read_text(encoding="utf-8"))[
-        "requirements_before"] if not row["met"]}
+    found_figures = json.loads(figures.read_text(encoding="utf-8"))
+    missed = {row["requirement"]: 1.0 - row["margin"] for row in found_figures["requirements_before"]
+              if not row["met"]}
     assert set(missed) == set(GIVES_WAY)
     assert all(missed[name] <= share for name, share in GIVES_WAY.items())
+    objective = found_figures["objective"]
+    assert objective["returned"] < objective["before"] < 1.01 * objective["returned"]
+    assert objective["nearby"] < objective["before"]  # a third digit more or less costs less than was gained
