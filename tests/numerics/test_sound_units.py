@@ -85,7 +85,7 @@ def units(count: int, seed: int) -> list[dict[str, Any]]:
 
 
 def test_sound_units_stay_within_the_tolerance() -> None:
-    """Of 30, at the default tick against a tenth of it. Of 126 the largest difference was 0.0011 deg."""
+    """Of 30, at the default tick against a tenth of it. Of 90 the largest difference was 0.0011 deg."""
     tick = DEFAULT["solver.max_tick"]
     for number, unit in enumerate(units(30, 7)):
         for case in CASES.values():
