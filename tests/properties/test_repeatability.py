@@ -73,7 +73,7 @@ def response(model: str, values: Mapping[str, Any], use: Sequence[str]) -> Colum
     names = {v.name: v for v in get(model).inputs}
     supply = next((name for name in ("supply_voltage", "supply_pressure") if name in names), "")
     start = HOMING if "home" in names else 0
-    inputs = {"fin_command": np.concatenate([np.zeros(start + len(PHASE) * len(use)), REST, PROBE])}
+    inputs: dict[str, Any] = {"fin_command": np.concatenate([np.zeros(start + len(PHASE) * len(use)), REST, PROBE])}
     if start:
         inputs["home"] = np.ones(len(inputs["fin_command"]))
     for k, phase in enumerate(use):
