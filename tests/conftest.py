@@ -20,6 +20,7 @@ from typing import Any
 
 import pytest
 from filelock import FileLock
+from hypothesis import settings
 from lark import Lark
 
 from emcas_fmu.compiler import local_platform
@@ -28,6 +29,10 @@ from emcas_fmu.parameters import load_parameters
 from emcas_fmu.runtime import library
 
 ShippedUnit = Callable[..., Path]
+
+# How long an example takes is the machine's, and of whatever else it runs.
+settings.register_profile("emcas", deadline=None)
+settings.load_profile("emcas")
 
 
 def pytest_collection_finish() -> None:

@@ -148,7 +148,7 @@ _changes = st.lists(st.tuples(
     st.floats(0.0, 2.0 * RATED), st.sampled_from([0.0, 0.0, 0.3]), st.booleans(), st.floats(-0.3, 0.3),
     st.floats(-100.0, 100.0), st.sampled_from([0.9e-4, 2.3e-4, 1e-3, 4.1e-3]), st.integers(1, 6)),
     min_size=1, max_size=6)
-COMMON = settings(deadline=None, derandomize=True, max_examples=60,
+COMMON = settings(derandomize=True, max_examples=60,
                   suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 
 

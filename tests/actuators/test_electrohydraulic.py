@@ -182,7 +182,7 @@ def test_energy() -> None:
     assert source + work - lost == pytest.approx(left, abs=2e-3 * source)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(st.floats(-20.0, 20.0), st.floats(-150.0, 150.0), st.booleans())
 def test_a_symmetric_plant_is_symmetric(command: float, torque: float, enable: bool) -> None:
     p = {**PLAIN, "kinematics.initial_angle": 0.0}
@@ -208,7 +208,7 @@ EXTREMES = st.fixed_dictionaries({
     "tank.pressure": st.sampled_from([0.0, 0.35e6, 30e6]), "valve.null_shift": st.sampled_from([0.0, -1.0])})
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(EXTREMES)
 def test_pressures_stay_at_or_above_nothing(case: dict[str, Any]) -> None:
     """Whatever line, tank and load: steps come to their end, and no chamber is pulled below a void."""

@@ -26,7 +26,7 @@ from emcas_fmu.studies.tuning.study import load_study
 MODEL = "worm-gear"
 # Friction of the flanks that falls from 0.15 at rest to 0.04 in motion: locked at rest, driven by a load in motion.
 FALLING = {"worm.friction": 0.04, "worm.static_ratio": 3.75}
-QUICK = settings(deadline=None, derandomize=True, max_examples=40)
+QUICK = settings(derandomize=True, max_examples=40)
 
 
 @cache

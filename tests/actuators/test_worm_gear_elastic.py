@@ -23,7 +23,7 @@ MODEL = "worm-gear-elastic"
 RIM, RATIO = 0.045, 60.0  # m, radius of the wheel's pitch circle; turns of the worm in one of the wheel
 FALLING = {"worm.friction": 0.04, "worm.static_ratio": 3.75}
 UNDAMPED = {"drive_line.axial_damping": 0.0, "drive_line.contact_damping": 0.0}
-QUICK = settings(deadline=None, derandomize=True, max_examples=20)
+QUICK = settings(derandomize=True, max_examples=20)
 
 
 @cache

@@ -82,7 +82,7 @@ def computed(plan: Plan, drawn: Array, indices: list[int]) -> list[dict[str, obj
     return sample.listed(sample.together(plan, indices, drawn[indices], sample.subject_of(plan)))
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(st.permutations(range(SAMPLES)), st.lists(st.integers(1, SAMPLES - 1), max_size=4, unique=True))
 def test_rows_are_those_of_samples_alone(varied: tuple[Plan, Array, list[dict[str, object]]], order: list[int],
                                          cuts: list[int]) -> None:

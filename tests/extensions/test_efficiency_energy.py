@@ -90,7 +90,7 @@ def test_energy_of_a_sine_in_every_model(model: str, overrides: Mapping[str, flo
 _OFF = acting(enabled=False)
 
 
-@settings(deadline=None, derandomize=True, max_examples=30)
+@settings(derandomize=True, max_examples=30)
 @given(forward=st.floats(0.05, 1.0), backward=st.floats(0.0, 1.0), gap=st.sampled_from([0.0, 1e-4, 1e-3]),
        speeds=st.tuples(st.floats(-300, 300), st.floats(-300, 300)), h=st.sampled_from([5e-6, 5e-5, 3e-4]))
 def test_elastic_screw_creates_no_energy(forward: float, backward: float, gap: float, speeds: tuple[float, float],
@@ -123,7 +123,7 @@ _levels = st.lists(st.tuples(st.floats(-0.5, 0.5), st.floats(-300.0, 300.0), st.
 
 
 @pytest.mark.kernel(MODEL)
-@settings(deadline=None, derandomize=True, max_examples=120)
+@settings(derandomize=True, max_examples=120)
 @given(levels=_levels, forward=st.floats(0.01, 1.0), backward=st.floats(-5.0, 1.0), dry=st.sampled_from([0.0, 5.0]),
        on_fin=st.booleans(), model=st.sampled_from([MODEL, ELASTIC, "ristanovic+efficiency"]))
 def test_anything_goes(levels: list[Any], forward: float, backward: float, dry: float, on_fin: bool,

@@ -48,7 +48,7 @@ def test_an_obstacle_fails_safe_and_a_retry_works(at: float) -> None:
     assert run["fin_angle"][-1] == pytest.approx(0.2, abs=radians(0.1))
 
 
-@settings(deadline=None, derandomize=True, max_examples=12)
+@settings(derandomize=True, max_examples=12)
 @given(angle=st.floats(-STOP, STOP).filter(lambda a: abs(a) > 0.02), begin=st.floats(0.0, 6.0),
        length=st.floats(0.1, 8.0), positive=st.booleans())
 def test_never_operational_at_a_wrong_zero(angle: float, begin: float, length: float, positive: bool) -> None:

@@ -147,7 +147,7 @@ def test_the_load_never_passes_one(demands: list[float], continuous: float, h: f
 
 
 @pytest.mark.kernel(MODEL)
-@settings(deadline=None, derandomize=True, max_examples=40)
+@settings(derandomize=True, max_examples=40)
 @given(demands=st.lists(st.tuples(st.floats(-0.4, 0.4), st.floats(-80.0, 80.0), st.integers(5, 60)), min_size=3,
                         max_size=8),
        peak_time=st.sampled_from([0.05, 0.2]), continuous=st.sampled_from([15.0, 30.0, 50.0]),

@@ -22,7 +22,7 @@ FED = [name for name in NAMES if get(name).supply is not None]
 # Motors with a back-EMF, which the shaft's work is the counterpart of.
 RETURNING = ["nonlinear+faults", "nonlinear+supply+faults", "nonlinear+efficiency+heat+homing+faults", "linear+faults",
              "habibi+faults", "ozkan+faults", "worm-gear+faults", "electrohydrostatic+faults"]
-SETTINGS = settings(deadline=None, derandomize=True, max_examples=8, suppress_health_check=[HealthCheck.too_slow])
+SETTINGS = settings(derandomize=True, max_examples=8, suppress_health_check=[HealthCheck.too_slow])
 
 
 def _inputs(command: float, load: float) -> dict[str, Any]:

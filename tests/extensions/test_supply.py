@@ -51,7 +51,7 @@ def run_of(overrides: Mapping[str, Any], stop: float, step: float = 1e-3, **inpu
 _ohms = st.floats(-3.0, 1.0).map(lambda x: 10.0**x)
 
 
-@settings(deadline=None, derandomize=True, max_examples=60)
+@settings(derandomize=True, max_examples=60)
 @given(begin=st.floats(1.0, 80.0), source=st.floats(0.0, 80.0), chopper=st.floats(1.0, 80.0),
        load=st.floats(-200.0, 200.0), feeding=_ohms, braking=_ohms, one_way=st.booleans(),
        span=st.floats(-5.0, -2.0).map(lambda x: 10.0**x))

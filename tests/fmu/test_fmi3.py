@@ -366,7 +366,7 @@ def test_states_are_kept_in_event_mode(unit3: Fmu) -> None:
     assert unit.outputs() == other.outputs()
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(torque=st.floats(-200.0, 200.0), command=st.floats(-0.3, 0.3), ends=st.lists(
     st.floats(1e-5, 8e-3), min_size=3, max_size=12))
 def test_events_do_not_depend_on_the_steps(unit3: Fmu, torque: float, command: float, ends: list[float]) -> None:

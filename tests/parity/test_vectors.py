@@ -91,7 +91,7 @@ def started(sets: Array, count: int, model: str = NONLINEAR) -> list[Batch]:
 
 
 @pytest.mark.parametrize("model", MODELS)
-@settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=8, suppress_health_check=list(HealthCheck))
 @given(seed=SEEDS, count=st.integers(1, 21))
 @example(seed=0, count=16)
 def test_a_batch_by_vectors_is_the_loop(model: str, seed: int, count: int) -> None:
@@ -143,7 +143,7 @@ def test_neighbours_of_those_that_cannot_be_followed_go_on() -> None:
 
 
 @pytest.mark.parametrize("model", MODELS)
-@settings(max_examples=4, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=4, suppress_health_check=list(HealthCheck))
 @given(seed=SEEDS, count=st.integers(2, 21))
 def test_tables_by_vectors_are_the_loop(model: str, seed: int, count: int) -> None:
     """Whole runs: those that stop, or whose parameters are refused, leave the others alone."""

@@ -94,7 +94,7 @@ def compare(model: str, values: Mapping[str, Any], use: Sequence[str], tolerance
     assert differing < tolerance, f"{model} after {', '.join(use)}: {differing:.3f} deg"
 
 
-@settings(deadline=None, derandomize=True, max_examples=6)
+@settings(derandomize=True, max_examples=6)
 @given(use=histories)
 def test_use_leaves_nothing_behind(values: Mapping[str, Any], use: list[str]) -> None:
     compare(NONLINEAR, values, use)

@@ -50,7 +50,7 @@ def test_the_file_as_it_is_is_the_shipped_set(model: str, tmp_path: Path) -> Non
 
 @each_model
 @given(st.data())
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=4)
 def test_any_of_its_values_uncommented_are_the_shipped_ones(model: str, tmp_path_factory: pytest.TempPathFactory,
                                                             data: st.DataObject) -> None:
     text = starter.parameter_text(shipped(model))
