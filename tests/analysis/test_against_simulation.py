@@ -110,7 +110,7 @@ def test_replayed_controllers_put_out_what_was_recorded(values: Values, changes:
             for one in command.T]
     motion = {name: np.column_stack([run[name] for run in runs]) for name in (
         "motor_angle", "motor_speed", "motor_current")}
-    reference, raw = sweep.replay(p, command, motion)
+    reference, raw = sweep.replay(p, np.full(2, p["fin.start_angle"]), command, motion)
     # The value recorded at a sample was written at the one before. One rounding, multiplied by the loop, is all.
     recorded = np.column_stack([run["drive_reference"] for run in runs])
     np.testing.assert_allclose(reference[:-1], recorded[1:], rtol=0, atol=1e-9)

@@ -38,6 +38,7 @@ NEEDS = (capabilities.CASCADE, capabilities.CURRENT_LIMIT, capabilities.VOLTAGE_
          capabilities.RIGID_DRIVE_LINE)
 _SETTLE, _WINDOW = 1.0, 2.0  # s; of the window as many samples count as make whole periods of the sine
 _POINTS = 36
+_NUMBERS = 2_000_000  # of each variable of the sines that run side by side: 16 MB
 _RESOLVED, _PARTS = 3e-3, 8  # of the frequency, how near measured ones enclose a crossing; parts a gap is cut into
 _READ = ("fin_angle", "motor_angle", "motor_speed", "motor_current", "motor_voltage", "drive_reference",
          "current_limit")
@@ -75,34 +76,53 @@ def sweep(values: Mapping[str, Any], amplitude: float, frequency: Array, at: flo
 
     At the frequencies [Hz] nearest to `frequency` that :func:`_whole` leaves.
     """
-    values = {**values, "fin.start_angle": at}
+    (made,) = _measured(values, [_Sines(amplitude, at, frequency)], aero_torque, model)
+    return made
+
+
+@dataclass(frozen=True)
+class _Sines:
+    """Sines of an ``amplitude`` [rad] ``about`` a fin angle [rad], of each ``frequency`` [Hz]."""
+
+    amplitude: float
+    about: float
+    frequency: Array
+
+
+def _measured(values: Mapping[str, Any], chosen: Sequence[_Sines], aero_torque: float, model: str) -> list[Sweep]:
+    """Return a sweep of each, all run side by side; :func:`replay` takes as long for one as for a hundred."""
     period = float(values["controller.sample_time"])
-    frequency, samples = _whole(frequency, period)
+    sizes = [len(c.frequency) for c in chosen]
+    frequency, samples = _whole(np.concatenate([c.frequency for c in chosen]), period)
+    amplitude, about = (np.repeat([getattr(c, name) for c in chosen], sizes) for name in ("amplitude", "about"))
     settle, window = round(_SETTLE / period), round(_WINDOW / period)
     time = np.arange(settle + window + 1) * period
-    command = at + amplitude * np.sin(2.0 * np.pi * np.outer(time, frequency))
+    command = about + amplitude * np.sin(2.0 * np.pi * np.outer(time, frequency))
     actuator, given = get(model), {"fin_command": command.T, "aero_torque": aero_torque}
     inputs = [np.atleast_1d(given.get(v.name, v.initial(values))) for v in actuator.inputs]
     read = [v.name for v in actuator.outputs if v.name in _READ]
-    runs = respond_all(parameter_row(values, model)[np.newaxis], inputs, period, read, model=model).finished()
+    sets = np.repeat([parameter_row({**values, "fin.start_angle": c.about}, model) for c in chosen], sizes, axis=0)
+    runs = respond_all(sets, inputs, period, read, model=model).finished()
     outputs = {name: column.T for name, column in runs.items()}
     steady = slice(settle, settle + window)
     angle, counts = outputs["fin_angle"][steady], np.arange(window)[:, np.newaxis] < samples
     turn = np.where(counts, np.exp(-2j * np.pi * np.outer(time[steady], frequency)), 0.0)
     ratio = np.sum(angle * turn, axis=0) / np.sum(command[steady] * turn, axis=0)
     ratio[np.ptp(angle, axis=0) <= CREPT] = 0.0  # backlash swallows the sine: what is left is rounding
-    response = of_ratio(frequency, ratio)
-    if not actuator.provides.issuperset(NEEDS):
-        return Sweep(amplitude, response, np.empty((0, len(frequency))))
-    _, raw = replay(values, command, outputs, model)
-    p = actuator.namespace(values)
-    u = outputs["drive_reference"]
-    acting = np.stack([np.abs(raw) > p.controller.speed_limit,
-                       # Heat folds the limit back.
-                       np.abs(drive.current_reference_raw(p, u)) > outputs.get("current_limit", p.drive.current_limit),
-                       np.abs(outputs["motor_voltage"]) >= p.drive.supply_voltage * _AT_LIMIT,
-                       np.abs(u) >= p.drive.reference_limit])
-    return Sweep(amplitude, response, np.mean(acting[:, steady], axis=1, where=counts))
+    active = np.empty((0, len(frequency)))
+    if actuator.provides.issuperset(NEEDS):
+        _, raw = replay(values, about, command, outputs, model)
+        p = actuator.namespace(values)
+        u = outputs["drive_reference"]
+        limit = outputs.get("current_limit", p.drive.current_limit)  # heat folds it back
+        acting = np.stack([np.abs(raw) > p.controller.speed_limit,
+                           np.abs(drive.current_reference_raw(p, u)) > limit,
+                           np.abs(outputs["motor_voltage"]) >= p.drive.supply_voltage * _AT_LIMIT,
+                           np.abs(u) >= p.drive.reference_limit])
+        active = np.mean(acting[:, steady], axis=1, where=counts)
+    ends = np.cumsum(sizes)
+    return [Sweep(c.amplitude, of_ratio(frequency[end - size:end], ratio[end - size:end]), active[:, end - size:end])
+            for c, size, end in zip(chosen, sizes, ends, strict=True)]
 
 
 def _whole(frequency: Array, period: float) -> tuple[Array, NDArray[np.int_]]:
@@ -113,17 +133,20 @@ def _whole(frequency: Array, period: float) -> tuple[Array, NDArray[np.int_]]:
     return cycles / (samples * period), samples
 
 
-def refined(coarse: Sweep, measure: Callable[[Array], Sweep]) -> Sweep:
-    """Return a sweep with frequencies [Hz] that `measure` adds where a level is first reached, within _RESOLVED.
+def _refined(coarse: Sequence[Sweep], measure: Callable[[Sequence[tuple[int, Array]]], list[Sweep]]) -> list[Sweep]:
+    """Return sweeps with frequencies [Hz] added where a level is first reached, within _RESOLVED.
 
-    Levels are -3 dB, -90 deg and each limit that acts.
+    Levels are -3 dB, -90 deg and each limit that acts. `measure` has more frequencies of the sweeps by their places.
     """
-    while len(more := _between(coarse)):
-        finer = _joined(coarse, measure(more))
-        if len(finer.response.frequency) == len(coarse.response.frequency):
-            break  # samples so long that no other sine has whole periods in between
-        coarse = finer
-    return coarse
+    made, wanted = list(coarse), dict(enumerate(map(_between, coarse)))
+    while more := [(k, frequency) for k, frequency in wanted.items() if len(frequency)]:
+        wanted = {}
+        for (k, _), finer in zip(more, measure(more), strict=True):
+            joined = _joined(made[k], finer)
+            # Samples may be so long that no other sine has whole periods in between.
+            if len(joined.response.frequency) > len(made[k].response.frequency):
+                made[k], wanted[k] = joined, _between(joined)
+    return made
 
 
 def shared(made: Sequence[Sweep]) -> list[Array]:
@@ -150,22 +173,23 @@ def _joined(one: Sweep, other: Sweep) -> Sweep:
                  np.concatenate([one.active, other.active], axis=1)[:, rows])
 
 
-def replay(values: Mapping[str, Any], command: Array, motion: Mapping[str, Array], model: str = NONLINEAR
+def replay(values: Mapping[str, Any], start: Array, command: Array, motion: Mapping[str, Array], model: str = NONLINEAR
            ) -> tuple[Array, Array]:
     """Return the controllers' reference [V] and unlimited speed reference [rad/s] along recorded motions.
 
     All have the shape (samples, runs): fin command [rad], and of the motion motor angle [rad], speed [rad/s] and
-    current [A] at the samples, from rest. The command passes the bus to the controllers, as in the core.
+    current [A] at the samples, from rest at the runs' fin angles `start` [rad]. The command passes the bus to the
+    controllers, as in the core.
     """
     angle, speed, current = (motion[name] for name in ("motor_angle", "motor_speed", "motor_current"))
     actuator = get(model)
     p, plant = actuator.equation_parameters(FLOATS, actuator.namespace(values)), actuator.plant(values)
     turned = sensors.motor_counts(ARRAYS, p, angle[0])
     loops = controllers.at_rest(
-        ARRAYS, p, sensors.measure(ARRAYS, p, plant, angle[0], angle[0], 0.0, turned), p.fin.start_angle)
+        ARRAYS, p, sensors.measure(ARRAYS, p, plant, angle[0], angle[0], 0.0, turned), start)
     line = int(bus.late(FLOATS, p))
     arrived = np.concatenate([np.zeros((line, *command.shape[1:])), command])
-    begun = bus.start(ARRAYS, p, p.fin.start_angle)
+    begun = bus.start(ARRAYS, p, start)
     wait, before = (begun[name] for name in bus.STATES)
     reference, raw = np.empty_like(command), np.empty_like(command)
     for k in range(len(command)):
@@ -186,15 +210,21 @@ def sweeps(values: Mapping[str, Any], highest: float, at: float = 0.0, aero_torq
     """
     limit = float(values["command.limit"])
     chosen = [radians(size) for size in amplitudes if radians(size) <= limit * (1.0 + 1e-9)] or [limit]
-    frequency = frequencies(float(values["controller.sample_time"]), highest)
-    responses = []
-    for number, size in enumerate(chosen):
-        room = max(limit - size, 0.0)
-        about = min(max(at, -room), room)
+    rooms = [max(limit - size, 0.0) for size in chosen]
+    about = [min(max(at, -room), room) for room in rooms]
+    period = float(values["controller.sample_time"])
+    together = max(1, int(_NUMBERS * period / ((_SETTLE + _WINDOW) * _POINTS)))
 
-        def measure(where: Array, size: float = size, about: float = about, number: int = number) -> Sweep:
-            progress(f"sine of {np.degrees(size):g} deg, {where[0]:.3g} to {where[-1]:.3g} Hz", number, len(chosen))
-            return sweep(values, size, where, about, aero_torque, model)
+    def measure(places: Sequence[tuple[int, Array]]) -> list[Sweep]:
+        made: list[Sweep] = []
+        for first in range(0, len(places), together):
+            sines = [_Sines(chosen[k], about[k], where) for k, where in places[first:first + together]]
+            sizes = np.degrees([each.amplitude for each in sines])
+            where = np.concatenate([each.frequency for each in sines])
+            progress(f"sines of {sizes[0]:g} to {sizes[-1]:g} deg, {np.min(where):.3g} to {np.max(where):.3g} Hz",
+                     first, len(places))
+            made += _measured(values, sines, aero_torque, model)
+        return made
 
-        responses.append(refined(measure(frequency), measure))
-    return responses
+    grid = frequencies(period, highest)
+    return _refined(measure([(k, grid) for k in range(len(chosen))]), measure)
